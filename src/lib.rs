@@ -1,0 +1,6 @@
+//! Spatiotemporal k-d query engine.
+#![deny(unsafe_code)]
+
+mod simd;
+
+pub use simd::SimdLevel;

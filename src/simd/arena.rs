@@ -1,0 +1,107 @@
+//! Memory in lines of 64 bytes: one AVX-512 register, one cache line.
+
+use super::LANES;
+
+/// One line; the alignment keeps a node's rows from straddling cache lines.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Line([f32; LANES]);
+
+/// A growing block of words (f32 or u32 by turns) that begins on a cache line.
+///
+/// Positions are in words. The owner keeps them within 32 bits where it stores them so
+/// ([`Arena::position`] checks), which allows 16 GiB.
+#[derive(Clone, Default)]
+pub(crate) struct Arena {
+    lines: Vec<Line>,
+    words: usize,
+}
+
+impl Arena {
+    /// An empty arena with room for `words`.
+    pub(crate) fn with_capacity(words: usize) -> Arena {
+        Arena { lines: Vec::with_capacity(words.div_ceil(LANES)), words: 0 }
+    }
+
+    /// Number of words in use.
+    pub(crate) fn len(&self) -> usize {
+        self.words
+    }
+
+    /// Bytes allocated.
+    pub(crate) fn bytes(&self) -> usize {
+        self.lines.capacity() * size_of::<Line>()
+    }
+
+    /// Adds `words` zero words behind the last ones and returns where they begin.
+    pub(crate) fn grow(&mut self, words: usize) -> usize {
+        let at = self.words;
+        self.words += words;
+        self.lines.resize(self.words.div_ceil(LANES), Line([0.0; LANES]));
+        at
+    }
+
+    /// Fills up the last line, so that what comes next begins on a cache line.
+    pub(crate) fn align(&mut self) {
+        self.words = self.lines.len() * LANES;
+    }
+
+    /// Gives back memory that is not in use.
+    pub(crate) fn shrink(&mut self) {
+        self.lines.shrink_to_fit();
+    }
+
+    /// `at` as a 32-bit position, or nothing where it does not fit.
+    pub(crate) fn position(at: usize) -> Option<u32> {
+        u32::try_from(at).ok()
+    }
+
+    /// All words as floats, the last line to its end.
+    #[inline(always)]
+    pub(crate) fn floats(&self) -> &[f32] {
+        let lines = self.lines.as_slice();
+        // SAFETY: `Line` is `repr(C)` around sixteen f32 without padding (64 bytes, 64-aligned), so the
+        // lines are `len * 16` consecutive initialized f32.
+        unsafe { core::slice::from_raw_parts(lines.as_ptr().cast(), lines.len() * LANES) }
+    }
+
+    /// All words as floats, to be written.
+    #[inline(always)]
+    pub(crate) fn floats_mut(&mut self) -> &mut [f32] {
+        let lines = self.lines.as_mut_slice();
+        // SAFETY: as in `floats`; the borrow of `self` is exclusive.
+        unsafe { core::slice::from_raw_parts_mut(lines.as_mut_ptr().cast(), lines.len() * LANES) }
+    }
+
+    /// All words as integers: the bits of the floats.
+    #[inline(always)]
+    pub(crate) fn ints(&self) -> &[u32] {
+        let lines = self.lines.as_slice();
+        // SAFETY: as in `floats`; f32 and u32 have the same size and alignment and every bit pattern is
+        // a valid u32.
+        unsafe { core::slice::from_raw_parts(lines.as_ptr().cast(), lines.len() * LANES) }
+    }
+
+    /// All words as integers, to be written.
+    #[inline(always)]
+    pub(crate) fn ints_mut(&mut self) -> &mut [u32] {
+        let lines = self.lines.as_mut_slice();
+        // SAFETY: as in `ints`; every u32 is a valid f32 and the borrow of `self` is exclusive.
+        unsafe { core::slice::from_raw_parts_mut(lines.as_mut_ptr().cast(), lines.len() * LANES) }
+    }
+
+    /// Asks the CPU to fetch the cache line of word `at`; a hint without any other effect.
+    #[inline(always)]
+    pub(crate) fn prefetch(&self, at: usize) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            let address = self.lines.as_ptr().cast::<i8>().wrapping_add(at * size_of::<f32>());
+            // SAFETY: a prefetch of any address, mapped or not, has no architectural effect; SSE is part
+            // of x86-64.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(address) }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = at;
+    }
+}

@@ -1,0 +1,278 @@
+//! Sixteen lanes in two AVX2 registers.
+
+use super::{Kernel, LANES, Lanes, Mask, Simd};
+use core::arch::x86_64::*;
+use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+
+/// Token of AVX2. Private field: only [`run`] makes one.
+#[derive(Clone, Copy)]
+pub(super) struct Avx2(());
+
+/// Sixteen floats, low half first; made only from the token, so the CPU has AVX2.
+#[derive(Clone, Copy)]
+pub(super) struct F(__m256, __m256);
+
+/// Sixteen integers, low half first; made only from the token.
+#[derive(Clone, Copy)]
+pub(super) struct U(__m256i, __m256i);
+
+/// Whether this CPU has every feature that [`run`] enables.
+pub(super) fn detected() -> bool {
+    is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("fma")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt")
+}
+
+/// Runs a kernel compiled for AVX2 with FMA.
+///
+/// # Safety
+/// [`detected`] must have returned true on this CPU.
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+pub(super) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Avx2(()))
+}
+
+/// An intrinsic behind a value that proves the CPU has it.
+macro_rules! intrinsic {
+    ($call:expr) => {
+        // SAFETY: all operands come from the token, which exists only after detection; memory
+        // operands point into arrays of sixteen elements and the unaligned forms are used.
+        unsafe { $call }
+    };
+}
+
+/// For every 8-bit mask the lanes it moves to the front, one nibble-sized index per byte.
+static FRONT: [u64; 256] = front_table();
+
+const fn front_table() -> [u64; 256] {
+    let mut table = [0; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut lane, mut to, mut row) = (0u64, 0, 0u64);
+        while lane < 8 {
+            if mask >> lane & 1 != 0 {
+                row |= lane << (8 * to);
+                to += 1;
+            }
+            lane += 1;
+        }
+        table[mask] = row;
+        mask += 1;
+    }
+    table
+}
+
+impl F {
+    #[inline(always)]
+    fn compare<const OP: i32>(self, b: F) -> Mask {
+        let low = intrinsic!(_mm256_movemask_ps(_mm256_cmp_ps::<OP>(self.0, b.0)));
+        let high = intrinsic!(_mm256_movemask_ps(_mm256_cmp_ps::<OP>(self.1, b.1)));
+        (low | high << 8) as Mask
+    }
+}
+
+impl U {
+    #[inline(always)]
+    fn sign_mask(self) -> Mask {
+        let low = intrinsic!(_mm256_movemask_ps(_mm256_castsi256_ps(self.0)));
+        let high = intrinsic!(_mm256_movemask_ps(_mm256_castsi256_ps(self.1)));
+        (low | high << 8) as Mask
+    }
+
+    /// All ones in the lanes of the mask.
+    #[inline(always)]
+    fn from_mask(mask: Mask) -> U {
+        let bits = intrinsic!(_mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
+        let half = |m: u16| {
+            let spread = intrinsic!(_mm256_and_si256(_mm256_set1_epi32(i32::from(m)), bits));
+            intrinsic!(_mm256_cmpeq_epi32(spread, bits))
+        };
+        U(half(mask & 0xff), half(mask >> 8))
+    }
+}
+
+impl Add for F {
+    type Output = F;
+    #[inline(always)]
+    fn add(self, b: F) -> F {
+        F(intrinsic!(_mm256_add_ps(self.0, b.0)), intrinsic!(_mm256_add_ps(self.1, b.1)))
+    }
+}
+
+impl Sub for F {
+    type Output = F;
+    #[inline(always)]
+    fn sub(self, b: F) -> F {
+        F(intrinsic!(_mm256_sub_ps(self.0, b.0)), intrinsic!(_mm256_sub_ps(self.1, b.1)))
+    }
+}
+
+impl Mul for F {
+    type Output = F;
+    #[inline(always)]
+    fn mul(self, b: F) -> F {
+        F(intrinsic!(_mm256_mul_ps(self.0, b.0)), intrinsic!(_mm256_mul_ps(self.1, b.1)))
+    }
+}
+
+impl BitAnd for U {
+    type Output = U;
+    #[inline(always)]
+    fn bitand(self, b: U) -> U {
+        U(intrinsic!(_mm256_and_si256(self.0, b.0)), intrinsic!(_mm256_and_si256(self.1, b.1)))
+    }
+}
+
+impl BitOr for U {
+    type Output = U;
+    #[inline(always)]
+    fn bitor(self, b: U) -> U {
+        U(intrinsic!(_mm256_or_si256(self.0, b.0)), intrinsic!(_mm256_or_si256(self.1, b.1)))
+    }
+}
+
+impl Simd for Avx2 {
+    type F = F;
+    type U = U;
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> F {
+        let half = intrinsic!(_mm256_set1_ps(x));
+        F(half, half)
+    }
+    #[inline(always)]
+    fn load(self, from: &Lanes<f32>) -> F {
+        let at = from.as_ptr();
+        F(intrinsic!(_mm256_loadu_ps(at)), intrinsic!(_mm256_loadu_ps(at.add(8))))
+    }
+    #[inline(always)]
+    fn store(self, x: F, to: &mut Lanes<f32>) {
+        let at = to.as_mut_ptr();
+        intrinsic!(_mm256_storeu_ps(at, x.0));
+        intrinsic!(_mm256_storeu_ps(at.add(8), x.1));
+    }
+    #[inline(always)]
+    fn div(self, a: F, b: F) -> F {
+        F(intrinsic!(_mm256_div_ps(a.0, b.0)), intrinsic!(_mm256_div_ps(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn mul_add(self, a: F, b: F, c: F) -> F {
+        F(intrinsic!(_mm256_fmadd_ps(a.0, b.0, c.0)), intrinsic!(_mm256_fmadd_ps(a.1, b.1, c.1)))
+    }
+    #[inline(always)]
+    fn min(self, a: F, b: F) -> F {
+        F(intrinsic!(_mm256_min_ps(a.0, b.0)), intrinsic!(_mm256_min_ps(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn max(self, a: F, b: F) -> F {
+        F(intrinsic!(_mm256_max_ps(a.0, b.0)), intrinsic!(_mm256_max_ps(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn lt(self, a: F, b: F) -> Mask {
+        a.compare::<_CMP_LT_OQ>(b)
+    }
+    #[inline(always)]
+    fn le(self, a: F, b: F) -> Mask {
+        a.compare::<_CMP_LE_OQ>(b)
+    }
+    #[inline(always)]
+    fn eq(self, a: F, b: F) -> Mask {
+        a.compare::<_CMP_EQ_OQ>(b)
+    }
+    #[inline(always)]
+    fn select(self, mask: Mask, a: F, b: F) -> F {
+        let m = U::from_mask(mask);
+        F(
+            intrinsic!(_mm256_blendv_ps(b.0, a.0, _mm256_castsi256_ps(m.0))),
+            intrinsic!(_mm256_blendv_ps(b.1, a.1, _mm256_castsi256_ps(m.1))),
+        )
+    }
+    #[inline(always)]
+    fn reduce_min(self, a: F) -> f32 {
+        let eight = intrinsic!(_mm256_min_ps(a.0, a.1));
+        let four = intrinsic!(_mm_min_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight)));
+        let two = intrinsic!(_mm_min_ps(four, _mm_movehl_ps(four, four)));
+        intrinsic!(_mm_cvtss_f32(_mm_min_ss(two, _mm_shuffle_ps::<1>(two, two))))
+    }
+    #[inline(always)]
+    fn compress(self, a: F, mask: Mask) -> F {
+        self.from_bits(self.compress_u(self.to_bits(a), mask))
+    }
+    #[inline(always)]
+    fn sign_mask(self, a: F) -> Mask {
+        self.to_bits(a).sign_mask()
+    }
+    #[inline(always)]
+    fn to_bits(self, a: F) -> U {
+        U(intrinsic!(_mm256_castps_si256(a.0)), intrinsic!(_mm256_castps_si256(a.1)))
+    }
+    #[inline(always)]
+    fn from_bits(self, a: U) -> F {
+        F(intrinsic!(_mm256_castsi256_ps(a.0)), intrinsic!(_mm256_castsi256_ps(a.1)))
+    }
+
+    #[inline(always)]
+    fn splat_u(self, x: u32) -> U {
+        let half = intrinsic!(_mm256_set1_epi32(x as i32));
+        U(half, half)
+    }
+    #[inline(always)]
+    fn load_u(self, from: &Lanes<u32>) -> U {
+        let at = from.as_ptr();
+        U(intrinsic!(_mm256_loadu_si256(at.cast())), intrinsic!(_mm256_loadu_si256(at.add(8).cast())))
+    }
+    #[inline(always)]
+    fn store_u(self, x: U, to: &mut Lanes<u32>) {
+        let at = to.as_mut_ptr();
+        intrinsic!(_mm256_storeu_si256(at.cast(), x.0));
+        intrinsic!(_mm256_storeu_si256(at.add(8).cast(), x.1));
+    }
+    #[inline(always)]
+    fn min_u(self, a: U, b: U) -> U {
+        U(intrinsic!(_mm256_min_epu32(a.0, b.0)), intrinsic!(_mm256_min_epu32(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn eq_u(self, a: U, b: U) -> Mask {
+        U(intrinsic!(_mm256_cmpeq_epi32(a.0, b.0)), intrinsic!(_mm256_cmpeq_epi32(a.1, b.1))).sign_mask()
+    }
+    #[inline(always)]
+    fn lt_u(self, a: U, b: U) -> Mask {
+        // a < b exactly where max(a, b) is not a.
+        let ge = U(
+            intrinsic!(_mm256_cmpeq_epi32(_mm256_max_epu32(a.0, b.0), a.0)),
+            intrinsic!(_mm256_cmpeq_epi32(_mm256_max_epu32(a.1, b.1), a.1)),
+        );
+        !ge.sign_mask()
+    }
+    #[inline(always)]
+    fn select_u(self, mask: Mask, a: U, b: U) -> U {
+        self.to_bits(self.select(mask, self.from_bits(a), self.from_bits(b)))
+    }
+    #[inline(always)]
+    fn reduce_min_u(self, a: U) -> u32 {
+        let eight = intrinsic!(_mm256_min_epu32(a.0, a.1));
+        let four = intrinsic!(_mm_min_epu32(_mm256_castsi256_si128(eight), _mm256_extracti128_si256::<1>(eight)));
+        let two = intrinsic!(_mm_min_epu32(four, _mm_shuffle_epi32::<0b01_00_11_10>(four)));
+        intrinsic!(_mm_cvtsi128_si32(_mm_min_epu32(two, _mm_shuffle_epi32::<0b10_11_00_01>(two)))) as u32
+    }
+    #[inline(always)]
+    fn compress_u(self, a: U, mask: Mask) -> U {
+        let half = |x: __m256i, m: usize| {
+            let lanes = intrinsic!(_mm256_cvtepu8_epi32(_mm_cvtsi64_si128(FRONT[m] as i64)));
+            intrinsic!(_mm256_permutevar8x32_epi32(x, lanes))
+        };
+        let low = half(a.0, usize::from(mask & 0xff));
+        let high = half(a.1, usize::from(mask >> 8));
+        // The low half's lanes come first; the high half follows right behind them.
+        let mut joined = [0u32; LANES + 8];
+        let at = joined.as_mut_ptr();
+        let behind = (mask & 0xff).count_ones() as usize;
+        intrinsic!(_mm256_storeu_si256(at.cast(), low));
+        intrinsic!(_mm256_storeu_si256(at.add(behind).cast(), high));
+        let front: &Lanes<u32> = joined[..LANES].try_into().expect("sixteen of twenty-four");
+        self.load_u(front)
+    }
+}

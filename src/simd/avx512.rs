@@ -1,0 +1,196 @@
+//! Sixteen lanes in one AVX-512 register.
+
+use super::{Kernel, Lanes, Mask, Simd};
+use core::arch::x86_64::*;
+use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+
+/// Token of AVX-512. Private field: only [`run`] makes one.
+#[derive(Clone, Copy)]
+pub(super) struct Avx512(());
+
+/// Sixteen floats; made only from the token, so the CPU has AVX-512.
+#[derive(Clone, Copy)]
+pub(super) struct F(__m512);
+
+/// Sixteen integers; made only from the token.
+#[derive(Clone, Copy)]
+pub(super) struct U(__m512i);
+
+/// Whether this CPU has every feature that [`run`] enables.
+pub(super) fn detected() -> bool {
+    is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512bw")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512vl")
+        && is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("fma")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt")
+}
+
+/// Runs a kernel compiled for AVX-512.
+///
+/// # Safety
+/// [`detected`] must have returned true on this CPU.
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+pub(super) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Avx512(()))
+}
+
+/// An intrinsic behind a value that proves the CPU has it.
+macro_rules! intrinsic {
+    ($call:expr) => {
+        // SAFETY: all operands come from the token, which exists only after detection; memory
+        // operands are references to sixteen elements and the unaligned forms are used.
+        unsafe { $call }
+    };
+}
+
+impl Add for F {
+    type Output = F;
+    #[inline(always)]
+    fn add(self, b: F) -> F {
+        F(intrinsic!(_mm512_add_ps(self.0, b.0)))
+    }
+}
+
+impl Sub for F {
+    type Output = F;
+    #[inline(always)]
+    fn sub(self, b: F) -> F {
+        F(intrinsic!(_mm512_sub_ps(self.0, b.0)))
+    }
+}
+
+impl Mul for F {
+    type Output = F;
+    #[inline(always)]
+    fn mul(self, b: F) -> F {
+        F(intrinsic!(_mm512_mul_ps(self.0, b.0)))
+    }
+}
+
+impl BitAnd for U {
+    type Output = U;
+    #[inline(always)]
+    fn bitand(self, b: U) -> U {
+        U(intrinsic!(_mm512_and_si512(self.0, b.0)))
+    }
+}
+
+impl BitOr for U {
+    type Output = U;
+    #[inline(always)]
+    fn bitor(self, b: U) -> U {
+        U(intrinsic!(_mm512_or_si512(self.0, b.0)))
+    }
+}
+
+impl Simd for Avx512 {
+    type F = F;
+    type U = U;
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> F {
+        F(intrinsic!(_mm512_set1_ps(x)))
+    }
+    #[inline(always)]
+    fn load(self, from: &Lanes<f32>) -> F {
+        F(intrinsic!(_mm512_loadu_ps(from.as_ptr())))
+    }
+    #[inline(always)]
+    fn store(self, x: F, to: &mut Lanes<f32>) {
+        intrinsic!(_mm512_storeu_ps(to.as_mut_ptr(), x.0))
+    }
+    #[inline(always)]
+    fn div(self, a: F, b: F) -> F {
+        F(intrinsic!(_mm512_div_ps(a.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul_add(self, a: F, b: F, c: F) -> F {
+        F(intrinsic!(_mm512_fmadd_ps(a.0, b.0, c.0)))
+    }
+    #[inline(always)]
+    fn min(self, a: F, b: F) -> F {
+        F(intrinsic!(_mm512_min_ps(a.0, b.0)))
+    }
+    #[inline(always)]
+    fn max(self, a: F, b: F) -> F {
+        F(intrinsic!(_mm512_max_ps(a.0, b.0)))
+    }
+    #[inline(always)]
+    fn lt(self, a: F, b: F) -> Mask {
+        intrinsic!(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(a.0, b.0))
+    }
+    #[inline(always)]
+    fn le(self, a: F, b: F) -> Mask {
+        intrinsic!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a.0, b.0))
+    }
+    #[inline(always)]
+    fn eq(self, a: F, b: F) -> Mask {
+        intrinsic!(_mm512_cmp_ps_mask::<_CMP_EQ_OQ>(a.0, b.0))
+    }
+    #[inline(always)]
+    fn select(self, mask: Mask, a: F, b: F) -> F {
+        F(intrinsic!(_mm512_mask_blend_ps(mask, b.0, a.0)))
+    }
+    #[inline(always)]
+    fn reduce_min(self, a: F) -> f32 {
+        intrinsic!(_mm512_reduce_min_ps(a.0))
+    }
+    #[inline(always)]
+    fn compress(self, a: F, mask: Mask) -> F {
+        F(intrinsic!(_mm512_maskz_compress_ps(mask, a.0)))
+    }
+    #[inline(always)]
+    fn sign_mask(self, a: F) -> Mask {
+        intrinsic!(_mm512_movepi32_mask(_mm512_castps_si512(a.0)))
+    }
+    #[inline(always)]
+    fn to_bits(self, a: F) -> U {
+        U(intrinsic!(_mm512_castps_si512(a.0)))
+    }
+    #[inline(always)]
+    fn from_bits(self, a: U) -> F {
+        F(intrinsic!(_mm512_castsi512_ps(a.0)))
+    }
+
+    #[inline(always)]
+    fn splat_u(self, x: u32) -> U {
+        U(intrinsic!(_mm512_set1_epi32(x as i32)))
+    }
+    #[inline(always)]
+    fn load_u(self, from: &Lanes<u32>) -> U {
+        U(intrinsic!(_mm512_loadu_si512(from.as_ptr().cast())))
+    }
+    #[inline(always)]
+    fn store_u(self, x: U, to: &mut Lanes<u32>) {
+        intrinsic!(_mm512_storeu_si512(to.as_mut_ptr().cast(), x.0))
+    }
+    #[inline(always)]
+    fn min_u(self, a: U, b: U) -> U {
+        U(intrinsic!(_mm512_min_epu32(a.0, b.0)))
+    }
+    #[inline(always)]
+    fn eq_u(self, a: U, b: U) -> Mask {
+        intrinsic!(_mm512_cmpeq_epi32_mask(a.0, b.0))
+    }
+    #[inline(always)]
+    fn lt_u(self, a: U, b: U) -> Mask {
+        intrinsic!(_mm512_cmplt_epu32_mask(a.0, b.0))
+    }
+    #[inline(always)]
+    fn select_u(self, mask: Mask, a: U, b: U) -> U {
+        U(intrinsic!(_mm512_mask_blend_epi32(mask, b.0, a.0)))
+    }
+    #[inline(always)]
+    fn reduce_min_u(self, a: U) -> u32 {
+        intrinsic!(_mm512_reduce_min_epu32(a.0))
+    }
+    #[inline(always)]
+    fn compress_u(self, a: U, mask: Mask) -> U {
+        U(intrinsic!(_mm512_maskz_compress_epi32(mask, a.0)))
+    }
+}

@@ -1,0 +1,211 @@
+//! Sixteen lanes with run-time dispatch, and the aligned memory they read.
+//!
+//! A query kernel is written once, generic over [`Simd`], as plain straight-line code. [`dispatch`]
+//! compiles it three times (portable, AVX2, AVX-512) and runs the widest version that the CPU has, so
+//! a default build reaches AVX-512 without compiler flags. The picture to have in mind: a token `s`
+//! of type `S: Simd` is the proof that the CPU has the instructions, and every vector is born from it.
+//!
+//! All lane operations except [`Simd::mul_add`] give the same bits on every instruction set; answers
+//! are computed with those. `mul_add` fuses where the hardware does and is for culling only, which
+//! has to be conservative but not reproducible.
+//!
+//! This module holds the only `unsafe` code of the crate.
+#![allow(unsafe_code)]
+
+mod arena;
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod portable;
+
+use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+
+pub(crate) use arena::Arena;
+
+/// Number of lanes in every vector of this module.
+pub(crate) const LANES: usize = 16;
+
+/// Sixteen f32 or u32 lanes as they lie in memory.
+pub(crate) type Lanes<T> = [T; LANES];
+
+/// A mask: bit `i` belongs to lane `i`.
+pub(crate) type Mask = u16;
+
+/// An instruction set as sixteen-lane operations.
+///
+/// Values of the implementing types exist only where the CPU has the instructions, which is what
+/// makes the safe methods sound.
+pub(crate) trait Simd: Copy {
+    /// Sixteen f32.
+    type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F>;
+    /// Sixteen u32.
+    type U: Copy + BitAnd<Output = Self::U> + BitOr<Output = Self::U>;
+
+    /// The same value in every lane.
+    fn splat(self, x: f32) -> Self::F;
+    /// Reads sixteen floats, at any alignment.
+    fn load(self, from: &Lanes<f32>) -> Self::F;
+    /// Writes sixteen floats, at any alignment.
+    fn store(self, x: Self::F, to: &mut Lanes<f32>);
+    /// `a / b`, correctly rounded.
+    fn div(self, a: Self::F, b: Self::F) -> Self::F;
+    /// `a * b + c`, fused or not: for culling only, never for an answer.
+    fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    /// `if a < b { a } else { b }`: the second operand where either is NaN.
+    fn min(self, a: Self::F, b: Self::F) -> Self::F;
+    /// `if a > b { a } else { b }`: the second operand where either is NaN.
+    fn max(self, a: Self::F, b: Self::F) -> Self::F;
+    /// Lanes where `a < b`; false for NaN.
+    fn lt(self, a: Self::F, b: Self::F) -> Mask;
+    /// Lanes where `a <= b`; false for NaN.
+    fn le(self, a: Self::F, b: Self::F) -> Mask;
+    /// Lanes where `a == b`; false for NaN.
+    fn eq(self, a: Self::F, b: Self::F) -> Mask;
+    /// `a` where the mask has its bit, `b` elsewhere.
+    fn select(self, mask: Mask, a: Self::F, b: Self::F) -> Self::F;
+    /// The least lane (no lane may be NaN).
+    fn reduce_min(self, a: Self::F) -> f32;
+    /// The lanes of the mask moved together at the front; what follows them is unspecified.
+    fn compress(self, a: Self::F, mask: Mask) -> Self::F;
+    /// The sign bits of the lanes.
+    fn sign_mask(self, a: Self::F) -> Mask;
+    /// The bits of the lanes.
+    fn to_bits(self, a: Self::F) -> Self::U;
+    /// The floats with these bits.
+    fn from_bits(self, a: Self::U) -> Self::F;
+
+    /// The same value in every lane.
+    fn splat_u(self, x: u32) -> Self::U;
+    /// Reads sixteen integers, at any alignment.
+    fn load_u(self, from: &Lanes<u32>) -> Self::U;
+    /// Writes sixteen integers, at any alignment.
+    fn store_u(self, x: Self::U, to: &mut Lanes<u32>);
+    /// The smaller of each pair, unsigned.
+    fn min_u(self, a: Self::U, b: Self::U) -> Self::U;
+    /// Lanes where `a == b`.
+    fn eq_u(self, a: Self::U, b: Self::U) -> Mask;
+    /// Lanes where `a < b`, unsigned.
+    fn lt_u(self, a: Self::U, b: Self::U) -> Mask;
+    /// `a` where the mask has its bit, `b` elsewhere.
+    fn select_u(self, mask: Mask, a: Self::U, b: Self::U) -> Self::U;
+    /// The least lane, unsigned.
+    fn reduce_min_u(self, a: Self::U) -> u32;
+    /// The lanes of the mask moved together at the front; what follows them is unspecified.
+    fn compress_u(self, a: Self::U, mask: Mask) -> Self::U;
+}
+
+/// A computation that [`dispatch`] can compile for every instruction set.
+///
+/// Mark `run` and all it calls `#[inline(always)]`: whatever stays a call of its own is compiled
+/// without the instruction set, and every vector then travels through memory.
+pub(crate) trait Kernel {
+    /// What the computation returns.
+    type Output;
+    /// The computation.
+    fn run<S: Simd>(self, s: S) -> Self::Output;
+}
+
+/// An instruction set of this CPU, for choosing the code path of queries.
+///
+/// Values exist only for what the CPU really has. Answers do not depend on the choice; it is there
+/// for tests and measurements.
+///
+/// ```
+/// use mbkd::SimdLevel;
+/// let best = SimdLevel::best();
+/// assert!(SimdLevel::available().contains(&best));
+/// println!("queries run on {best}");
+/// ```
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
+pub struct SimdLevel(Isa);
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
+enum Isa {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl SimdLevel {
+    /// Plain code that every CPU runs.
+    pub const PORTABLE: SimdLevel = SimdLevel(Isa::Portable);
+
+    /// All levels of this CPU, narrowest first; the first is always [`SimdLevel::PORTABLE`].
+    pub fn available() -> Vec<SimdLevel> {
+        #[allow(unused_mut)]
+        let mut levels = vec![SimdLevel::PORTABLE];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if avx2::detected() {
+                levels.push(SimdLevel(Isa::Avx2));
+            }
+            if avx512::detected() {
+                levels.push(SimdLevel(Isa::Avx512));
+            }
+        }
+        levels
+    }
+
+    /// The widest level of this CPU.
+    pub fn best() -> SimdLevel {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if avx512::detected() {
+                return SimdLevel(Isa::Avx512);
+            }
+            if avx2::detected() {
+                return SimdLevel(Isa::Avx2);
+            }
+        }
+        SimdLevel::PORTABLE
+    }
+
+    /// `"portable"`, `"avx2"` or `"avx512"`.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            Isa::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => "avx512",
+        }
+    }
+}
+
+impl Default for SimdLevel {
+    fn default() -> Self {
+        SimdLevel::best()
+    }
+}
+
+impl core::fmt::Display for SimdLevel {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Runs a kernel compiled for `level`.
+#[inline(always)]
+pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
+    match level.0 {
+        Isa::Portable => kernel.run(portable::Portable),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a `SimdLevel` of AVX2 is only made after detection found it on this CPU.
+        Isa::Avx2 => unsafe { avx2::run(kernel) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a `SimdLevel` of AVX-512 is only made after detection found it on this CPU.
+        Isa::Avx512 => unsafe { avx512::run(kernel) },
+    }
+}
+
+/// Sixteen elements of `from`, beginning at `at`. Panics where they are not all there.
+#[inline(always)]
+pub(crate) fn lanes_at<T>(from: &[T], at: usize) -> &Lanes<T> {
+    from[at..at + LANES].try_into().expect("a slice of sixteen")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,206 @@
+//! Sixteen lanes in plain Rust: the fallback, and the definition that the others are tested against.
+
+use super::{LANES, Lanes, Mask, Simd};
+use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+
+/// Token of the portable lanes; every CPU has them.
+#[derive(Clone, Copy)]
+pub(super) struct Portable;
+
+/// Sixteen floats.
+#[derive(Clone, Copy)]
+pub(super) struct F(Lanes<f32>);
+
+/// Sixteen integers.
+#[derive(Clone, Copy)]
+pub(super) struct U(Lanes<u32>);
+
+#[inline(always)]
+fn zip<A: Copy, B: Copy, C: Copy + Default>(a: &Lanes<A>, b: &Lanes<B>, f: impl Fn(A, B) -> C) -> Lanes<C> {
+    let mut out = [C::default(); LANES];
+    for i in 0..LANES {
+        out[i] = f(a[i], b[i]);
+    }
+    out
+}
+
+#[inline(always)]
+fn mask<A: Copy>(a: &Lanes<A>, b: &Lanes<A>, f: impl Fn(A, A) -> bool) -> Mask {
+    let mut out = 0;
+    for i in 0..LANES {
+        out |= Mask::from(f(a[i], b[i])) << i;
+    }
+    out
+}
+
+#[inline(always)]
+fn compress<A: Copy>(a: &Lanes<A>, mask: Mask) -> Lanes<A> {
+    let mut out = *a;
+    let (mut rest, mut n) = (mask, 0);
+    while rest != 0 {
+        out[n] = a[rest.trailing_zeros() as usize];
+        rest &= rest - 1;
+        n += 1;
+    }
+    out
+}
+
+#[inline(always)]
+fn select<A: Copy + Default>(mask: Mask, a: &Lanes<A>, b: &Lanes<A>) -> Lanes<A> {
+    let mut out = [A::default(); LANES];
+    for i in 0..LANES {
+        out[i] = if mask >> i & 1 != 0 { a[i] } else { b[i] };
+    }
+    out
+}
+
+impl Add for F {
+    type Output = F;
+    #[inline(always)]
+    fn add(self, b: F) -> F {
+        F(zip(&self.0, &b.0, |a, b| a + b))
+    }
+}
+
+impl Sub for F {
+    type Output = F;
+    #[inline(always)]
+    fn sub(self, b: F) -> F {
+        F(zip(&self.0, &b.0, |a, b| a - b))
+    }
+}
+
+impl Mul for F {
+    type Output = F;
+    #[inline(always)]
+    fn mul(self, b: F) -> F {
+        F(zip(&self.0, &b.0, |a, b| a * b))
+    }
+}
+
+impl BitAnd for U {
+    type Output = U;
+    #[inline(always)]
+    fn bitand(self, b: U) -> U {
+        U(zip(&self.0, &b.0, |a, b| a & b))
+    }
+}
+
+impl BitOr for U {
+    type Output = U;
+    #[inline(always)]
+    fn bitor(self, b: U) -> U {
+        U(zip(&self.0, &b.0, |a, b| a | b))
+    }
+}
+
+impl Simd for Portable {
+    type F = F;
+    type U = U;
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> F {
+        F([x; LANES])
+    }
+    #[inline(always)]
+    fn load(self, from: &Lanes<f32>) -> F {
+        F(*from)
+    }
+    #[inline(always)]
+    fn store(self, x: F, to: &mut Lanes<f32>) {
+        *to = x.0;
+    }
+    #[inline(always)]
+    fn div(self, a: F, b: F) -> F {
+        F(zip(&a.0, &b.0, |a, b| a / b))
+    }
+    #[inline(always)]
+    fn mul_add(self, a: F, b: F, c: F) -> F {
+        a * b + c
+    }
+    #[inline(always)]
+    fn min(self, a: F, b: F) -> F {
+        F(zip(&a.0, &b.0, |a, b| if a < b { a } else { b }))
+    }
+    #[inline(always)]
+    fn max(self, a: F, b: F) -> F {
+        F(zip(&a.0, &b.0, |a, b| if a > b { a } else { b }))
+    }
+    #[inline(always)]
+    fn lt(self, a: F, b: F) -> Mask {
+        mask(&a.0, &b.0, |a, b| a < b)
+    }
+    #[inline(always)]
+    fn le(self, a: F, b: F) -> Mask {
+        mask(&a.0, &b.0, |a, b| a <= b)
+    }
+    #[inline(always)]
+    fn eq(self, a: F, b: F) -> Mask {
+        mask(&a.0, &b.0, |a, b| a == b)
+    }
+    #[inline(always)]
+    fn select(self, mask: Mask, a: F, b: F) -> F {
+        F(select(mask, &a.0, &b.0))
+    }
+    #[inline(always)]
+    fn reduce_min(self, a: F) -> f32 {
+        let mut least = a.0[0];
+        for &x in &a.0[1..] {
+            least = if x < least { x } else { least };
+        }
+        least
+    }
+    #[inline(always)]
+    fn compress(self, a: F, mask: Mask) -> F {
+        F(compress(&a.0, mask))
+    }
+    #[inline(always)]
+    fn sign_mask(self, a: F) -> Mask {
+        mask(&a.0, &a.0, |a, _| a.is_sign_negative())
+    }
+    #[inline(always)]
+    fn to_bits(self, a: F) -> U {
+        U(a.0.map(f32::to_bits))
+    }
+    #[inline(always)]
+    fn from_bits(self, a: U) -> F {
+        F(a.0.map(f32::from_bits))
+    }
+
+    #[inline(always)]
+    fn splat_u(self, x: u32) -> U {
+        U([x; LANES])
+    }
+    #[inline(always)]
+    fn load_u(self, from: &Lanes<u32>) -> U {
+        U(*from)
+    }
+    #[inline(always)]
+    fn store_u(self, x: U, to: &mut Lanes<u32>) {
+        *to = x.0;
+    }
+    #[inline(always)]
+    fn min_u(self, a: U, b: U) -> U {
+        U(zip(&a.0, &b.0, u32::min))
+    }
+    #[inline(always)]
+    fn eq_u(self, a: U, b: U) -> Mask {
+        mask(&a.0, &b.0, |a, b| a == b)
+    }
+    #[inline(always)]
+    fn lt_u(self, a: U, b: U) -> Mask {
+        mask(&a.0, &b.0, |a, b| a < b)
+    }
+    #[inline(always)]
+    fn select_u(self, mask: Mask, a: U, b: U) -> U {
+        U(select(mask, &a.0, &b.0))
+    }
+    #[inline(always)]
+    fn reduce_min_u(self, a: U) -> u32 {
+        a.0.into_iter().fold(u32::MAX, u32::min)
+    }
+    #[inline(always)]
+    fn compress_u(self, a: U, mask: Mask) -> U {
+        U(compress(&a.0, mask))
+    }
+}

@@ -1,0 +1,146 @@
+//! Every instruction set against the portable lanes, bit for bit.
+
+use super::*;
+
+/// What a round of all operations gave, as bits.
+#[derive(PartialEq, Debug)]
+struct Round {
+    vectors: Vec<Lanes<u32>>,
+    masks: Vec<Mask>,
+    scalars: Vec<u32>,
+    /// Compressed lanes, cut to the count of the mask.
+    packed: Vec<Vec<u32>>,
+}
+
+struct All {
+    a: Lanes<f32>,
+    b: Lanes<f32>,
+    mask: Mask,
+}
+
+impl Kernel for All {
+    type Output = Round;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Round {
+        let out_f = |x: S::F| {
+            let mut to = [0.0; LANES];
+            s.store(x, &mut to);
+            // NaN payloads are the one thing that IEEE 754 leaves open.
+            to.map(|v| if v.is_nan() { f32::NAN.to_bits() } else { v.to_bits() })
+        };
+        let out_u = |x: S::U| {
+            let mut to = [0; LANES];
+            s.store_u(x, &mut to);
+            to
+        };
+        let (a, b) = (s.load(&self.a), s.load(&self.b));
+        let (ua, ub) = (s.to_bits(a), s.to_bits(b));
+        let finite = self.a.map(|x| if x.is_nan() { 0.0 } else { x });
+        let n = self.mask.count_ones() as usize;
+        Round {
+            vectors: vec![
+                out_f(a + b),
+                out_f(a - b),
+                out_f(a * b),
+                out_f(s.div(a, b)),
+                out_f(s.min(a, b)),
+                out_f(s.max(a, b)),
+                out_f(s.select(self.mask, a, b)),
+                out_f(s.splat(self.a[3])),
+                out_f(s.from_bits(ua)),
+                out_u(ua & ub),
+                out_u(ua | ub),
+                out_u(s.min_u(ua, ub)),
+                out_u(s.select_u(self.mask, ua, ub)),
+                out_u(s.load_u(&self.a.map(f32::to_bits))),
+                out_u(s.splat_u(self.b[5].to_bits())),
+            ],
+            masks: vec![s.lt(a, b), s.le(a, b), s.eq(a, b), s.eq(a, a), s.sign_mask(a), s.eq_u(ua, ub), s.lt_u(ua, ub)],
+            // Which zero a reduction returns where both are least is left open: compare values.
+            scalars: vec![(s.reduce_min(s.load(&finite)) + 0.0).to_bits(), s.reduce_min_u(ua)],
+            packed: vec![
+                out_f(s.compress(a, self.mask))[..n].to_vec(),
+                out_u(s.compress_u(ub, self.mask))[..n].to_vec(),
+            ],
+        }
+    }
+}
+
+fn next(state: &mut u64) -> u64 {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    *state
+}
+
+#[test]
+fn every_level_agrees_with_the_portable_lanes_bit_for_bit() {
+    let special = [0.0, -0.0, 1.0, -1.0, f32::INFINITY, f32::NEG_INFINITY, f32::NAN, 1e-40, f32::MAX, 0.1];
+    let mut state = 0x9e37_79b9_7f4a_7c15;
+    for round in 0..20_000 {
+        let mut lanes = || {
+            core::array::from_fn(|_| {
+                let r = next(&mut state);
+                match (round % 4, r % 8) {
+                    (0, _) => f32::from_bits((r >> 16) as u32),
+                    (_, 0..3) => special[(r >> 8) as usize % special.len()],
+                    _ => ((r >> 16) as i32 % 1000) as f32 * 0.125,
+                }
+            })
+        };
+        let (a, b) = (lanes(), lanes());
+        let mask = next(&mut state) as Mask;
+        let expected = dispatch(SimdLevel::PORTABLE, All { a, b, mask });
+        for level in SimdLevel::available() {
+            let got = dispatch(level, All { a, b, mask });
+            assert_eq!(got, expected, "{level}, a {a:?}, b {b:?}, mask {mask:016b}");
+        }
+    }
+}
+
+#[test]
+fn mul_add_is_within_one_rounding_of_the_plain_form() {
+    struct Fused(Lanes<f32>, Lanes<f32>, Lanes<f32>);
+    impl Kernel for Fused {
+        type Output = Lanes<f32>;
+        #[inline(always)]
+        fn run<S: Simd>(self, s: S) -> Lanes<f32> {
+            let mut to = [0.0; LANES];
+            s.store(s.mul_add(s.load(&self.0), s.load(&self.1), s.load(&self.2)), &mut to);
+            to
+        }
+    }
+    let mut state = 7;
+    for _ in 0..1000 {
+        let mut lanes = || core::array::from_fn(|_| (next(&mut state) >> 40) as f32 / 1024.0 - 8192.0);
+        let (a, b, c): (Lanes<f32>, Lanes<f32>, Lanes<f32>) = (lanes(), lanes(), lanes());
+        for level in SimdLevel::available() {
+            let got = dispatch(level, Fused(a, b, c));
+            for i in 0..LANES {
+                let exact = f64::from(a[i]) * f64::from(b[i]) + f64::from(c[i]);
+                let size = (f64::from(a[i]) * f64::from(b[i])).abs() + f64::from(c[i]).abs();
+                assert!((f64::from(got[i]) - exact).abs() <= size * f64::from(f32::EPSILON), "{level}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_arena_begins_on_cache_lines_and_keeps_what_is_written() {
+    let mut arena = Arena::with_capacity(10);
+    let a = arena.grow(5);
+    arena.floats_mut()[a + 4] = 1.5;
+    arena.align();
+    let b = arena.grow(3);
+    arena.ints_mut()[b] = 7;
+    assert_eq!((a, b, arena.len()), (0, 16, 19));
+    assert_eq!(arena.floats().as_ptr() as usize % 64, 0);
+    assert_eq!(arena.floats()[4].to_bits(), arena.ints()[4]);
+    assert_eq!((arena.floats()[4], arena.ints()[16]), (1.5, 7));
+    assert_eq!(arena.floats().len(), 32, "rows may be read to the end of the last line");
+    arena.prefetch(b);
+    arena.shrink();
+    assert!(arena.bytes() >= 128);
+    assert_eq!(Arena::position(u32::MAX as usize), Some(u32::MAX));
+    assert_eq!(Arena::position(u32::MAX as usize + 1), None);
+}
