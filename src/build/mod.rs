@@ -1,0 +1,5 @@
+//! From references to trees: classification against split planes, costs, and the builders.
+
+mod classify;
+
+pub(crate) use classify::{Plane, Sides, classify, classify_point};

@@ -1,0 +1,138 @@
+//! What can be wrong with the input of a build, said precisely enough to mend it.
+
+use core::fmt;
+
+/// Why a tree could not be built. The tree types never panic on bad input: they return this.
+///
+/// ```
+/// use mbkd::{BuildError, BuildParams, RayTree, TriangleMesh, glam::Vec3};
+/// let triangle = vec![Vec3::ZERO, Vec3::X, Vec3::new(f32::NAN, 0.0, 0.0)];
+/// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], triangle);
+/// let error = RayTree::build(&[mesh], &BuildParams::default()).unwrap_err();
+/// assert_eq!(error, BuildError::NonFinite { mesh: 0, key: 0, vertex: 2 });
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum BuildError {
+    /// A mesh has no key at all; give positions for at least one time.
+    NoKeys {
+        /// The mesh.
+        mesh: usize,
+    },
+    /// The keys of a mesh have different numbers of vertices.
+    KeyLength {
+        /// The mesh.
+        mesh: usize,
+        /// The key that differs from key 0.
+        key: usize,
+        /// Vertices of key 0.
+        expected: usize,
+        /// Vertices of this key.
+        found: usize,
+    },
+    /// A triangle names a vertex that the mesh does not have.
+    IndexOutOfRange {
+        /// The mesh.
+        mesh: usize,
+        /// The triangle within the mesh.
+        triangle: usize,
+        /// The index it gives.
+        index: u32,
+        /// The number of vertices.
+        vertices: usize,
+    },
+    /// A vertex position is NaN or infinite.
+    NonFinite {
+        /// The mesh.
+        mesh: usize,
+        /// The key.
+        key: usize,
+        /// The vertex.
+        vertex: usize,
+    },
+    /// A coordinate is farther from zero than [`crate::MAX_COORDINATE`].
+    TooLarge {
+        /// The mesh.
+        mesh: usize,
+        /// The key.
+        key: usize,
+        /// The vertex.
+        vertex: usize,
+    },
+    /// A primitive of the caller's own type gave bounds that are NaN, infinite, too large or inverted.
+    BadBounds {
+        /// The primitive's index.
+        primitive: usize,
+    },
+    /// More primitives than 32-bit ids can name.
+    TooManyPrimitives {
+        /// How many there were.
+        found: usize,
+    },
+    /// A build parameter is outside its range.
+    Parameter {
+        /// The field of [`crate::BuildParams`].
+        name: &'static str,
+        /// What it has to be.
+        expected: &'static str,
+    },
+    /// The progress callback asked to stop.
+    Cancelled,
+}
+
+impl fmt::Display for BuildError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            BuildError::NoKeys { mesh } => {
+                write!(f, "mesh {mesh} has no key: give its vertex positions for at least one time")
+            }
+            BuildError::KeyLength { mesh, key, expected, found } => {
+                write!(f, "mesh {mesh}: key {key} has {found} vertices, but key 0 has {expected}; keys must agree")
+            }
+            BuildError::IndexOutOfRange { mesh, triangle, index, vertices } => {
+                write!(f, "mesh {mesh}: triangle {triangle} names vertex {index}, but there are only {vertices}")
+            }
+            BuildError::NonFinite { mesh, key, vertex } => {
+                write!(f, "mesh {mesh}: vertex {vertex} of key {key} is NaN or infinite")
+            }
+            BuildError::TooLarge { mesh, key, vertex } => {
+                write!(
+                    f,
+                    "mesh {mesh}: vertex {vertex} of key {key} lies beyond {:e}; move or scale the scene",
+                    crate::MAX_COORDINATE
+                )
+            }
+            BuildError::BadBounds { primitive } => {
+                write!(
+                    f,
+                    "primitive {primitive}: its bounds are NaN, infinite, inverted or beyond {:e}",
+                    crate::MAX_COORDINATE
+                )
+            }
+            BuildError::TooManyPrimitives { found } => {
+                write!(f, "{found} primitives are more than one tree can name (2^32 - 2); split the scene")
+            }
+            BuildError::Parameter { name, expected } => write!(f, "build parameter `{name}` must be {expected}"),
+            BuildError::Cancelled => f.write_str("the build was cancelled by its progress callback"),
+        }
+    }
+}
+
+impl std::error::Error for BuildError {}
+
+/// Why a time interval could not be made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IntervalError {
+    /// The begin that was given.
+    pub begin: f32,
+    /// The end that was given.
+    pub end: f32,
+}
+
+impl fmt::Display for IntervalError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "[{}, {}) is no time interval of the shutter: 0 <= begin < end <= 1 must hold", self.begin, self.end)
+    }
+}
+
+impl std::error::Error for IntervalError {}

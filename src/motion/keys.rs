@@ -1,0 +1,67 @@
+//! Positions between keys.
+//!
+//! A position is interpolated from the nearer key: `base + s * (b - a)`, with `base = a` and the
+//! fraction `s` in the first half of a segment, `base = b` and `s - 1` in the second. This gives the
+//! key itself at both keys and wherever `a == b`, which `(1 - t) * a + t * b` does not, and so moving
+//! and still geometry agree where they touch. Nothing is fused, so every CPU gets the same bits.
+
+use glam::Vec3;
+
+/// A ray's time as a place between two keys, the same for every vertex of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct KeyTime {
+    /// The segment: between key `segment` and `segment + 1`.
+    pub segment: usize,
+    /// Fraction from the base key, in [-1/2, 1/2].
+    pub s: f32,
+    /// Whether the base is the segment's later key.
+    pub from_end: bool,
+}
+
+impl KeyTime {
+    /// Where time `t` in [0, 1] lies among `keys` keys (at least one).
+    #[inline]
+    pub fn new(t: f32, keys: usize) -> KeyTime {
+        if keys < 2 {
+            return KeyTime { segment: 0, s: 0.0, from_end: false };
+        }
+        let segments = keys - 1;
+        let at = t * segments as f32;
+        let segment = (at as usize).min(segments - 1);
+        KeyTime::in_segment(at - segment as f32, segment)
+    }
+
+    #[inline]
+    fn in_segment(s: f32, segment: usize) -> KeyTime {
+        if s < 0.5 { KeyTime { segment, s, from_end: false } } else { KeyTime { segment, s: s - 1.0, from_end: true } }
+    }
+
+    /// The position between `a` (the segment's earlier key) and `b`.
+    #[inline(always)]
+    pub fn position(self, a: Vec3, b: Vec3) -> Vec3 {
+        (if self.from_end { b } else { a }) + (b - a) * self.s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_hit_exactly_and_still_points_stay() {
+        let (a, b) = (Vec3::new(0.1, -7.3, 1e-3), Vec3::new(9.9, 0.7, -1e5));
+        assert_eq!(KeyTime::new(0.0, 2).position(a, b), a);
+        assert_eq!(KeyTime::new(1.0, 2).position(a, b), b);
+        for keys in 1..9 {
+            for i in 0..=1000 {
+                let at = KeyTime::new(i as f32 / 1000.0, keys);
+                assert!(at.segment < (keys - 1).max(1) && at.s.abs() <= 0.5);
+                assert_eq!(at.position(a, a), a);
+            }
+            for key in 1..keys {
+                let at = KeyTime::new(key as f32 / (keys - 1) as f32, keys);
+                assert_eq!(at.s, 0.0, "key {key} of {keys} is not met exactly");
+            }
+        }
+    }
+}

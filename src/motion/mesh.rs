@@ -1,0 +1,175 @@
+//! Triangle meshes whose vertices move.
+
+use super::{Aabb, MAX_COORDINATE, TimeInterval};
+use crate::error::BuildError;
+use glam::{DVec3, Vec3};
+
+/// Vertex positions at each key: the outer list runs over keys, the inner over vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Keys {
+    /// Single precision.
+    F32(Vec<Vec<Vec3>>),
+    /// Double precision, for scenes far from zero; the tree keeps what f32 can hold relative to the
+    /// scene's centre.
+    F64(Vec<Vec<DVec3>>),
+}
+
+impl Keys {
+    /// Number of keys.
+    pub fn len(&self) -> usize {
+        match self {
+            Keys::F32(keys) => keys.len(),
+            Keys::F64(keys) => keys.len(),
+        }
+    }
+
+    /// Whether there is no key.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Number of vertices of one key.
+    fn vertices(&self, key: usize) -> usize {
+        match self {
+            Keys::F32(keys) => keys[key].len(),
+            Keys::F64(keys) => keys[key].len(),
+        }
+    }
+
+    /// The positions of one key in double precision.
+    pub(crate) fn positions(&self, key: usize) -> impl Iterator<Item = DVec3> + '_ {
+        let (single, double) = match self {
+            Keys::F32(keys) => (keys[key].as_slice(), [].as_slice()),
+            Keys::F64(keys) => ([].as_slice(), keys[key].as_slice()),
+        };
+        single.iter().map(|p| p.as_dvec3()).chain(double.iter().copied())
+    }
+}
+
+impl From<Vec<Vec<Vec3>>> for Keys {
+    fn from(keys: Vec<Vec<Vec3>>) -> Self {
+        Keys::F32(keys)
+    }
+}
+
+impl From<Vec<Vec<DVec3>>> for Keys {
+    fn from(keys: Vec<Vec<DVec3>>) -> Self {
+        Keys::F64(keys)
+    }
+}
+
+/// An indexed triangle mesh with vertex positions at one or more keys, spaced evenly over the shutter.
+///
+/// One key: nothing moves. Two: every vertex moves on a straight line (the paper's case). More:
+/// piecewise linear. What is wrong with a mesh is reported when a tree is built of it.
+///
+/// ```
+/// use mbkd::{TimeInterval, TriangleMesh, glam::Vec3};
+/// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+/// let close = open.iter().map(|p| p + Vec3::Z).collect();
+/// let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])
+///     .with_active(TimeInterval::new(0.0, 0.5)?); // gone in the second half
+/// assert_eq!((mesh.len(), mesh.keys.len()), (1, 2));
+/// # Ok::<(), mbkd::IntervalError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct TriangleMesh {
+    /// Three vertex indices per triangle.
+    pub indices: Vec<[u32; 3]>,
+    /// Vertex positions at the keys, all keys of equal length.
+    pub keys: Keys,
+    /// When the mesh exists; keys span the whole shutter all the same.
+    pub active: TimeInterval,
+    /// Visibility: a masked query sees the mesh where its mask and this one share a bit.
+    pub mask: u32,
+}
+
+impl TriangleMesh {
+    /// A mesh from indices and its positions at each key (`Vec<Vec<Vec3>>` or `Vec<Vec<DVec3>>`).
+    pub fn new(indices: Vec<[u32; 3]>, keys: impl Into<Keys>) -> TriangleMesh {
+        TriangleMesh { indices, keys: keys.into(), active: TimeInterval::FULL, mask: u32::MAX }
+    }
+
+    /// A mesh that does not move.
+    pub fn fixed(indices: Vec<[u32; 3]>, positions: Vec<Vec3>) -> TriangleMesh {
+        TriangleMesh::new(indices, vec![positions])
+    }
+
+    /// The mesh, existing in `active` only.
+    pub fn with_active(self, active: TimeInterval) -> TriangleMesh {
+        TriangleMesh { active, ..self }
+    }
+
+    /// The mesh with a visibility mask.
+    pub fn with_mask(self, mask: u32) -> TriangleMesh {
+        TriangleMesh { mask, ..self }
+    }
+
+    /// Number of triangles.
+    pub fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    /// Whether there are no triangles.
+    pub fn is_empty(&self) -> bool {
+        self.indices.is_empty()
+    }
+
+    /// Everything a build demands of a mesh; `mesh` is its number in errors. Returns the swept box.
+    pub(crate) fn validate(&self, mesh: usize) -> Result<Aabb, BuildError> {
+        if self.keys.is_empty() {
+            return Err(BuildError::NoKeys { mesh });
+        }
+        let vertices = self.keys.vertices(0);
+        let mut swept = Aabb::EMPTY;
+        for key in 0..self.keys.len() {
+            let found = self.keys.vertices(key);
+            if found != vertices {
+                return Err(BuildError::KeyLength { mesh, key, expected: vertices, found });
+            }
+            for (vertex, p) in self.keys.positions(key).enumerate() {
+                if !p.is_finite() {
+                    return Err(BuildError::NonFinite { mesh, key, vertex });
+                }
+                if p.abs().max_element() > MAX_COORDINATE {
+                    return Err(BuildError::TooLarge { mesh, key, vertex });
+                }
+                swept = Aabb { min: swept.min.min(p), max: swept.max.max(p) };
+            }
+        }
+        for (triangle, corners) in self.indices.iter().enumerate() {
+            if let Some(&index) = corners.iter().find(|&&i| i as usize >= vertices) {
+                return Err(BuildError::IndexOutOfRange { mesh, triangle, index, vertices });
+            }
+        }
+        Ok(swept)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wrong_with_a_mesh_is_named() {
+        let square = || vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
+        let check = |mesh: TriangleMesh| mesh.validate(3).unwrap_err();
+        assert_eq!(check(TriangleMesh::new(vec![], Vec::<Vec<Vec3>>::new())), BuildError::NoKeys { mesh: 3 });
+        assert_eq!(
+            check(TriangleMesh::new(vec![], vec![square(), vec![]])),
+            BuildError::KeyLength { mesh: 3, key: 1, expected: 4, found: 0 }
+        );
+        assert_eq!(
+            check(TriangleMesh::fixed(vec![[0, 1, 2], [0, 4, 1]], square())),
+            BuildError::IndexOutOfRange { mesh: 3, triangle: 1, index: 4, vertices: 4 }
+        );
+        let mut bad = square();
+        bad[1].y = f32::INFINITY;
+        assert_eq!(
+            check(TriangleMesh::new(vec![[0, 1, 2]], vec![square(), bad])),
+            BuildError::NonFinite { mesh: 3, key: 1, vertex: 1 }
+        );
+        let far = vec![vec![DVec3::splat(1e31)]];
+        assert_eq!(check(TriangleMesh::new(vec![], far)), BuildError::TooLarge { mesh: 3, key: 0, vertex: 0 });
+    }
+}

@@ -1,0 +1,28 @@
+//! What moves: times and intervals of the shutter, keys, triangle meshes, spheres, the caller's own
+//! primitives, and the linear bounds that hold them.
+//!
+//! The shutter is the normalized time range `[0, 1]` of one build. Positions are given at `n` keys
+//! spaced evenly over it (one key: nothing moves) and are linear between keys.
+
+mod bounds;
+mod box3;
+mod clip;
+mod frame;
+mod interval;
+mod keys;
+mod mesh;
+mod primitive;
+mod triangles;
+
+pub use bounds::{Aabb, LinearBounds};
+pub(crate) use box3::{Box3, Extent, Line, LinearBox3, ULP};
+pub(crate) use frame::Frame;
+pub use interval::TimeInterval;
+pub(crate) use keys::KeyTime;
+pub use mesh::{Keys, TriangleMesh};
+pub use primitive::Primitive;
+pub(crate) use primitive::{PrimitiveSet, Shapes};
+pub(crate) use triangles::Triangles;
+
+/// The largest magnitude a coordinate may have. Beyond it builds return an error.
+pub const MAX_COORDINATE: f64 = 1e30;

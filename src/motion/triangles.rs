@@ -1,0 +1,224 @@
+//! Triangle meshes in tree space: all vertices of all meshes in one place.
+
+use super::{Aabb, Box3, Frame, KeyTime, LinearBox3, PrimitiveSet, TimeInterval, TriangleMesh, ULP};
+use crate::error::BuildError;
+use crate::ray::{SetHit, TreeRay, intersect_triangle};
+use glam::{DVec3, Vec3};
+
+/// The triangles of several meshes, rebased into one frame.
+///
+/// A triangle's id counts through the meshes in their order, so that the lowest id is the lowest
+/// (mesh, triangle).
+pub(crate) struct Triangles {
+    frame: Frame,
+    meshes: Vec<Rebased>,
+    /// Vertex indices of each triangle within its mesh.
+    indices: Vec<[u32; 3]>,
+    /// The mesh of each triangle.
+    mesh_of: Vec<u32>,
+}
+
+struct Rebased {
+    /// Id of the first triangle.
+    first: u32,
+    /// Positions per key.
+    keys: Vec<Vec<Vec3>>,
+    active: TimeInterval,
+    mask: u32,
+}
+
+impl Triangles {
+    /// Checks the meshes and copies them into tree space.
+    pub fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
+        let mut swept = Aabb::EMPTY;
+        for (i, mesh) in meshes.iter().enumerate() {
+            swept = swept.union(mesh.validate(i)?);
+        }
+        let total: usize = meshes.iter().map(TriangleMesh::len).sum();
+        if total >= u32::MAX as usize {
+            return Err(BuildError::TooManyPrimitives { found: total });
+        }
+        let frame = Frame::around(swept);
+        let mut indices = Vec::with_capacity(total);
+        let mut mesh_of = Vec::with_capacity(total);
+        let mut rebased = Vec::with_capacity(meshes.len());
+        for (i, mesh) in meshes.iter().enumerate() {
+            let mut keys: Vec<Vec<Vec3>> =
+                (0..mesh.keys.len()).map(|k| mesh.keys.positions(k).map(|p| frame.point(p)).collect()).collect();
+            // Keys that all say the same are one key: what stands still pays nothing for motion.
+            if keys[1..].iter().all(|key| *key == keys[0]) {
+                keys.truncate(1);
+            }
+            rebased.push(Rebased { first: indices.len() as u32, keys, active: mesh.active, mask: mesh.mask });
+            indices.extend_from_slice(&mesh.indices);
+            mesh_of.resize(indices.len(), i as u32);
+        }
+        Ok(Triangles { frame, meshes: rebased, indices, mesh_of })
+    }
+
+    /// The map between world and tree space.
+    pub fn frame(&self) -> Frame {
+        self.frame
+    }
+
+    fn mesh(&self, id: u32) -> &Rebased {
+        &self.meshes[self.mesh_of[id as usize] as usize]
+    }
+
+    /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
+    pub fn keys(&self, id: u32) -> usize {
+        self.mesh(id).keys.len()
+    }
+
+    /// The visibility mask of the triangle's mesh.
+    pub fn mask(&self, id: u32) -> u32 {
+        self.mesh(id).mask
+    }
+
+    /// The corners at one key.
+    pub fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
+        let positions = &self.mesh(id).keys[key];
+        self.indices[id as usize].map(|i| positions[i as usize])
+    }
+
+    /// The corners at time `t`, exactly as queries see them.
+    #[inline]
+    pub fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
+        let keys = &self.mesh(id).keys;
+        let corners = self.indices[id as usize];
+        if keys.len() == 1 {
+            return corners.map(|i| keys[0][i as usize]);
+        }
+        let at = KeyTime::new(t, keys.len());
+        let (a, b) = (&keys[at.segment], &keys[at.segment + 1]);
+        corners.map(|i| at.position(a[i as usize], b[i as usize]))
+    }
+
+    /// How far a kernel's vertex may lie from the exactly interpolated one.
+    ///
+    /// All coordinates are at most 1. `b - a` is rounded at a size of at most 2 (error 2 ULP), then scaled
+    /// by at most 1/2 (1 ULP) and rounded (1 ULP), then the sum is rounded (1 ULP): 3. With `n - 1 > 1`
+    /// segments, `t * (n - 1)` is rounded too: at most (n - 1) ULP of a segment in time, and the vertex moves
+    /// by at most 2 per segment. One ULP more covers the box's own interpolation in f32.
+    fn slack(keys: usize) -> f32 {
+        match keys {
+            1 => 0.0,
+            2 => 4.0 * ULP,
+            n => (4 + 2 * (n - 1)) as f32 * ULP,
+        }
+    }
+}
+
+fn box_of(corners: [Vec3; 3]) -> Box3 {
+    corners.into_iter().fold(Box3::EMPTY, Box3::include)
+}
+
+impl PrimitiveSet for Triangles {
+    fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    fn active(&self, id: u32) -> TimeInterval {
+        self.mesh(id).active
+    }
+
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
+        let keys = self.keys(id);
+        if keys == 1 {
+            let still = box_of(self.corners_at_key(id, 0));
+            return LinearBox3 { begin: still, end: still };
+        }
+        let mut bounds =
+            LinearBox3 { begin: box_of(self.corners(id, over.begin())), end: box_of(self.corners(id, over.end())) };
+        let segments = (keys - 1) as f32;
+        let first = (over.begin() * segments).floor() as usize + 1;
+        let last = ((over.end() * segments).ceil() as usize).min(keys - 1);
+        if first < last {
+            let mut wide = widen(bounds);
+            for key in first..last {
+                let w = (key as f64 / f64::from(segments) - f64::from(over.begin())) / f64::from(over.duration());
+                wide.include(w, world_box(box_of(self.corners_at_key(id, key))));
+            }
+            bounds = narrow(wide);
+        }
+        let slack = Triangles::slack(keys);
+        LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
+    }
+
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
+        super::clip::clip_triangle(self.corners(id, time), cell)
+    }
+
+    #[inline]
+    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
+        intersect_triangle(ray, self.corners(id, ray.time))
+    }
+
+    fn name(&self, id: u32) -> (u32, u32) {
+        let mesh = self.mesh_of[id as usize];
+        (mesh, id - self.meshes[mesh as usize].first)
+    }
+}
+
+fn world_box(b: Box3) -> Aabb {
+    Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() }
+}
+
+fn widen(b: LinearBox3) -> super::LinearBounds {
+    super::LinearBounds { begin: world_box(b.begin), end: world_box(b.end) }
+}
+
+/// Back to f32, faces rounded outward.
+fn narrow(b: super::LinearBounds) -> LinearBox3 {
+    let down = |p: DVec3| p.as_vec3().map(f32::next_down);
+    let up = |p: DVec3| p.as_vec3().map(f32::next_up);
+    LinearBox3 {
+        begin: Box3 { min: down(b.begin.min), max: up(b.begin.max) },
+        end: Box3 { min: down(b.end.min), max: up(b.end.max) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn next(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 24) as f32
+    }
+
+    #[test]
+    fn bounds_hold_the_kernels_corners_at_every_time() {
+        let mut state = 11;
+        for keys in [1usize, 2, 3, 4, 9] {
+            let positions = (0..keys)
+                .map(|_| (0..3).map(|_| Vec3::new(next(&mut state), next(&mut state), next(&mut state))).collect())
+                .collect::<Vec<Vec<Vec3>>>();
+            let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], positions)]).unwrap();
+            for _ in 0..200 {
+                let (a, b) = (next(&mut state), next(&mut state));
+                let over = TimeInterval::half_open(a.min(b), a.max(b) + 1e-3).unwrap();
+                let bounds = set.bounds(0, over);
+                for i in 0..=64 {
+                    let t = over.begin() + over.duration() * (i as f32 / 64.0);
+                    let w = (t - over.begin()) / over.duration();
+                    let now = bounds.at(w.clamp(0.0, 1.0));
+                    for p in set.corners(0, t.min(over.end())) {
+                        assert!(p.cmpge(now.min).all() && p.cmple(now.max).all(), "{keys} keys, {over:?}, t {t}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn equal_keys_are_one_key_and_ids_count_through_the_meshes() {
+        let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+        let still = TriangleMesh::new(vec![[0, 1, 2]; 3], vec![corners.clone(), corners.clone()]);
+        let empty = TriangleMesh::fixed(vec![], vec![]);
+        let moved = TriangleMesh::new(vec![[0, 1, 2]; 2], vec![corners.clone(), vec![Vec3::ONE; 3]]);
+        let set = Triangles::new(&[still, empty, moved]).unwrap();
+        assert_eq!((set.len(), set.keys(2), set.keys(3)), (5, 1, 2));
+        assert_eq!((set.name(2), set.name(3), set.name(4)), ((0, 2), (2, 0), (2, 1)));
+    }
+}

@@ -1,0 +1,162 @@
+//! The ray of a query, and the same ray in tree space.
+
+use super::Hit;
+use super::hit::SetHit;
+use crate::motion::Frame;
+use glam::{DVec3, Vec3};
+
+/// A ray with a time: `origin + t * dir` for `t` in `[t_min, t_max]`, seeing the scene as it is at `time`.
+///
+/// The direction may have any length but zero; `t` counts in that length. A ray that means nothing (a zero,
+/// infinite or NaN direction, a NaN anywhere, `t_min > t_max`, a time outside `[0, 1]`, an origin more
+/// than 2^32 scene sizes away) hits nothing.
+///
+/// ```
+/// use mbkd::{Ray, glam::Vec3};
+/// let ray = Ray::new(Vec3::ZERO, Vec3::X).at_time(0.5).between(1e-3, 10.0);
+/// assert_eq!((ray.time, ray.t_max), (0.5, 10.0));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Where the ray begins, in double precision: it is rebased to the scene's centre before f32.
+    pub origin: DVec3,
+    /// Its direction, of any length but zero.
+    pub dir: Vec3,
+    /// Hits nearer than this do not count.
+    pub t_min: f32,
+    /// Hits farther than this do not count; infinity is fine.
+    pub t_max: f32,
+    /// When the ray looks, in the shutter `[0, 1]`.
+    pub time: f32,
+}
+
+impl Ray {
+    /// The ray from `origin` (`Vec3` or `DVec3`) along `dir`, at shutter open, without end.
+    pub fn new(origin: impl Into<DVec3>, dir: Vec3) -> Ray {
+        Ray { origin: origin.into(), dir, t_min: 0.0, t_max: f32::INFINITY, time: 0.0 }
+    }
+
+    /// The ray at another time.
+    pub fn at_time(self, time: f32) -> Ray {
+        Ray { time, ..self }
+    }
+
+    /// The ray restricted to `t_min..=t_max`.
+    pub fn between(self, t_min: f32, t_max: f32) -> Ray {
+        Ray { t_min, t_max, ..self }
+    }
+
+    /// The point at `t`, in double precision.
+    pub fn point(&self, t: f32) -> DVec3 {
+        self.origin + self.dir.as_dvec3() * f64::from(t)
+    }
+}
+
+/// A ray in tree space: origin rebased, direction scaled by a power of two so that its largest
+/// component lies in [1, 2), and `t` scaled to match. All scalings are exact.
+pub(crate) struct TreeRay {
+    pub origin: Vec3,
+    pub dir: Vec3,
+    pub t_min: f32,
+    pub t_max: f32,
+    pub time: f32,
+    /// World `t` per tree `t`, a power of two.
+    t_scale: f64,
+    /// The ray as it was asked.
+    pub world: Ray,
+}
+
+/// Farther origins than this (in scene sizes) see nothing: f32 could no longer tell where they look.
+const FARTHEST: f32 = 4294967296.0;
+
+impl TreeRay {
+    /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
+    #[inline]
+    pub fn new(ray: &Ray, frame: Frame) -> Option<TreeRay> {
+        let origin = frame.point(ray.origin);
+        let longest = ray.dir.abs().max_element();
+        // NaN fails every one of these comparisons. `max_element` may drop a NaN, `is_finite` does not.
+        let fine = longest > 0.0
+            && ray.dir.is_finite()
+            && origin.abs().cmple(Vec3::splat(FARTHEST)).all()
+            && ray.t_min <= ray.t_max
+            && 0.0 <= ray.time
+            && ray.time <= 1.0;
+        if !fine {
+            return None;
+        }
+        // 2^-exponent of the longest component, through f64 so that denormal directions work too.
+        let exponent = (f64::from(longest).to_bits() >> 52) as i32 - 1023;
+        let shrink = power_of_two(-exponent);
+        let dir = (ray.dir.as_dvec3() * shrink).as_vec3();
+        let t_per_world = frame.scale * power_of_two(exponent);
+        let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
+        Some(TreeRay {
+            origin,
+            dir,
+            t_min: inward(ray.t_min),
+            t_max: inward(ray.t_max),
+            time: ray.time,
+            t_scale: 1.0 / t_per_world,
+            world: *ray,
+        })
+    }
+
+    /// A world `t` in tree space.
+    pub fn from_world(&self, t: f32) -> f32 {
+        (f64::from(t) / self.t_scale) as f32
+    }
+
+    /// A tree-space hit as an answer.
+    #[inline]
+    pub fn answer(&self, hit: SetHit, (mesh, primitive): (u32, u32)) -> Hit {
+        Hit { t: (f64::from(hit.t) * self.t_scale) as f32, u: hit.u, v: hit.v, mesh, primitive }
+    }
+}
+
+/// 2^e for the exponents of f32 and of frames, all normal in f64.
+#[inline]
+fn power_of_two(e: i32) -> f64 {
+    f64::from_bits(((e + 1023) as u64) << 52)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scaling_a_ray_is_exact() {
+        let frame = Frame { origin: DVec3::new(1.0, 2.0, 3.0), scale: 0.25 };
+        for length in [1e-42f32, 1e-30, 0.3, 1.0, 7.0, 1e38] {
+            let ray = Ray::new(DVec3::new(5.0, 2.0, 3.0), Vec3::new(0.1, -1.0, 0.25) * length).between(0.5, 2.0);
+            let tree = TreeRay::new(&ray, frame).unwrap();
+            assert_eq!(tree.origin, Vec3::X);
+            let longest = tree.dir.abs().max_element();
+            assert!((1.0..2.0).contains(&longest), "{longest}");
+            let hit = tree.answer(SetHit { t: tree.t_min, u: 0.0, v: 0.0 }, (0, 0));
+            assert_eq!(hit.t, 0.5, "there and back at length {length}");
+        }
+    }
+
+    #[test]
+    fn rays_that_mean_nothing_are_refused() {
+        let frame = Frame { origin: DVec3::ZERO, scale: 1.0 };
+        let good = Ray::new(Vec3::ZERO, Vec3::X);
+        assert!(TreeRay::new(&good, frame).is_some());
+        let bad = [
+            Ray { dir: Vec3::ZERO, ..good },
+            Ray { dir: Vec3::new(0.0, f32::NAN, 1.0), ..good },
+            Ray { dir: Vec3::new(f32::INFINITY, 0.0, 0.0), ..good },
+            Ray { origin: DVec3::new(f64::NAN, 0.0, 0.0), ..good },
+            Ray { origin: DVec3::new(0.0, 1e300, 0.0), ..good },
+            Ray { t_min: 2.0, t_max: 1.0, ..good },
+            Ray { t_max: f32::NAN, ..good },
+            good.at_time(-0.1),
+            good.at_time(1.1),
+            good.at_time(f32::NAN),
+        ];
+        for ray in bad {
+            assert!(TreeRay::new(&ray, frame).is_none(), "{ray:?}");
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! The watertight ray-triangle test (Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection",
+//! JCGT 2013), finished in f64.
+//!
+//! The ray is sheared onto an axis, the corners are translated and sheared with it in f32, and three
+//! edge functions of the sheared corners say on which sides the ray passes. Two triangles that share an
+//! edge compute the same sheared corners for it, so if the *sign* of an edge function is exact, the
+//! ray cannot slip between them. In f64 the products of two f32 are exact and their difference is
+//! rounded once, which keeps the sign; so the test below is watertight.
+//!
+//! The lanes of the wide layout first look at the signs in f32 ([`Sheared`]): two rounded products and a
+//! rounded difference never have the wrong sign, only sometimes a zero that should not be one. Lanes with
+//! agreeing signs or a zero go on to the f64 test, which alone decides, so every layout gives the
+//! same answers bit for bit.
+//!
+//! `t` is a weighted mean of the corners' depths with weights good to f64, so it belongs to a point of
+//! the *sheared f32* triangle. That one differs from the true triangle by the rounding of translation and
+//! shear: at every corner by at most 4 ULP of `|corner| + |origin|` in each coordinate. Traversals that
+//! grow boxes by more than this (see `Slack`) therefore never cull an accepted hit, not even of a
+//! triangle cut into parts: the hit has the same barycentrics as a true point of some part.
+
+use super::hit::SetHit;
+use super::query_ray::TreeRay;
+use crate::motion::ULP;
+use glam::Vec3;
+
+/// The shear that turns a ray into an axis.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sheared {
+    /// The ray's longest axis, and the other two.
+    pub kz: usize,
+    pub kx: usize,
+    pub ky: usize,
+    /// Slopes of the ray along `kx` and `ky`.
+    pub sx: f32,
+    pub sy: f32,
+    /// Component along `kz`.
+    pub dz: f32,
+}
+
+impl Sheared {
+    /// The shear of a direction whose longest component is not zero.
+    #[inline(always)]
+    pub fn new(dir: Vec3) -> Sheared {
+        let a = dir.abs();
+        let kz = if a.x >= a.y && a.x >= a.z {
+            0
+        } else if a.y >= a.z {
+            1
+        } else {
+            2
+        };
+        let (kx, ky) = ((kz + 1) % 3, (kz + 2) % 3);
+        Sheared { kz, kx, ky, sx: dir[kx] / dir[kz], sy: dir[ky] / dir[kz], dz: dir[kz] }
+    }
+
+    /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
+    #[inline(always)]
+    fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
+        let a = v - origin;
+        [a[self.kx] - self.sx * a[self.kz], a[self.ky] - self.sy * a[self.kz], a[self.kz]]
+    }
+
+    /// Decides whether the ray passes through the triangle of three sheared corners, and where.
+    ///
+    /// Triangles without area as seen by the ray are not hit.
+    #[inline(always)]
+    pub fn test(&self, corners: [[f32; 3]; 3], t_min: f32, t_max: f32) -> Option<SetHit> {
+        let [a, b, c] = corners.map(|p| p.map(f64::from));
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        let outside = (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0);
+        let det = u + v + w;
+        if outside || det == 0.0 {
+            return None;
+        }
+        let t = ((u * a[2] + v * b[2] + w * c[2]) / (det * f64::from(self.dz))) as f32;
+        // NaN is no hit in this form.
+        (t_min <= t && t <= t_max).then(|| SetHit { t, u: (v / det) as f32, v: (w / det) as f32 })
+    }
+}
+
+/// Tests one triangle at the ray's time.
+#[inline]
+pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
+    let shear = Sheared::new(ray.dir);
+    shear.test(corners.map(|v| shear.corner(v, ray.origin)), ray.t_min, ray.t_max)
+}
+
+/// How far, in tree space and per axis, an accepted hit can lie outside exact bounds of its primitive.
+///
+/// A corner's translation is rounded once (1 ULP of `|v| + |o|`, at most `1 + |o|`), the slope once, its
+/// product once and the difference once: with slopes of at most 1 this is within 5 ULP of twice that size
+/// altogether; `t` itself is rounded to f32 (1 ULP of a distance below `1 + |o|`). 16 leaves room for
+/// the arithmetic of the traversal that uses it.
+#[inline(always)]
+pub(crate) fn hit_slack(origin: Vec3) -> f32 {
+    16.0 * ULP * (1.0 + origin.abs().max_element())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Frame;
+    use crate::ray::Ray;
+    use glam::DVec3;
+
+    fn tree_ray(origin: Vec3, dir: Vec3) -> TreeRay {
+        TreeRay::new(&Ray::new(origin, dir), Frame { origin: DVec3::ZERO, scale: 1.0 }).unwrap()
+    }
+
+    #[test]
+    fn distance_and_barycentrics() {
+        let corners = [Vec3::new(0.0, 0.0, 0.5), Vec3::new(1.0, 0.0, 0.5), Vec3::new(0.0, 1.0, 0.5)];
+        for dir in [Vec3::Z, Vec3::new(0.0, -0.0, 1.5)] {
+            let hit = intersect_triangle(&tree_ray(Vec3::new(0.25, 0.5, -0.5), dir), corners).unwrap();
+            assert_eq!((hit.u, hit.v), (0.25, 0.5));
+            assert_eq!(hit.t * dir.z, 1.0);
+        }
+        let behind = tree_ray(Vec3::new(0.25, 0.5, 0.75), Vec3::Z);
+        assert_eq!(intersect_triangle(&behind, corners), None);
+    }
+
+    #[test]
+    fn a_ray_at_a_shared_edge_or_corner_hits_one_of_its_triangles() {
+        let mut state = 5u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        for i in 0..200_000 {
+            // A fan of four triangles around `hub`, seen from far away; all rays end at the hub or a spoke.
+            let hub = Vec3::new(next(), next(), 0.1 * next()) * 0.1;
+            let rim = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
+                .map(|(x, y)| Vec3::new(x * (0.4 + 0.2 * next()), y * (0.4 + 0.2 * next()), 0.1 * next()));
+            let origin = Vec3::new(next(), next(), 4.0 + next());
+            let target = if i % 2 == 0 { hub } else { hub + (rim[i % 4] - hub) * 0.5 * (1.0 + next()).min(0.95) };
+            let ray = tree_ray(origin, target - origin);
+            let hits = (0..4).filter(|&k| intersect_triangle(&ray, [hub, rim[k], rim[(k + 1) % 4]]).is_some()).count();
+            assert!(hits >= 1, "leak at {origin} -> {target}");
+        }
+    }
+
+    #[test]
+    fn triangles_without_area_are_not_hit() {
+        let ray = tree_ray(Vec3::new(0.0, 0.0, -1.0), Vec3::Z);
+        for corners in [[Vec3::ZERO; 3], [Vec3::NEG_X, Vec3::X, Vec3::X], [Vec3::NEG_X, Vec3::ZERO, Vec3::X]] {
+            assert_eq!(intersect_triangle(&ray, corners), None);
+        }
+    }
+}
