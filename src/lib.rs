@@ -7,6 +7,7 @@ mod error;
 mod motion;
 mod ray;
 mod simd;
+mod tree;
 
 pub use error::{BuildError, IntervalError};
 pub use glam;
