@@ -6,6 +6,7 @@ mod build;
 mod error;
 mod motion;
 mod ray;
+pub mod scene;
 mod simd;
 
 pub use error::{BuildError, IntervalError};
