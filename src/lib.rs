@@ -7,6 +7,7 @@ mod build;
 mod error;
 mod motion;
 mod ray;
+pub mod scene;
 mod simd;
 mod tree;
 

@@ -3,6 +3,7 @@
 mod classify;
 mod distribute;
 mod kd;
+pub(crate) mod object;
 mod params;
 mod progress;
 mod reference;

@@ -17,15 +17,15 @@
 //! A direction component of zero is replaced by 1e-25: the ray then errs by less than 1e-14 of the scene, far below
 //! `e`, and every product stays finite, so there is no case of its own and no NaN.
 
+use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::observer::Observer;
 use super::query_ray::TreeRay;
 use super::triangle::hit_slack;
-use super::{Hit, SetHit};
 use crate::build::DEPTH_LIMIT;
 use crate::motion::{PrimitiveSet, ULP};
+use crate::simd::Stack;
 use crate::tree::{KdTree, KdView};
-use core::ops::ControlFlow;
 
 /// A subtree still to be visited, with the range of `t` in which the ray is near its cell.
 #[derive(Clone, Copy)]
@@ -67,10 +67,16 @@ impl Axes {
 }
 
 impl KdTree {
-    /// Calls `test` for the references that the ray meets, front to back, until it breaks. `test` returns the
-    /// distance beyond which nothing matters any more.
+    /// Offers every hit that may matter to `collect`, front to back; a primitive in several leaves several times.
     #[inline(always)]
-    fn traverse(&self, ray: &TreeRay, observer: &mut impl Observer, mut test: impl FnMut(u32) -> ControlFlow<(), f32>) {
+    pub fn trace<S: PrimitiveSet>(
+        &self,
+        set: &S,
+        ray: &TreeRay,
+        filter: &impl Filter,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) {
         let axes = Axes::new(ray);
         let (mut begin, mut end) = (ray.t_min, ray.t_max);
         for axis in 0..3 {
@@ -81,9 +87,7 @@ impl KdTree {
         if begin > end || self.nodes.is_empty() {
             return;
         }
-        let mut limit = ray.t_max;
-        let mut stack = [Entry { node: 0, begin: 0.0, end: 0.0 }; DEPTH_LIMIT];
-        let mut height = 0;
+        let mut stack = Stack::<Entry, DEPTH_LIMIT>::new();
         let mut node = 0u32;
         loop {
             match self.nodes[node as usize].view() {
@@ -95,9 +99,8 @@ impl KdTree {
                     let (near, far) = if axes.inverse[axis] > 0.0 { (node + 1, right) } else { (right, node + 1) };
                     let (in_near, in_far) = (begin <= at + pad, at - pad <= end);
                     if in_near {
-                        if in_far && height < DEPTH_LIMIT {
-                            stack[height] = Entry { node: far, begin: begin.max(at - pad), end };
-                            height += 1;
+                        if in_far {
+                            stack.push(Entry { node: far, begin: begin.max(at - pad), end });
                         }
                         end = end.min(at + pad);
                         node = near;
@@ -115,124 +118,25 @@ impl KdTree {
                             continue;
                         }
                         observer.primitive_tests(1);
-                        match test(reference.id) {
-                            ControlFlow::Continue(nearer) => limit = nearer,
-                            ControlFlow::Break(()) => return,
+                        if filter.sees(set.mask(reference.id))
+                            && let Some(hit) = set.intersect(reference.id, ray)
+                            && hit.t <= collect.limit()
+                            && collect.offer(Found { hit, id: reference.id, leaf: 0 })
+                        {
+                            return;
                         }
                     }
                 }
             }
+            // The next subtree that begins no farther than the best answer.
+            let limit = collect.limit();
             loop {
-                if height == 0 {
-                    return;
-                }
-                height -= 1;
-                let entry = stack[height];
+                let Some(entry) = stack.pop() else { return };
                 if entry.begin <= limit {
                     (node, begin, end) = (entry.node, entry.begin, entry.end.min(limit));
                     break;
                 }
             }
-        }
-    }
-}
-
-/// The nearest accepted hit; ties go to the lowest id.
-#[inline(always)]
-pub(crate) fn closest<S: PrimitiveSet>(
-    tree: &KdTree,
-    set: &S,
-    ray: &TreeRay,
-    filter: &impl Filter,
-    observer: &mut impl Observer,
-) -> Option<Hit> {
-    let mut best: Option<(SetHit, u32)> = None;
-    let mut limit = ray.t_max;
-    tree.traverse(ray, observer, |id| {
-        if filter.sees(set.mask(id))
-            && let Some(hit) = set.intersect(id, ray)
-            && best.is_none_or(|(b, of)| hit.t < b.t || (hit.t == b.t && id < of))
-            && filter.accepts(|| ray.answer(hit, set.name(id)))
-        {
-            best = Some((hit, id));
-            limit = hit.t;
-        }
-        ControlFlow::Continue(limit)
-    });
-    best.map(|(hit, id)| ray.answer(hit, set.name(id)))
-}
-
-/// Whether there is any accepted hit.
-#[inline(always)]
-pub(crate) fn any<S: PrimitiveSet>(
-    tree: &KdTree,
-    set: &S,
-    ray: &TreeRay,
-    filter: &impl Filter,
-    observer: &mut impl Observer,
-) -> bool {
-    let mut found = false;
-    tree.traverse(ray, observer, |id| {
-        found = filter.sees(set.mask(id))
-            && set.intersect(id, ray).is_some_and(|hit| filter.accepts(|| ray.answer(hit, set.name(id))));
-        if found { ControlFlow::Break(()) } else { ControlFlow::Continue(ray.t_max) }
-    });
-    found
-}
-
-/// Every accepted hit once, in no particular order, until the visitor breaks.
-///
-/// A primitive may be met in several leaves. The ids of those that were reported are remembered, so the
-/// memory is that of the answer.
-#[inline(always)]
-pub(crate) fn all<S: PrimitiveSet>(
-    tree: &KdTree,
-    set: &S,
-    ray: &TreeRay,
-    filter: &impl Filter,
-    observer: &mut impl Observer,
-    mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
-) -> ControlFlow<()> {
-    let mut reported = Reported::default();
-    let mut flow = ControlFlow::Continue(());
-    tree.traverse(ray, observer, |id| {
-        if filter.sees(set.mask(id))
-            && let Some(hit) = set.intersect(id, ray)
-            && !reported.contains(id)
-        {
-            let hit = ray.answer(hit, set.name(id));
-            if filter.accepts(|| hit) {
-                reported.insert(id);
-                flow = visitor(hit);
-                if flow.is_break() {
-                    return ControlFlow::Break(());
-                }
-            }
-        }
-        ControlFlow::Continue(ray.t_max)
-    });
-    flow
-}
-
-/// The ids that were reported: a short list, and a hash set once it is no longer short.
-#[derive(Default)]
-struct Reported {
-    few: Vec<u32>,
-    many: std::collections::HashSet<u32>,
-}
-
-impl Reported {
-    const FEW: usize = 24;
-
-    fn contains(&self, id: u32) -> bool {
-        self.few.contains(&id) || (!self.many.is_empty() && self.many.contains(&id))
-    }
-
-    fn insert(&mut self, id: u32) {
-        if self.few.len() < Reported::FEW {
-            self.few.push(id);
-        } else {
-            self.many.insert(id);
         }
     }
 }

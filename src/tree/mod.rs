@@ -3,6 +3,7 @@
 mod kd;
 mod ray_tree;
 mod statistics;
+pub(crate) mod wide;
 
 pub(crate) use kd::{KdNode, KdReference, KdTree, KdView, MAX_NODES};
 pub use ray_tree::RayTree;

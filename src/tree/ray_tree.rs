@@ -5,7 +5,7 @@ use crate::baseline::BruteForce;
 use crate::build::{BuildParams, Callback, Policy, Progress, build_kd};
 use crate::error::BuildError;
 use crate::motion::{Geometry, Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
-use crate::ray::{Everything, Filter, Hit, Observer, Ray, TreeRay, Visible, kd};
+use crate::ray::{All, Any, Closest, Collect, Everything, Filter, Found, Hit, Observer, Ray, TreeRay, Visible};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -57,18 +57,33 @@ impl<G: Geometry> RayTree<G> {
         Ok(RayTree { geometry, layout, statistics })
     }
 
+    /// Offers every hit that may matter to `collect`; the one place that knows the layouts apart.
+    #[inline(always)]
+    fn trace(&self, ray: &TreeRay, filter: &impl Filter, collect: &mut impl Collect, observer: &mut impl Observer) {
+        match &self.layout {
+            Layout::Kd(tree) => tree.trace(&self.geometry, ray, filter, collect, observer),
+        }
+    }
+
+    /// A hit as an answer.
+    fn answer(&self, ray: &TreeRay, found: &Found) -> Hit {
+        ray.answer(found.hit, self.geometry.name(found.id))
+    }
+
     fn closest(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> Option<Hit> {
         let ray = TreeRay::new(ray, self.geometry.frame())?;
-        match &self.layout {
-            Layout::Kd(tree) => kd::closest(tree, &self.geometry, &ray, filter, observer),
-        }
+        let accept = |found: &Found| filter.accepts(|| self.answer(&ray, found));
+        let mut collect = Closest { t_max: ray.t_max, best: None, accept };
+        self.trace(&ray, filter, &mut collect, observer);
+        collect.best.map(|found| self.answer(&ray, &found))
     }
 
     fn any(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> bool {
         let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return false };
-        match &self.layout {
-            Layout::Kd(tree) => kd::any(tree, &self.geometry, &ray, filter, observer),
-        }
+        let accept = |found: &Found| filter.accepts(|| self.answer(&ray, found));
+        let mut collect = Any { t_max: ray.t_max, found: false, accept };
+        self.trace(&ray, filter, &mut collect, observer);
+        collect.found
     }
 
     fn all(
@@ -76,12 +91,15 @@ impl<G: Geometry> RayTree<G> {
         ray: &Ray,
         filter: &impl Filter,
         observer: &mut impl Observer,
-        visitor: impl FnMut(Hit) -> ControlFlow<()>,
+        mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
         let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return ControlFlow::Continue(()) };
-        match &self.layout {
-            Layout::Kd(tree) => kd::all(tree, &self.geometry, &ray, filter, observer, visitor),
-        }
+        let mut collect = All::new(ray.t_max, |found: &Found| {
+            let hit = self.answer(&ray, found);
+            if filter.accepts(|| hit) { visitor(hit) } else { ControlFlow::Continue(()) }
+        });
+        self.trace(&ray, filter, &mut collect, observer);
+        collect.flow
     }
 
     /// The nearest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).
