@@ -20,4 +20,4 @@ pub use motion::{
 };
 pub use ray::{Counters, Hit, Intersection, Observer, Ray};
 pub use simd::SimdLevel;
-pub use tree::{RayTree, Statistics};
+pub use tree::{RayTree, Statistics, ValidationError};

@@ -37,7 +37,8 @@ pub struct BuildParams {
     /// Whether a reference that was duplicated at some plane takes part in choosing planes again once it lies
     /// on one side of a plane below for its whole time. The paper can be read both ways. Default true.
     pub propagated_vote: bool,
-    /// Whether split planes may move with what lies near them. The paper's stand still. Default false.
+    /// Whether split planes may move along with the primitives. The paper's stand still. Only for
+    /// [`Policy::Mbkd`]. Default true: fewer references cross a plane that goes with them.
     pub moving_planes: bool,
     /// Cost of a step through an inner node (the paper's K_T), > 0. Only its ratio to
     /// [`intersection_cost`](BuildParams::intersection_cost) matters. Default 1.
@@ -61,7 +62,7 @@ impl Default for BuildParams {
             plane_time: 0.5,
             time_weighted: true,
             propagated_vote: true,
-            moving_planes: false,
+            moving_planes: true,
             traversal_cost: 1.0,
             intersection_cost: 2.0,
             empty_factor: 0.8,
@@ -72,6 +73,11 @@ impl Default for BuildParams {
 }
 
 impl BuildParams {
+    /// The paper's tree as the paper has it: [`Policy::Mbkd`] with planes that stand still.
+    pub fn paper() -> BuildParams {
+        BuildParams { policy: Policy::Mbkd, moving_planes: false, ..BuildParams::default() }
+    }
+
     /// The parameters with another policy.
     pub fn with_policy(self, policy: Policy) -> BuildParams {
         BuildParams { policy, ..self }

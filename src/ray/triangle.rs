@@ -83,7 +83,7 @@ impl Sheared {
 /// Tests one triangle at the ray's time.
 #[inline]
 pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
-    let shear = Sheared::new(ray.dir);
+    let shear = &ray.shear;
     shear.test(corners.map(|v| shear.corner(v, ray.origin)), ray.t_min, ray.t_max)
 }
 
