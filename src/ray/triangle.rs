@@ -56,7 +56,7 @@ impl Sheared {
     /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
     #[inline(always)]
     fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
-        let a = v - origin;
+        let a = (v - origin).to_array();
         [a[self.kx] - self.sx * a[self.kz], a[self.ky] - self.sy * a[self.kz], a[self.kz]]
     }
 
