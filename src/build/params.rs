@@ -48,7 +48,7 @@ pub struct BuildParams {
     /// The cost of a plane with one side empty is multiplied by this, in (0, 1]: it favours cutting off empty
     /// space. Default 0.8.
     pub empty_factor: f32,
-    /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 log2(n)` for `n` primitives.
+    /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 b` for a number of primitives of `b` bits.
     pub max_depth: Option<u32>,
     /// The greatest number of references per primitive, >= 1. It is divided among subtrees by rule, so that
     /// the tree does not depend on the number of threads; where it runs out there is a leaf. Default 8.
@@ -99,7 +99,7 @@ impl BuildParams {
 
     /// The depth budget for `n` primitives.
     pub(crate) fn depth_for(&self, n: usize) -> u32 {
-        let usual = 8 + (1.3 * (n.max(1) as f64).log2()).ceil() as u32;
+        let usual = 8 + 13 * (usize::BITS - n.leading_zeros()) / 10;
         self.max_depth.unwrap_or(usual).min(DEPTH_LIMIT as u32)
     }
 }
