@@ -94,7 +94,7 @@ fn block(tree: &RayTree, triangles: usize, seed: u64, rays: u64) -> Vec<Ray> {
         let primitive = (random.next() % triangles as u64) as u32;
         let time = random.unit();
         let [a, b, _] = tree.vertices(&Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive }, time);
-        let along = if random.next() % 2 == 0 { 0.0 } else { f64::from(random.unit()) };
+        let along = if random.next().is_multiple_of(2) { 0.0 } else { f64::from(random.unit()) };
         let origin: DVec3 = random.vec().as_dvec3() * 0.3;
         let ray = Ray::new(origin, (a + (b - a) * along - origin).as_vec3()).at_time(time);
         if !tree.any_hit(&ray) {

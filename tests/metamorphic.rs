@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Random, all_hits, random_ray, soup, variants};
-use mbkd::glam::Vec3;
+use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Keys, Ray, RayTree, TimeInterval, TriangleMesh};
 
 fn keys(mesh: &TriangleMesh) -> Vec<Vec<Vec3>> {
@@ -84,7 +84,7 @@ fn moving_along_with_the_ray() {
         let b = RayTree::build(std::slice::from_ref(&moving), &params).unwrap();
         for (i, ray) in rays(3000, 5).iter().enumerate() {
             let time = (i % 9) as f32 / 8.0;
-            let moved = Ray { origin: ray.origin + mbkd::glam::DVec3::new(8.0, -16.0, 0.0) * f64::from(time), ..*ray };
+            let moved = Ray { origin: ray.origin + DVec3::new(8.0, -16.0, 0.0) * f64::from(time), ..*ray };
             let (x, y) = (a.closest_hit(ray), b.closest_hit(&moved.at_time(time)));
             // The two trees have different frames, so distances agree up to rounding.
             match (x, y) {

@@ -20,7 +20,7 @@ fn a_million_rays_at_edges_and_vertices_from_inside() {
     for (m, (mesh, away)) in meshes.iter().enumerate() {
         // One of them far from zero, where f32 is coarse.
         let mbkd::Keys::F32(keys) = &mesh.keys else { unreachable!() };
-        let away = DVec3::splat(f64::from(*away));
+        let away = DVec3::splat(*away);
         let keys: Vec<Vec<DVec3>> = keys.iter().map(|key| key.iter().map(|p| p.as_dvec3() + away).collect()).collect();
         let mesh = mbkd::TriangleMesh::new(mesh.indices.clone(), keys);
         for (v, params) in variants.iter().enumerate() {
