@@ -11,6 +11,7 @@ mod frame;
 mod interval;
 mod keys;
 mod mesh;
+mod point;
 mod primitive;
 mod triangles;
 
@@ -20,6 +21,7 @@ pub(crate) use frame::Frame;
 pub use interval::TimeInterval;
 pub(crate) use keys::KeyTime;
 pub use mesh::{Keys, TriangleMesh};
+pub use point::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use primitive::Primitive;
 pub(crate) use primitive::{PrimitiveSet, Shapes};
 pub(crate) use triangles::Triangles;
