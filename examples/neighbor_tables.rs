@@ -36,7 +36,8 @@ fn main() {
     let mut buffer = NeighborBuffer::default();
     let r = (40.0 / n as f64 * 3.0 / 4.0 / std::f64::consts::PI).cbrt() as f32;
     let m = q.len();
-    for k in [1usize, 8, 32, 64, 0] {
+    let ks: Vec<usize> = std::env::var("K").map_or(vec![1, 8, 32, 64, 0], |k| vec![k.parse().unwrap()]);
+    for k in ks {
         let (mut a, mut c, mut d) = (vec![], vec![], vec![]);
         let mut sums = [0.0f64; 3];
         for _ in 0..5 {

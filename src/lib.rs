@@ -13,6 +13,9 @@ pub use error::{BuildError, IntervalError};
 pub use glam;
 pub use motion::{Aabb, Keys, LinearBounds, MAX_COORDINATE, Primitive, TimeInterval, TriangleMesh};
 pub use motion::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
-pub use neighbor::{KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborQuery, NeighborWork, PointError, PointParams, PointTree};
+pub use neighbor::{
+    KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborQuery, NeighborWork, PointError,
+    PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree, WithinIter,
+};
 pub use ray::{Hit, Intersection, Ray};
 pub use simd::SimdLevel;

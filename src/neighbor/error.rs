@@ -2,6 +2,9 @@
 
 use core::fmt;
 
+/// Most keys of a set.
+pub(super) const MAX_KEYS: usize = 1 << 16;
+
 /// Why a point tree could not be built. Nothing here panics on bad input: it returns this.
 ///
 /// ```
@@ -39,6 +42,11 @@ pub enum PointError {
     },
     /// There are points but no positions: no key was given.
     NoKeys,
+    /// More keys than a tree can tell apart.
+    TooManyKeys {
+        /// How many there were.
+        found: usize,
+    },
     /// An id is `u32::MAX`, which stands for "no point".
     ReservedId {
         /// The point.
@@ -72,6 +80,9 @@ impl fmt::Display for PointError {
                 write!(f, "`{name}` has {found} elements where {expected} are needed, one for each point")
             }
             PointError::NoKeys => f.write_str("no key was given; give the positions for at least one time"),
+            PointError::TooManyKeys { found } => {
+                write!(f, "{found} keys are more than {MAX_KEYS}; split the shutter")
+            }
             PointError::ReservedId { point } => {
                 write!(f, "the id of point {point} is {}, which is reserved; use smaller ids", u32::MAX)
             }

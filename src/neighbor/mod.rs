@@ -13,19 +13,30 @@
 //! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the cutting of what
 //! crosses planes; the rest is ours and measured in the docs.
 
+mod build;
+mod choose;
+mod cut;
 mod error;
+mod hull;
+mod iter;
+mod layer;
+mod mover;
+mod moving_tree;
 mod order;
 mod query;
 mod search;
 mod select;
 mod static_tree;
+mod stats;
 mod tree;
 mod view;
 
 pub use error::PointError;
+pub use iter::WithinIter;
 pub use query::{NeighborBuffer, NeighborQuery};
 pub use search::{KeepAll, KeepIf, NeighborWork};
-pub use tree::{MAX_POINT_COORDINATE, PointParams, PointTree};
+pub use stats::{PointLayerKind, PointLayerStats, PointStats};
+pub use tree::{MAX_POINT_COORDINATE, PointParams, PointStructure, PointTree};
 
 /// A point that a query found.
 #[derive(Clone, Copy, PartialEq, Debug)]

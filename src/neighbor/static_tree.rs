@@ -75,7 +75,7 @@ impl StaticTree {
     pub(super) fn build(mut items: Vec<Item>, id_of: impl Fn(u32) -> u32 + Sync) -> StaticTree {
         let shape = Shape::of(items.len());
         order(&mut items, shape.leaf());
-        let mut blocks = vec![EMPTY; items.len().div_ceil(LANES)];
+        let mut blocks = vec![EMPTY; items.len().div_ceil(shape.leaf()) * shape.leaf_blocks];
         let mut nodes = vec![Boxes::NONE; shape.nodes()];
         let share = LANES * shape.leaf_blocks;
         fill(&items, &mut blocks, &mut nodes[..shape.begin[1]], share, &id_of);
@@ -122,7 +122,7 @@ fn fill(
     if nodes.len() > SHARE {
         let half = nodes.len() / 2;
         let (nodes, more_nodes) = nodes.split_at_mut(half);
-        let (blocks, more_blocks) = blocks.split_at_mut(half * share);
+        let (blocks, more_blocks) = blocks.split_at_mut((half * share).min(blocks.len()));
         let (items, more_items) = items.split_at(half * share * LANES);
         return super::order::join(
             || fill(items, blocks, nodes, share, id_of),

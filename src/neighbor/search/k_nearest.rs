@@ -6,7 +6,7 @@
 //! least distance seen, so what is dropped can not be an answer. One sort at the end puts them in order.
 
 use super::sort::{pack, unpack as unpack_pair};
-use super::walk::{Collect, keys, unpack};
+use super::walk::Collect;
 use super::{Keep, Observe, kept};
 use crate::neighbor::view::{Target, View};
 use crate::simd::{LANES, Simd, lanes_at};
@@ -17,6 +17,7 @@ pub(in crate::neighbor) struct Candidates {
     pub(in crate::neighbor) distances: Vec<f32>,
     pub(in crate::neighbor) ids: Vec<u32>,
     pub(in crate::neighbor) count: usize,
+    raw: Vec<f32>,
     pub(in crate::neighbor) packed: Vec<u64>,
 }
 
@@ -34,6 +35,7 @@ impl Candidates {
         let size = (2 * (self.count + more + LANES)).next_multiple_of(LANES);
         self.distances.resize(size, 0.0);
         self.ids.resize(size, 0);
+        self.raw.resize(size, 0.0);
     }
 
     /// Appends the lanes of a mask; there must be room.
@@ -45,6 +47,13 @@ impl Candidates {
         let ids: &mut [u32; LANES] = (&mut self.ids[to]).try_into().expect("sixteen");
         s.store_u(s.compress_u(id, mask), ids);
         self.count += mask.count_ones() as usize;
+    }
+
+    /// Overwrites sixteen distances.
+    #[inline(always)]
+    fn write<S: Simd>(&mut self, s: S, at: usize, distance: S::F) {
+        let to: &mut [f32; LANES] = (&mut self.raw[at..at + LANES]).try_into().expect("sixteen");
+        s.store(distance, to);
     }
 
     /// Drops everything above the threshold.
@@ -111,11 +120,10 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         self.k.saturating_mul(2).saturating_add(8)
     }
 
-    /// Lowers the threshold until at most about 1.5k candidates are under it.
+    /// A threshold that has between k and about 1.5k of the first `end` distances under it, found by
+    /// counting from a guess; nothing where equal distances prevent it. `end` is a multiple of [`LANES`].
     #[inline(always)]
-    fn tighten<S: Simd>(&mut self, s: S, guess: f32) {
-        let count = self.candidates.count;
-        self.candidates.distances[count..count + LANES].fill(f32::INFINITY);
+    fn lower<S: Simd>(&self, s: S, distances: &[f32], guess: f32) -> Option<f32> {
         let most = self.k + self.k / 2 + 4;
         let aim = (self.k + self.k / 4 + 2) as f32;
         // `low` has fewer than k under it, `high` too many.
@@ -125,14 +133,14 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         for _ in 0..12 {
             let mut under = 0;
             let limit = s.splat(threshold);
-            for at in (0..count).step_by(LANES) {
-                under += s.le(s.load(lanes_at(&self.candidates.distances, at)), limit).count_ones() as usize;
+            for at in (0..distances.len()).step_by(LANES) {
+                under += s.le(s.load(lanes_at(distances, at)), limit).count_ones() as usize;
             }
             if under < self.k {
                 low = threshold;
             } else {
                 high = threshold;
-                found = Some((threshold, under));
+                found = (under <= self.limit()).then_some(threshold);
                 if under <= most {
                     break;
                 }
@@ -143,12 +151,20 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             let between = next > low && next < high;
             threshold = if between { next } else { middle(low, high) };
         }
-        match found {
-            Some((threshold, under)) if under <= self.limit() => {
+        found
+    }
+
+    /// Lowers the threshold until at most about 1.5k candidates are under it.
+    #[inline(always)]
+    fn tighten<S: Simd>(&mut self, s: S, guess: f32) {
+        let count = self.candidates.count;
+        self.candidates.distances[count..count + LANES].fill(f32::INFINITY);
+        match self.lower(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess) {
+            Some(threshold) => {
                 self.threshold = threshold;
                 self.candidates.retain(s, threshold);
             }
-            _ => self.threshold = self.candidates.retain_exactly(self.k),
+            None => self.threshold = self.candidates.retain_exactly(self.k),
         }
         self.cull = self.threshold * self.shrink;
     }
@@ -164,31 +180,58 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
     }
 
-    /// The first bottom node: all its points at once, and a threshold from them.
+    /// The first bottom node: the distances of all its points, a threshold from them, and only then ids.
     #[inline(always)]
     fn seed<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, lanes: u16) {
-        let mut least = s.splat(f32::MAX);
-        let mut rest = lanes;
+        let begin = self.candidates.count;
+        let blocks = view.leaf_blocks();
+        let (mut least, mut count) = (s.splat(f32::MAX), begin);
+        let (mut rest, mut end) = (lanes, 0);
         while rest != 0 {
-            let leaf = first + rest.trailing_zeros() as usize * view.leaf_blocks();
+            let leaf = first + rest.trailing_zeros() as usize * blocks;
             rest &= rest - 1;
-            for block in leaf..leaf + view.leaf_blocks() {
+            for block in leaf..leaf + blocks {
                 self.observe.block();
                 let distance = view.point_distances(s, target, block);
-                let ids = view.ids(block);
-                let under = kept(self.keep, ids, s.le(distance, s.splat(self.threshold)));
-                self.candidates.push(s, distance, s.load_u(ids), under);
-                least = s.min(s.select(under, distance, least), least);
+                let under = kept(self.keep, view.ids(block), s.le(distance, s.splat(self.threshold)));
+                let distance = s.select(under, distance, s.splat(f32::INFINITY));
+                self.candidates.write(s, end, distance);
+                least = s.min(distance, least);
+                count += under.count_ones() as usize;
+                end += LANES;
             }
         }
-        if self.candidates.count > self.limit() {
+        let mut threshold = self.threshold;
+        if count > self.limit() && begin == 0 {
             // About a dozen points are under the mean of sixteen columns' minima.
             let mut column = [0.0; LANES];
             s.store(least, &mut column);
             let mean = sum(&column) * (1.0 / LANES as f32);
-            let scale = if self.k <= 12 { 1.0 } else { let r = self.k as f32 * 0.1; r.sqrt() * r.sqrt().sqrt() };
-            let guess = mean * scale;
-            self.tighten(s, if guess < self.threshold { guess } else { middle(0.0, self.threshold) });
+            let more = (self.k as f32 * 0.1).max(1.0);
+            let guess = mean * (more.sqrt() * more.sqrt().sqrt());
+            let guess = if guess < threshold { guess } else { middle(0.0, threshold) };
+            if let Some(lower) = self.lower(s, &self.candidates.raw[..end], guess) {
+                threshold = lower;
+            }
+        }
+        // In place: what is written never overtakes what is read.
+        let limit = s.splat(threshold);
+        let (mut rest, mut from) = (lanes, 0);
+        while rest != 0 {
+            let leaf = first + rest.trailing_zeros() as usize * blocks;
+            rest &= rest - 1;
+            for block in leaf..leaf + blocks {
+                let distance = s.load(lanes_at(&self.candidates.raw, from));
+                from += LANES;
+                let under = s.le(distance, limit);
+                self.candidates.push(s, distance, s.load_u(view.ids(block)), under);
+            }
+        }
+        if self.candidates.count > self.limit() {
+            self.tighten(s, middle(0.0, threshold));
+        } else if self.candidates.count >= self.k {
+            self.threshold = threshold;
+            self.cull = threshold * self.shrink;
         }
     }
 }
@@ -215,6 +258,11 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
     }
 
     #[inline(always)]
+    fn node(&mut self) {
+        self.observe.node();
+    }
+
+    #[inline(always)]
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
         let within = s.le(boxes, s.splat(self.cull));
@@ -222,14 +270,7 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
         if self.candidates.count < self.k {
             return self.seed(s, view, target, first, within);
         }
-        if within.count_ones() > 2 {
-            // Nearest leaf first: it lowers the threshold for the others.
-            let (lane, _) = unpack(s.reduce_min_u(keys(s, boxes)));
-            self.leaf(s, view, target, first + lane * view.leaf_blocks());
-            self.rest(s, view, target, first, within & !(1 << lane));
-        } else {
-            self.rest(s, view, target, first, within);
-        }
+        self.rest(s, view, target, first, within);
     }
 }
 

@@ -65,6 +65,11 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
     }
 
     #[inline(always)]
+    fn node(&mut self) {
+        self.observe.node();
+    }
+
+    #[inline(always)]
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
         let (lane, distance) = unpack(s.reduce_min_u(keys(s, boxes)));

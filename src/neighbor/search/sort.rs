@@ -1,44 +1,41 @@
 //! Putting candidates into order: by squared distance, ties by id.
 
+use super::k_nearest::Candidates;
 use crate::neighbor::Neighbor;
 use crate::simd::{LANES, Simd, lanes_at};
 
 /// Above this many, sorting by counting loses to ordinary sorting.
 const COUNTED: usize = 208;
 
-/// Writes the `k` nearest of the first `count` candidates into `found`, in order.
-///
-/// `distances` must have a whole vector of room behind `count`, which is overwritten. `packed` is
-/// scratch memory.
+/// Writes the `k` nearest candidates into `found`, in order.
 #[inline(always)]
 pub(in crate::neighbor) fn nearest_in_order<S: Simd>(
     s: S,
     k: usize,
-    count: usize,
-    distances: &mut [f32],
-    ids: &[u32],
+    candidates: &mut Candidates,
     found: &mut Vec<Neighbor>,
-    packed: &mut Vec<u64>,
 ) {
+    let k = k.min(candidates.count);
     found.clear();
-    let k = k.min(count);
-    if count <= COUNTED && by_rank(s, k, count, distances, ids, found) {
+    if candidates.count <= COUNTED && by_rank(s, k, candidates, found) {
         return;
     }
-    by_comparison(k, &distances[..count], &ids[..count], found, packed);
+    by_comparison(k, candidates, found);
+}
+
+/// Writes all candidates into `found`, in order.
+#[inline(always)]
+pub(in crate::neighbor) fn all_in_order<S: Simd>(s: S, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+    nearest_in_order(s, candidates.count, candidates, found);
 }
 
 /// The place of each is the number of those that are nearer. False where two are equally far: then two
 /// would claim the same place.
 #[inline(always)]
-fn by_rank<S: Simd>(
-    s: S,
-    k: usize,
-    count: usize,
-    distances: &mut [f32],
-    ids: &[u32],
-    found: &mut Vec<Neighbor>,
-) -> bool {
+fn by_rank<S: Simd>(s: S, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) -> bool {
+    candidates.reserve(0);
+    let Candidates { distances, ids, count, .. } = candidates;
+    let count = *count;
     distances[count..count + LANES].fill(f32::INFINITY);
     found.resize(k, Neighbor { id: 0, distance_squared: 0.0 });
     let vectors = count.div_ceil(LANES);
@@ -72,9 +69,10 @@ pub(in crate::neighbor) fn unpack(key: u64) -> Neighbor {
 
 /// Ordinary selection and sorting. A function of its own: it is rare or long.
 #[inline(never)]
-fn by_comparison(k: usize, distances: &[f32], ids: &[u32], found: &mut Vec<Neighbor>, packed: &mut Vec<u64>) {
+fn by_comparison(k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+    let Candidates { distances, ids, count, packed, .. } = candidates;
     packed.clear();
-    packed.extend(distances.iter().zip(ids).map(|(&distance, &id)| pack(distance, id)));
+    packed.extend(distances.iter().zip(&*ids).take(*count).map(|(&distance, &id)| pack(distance, id)));
     if k < packed.len() {
         packed.select_nth_unstable(k);
         packed.truncate(k);

@@ -6,7 +6,6 @@
 //! distance, so the comparison with the bound masks them away first; what is left never exceeds the
 //! distance.
 
-use super::Observe;
 use crate::neighbor::view::{MAX_LEVELS, Target, View};
 use crate::simd::{LANES, Simd};
 
@@ -14,6 +13,8 @@ use crate::simd::{LANES, Simd};
 pub(in crate::neighbor) trait Collect<S: Simd> {
     /// The squared distance above which boxes need not be visited (strictly).
     fn cull(&self) -> f32;
+    /// A node's sixteen boxes are about to be tested.
+    fn node(&mut self);
     /// Looks at the leaves of a bottom node, whose squared distances are `boxes`.
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F);
 }
@@ -40,19 +41,18 @@ pub(in crate::neighbor) fn unpack(key: u32) -> (usize, f32) {
 
 /// Visits bottom nodes, nearest children first, until nothing within the bound is left.
 #[inline(always)]
-pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>, O: Observe>(
+pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(
     s: S,
     view: &V,
     target: &Target<S>,
     collect: &mut C,
-    observe: &mut O,
 ) {
     let (top, root) = view.root();
     let mut open = [[DONE; LANES]; MAX_LEVELS];
     let mut first = [0; MAX_LEVELS];
     let (mut level, mut node) = (top, root);
     loop {
-        observe.node();
+        collect.node();
         let boxes = view.box_distances(s, target, node);
         if level == 0 {
             collect.bottom(s, view, target, node, boxes);
