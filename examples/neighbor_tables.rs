@@ -218,7 +218,13 @@ fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
                 "random 1x" => random,
                 "random 5x" => random * 5.0,
                 "random 20x" => random * 20.0,
-                "5% fast" => if rng.unit() < 0.05 { random * 20.0 } else { Vec3::ZERO },
+                "5% fast" => {
+                    if rng.unit() < 0.05 {
+                        random * 20.0
+                    } else {
+                        Vec3::ZERO
+                    }
+                }
                 "5% fast, rest slow" => random * if rng.unit() < 0.05 { 20.0 } else { 0.1 },
                 "clustered" => random * 0.5,
                 _ => unreachable!("{row}"),
@@ -232,7 +238,13 @@ fn moving_tables(args: &Args) {
     let n = *args.points.last().unwrap();
     println!("\nMoving points, {n} of them, every query its own time: ns per query");
     let rows = [
-        "coherent 10%", "random 0.5x", "random 1x", "random 5x", "random 20x", "5% fast", "5% fast, rest slow",
+        "coherent 10%",
+        "random 0.5x",
+        "random 1x",
+        "random 5x",
+        "random 20x",
+        "5% fast",
+        "5% fast, rest slow",
         "clustered",
     ];
     for row in rows {

@@ -69,6 +69,8 @@ pub enum BuildError {
         /// How many there were.
         found: usize,
     },
+    /// The tree would be larger than its references can number (2 GiB of nodes and leaf blocks).
+    TooLargeTree,
     /// A build parameter is outside its range.
     Parameter {
         /// The field of [`crate::BuildParams`].
@@ -76,6 +78,9 @@ pub enum BuildError {
         /// What it has to be.
         expected: &'static str,
     },
+    /// The tree would need more nodes or references than its indices can name; lower
+    /// [`crate::BuildParams::max_references`] or split the scene.
+    TooManyReferences,
     /// The progress callback asked to stop.
     Cancelled,
 }
@@ -112,7 +117,13 @@ impl fmt::Display for BuildError {
             BuildError::TooManyPrimitives { found } => {
                 write!(f, "{found} primitives are more than one tree can name (2^32 - 2); split the scene")
             }
+            BuildError::TooLargeTree => {
+                write!(f, "the tree would be larger than 2 GiB; split the scene into several trees")
+            }
             BuildError::Parameter { name, expected } => write!(f, "build parameter `{name}` must be {expected}"),
+            BuildError::TooManyReferences => f.write_str(
+                "the tree needs more references than it can name: lower `max_references` or split the scene",
+            ),
             BuildError::Cancelled => f.write_str("the build was cancelled by its progress callback"),
         }
     }

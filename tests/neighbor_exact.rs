@@ -179,7 +179,11 @@ fn many_keys_are_met_exactly() {
                     let q = rng.vec();
                     let found = tree.nearest_n(q, time, 12);
                     let all = cloud.sorted(q, time);
-                    assert_eq!(found, &all[..all.len().min(12)], "{keys} keys, lives {lives}, {structure:?}, time {time}");
+                    assert_eq!(
+                        found,
+                        &all[..all.len().min(12)],
+                        "{keys} keys, lives {lives}, {structure:?}, time {time}"
+                    );
                 }
             }
         }

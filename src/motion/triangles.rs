@@ -1,21 +1,23 @@
 //! Triangle meshes in tree space: all vertices of all meshes in one place.
 
+use super::separate::{INSTANTS, Instant, stays_clear};
 use super::{Aabb, Box3, Frame, KeyTime, LinearBox3, PrimitiveSet, TimeInterval, TriangleMesh, ULP};
 use crate::error::BuildError;
 use crate::ray::{SetHit, TreeRay, intersect_triangle};
 use glam::{DVec3, Vec3};
 
-/// The triangles of several meshes, rebased into one frame.
+/// The triangles of several meshes, as a [`RayTree`](crate::RayTree) holds them: rebased into one frame.
 ///
 /// A triangle's id counts through the meshes in their order, so that the lowest id is the lowest
 /// (mesh, triangle).
-pub(crate) struct Triangles {
+pub struct Triangles {
     frame: Frame,
     meshes: Vec<Rebased>,
     /// Vertex indices of each triangle within its mesh.
     indices: Vec<[u32; 3]>,
     /// The mesh of each triangle.
     mesh_of: Vec<u32>,
+    always_active: bool,
 }
 
 struct Rebased {
@@ -29,7 +31,7 @@ struct Rebased {
 
 impl Triangles {
     /// Checks the meshes and copies them into tree space.
-    pub fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
+    pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
         let mut swept = Aabb::EMPTY;
         for (i, mesh) in meshes.iter().enumerate() {
             swept = swept.union(mesh.validate(i)?);
@@ -53,12 +55,8 @@ impl Triangles {
             indices.extend_from_slice(&mesh.indices);
             mesh_of.resize(indices.len(), i as u32);
         }
-        Ok(Triangles { frame, meshes: rebased, indices, mesh_of })
-    }
-
-    /// The map between world and tree space.
-    pub fn frame(&self) -> Frame {
-        self.frame
+        let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
+        Ok(Triangles { frame, meshes: rebased, indices, mesh_of, always_active })
     }
 
     fn mesh(&self, id: u32) -> &Rebased {
@@ -66,24 +64,26 @@ impl Triangles {
     }
 
     /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
-    pub fn keys(&self, id: u32) -> usize {
+    pub(crate) fn keys(&self, id: u32) -> usize {
         self.mesh(id).keys.len()
     }
 
-    /// The visibility mask of the triangle's mesh.
-    pub fn mask(&self, id: u32) -> u32 {
-        self.mesh(id).mask
+    /// The id of a triangle of a mesh, if there is such a triangle.
+    pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
+        let first = self.meshes.get(mesh as usize)?.first;
+        let end = self.meshes.get(mesh as usize + 1).map_or(self.indices.len() as u32, |next| next.first);
+        first.checked_add(triangle).filter(|&id| id < end)
     }
 
     /// The corners at one key.
-    pub fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
+    pub(crate) fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
         let positions = &self.mesh(id).keys[key];
         self.indices[id as usize].map(|i| positions[i as usize])
     }
 
     /// The corners at time `t`, exactly as queries see them.
     #[inline]
-    pub fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
+    pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
         let keys = &self.mesh(id).keys;
         let corners = self.indices[id as usize];
         if keys.len() == 1 {
@@ -122,6 +122,10 @@ impl PrimitiveSet for Triangles {
         self.mesh(id).active
     }
 
+    fn always_active(&self) -> bool {
+        self.always_active
+    }
+
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         let keys = self.keys(id);
         if keys == 1 {
@@ -131,11 +135,10 @@ impl PrimitiveSet for Triangles {
         let mut bounds =
             LinearBox3 { begin: box_of(self.corners(id, over.begin())), end: box_of(self.corners(id, over.end())) };
         let segments = (keys - 1) as f32;
-        let first = (over.begin() * segments).floor() as usize + 1;
-        let last = ((over.end() * segments).ceil() as usize).min(keys - 1);
-        if first < last {
+        let inner = inner_keys(over, keys);
+        if !inner.is_empty() {
             let mut wide = widen(bounds);
-            for key in first..last {
+            for key in inner {
                 let w = (key as f64 / f64::from(segments) - f64::from(over.begin())) / f64::from(over.duration());
                 wide.include(w, world_box(box_of(self.corners_at_key(id, key))));
             }
@@ -149,15 +152,59 @@ impl PrimitiveSet for Triangles {
         super::clip::clip_triangle(self.corners(id, time), cell)
     }
 
+    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+        let keys = self.keys(id);
+        let at = |t: f32, cell: Box3| Instant { corners: self.corners(id, t), cell };
+        if keys == 1 && cell.begin == cell.end {
+            return stays_clear(&[at(0.0, cell.begin)], 0.0);
+        }
+        // Both ends and the keys between.
+        let mut instants = [at(over.begin(), cell.begin); INSTANTS];
+        let mut n = 1;
+        let segments = (keys - 1) as f32;
+        for key in inner_keys(over, keys) {
+            if n == INSTANTS - 1 {
+                return false;
+            }
+            let t = key as f32 / segments;
+            let w = (t - over.begin()) / over.duration();
+            instants[n] = at(t, cell.at(w));
+            n += 1;
+        }
+        instants[n] = at(over.end(), cell.end);
+        stays_clear(&instants[..=n], Triangles::slack(keys))
+    }
+
     #[inline]
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
         intersect_triangle(ray, self.corners(id, ray.time))
+    }
+
+    fn mask(&self, id: u32) -> u32 {
+        self.mesh(id).mask
     }
 
     fn name(&self, id: u32) -> (u32, u32) {
         let mesh = self.mesh_of[id as usize];
         (mesh, id - self.meshes[mesh as usize].first)
     }
+
+    fn frame(&self) -> Frame {
+        self.frame
+    }
+
+    fn bytes(&self) -> usize {
+        let keys = self.meshes.iter().flat_map(|m| &m.keys);
+        let positions: usize = keys.map(|k| k.capacity() * size_of::<Vec3>()).sum();
+        positions + self.indices.capacity() * size_of::<[u32; 3]>() + self.mesh_of.capacity() * size_of::<u32>()
+    }
+}
+
+/// The keys strictly inside an interval (and perhaps one at its end).
+fn inner_keys(over: TimeInterval, keys: usize) -> core::ops::Range<usize> {
+    let segments = (keys - 1) as f32;
+    let first = (over.begin() * segments).floor() as usize + 1;
+    first..((over.end() * segments).ceil() as usize).min(keys - 1)
 }
 
 fn world_box(b: Box3) -> Aabb {

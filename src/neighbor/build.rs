@@ -131,7 +131,7 @@ fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
     use crate::motion::KeyTime;
     let segments = (keys - 1).max(1);
     let near = (i as f64 / (segments * per_segment) as f64) as f32;
-    if i % per_segment != 0 || i == 0 {
+    if !i.is_multiple_of(per_segment) || i == 0 {
         return near;
     }
     let segment = i / per_segment;

@@ -147,10 +147,8 @@ fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Vec<Mover>> {
 fn work(sample: &[Mover], keys: usize, segment: usize, plan: &Plan, simd: SimdLevel) -> f64 {
     let parts = parts(keys, plan.parts);
     let Some(part) = parts.get(segment * plan.parts + plan.parts / 2).copied() else { return f64::INFINITY };
-    let inside: Vec<Mover> = sample
-        .iter()
-        .filter_map(|m| Some(Mover { alive: m.alive.intersect(part.interval)?, ..*m }))
-        .collect();
+    let inside: Vec<Mover> =
+        sample.iter().filter_map(|m| Some(Mover { alive: m.alive.intersect(part.interval)?, ..*m })).collect();
     if inside.is_empty() {
         return 0.0;
     }

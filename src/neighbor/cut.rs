@@ -129,7 +129,11 @@ impl Cutter {
                     None => halves[usize::from(place >= rank)].push(mover),
                 }
             }
-            if halves[0].len() <= room[0] && halves[1].len() <= room[1] && !halves[0].is_empty() && !halves[1].is_empty() {
+            if halves[0].len() <= room[0]
+                && halves[1].len() <= room[1]
+                && !halves[0].is_empty()
+                && !halves[1].is_empty()
+            {
                 return halves;
             }
         }

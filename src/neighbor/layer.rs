@@ -56,12 +56,7 @@ impl Layer {
 
 /// Walks through all layers, nearest boxes first.
 #[inline(always)]
-pub(super) fn walk_all<S: Simd, C: Collect<S>>(
-    s: S,
-    layers: &[Layer],
-    (point, time): (Vec3, f32),
-    collect: &mut C,
-) {
+pub(super) fn walk_all<S: Simd, C: Collect<S>>(s: S, layers: &[Layer], (point, time): (Vec3, f32), collect: &mut C) {
     for layer in layers {
         match layer.at(time) {
             LayerView::Still(view) => walk(s, &view, &view.target(s, point), collect),

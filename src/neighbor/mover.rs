@@ -45,7 +45,13 @@ impl Part {
 pub(super) fn phase(at: KeyTime, segment: usize) -> f32 {
     match at.segment.cmp(&segment) {
         core::cmp::Ordering::Less => 0.0,
-        core::cmp::Ordering::Equal => if at.from_end { at.s + 1.0 } else { at.s },
+        core::cmp::Ordering::Equal => {
+            if at.from_end {
+                at.s + 1.0
+            } else {
+                at.s
+            }
+        }
         core::cmp::Ordering::Greater => 1.0,
     }
 }

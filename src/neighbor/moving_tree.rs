@@ -354,4 +354,3 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         &self.tree.blocks[block].id
     }
 }
-

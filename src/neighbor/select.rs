@@ -15,5 +15,7 @@ pub(super) fn select(items: &mut [Item], count: usize, axis: usize) {
 }
 
 fn select_axis<const AXIS: usize>(items: &mut [Item], count: usize) {
-    items.select_nth_unstable_by(count, |a, b| a.at[AXIS].partial_cmp(&b.at[AXIS]).unwrap_or(core::cmp::Ordering::Equal));
+    items.select_nth_unstable_by(count, |a, b| {
+        a.at[AXIS].partial_cmp(&b.at[AXIS]).unwrap_or(core::cmp::Ordering::Equal)
+    });
 }

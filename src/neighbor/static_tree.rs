@@ -112,13 +112,7 @@ impl StaticTree {
 const SHARE: usize = 64;
 
 /// Writes blocks and bottom nodes, `share` blocks to a node.
-fn fill(
-    items: &[Item],
-    blocks: &mut [Block],
-    nodes: &mut [Boxes],
-    share: usize,
-    id_of: &(impl Fn(u32) -> u32 + Sync),
-) {
+fn fill(items: &[Item], blocks: &mut [Block], nodes: &mut [Boxes], share: usize, id_of: &(impl Fn(u32) -> u32 + Sync)) {
     if nodes.len() > SHARE {
         let half = nodes.len() / 2;
         let (nodes, more_nodes) = nodes.split_at_mut(half);

@@ -122,8 +122,7 @@ impl PointTree {
         let origin = check(points)?;
         let source = Source { points, origin };
         let len = points.len();
-        let mut tree =
-            PointTree { origin, simd: params.simd, layers: Vec::new(), stats: PointStats::default(), len };
+        let mut tree = PointTree { origin, simd: params.simd, layers: Vec::new(), stats: PointStats::default(), len };
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
         let count = still.iter().filter(|&&s| s).count();
         if count == len {

@@ -47,6 +47,7 @@ impl Kernel for All {
                 out_f(s.max(a, b)),
                 out_f(s.select(self.mask, a, b)),
                 out_f(s.splat(self.a[3])),
+                out_f(s.load_first(&self.a, 16 - self.mask as usize % 17, self.mask as usize % 17)),
                 out_f(s.from_bits(ua)),
                 out_u(ua & ub),
                 out_u(ua | ub),
@@ -139,7 +140,7 @@ fn the_arena_begins_on_cache_lines_and_keeps_what_is_written() {
     assert_eq!((arena.floats()[4], arena.ints()[16]), (1.5, 7));
     assert_eq!(arena.floats().len(), 32, "rows may be read to the end of the last line");
     arena.prefetch(b);
-    arena.shrink();
+    arena.settle();
     assert!(arena.bytes() >= 128);
     assert_eq!(Arena::position(u32::MAX as usize), Some(u32::MAX));
     assert_eq!(Arena::position(u32::MAX as usize + 1), None);

@@ -81,8 +81,22 @@ impl Rng {
 
 /// The kinds of sets that searches are tried on.
 pub const KINDS: [&str; 16] = [
-    "uniform", "surface", "equal", "line", "lattice", "plane", "two places", "denormal", "huge", "coherent", "random",
-    "fast few", "wild speeds", "short lives", "converging", "tiny steps",
+    "uniform",
+    "surface",
+    "equal",
+    "line",
+    "lattice",
+    "plane",
+    "two places",
+    "denormal",
+    "huge",
+    "coherent",
+    "random",
+    "fast few",
+    "wild speeds",
+    "short lives",
+    "converging",
+    "tiny steps",
 ];
 
 /// `count` points of a kind.

@@ -73,8 +73,9 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
         let (lane, distance) = unpack(s.reduce_min_u(keys(s, boxes)));
-        // Not `>`: an absent lane's key may unpack to infinity or NaN.
-        if !(distance <= self.cull) {
+        // An absent lane's key may unpack to NaN, which is not within any bound.
+        let within = distance <= self.cull;
+        if !within {
             return;
         }
         self.leaf(s, view, target, first + lane * view.leaf_blocks());
@@ -91,4 +92,3 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
         self.tighten(s);
     }
 }
-

@@ -41,12 +41,7 @@ pub(in crate::neighbor) fn unpack(key: u32) -> (usize, f32) {
 
 /// Visits bottom nodes, nearest children first, until nothing within the bound is left.
 #[inline(always)]
-pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(
-    s: S,
-    view: &V,
-    target: &Target<S>,
-    collect: &mut C,
-) {
+pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V, target: &Target<S>, collect: &mut C) {
     let (top, root) = view.root();
     let mut open = [[DONE; LANES]; MAX_LEVELS];
     let mut first = [0; MAX_LEVELS];

@@ -1,0 +1,124 @@
+//! What a traversal does with the hits it finds.
+
+use super::hit::SetHit;
+use core::ops::ControlFlow;
+use std::collections::HashSet;
+
+/// A hit with its primitive's id.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    pub hit: SetHit,
+    pub id: u32,
+}
+
+/// Receives hits in any order. Culling asks for the limit: what is strictly farther is of no interest.
+pub(crate) trait Collect {
+    /// Whether nearer children should be visited first.
+    const ORDERED: bool;
+    /// The largest `t` that still matters.
+    fn limit(&self) -> f32;
+    /// Takes a hit within the ray's range and the limit; true ends the query.
+    fn offer(&mut self, found: Found) -> bool;
+}
+
+/// Keeps the nearest hit; of equally near ones the lowest id.
+pub(crate) struct Closest<F> {
+    pub t_max: f32,
+    pub best: Option<Found>,
+    pub accept: F,
+}
+
+impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
+    const ORDERED: bool = true;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn offer(&mut self, found: Found) -> bool {
+        let better = match self.best {
+            Some(best) => found.hit.t < best.hit.t || (found.hit.t == best.hit.t && found.id < best.id),
+            None => true,
+        };
+        if better && (self.accept)(&found) {
+            self.t_max = found.hit.t;
+            self.best = Some(found);
+        }
+        false
+    }
+}
+
+/// Stops at the first hit.
+pub(crate) struct Any<F> {
+    pub t_max: f32,
+    pub found: bool,
+    pub accept: F,
+}
+
+impl<F: Fn(&Found) -> bool> Collect for Any<F> {
+    const ORDERED: bool = false;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn offer(&mut self, found: Found) -> bool {
+        self.found = (self.accept)(&found);
+        self.found
+    }
+}
+
+/// Hands on every primitive once.
+///
+/// A primitive may be met in several leaves. The ids of those that were handed on are remembered, so the memory is
+/// that of the answer: a short list, and a hash set once it is no longer short.
+pub(crate) struct All<V> {
+    t_max: f32,
+    visitor: V,
+    few: Vec<u32>,
+    many: HashSet<u32>,
+    /// What the visitor said last.
+    pub flow: ControlFlow<()>,
+}
+
+impl<V> All<V> {
+    /// Ids up to this number are searched one by one.
+    const FEW: usize = 24;
+
+    pub fn new(t_max: f32, visitor: V) -> All<V> {
+        All { t_max, visitor, few: Vec::new(), many: HashSet::new(), flow: ControlFlow::Continue(()) }
+    }
+
+    /// Whether the id is new; remembers it.
+    fn first_time(&mut self, id: u32) -> bool {
+        if self.few.contains(&id) {
+            false
+        } else if self.few.len() < All::<V>::FEW {
+            self.few.push(id);
+            true
+        } else {
+            self.many.insert(id)
+        }
+    }
+}
+
+impl<V: FnMut(&Found) -> ControlFlow<()>> Collect for All<V> {
+    const ORDERED: bool = false;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn offer(&mut self, found: Found) -> bool {
+        if self.first_time(found.id) {
+            self.flow = (self.visitor)(&found);
+        }
+        self.flow.is_break()
+    }
+}
