@@ -232,6 +232,12 @@ impl PointTree {
     }
 }
 
+impl core::fmt::Debug for PointTree {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("PointTree").field("len", &self.len).field("stats", &self.stats).finish_non_exhaustive()
+    }
+}
+
 /// How the movers are put into trees, and why.
 fn plan_for<P: PointSet + ?Sized>(
     source: &Source<'_, P>,
