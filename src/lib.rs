@@ -21,8 +21,9 @@ pub use motion::{
 };
 pub use motion::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use neighbor::{
-    KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborQuery, NeighborWork, PointError,
-    PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree, WithinIter,
+    Approach, KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery,
+    NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree,
+    WithinIter,
 };
 pub use ray::{Counters, Hit, Intersection, Observer, Ray};
 pub use simd::SimdLevel;

@@ -102,13 +102,19 @@ impl<P: PointSet + ?Sized> Source<'_, P> {
     }
 
     /// The movers of a part of the shutter among some of the points.
-    pub(super) fn movers(&self, part: &Part, select: impl Iterator<Item = usize>) -> Vec<Mover> {
+    pub(super) fn movers(
+        &self,
+        part: &Part,
+        select: impl Iterator<Item = usize>,
+        id: impl Fn(usize) -> u32,
+    ) -> Vec<Mover> {
         let later = (part.segment + 1).min(part.keys - 1);
         select
             .filter_map(|i| {
-                let alive = self.points.alive(i).intersect(part.interval)?;
-                let id = self.points.id(i);
-                Some(Mover { open: self.at(i, part.segment), close: self.at(i, later), alive, id, cut: false })
+                let life = self.points.alive(i);
+                let alive = life.intersect(part.interval)?;
+                let (open, close) = (self.at(i, part.segment), self.at(i, later));
+                Some(Mover { open, close, alive, life, id: id(i), cut: false })
             })
             .collect()
     }
@@ -161,6 +167,6 @@ pub(super) fn moving_layer<P: PointSet + ?Sized>(
     select: impl Iterator<Item = usize> + Clone,
     plan: &Plan,
 ) -> Layer {
-    let tree = |part: Part| part_tree(source.movers(&part, select.clone()), part, plan);
+    let tree = |part: Part| part_tree(source.movers(&part, select.clone(), |i| source.points.id(i)), part, plan);
     Layer::Moving(parts(source.points.keys(), plan.parts).into_iter().map(tree).collect())
 }

@@ -69,68 +69,103 @@ const SEARCHES: usize = 192;
 /// Price of a block in nodes: a node has twelve rows and leads on, a block has six and does not.
 const BLOCK_PRICE: f64 = 0.7;
 
+/// Visits of a tree cost this much more for every doubling of its size beyond what caches hold.
+const CACHE_PRICE: f64 = 0.3;
+const CACHED_BYTES: f64 = 16e6;
+
+/// Bytes of a reference with its share of nodes.
+const REFERENCE_BYTES: f64 = 32.0;
+
 /// A structure must be this much cheaper than a simpler one to be taken.
 const GAIN: f64 = 0.93;
 
-/// What was tried and what it costs per search, in node visits.
+/// What was tried and what it costs per search, in node visits of a small tree.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Trial {
     pub(super) plan: Plan,
+    /// Plan of the fast points where they have a layer of their own.
+    pub(super) fast: Option<Plan>,
     pub(super) cost: f64,
 }
 
-/// The cheapest plan for movers, which are all those of the middle segment, and what was tried.
-pub(super) fn choose(movers: &[Mover], keys: usize, max_references: f32, simd: SimdLevel) -> (Plan, Vec<Trial>) {
-    let simple = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: max_references };
-    let segment = (keys.max(2) - 1) / 2;
-    let samples = samples(movers, keys, segment);
-    let lives = movers.iter().any(|m| m.alive.begin() > 0.0 || m.alive.end() < 1.0) && keys <= 2;
-    let mut plans = vec![simple];
-    if lives {
-        plans.extend([2, 3].map(|life_levels| Plan { life_levels, ..simple }));
-    }
-    let mut marked: Vec<Mover> = samples.concat();
-    if let Some(part) = parts(keys, 1).get(segment) {
-        mark_fast(&mut marked, part);
-    }
-    let fast = marked.iter().filter(|m| m.cut).count();
-    if fast > 0 && fast * 4 < marked.len() {
-        plans.push(Plan { cut: Cut::Fast, references: max_references.min(1.5), ..simple });
-    }
-    plans.extend([2, 4, 8, 16, 32].map(|parts| Plan { parts, ..simple }));
-    let mut trials: Vec<Trial> = Vec::new();
-    let mut best = 0;
-    for plan in plans {
-        let total: usize = movers.iter().map(|m| references(m.alive, &plan, keys)).sum();
-        if plan.parts > 1 && total as f64 > f64::from(max_references) * movers.len() as f64 {
-            break;
-        }
-        let cost = samples.iter().map(|s| work(s, keys, segment, &plan, simd)).sum::<f64>() / SAMPLES as f64;
-        trials.push(Trial { plan, cost });
-        if cost < trials[best].cost * GAIN {
-            best = trials.len() - 1;
-        } else if plan.parts > 2 * trials[best].plan.parts {
-            // Twice finer has not helped.
-            break;
-        }
-    }
-    (trials[best].plan, trials)
+/// Movers of a segment that stand for the whole set.
+struct Sample {
+    movers: Vec<Mover>,
+    keys: usize,
+    segment: usize,
+    /// Points of the set for each of the sample.
+    scale: f64,
 }
 
-/// In how many trees of a segment a mover counts.
-fn references(alive: TimeInterval, plan: &Plan, keys: usize) -> usize {
+/// The cheapest structure for movers, which are all those of one segment, and all that was tried.
+pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, simd: SimdLevel) -> (Trial, Vec<Trial>) {
+    let simple = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: most };
+    if movers.is_empty() {
+        let trial = Trial { plan: simple, fast: None, cost: 0.0 };
+        return (trial.clone(), vec![trial]);
+    }
+    let samples = samples(movers, keys, segment);
+    let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
+    let fast: usize = samples.iter().map(|s| s.movers.iter().filter(|m| m.cut).count()).sum();
+    let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.movers.len()).sum();
+    let cost = |plan: &Plan, fast: Option<&Plan>| {
+        samples.iter().map(|s| work(s, plan, fast, simd)).sum::<f64>() / samples.len() as f64
+    };
+    let mut others = vec![];
+    if mortal && keys <= 2 {
+        others.extend([2, 3].map(|life_levels| Plan { life_levels, ..simple }));
+    }
+    if few {
+        others.push(Plan { cut: Cut::Fast, references: most.min(1.5), ..simple });
+    }
+    let mut trials = vec![Trial { plan: simple, fast: None, cost: cost(&simple, None) }];
+    trials.extend(others.iter().map(|plan| Trial { plan: *plan, fast: None, cost: cost(plan, None) }));
+    let finer = [2, 4, 8, 16, 32].map(|parts| Plan { parts, ..simple });
+    let affordable = |plan: &&Plan| {
+        let total: usize = movers.iter().map(|m| references(m.life, plan, keys)).sum();
+        total as f64 <= f64::from(most) * movers.len() as f64
+    };
+    // Finer parts until twice finer does not help any more.
+    let mut refine = |fixed: Option<&Plan>| {
+        let mut before = f64::INFINITY;
+        for plan in finer.iter().filter(affordable) {
+            let (slow, fast) = fixed.map_or((plan, None), |slow| (slow, Some(plan)));
+            let cost = cost(slow, fast);
+            trials.push(Trial { plan: *slow, fast: fast.copied(), cost });
+            if cost > before * 0.98 {
+                break;
+            }
+            before = cost;
+        }
+    };
+    refine(None);
+    if few {
+        refine(Some(&simple));
+    }
+    // Trials come from simple to elaborate, and the more elaborate has to be worth it.
+    let best = trials.iter().fold(&trials[0], |best, t| if t.cost < best.cost * GAIN { t } else { best });
+    (best.clone(), trials.clone())
+}
+
+/// In how many trees of a segment a point counts.
+fn references(life: TimeInterval, plan: &Plan, keys: usize) -> usize {
     if keys > 2 {
         return plan.parts;
     }
     let at = |t: f32| ((t * plan.parts as f32) as usize).min(plan.parts - 1);
-    at(alive.end()) - at(alive.begin()) + 1
+    at(life.end()) - at(life.begin()) + 1
 }
 
-/// Compact parts of the set, far from each other.
-fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Vec<Mover>> {
-    let Some(part) = parts(keys, 1).get(segment).copied() else { return vec![movers.to_vec()] };
+/// Compact parts of the set, far from each other, fast movers marked.
+fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Sample> {
+    let part = parts(keys, 1)[segment];
+    let sample = |mut chosen: Vec<Mover>| {
+        mark_fast(&mut chosen, &part);
+        let scale = movers.len() as f64 / chosen.len().max(1) as f64;
+        Sample { movers: chosen, keys, segment, scale }
+    };
     if movers.len() <= 2 * SAMPLE {
-        return vec![movers.to_vec()];
+        return vec![sample(movers.to_vec())];
     }
     let mut items = places(movers, &part);
     order(&mut items, SAMPLE);
@@ -138,48 +173,66 @@ fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Vec<Mover>> {
     (0..SAMPLES)
         .map(|i| {
             let run = (2 * i + 1) * runs / (2 * SAMPLES);
-            items[run * SAMPLE..(run + 1) * SAMPLE].iter().map(|item| movers[item.index as usize]).collect()
+            let items = &items[run * SAMPLE..(run + 1) * SAMPLE];
+            sample(items.iter().map(|item| movers[item.index as usize]).collect())
         })
         .collect()
 }
 
-/// Counted work of searches for eight neighbours in the middle part that a plan makes.
-fn work(sample: &[Mover], keys: usize, segment: usize, plan: &Plan, simd: SimdLevel) -> f64 {
-    let parts = parts(keys, plan.parts);
-    let Some(part) = parts.get(segment * plan.parts + plan.parts / 2).copied() else { return f64::INFINITY };
-    let inside: Vec<Mover> =
-        sample.iter().filter_map(|m| Some(Mover { alive: m.alive.intersect(part.interval)?, ..*m })).collect();
-    if inside.is_empty() {
-        return 0.0;
-    }
-    let layers = [Layer::Moving(vec![part_tree(inside, part, plan)])];
+/// Counted and priced work of searches for eight neighbours, each layer in the middle part of its plan.
+fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> f64 {
+    let Sample { movers, keys, segment, scale } = sample;
+    let group = |plan: &Plan, keep: &dyn Fn(&Mover) -> bool| {
+        let part = parts(*keys, plan.parts)[segment * plan.parts + plan.parts / 2];
+        let inside = |m: &Mover| Some(Mover { alive: m.life.intersect(part.interval)?, ..*m });
+        let inside: Vec<Mover> = movers.iter().filter(|m| keep(m)).filter_map(inside).collect();
+        let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, plan, *keys)).sum();
+        let doublings = (references as f64 * scale * REFERENCE_BYTES / CACHED_BYTES).log2().max(0.0);
+        let layer = [Layer::Moving(vec![part_tree(inside, part, plan)])];
+        (layer, part.interval, 1.0 + CACHE_PRICE * doublings)
+    };
+    let groups = match fast {
+        Some(fast) => vec![group(plan, &|m| !m.cut), group(fast, &|m| m.cut)],
+        None => vec![group(plan, &|_| true)],
+    };
     let mut candidates = Candidates::default();
-    let mut total = NeighborWork::default();
+    let mut total = 0.0;
     for i in 0..SEARCHES {
-        // Times in an order that has nothing to do with the places.
+        let m = &movers[i * movers.len() / SEARCHES];
+        // Times in an order that has nothing to do with the places, each in the part that was built.
         let fraction = ((i * 89) % SEARCHES) as f32 / SEARCHES as f32;
-        let time = part.interval.begin() + part.interval.duration() * fraction;
-        let m = &sample[i * sample.len() / SEARCHES];
-        let at = KeyTime::new(time, keys);
+        let time = |interval: &TimeInterval| interval.begin() + interval.duration() * fraction;
+        let at = KeyTime::new(time(&groups[0].1), *keys);
         let point = at.position(Vec3::from_array(m.open), Vec3::from_array(m.close));
-        dispatch(simd, Count { layers: &layers, point, time, candidates: &mut candidates, total: &mut total });
+        let mut work = vec![NeighborWork::default(); groups.len()];
+        let layers: Vec<_> = groups.iter().map(|(layer, interval, _)| (&layer[..], time(interval))).collect();
+        dispatch(simd, Count { layers: &layers, point, candidates: &mut candidates, work: &mut work });
+        let priced = work.iter().zip(&groups).map(|(w, g)| (w.nodes as f64 + BLOCK_PRICE * w.blocks as f64) * g.2);
+        total += priced.sum::<f64>();
     }
-    (total.nodes as f64 + BLOCK_PRICE * total.blocks as f64) / SEARCHES as f64
+    total / SEARCHES as f64
 }
 
+/// One search, layer after layer, each at its own time; counts the work in each.
 struct Count<'a> {
-    layers: &'a [Layer],
+    layers: &'a [(&'a [Layer], f32)],
     point: Vec3,
-    time: f32,
     candidates: &'a mut Candidates,
-    total: &'a mut NeighborWork,
+    work: &'a mut [NeighborWork],
 }
 
 impl Kernel for Count<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let mut search = KNearest::within(8, f32::MAX, 1.0, self.candidates, &KeepAll, self.total);
-        walk_all(s, self.layers, (self.point, self.time), &mut search);
+        let mut total = NeighborWork::default();
+        let mut search = KNearest::within(8, f32::MAX, 1.0, self.candidates, &KeepAll, &mut total);
+        let mut before = NeighborWork::default();
+        for ((layer, time), work) in self.layers.iter().zip(self.work) {
+            walk_all(s, layer, (self.point, *time), &mut search);
+            let now = *search.observed();
+            *work = NeighborWork { nodes: now.nodes - before.nodes, blocks: now.blocks - before.blocks };
+            before = now;
+        }
     }
 }

@@ -13,7 +13,7 @@ use super::moving_tree::{Assembly, MovingTree, magnitude};
 use super::order::{Item, widest_axis};
 use super::select::select;
 use crate::build::{Plane, classify_point};
-use crate::motion::Line;
+use crate::motion::{Line, TimeInterval};
 use crate::simd::LANES;
 
 /// Builds the tree of one part, cutting movers that may be cut, as long as there are at most
@@ -27,10 +27,11 @@ pub(super) fn build(movers: Vec<Mover>, part: Part, references: f32) -> MovingTr
         room *= LANES;
     }
     let middle = f64::from(part.phase(part.middle()));
+    let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
     let mut cutter = Cutter { part, middle, tree: Assembly::new(levels, magnitude(&movers)) };
     let spare = most - movers.len();
     cutter.node(movers, levels - 1, room, spare);
-    cutter.tree.finish(part, true)
+    cutter.tree.finish(part, true, mortal)
 }
 
 struct Cutter {
@@ -100,6 +101,7 @@ impl Cutter {
             let span = [m.alive.begin(), m.alive.end_bound()].map(|t| f64::from(self.part.phase(t)));
             self.middle.clamp(span[0], span[1])
         };
+        let velocity = mean_velocity(&movers, &self.part);
         let mut items: Vec<Item> = movers
             .iter()
             .enumerate()
@@ -109,8 +111,15 @@ impl Cutter {
             })
             .collect();
         let axis = widest_axis(&items);
+        // The plane moves with its surroundings: where everything moves alike, nothing crosses it.
+        let plane_velocity = velocity[axis] as f32;
+        for item in &mut items {
+            let m = &movers[item.index as usize];
+            let time = self.part.middle().clamp(m.alive.begin(), m.alive.end());
+            item.at[axis] -= plane_velocity * time;
+        }
         select(&mut items, rank, axis);
-        let plane = Plane { axis, position: items[rank].at[axis], velocity: 0.0 };
+        let plane = Plane { axis, position: items[rank].at[axis], velocity: plane_velocity };
         let sides = |m: &Mover| {
             let ends = [m.alive.begin(), m.alive.end()].map(|t| m.at(axis, f64::from(self.part.phase(t))));
             classify_point(Line { begin: ends[0], end: ends[1] }, m.alive, plane)
@@ -140,4 +149,18 @@ impl Cutter {
         let take = |items: &[Item]| items.iter().map(|i| movers[i.index as usize]).collect();
         [take(&items[..rank]), take(&items[rank..])]
     }
+}
+
+/// Mean velocity per shutter, each reference weighted by how long it counts.
+fn mean_velocity(movers: &[Mover], part: &Part) -> [f64; 3] {
+    let (mut sum, mut weight) = ([0.0; 3], 0.0);
+    for m in movers {
+        let duration = f64::from(m.alive.duration());
+        for (axis, sum) in sum.iter_mut().enumerate() {
+            *sum += duration * (f64::from(m.close[axis]) - f64::from(m.open[axis]));
+        }
+        weight += duration;
+    }
+    let segments = (part.keys.max(2) - 1) as f64;
+    if weight > 0.0 { sum.map(|x| x * segments / weight) } else { [0.0; 3] }
 }

@@ -14,6 +14,7 @@
 //! so below the points by the same 16Mu, whatever the level.
 
 use crate::simd::{LANES, Lanes};
+use glam::DVec3;
 
 /// Rows of sixteen boxes whose faces are `a + b·s`.
 #[derive(Clone, Copy)]
@@ -33,6 +34,19 @@ impl LinearBoxes {
         hi: [[f32::NEG_INFINITY; LANES]; 3],
         hi_slope: [[0.0; LANES]; 3],
     };
+
+    /// Whether there is no box in a lane.
+    pub(super) fn absent(&self, lane: usize) -> bool {
+        self.lo[0][lane] == f32::INFINITY
+    }
+
+    /// Lower and upper corner of a lane's box at a phase.
+    pub(super) fn corners(&self, lane: usize, phase: f64) -> [DVec3; 2] {
+        let corner = |at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3]| {
+            DVec3::from_array(core::array::from_fn(|a| f64::from(at[a][lane]) + f64::from(slope[a][lane]) * phase))
+        };
+        [corner(&self.lo, &self.lo_slope), corner(&self.hi, &self.hi_slope)]
+    }
 
     /// Sets one lane.
     pub(super) fn set(&mut self, lane: usize, hull: &Hull) {

@@ -13,6 +13,8 @@
 //! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the cutting of what
 //! crosses planes; the rest is ours and measured in the docs.
 
+mod approach;
+mod batch;
 mod build;
 mod choose;
 mod cut;
@@ -31,6 +33,8 @@ mod stats;
 mod tree;
 mod view;
 
+pub use approach::Approach;
+pub use batch::NeighborLists;
 pub use error::PointError;
 pub use iter::WithinIter;
 pub use query::{NeighborBuffer, NeighborQuery};

@@ -12,6 +12,8 @@ pub(super) struct Mover {
     pub(super) open: [f32; 3],
     pub(super) close: [f32; 3],
     pub(super) alive: TimeInterval,
+    /// The whole life of the point, of which `alive` is a part.
+    pub(super) life: TimeInterval,
     pub(super) id: u32,
     /// Whether it may be cut where it crosses planes.
     pub(super) cut: bool,

@@ -5,14 +5,15 @@
 //! and leaves carry them. All leaves are on one level and hold at most sixteen references; nodes say
 //! where their first child is, because cutting leaves subtrees unevenly full.
 
+use super::approach::{Boxed, Flight};
 use super::hull::{Hull, LinearBoxes, Span};
 use super::mover::{Mover, Part, phase};
 use super::order::{Item, join, order_with_time};
 use super::static_tree::Shape;
 use super::view::{Target, View, outside, squared};
-use crate::motion::KeyTime;
+use crate::motion::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Sixteen moving points in rows; absent ones stand where every squared distance is infinite.
 #[derive(Clone, Copy)]
@@ -46,6 +47,8 @@ pub(super) struct MovingTree {
     /// Times of nodes and blocks; empty where everything counts throughout.
     node_times: Vec<Times>,
     block_times: Vec<Times>,
+    /// Whole lives of the points in the blocks; empty where all live throughout.
+    lives: Vec<Times>,
     levels: usize,
     references: usize,
 }
@@ -55,6 +58,7 @@ pub(super) struct Assembly {
     levels: Vec<Level>,
     blocks: Vec<Block>,
     block_times: Vec<Times>,
+    lives: Vec<Times>,
     magnitude: f32,
     references: usize,
 }
@@ -70,7 +74,7 @@ impl Assembly {
     /// An empty tree of `levels` levels for points whose coordinates are at most `magnitude`.
     pub(super) fn new(levels: usize, magnitude: f32) -> Assembly {
         let levels = (0..levels).map(|_| Level::default()).collect();
-        Assembly { levels, blocks: Vec::new(), block_times: Vec::new(), magnitude, references: 0 }
+        Assembly { levels, blocks: Vec::new(), block_times: Vec::new(), lives: Vec::new(), magnitude, references: 0 }
     }
 
     /// Number of the next node of a level, or of the next block for the level below 0.
@@ -85,6 +89,7 @@ impl Assembly {
         let hull = fill(&mut block, &mut times, part, movers.iter(), self.magnitude);
         self.blocks.push(block);
         self.block_times.push(times);
+        self.lives.push(lives(movers.iter()));
         hull
     }
 
@@ -100,7 +105,7 @@ impl Assembly {
     }
 
     /// The finished tree.
-    pub(super) fn finish(self, part: Part, timed: bool) -> MovingTree {
+    pub(super) fn finish(self, part: Part, timed: bool, mortal: bool) -> MovingTree {
         let levels = self.levels.len();
         let (mut nodes, mut first, mut node_times) = (Vec::new(), Vec::new(), Vec::new());
         let mut below = 0;
@@ -114,8 +119,9 @@ impl Assembly {
             below = here;
         }
         let block_times = if timed { self.block_times } else { Vec::new() };
+        let lives = if mortal { self.lives } else { Vec::new() };
         let (blocks, references) = (self.blocks, self.references);
-        MovingTree { part, nodes, first, blocks, node_times, block_times, levels, references }
+        MovingTree { part, nodes, first, blocks, node_times, block_times, lives, levels, references }
     }
 }
 
@@ -140,6 +146,15 @@ fn fill<'a>(
         count += 1;
     }
     Hull::of_points(&spans[..count], magnitude)
+}
+
+/// The rows of whole lives of a block.
+fn lives<'a>(movers: impl Iterator<Item = &'a Mover>) -> Times {
+    let mut times = NEVER;
+    for (lane, mover) in movers.enumerate() {
+        (times.begin[lane], times.end[lane]) = (mover.life.begin(), mover.life.end_bound());
+    }
+    times
 }
 
 /// Writes the rows of a node.
@@ -179,6 +194,9 @@ impl MovingTree {
         let mut hulls: Vec<Option<Hull>> = vec![None; count];
         let job = Fill { movers, part: &part, magnitude: most };
         job.blocks(&items, &mut blocks, &mut block_times, &mut hulls);
+        let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
+        let of_block = |items: &[Item]| lives(items.iter().map(|item| &movers[item.index as usize]));
+        let lives = if mortal { items.chunks(LANES).map(of_block).collect() } else { Vec::new() };
         drop(items);
         let mut nodes = vec![LinearBoxes::NONE; shape.nodes()];
         let mut node_times = vec![NEVER; if timed { shape.nodes() } else { 0 }];
@@ -208,6 +226,7 @@ impl MovingTree {
             blocks,
             node_times,
             block_times,
+            lives,
             levels: shape.levels,
             references: movers.len(),
         }
@@ -217,7 +236,7 @@ impl MovingTree {
     pub(super) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<LinearBoxes>()
             + self.blocks.capacity() * size_of::<Block>()
-            + (self.node_times.capacity() + self.block_times.capacity()) * size_of::<Times>()
+            + (self.node_times.capacity() + self.block_times.capacity() + self.lives.capacity()) * size_of::<Times>()
             + self.first.capacity() * size_of::<u32>()
     }
 
@@ -352,5 +371,35 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
         &self.tree.blocks[block].id
+    }
+}
+
+impl Boxed for MovingTree {
+    fn part(&self) -> (usize, usize, [f64; 2]) {
+        let times = [self.part.interval.begin(), self.part.interval.end()];
+        (self.part.keys, self.part.segment, times.map(f64::from))
+    }
+    fn top(&self) -> (usize, usize) {
+        (self.levels - 1, self.nodes.len() - 1)
+    }
+    fn behind(&self, _level: usize, node: usize) -> (usize, usize) {
+        (self.first[node] as usize, 1)
+    }
+    fn times(&self, node: usize, lane: usize) -> Option<[f64; 2]> {
+        if self.nodes[node].absent(lane) {
+            return None;
+        }
+        let times = self.node_times.get(node);
+        Some(times.map_or([0.0, 1.0], |t| [t.begin[lane].into(), t.end[lane].into()]))
+    }
+    fn corners(&self, node: usize, lane: usize, phase: f64) -> [DVec3; 2] {
+        self.nodes[node].corners(lane, phase)
+    }
+    fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
+        let rows = &self.blocks[block];
+        let life = self.lives.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
+        let life = life.unwrap_or(Some(TimeInterval::FULL))?;
+        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| row[lane]));
+        (rows.id[lane] != u32::MAX).then_some(Flight { id: rows.id[lane], open, close, life })
     }
 }

@@ -5,10 +5,12 @@
 //! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
 //! fills the levels better.
 
+use super::approach::{Boxed, Flight};
 use super::order::{Item, order};
 use super::view::{Boxes, MAX_LEVELS, Target, View, outside, squared};
+use crate::motion::TimeInterval;
 use crate::simd::{LANES, Lanes, Simd};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Sixteen points in rows; where there is none, the coordinates are infinite.
 #[derive(Clone, Copy)]
@@ -178,5 +180,31 @@ impl View for &StaticTree {
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
         &self.blocks[block].id
+    }
+}
+
+impl Boxed for StaticTree {
+    fn part(&self) -> (usize, usize, [f64; 2]) {
+        (1, 0, [0.0, 1.0])
+    }
+    fn top(&self) -> (usize, usize) {
+        View::root(&self)
+    }
+    fn behind(&self, level: usize, node: usize) -> (usize, usize) {
+        if level == 0 { (self.first_block(node), self.shape.leaf_blocks) } else { (self.first_child(level, node), 1) }
+    }
+    fn times(&self, node: usize, lane: usize) -> Option<[f64; 2]> {
+        let node = &self.nodes[node];
+        (node.lo[0][lane] <= node.hi[0][lane]).then_some([0.0, 1.0])
+    }
+    fn corners(&self, node: usize, lane: usize, _phase: f64) -> [DVec3; 2] {
+        let node = &self.nodes[node];
+        [node.lo, node.hi].map(|rows| Vec3::from_array(rows.map(|row| row[lane])).as_dvec3())
+    }
+    fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
+        let block = &self.blocks[block];
+        let at = block.at.map(|row| row[lane]);
+        let id = block.id[lane];
+        (id != u32::MAX).then_some(Flight { id, open: at, close: at, life: TimeInterval::FULL })
     }
 }

@@ -1,13 +1,13 @@
 //! The tree that callers build and ask.
 
 use super::build::{Cut, Plan, Source, check, moving_layer, parts};
-use super::choose::{Trial, choose};
+use super::choose::{Trial, choose, mark_fast};
 use super::layer::Layer;
 use super::query::NeighborQuery;
 use super::stats::{PointLayerKind, PointLayerStats, PointStats};
 use super::{Neighbor, PointError};
 use crate::SimdLevel;
-use crate::motion::{PointSet, Position, TimeInterval};
+use crate::motion::{PointSet, Position};
 use glam::DVec3;
 
 /// The largest magnitude of a coordinate, relative to the tree's origin: squared distances between
@@ -136,14 +136,30 @@ impl PointTree {
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         let moving = (0..len).filter(|&i| !(apart && still[i]));
-        let (plan, why) = plan_for(&source, moving.clone(), params);
-        let kind = match plan.cut {
-            Cut::Nothing => PointLayerKind::Linear { parts: plan.parts, life_levels: plan.life_levels },
-            Cut::Fast => PointLayerKind::CutFast,
-            Cut::Everything => PointLayerKind::Mbkd,
+        let (plan, why) = match forced(params) {
+            Some(plan) => (plan, "asked for".to_string()),
+            None => {
+                // The middle segment stands for all of them.
+                let segment = (points.keys().max(2) - 1) / 2;
+                let part = parts(points.keys(), 1)[segment];
+                let mut movers = source.movers(&part, moving.clone(), |i| i as u32);
+                let (choice, trials) = choose(&movers, points.keys(), segment, params.max_references, params.simd);
+                let why = explain(&trials, &choice);
+                if let Some(plan) = choice.fast {
+                    mark_fast(&mut movers, &part);
+                    let mut fast = vec![false; len];
+                    movers.iter().filter(|m| m.cut).for_each(|m| fast[m.id as usize] = true);
+                    let slow = moving.clone().filter(|&i| !fast[i]);
+                    tree.add(moving_layer(&source, slow.clone(), &choice.plan), kind(&choice.plan), slow.count(), why);
+                    let fast = moving.filter(|&i| fast[i]);
+                    let why = "fast points, apart from the others".to_string();
+                    tree.add(moving_layer(&source, fast.clone(), &plan), kind(&plan), fast.count(), why);
+                    return Ok(tree);
+                }
+                (choice.plan, why)
+            }
         };
-        let layer = moving_layer(&source, moving, &plan);
-        tree.add(layer, kind, len - if apart { count } else { 0 }, why);
+        tree.add(moving_layer(&source, moving.clone(), &plan), kind(&plan), moving.count(), why);
         Ok(tree)
     }
 
@@ -238,42 +254,41 @@ impl core::fmt::Debug for PointTree {
     }
 }
 
-/// How the movers are put into trees, and why.
-fn plan_for<P: PointSet + ?Sized>(
-    source: &Source<'_, P>,
-    select: impl Iterator<Item = usize>,
-    params: &PointParams,
-) -> (Plan, String) {
-    let forced = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: params.max_references };
-    let plan = match params.structure {
-        PointStructure::Automatic => {
-            let keys = source.points.keys();
-            let middle = parts(keys, 1)[(keys.max(2) - 1) / 2];
-            let mut movers = source.movers(&middle, select);
-            if keys > 2 {
-                movers.iter_mut().for_each(|m| m.alive = TimeInterval::FULL.intersect(m.alive).unwrap_or(m.alive));
-            }
-            let (plan, trials) = choose(&movers, keys, params.max_references, params.simd);
-            return (plan, explain(&trials, &plan));
-        }
-        PointStructure::Linear => forced,
-        PointStructure::Slabs(parts) => Plan { parts, ..forced },
-        PointStructure::CutFast => Plan { cut: Cut::Fast, references: params.max_references.min(1.5), ..forced },
-        PointStructure::Mbkd => Plan { cut: Cut::Everything, ..forced },
-        PointStructure::LifeLevels(life_levels) => Plan { life_levels, ..forced },
-    };
-    (plan, "asked for".into())
+/// The layer that a plan makes.
+fn kind(plan: &Plan) -> PointLayerKind {
+    match plan.cut {
+        Cut::Nothing => PointLayerKind::Linear { parts: plan.parts, life_levels: plan.life_levels },
+        Cut::Fast => PointLayerKind::CutFast,
+        Cut::Everything => PointLayerKind::Mbkd,
+    }
+}
+
+/// The plan that was asked for; nothing where the choice is automatic.
+fn forced(params: &PointParams) -> Option<Plan> {
+    let plan = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: params.max_references };
+    match params.structure {
+        PointStructure::Automatic => None,
+        PointStructure::Linear => Some(plan),
+        PointStructure::Slabs(parts) => Some(Plan { parts, ..plan }),
+        PointStructure::CutFast => Some(Plan { cut: Cut::Fast, references: params.max_references.min(1.5), ..plan }),
+        PointStructure::Mbkd => Some(Plan { cut: Cut::Everything, ..plan }),
+        PointStructure::LifeLevels(life_levels) => Some(Plan { life_levels, ..plan }),
+    }
 }
 
 /// What was tried, in words.
-fn explain(trials: &[Trial], plan: &Plan) -> String {
-    let name = |plan: &Plan| match (plan.cut, plan.parts, plan.life_levels) {
+fn explain(trials: &[Trial], best: &Trial) -> String {
+    let plan = |plan: &Plan| match (plan.cut, plan.parts, plan.life_levels) {
         (Cut::Fast, ..) => "fast points cut".to_string(),
         (Cut::Everything, ..) => "all cut".to_string(),
         (_, 1, 0) => "one linear tree".to_string(),
         (_, 1, levels) => format!("{levels} life levels"),
         (_, parts, _) => format!("{parts} parts"),
     };
-    let costs: Vec<String> = trials.iter().map(|t| format!("{} {:.1}", name(&t.plan), t.cost)).collect();
-    format!("{} costs least in trial searches (node visits: {})", name(plan), costs.join(", "))
+    let name = |trial: &Trial| match &trial.fast {
+        Some(fast) => format!("fast points apart in {}", plan(fast)),
+        None => plan(&trial.plan),
+    };
+    let costs: Vec<String> = trials.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
+    format!("{} costs least in trial searches ({})", name(best), costs.join(", "))
 }

@@ -6,7 +6,7 @@
 //! least distance seen, so what is dropped can not be an answer. One sort at the end puts them in order.
 
 use super::sort::{pack, unpack as unpack_pair};
-use super::walk::Collect;
+use super::walk::{Collect, keys, unpack};
 use super::{Keep, Observe, kept};
 use crate::neighbor::view::{Target, View};
 use crate::simd::{LANES, Simd, lanes_at};
@@ -112,6 +112,11 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     ) -> Self {
         candidates.count = 0;
         KNearest { k, threshold: bound, cull: bound * shrink, shrink, candidates, keep, observe }
+    }
+
+    /// The observer.
+    pub(in crate::neighbor) fn observed(&self) -> &O {
+        self.observe
     }
 
     /// Candidates above which the threshold is lowered.
@@ -236,6 +241,9 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     }
 }
 
+/// Leaves that are worth picking out one by one, nearest first.
+const MOST_SORTED: usize = 6;
+
 /// Sum by halves, so that it needs no chain of additions.
 #[inline(always)]
 fn sum(x: &[f32; LANES]) -> f32 {
@@ -267,10 +275,23 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
         let first = view.first_block(node);
         let within = s.le(boxes, s.splat(self.cull));
         self.candidates.reserve(LANES * LANES * view.leaf_blocks());
-        if self.candidates.count < self.k {
+        if self.candidates.count >= self.k {
+            return self.rest(s, view, target, first, within);
+        }
+        // As many of the nearest leaves as hold three times what is wanted; with a threshold from
+        // them few of the others are needed.
+        let enough = (3 * self.k.min(1 << 20)).div_ceil(LANES * view.leaf_blocks());
+        if enough > MOST_SORTED {
             return self.seed(s, view, target, first, within);
         }
-        self.rest(s, view, target, first, within);
+        let (mut chosen, mut left) = (0, keys(s, boxes));
+        for _ in 0..enough {
+            let (lane, _) = unpack(s.reduce_min_u(left));
+            chosen |= 1 << lane;
+            left = s.select_u(1 << lane, s.splat_u(u32::MAX), left);
+        }
+        self.seed(s, view, target, first, chosen & within);
+        self.rest(s, view, target, first, s.le(boxes, s.splat(self.cull)) & within & !chosen);
     }
 }
 
