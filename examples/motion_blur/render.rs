@@ -54,7 +54,7 @@ impl Cost {
     fn add(&mut self, other: &Cost) {
         self.rays += other.rays;
         self.counted_rays += other.counted_rays;
-        self.counters = self.counters.add(other.counters);
+        self.counters = self.counters + other.counters;
     }
 }
 

@@ -32,7 +32,7 @@ impl Sky {
             sun: Vec3::new(3.0, 2.62, 2.1),
             to_sun: to_sun.normalize_or(Vec3::Y),
             sun_radius: 0.02,
-            exposure: 0.75,
+            exposure: 0.55,
         }
     }
 
@@ -45,7 +45,7 @@ impl Sky {
             sun: Vec3::new(2.1, 2.0, 1.85),
             to_sun: to_sun.normalize_or(Vec3::Y),
             sun_radius: 0.06,
-            exposure: 0.8,
+            exposure: 0.6,
         }
     }
 
@@ -58,7 +58,7 @@ impl Sky {
             sun: Vec3::new(3.4, 3.1, 2.7),
             to_sun: to_sun.normalize_or(Vec3::Y),
             sun_radius: 0.01,
-            exposure: 0.9,
+            exposure: 0.62,
         }
     }
 

@@ -1,7 +1,7 @@
 //! A stage with its tree: what rays are asked of, and what is known where they hit.
 
 use crate::materials::Surface;
-use crate::stage::{LEVELS, Stage, Things};
+use crate::stage::{LEVELS, Things};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::scene::FlakeSphere;
 use mbkd::{
