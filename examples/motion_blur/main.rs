@@ -4,10 +4,14 @@
 //! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
 //! `sampling`, `sky` and `materials`, and at last `film` (pictures and files), `heatmap` or `animation`.
 
+mod animation;
 mod film;
+mod font;
+mod heatmap;
 mod integrator;
 mod materials;
 mod options;
+mod readers;
 mod render;
 mod sampling;
 mod sky;
@@ -15,13 +19,15 @@ mod stage;
 mod staging;
 mod world;
 
+use animation::{Animation, numbered};
 use clap::Parser;
 use film::{Film, save_linear};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use mbkd::BuildParams;
-use options::{Options, policy_name};
+use mbkd::{BuildParams, Policy};
+use options::{Heat, Options, policy_name};
 use render::{Cost, Job, render};
 use stage::Stage;
+use staging::Source;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -46,7 +52,12 @@ fn run(options: &Options) -> Result<(), String> {
     }
     let outputs = outputs(options)?;
     let stop = stop_on_interrupt()?;
-    picture(options, &outputs, &stop)
+    match (options.heatmap, options.frames) {
+        (Some(kind), _) => heat(options, kind, &outputs, &stop),
+        (None, _) if !options.compare.is_empty() => heat(options, Heat::Steps, &outputs, &stop),
+        (None, Some(frames)) => sequence(options, frames, &outputs, &stop),
+        (None, None) => picture(options, &outputs, &stop),
+    }
 }
 
 /// The files to write, after looking at their extensions before any work is done.
@@ -74,29 +85,97 @@ fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
     Ok(stop)
 }
 
-/// One picture.
+/// One picture, in as many formats as asked for.
 fn picture(options: &Options, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
-    let stage = staging::stage(options)?;
-    let world = build(options, &stage)?;
-    let job = job(options);
-    let bar = bar(job.steps());
-    let begin = Instant::now();
-    let (film, cost) = render(&world, &stage, &job, stop, &bar);
-    let spent = begin.elapsed();
-    bar.finish_and_clear();
-    if stop.load(Ordering::Relaxed) {
-        println!("interrupted: writing what is done");
-    }
-    report(&cost, spent);
+    let stage = Source::open(options)?.stage(options, 0, 1)?;
+    let world = build(&stage, options.policy)?;
+    let film = expose(&world, &stage, &job(options), stop);
     for path in outputs {
         save(&film, &stage, path)?;
     }
     Ok(())
 }
 
+/// A sequence of pictures. A procedural scene has one shutter, which its frames divide among them; a model is posed
+/// for each frame.
+fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
+    let source = Source::open(options)?;
+    let gif = outputs[0].with_extension("gif");
+    let mut animation = Animation::begin(gif.clone(), source.duration(options, frames)? / f64::from(frames))?;
+    let mut made: Option<(Stage, World)> = None;
+    for frame in 0..frames {
+        let (stage, world) = match (made.take(), &source) {
+            (Some(made), Source::Scene) => made,
+            _ => {
+                let stage = source.stage(options, frame, frames)?;
+                let world = build(&stage, options.policy)?;
+                (stage, world)
+            }
+        };
+        let mut job = job(options);
+        if matches!(source, Source::Scene) {
+            let open = frame as f32 / frames as f32;
+            job.shutter = (open, open + 0.5 / frames as f32);
+        }
+        println!("frame {} of {frames}", frame + 1);
+        let film = expose(&world, &stage, &job, stop);
+        animation.add(&film.developed(stage.sky.exposure))?;
+        for path in outputs {
+            save(&film, &stage, &numbered(path, frame))?;
+        }
+        if stop.load(Ordering::Relaxed) {
+            break;
+        }
+        made = Some((stage, world));
+    }
+    drop(animation);
+    println!("wrote {}", gif.display());
+    Ok(())
+}
+
+/// Heat maps of one or several policies.
+fn heat(options: &Options, kind: Heat, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
+    if outputs.iter().any(|path| !is_png(path)) {
+        return Err("heat maps are written as .png".into());
+    }
+    let stage = Source::open(options)?.stage(options, 0, 1)?;
+    let policies =
+        if options.compare.is_empty() { vec![options.policy.unwrap_or_default()] } else { options.compare.clone() };
+    let job = job(options);
+    let mut maps = Vec::new();
+    for policy in policies {
+        let world = build(&stage, Some(policy))?;
+        let Some(map) = heatmap::count(&world, &stage, &job, kind, policy_name(policy).into(), stop) else {
+            return Err("interrupted before the map was complete".into());
+        };
+        println!("{}: {:.1} {} per camera ray, at most {:.1}", map.title, map.mean(), kind.noun(), map.most());
+        maps.push(map);
+    }
+    let picture = heatmap::draw(&maps, &job, kind);
+    for path in outputs {
+        picture.save(path)?;
+        println!("wrote {}", path.display());
+    }
+    Ok(())
+}
+
+/// Renders with a progress bar and reports; what an interrupt leaves is kept.
+fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Film {
+    let bar = bar(job.steps());
+    let begin = Instant::now();
+    let (film, cost) = render(world, stage, job, stop, &bar);
+    let spent = begin.elapsed();
+    bar.finish_and_clear();
+    if stop.load(Ordering::Relaxed) {
+        println!("interrupted: writing what is done");
+    }
+    report(&cost, spent);
+    film
+}
+
 /// The tree of a stage, with a line about it.
-fn build(options: &Options, stage: &Stage) -> Result<World, String> {
-    let params = match options.policy {
+fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
+    let params = match policy {
         Some(policy) => BuildParams { policy, ..BuildParams::default() },
         None => BuildParams::default(),
     };
@@ -147,9 +226,13 @@ fn report(cost: &Cost, spent: Duration) {
     );
 }
 
+fn is_png(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+}
+
 /// Writes a picture in the format its name asks for, and says so.
 fn save(film: &Film, stage: &Stage, path: &Path) -> Result<(), String> {
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+    if is_png(path) {
         film.developed(stage.sky.exposure).save(path)?;
     } else {
         save_linear(film, path)?;
