@@ -59,8 +59,11 @@ impl Picture {
 
     /// Copies `other` to the place whose upper left corner is (x, y); what sticks out is cut.
     pub fn paste(&mut self, other: &Picture, x: usize, y: usize) {
+        let count = other.width.min(self.width.saturating_sub(x));
+        if count == 0 {
+            return;
+        }
         for row in 0..other.height.min(self.height.saturating_sub(y)) {
-            let count = other.width.min(self.width.saturating_sub(x));
             let from = row * other.width;
             let to = (y + row) * self.width + x;
             self.pixels[to..to + count].copy_from_slice(&other.pixels[from..from + count]);

@@ -32,10 +32,10 @@ pub struct Options {
     #[arg(long, help_heading = "When (files with an animation)")]
     pub clip: Option<String>,
     /// Middle of the shutter, in seconds of the clip
-    #[arg(long, value_name = "SECONDS", value_parser = finite, help_heading = "When (files with an animation)")]
+    #[arg(long, value_name = "SECONDS", value_parser = finite, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub time: Option<f64>,
     /// How long the shutter is open
-    #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "When (files with an animation)")]
+    #[arg(long, value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub shutter: Option<f64>,
     /// At how many times inside the shutter poses are computed; motion is linear between them
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]

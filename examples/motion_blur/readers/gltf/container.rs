@@ -3,14 +3,15 @@
 use super::super::{Wrong, read_file};
 use gltf::Document;
 use gltf::buffer::Source;
+use gltf::json::validation::Checked;
 use std::path::Path;
 
 /// The document and all its buffers, each at least as long as it says.
 pub fn open(bytes: &[u8], file: &Path) -> Result<(Document, Vec<Vec<u8>>), Wrong> {
     let (json, mut binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
-    let gltf = gltf::Gltf::from_slice(json).map_err(|e| Wrong::new("JSON", e.to_string()))?;
+    let document = document(json)?;
     let mut buffers = Vec::new();
-    for buffer in gltf.document.buffers() {
+    for buffer in document.buffers() {
         let place = || format!("buffer {}", buffer.index());
         let data = match buffer.source() {
             Source::Bin => {
@@ -23,7 +24,42 @@ pub fn open(bytes: &[u8], file: &Path) -> Result<(Document, Vec<Vec<u8>>), Wrong
         }
         buffers.push(data);
     }
-    Ok((gltf.document, buffers))
+    Ok((document, buffers))
+}
+
+/// The validated document.
+fn document(json: &[u8]) -> Result<Document, Wrong> {
+    let fail = |e: gltf::Error| Wrong::new("JSON", e.to_string());
+    let unchecked = gltf::Gltf::from_slice_without_validation(json).map_err(fail)?;
+    let root = unchecked.document.into_json();
+    check_links(&root)?;
+    Document::from_json(root).map_err(fail)
+}
+
+/// What the validation of gltf-json 1.4 leaves out, and panics over later: links of attributes (it follows that of
+/// the positions before it has looked at it) and targets of animation channels.
+fn check_links(root: &gltf::json::Root) -> Result<(), Wrong> {
+    let check = |place: String, what: &str, index: usize, count: usize| {
+        let message = || format!("names {what} {index}, but there are only {count}");
+        if index < count { Ok(()) } else { Err(Wrong::new(place, message())) }
+    };
+    for (m, mesh) in root.meshes.iter().enumerate() {
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            for index in primitive.attributes.values() {
+                check(format!("mesh {m}, primitive {p}"), "accessor", index.value(), root.accessors.len())?;
+            }
+        }
+    }
+    for (a, animation) in root.animations.iter().enumerate() {
+        for (c, channel) in animation.channels.iter().enumerate() {
+            let place = format!("animation {a}, channel {c}");
+            check(place.clone(), "node", channel.target.node.value(), root.nodes.len())?;
+            if channel.target.path == Checked::Invalid {
+                return Err(Wrong::new(place, "animates something unknown"));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The JSON and binary chunks of a GLB file.

@@ -19,6 +19,7 @@ use mbkd::glam::{DMat4, DQuat, DVec3, Vec3};
 use mbkd::scene::Camera;
 use primitive::Primitive;
 use state::State;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -26,8 +27,10 @@ use std::sync::Arc;
 pub struct GltfModel {
     file: PathBuf,
     nodes: Vec<Node>,
-    /// Nodes of the scene, parents before children, with their parent.
+    /// All nodes, parents before children, with their parent.
     order: Vec<(usize, Option<usize>)>,
+    /// Nodes of the scene, in the order of the file.
+    shown: Vec<usize>,
     meshes: Vec<Vec<Primitive>>,
     /// Default morph weights of each mesh.
     weights: Vec<Vec<f32>>,
@@ -85,8 +88,8 @@ impl GltfModel {
         };
         let clips =
             document.animations().map(|a| animation::clip(&a, &data, targets)).collect::<Result<Vec<_>, _>>()?;
-        let order = hierarchy(&document)?;
-        Ok(GltfModel { file: file.into(), nodes, order, meshes, weights, skins, clips })
+        let (order, shown) = hierarchy(&document)?;
+        Ok(GltfModel { file: file.into(), nodes, order, shown, meshes, weights, skins, clips })
     }
 
     /// The clip of that name or number; the first by default, none if nothing is animated.
@@ -117,8 +120,8 @@ impl GltfModel {
     fn pose_checked(&self, clip: Option<&Clip>, times: &[f64]) -> Result<Pose, Wrong> {
         // One part for each primitive of each node that has a mesh.
         let instances = || {
-            let of_node = |&(node, _): &(usize, _)| self.nodes[node].mesh.map(|mesh| (node, mesh));
-            self.order
+            let of_node = |&node: &usize| self.nodes[node].mesh.map(|mesh| (node, mesh));
+            self.shown
                 .iter()
                 .filter_map(of_node)
                 .flat_map(|(node, mesh)| self.meshes[mesh].iter().map(move |p| (node, mesh, p)))
@@ -210,39 +213,44 @@ impl Skin {
     }
 }
 
-/// Nodes of the default scene (or of all roots), parents first. A node with two parents or in a ring is refused.
-fn hierarchy(document: &gltf::Document) -> Result<Vec<(usize, Option<usize>)>, Wrong> {
+/// All nodes with their parents, parents first, and the nodes of the default scene (of all, if there is no scene).
+/// A node with two parents or in a ring is refused.
+#[expect(clippy::type_complexity, reason = "two lists, named where they are stored")]
+fn hierarchy(document: &gltf::Document) -> Result<(Vec<(usize, Option<usize>)>, Vec<usize>), Wrong> {
     let count = document.nodes().len();
+    let children: Vec<Vec<usize>> = document.nodes().map(|n| n.children().map(|c| c.index()).collect()).collect();
     let mut parent = vec![None; count];
-    for node in document.nodes() {
-        for child in node.children() {
-            if parent[child.index()].replace(node.index()).is_some() {
-                return Err(Wrong::new(format!("node {}", child.index()), "has two parents"));
+    for (node, children) in children.iter().enumerate() {
+        for &child in children {
+            if parent[child].replace(node).is_some() {
+                return Err(Wrong::new(format!("node {child}"), "has two parents"));
             }
         }
     }
-    let scene = document.default_scene().or_else(|| document.scenes().next());
-    let mut waiting: Vec<(usize, Option<usize>)> = match scene {
-        Some(scene) => scene.nodes().map(|node| (node.index(), None)).collect(),
-        None => (0..count).filter(|&node| parent[node].is_none()).map(|node| (node, None)).collect(),
+    // Joints may lie outside the scene, so every root counts.
+    let mut order: Vec<(usize, Option<usize>)> =
+        (0..count).filter(|&node| parent[node].is_none()).map(|node| (node, None)).collect();
+    let mut next = 0;
+    while let Some(&(node, _)) = order.get(next) {
+        order.extend(children[node].iter().map(|&child| (child, Some(node))));
+        next += 1;
+    }
+    if order.len() < count {
+        // Every node has one parent at most, so what no root leads to goes round in a ring.
+        let reached: HashSet<usize> = order.iter().map(|(node, _)| *node).collect();
+        let node = (0..count).find(|node| !reached.contains(node)).unwrap_or(0);
+        return Err(Wrong::new(format!("node {node}"), "is among its own ancestors"));
+    }
+    let Some(scene) = document.default_scene().or_else(|| document.scenes().next()) else {
+        return Ok((order, (0..count).collect()));
     };
-    // Joints may lie outside the scene; their roots move them all the same.
-    waiting.extend((0..count).filter(|&node| parent[node].is_none()).map(|node| (node, None)));
-    waiting.reverse();
-    let (mut order, mut seen) = (Vec::new(), vec![false; count]);
-    let children: Vec<Vec<usize>> = document.nodes().map(|n| n.children().map(|c| c.index()).collect()).collect();
-    while let Some((node, from)) = waiting.pop() {
-        if std::mem::replace(&mut seen[node], true) {
-            continue;
+    let mut shown: HashSet<usize> = scene.nodes().map(|node| node.index()).collect();
+    for (node, parent) in &order {
+        if parent.is_some_and(|parent| shown.contains(&parent)) {
+            shown.insert(*node);
         }
-        order.push((node, from));
-        waiting.extend(children[node].iter().rev().map(|&child| (child, Some(node))));
     }
-    match seen.iter().position(|seen| !seen) {
-        // Every node has a parent but none of the roots leads to it.
-        Some(node) => Err(Wrong::new(format!("node {node}"), "is among its own ancestors")),
-        None => Ok(order),
-    }
+    Ok((order, (0..count).filter(|node| shown.contains(node)).collect()))
 }
 
 fn matrix_of(columns: [[f32; 4]; 4]) -> DMat4 {

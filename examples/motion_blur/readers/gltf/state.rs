@@ -71,8 +71,8 @@ impl State {
 
     /// What the first camera of the scene sees.
     pub fn view(&self, model: &GltfModel) -> Option<View> {
-        let camera = |&(node, _): &(usize, _)| model.nodes[node].camera.map(|height| (node, height));
-        let (node, height) = model.order.iter().find_map(camera)?;
+        let camera = |&node: &usize| model.nodes[node].camera.map(|height| (node, height));
+        let (node, height) = model.shown.iter().find_map(camera)?;
         let world = self.world[node];
         let position = world.w_axis.truncate();
         // A camera looks along its own -z, with y up.
