@@ -50,7 +50,7 @@ impl Glb {
         let mut bin = self.bin.clone();
         bin.resize(bin.len().next_multiple_of(4), 0);
         let mut bytes = b"glTF".to_vec();
-        let mut word = |bytes: &mut Vec<u8>, x: usize| bytes.extend((x as u32).to_le_bytes());
+        let word = |bytes: &mut Vec<u8>, x: usize| bytes.extend((x as u32).to_le_bytes());
         word(&mut bytes, 2);
         word(&mut bytes, 12 + 16 + json.len() + bin.len());
         word(&mut bytes, json.len());
