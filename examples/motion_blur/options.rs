@@ -166,7 +166,8 @@ impl CameraKeys {
 }
 
 /// The policies that can be asked for by name.
-pub const POLICIES: &[(&str, Policy)] = &[("mbkd", Policy::Mbkd), ("classic-kd", Policy::ClassicKd)];
+pub const POLICIES: &[(&str, Policy)] =
+    &[("wide", Policy::Wide), ("mbkd", Policy::Mbkd), ("classic-kd", Policy::ClassicKd)];
 
 /// A policy's name on the command line.
 pub fn policy_name(policy: Policy) -> &'static str {
