@@ -17,6 +17,8 @@ mod sampling;
 mod sky;
 mod stage;
 mod staging;
+#[cfg(test)]
+mod tests;
 mod world;
 
 use animation::{Animation, numbered};

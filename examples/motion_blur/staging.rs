@@ -8,7 +8,7 @@ use crate::sky::Sky;
 use crate::stage::{Stage, Things};
 use mbkd::TriangleMesh;
 use mbkd::glam::{Vec3, Vec3Swizzles};
-use mbkd::scene::{Camera, Look, flake};
+use mbkd::scene::{Camera, flake};
 
 /// Where stages come from: a procedural scene, or a model that is posed anew for each shutter.
 pub enum Source {
@@ -150,22 +150,28 @@ fn floor(bounds: Bounds) -> TriangleMesh {
     TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], corners)
 }
 
-/// A procedural scene.
+/// A procedural scene at its full size, at about the size asked for, or small enough to be rendered soon.
 fn scene(options: &Options) -> Result<Stage, String> {
-    let name = options.scene.as_str();
-    let size = |small: usize, full: usize| match options.triangles {
-        None => small.min(full),
-        Some(Count::Full) => full,
-        Some(Count::About(n)) => n,
-    };
+    let full = || mbkd::scene::find(&options.scene).map_or(FLAKE, |recipe| recipe.full);
+    let size = options.triangles.map(|count| match count {
+        Count::Full => full(),
+        Count::About(n) => n,
+    });
+    scene_of(&options.scene, size)
+}
+
+/// Spheres of the whole flake.
+const FLAKE: usize = 66_430;
+
+/// The scene of that name in a light that suits it.
+pub fn scene_of(name: &str, size: Option<usize>) -> Result<Stage, String> {
     let (things, camera) = if name == "flake" {
-        let (spheres, camera) = flake(size(66_430, 66_430));
+        let (spheres, camera) = flake(size.unwrap_or(FLAKE));
         (Things::Spheres(spheres), camera)
     } else {
         let recipe = mbkd::scene::find(name).ok_or_else(|| format!("there is no scene `{name}`"))?;
-        let small = if name == "hairball" { 700_000 } else { 300_000 };
-        let scene = (recipe.make)(size(small, recipe.full));
-        let surfaces = scene.looks.iter().map(|look: &Look| Surface::of(look)).collect();
+        let scene = (recipe.make)(size.unwrap_or(recipe.full.min(700_000)));
+        let surfaces = scene.looks.iter().map(Surface::of).collect();
         (Things::Meshes(scene.meshes, surfaces), scene.camera)
     };
     let sky = match name {
