@@ -37,8 +37,8 @@ impl Surface {
     /// The colour at a hit on the triangle with these vertices.
     pub fn color_at(&self, hit: &Hit, triangle: [u32; 3]) -> Vec3 {
         let mut color = self.color;
-        if self.group > 0 {
-            let random = mix(0xc010, u64::from(hit.primitive / self.group)) as u32 >> 8;
+        if let Some(group) = hit.primitive.checked_div(self.group) {
+            let random = mix(0xc010, u64::from(group)) as u32 >> 8;
             color = color.lerp(self.other, random as f32 / (1u32 << 24) as f32);
         }
         let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];

@@ -2,7 +2,7 @@
 //! frames, f32 seconds per frame, u32 triangles[][3], f32 positions[frames][vertices][3].
 
 use super::sequence::Sequence;
-use super::{Wrong, check_indices, check_positions};
+use super::{Part, Wrong, check_indices, check_positions};
 use crate::materials::Surface;
 use mbkd::glam::Vec3;
 
@@ -44,7 +44,7 @@ pub fn parse(bytes: &[u8]) -> Result<Sequence, Wrong> {
         keys.push(positions);
     }
     Ok(Sequence {
-        parts: vec![(indices, keys, Surface::plain(Vec3::new(0.62, 0.5, 0.42)))],
+        parts: vec![Part { indices, keys, surface: Surface::plain(Vec3::new(0.62, 0.5, 0.42)) }],
         seconds_per_frame: f64::from(seconds),
         of_files: false,
     })

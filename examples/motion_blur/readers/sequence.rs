@@ -17,8 +17,8 @@ pub struct StillPart {
 
 /// Parts with positions at every frame.
 pub struct Sequence {
-    /// Triangles, positions per frame, look.
-    pub parts: Vec<(Vec<[u32; 3]>, Vec<Vec<Vec3>>, Surface)>,
+    /// Their keys are the frames.
+    pub parts: Vec<Part>,
     /// Time from frame to frame.
     pub seconds_per_frame: f64,
     /// Whether every frame was a file of its own.
@@ -28,11 +28,12 @@ pub struct Sequence {
 impl Sequence {
     /// Joins files of equal topology, one frame each, at 24 frames per second.
     pub fn of_files(frames: Vec<(&Path, Vec<StillPart>)>) -> Result<Sequence, ReadError> {
-        let mut parts = Vec::<(Vec<[u32; 3]>, Vec<Vec<Vec3>>, Surface)>::new();
+        let mut parts = Vec::<Part>::new();
         let mut first_file = None;
         for (file, frame) in frames {
             let Some(first) = first_file else {
-                parts = frame.into_iter().map(|p| (p.indices, vec![p.positions], p.surface)).collect();
+                let still = |p: StillPart| Part { indices: p.indices, keys: vec![p.positions], surface: p.surface };
+                parts = frame.into_iter().map(still).collect();
                 first_file = Some(file);
                 continue;
             };
@@ -43,7 +44,7 @@ impl Sequence {
             if frame.len() != parts.len() {
                 return Err(differs(format!("has {} objects, other", frame.len())));
             }
-            for (part, (indices, keys, _)) in frame.into_iter().zip(&mut parts) {
+            for (part, Part { indices, keys, .. }) in frame.into_iter().zip(&mut parts) {
                 if part.positions.len() != keys[0].len() {
                     return Err(differs(format!("has {} vertices in an object, other", part.positions.len())));
                 }
@@ -57,7 +58,7 @@ impl Sequence {
     }
 
     fn frames(&self) -> usize {
-        self.parts.first().map_or(0, |(_, keys, _)| keys.len())
+        self.parts.first().map_or(0, |part| part.keys.len())
     }
 
     /// When each frame is.
@@ -84,10 +85,10 @@ impl Sequence {
             // Exactly a frame at its own time.
             a.iter().zip(b).map(|(a, b)| if s == 1.0 { *b } else { *a + (*b - *a) * s }).collect()
         };
-        let parts = self.parts.iter().map(|(indices, keys, surface)| Part {
-            indices: indices.clone(),
-            keys: times.iter().map(|&time| at(keys, time)).collect(),
-            surface: surface.clone(),
+        let parts = self.parts.iter().map(|part| Part {
+            indices: part.indices.clone(),
+            keys: times.iter().map(|&time| at(&part.keys, time)).collect(),
+            surface: part.surface.clone(),
         });
         Pose { parts: parts.collect(), camera: None }
     }

@@ -330,7 +330,7 @@ fn the_knight_runs_as_it_was_baked() {
     let (model, baked) = (parse(&glb).unwrap(), mseq::parse(&baked).unwrap());
     let times = baked.frame_times();
     let pose = model.pose(Some("Running_A"), &times).unwrap();
-    let (indices, frames, _) = &baked.parts[0];
+    let Part { indices, keys: frames, .. } = &baked.parts[0];
     for (frame, expected) in frames.iter().enumerate() {
         // The baked mesh has welded vertices, so corners of triangles are compared.
         let corners =

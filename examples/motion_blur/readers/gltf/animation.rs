@@ -206,7 +206,7 @@ pub fn clip(animation: &gltf::Animation, data: &Data, targets: impl Fn(usize) ->
                     return Err(Wrong::new(place, "has a value that is not finite"));
                 }
                 let keys = Keyframes::new(&place, times, flat.chunks(count).map(<[f32]>::to_vec).collect(), way)?;
-                if flat.len() % count != 0 {
+                if !flat.len().is_multiple_of(count) {
                     return Err(Wrong::new(place, format!("{} weights are not {count} for each keyframe", flat.len())));
                 }
                 let span = keys.span();

@@ -27,15 +27,20 @@ use std::sync::Arc;
 pub struct GltfModel {
     file: PathBuf,
     nodes: Vec<Node>,
-    /// All nodes, parents before children, with their parent.
-    order: Vec<(usize, Option<usize>)>,
-    /// Nodes of the scene, in the order of the file.
-    shown: Vec<usize>,
+    hierarchy: Hierarchy,
     meshes: Vec<Vec<Primitive>>,
     /// Default morph weights of each mesh.
     weights: Vec<Vec<f32>>,
     skins: Vec<Skin>,
     clips: Vec<Clip>,
+}
+
+/// Who hangs on whom.
+struct Hierarchy {
+    /// All nodes, parents before children, with their parent.
+    order: Vec<(usize, Option<usize>)>,
+    /// Nodes of the scene, in the order of the file.
+    shown: Vec<usize>,
 }
 
 struct Node {
@@ -88,8 +93,8 @@ impl GltfModel {
         };
         let clips =
             document.animations().map(|a| animation::clip(&a, &data, targets)).collect::<Result<Vec<_>, _>>()?;
-        let (order, shown) = hierarchy(&document)?;
-        Ok(GltfModel { file: file.into(), nodes, order, shown, meshes, weights, skins, clips })
+        let hierarchy = hierarchy(&document)?;
+        Ok(GltfModel { file: file.into(), nodes, hierarchy, meshes, weights, skins, clips })
     }
 
     /// The clip of that name or number; the first by default, none if nothing is animated.
@@ -121,7 +126,8 @@ impl GltfModel {
         // One part for each primitive of each node that has a mesh.
         let instances = || {
             let of_node = |&node: &usize| self.nodes[node].mesh.map(|mesh| (node, mesh));
-            self.shown
+            self.hierarchy
+                .shown
                 .iter()
                 .filter_map(of_node)
                 .flat_map(|(node, mesh)| self.meshes[mesh].iter().map(move |p| (node, mesh, p)))
@@ -215,8 +221,7 @@ impl Skin {
 
 /// All nodes with their parents, parents first, and the nodes of the default scene (of all, if there is no scene).
 /// A node with two parents or in a ring is refused.
-#[expect(clippy::type_complexity, reason = "two lists, named where they are stored")]
-fn hierarchy(document: &gltf::Document) -> Result<(Vec<(usize, Option<usize>)>, Vec<usize>), Wrong> {
+fn hierarchy(document: &gltf::Document) -> Result<Hierarchy, Wrong> {
     let count = document.nodes().len();
     let children: Vec<Vec<usize>> = document.nodes().map(|n| n.children().map(|c| c.index()).collect()).collect();
     let mut parent = vec![None; count];
@@ -242,7 +247,7 @@ fn hierarchy(document: &gltf::Document) -> Result<(Vec<(usize, Option<usize>)>, 
         return Err(Wrong::new(format!("node {node}"), "is among its own ancestors"));
     }
     let Some(scene) = document.default_scene().or_else(|| document.scenes().next()) else {
-        return Ok((order, (0..count).collect()));
+        return Ok(Hierarchy { order, shown: (0..count).collect() });
     };
     let mut shown: HashSet<usize> = scene.nodes().map(|node| node.index()).collect();
     for (node, parent) in &order {
@@ -250,7 +255,7 @@ fn hierarchy(document: &gltf::Document) -> Result<(Vec<(usize, Option<usize>)>, 
             shown.insert(*node);
         }
     }
-    Ok((order, (0..count).filter(|node| shown.contains(node)).collect()))
+    Ok(Hierarchy { shown: (0..count).filter(|node| shown.contains(node)).collect(), order })
 }
 
 fn matrix_of(columns: [[f32; 4]; 4]) -> DMat4 {

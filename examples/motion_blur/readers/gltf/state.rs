@@ -30,7 +30,7 @@ impl State {
             }
         }
         let mut world = vec![DMat4::IDENTITY; locals.len()];
-        for &(node, parent) in &model.order {
+        for &(node, parent) in &model.hierarchy.order {
             let local = locals[node].matrix();
             world[node] = parent.map_or(local, |parent| world[parent] * local);
         }
@@ -72,7 +72,7 @@ impl State {
     /// What the first camera of the scene sees.
     pub fn view(&self, model: &GltfModel) -> Option<View> {
         let camera = |&node: &usize| model.nodes[node].camera.map(|height| (node, height));
-        let (node, height) = model.shown.iter().find_map(camera)?;
+        let (node, height) = model.hierarchy.shown.iter().find_map(camera)?;
         let world = self.world[node];
         let position = world.w_axis.truncate();
         // A camera looks along its own -z, with y up.
