@@ -70,6 +70,10 @@ fn outputs(options: &Options) -> Result<Vec<PathBuf>, String> {
         if !known {
             return Err(format!("{}: pictures are written as .png, .exr or .pfm", path.display()));
         }
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            return Err(format!("{}: there is no folder {}", path.display(), folder.display()));
+        }
     }
     Ok(outputs)
 }

@@ -88,7 +88,7 @@ pub struct Options {
     #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
     pub output: Vec<PathBuf>,
     /// Render a sequence of this many frames: numbered PNGs and one animated GIF
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), help_heading = "Picture")]
+    #[arg(long, conflicts_with_all = ["time", "heatmap", "compare"], value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), help_heading = "Picture")]
     pub frames: Option<u32>,
     /// Draw what camera rays cost instead of what they see
     #[arg(long, help_heading = "Picture")]
@@ -246,6 +246,7 @@ mod tests {
             ("x --camera-keys 1,2:3", "x,y,z"),
             ("x --sun 1,2,nan", "x,y,z"),
             ("x --shutter -1", "--shutter"),
+            ("x --frames 3 --heatmap steps", "--heatmap"),
             ("x --scene hall --mesh a.obj", "--mesh"),
         ] {
             let error = parse(line).unwrap_err();

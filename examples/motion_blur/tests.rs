@@ -1,12 +1,14 @@
 //! Whole pictures whose light can be computed by hand, and the promise that a seed fixes the file.
 
-use crate::film::Film;
+use crate::animation::Animation;
+use crate::film::{Film, save_linear};
 use crate::materials::Surface;
 use crate::render::{Job, render};
 use crate::sky::Sky;
 use crate::stage::{Stage, Things};
 use crate::staging::scene_of;
 use crate::world::World;
+use image::AnimationDecoder;
 use indicatif::ProgressBar;
 use mbkd::glam::Vec3;
 use mbkd::scene::{Camera, View};
@@ -127,6 +129,48 @@ fn a_seed_gives_the_same_file_on_any_number_of_threads() {
     assert_eq!(bytes(3, &job, Policy::default()), one);
     assert_eq!(bytes(2, &job, Policy::Mbkd), one, "policies answer alike");
     assert_ne!(bytes(2, &Job { seed: 4, ..job }, Policy::default()), one);
+}
+
+#[test]
+fn an_interrupt_keeps_what_is_done() {
+    let stage = stage(square(&[Vec3::ZERO]), 0.3, furnace(), front());
+    let world = World::build(&stage.things, &BuildParams::default()).unwrap();
+    let stop = AtomicBool::new(true);
+    let (film, cost) = render(&world, &stage, &job(20, 20, 8), &stop, &ProgressBar::hidden());
+    assert!(cost.rays == 0 && film.samples.iter().all(|&n| n == 0));
+    // A film that has only some of its samples is as bright as a whole one.
+    let mut film = exposed(&stage, Policy::default(), &job(20, 20, 4));
+    film.sums[7] = Vec3::splat(0.6);
+    film.samples[7] = 2;
+    assert!(film.linear().iter().all(|c| (c.x - 0.3).abs() < 1e-5));
+}
+
+#[test]
+fn files_hold_what_was_rendered() {
+    let stage = scene_of("hand", Some(2000)).unwrap();
+    let film = exposed(&stage, Policy::default(), &job(12, 7, 2));
+    let folder = std::env::temp_dir().join(format!("mbkd_motion_blur_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let picture = film.developed(1.0);
+    picture.save(&folder.join("a.png")).unwrap();
+    assert_eq!(image::open(folder.join("a.png")).unwrap().into_rgb8().into_raw(), picture.bytes());
+    save_linear(&film, &folder.join("a.exr")).unwrap();
+    let linear: Vec<f32> = film.linear().iter().flat_map(|c| c.to_array()).collect();
+    assert_eq!(image::open(folder.join("a.exr")).unwrap().into_rgb32f().into_raw(), linear);
+    save_linear(&film, &folder.join("a.pfm")).unwrap();
+    let pfm = std::fs::read(folder.join("a.pfm")).unwrap();
+    let (header, body) = pfm.split_at(b"PF\n12 7\n-1.0\n".len());
+    assert_eq!(header, b"PF\n12 7\n-1.0\n");
+    // Rows from the bottom: the file's first pixel is the first of the last row.
+    assert_eq!(body.len(), 12 * 7 * 12);
+    assert_eq!(body[..4], film.linear()[12 * 6].x.to_le_bytes());
+    let mut animation = Animation::begin(folder.join("a.gif"), 0.1).unwrap();
+    (0..3).for_each(|_| animation.add(&picture).unwrap());
+    drop(animation);
+    let gif = std::io::BufReader::new(std::fs::File::open(folder.join("a.gif")).unwrap());
+    assert_eq!(image::codecs::gif::GifDecoder::new(gif).unwrap().into_frames().count(), 3);
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(picture.save(&folder.join("gone.png")).unwrap_err().contains("gone.png"));
 }
 
 #[test]
