@@ -15,6 +15,7 @@ mod readers;
 mod render;
 mod sampling;
 mod sky;
+mod smooth;
 mod stage;
 mod staging;
 #[cfg(test)]

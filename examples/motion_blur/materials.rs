@@ -1,6 +1,7 @@
 //! What colour a surface has where it was hit.
 
 use crate::sampling::mix;
+use crate::smooth::Normals;
 use mbkd::Hit;
 use mbkd::glam::{Vec2, Vec3};
 use mbkd::scene::Look;
@@ -21,17 +22,30 @@ pub struct Surface {
     pub uvs: Vec<Vec2>,
     /// A picture that multiplies the base colour.
     pub texture: Option<Arc<Texture>>,
+    /// Shading normals; without them triangles look flat.
+    pub normals: Option<Arc<Normals>>,
 }
 
 impl Surface {
     /// One colour throughout.
     pub fn plain(color: Vec3) -> Surface {
-        Surface { color, group: 0, other: color, vertex_colors: vec![], uvs: vec![], texture: None }
+        Surface { color, group: 0, other: color, vertex_colors: vec![], uvs: vec![], texture: None, normals: None }
     }
 
     /// The look a scene asks for.
     pub fn of(look: &Look) -> Surface {
         Surface { other: look.other, group: look.group, ..Surface::plain(look.color) }
+    }
+
+    /// The shading normal at a hit, on the side of the true normal `flat`, which it is where there is no other.
+    pub fn normal_at(&self, hit: &Hit, time: f32, flat: Vec3) -> Vec3 {
+        let Some(normals) = &self.normals else { return flat };
+        let smooth = normals.at(hit.primitive as usize, [1.0 - hit.u - hit.v, hit.u, hit.v], time);
+        match smooth.dot(flat) {
+            along if along > 0.0 => smooth,
+            along if along < 0.0 => -smooth,
+            _ => flat,
+        }
     }
 
     /// The colour at a hit on the triangle with these vertices.

@@ -5,10 +5,12 @@ use crate::options::{Axis, Count, Options};
 use crate::readers::{Model, Pose};
 use crate::sampling::cos_sin_f64;
 use crate::sky::Sky;
+use crate::smooth::Normals;
 use crate::stage::{Stage, Things};
 use mbkd::TriangleMesh;
 use mbkd::glam::{Vec3, Vec3Swizzles};
 use mbkd::scene::{Camera, flake};
+use std::sync::Arc;
 
 /// Where stages come from: a procedural scene, or a model that is posed anew for each shutter.
 pub enum Source {
@@ -126,12 +128,13 @@ fn posed(options: &Options, pose: Pose, bounds: Bounds) -> Stage {
             part.keys.into_iter().map(|key| key.into_iter().map(|p| upright(options.up, p)).collect()).collect();
         let still = keys.windows(2).all(|pair| pair[0] == pair[1]);
         let keys = if still { keys.into_iter().take(1).collect() } else { keys };
+        let normals = Some(Arc::new(Normals::new(&part.indices, &keys)));
+        surfaces.push(Surface { normals, ..part.surface });
         meshes.push(TriangleMesh::new(part.indices, keys));
-        surfaces.push(part.surface);
     }
     if !options.no_floor {
         meshes.push(floor(bounds));
-        surfaces.push(Surface::plain(Vec3::new(0.46, 0.45, 0.43)));
+        surfaces.push(Surface::plain(Vec3::new(0.30, 0.29, 0.28)));
     }
     let aspect = options.width as f32 / options.height as f32;
     let own = pose.camera.filter(|_| matches!(options.up, Axis::Y));
@@ -228,9 +231,9 @@ fn frame_box(Bounds { min, max }: Bounds, azimuth: f32, elevation: f32, aspect: 
     for corner in 0..8 {
         let pick = |axis: usize| if corner >> axis & 1 == 1 { max[axis] } else { min[axis] };
         let p = Vec3::new(pick(0), pick(1), pick(2)) - target;
-        // How far away the eye must be for this corner to lie just inside, with a margin of an eighth.
+        // How far away the eye must be for this corner to lie just inside, with a small margin.
         for edge in [right, up] {
-            let reach = p.dot(edge.normalize_or_zero()).abs() * 1.125 / edge.length().max(1e-6);
+            let reach = p.dot(edge.normalize_or_zero()).abs() * 1.05 / edge.length().max(1e-6);
             distance = distance.max(reach - p.dot(forward));
         }
     }

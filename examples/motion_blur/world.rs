@@ -24,7 +24,7 @@ enum Tree {
 pub struct Point {
     /// Where it is, lifted off the surface towards the ray's origin.
     pub position: DVec3,
-    /// Unit normal on the side of the ray's origin.
+    /// Unit normal for shading, on the side of the ray's origin.
     pub normal: Vec3,
     /// Diffuse reflectance.
     pub color: Vec3,
@@ -71,21 +71,24 @@ impl World {
     /// What is where a ray hit.
     pub fn point(&self, ray: &Ray, hit: &Hit) -> Point {
         let at = ray.point(hit.t);
-        let (normal, color) = match &self.tree {
+        let facing = |normal: Vec3| if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
+        let (flat, normal, color) = match &self.tree {
             Tree::Meshes { tree, surfaces, indices } => {
                 let (mesh, triangle) = (hit.mesh as usize, hit.primitive as usize);
-                (tree.normal(hit, ray.time), surfaces[mesh].color_at(hit, indices[mesh][triangle]))
+                let flat = facing(tree.normal(hit, ray.time));
+                let surface = &surfaces[mesh];
+                (flat, surface.normal_at(hit, ray.time, flat), surface.color_at(hit, indices[mesh][triangle]))
             }
             Tree::Spheres { tree, levels } => {
                 let sphere = hit.primitive as usize;
                 let (center, _) = tree.primitives()[sphere].at(ray.time);
                 let color = LEVELS[levels[sphere] as usize % LEVELS.len()];
-                ((at - center).normalize_or_zero().as_vec3(), color)
+                let normal = facing((at - center).normalize_or_zero().as_vec3());
+                (normal, normal, color)
             }
         };
-        let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
         let lift = self.lift + 2e-6 * hit.t * ray.dir.length();
-        Point { position: at + normal.as_dvec3() * f64::from(lift), normal, color }
+        Point { position: at + flat.as_dvec3() * f64::from(lift), normal, color }
     }
 
     /// Figures of the tree.
