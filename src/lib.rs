@@ -8,6 +8,7 @@ mod motion;
 mod ray;
 pub mod scene;
 mod simd;
+mod tree;
 
 pub use error::{BuildError, IntervalError};
 pub use glam;

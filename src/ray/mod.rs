@@ -1,11 +1,15 @@
 //! Rays that carry their own time, what they hit, and the triangle test.
 
+mod collect;
 mod hit;
 mod query_ray;
 mod triangle;
+mod wide;
 
+pub(crate) use collect::{Any, Closest, Collect, Found};
 pub(crate) use hit::SetHit;
 pub use hit::{Hit, Intersection};
 pub use query_ray::Ray;
 pub(crate) use query_ray::TreeRay;
 pub(crate) use triangle::{Sheared, intersect_triangle};
+pub(crate) use wide::{Count, Listed, Wide};

@@ -39,7 +39,8 @@ pub(super) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
 macro_rules! intrinsic {
     ($call:expr) => {
         // SAFETY: all operands come from the token, which exists only after detection; memory
-        // operands point into arrays of sixteen elements and the unaligned forms are used.
+        // operands point into arrays of sixteen elements, or into a slice with the lanes beyond it masked,
+        // and the unaligned forms are used.
         unsafe { $call }
     };
 }
@@ -85,12 +86,20 @@ impl U {
     /// All ones in the lanes of the mask.
     #[inline(always)]
     fn from_mask(mask: Mask) -> U {
-        let bits = intrinsic!(_mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
-        let half = |m: u16| {
-            let spread = intrinsic!(_mm256_and_si256(_mm256_set1_epi32(i32::from(m)), bits));
-            intrinsic!(_mm256_cmpeq_epi32(spread, bits))
-        };
-        U(half(mask & 0xff), half(mask >> 8))
+        let low = intrinsic!(_mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
+        let high = intrinsic!(_mm256_slli_epi32::<8>(low));
+        let all = intrinsic!(_mm256_set1_epi32(i32::from(mask)));
+        U(
+            intrinsic!(_mm256_cmpeq_epi32(_mm256_and_si256(all, low), low)),
+            intrinsic!(_mm256_cmpeq_epi32(_mm256_and_si256(all, high), high)),
+        )
+    }
+
+    /// The lanes of an eight-bit mask moved to the front.
+    #[inline(always)]
+    fn pack_half(x: __m256i, mask: usize) -> __m256i {
+        let lanes = intrinsic!(_mm256_cvtepu8_epi32(_mm_cvtsi64_si128(FRONT[mask] as i64)));
+        intrinsic!(_mm256_permutevar8x32_epi32(x, lanes))
     }
 }
 
@@ -147,6 +156,14 @@ impl Simd for Avx2 {
     fn load(self, from: &Lanes<f32>) -> F {
         let at = from.as_ptr();
         F(intrinsic!(_mm256_loadu_ps(at)), intrinsic!(_mm256_loadu_ps(at.add(8))))
+    }
+    #[inline(always)]
+    fn load_first(self, from: &[f32], at: usize, n: usize) -> F {
+        let row = &from[at..at + n];
+        let lanes = U::from_mask(if n < 16 { (1u16 << n) - 1 } else { u16::MAX });
+        let low = row.as_ptr();
+        let high = low.wrapping_add(8);
+        F(intrinsic!(_mm256_maskload_ps(low, lanes.0)), intrinsic!(_mm256_maskload_ps(high, lanes.1)))
     }
     #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {
@@ -260,12 +277,8 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn compress_u(self, a: U, mask: Mask) -> U {
-        let half = |x: __m256i, m: usize| {
-            let lanes = intrinsic!(_mm256_cvtepu8_epi32(_mm_cvtsi64_si128(FRONT[m] as i64)));
-            intrinsic!(_mm256_permutevar8x32_epi32(x, lanes))
-        };
-        let low = half(a.0, usize::from(mask & 0xff));
-        let high = half(a.1, usize::from(mask >> 8));
+        let low = U::pack_half(a.0, usize::from(mask & 0xff));
+        let high = U::pack_half(a.1, usize::from(mask >> 8));
         // The low half's lanes come first; the high half follows right behind them.
         let mut joined = [0u32; LANES + 8];
         let at = joined.as_mut_ptr();

@@ -43,7 +43,7 @@ pub(super) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
 macro_rules! intrinsic {
     ($call:expr) => {
         // SAFETY: all operands come from the token, which exists only after detection; memory
-        // operands are references to sixteen elements and the unaligned forms are used.
+        // operands are references to at least as many elements as are used, by the unaligned forms.
         unsafe { $call }
     };
 }
@@ -99,6 +99,12 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn load(self, from: &Lanes<f32>) -> F {
         F(intrinsic!(_mm512_loadu_ps(from.as_ptr())))
+    }
+    #[inline(always)]
+    fn load_first(self, from: &[f32], at: usize, n: usize) -> F {
+        let row = &from[at..at + n];
+        let mask = if n < 16 { (1u16 << n) - 1 } else { u16::MAX };
+        F(intrinsic!(_mm512_maskz_loadu_ps(mask, row.as_ptr())))
     }
     #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {

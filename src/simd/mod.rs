@@ -18,10 +18,12 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod portable;
+mod stack;
 
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 pub(crate) use arena::Arena;
+pub(crate) use stack::Stack;
 
 /// Number of lanes in every vector of this module.
 pub(crate) const LANES: usize = 16;
@@ -46,6 +48,9 @@ pub(crate) trait Simd: Copy {
     fn splat(self, x: f32) -> Self::F;
     /// Reads sixteen floats, at any alignment.
     fn load(self, from: &Lanes<f32>) -> Self::F;
+    /// Reads the first `n` floats of what begins at `from[at]`; the other lanes are 0. What lies behind
+    /// them in memory is not looked at (read as numbers it might be denormal, which is slow).
+    fn load_first(self, from: &[f32], at: usize, n: usize) -> Self::F;
     /// Writes sixteen floats, at any alignment.
     fn store(self, x: Self::F, to: &mut Lanes<f32>);
     /// `a / b`, correctly rounded.

@@ -107,6 +107,12 @@ impl Simd for Portable {
         F(*from)
     }
     #[inline(always)]
+    fn load_first(self, from: &[f32], at: usize, n: usize) -> F {
+        let mut out = [0.0; LANES];
+        out[..n].copy_from_slice(&from[at..at + n]);
+        F(out)
+    }
+    #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {
         *to = x.0;
     }

@@ -47,6 +47,7 @@ impl Kernel for All {
                 out_f(s.max(a, b)),
                 out_f(s.select(self.mask, a, b)),
                 out_f(s.splat(self.a[3])),
+                out_f(s.load_first(&self.a, 16 - self.mask as usize % 17, self.mask as usize % 17)),
                 out_f(s.from_bits(ua)),
                 out_u(ua & ub),
                 out_u(ua | ub),

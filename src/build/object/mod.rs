@@ -1,0 +1,9 @@
+//! Object splits: a partition of the references by binned SAH, and its optimal collapse into sixteen-way
+//! nodes. The picture: a binary tree over boxes that move linearly, of which each wide node swallows the
+//! part that pays.
+
+mod binned;
+mod collapse;
+
+pub(crate) use binned::{BinaryNode, BinaryTree, Reference, build_binary};
+pub(crate) use collapse::{Collapse, Prices, WideChild};

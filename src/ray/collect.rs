@@ -1,0 +1,72 @@
+//! What a traversal does with the hits it finds.
+
+use super::hit::SetHit;
+
+/// A hit with its primitive's id and where its corners lie.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    pub hit: SetHit,
+    pub id: u32,
+    pub leaf: u32,
+}
+
+/// Receives hits in any order. Culling asks for the limit: what is strictly farther is of no interest.
+pub(crate) trait Collect {
+    /// Whether nearer children should be visited first.
+    const ORDERED: bool;
+    /// The largest `t` that still matters.
+    fn limit(&self) -> f32;
+    /// Takes a hit within the ray's range and the limit; true ends the query.
+    fn offer(&mut self, found: Found) -> bool;
+}
+
+/// Keeps the nearest hit; of equally near ones the lowest id.
+pub(crate) struct Closest<F> {
+    pub t_max: f32,
+    pub best: Option<Found>,
+    pub accept: F,
+}
+
+impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
+    const ORDERED: bool = true;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn offer(&mut self, found: Found) -> bool {
+        let better = match self.best {
+            Some(best) => found.hit.t < best.hit.t || (found.hit.t == best.hit.t && found.id < best.id),
+            None => true,
+        };
+        if better && (self.accept)(&found) {
+            self.t_max = found.hit.t;
+            self.best = Some(found);
+        }
+        false
+    }
+}
+
+/// Stops at the first hit.
+pub(crate) struct Any<F> {
+    pub t_max: f32,
+    pub found: bool,
+    pub accept: F,
+}
+
+impl<F: Fn(&Found) -> bool> Collect for Any<F> {
+    const ORDERED: bool = false;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn offer(&mut self, found: Found) -> bool {
+        self.found = (self.accept)(&found);
+        self.found
+    }
+}

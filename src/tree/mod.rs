@@ -1,0 +1,3 @@
+//! The layouts that queries walk.
+
+pub(crate) mod wide;

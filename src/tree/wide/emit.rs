@@ -1,0 +1,172 @@
+//! Writes nodes into the arena.
+
+use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use crate::build::object::{BinaryNode, Collapse, WideChild};
+use crate::motion::{LinearBox3, TimeInterval};
+use crate::simd::{Arena, LANES};
+use glam::Vec3;
+
+/// The arena has outgrown what child references can number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Full;
+
+/// A face at time 0 and its velocity: the line that a query evaluates as `at + velocity * t`.
+#[derive(Clone, Copy)]
+struct Face {
+    at: f32,
+    velocity: f32,
+}
+
+/// The line through a bound at both ends of an interval, moved toward `side` (+1 up, -1 down) until the
+/// *computed* `at + velocity * t` holds the bound at every time of the interval.
+///
+/// Proof: the computed value differs from `at + velocity * t` by at most two roundings of sizes below
+/// |at| + |velocity| (one where it is fused), that is by less than 2^-23 (|at| + |velocity|); `at` is moved by
+/// four times that half and then by one float. Both the bound and the line are linear in t, so it is
+/// enough that the line lies beyond the bound at both ends; this is arranged in f64, whose own rounding
+/// (2^-53) vanishes beside the float step. A face that does not move is taken as it is.
+fn face(begin: f32, end: f32, over: TimeInterval, side: f64) -> Face {
+    if begin == end {
+        return Face { at: begin, velocity: 0.0 };
+    }
+    let (t0, t1) = (f64::from(over.begin()), f64::from(over.end()));
+    let (b0, b1) = (f64::from(begin), f64::from(end));
+    let velocity = if t1 > t0 { ((b1 - b0) / (t1 - t0)) as f32 } else { 0.0 };
+    let v = f64::from(velocity);
+    let line = side * (side * (b0 - v * t0)).max(side * (b1 - v * t1));
+    let slack = f64::from(f32::EPSILON) * 2.0 * (line.abs() + v.abs());
+    let at = (line + side * slack) as f32;
+    Face { at: if side > 0.0 { at.next_up() } else { at.next_down() }, velocity }
+}
+
+/// Bounds that no ray meets, for the lanes without a child.
+const NOWHERE: f32 = 1e30;
+
+/// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
+pub(super) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInterval) -> Result<ChildRef, Full> {
+    let moving = boxes.iter().any(|b| b.begin != b.end);
+    let rows = if moving { NODE_ROWS } else { STILL_NODE_ROWS };
+    arena.align();
+    let at = arena.grow(rows * LANES);
+    let kind = if moving { Kind::Node } else { Kind::StillNode };
+    let node = ChildRef::new(kind, at, 1).ok_or(Full)?;
+    let words = &mut arena.floats_mut()[at..at + rows * LANES];
+    for lane in 0..LANES {
+        for axis in 0..3 {
+            let (low, high) = match boxes.get(lane) {
+                Some(b) => (
+                    face(b.begin.min[axis], b.end.min[axis], over, -1.0),
+                    face(b.begin.max[axis], b.end.max[axis], over, 1.0),
+                ),
+                None => (Face { at: NOWHERE, velocity: 0.0 }, Face { at: -NOWHERE, velocity: 0.0 }),
+            };
+            words[axis * LANES + lane] = low.at;
+            words[(3 + axis) * LANES + lane] = high.at;
+            if moving {
+                words[(6 + axis) * LANES + lane] = low.velocity;
+                words[(9 + axis) * LANES + lane] = high.velocity;
+            }
+        }
+    }
+    Ok(node)
+}
+
+/// Fills in the children of a node.
+pub(super) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildRef]) {
+    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
+    let row = node.at() + (rows - 1) * LANES;
+    for (word, child) in arena.ints_mut()[row..row + LANES].iter_mut().zip(children) {
+        *word = child.0;
+    }
+}
+
+/// Writes a time node over equal parts of the shutter.
+pub(super) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildRef, Full> {
+    arena.align();
+    let at = arena.grow(1 + parts.len());
+    arena.ints_mut()[at] = parts.len() as u32;
+    for (i, part) in parts.iter().enumerate() {
+        arena.ints_mut()[at + 1 + i] = part.0;
+    }
+    ChildRef::new(Kind::Time, at, 1).ok_or(Full)
+}
+
+/// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and
+/// returns the root. `leaf` writes a leaf block for a binary node.
+pub(super) struct Nodes<'a, L> {
+    pub binary: &'a [BinaryNode],
+    pub collapse: &'a Collapse,
+    pub over: TimeInterval,
+    pub leaf: L,
+}
+
+impl<L: FnMut(&mut Arena, &BinaryNode) -> Result<ChildRef, Full>> Nodes<'_, L> {
+    /// Writes the whole tree (which must not be empty).
+    pub fn write(&mut self, arena: &mut Arena) -> Result<ChildRef, Full> {
+        if self.collapse.is_leaf(0) {
+            return (self.leaf)(arena, &self.binary[0]);
+        }
+        self.node(arena, 0)
+    }
+
+    /// The recursion is as deep as the wide tree, which the binary build bounds.
+    fn node(&mut self, arena: &mut Arena, of: u32) -> Result<ChildRef, Full> {
+        let mut children: Vec<WideChild> = Vec::with_capacity(LANES);
+        self.collapse.children(self.binary, of, &mut children);
+        let boxes: Vec<LinearBox3> = children.iter().map(|c| self.binary[c.node as usize].bounds).collect();
+        let node = write_node(arena, &boxes, self.over)?;
+        let mut refs = [ChildRef::NOTHING; LANES];
+        for (r, child) in refs.iter_mut().zip(&children).filter(|(_, c)| c.leaf) {
+            *r = (self.leaf)(arena, &self.binary[child.node as usize])?;
+        }
+        for (r, child) in refs.iter_mut().zip(&children).filter(|(_, c)| !c.leaf) {
+            *r = self.node(arena, child.node)?;
+        }
+        set_children(arena, node, &refs[..children.len()]);
+        Ok(node)
+    }
+}
+
+/// Writes the corners of one triangle into lane `lane` of rows of `n`, beginning at word `at`.
+pub(super) fn write_corners(words: &mut [f32], n: usize, lane: usize, corners: [Vec3; 3]) {
+    for (i, corner) in corners.into_iter().enumerate() {
+        for axis in 0..3 {
+            words[(3 * i + axis) * n + lane] = corner[axis];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faces_lie_beyond_their_bounds_as_the_query_computes_them() {
+        let mut state = 1u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        for i in 0..100_000 {
+            let scale = if i % 3 == 0 { 1e-4 } else { 1.0 };
+            let (a, b) = (next().abs() * scale + 0.5 * next().abs(), next().abs());
+            let Some(over) = TimeInterval::half_open(a.min(b), a.max(b)) else { continue };
+            let (begin, end) = (next(), next() * scale);
+            for side in [-1.0f32, 1.0] {
+                let f = face(begin, end, over, f64::from(side));
+                for j in 0..=8 {
+                    let t = (over.begin() + over.duration() * (j as f32 / 8.0)).min(over.end());
+                    let w = f64::from(t - over.begin()) / f64::from(over.end() - over.begin()).max(1e-30);
+                    let bound = f64::from(begin) + (f64::from(end) - f64::from(begin)) * w.min(1.0);
+                    for computed in [f.velocity.mul_add(t, f.at), f.velocity * t + f.at] {
+                        // The bound itself is computed with an error of f64 and of t - begin in f32.
+                        let slack = 2.0 * f64::from(f32::EPSILON) * f64::from((end - begin).abs()) * w;
+                        assert!(f64::from(side) * (f64::from(computed) - bound) >= -slack, "{over:?} {t} {side}");
+                    }
+                }
+            }
+        }
+        let still = face(0.1, 0.1, TimeInterval::FULL, 1.0);
+        assert_eq!((still.at, still.velocity), (0.1, 0.0));
+    }
+}

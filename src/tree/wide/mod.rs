@@ -1,0 +1,18 @@
+//! The wide layout: sixteen-way nodes with boxes that move linearly, and leaf blocks of up to sixteen
+//! primitives, all in one arena.
+//!
+//! The picture to have in mind: a node is twelve rows of sixteen floats (lower and upper faces at time 0,
+//! and how fast each moves) and a row of references to its children; one SIMD step tests a ray against all
+//! sixteen boxes at the ray's own time. Where nothing moves the six velocity rows are left out. A leaf
+//! block holds its triangles' corners in rows too, at both ends of their motion, and is tested in one
+//! step. A time node picks one child by the ray's time; its children may share leaf blocks.
+
+mod build;
+mod emit;
+mod layout;
+
+pub(crate) use build::WideTree;
+pub(crate) use layout::{ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS};
+
+#[cfg(test)]
+mod tests;
