@@ -76,6 +76,9 @@ pub enum BuildError {
         /// What it has to be.
         expected: &'static str,
     },
+    /// The tree would need more nodes or references than its indices can name; lower
+    /// [`crate::BuildParams::max_references`] or split the scene.
+    TooManyReferences,
     /// The progress callback asked to stop.
     Cancelled,
 }
@@ -113,6 +116,9 @@ impl fmt::Display for BuildError {
                 write!(f, "{found} primitives are more than one tree can name (2^32 - 2); split the scene")
             }
             BuildError::Parameter { name, expected } => write!(f, "build parameter `{name}` must be {expected}"),
+            BuildError::TooManyReferences => f.write_str(
+                "the tree needs more references than it can name: lower `max_references` or split the scene",
+            ),
             BuildError::Cancelled => f.write_str("the build was cancelled by its progress callback"),
         }
     }

@@ -2,6 +2,7 @@
 #![deny(unsafe_code)]
 #![allow(dead_code)] // while the pieces land
 
+pub mod baseline;
 mod build;
 mod error;
 mod motion;
@@ -10,8 +11,13 @@ pub mod scene;
 mod simd;
 mod tree;
 
+pub use build::{BuildParams, Policy};
 pub use error::{BuildError, IntervalError};
 pub use glam;
-pub use motion::{Aabb, Keys, LinearBounds, MAX_COORDINATE, Primitive, TimeInterval, TriangleMesh};
-pub use ray::{Hit, Intersection, Ray};
+pub use motion::{
+    Aabb, Geometry, Keys, LinearBounds, MAX_COORDINATE, MovingSphere, Primitive, PrimitiveError, Shapes, TimeInterval,
+    TriangleMesh, Triangles, check_primitive,
+};
+pub use ray::{Counters, Hit, Intersection, Observer, Ray};
 pub use simd::SimdLevel;
+pub use tree::{RayTree, Statistics};

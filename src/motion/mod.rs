@@ -6,23 +6,27 @@
 
 mod bounds;
 mod box3;
+mod check;
 mod clip;
 mod frame;
 mod interval;
 mod keys;
 mod mesh;
 mod primitive;
+mod sphere;
 mod triangles;
 
 pub use bounds::{Aabb, LinearBounds};
 pub(crate) use box3::{Box3, Extent, Line, LinearBox3, ULP};
+pub use check::{PrimitiveError, check_primitive};
 pub(crate) use frame::Frame;
 pub use interval::TimeInterval;
 pub(crate) use keys::KeyTime;
 pub use mesh::{Keys, TriangleMesh};
-pub use primitive::Primitive;
-pub(crate) use primitive::{PrimitiveSet, Shapes};
-pub(crate) use triangles::Triangles;
+pub(crate) use primitive::PrimitiveSet;
+pub use primitive::{Geometry, Primitive, Shapes};
+pub use sphere::MovingSphere;
+pub use triangles::Triangles;
 
 /// The largest magnitude a coordinate may have. Beyond it builds return an error.
 pub const MAX_COORDINATE: f64 = 1e30;

@@ -59,6 +59,20 @@ pub trait Primitive: Send + Sync {
     }
 }
 
+/// What a [`RayTree`](crate::RayTree) is made of: [`Triangles`](crate::Triangles) or [`Shapes`]. Sealed; a bound for
+/// code that is generic over both.
+///
+/// ```
+/// use mbkd::{Geometry, Ray, RayTree};
+/// fn in_shadow<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> bool {
+///     tree.any_hit(ray)
+/// }
+/// ```
+#[allow(private_bounds)] // that is what seals it
+pub trait Geometry: PrimitiveSet {}
+
+impl<S: PrimitiveSet> Geometry for S {}
+
 /// A set of primitives in tree space, as builders and queries see it.
 pub(crate) trait PrimitiveSet: Send + Sync {
     /// Number of primitives; ids run from 0.
@@ -72,19 +86,35 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
     /// The hit at the ray's time within its range.
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit>;
+    /// Whether the primitive certainly stays clear of a cell during the whole interval, by more than the kernel's
+    /// rounding, although its bounds do not: `cell` is the cell at the begin and end of the interval,
+    /// linear in between. `false` is always right.
+    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+        let _ = (id, over, cell);
+        false
+    }
+    /// The visibility mask.
+    fn mask(&self, id: u32) -> u32 {
+        let _ = id;
+        u32::MAX
+    }
     /// Mesh and primitive as the caller numbers them.
     fn name(&self, id: u32) -> (u32, u32);
+    /// The map between world and tree space.
+    fn frame(&self) -> Frame;
+    /// Bytes allocated.
+    fn bytes(&self) -> usize;
 }
 
-/// A list of the caller's primitives.
-pub(crate) struct Shapes<P> {
+/// The caller's own primitives, as a [`RayTree`](crate::RayTree) holds them.
+pub struct Shapes<P> {
     shapes: Vec<P>,
     frame: Frame,
 }
 
 impl<P: Primitive> Shapes<P> {
     /// Takes the shapes after checking their bounds over the whole time they exist.
-    pub fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
+    pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
         if shapes.len() >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found: shapes.len() });
         }
@@ -104,13 +134,8 @@ impl<P: Primitive> Shapes<P> {
         Ok(Shapes { frame: Frame::around(swept), shapes })
     }
 
-    /// The map between world and tree space.
-    pub fn frame(&self) -> Frame {
-        self.frame
-    }
-
     /// The shapes as they were given.
-    pub fn shapes(&self) -> &[P] {
+    pub(crate) fn shapes(&self) -> &[P] {
         &self.shapes
     }
 }
@@ -142,12 +167,20 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
 
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
         let hit = self.shapes[id as usize].intersect(&ray.world)?;
-        let t = ray.from_world(hit.t);
+        let t = ray.tree_t(hit.t);
         // In this form NaN is no hit.
         (ray.t_min <= t && t <= ray.t_max).then_some(SetHit { t, u: hit.u, v: hit.v })
     }
 
     fn name(&self, id: u32) -> (u32, u32) {
         (0, id)
+    }
+
+    fn frame(&self) -> Frame {
+        self.frame
+    }
+
+    fn bytes(&self) -> usize {
+        self.shapes.capacity() * size_of::<P>()
     }
 }

@@ -5,11 +5,11 @@ use crate::error::BuildError;
 use crate::ray::{SetHit, TreeRay, intersect_triangle};
 use glam::{DVec3, Vec3};
 
-/// The triangles of several meshes, rebased into one frame.
+/// The triangles of several meshes, as a [`RayTree`](crate::RayTree) holds them: rebased into one frame.
 ///
 /// A triangle's id counts through the meshes in their order, so that the lowest id is the lowest
 /// (mesh, triangle).
-pub(crate) struct Triangles {
+pub struct Triangles {
     frame: Frame,
     meshes: Vec<Rebased>,
     /// Vertex indices of each triangle within its mesh.
@@ -29,7 +29,7 @@ struct Rebased {
 
 impl Triangles {
     /// Checks the meshes and copies them into tree space.
-    pub fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
+    pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
         let mut swept = Aabb::EMPTY;
         for (i, mesh) in meshes.iter().enumerate() {
             swept = swept.union(mesh.validate(i)?);
@@ -56,34 +56,31 @@ impl Triangles {
         Ok(Triangles { frame, meshes: rebased, indices, mesh_of })
     }
 
-    /// The map between world and tree space.
-    pub fn frame(&self) -> Frame {
-        self.frame
-    }
-
     fn mesh(&self, id: u32) -> &Rebased {
         &self.meshes[self.mesh_of[id as usize] as usize]
     }
 
     /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
-    pub fn keys(&self, id: u32) -> usize {
+    pub(crate) fn keys(&self, id: u32) -> usize {
         self.mesh(id).keys.len()
     }
 
-    /// The visibility mask of the triangle's mesh.
-    pub fn mask(&self, id: u32) -> u32 {
-        self.mesh(id).mask
+    /// The id of a triangle of a mesh, if there is such a triangle.
+    pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
+        let first = self.meshes.get(mesh as usize)?.first;
+        let end = self.meshes.get(mesh as usize + 1).map_or(self.indices.len() as u32, |next| next.first);
+        first.checked_add(triangle).filter(|&id| id < end)
     }
 
     /// The corners at one key.
-    pub fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
+    pub(crate) fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
         let positions = &self.mesh(id).keys[key];
         self.indices[id as usize].map(|i| positions[i as usize])
     }
 
     /// The corners at time `t`, exactly as queries see them.
     #[inline]
-    pub fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
+    pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
         let keys = &self.mesh(id).keys;
         let corners = self.indices[id as usize];
         if keys.len() == 1 {
@@ -154,9 +151,23 @@ impl PrimitiveSet for Triangles {
         intersect_triangle(ray, self.corners(id, ray.time))
     }
 
+    fn mask(&self, id: u32) -> u32 {
+        self.mesh(id).mask
+    }
+
     fn name(&self, id: u32) -> (u32, u32) {
         let mesh = self.mesh_of[id as usize];
         (mesh, id - self.meshes[mesh as usize].first)
+    }
+
+    fn frame(&self) -> Frame {
+        self.frame
+    }
+
+    fn bytes(&self) -> usize {
+        let keys = self.meshes.iter().flat_map(|m| &m.keys);
+        let positions: usize = keys.map(|k| k.capacity() * size_of::<Vec3>()).sum();
+        positions + self.indices.capacity() * size_of::<[u32; 3]>() + self.mesh_of.capacity() * size_of::<u32>()
     }
 }
 

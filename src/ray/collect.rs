@@ -1,6 +1,8 @@
 //! What a traversal does with the hits it finds.
 
 use super::hit::SetHit;
+use core::ops::ControlFlow;
+use std::collections::HashSet;
 
 /// A hit with its primitive's id and where its corners lie.
 #[derive(Clone, Copy, Debug)]
@@ -68,5 +70,56 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     fn offer(&mut self, found: Found) -> bool {
         self.found = (self.accept)(&found);
         self.found
+    }
+}
+
+/// Hands on every primitive once.
+///
+/// A primitive may be met in several leaves. The ids of those that were handed on are remembered, so the memory is
+/// that of the answer: a short list, and a hash set once it is no longer short.
+pub(crate) struct All<V> {
+    t_max: f32,
+    visitor: V,
+    few: Vec<u32>,
+    many: HashSet<u32>,
+    /// What the visitor said last.
+    pub flow: ControlFlow<()>,
+}
+
+impl<V> All<V> {
+    /// Ids up to this number are searched one by one.
+    const FEW: usize = 24;
+
+    pub fn new(t_max: f32, visitor: V) -> All<V> {
+        All { t_max, visitor, few: Vec::new(), many: HashSet::new(), flow: ControlFlow::Continue(()) }
+    }
+
+    /// Whether the id is new; remembers it.
+    fn first_time(&mut self, id: u32) -> bool {
+        if self.few.contains(&id) {
+            false
+        } else if self.few.len() < All::<V>::FEW {
+            self.few.push(id);
+            true
+        } else {
+            self.many.insert(id)
+        }
+    }
+}
+
+impl<V: FnMut(&Found) -> ControlFlow<()>> Collect for All<V> {
+    const ORDERED: bool = false;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn offer(&mut self, found: Found) -> bool {
+        if self.first_time(found.id) {
+            self.flow = (self.visitor)(&found);
+        }
+        self.flow.is_break()
     }
 }

@@ -1,14 +1,19 @@
 //! Rays that carry their own time, what they hit, and the triangle test.
 
 mod collect;
+mod filter;
 mod hit;
+mod kd;
+mod observer;
 mod query_ray;
 mod triangle;
 mod wide;
 
-pub(crate) use collect::{Any, Closest, Collect, Found};
+pub(crate) use collect::{All, Any, Closest, Collect, Found};
+pub(crate) use filter::{Everything, Filter, Visible};
 pub(crate) use hit::SetHit;
 pub use hit::{Hit, Intersection};
+pub use observer::{Counters, Observer};
 pub use query_ray::Ray;
 pub(crate) use query_ray::TreeRay;
 pub(crate) use triangle::{Sheared, intersect_triangle};

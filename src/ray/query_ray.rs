@@ -103,7 +103,7 @@ impl TreeRay {
     }
 
     /// A world `t` in tree space.
-    pub fn from_world(&self, t: f32) -> f32 {
+    pub fn tree_t(&self, t: f32) -> f32 {
         (f64::from(t) / self.t_scale) as f32
     }
 

@@ -1,3 +1,11 @@
-//! The layouts that queries walk.
+//! The layouts that queries walk, what they hold in numbers, and their validation.
 
+mod kd;
+mod ray_tree;
+mod statistics;
 pub(crate) mod wide;
+
+pub(crate) use kd::{KdNode, KdReference, KdTree, KdView, MAX_NODES};
+pub use ray_tree::RayTree;
+pub(crate) use statistics::BuildTimes;
+pub use statistics::Statistics;

@@ -1,0 +1,76 @@
+//! The oracle: every primitive, one after the other, through the same kernel.
+
+use crate::motion::Geometry;
+use crate::ray::{Everything, Filter, Hit, Ray, TreeRay, Visible};
+
+/// Answers ray queries by testing every primitive ([`RayTree::brute_force`](crate::RayTree::brute_force)).
+///
+/// Any other way to answer must agree with this one bit for bit. O(n) per ray.
+///
+/// ```
+/// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+/// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+/// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+/// let ray = Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z);
+/// assert_eq!(tree.closest_hit(&ray), tree.brute_force().closest_hit(&ray));
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
+pub struct BruteForce<'a, G> {
+    geometry: &'a G,
+}
+
+impl<'a, G: Geometry> BruteForce<'a, G> {
+    pub(crate) fn new(geometry: &'a G) -> BruteForce<'a, G> {
+        BruteForce { geometry }
+    }
+
+    /// All accepted hits in the order of ids.
+    fn visit(&self, ray: &Ray, filter: &impl Filter, mut visitor: impl FnMut(Hit)) {
+        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return };
+        for id in 0..self.geometry.len() as u32 {
+            if self.geometry.active(id).contains(ray.time)
+                && filter.sees(self.geometry.mask(id))
+                && let Some(hit) = self.geometry.intersect(id, &ray)
+            {
+                let hit = ray.answer(hit, self.geometry.name(id));
+                if filter.accepts(|| hit) {
+                    visitor(hit);
+                }
+            }
+        }
+    }
+
+    fn closest(&self, ray: &Ray, filter: &impl Filter) -> Option<Hit> {
+        let mut best: Option<Hit> = None;
+        self.visit(ray, filter, |hit| {
+            if best.is_none_or(|b| hit.t < b.t) {
+                best = Some(hit);
+            }
+        });
+        best
+    }
+
+    /// As [`RayTree::closest_hit`](crate::RayTree::closest_hit).
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        self.closest(ray, &Everything)
+    }
+
+    /// As [`RayTree::any_hit`](crate::RayTree::any_hit).
+    pub fn any_hit(&self, ray: &Ray) -> bool {
+        self.closest_hit(ray).is_some()
+    }
+
+    /// As [`RayTree::all_hits`](crate::RayTree::all_hits), in the order of (mesh, primitive).
+    pub fn all_hits(&self, ray: &Ray) -> Vec<Hit> {
+        let mut hits = Vec::new();
+        self.visit(ray, &Everything, |hit| {
+            hits.push(hit);
+        });
+        hits
+    }
+
+    /// As [`RayTree::closest_hit_filtered`](crate::RayTree::closest_hit_filtered).
+    pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
+        self.closest(ray, &Visible { mask, accept })
+    }
+}

@@ -1,0 +1,121 @@
+//! How a tree is built: the policy, the paper's choices as parameters, costs and budgets.
+
+use crate::error::BuildError;
+
+/// The deepest a tree may be: the traversal stack holds this many entries.
+pub(crate) const DEPTH_LIMIT: usize = 60;
+
+/// What kind of tree is built.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Policy {
+    /// The paper's k-d tree: planes chosen at mid-shutter, what crosses a plane during the shutter counted on
+    /// both sides, each with the time interval it spends there.
+    #[default]
+    Mbkd,
+    /// An ordinary k-d tree over the boxes swept during the shutter: no intervals. The simple way to
+    /// trace motion with a k-d tree, to compare with.
+    ClassicKd,
+}
+
+/// How a tree is built. Everything has a default; a struct literal changes what it names.
+///
+/// ```
+/// use mbkd::{BuildParams, Policy};
+/// let params = BuildParams { policy: Policy::ClassicKd, max_references: 4.0, ..BuildParams::default() };
+/// assert!(params.validate().is_ok());
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct BuildParams {
+    /// What kind of tree.
+    pub policy: Policy,
+    /// The time at which split planes are chosen. The paper compares 0, 0.5 and 1. Default 0.5.
+    pub plane_time: f32,
+    /// Whether the cost of a plane counts a primitive that crosses it by the time it spends on each side
+    /// (the paper's time-weighted SAH) instead of once on each. Default true.
+    pub time_weighted: bool,
+    /// Whether a reference that was duplicated at some plane takes part in choosing planes again once it lies
+    /// on one side of a plane below for its whole time. The paper can be read both ways. Default true.
+    pub propagated_vote: bool,
+    /// Whether split planes may move with what lies near them. The paper's stand still. Default false.
+    pub moving_planes: bool,
+    /// Cost of a step through an inner node (the paper's K_T), > 0. Only its ratio to
+    /// [`intersection_cost`](BuildParams::intersection_cost) matters. Default 1.
+    pub traversal_cost: f32,
+    /// Cost of testing a primitive (the paper's K_I), > 0. Default 2.
+    pub intersection_cost: f32,
+    /// The cost of a plane with one side empty is multiplied by this, in (0, 1]: it favours cutting off empty
+    /// space. Default 0.8.
+    pub empty_factor: f32,
+    /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 log2(n)` for `n` primitives.
+    pub max_depth: Option<u32>,
+    /// The greatest number of references per primitive, >= 1. It is divided among subtrees by rule, so that
+    /// the tree does not depend on the number of threads; where it runs out there is a leaf. Default 8.
+    pub max_references: f32,
+}
+
+impl Default for BuildParams {
+    fn default() -> BuildParams {
+        BuildParams {
+            policy: Policy::default(),
+            plane_time: 0.5,
+            time_weighted: true,
+            propagated_vote: true,
+            moving_planes: false,
+            traversal_cost: 1.0,
+            intersection_cost: 2.0,
+            empty_factor: 0.8,
+            max_depth: None,
+            max_references: 8.0,
+        }
+    }
+}
+
+impl BuildParams {
+    /// The parameters with another policy.
+    pub fn with_policy(self, policy: Policy) -> BuildParams {
+        BuildParams { policy, ..self }
+    }
+
+    /// Whether every parameter is in its range; the error names the one that is not.
+    pub fn validate(&self) -> Result<(), BuildError> {
+        let check = |fine: bool, name, expected| {
+            if fine { Ok(()) } else { Err(BuildError::Parameter { name, expected }) }
+        };
+        let positive = |x: f32| x > 0.0 && x < 1e6;
+        check((0.0..=1.0).contains(&self.plane_time), "plane_time", "in [0, 1]")?;
+        check(positive(self.traversal_cost), "traversal_cost", "greater than 0 and less than 1e6")?;
+        check(positive(self.intersection_cost), "intersection_cost", "greater than 0 and less than 1e6")?;
+        check(self.empty_factor > 0.0 && self.empty_factor <= 1.0, "empty_factor", "in (0, 1]")?;
+        check(self.max_depth.is_none_or(|d| d as usize <= DEPTH_LIMIT), "max_depth", "at most 60")?;
+        check(self.max_references >= 1.0 && self.max_references <= 1e4, "max_references", "in [1, 10000]")
+    }
+
+    /// The depth budget for `n` primitives.
+    pub(crate) fn depth_for(&self, n: usize) -> u32 {
+        let usual = 8 + (1.3 * (n.max(1) as f64).log2()).ceil() as u32;
+        self.max_depth.unwrap_or(usual).min(DEPTH_LIMIT as u32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_out_of_range_are_named() {
+        let fine = BuildParams::default;
+        let name = |params: BuildParams| match params.validate() {
+            Err(BuildError::Parameter { name, .. }) => name,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(fine().validate(), Ok(()));
+        assert_eq!(name(BuildParams { plane_time: 1.5, ..fine() }), "plane_time");
+        assert_eq!(name(BuildParams { plane_time: f32::NAN, ..fine() }), "plane_time");
+        assert_eq!(name(BuildParams { traversal_cost: 0.0, ..fine() }), "traversal_cost");
+        assert_eq!(name(BuildParams { intersection_cost: f32::INFINITY, ..fine() }), "intersection_cost");
+        assert_eq!(name(BuildParams { empty_factor: 0.0, ..fine() }), "empty_factor");
+        assert_eq!(name(BuildParams { max_depth: Some(61), ..fine() }), "max_depth");
+        assert_eq!(name(BuildParams { max_references: 0.5, ..fine() }), "max_references");
+    }
+}

@@ -1,0 +1,38 @@
+//! Telling how far a build is, and stopping it.
+
+use core::ops::ControlFlow;
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// What is called with the done fraction in [0, 1]; `Break` cancels the build.
+pub(crate) type Callback<'a> = &'a (dyn Fn(f32) -> ControlFlow<()> + Sync);
+
+/// Fractions are counted in these units, so that sums do not depend on the order.
+const WHOLE: u64 = 1 << 40;
+
+/// Shared by all threads of a build. It never influences the tree.
+pub(crate) struct Progress<'a> {
+    callback: Option<Callback<'a>>,
+    done: AtomicU64,
+    cancelled: AtomicBool,
+}
+
+impl<'a> Progress<'a> {
+    pub fn new(callback: Option<Callback<'a>>) -> Progress<'a> {
+        Progress { callback, done: AtomicU64::new(0), cancelled: AtomicBool::new(false) }
+    }
+
+    pub fn cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
+    }
+
+    /// A subtree that is this fraction of the whole is finished. Calls back at every half percent.
+    pub fn finished(&self, fraction: f64) {
+        let Some(callback) = self.callback else { return };
+        let part = (fraction * WHOLE as f64) as u64;
+        let before = self.done.fetch_add(part, Ordering::Relaxed);
+        let now = before + part;
+        if before * 200 / WHOLE != now * 200 / WHOLE && callback((now as f64 / WHOLE as f64) as f32).is_break() {
+            self.cancelled.store(true, Ordering::Relaxed);
+        }
+    }
+}

@@ -1,0 +1,42 @@
+//! What a query is allowed to see.
+
+use super::Hit;
+
+/// Which primitives a query sees and which hits it accepts; both must be pure.
+pub(crate) trait Filter {
+    /// Whether a primitive with this visibility mask is seen.
+    fn sees(&self, mask: u32) -> bool;
+    /// Whether a hit counts.
+    fn accepts(&self, hit: impl FnOnce() -> Hit) -> bool;
+}
+
+/// No filter: compiles to nothing.
+pub(crate) struct Everything;
+
+impl Filter for Everything {
+    #[inline(always)]
+    fn sees(&self, _: u32) -> bool {
+        true
+    }
+    #[inline(always)]
+    fn accepts(&self, _: impl FnOnce() -> Hit) -> bool {
+        true
+    }
+}
+
+/// A mask and the caller's own filter.
+pub(crate) struct Visible<F> {
+    pub mask: u32,
+    pub accept: F,
+}
+
+impl<F: Fn(&Hit) -> bool> Filter for Visible<F> {
+    #[inline(always)]
+    fn sees(&self, mask: u32) -> bool {
+        self.mask & mask != 0
+    }
+    #[inline(always)]
+    fn accepts(&self, hit: impl FnOnce() -> Hit) -> bool {
+        (self.accept)(&hit())
+    }
+}

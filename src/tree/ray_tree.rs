@@ -1,0 +1,294 @@
+//! The tree that rays are asked of: primitives and one layout over them.
+
+use super::{KdTree, Statistics};
+use crate::baseline::BruteForce;
+use crate::build::{BuildParams, Callback, Policy, Progress, build_kd};
+use crate::error::BuildError;
+use crate::motion::{Geometry, Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
+use crate::ray::{All, Any, Closest, Collect, Everything, Filter, Found, Hit, Observer, Ray, TreeRay, Visible};
+use core::ops::ControlFlow;
+use glam::{DVec3, Vec3};
+
+/// Things that move, ready for rays at any time of the shutter.
+///
+/// Built once of triangle meshes ([`RayTree::build`]) or of the caller's own primitives
+/// ([`RayTree::of_primitives`]). Queries take `&self` and may run on any number of threads. Every answer is that of
+/// testing all primitives one after the other ([`RayTree::brute_force`]), bit for bit, whatever the
+/// parameters of the build.
+///
+/// ```
+/// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+/// let open = vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+/// let close = open.iter().map(|p| p + Vec3::Z).collect();
+/// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
+/// let ray = Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z).at_time(0.5);
+/// let hit = tree.closest_hit(&ray).unwrap();
+/// assert_eq!((hit.mesh, hit.primitive, hit.t), (0, 0, 4.5));
+/// assert_eq!(tree.normal(&hit, ray.time), Vec3::Z);
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
+pub struct RayTree<G = Triangles> {
+    geometry: G,
+    layout: Layout,
+    statistics: Statistics,
+}
+
+impl<G> core::fmt::Debug for RayTree<G> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("RayTree").field("statistics", &self.statistics).finish_non_exhaustive()
+    }
+}
+
+/// The arrays that queries walk.
+enum Layout {
+    Kd(KdTree),
+}
+
+impl<G: Geometry> RayTree<G> {
+    fn of(geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
+        params.validate()?;
+        let (layout, statistics) = match params.policy {
+            Policy::Mbkd | Policy::ClassicKd => {
+                let (tree, times) = build_kd(&geometry, params, progress)?;
+                let statistics = tree.statistics(&geometry).with_times(times);
+                (Layout::Kd(tree), statistics)
+            }
+        };
+        Ok(RayTree { geometry, layout, statistics })
+    }
+
+    /// Offers every hit that may matter to `collect`; the one place that knows the layouts apart.
+    #[inline(always)]
+    fn trace(&self, ray: &TreeRay, filter: &impl Filter, collect: &mut impl Collect, observer: &mut impl Observer) {
+        match &self.layout {
+            Layout::Kd(tree) => tree.trace(&self.geometry, ray, filter, collect, observer),
+        }
+    }
+
+    /// A hit as an answer.
+    fn answer(&self, ray: &TreeRay, found: &Found) -> Hit {
+        ray.answer(found.hit, self.geometry.name(found.id))
+    }
+
+    fn closest(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> Option<Hit> {
+        let ray = TreeRay::new(ray, self.geometry.frame())?;
+        let accept = |found: &Found| filter.accepts(|| self.answer(&ray, found));
+        let mut collect = Closest { t_max: ray.t_max, best: None, accept };
+        self.trace(&ray, filter, &mut collect, observer);
+        collect.best.map(|found| self.answer(&ray, &found))
+    }
+
+    fn any(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> bool {
+        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return false };
+        let accept = |found: &Found| filter.accepts(|| self.answer(&ray, found));
+        let mut collect = Any { t_max: ray.t_max, found: false, accept };
+        self.trace(&ray, filter, &mut collect, observer);
+        collect.found
+    }
+
+    fn all(
+        &self,
+        ray: &Ray,
+        filter: &impl Filter,
+        observer: &mut impl Observer,
+        mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return ControlFlow::Continue(()) };
+        let mut collect = All::new(ray.t_max, |found: &Found| {
+            let hit = self.answer(&ray, found);
+            if filter.accepts(|| hit) { visitor(hit) } else { ControlFlow::Continue(()) }
+        });
+        self.trace(&ray, filter, &mut collect, observer);
+        collect.flow
+    }
+
+    /// The nearest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        self.closest(ray, &Everything, &mut ())
+    }
+
+    /// Whether the ray hits anything: for shadows. Stops at the first hit found.
+    pub fn any_hit(&self, ray: &Ray) -> bool {
+        self.any(ray, &Everything, &mut ())
+    }
+
+    /// Calls `visitor` with every primitive that the ray hits, each once (with its nearest hit), in no particular
+    /// order, until it breaks. Returns what the visitor said last.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z, Vec3::X + Vec3::Z, Vec3::Y + Vec3::Z];
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [3, 4, 5]], positions);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// let mut hits = Vec::new();
+    /// let _ = tree.all_hits(&Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z), |hit| {
+    ///     hits.push(hit.t);
+    ///     ControlFlow::Continue(())
+    /// });
+    /// hits.sort_by(f32::total_cmp);
+    /// assert_eq!(hits, [1.0, 2.0]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn all_hits(&self, ray: &Ray, visitor: impl FnMut(Hit) -> ControlFlow<()>) -> ControlFlow<()> {
+        self.all(ray, &Everything, &mut (), visitor)
+    }
+
+    /// [`RayTree::closest_hit`], telling `observer` what it does.
+    pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
+        self.closest(ray, &Everything, observer)
+    }
+
+    /// [`RayTree::any_hit`], telling `observer` what it does.
+    pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
+        self.any(ray, &Everything, observer)
+    }
+
+    /// [`RayTree::all_hits`], telling `observer` what it does.
+    pub fn all_hits_observed(
+        &self,
+        ray: &Ray,
+        observer: &mut impl Observer,
+        visitor: impl FnMut(Hit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        self.all(ray, &Everything, observer, visitor)
+    }
+
+    /// [`RayTree::closest_hit`] among the hits that `accept` accepts on meshes whose
+    /// [`mask`](TriangleMesh::mask) shares a bit with `mask` (the caller's own primitives have all bits).
+    ///
+    /// `accept` must be pure: it may be asked several times about the same hit, and not about all hits.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let glass = TriangleMesh::fixed(vec![[0, 1, 2]], at(1.0)).with_mask(0b01);
+    /// let wall = TriangleMesh::fixed(vec![[0, 1, 2]], at(2.0)).with_mask(0b10);
+    /// let tree = RayTree::build(&[glass, wall], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b11, |_| true).unwrap().mesh, 0);
+    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b10, |_| true).unwrap().mesh, 1);
+    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b11, |hit| hit.t > 1.5).unwrap().mesh, 1);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
+        self.closest(ray, &Visible { mask, accept }, &mut ())
+    }
+
+    /// [`RayTree::any_hit`] among the hits that mask and filter let through
+    /// (see [`RayTree::closest_hit_filtered`]).
+    pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
+        self.any(ray, &Visible { mask, accept }, &mut ())
+    }
+
+    /// [`RayTree::all_hits`] among the hits that mask and filter let through
+    /// (see [`RayTree::closest_hit_filtered`]).
+    pub fn all_hits_filtered(
+        &self,
+        ray: &Ray,
+        mask: u32,
+        accept: impl Fn(&Hit) -> bool,
+        visitor: impl FnMut(Hit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        self.all(ray, &Visible { mask, accept }, &mut (), visitor)
+    }
+
+    /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order;
+    /// a caller that keeps it allocates nothing.
+    pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
+        batch(rays, hits, None, |ray| self.closest_hit(ray));
+    }
+
+    /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
+        batch(rays, hits, false, |ray| self.any_hit(ray));
+    }
+
+    /// The same queries answered by testing every primitive: the reference for all others.
+    pub fn brute_force(&self) -> BruteForce<'_, G> {
+        BruteForce::new(&self.geometry)
+    }
+
+    /// What the build made, in numbers.
+    pub fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+}
+
+impl RayTree {
+    /// Builds a tree of triangle meshes.
+    ///
+    /// Takes O(n log n) time for `n` triangles and some hundred bytes per triangle while it works; it runs in
+    /// parallel with the feature `rayon`, and the tree is the same for any number of threads.
+    ///
+    /// # Errors
+    /// What is wrong with a mesh or a parameter, and where: see [`BuildError`]. No triangles at all is fine: nothing
+    /// is ever hit. Triangles without area are kept and never hit.
+    pub fn build(meshes: &[TriangleMesh], params: &BuildParams) -> Result<RayTree, BuildError> {
+        RayTree::of(Triangles::new(meshes)?, params, &Progress::new(None))
+    }
+
+    /// [`RayTree::build`] that calls `progress` with the finished fraction (0 to 1) now and then, from any of its
+    /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
+    pub fn build_with_progress(
+        meshes: &[TriangleMesh],
+        params: &BuildParams,
+        progress: Callback<'_>,
+    ) -> Result<RayTree, BuildError> {
+        RayTree::of(Triangles::new(meshes)?, params, &Progress::new(Some(progress)))
+    }
+
+    /// The corners of the triangle that was hit, at any time, exactly where queries see them. NaN for a hit
+    /// that is not of this tree.
+    pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
+        match self.geometry.id(hit.mesh, hit.primitive) {
+            Some(id) => self.geometry.corners(id, time).map(|p| self.geometry.frame().to_world(p)),
+            None => [DVec3::NAN; 3],
+        }
+    }
+
+    /// The unit normal of the triangle that was hit, at any time: the corners run counter-clockwise as
+    /// seen from where it points. Zero for a triangle without area and for a hit that is not of this tree.
+    pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
+        let [a, b, c] = self.vertices(hit, time);
+        (b - a).cross(c - a).normalize_or_zero().as_vec3()
+    }
+}
+
+impl<P: Primitive> RayTree<Shapes<P>> {
+    /// Builds a tree of the caller's own primitives; a hit's [`primitive`](Hit::primitive) is the index into
+    /// `primitives`, its mesh is 0. Cost as [`RayTree::build`].
+    ///
+    /// # Errors
+    /// [`BuildError::BadBounds`] for a primitive whose bounds are not finite, and parameters out of range.
+    pub fn of_primitives(primitives: Vec<P>, params: &BuildParams) -> Result<RayTree<Shapes<P>>, BuildError> {
+        RayTree::of(Shapes::new(primitives)?, params, &Progress::new(None))
+    }
+
+    /// The primitives as they were given.
+    pub fn primitives(&self) -> &[P] {
+        self.geometry.shapes()
+    }
+}
+
+/// Rays per task of a batch.
+#[cfg(feature = "rayon")]
+const CHUNK: usize = 256;
+
+/// One answer per ray, in order.
+fn batch<T: Copy + Send>(rays: &[Ray], answers: &mut Vec<T>, none: T, query: impl Fn(&Ray) -> T + Sync) {
+    answers.clear();
+    answers.resize(rays.len(), none);
+    let fill = |rays: &[Ray], answers: &mut [T]| {
+        for (ray, answer) in rays.iter().zip(answers) {
+            *answer = query(ray);
+        }
+    };
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        rays.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK)).for_each(|(rays, answers)| fill(rays, answers));
+    }
+    #[cfg(not(feature = "rayon"))]
+    fill(rays, answers);
+}

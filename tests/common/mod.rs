@@ -1,0 +1,157 @@
+//! What several test files share: random numbers, soups, rays that ask where it hurts, and the comparison with
+//! brute force.
+#![allow(dead_code)] // each test file uses its part
+
+use core::ops::ControlFlow;
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{BuildParams, Geometry, Hit, Policy, Ray, RayTree, TriangleMesh};
+
+/// Every policy under test, and the paper's policy in all its variants.
+pub fn variants() -> Vec<BuildParams> {
+    let mbkd = BuildParams::default().with_policy(Policy::Mbkd);
+    vec![
+        mbkd.clone(),
+        BuildParams { moving_planes: true, ..mbkd.clone() },
+        BuildParams { time_weighted: false, propagated_vote: false, plane_time: 0.0, ..mbkd.clone() },
+        BuildParams { propagated_vote: false, plane_time: 1.0, max_references: 2.0, ..mbkd.clone() },
+        mbkd.with_policy(Policy::ClassicKd),
+    ]
+}
+
+/// The same small generator everywhere (splitmix64).
+#[derive(Clone)]
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// In [0, 1).
+    pub fn unit(&mut self) -> f32 {
+        (self.bits() >> 40) as f32 / (1 << 24) as f32
+    }
+
+    /// In [-1, 1).
+    pub fn signed(&mut self) -> f32 {
+        self.unit() * 2.0 - 1.0
+    }
+
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.bits() % n as u64) as usize
+    }
+
+    pub fn vec(&mut self) -> Vec3 {
+        Vec3::new(self.signed(), self.signed(), self.signed())
+    }
+}
+
+/// Loose triangles of about `size`, each moving its own way by up to `motion`, at `keys` keys.
+pub fn soup(n: usize, keys: usize, size: f32, motion: f32, seed: u64) -> TriangleMesh {
+    let mut random = Random(seed);
+    let mut positions = vec![Vec::new(); keys];
+    for _ in 0..n {
+        let mut center = random.vec();
+        let corners = [random.vec() * size, random.vec() * size, random.vec() * size];
+        for key in &mut positions {
+            key.extend(corners.map(|c| center + c + random.vec() * 0.1 * motion));
+            center += random.vec() * motion;
+        }
+    }
+    let indices = (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    TriangleMesh::new(indices, positions)
+}
+
+/// A ray from around the scene (half-size `reach` about the origin) to somewhere in it.
+pub fn random_ray(random: &mut Random, reach: f32) -> Ray {
+    let origin = random.vec() * reach * 2.0;
+    let target = random.vec() * reach;
+    Ray::new(origin, target - origin).at_time(random.unit())
+}
+
+/// All hits as a sorted list.
+pub fn all_hits<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Vec<Hit> {
+    let mut hits = Vec::new();
+    let flow = tree.all_hits(ray, |hit| {
+        hits.push(hit);
+        ControlFlow::Continue(())
+    });
+    assert!(flow.is_continue());
+    hits.sort_by_key(|hit| (hit.mesh, hit.primitive));
+    hits
+}
+
+/// What differs between the tree's answers to a ray and brute force, if anything.
+pub fn difference<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Option<String> {
+    let oracle = tree.brute_force().all_hits(ray);
+    let closest = oracle.iter().copied().reduce(|a, b| if b.t < a.t { b } else { a });
+    let same = |a: &Option<Hit>, b: &Option<Hit>| a.map(bits) == b.map(bits);
+    let got = tree.closest_hit(ray);
+    if !same(&got, &closest) {
+        return Some(format!("closest hit of {ray:?}: {got:?} instead of {closest:?}"));
+    }
+    if tree.any_hit(ray) == oracle.is_empty() {
+        return Some(format!("any hit of {ray:?}: {} with {} hits", oracle.is_empty(), oracle.len()));
+    }
+    let all = all_hits(tree, ray);
+    if all.iter().copied().map(bits).ne(oracle.iter().copied().map(bits)) {
+        return Some(format!("all hits of {ray:?}: {all:?} instead of {oracle:?}"));
+    }
+    None
+}
+
+/// A hit for exact comparison.
+pub fn bits(hit: Hit) -> [u32; 5] {
+    [hit.t.to_bits(), hit.u.to_bits(), hit.v.to_bits(), hit.mesh, hit.primitive]
+}
+
+/// A world position on a grid.
+pub fn grid(x: i8, y: i8, z: i8) -> Vec3 {
+    Vec3::new(f32::from(x), f32::from(y), f32::from(z))
+}
+
+/// A closed surface: a sphere of 2 * n * n quads' halves, its vertices displaced by `wobble` at each of `keys` keys.
+pub fn closed_sphere(n: usize, keys: usize, wobble: f32, seed: u64) -> TriangleMesh {
+    let mut random = Random(seed);
+    let rings = n + 1;
+    let around = 2 * n;
+    // Poles once, rings of vertices between.
+    let mut base = vec![Vec3::Z, Vec3::NEG_Z];
+    for ring in 1..rings - 1 {
+        let polar = core::f32::consts::PI * ring as f32 / (rings - 1) as f32;
+        for i in 0..around {
+            let turn = core::f32::consts::TAU * i as f32 / around as f32;
+            base.push(Vec3::new(polar.sin() * turn.cos(), polar.sin() * turn.sin(), polar.cos()));
+        }
+    }
+    let positions: Vec<Vec<Vec3>> =
+        (0..keys).map(|_| base.iter().map(|p| *p + random.vec() * wobble).collect()).collect();
+    let vertex = |ring: usize, i: usize| match ring {
+        0 => 0,
+        r if r == rings - 1 => 1,
+        r => (2 + (r - 1) * around + i % around) as u32,
+    };
+    let mut indices = Vec::new();
+    for ring in 0..rings - 1 {
+        for i in 0..around {
+            let (a, b) = (vertex(ring, i), vertex(ring, i + 1));
+            let (c, d) = (vertex(ring + 1, i), vertex(ring + 1, i + 1));
+            if ring > 0 {
+                indices.push([a, c, b]);
+            }
+            if ring < rings - 2 {
+                indices.push([b, c, d]);
+            }
+        }
+    }
+    TriangleMesh::new(indices, positions)
+}
+
+/// A double-precision point as a single-precision one, for aiming.
+pub fn single(p: DVec3) -> Vec3 {
+    p.as_vec3()
+}
