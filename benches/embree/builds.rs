@@ -12,9 +12,9 @@ use std::time::Instant;
 pub struct Builds {
     pub scene: String,
     pub threads: usize,
-    /// NaN and 0 where our side is left out.
+    /// NaN where our side is left out.
     pub ours: f64,
-    pub our_bytes: usize,
+    pub our_bytes: f64,
     pub theirs: Vec<Theirs>,
 }
 
@@ -33,13 +33,13 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, thread
     let meshes = &scene.meshes;
     let configs: Vec<_> = configs::all(meshes).into_iter().filter(|c| options.wants(c.name)).collect();
     let mut our_seconds = Vec::new();
-    let mut our_bytes = 0;
+    let mut our_bytes = f64::NAN;
     let mut build_ours = || -> Result<(), String> {
         if options.only != Some(Only::Embree) {
             let start = Instant::now();
             let ours = Ours::build(meshes, threads)?;
             our_seconds.push(start.elapsed().as_secs_f64());
-            our_bytes = ours.bytes();
+            our_bytes = ours.bytes() as f64;
         }
         Ok(())
     };

@@ -1,49 +1,47 @@
-//! Our side.
+//! Our side: one tree with default parameters, no setting chosen per scene.
 
-use crate::geometry::{corners, pass};
-use mbkd::{Hit, Ray, TriangleMesh};
+use mbkd::{BuildParams, Hit, Ray, RayTree, TriangleMesh};
 
-/// TEMPORARY: brute force.
+/// A tree, and the threads that may answer its batches.
 pub struct Ours {
-    meshes: Vec<TriangleMesh>,
+    tree: RayTree,
+    pool: rayon::ThreadPool,
 }
 
 impl Ours {
-    pub fn build(meshes: &[TriangleMesh], _threads: usize) -> Result<Ours, String> {
-        Ok(Ours { meshes: meshes.to_vec() })
+    /// Builds with so many threads (0: all cores). Queries and batches use one.
+    pub fn build(meshes: &[TriangleMesh], threads: usize) -> Result<Ours, String> {
+        let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|e| e.to_string());
+        let tree = pool(threads)?.install(|| RayTree::build(meshes, &BuildParams::default()));
+        Ok(Ours { tree: tree.map_err(|e| e.to_string())?, pool: pool(1)? })
     }
 
+    /// The same tree, its queries held to AVX2.
     pub fn with_avx2(self) -> Result<Ours, String> {
-        Ok(self)
+        Err("queries cannot be held to AVX2 yet".to_string())
     }
 
+    /// Bytes of the tree and its triangles.
     pub fn bytes(&self) -> usize {
-        0
+        let statistics = self.tree.statistics();
+        statistics.bytes + statistics.primitive_bytes
     }
 
+    #[inline]
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        let mut best: Option<Hit> = None;
-        for (m, mesh) in self.meshes.iter().enumerate() {
-            for k in 0..mesh.len() {
-                let p = pass(ray, corners(&self.meshes, m as u32, k as u32, ray.time));
-                let t = p.t as f32;
-                if p.margin >= 0.0 && ray.t_min <= t && t <= ray.t_max && best.is_none_or(|b| t < b.t) {
-                    best = Some(Hit { t, u: 0.0, v: 0.0, mesh: m as u32, primitive: k as u32 });
-                }
-            }
-        }
-        best
+        self.tree.closest_hit(ray)
     }
 
+    #[inline]
     pub fn any_hit(&self, ray: &Ray) -> bool {
-        self.closest_hit(ray).is_some()
+        self.tree.any_hit(ray)
     }
 
-    pub fn closest_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.closest_hit(ray));
+    pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
+        self.pool.install(|| self.tree.closest_hits(rays, hits));
     }
 
-    pub fn any_hits(&self, rays: &[Ray], hits: &mut [bool]) {
-        rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.any_hit(ray));
+    pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
+        self.pool.install(|| self.tree.any_hits(rays, hits));
     }
 }

@@ -165,18 +165,20 @@ fn build_table(measured: &Measured, builds: &[Builds]) {
         let threads = if b.threads == 0 { "all".to_string() } else { b.threads.to_string() };
         let best = best_on_average(measured, &b.scene);
         for t in b.theirs.iter().filter(|t| best.is_none_or(|name| name == t.config)) {
-            let (time, memory) = (b.ours / t.seconds, b.our_bytes as f64 / t.bytes as f64);
+            let (time, memory) = (b.ours / t.seconds, b.our_bytes / t.bytes as f64);
             println!(
-                "| {} | {threads} | {} | {:.2} | {:.2} | {time:.2} | {} | {:.1} | {:.1} ({:.1}) | {memory:.2} | {} |",
+                "| {} | {threads} | {} | {} | {:.2} | {} | {} | {} | {:.1} ({:.1}) | {} | {} |",
                 b.scene,
                 t.config,
-                b.ours,
+                two(b.ours),
                 t.seconds,
-                verdict(time <= bounds::BUILD_TIME),
-                megabytes(b.our_bytes),
-                megabytes(t.bytes),
-                megabytes(t.buffers),
-                verdict(memory <= bounds::MEMORY),
+                two(time),
+                within(time, bounds::BUILD_TIME),
+                two(megabytes(b.our_bytes)),
+                megabytes(t.bytes as f64),
+                megabytes(t.buffers as f64),
+                two(memory),
+                within(memory, bounds::MEMORY),
             );
         }
         if b.theirs.is_empty() {
@@ -196,8 +198,8 @@ fn build_table(measured: &Measured, builds: &[Builds]) {
     }
 }
 
-fn megabytes(bytes: usize) -> f64 {
-    bytes as f64 / f64::from(1 << 20)
+fn megabytes(bytes: f64) -> f64 {
+    bytes / f64::from(1 << 20)
 }
 
 fn agreement_table(measured: &Measured) {
