@@ -13,6 +13,7 @@ mod interval;
 mod keys;
 mod mesh;
 mod primitive;
+mod separate;
 mod sphere;
 mod triangles;
 

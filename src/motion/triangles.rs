@@ -1,5 +1,6 @@
 //! Triangle meshes in tree space: all vertices of all meshes in one place.
 
+use super::separate::{INSTANTS, Instant, stays_clear};
 use super::{Aabb, Box3, Frame, KeyTime, LinearBox3, PrimitiveSet, TimeInterval, TriangleMesh, ULP};
 use crate::error::BuildError;
 use crate::ray::{SetHit, TreeRay, intersect_triangle};
@@ -128,11 +129,10 @@ impl PrimitiveSet for Triangles {
         let mut bounds =
             LinearBox3 { begin: box_of(self.corners(id, over.begin())), end: box_of(self.corners(id, over.end())) };
         let segments = (keys - 1) as f32;
-        let first = (over.begin() * segments).floor() as usize + 1;
-        let last = ((over.end() * segments).ceil() as usize).min(keys - 1);
-        if first < last {
+        let inner = inner_keys(over, keys);
+        if !inner.is_empty() {
             let mut wide = widen(bounds);
-            for key in first..last {
+            for key in inner {
                 let w = (key as f64 / f64::from(segments) - f64::from(over.begin())) / f64::from(over.duration());
                 wide.include(w, world_box(box_of(self.corners_at_key(id, key))));
             }
@@ -144,6 +144,29 @@ impl PrimitiveSet for Triangles {
 
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
         super::clip::clip_triangle(self.corners(id, time), cell)
+    }
+
+    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+        let keys = self.keys(id);
+        let at = |t: f32, cell: Box3| Instant { corners: self.corners(id, t), cell };
+        if keys == 1 && cell.begin == cell.end {
+            return stays_clear(&[at(0.0, cell.begin)], 0.0);
+        }
+        // Both ends and the keys between.
+        let mut instants = [at(over.begin(), cell.begin); INSTANTS];
+        let mut n = 1;
+        let segments = (keys - 1) as f32;
+        for key in inner_keys(over, keys) {
+            if n == INSTANTS - 1 {
+                return false;
+            }
+            let t = key as f32 / segments;
+            let w = (t - over.begin()) / over.duration();
+            instants[n] = at(t, cell.at(w));
+            n += 1;
+        }
+        instants[n] = at(over.end(), cell.end);
+        stays_clear(&instants[..=n], Triangles::slack(keys))
     }
 
     #[inline]
@@ -169,6 +192,13 @@ impl PrimitiveSet for Triangles {
         let positions: usize = keys.map(|k| k.capacity() * size_of::<Vec3>()).sum();
         positions + self.indices.capacity() * size_of::<[u32; 3]>() + self.mesh_of.capacity() * size_of::<u32>()
     }
+}
+
+/// The keys strictly inside an interval (and perhaps one at its end).
+fn inner_keys(over: TimeInterval, keys: usize) -> core::ops::Range<usize> {
+    let segments = (keys - 1) as f32;
+    let first = (over.begin() * segments).floor() as usize + 1;
+    first..((over.end() * segments).ceil() as usize).min(keys - 1)
 }
 
 fn world_box(b: Box3) -> Aabb {

@@ -140,7 +140,7 @@ fn the_arena_begins_on_cache_lines_and_keeps_what_is_written() {
     assert_eq!((arena.floats()[4], arena.ints()[16]), (1.5, 7));
     assert_eq!(arena.floats().len(), 32, "rows may be read to the end of the last line");
     arena.prefetch(b);
-    arena.shrink();
+    arena.settle();
     assert!(arena.bytes() >= 128);
     assert_eq!(Arena::position(u32::MAX as usize), Some(u32::MAX));
     assert_eq!(Arena::position(u32::MAX as usize + 1), None);

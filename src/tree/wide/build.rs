@@ -120,7 +120,7 @@ impl WideTree {
         }
         tree.root = tree.join(parts)?;
         tree.arena.align();
-        tree.arena.shrink();
+        tree.arena.settle();
         Ok(tree)
     }
 

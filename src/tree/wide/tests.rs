@@ -33,22 +33,6 @@ impl<C: Collect, K: Count> Kernel for Query<'_, C, K> {
     }
 }
 
-#[derive(Default)]
-struct Counter {
-    nodes: usize,
-    leaves: usize,
-    tests: usize,
-}
-impl Count for Counter {
-    fn node(&mut self) {
-        self.nodes += 1;
-    }
-    fn leaf(&mut self, tests: usize) {
-        self.leaves += 1;
-        self.tests += tests;
-    }
-}
-
 fn random(state: &mut u64) -> f32 {
     *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
     (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
@@ -109,49 +93,5 @@ fn closest_hits_equal_brute_force_on_every_level() {
             }
         }
         assert!(hits > 40, "{hits}");
-    }
-}
-
-#[test]
-fn speed() {
-    let n = 300_000;
-    let mut state = 42;
-    for (name, mesh) in [("static", soup(n, 1, 0.02, 0.0, &mut state)), ("moving", soup(n, 2, 0.02, 0.1, &mut state))] {
-        let set = Triangles::new(&[mesh]).unwrap();
-        let start = std::time::Instant::now();
-        let tree = WideTree::build(&set).unwrap();
-        println!("{name}: build {:?}, {} MB, {:?}", start.elapsed(), tree.arena.bytes() >> 20, tree.statistics);
-        let rays: Vec<TreeRay> = (0..200_000)
-            .map(|i| {
-                let (x, y) = ((i % 448) as f32 / 224.0 - 1.0, (i / 448) as f32 / 224.0 - 1.0);
-                let time = random(&mut state) * 0.5 + 0.5;
-                let ray = Ray::new(Vec3::new(0.0, 0.0, -4.0), Vec3::new(x * 0.4, y * 0.4, 1.0)).at_time(time);
-                TreeRay::new(&ray, set.frame()).unwrap()
-            })
-            .collect();
-        for level in SimdLevel::available() {
-            for _ in 0..2 {
-                let start = std::time::Instant::now();
-                let mut sum = 0.0;
-                for ray in &rays {
-                    let mut closest = Closest { t_max: ray.t_max, best: None, accept: |_: &Found| true };
-                    dispatch(level, Query { tree: &tree, ray, collect: &mut closest, count: &mut () });
-                    sum += closest.best.map_or(0.0, |f| f.hit.t);
-                }
-                println!("  {level}: {:.3} Mrays/s {sum}", rays.len() as f64 / start.elapsed().as_secs_f64() * 1e-6);
-            }
-        }
-        let mut counter = Counter::default();
-        for ray in &rays {
-            let mut closest = Closest { t_max: ray.t_max, best: None, accept: |_: &Found| true };
-            dispatch(SimdLevel::best(), Query { tree: &tree, ray, collect: &mut closest, count: &mut counter });
-        }
-        let per = |x: usize| x as f64 / rays.len() as f64;
-        println!(
-            "  {:.1} nodes, {:.1} leaves, {:.1} tests",
-            per(counter.nodes),
-            per(counter.leaves),
-            per(counter.tests)
-        );
     }
 }
