@@ -59,7 +59,7 @@ impl From<&Ray> for EmbreeRay {
     }
 }
 
-/// `RTCHit` with one instance level.
+/// `RTCHit` with one instance level, and room for the instanced primitive that 4.3 and later write behind it.
 #[derive(Clone, Copy)]
 #[repr(C, align(16))]
 struct RtcHit {
@@ -69,6 +69,7 @@ struct RtcHit {
     primitive: c_uint,
     geometry: c_uint,
     instance: c_uint,
+    instance_primitive: c_uint,
 }
 
 /// `RTCRayHit`.
@@ -81,9 +82,9 @@ struct RtcRayHit {
 
 const _: () = {
     assert!(size_of::<EmbreeRay>() == 48 && offset_of!(EmbreeRay, tfar) == 32);
-    assert!(size_of::<RtcHit>() == 32 && offset_of!(RtcHit, primitive) == 20);
-    assert!(size_of::<RtcRayHit>() == 80 && align_of::<RtcRayHit>() == 16);
-    assert!(size_of::<Packet>() == 20 * 64 && align_of::<Packet>() == 64);
+    assert!(offset_of!(RtcHit, primitive) == 20 && offset_of!(RtcHit, instance_primitive) == 32);
+    assert!(offset_of!(RtcRayHit, hit) == 48 && align_of::<RtcRayHit>() == 16);
+    assert!(size_of::<Packet>() == 21 * 64 && align_of::<Packet>() == 64);
     assert!(offset_of!(Packet, tfar) == 512 && offset_of!(Packet, geometry) == 1152);
     assert!(size_of::<Vec3>() == 12);
     assert!(size_of::<Context3>() == 24 && offset_of!(Context3, instance) == 16);
@@ -107,6 +108,7 @@ pub struct Packet {
     primitive: [c_uint; PACKET],
     geometry: [c_uint; PACKET],
     instance: [c_uint; PACKET],
+    instance_primitive: [c_uint; PACKET],
 }
 
 impl Packet {
@@ -129,6 +131,7 @@ impl Packet {
             primitive: [INVALID_ID; PACKET],
             geometry: [INVALID_ID; PACKET],
             instance: [INVALID_ID; PACKET],
+            instance_primitive: [INVALID_ID; PACKET],
         }
     }
 
@@ -434,6 +437,7 @@ impl EmbreeScene<'_> {
             primitive: INVALID_ID,
             geometry: INVALID_ID,
             instance: INVALID_ID,
+            instance_primitive: INVALID_ID,
         };
         let mut it = RtcRayHit { ray: *ray, hit };
         // SAFETY: a committed scene, and structures laid out as the header says, alive through the call.
