@@ -69,6 +69,8 @@ pub enum BuildError {
         /// How many there were.
         found: usize,
     },
+    /// The tree would be larger than its references can number (2 GiB of nodes and leaf blocks).
+    TooLargeTree,
     /// A build parameter is outside its range.
     Parameter {
         /// The field of [`crate::BuildParams`].
@@ -114,6 +116,9 @@ impl fmt::Display for BuildError {
             }
             BuildError::TooManyPrimitives { found } => {
                 write!(f, "{found} primitives are more than one tree can name (2^32 - 2); split the scene")
+            }
+            BuildError::TooLargeTree => {
+                write!(f, "the tree would be larger than 2 GiB; split the scene into several trees")
             }
             BuildError::Parameter { name, expected } => write!(f, "build parameter `{name}` must be {expected}"),
             BuildError::TooManyReferences => f.write_str(

@@ -15,9 +15,9 @@ pub use build::{BuildParams, Policy};
 pub use error::{BuildError, IntervalError};
 pub use glam;
 pub use motion::{
-    Aabb, Geometry, Keys, LinearBounds, MAX_COORDINATE, MovingSphere, Primitive, PrimitiveError, Shapes, TimeInterval,
+    Aabb, Keys, LinearBounds, MAX_COORDINATE, MovingSphere, Primitive, PrimitiveError, Shapes, TimeInterval,
     TriangleMesh, Triangles, check_primitive,
 };
 pub use ray::{Counters, Hit, Intersection, Observer, Ray};
 pub use simd::SimdLevel;
-pub use tree::{RayTree, Statistics};
+pub use tree::{Geometry, RayTree, Statistics};

@@ -1,7 +1,7 @@
 //! The oracle: every primitive, one after the other, through the same kernel.
 
-use crate::motion::Geometry;
 use crate::ray::{Everything, Filter, Hit, Ray, TreeRay, Visible};
+use crate::tree::Geometry;
 
 /// Answers ray queries by testing every primitive ([`RayTree::brute_force`](crate::RayTree::brute_force)).
 ///
@@ -29,7 +29,7 @@ impl<'a, G: Geometry> BruteForce<'a, G> {
         let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return };
         for id in 0..self.geometry.len() as u32 {
             if self.geometry.active(id).contains(ray.time)
-                && filter.sees(self.geometry.mask(id))
+                && filter.sees(|| self.geometry.mask(id))
                 && let Some(hit) = self.geometry.intersect(id, &ray)
             {
                 let hit = ray.answer(hit, self.geometry.name(id));

@@ -9,9 +9,11 @@ pub(crate) const DEPTH_LIMIT: usize = 60;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Policy {
+    /// The engine: sixteen-way nodes with boxes that move linearly, over leaf blocks for SIMD.
+    #[default]
+    Wide,
     /// The paper's k-d tree: planes chosen at mid-shutter, what crosses a plane during the shutter counted on
     /// both sides, each with the time interval it spends there.
-    #[default]
     Mbkd,
     /// An ordinary k-d tree over the boxes swept during the shutter: no intervals. The simple way to
     /// trace motion with a k-d tree, to compare with.

@@ -25,7 +25,7 @@ pub use interval::TimeInterval;
 pub(crate) use keys::KeyTime;
 pub use mesh::{Keys, TriangleMesh};
 pub(crate) use primitive::PrimitiveSet;
-pub use primitive::{Geometry, Primitive, Shapes};
+pub use primitive::{Primitive, Shapes};
 pub use sphere::MovingSphere;
 pub use triangles::Triangles;
 

@@ -59,26 +59,14 @@ pub trait Primitive: Send + Sync {
     }
 }
 
-/// What a [`RayTree`](crate::RayTree) is made of: [`Triangles`](crate::Triangles) or [`Shapes`]. Sealed; a bound for
-/// code that is generic over both.
-///
-/// ```
-/// use mbkd::{Geometry, Ray, RayTree};
-/// fn in_shadow<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> bool {
-///     tree.any_hit(ray)
-/// }
-/// ```
-#[allow(private_bounds)] // that is what seals it
-pub trait Geometry: PrimitiveSet {}
-
-impl<S: PrimitiveSet> Geometry for S {}
-
 /// A set of primitives in tree space, as builders and queries see it.
 pub(crate) trait PrimitiveSet: Send + Sync {
     /// Number of primitives; ids run from 0.
     fn len(&self) -> usize;
     /// When a primitive exists.
     fn active(&self, id: u32) -> TimeInterval;
+    /// Whether all primitives exist throughout the shutter.
+    fn always_active(&self) -> bool;
     /// Linear bounds over an interval, holding whatever `intersect` accepts before the rounding that
     /// grows with the ray's distance, for which every traversal keeps slack.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
@@ -110,6 +98,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
 pub struct Shapes<P> {
     shapes: Vec<P>,
     frame: Frame,
+    always_active: bool,
 }
 
 impl<P: Primitive> Shapes<P> {
@@ -131,7 +120,8 @@ impl<P: Primitive> Shapes<P> {
             }
             swept = swept.union(bounds.swept());
         }
-        Ok(Shapes { frame: Frame::around(swept), shapes })
+        let always_active = shapes.iter().all(|s| s.active() == TimeInterval::FULL);
+        Ok(Shapes { frame: Frame::around(swept), shapes, always_active })
     }
 
     /// The shapes as they were given.
@@ -147,6 +137,10 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
 
     fn active(&self, id: u32) -> TimeInterval {
         self.shapes[id as usize].active()
+    }
+
+    fn always_active(&self) -> bool {
+        self.always_active
     }
 
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {

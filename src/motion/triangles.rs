@@ -17,6 +17,7 @@ pub struct Triangles {
     indices: Vec<[u32; 3]>,
     /// The mesh of each triangle.
     mesh_of: Vec<u32>,
+    always_active: bool,
 }
 
 struct Rebased {
@@ -54,7 +55,8 @@ impl Triangles {
             indices.extend_from_slice(&mesh.indices);
             mesh_of.resize(indices.len(), i as u32);
         }
-        Ok(Triangles { frame, meshes: rebased, indices, mesh_of })
+        let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
+        Ok(Triangles { frame, meshes: rebased, indices, mesh_of, always_active })
     }
 
     fn mesh(&self, id: u32) -> &Rebased {
@@ -118,6 +120,10 @@ impl PrimitiveSet for Triangles {
 
     fn active(&self, id: u32) -> TimeInterval {
         self.mesh(id).active
+    }
+
+    fn always_active(&self) -> bool {
+        self.always_active
     }
 
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {

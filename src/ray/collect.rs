@@ -4,12 +4,11 @@ use super::hit::SetHit;
 use core::ops::ControlFlow;
 use std::collections::HashSet;
 
-/// A hit with its primitive's id and where its corners lie.
+/// A hit with its primitive's id.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Found {
     pub hit: SetHit,
     pub id: u32,
-    pub leaf: u32,
 }
 
 /// Receives hits in any order. Culling asks for the limit: what is strictly farther is of no interest.

@@ -4,8 +4,8 @@ use super::Hit;
 
 /// Which primitives a query sees and which hits it accepts; both must be pure.
 pub(crate) trait Filter {
-    /// Whether a primitive with this visibility mask is seen.
-    fn sees(&self, mask: u32) -> bool;
+    /// Whether a primitive with this visibility mask is seen; the mask is looked up only where it matters.
+    fn sees(&self, mask: impl FnOnce() -> u32) -> bool;
     /// Whether a hit counts.
     fn accepts(&self, hit: impl FnOnce() -> Hit) -> bool;
 }
@@ -15,7 +15,7 @@ pub(crate) struct Everything;
 
 impl Filter for Everything {
     #[inline(always)]
-    fn sees(&self, _: u32) -> bool {
+    fn sees(&self, _: impl FnOnce() -> u32) -> bool {
         true
     }
     #[inline(always)]
@@ -32,8 +32,8 @@ pub(crate) struct Visible<F> {
 
 impl<F: Fn(&Hit) -> bool> Filter for Visible<F> {
     #[inline(always)]
-    fn sees(&self, mask: u32) -> bool {
-        self.mask & mask != 0
+    fn sees(&self, mask: impl FnOnce() -> u32) -> bool {
+        self.mask & mask() != 0
     }
     #[inline(always)]
     fn accepts(&self, hit: impl FnOnce() -> Hit) -> bool {

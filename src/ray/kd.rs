@@ -118,10 +118,10 @@ impl KdTree {
                             continue;
                         }
                         observer.primitive_tests(1);
-                        if filter.sees(set.mask(reference.id))
+                        if filter.sees(|| set.mask(reference.id))
                             && let Some(hit) = set.intersect(reference.id, ray)
                             && hit.t <= collect.limit()
-                            && collect.offer(Found { hit, id: reference.id, leaf: 0 })
+                            && collect.offer(Found { hit, id: reference.id })
                         {
                             return;
                         }

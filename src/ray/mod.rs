@@ -16,5 +16,5 @@ pub use hit::{Hit, Intersection};
 pub use observer::{Counters, Observer};
 pub use query_ray::Ray;
 pub(crate) use query_ray::TreeRay;
-pub(crate) use triangle::{Sheared, intersect_triangle};
-pub(crate) use wide::{Count, Listed, Wide};
+pub(crate) use triangle::intersect_triangle;
+pub(crate) use wide::WideQuery;

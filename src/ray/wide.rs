@@ -11,12 +11,13 @@
 //! comparison is `<=`.
 
 use super::collect::{Collect, Found};
+use super::filter::Filter;
+use super::observer::Observer;
 use super::query_ray::TreeRay;
 use super::triangle::{Sheared, hit_slack};
-use crate::motion::KeyTime;
-use crate::simd::{Arena, LANES, Mask, Simd, Stack, lanes_at};
-use crate::tree::wide::{ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS};
-use glam::Vec3;
+use crate::motion::{KeyTime, PrimitiveSet};
+use crate::simd::{Arena, Kernel, LANES, Mask, Simd, Stack, lanes_at};
+use crate::tree::wide::{ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideTree};
 
 /// Places on the stack. A level of the tree leaves at most 15 behind, and the build bounds the levels.
 const STACK: usize = 15 * 84 + 16;
@@ -24,25 +25,6 @@ const STACK: usize = 15 * 84 + 16;
 /// Smaller components of a direction are taken as this: over any distance within reach the ray then
 /// strays by less than a thousandth of the slack.
 const LEAST_COMPONENT: f32 = 1e-12;
-
-/// Tests a primitive that leaf blocks only name.
-pub(crate) trait Listed {
-    /// The hit at the ray's time within `t_min..=limit`.
-    fn intersect(&self, id: u32, ray: &TreeRay, limit: f32) -> Option<super::hit::SetHit>;
-}
-
-/// Counts what a traversal does.
-pub(crate) trait Count {
-    fn node(&mut self);
-    fn leaf(&mut self, tests: usize);
-}
-
-impl Count for () {
-    #[inline(always)]
-    fn node(&mut self) {}
-    #[inline(always)]
-    fn leaf(&mut self, _: usize) {}
-}
 
 /// Slab constants of one axis.
 #[derive(Clone, Copy)]
@@ -71,46 +53,75 @@ impl Axis {
     }
 }
 
-/// A traversal under way.
-pub(crate) struct Wide<'a, L> {
-    pub arena: &'a Arena,
-    pub root: ChildRef,
-    pub listed: &'a L,
+/// One ray's query, to be dispatched to an instruction set.
+pub(crate) struct WideQuery<'a, G, F, C, O> {
+    pub tree: &'a WideTree,
+    pub set: &'a G,
+    pub ray: &'a TreeRay,
+    pub filter: &'a F,
+    pub collect: &'a mut C,
+    pub observer: &'a mut O,
 }
 
-impl<L: Listed> Wide<'_, L> {
+impl<G: PrimitiveSet, F: Filter, C: Collect, O: Observer> Kernel for WideQuery<'_, G, F, C, O> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let scene = Scene { arena: &self.tree.arena, set: self.set, filter: self.filter };
+        scene.trace(s, self.tree.root, self.ray, self.collect, self.observer);
+    }
+}
+
+/// What does not change during a query.
+struct Scene<'a, G, F> {
+    arena: &'a Arena,
+    set: &'a G,
+    filter: &'a F,
+}
+
+impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
     /// Offers every hit that may matter to `collect`.
     #[inline(always)]
-    pub fn trace<S: Simd>(&self, s: S, ray: &TreeRay, collect: &mut impl Collect, count: &mut impl Count) {
+    fn trace<S: Simd>(
+        &self,
+        s: S,
+        root: ChildRef,
+        ray: &TreeRay,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) {
         let slack = hit_slack(ray.origin);
         let axes: [Axis; 3] = core::array::from_fn(|i| Axis::new(i, ray.origin[i], ray.dir[i], slack));
         let shear = Sheared::new(ray.dir);
         let mut stack = Stack::<u64, STACK>::new();
-        let mut at = self.root;
+        let mut at = root;
         loop {
             match at.kind() {
                 Kind::Node => {
-                    count.node();
+                    observer.node();
                     if let Some(next) = self.step::<S, NODE_ROWS, _>(s, at, ray, &axes, collect, &mut stack) {
                         at = next;
                         continue;
                     }
                 }
                 Kind::StillNode => {
-                    count.node();
+                    observer.node();
                     if let Some(next) = self.step::<S, STILL_NODE_ROWS, _>(s, at, ray, &axes, collect, &mut stack) {
                         at = next;
                         continue;
                     }
                 }
                 Kind::Leaf => {
-                    count.leaf(at.len());
+                    observer.leaf();
+                    observer.primitive_tests(at.len());
                     if self.leaf::<S, true>(s, at, ray, &shear, collect) {
                         return;
                     }
                 }
                 Kind::StillLeaf => {
-                    count.leaf(at.len());
+                    observer.leaf();
+                    observer.primitive_tests(at.len());
                     if self.leaf::<S, false>(s, at, ray, &shear, collect) {
                         return;
                     }
@@ -122,10 +133,13 @@ impl<L: Listed> Wide<'_, L> {
                     continue;
                 }
                 Kind::ListLeaf => {
-                    count.leaf(at.len());
+                    observer.leaf();
+                    observer.primitive_tests(at.len());
                     for &id in &self.arena.ints()[at.at()..at.at() + at.len()] {
-                        if let Some(hit) = self.listed.intersect(id, ray, collect.limit())
-                            && collect.offer(Found { hit, id, leaf: at.0 })
+                        if self.sees(id, ray)
+                            && let Some(hit) = self.set.intersect(id, ray)
+                            && hit.t <= collect.limit()
+                            && collect.offer(Found { hit, id })
                         {
                             return;
                         }
@@ -144,6 +158,13 @@ impl<L: Listed> Wide<'_, L> {
                 }
             };
         }
+    }
+
+    /// Whether a primitive exists at the ray's time and the query sees it. Asked of hits only, so that boxes and
+    /// leaf blocks need not know.
+    #[inline(always)]
+    fn sees(&self, id: u32, ray: &TreeRay) -> bool {
+        (self.set.always_active() || self.set.active(id).contains(ray.time)) && self.filter.sees(|| self.set.mask(id))
     }
 
     /// Tests the sixteen boxes of a node, pushes all that are met but the nearest, and returns that.
@@ -239,7 +260,7 @@ impl<L: Listed> Wide<'_, L> {
             inside &= inside - 1;
             if let Some(hit) = shear.test(lanes.map(|row| row.map(|x| x[i])), ray.t_min, collect.limit()) {
                 let id = self.arena.ints()[leaf.at() + ids + i];
-                if collect.offer(Found { hit, id, leaf: leaf.0 }) {
+                if self.sees(id, ray) && collect.offer(Found { hit, id }) {
                     return true;
                 }
             }
@@ -366,10 +387,10 @@ fn push_hits<S: Simd, C: Collect>(
     }
 }
 
-/// Unit vectors for tests of axes.
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
 
     #[test]
     fn a_grown_slab_holds_the_exact_one() {

@@ -6,6 +6,6 @@ mod statistics;
 pub(crate) mod wide;
 
 pub(crate) use kd::{KdNode, KdReference, KdTree, KdView, MAX_NODES};
-pub use ray_tree::RayTree;
+pub use ray_tree::{Geometry, RayTree};
 pub(crate) use statistics::BuildTimes;
 pub use statistics::Statistics;

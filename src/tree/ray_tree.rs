@@ -1,13 +1,31 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
+use super::wide::{WideSource, WideTree};
 use super::{KdTree, Statistics};
 use crate::baseline::BruteForce;
 use crate::build::{BuildParams, Callback, Policy, Progress, build_kd};
 use crate::error::BuildError;
-use crate::motion::{Geometry, Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
-use crate::ray::{All, Any, Closest, Collect, Everything, Filter, Found, Hit, Observer, Ray, TreeRay, Visible};
+use crate::motion::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
+use crate::ray::{
+    All, Any, Closest, Collect, Everything, Filter, Found, Hit, Observer, Ray, TreeRay, Visible, WideQuery,
+};
+use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
+
+/// What a [`RayTree`] is made of: [`Triangles`] or [`Shapes`]. Sealed; a bound for
+/// code that is generic over both.
+///
+/// ```
+/// use mbkd::{Geometry, Ray, RayTree};
+/// fn in_shadow<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> bool {
+///     tree.any_hit(ray)
+/// }
+/// ```
+#[allow(private_bounds)] // that is what seals it
+pub trait Geometry: WideSource {}
+
+impl<S: WideSource> Geometry for S {}
 
 /// Things that move, ready for rays at any time of the shutter.
 ///
@@ -31,6 +49,7 @@ pub struct RayTree<G = Triangles> {
     geometry: G,
     layout: Layout,
     statistics: Statistics,
+    simd: SimdLevel,
 }
 
 impl<G> core::fmt::Debug for RayTree<G> {
@@ -41,6 +60,7 @@ impl<G> core::fmt::Debug for RayTree<G> {
 
 /// The arrays that queries walk.
 enum Layout {
+    Wide(WideTree),
     Kd(KdTree),
 }
 
@@ -48,19 +68,27 @@ impl<G: Geometry> RayTree<G> {
     fn of(geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
         params.validate()?;
         let (layout, statistics) = match params.policy {
+            Policy::Wide => {
+                let tree = WideTree::build(&geometry)?;
+                let statistics = tree.statistics(&geometry);
+                (Layout::Wide(tree), statistics)
+            }
             Policy::Mbkd | Policy::ClassicKd => {
                 let (tree, times) = build_kd(&geometry, params, progress)?;
                 let statistics = tree.statistics(&geometry).with_times(times);
                 (Layout::Kd(tree), statistics)
             }
         };
-        Ok(RayTree { geometry, layout, statistics })
+        Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best() })
     }
 
     /// Offers every hit that may matter to `collect`; the one place that knows the layouts apart.
     #[inline(always)]
     fn trace(&self, ray: &TreeRay, filter: &impl Filter, collect: &mut impl Collect, observer: &mut impl Observer) {
         match &self.layout {
+            Layout::Wide(tree) => {
+                dispatch(self.simd, WideQuery { tree, set: &self.geometry, ray, filter, collect, observer });
+            }
             Layout::Kd(tree) => tree.trace(&self.geometry, ray, filter, collect, observer),
         }
     }
@@ -207,6 +235,12 @@ impl<G: Geometry> RayTree<G> {
     /// The same queries answered by testing every primitive: the reference for all others.
     pub fn brute_force(&self) -> BruteForce<'_, G> {
         BruteForce::new(&self.geometry)
+    }
+
+    /// The tree with its queries on another instruction set of this CPU, for tests and measurements. Answers do not
+    /// change. The default is the widest there is.
+    pub fn with_simd(self, simd: SimdLevel) -> RayTree<G> {
+        RayTree { simd, ..self }
     }
 
     /// What the build made, in numbers.

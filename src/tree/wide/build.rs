@@ -5,71 +5,13 @@
 //! segments are tried: the leaf blocks stay, only the nodes above them are built anew for each part of
 //! the shutter, and the estimated cost of a ray decides.
 
-use super::emit::{Full, Nodes, write_corners, write_time};
-use super::layout::{ChildRef, LeafShape};
+use super::emit::{Nodes, set_children, write_node, write_time};
+use super::layout::ChildRef;
+use super::leaf::WideSource;
 use crate::build::object::{BinaryNode, BinaryTree, Collapse, Prices, Reference, build_binary};
-use crate::motion::Primitive;
-use crate::motion::{LinearBox3, PrimitiveSet, Shapes, TimeInterval, Triangles};
-use crate::simd::Arena;
-
-/// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
-pub(crate) trait WideSource: PrimitiveSet {
-    /// Number of keys of a primitive's motion; 1 for what stands still.
-    fn keys(&self, id: u32) -> usize;
-    /// How a leaf block with these primitives is stored.
-    fn leaf_shape(&self, ids: &[u32]) -> LeafShape;
-    /// Writes a leaf block for the key segment that begins at key `segment`.
-    fn write_leaf(&self, arena: &mut Arena, shape: LeafShape, ids: &[u32], segment: usize) -> usize;
-}
-
-impl WideSource for Triangles {
-    fn keys(&self, id: u32) -> usize {
-        Triangles::keys(self, id)
-    }
-
-    fn leaf_shape(&self, ids: &[u32]) -> LeafShape {
-        if ids.iter().all(|&id| Triangles::keys(self, id) == 1) { LeafShape::Still } else { LeafShape::Moving }
-    }
-
-    fn write_leaf(&self, arena: &mut Arena, shape: LeafShape, ids: &[u32], segment: usize) -> usize {
-        let n = ids.len();
-        let id_row = shape.ids(n);
-        let at = arena.grow(id_row + n + usize::from(shape == LeafShape::Moving));
-        let mut segments = 1;
-        for (lane, &id) in ids.iter().enumerate() {
-            let keys = Triangles::keys(self, id);
-            let first = segment.min(keys - 1);
-            write_corners(&mut arena.floats_mut()[at..], n, lane, self.corners_at_key(id, first));
-            if shape == LeafShape::Moving {
-                let last = (segment + 1).min(keys - 1);
-                write_corners(&mut arena.floats_mut()[at + id_row / 2..], n, lane, self.corners_at_key(id, last));
-                segments = segments.max(keys - 1);
-            }
-            arena.ints_mut()[at + id_row + lane] = id;
-        }
-        if shape == LeafShape::Moving {
-            arena.ints_mut()[at + id_row + n] = segments as u32;
-        }
-        at
-    }
-}
-
-impl<P: Primitive> WideSource for Shapes<P> {
-    fn keys(&self, id: u32) -> usize {
-        let bounds = self.bounds(id, TimeInterval::FULL);
-        if bounds.begin == bounds.end { 1 } else { 2 }
-    }
-
-    fn leaf_shape(&self, _: &[u32]) -> LeafShape {
-        LeafShape::List
-    }
-
-    fn write_leaf(&self, arena: &mut Arena, _: LeafShape, ids: &[u32], _: usize) -> usize {
-        let at = arena.grow(ids.len());
-        arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);
-        at
-    }
-}
+use crate::error::BuildError;
+use crate::motion::{LinearBox3, TimeInterval};
+use crate::simd::{Arena, LANES};
 
 /// Prices of a query's steps, measured relative to each other.
 const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.15, still: 0.7, most: 16 };
@@ -83,28 +25,16 @@ const WORTH_DIVIDING: f32 = 0.9;
 /// Most time segments of one subtree.
 const MOST_SEGMENTS: usize = 16;
 
-/// What the build found and decided.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct WideStatistics {
-    pub leaves: usize,
-    pub references: usize,
-    pub segments: usize,
-    /// Estimated steps of a ray that meets the scene's box.
-    pub cost: f32,
-}
-
-/// A built tree, not yet tied to what its leaves refer to.
+/// A built tree: the arena and where it begins.
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
-    pub statistics: WideStatistics,
 }
 
 impl WideTree {
     /// Builds over all primitives of a set.
-    pub fn build<S: WideSource>(set: &S) -> Result<WideTree, Full> {
-        let mut tree =
-            WideTree { arena: Arena::default(), root: ChildRef::NOTHING, statistics: WideStatistics::default() };
+    pub fn build<S: WideSource>(set: &S) -> Result<WideTree, BuildError> {
+        let mut tree = WideTree { arena: Arena::default(), root: ChildRef::NOTHING };
         let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
         for id in 0..set.len() as u32 {
             let keys = set.keys(id).max(2);
@@ -125,7 +55,7 @@ impl WideTree {
     }
 
     /// Builds the primitives of one number of keys (2: at most linear motion).
-    fn group<S: WideSource>(&mut self, set: &S, keys: usize, ids: &[u32]) -> Result<Part, Full> {
+    fn group<S: WideSource>(&mut self, set: &S, keys: usize, ids: &[u32]) -> Result<Part, BuildError> {
         if keys == 2 {
             return self.linear(set, ids, TimeInterval::FULL, 0);
         }
@@ -149,14 +79,13 @@ impl WideTree {
         ids: &[u32],
         over: TimeInterval,
         segment: usize,
-    ) -> Result<Part, Full> {
+    ) -> Result<Part, BuildError> {
         let mut references: Vec<Reference> = ids.iter().map(|&id| reference(set, id, over)).collect();
         let binary = build_binary(&mut references, BINARY_LEAF);
         let collapse = Collapse::new(&binary, PRICES, |node| {
-            (node.count as usize <= PRICES.most).then(|| PRICES.leaf + PRICES.primitive * node.count as f32)
+            (node.count as usize <= PRICES.most).then_some(PRICES.leaf + PRICES.primitive * node.count as f32)
         });
         let bounds = binary[0].bounds;
-        self.statistics.references += references.len();
         if binary[0].moving
             && over == TimeInterval::FULL
             && let Some(segments) = Segments::choose(set, &references, &binary, &collapse)
@@ -164,17 +93,11 @@ impl WideTree {
             let root = self.segments(set, &references, &segments)?;
             return Ok(Part { bounds, root });
         }
-        let statistics = &mut self.statistics;
-        statistics.segments += 1;
-        statistics.cost += collapse.cost;
         let root = Nodes {
             binary: &binary,
             collapse: &collapse,
             over,
-            leaf: |arena: &mut Arena, node: &BinaryNode| {
-                statistics.leaves += 1;
-                leaf(arena, set, &references, node, segment)
-            },
+            leaf: |arena: &mut Arena, node: &BinaryNode| leaf(arena, set, &references, node, segment),
         }
         .write(&mut self.arena)?;
         Ok(Part { bounds, root })
@@ -186,16 +109,13 @@ impl WideTree {
         set: &S,
         references: &[Reference],
         segments: &Segments,
-    ) -> Result<ChildRef, Full> {
+    ) -> Result<ChildRef, BuildError> {
         let mut blocks = Vec::with_capacity(segments.clusters.len());
         for node in &segments.clusters {
             blocks.push(leaf(&mut self.arena, set, references, node, 0)?);
         }
-        self.statistics.leaves += blocks.len();
         let mut parts = Vec::new();
         for tree in &segments.trees {
-            self.statistics.segments += 1;
-            self.statistics.cost += tree.collapse.cost / segments.trees.len() as f32;
             parts.push(
                 Nodes {
                     binary: &tree.binary,
@@ -210,14 +130,14 @@ impl WideTree {
     }
 
     /// Puts a node above several trees.
-    fn join(&mut self, mut parts: Vec<Part>) -> Result<ChildRef, Full> {
+    fn join(&mut self, mut parts: Vec<Part>) -> Result<ChildRef, BuildError> {
         while parts.len() > 1 {
             let mut joined = Vec::new();
-            for some in parts.chunks(crate::simd::LANES) {
+            for some in parts.chunks(LANES) {
                 let boxes: Vec<LinearBox3> = some.iter().map(|p| p.bounds).collect();
-                let root = super::emit::write_node(&mut self.arena, &boxes, TimeInterval::FULL)?;
+                let root = write_node(&mut self.arena, &boxes, TimeInterval::FULL)?;
                 let refs: Vec<ChildRef> = some.iter().map(|p| p.root).collect();
-                super::emit::set_children(&mut self.arena, root, &refs);
+                set_children(&mut self.arena, root, &refs);
                 joined.push(Part { bounds: boxes.into_iter().fold(LinearBox3::EMPTY, LinearBox3::union), root });
             }
             parts = joined;
@@ -243,9 +163,9 @@ fn leaf<S: WideSource>(
     references: &[Reference],
     node: &BinaryNode,
     segment: usize,
-) -> Result<ChildRef, Full> {
+) -> Result<ChildRef, BuildError> {
     let of = &references[node.first as usize..][..node.count as usize];
-    let mut ids = [0; crate::simd::LANES];
+    let mut ids = [0; LANES];
     for (id, r) in ids.iter_mut().zip(of) {
         *id = r.id;
     }
@@ -255,7 +175,7 @@ fn leaf<S: WideSource>(
     arena.align();
     let shape = set.leaf_shape(ids);
     let at = set.write_leaf(arena, shape, ids, segment);
-    ChildRef::new(shape.kind(), at, ids.len()).ok_or(Full)
+    ChildRef::new(shape.kind(), at, ids.len()).ok_or(BuildError::TooLargeTree)
 }
 
 /// Part `i` of `n` equal parts of the shutter, a little wider on both sides: queries find their part by

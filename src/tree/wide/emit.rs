@@ -2,13 +2,9 @@
 
 use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::build::object::{BinaryNode, Collapse, WideChild};
+use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
 use crate::simd::{Arena, LANES};
-use glam::Vec3;
-
-/// The arena has outgrown what child references can number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Full;
 
 /// A face at time 0 and its velocity: the line that a query evaluates as `at + velocity * t`.
 #[derive(Clone, Copy)]
@@ -43,13 +39,13 @@ fn face(begin: f32, end: f32, over: TimeInterval, side: f64) -> Face {
 const NOWHERE: f32 = 1e30;
 
 /// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
-pub(super) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInterval) -> Result<ChildRef, Full> {
+pub(super) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInterval) -> Result<ChildRef, BuildError> {
     let moving = boxes.iter().any(|b| b.begin != b.end);
     let rows = if moving { NODE_ROWS } else { STILL_NODE_ROWS };
     arena.align();
     let at = arena.grow(rows * LANES);
     let kind = if moving { Kind::Node } else { Kind::StillNode };
-    let node = ChildRef::new(kind, at, 1).ok_or(Full)?;
+    let node = ChildRef::new(kind, at, 1).ok_or(BuildError::TooLargeTree)?;
     let words = &mut arena.floats_mut()[at..at + rows * LANES];
     for lane in 0..LANES {
         for axis in 0..3 {
@@ -81,14 +77,14 @@ pub(super) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildR
 }
 
 /// Writes a time node over equal parts of the shutter.
-pub(super) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildRef, Full> {
+pub(super) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildRef, BuildError> {
     arena.align();
     let at = arena.grow(1 + parts.len());
     arena.ints_mut()[at] = parts.len() as u32;
     for (i, part) in parts.iter().enumerate() {
         arena.ints_mut()[at + 1 + i] = part.0;
     }
-    ChildRef::new(Kind::Time, at, 1).ok_or(Full)
+    ChildRef::new(Kind::Time, at, 1).ok_or(BuildError::TooLargeTree)
 }
 
 /// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and
@@ -100,9 +96,9 @@ pub(super) struct Nodes<'a, L> {
     pub leaf: L,
 }
 
-impl<L: FnMut(&mut Arena, &BinaryNode) -> Result<ChildRef, Full>> Nodes<'_, L> {
+impl<L: FnMut(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError>> Nodes<'_, L> {
     /// Writes the whole tree (which must not be empty).
-    pub fn write(&mut self, arena: &mut Arena) -> Result<ChildRef, Full> {
+    pub fn write(&mut self, arena: &mut Arena) -> Result<ChildRef, BuildError> {
         if self.collapse.is_leaf(0) {
             return (self.leaf)(arena, &self.binary[0]);
         }
@@ -110,7 +106,7 @@ impl<L: FnMut(&mut Arena, &BinaryNode) -> Result<ChildRef, Full>> Nodes<'_, L> {
     }
 
     /// The recursion is as deep as the wide tree, which the binary build bounds.
-    fn node(&mut self, arena: &mut Arena, of: u32) -> Result<ChildRef, Full> {
+    fn node(&mut self, arena: &mut Arena, of: u32) -> Result<ChildRef, BuildError> {
         let mut children: Vec<WideChild> = Vec::with_capacity(LANES);
         self.collapse.children(self.binary, of, &mut children);
         let boxes: Vec<LinearBox3> = children.iter().map(|c| self.binary[c.node as usize].bounds).collect();
@@ -124,15 +120,6 @@ impl<L: FnMut(&mut Arena, &BinaryNode) -> Result<ChildRef, Full>> Nodes<'_, L> {
         }
         set_children(arena, node, &refs[..children.len()]);
         Ok(node)
-    }
-}
-
-/// Writes the corners of one triangle into lane `lane` of rows of `n`, beginning at word `at`.
-pub(super) fn write_corners(words: &mut [f32], n: usize, lane: usize, corners: [Vec3; 3]) {
-    for (i, corner) in corners.into_iter().enumerate() {
-        for axis in 0..3 {
-            words[(3 * i + axis) * n + lane] = corner[axis];
-        }
     }
 }
 

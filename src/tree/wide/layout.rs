@@ -43,7 +43,7 @@ impl ChildRef {
     /// A reference to a block at word `at`, which must begin a line; nothing where that is beyond what 25
     /// bits can number.
     pub fn new(kind: Kind, at: usize, len: usize) -> Option<ChildRef> {
-        debug_assert!(at % LANES == 0 && (1..=LANES).contains(&len));
+        debug_assert!(at.is_multiple_of(LANES) && (1..=LANES).contains(&len));
         let line = u32::try_from(at / LANES).ok().filter(|&l| l < 1 << LINE_BITS)?;
         Some(ChildRef(line << 7 | (len as u32 - 1) << 3 | kind as u32))
     }

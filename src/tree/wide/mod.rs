@@ -10,9 +10,12 @@
 mod build;
 mod emit;
 mod layout;
+mod leaf;
+mod statistics;
 
 pub(crate) use build::WideTree;
 pub(crate) use layout::{ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS};
+pub(crate) use leaf::WideSource;
 
 #[cfg(test)]
 mod tests;

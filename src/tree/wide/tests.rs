@@ -1,37 +1,9 @@
-//! The wide layout against brute force over the same triangle test.
+//! The wide layout against brute force over the same triangle test. (Whole queries are tested with
+//! [`RayTree`](crate::RayTree) in `tests/`.)
 
-use super::*;
-use crate::motion::{PrimitiveSet, TriangleMesh, Triangles};
-use crate::ray::{Closest, Collect, Count, Found, Listed, Ray, SetHit, TreeRay, Wide};
-use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
+use crate::simd::SimdLevel;
+use crate::{BuildParams, Policy, Ray, RayTree, TriangleMesh};
 use glam::Vec3;
-
-struct NoList;
-impl Listed for NoList {
-    fn intersect(&self, _: u32, _: &TreeRay, _: f32) -> Option<SetHit> {
-        None
-    }
-}
-
-struct Query<'a, C, K> {
-    tree: &'a WideTree,
-    ray: &'a TreeRay,
-    collect: &'a mut C,
-    count: &'a mut K,
-}
-
-impl<C: Collect, K: Count> Kernel for Query<'_, C, K> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        Wide { arena: &self.tree.arena, root: self.tree.root, listed: &NoList }.trace(
-            s,
-            self.ray,
-            self.collect,
-            self.count,
-        );
-    }
-}
 
 fn random(state: &mut u64) -> f32 {
     *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -55,18 +27,6 @@ fn soup(n: usize, keys: usize, size: f32, motion: f32, state: &mut u64) -> Trian
     TriangleMesh::new((0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), positions)
 }
 
-fn brute_force(set: &Triangles, ray: &TreeRay) -> Option<(f32, u32)> {
-    let mut best = None;
-    for id in 0..set.len() as u32 {
-        if let Some(hit) = set.intersect(id, ray)
-            && best.is_none_or(|(t, _)| hit.t < t)
-        {
-            best = Some((hit.t, id));
-        }
-    }
-    best
-}
-
 #[test]
 fn closest_hits_equal_brute_force_on_every_level() {
     let mut state = 42;
@@ -77,21 +37,19 @@ fn closest_hits_equal_brute_force_on_every_level() {
         soup(300, 2, 1.0, 0.01, &mut state),
     ];
     for some in [&meshes[..1], &meshes[1..2], &meshes[2..3], &meshes[..]] {
-        let set = Triangles::new(some).unwrap();
-        let tree = WideTree::build(&set).unwrap();
-        let mut hits = 0;
-        for _ in 0..3000 {
-            let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
-            let time = (random(&mut state) * 1.2).clamp(-1.0, 1.0) * 0.5 + 0.5;
-            let ray = TreeRay::new(&Ray::new(origin, dir).at_time(time), set.frame()).unwrap();
-            let expected = brute_force(&set, &ray);
-            hits += usize::from(expected.is_some());
-            for level in SimdLevel::available() {
-                let mut closest = Closest { t_max: ray.t_max, best: None, accept: |_: &Found| true };
-                dispatch(level, Query { tree: &tree, ray: &ray, collect: &mut closest, count: &mut () });
-                assert_eq!(closest.best.map(|f| (f.hit.t, f.id)), expected, "{level}, {origin} {dir} {time}");
+        for level in SimdLevel::available() {
+            let params = BuildParams::default().with_policy(Policy::Wide);
+            let tree = RayTree::build(some, &params).unwrap().with_simd(level);
+            let mut hits = 0;
+            for _ in 0..1500 {
+                let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
+                let time = (random(&mut state) * 1.2).clamp(-1.0, 1.0) * 0.5 + 0.5;
+                let ray = Ray::new(origin, dir).at_time(time);
+                let expected = tree.brute_force().closest_hit(&ray);
+                hits += usize::from(expected.is_some());
+                assert_eq!(tree.closest_hit(&ray), expected, "{level}, {ray:?}");
             }
+            assert!(hits > 20, "{hits}");
         }
-        assert!(hits > 40, "{hits}");
     }
 }

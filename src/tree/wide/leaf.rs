@@ -1,0 +1,74 @@
+//! Writes leaf blocks: what a set of primitives stores of itself in the arena.
+
+use super::layout::LeafShape;
+use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles};
+use crate::simd::Arena;
+use glam::Vec3;
+
+/// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
+pub(crate) trait WideSource: PrimitiveSet {
+    /// Number of keys of a primitive's motion; 1 for what stands still.
+    fn keys(&self, id: u32) -> usize;
+    /// How a leaf block with these primitives is stored.
+    fn leaf_shape(&self, ids: &[u32]) -> LeafShape;
+    /// Writes a leaf block for the key segment that begins at key `segment`.
+    fn write_leaf(&self, arena: &mut Arena, shape: LeafShape, ids: &[u32], segment: usize) -> usize;
+}
+
+impl WideSource for Triangles {
+    fn keys(&self, id: u32) -> usize {
+        Triangles::keys(self, id)
+    }
+
+    fn leaf_shape(&self, ids: &[u32]) -> LeafShape {
+        if ids.iter().all(|&id| Triangles::keys(self, id) == 1) { LeafShape::Still } else { LeafShape::Moving }
+    }
+
+    fn write_leaf(&self, arena: &mut Arena, shape: LeafShape, ids: &[u32], segment: usize) -> usize {
+        let n = ids.len();
+        let id_row = shape.ids(n);
+        let at = arena.grow(id_row + n + usize::from(shape == LeafShape::Moving));
+        let mut segments = 1;
+        for (lane, &id) in ids.iter().enumerate() {
+            let keys = Triangles::keys(self, id);
+            let first = segment.min(keys - 1);
+            write_corners(&mut arena.floats_mut()[at..], n, lane, self.corners_at_key(id, first));
+            if shape == LeafShape::Moving {
+                let last = (segment + 1).min(keys - 1);
+                write_corners(&mut arena.floats_mut()[at + id_row / 2..], n, lane, self.corners_at_key(id, last));
+                segments = segments.max(keys - 1);
+            }
+            arena.ints_mut()[at + id_row + lane] = id;
+        }
+        if shape == LeafShape::Moving {
+            arena.ints_mut()[at + id_row + n] = segments as u32;
+        }
+        at
+    }
+}
+
+impl<P: Primitive> WideSource for Shapes<P> {
+    fn keys(&self, id: u32) -> usize {
+        let bounds = self.bounds(id, TimeInterval::FULL);
+        if bounds.begin == bounds.end { 1 } else { 2 }
+    }
+
+    fn leaf_shape(&self, _: &[u32]) -> LeafShape {
+        LeafShape::List
+    }
+
+    fn write_leaf(&self, arena: &mut Arena, _: LeafShape, ids: &[u32], _: usize) -> usize {
+        let at = arena.grow(ids.len());
+        arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);
+        at
+    }
+}
+
+/// Writes the corners of one triangle into lane `lane` of rows of `n`, beginning at word `at`.
+fn write_corners(words: &mut [f32], n: usize, lane: usize, corners: [Vec3; 3]) {
+    for (i, corner) in corners.into_iter().enumerate() {
+        for axis in 0..3 {
+            words[(3 * i + axis) * n + lane] = corner[axis];
+        }
+    }
+}
