@@ -1,6 +1,6 @@
 //! Our side: one tree with default parameters, no setting chosen per scene.
 
-use mbkd::{BuildParams, Hit, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
 
 /// A tree, and the threads that may answer its batches.
 pub struct Ours {
@@ -18,7 +18,9 @@ impl Ours {
 
     /// The same tree, its queries held to AVX2.
     pub fn with_avx2(self) -> Result<Ours, String> {
-        Err("queries cannot be held to AVX2 yet".to_string())
+        let level = SimdLevel::available().into_iter().find(|level| level.name() == "avx2");
+        let level = level.ok_or("this CPU has no AVX2")?;
+        Ok(Ours { tree: self.tree.with_simd(level), pool: self.pool })
     }
 
     /// Bytes of the tree and its triangles.
