@@ -6,7 +6,7 @@
 //! `rtcore_geometry.h`, `rtcore_scene.h`, 3.13.5 and 4.4); sizes and offsets are asserted at compile time.
 //! The two versions differ only in how a query takes its context: 3 wants one, 4 has optional arguments.
 //!
-//! This is the only file of the program that calls foreign code, hence the only one with `unsafe`.
+//! All calls into Embree are here, and with them the `unsafe` code of the program (the clock has one call more).
 #![allow(unsafe_code)]
 
 use glam::Vec3;

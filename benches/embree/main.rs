@@ -7,6 +7,7 @@
 
 mod agree;
 mod builds;
+mod clock;
 mod configs;
 mod ffi;
 mod geometry;

@@ -6,7 +6,8 @@ use clap::{Parser, ValueEnum};
 /// Times mbkd's ray queries against Embree's motion blur in one process: the same rays in the same order,
 /// in turns, medians. Without Embree it times mbkd alone.
 ///
-/// For figures worth keeping run it on one idle core (`taskset -c 1`); only ratios carry over to other machines.
+/// Times are processor times of the process. For figures worth keeping give it an idle core (`taskset -c 1`); only
+/// ratios carry over to other machines.
 #[derive(Parser)]
 #[command(name = "embree", bin_name = "cargo bench --bench embree --")]
 pub struct Options {
