@@ -17,8 +17,8 @@ pub struct Agreement {
     pub rays: usize,
     /// The same triangle, or none on both sides.
     pub same: usize,
-    /// Largest difference of t among hits on the same triangle, relative to t.
-    pub largest_dt: f64,
+    /// Largest distance between hits on the same triangle, relative to the scene's size.
+    pub largest_gap: f64,
     /// Other triangle at the same distance.
     pub ties: usize,
     /// Ours hits a triangle within rounding of its edge that Embree misses, or the other way round.
@@ -48,8 +48,8 @@ impl Referee<'_> {
             if same_triangle {
                 agreement.same += 1;
                 if let (Some(a), Some(b)) = (ours, theirs) {
-                    let dt = f64::from((a.t - b.t).abs()) / f64::from(a.t.max(b.t).max(f32::MIN_POSITIVE));
-                    agreement.largest_dt = agreement.largest_dt.max(dt);
+                    let gap = f64::from((a.t - b.t).abs() * ray.dir.length()) / self.size;
+                    agreement.largest_gap = agreement.largest_gap.max(gap);
                 }
             } else {
                 self.explain(&ray, ours, theirs, &mut agreement);
@@ -82,17 +82,5 @@ impl Referee<'_> {
     /// How far, in space, rounding may move the ray against the triangle.
     fn rounding(&self, ray: &Ray) -> f64 {
         ULPS * f64::from(f32::EPSILON) * 0.5 * (self.size + ray.origin.abs().max_element())
-    }
-}
-
-impl std::ops::AddAssign for Agreement {
-    fn add_assign(&mut self, other: Agreement) {
-        self.rays += other.rays;
-        self.same += other.same;
-        self.largest_dt = self.largest_dt.max(other.largest_dt);
-        self.ties += other.ties;
-        self.edge_only_ours += other.edge_only_ours;
-        self.edge_only_theirs += other.edge_only_theirs;
-        self.unexplained += other.unexplained;
     }
 }

@@ -212,7 +212,7 @@ fn agreement_table(measured: &Measured) {
     );
     println!("that only one side hits, passed within rounding of its edge; neither.\n");
     println!(
-        "| scene | rays | number | same triangle or none | largest relative Δt | same distance | edge, only ours | edge, only Embree | unexplained |"
+        "| scene | rays | number | same triangle or none | largest gap / scene size | same distance | edge, only ours | edge, only Embree | unexplained |"
     );
     println!("|---|---|---:|---:|---:|---:|---:|---:|---:|");
     for (scene, kind, a) in &measured.agreements {
@@ -221,7 +221,7 @@ fn agreement_table(measured: &Measured) {
             kind.name(),
             a.rays,
             a.same,
-            a.largest_dt,
+            a.largest_gap,
             a.ties,
             a.edge_only_ours,
             a.edge_only_theirs,
