@@ -46,15 +46,13 @@ fn measure(options: &Options) -> Result<(), String> {
             None
         }
     };
-    let mut measured = Measured { cells: Vec::new(), agreements: Vec::new() };
+    let mut measured = Measured::default();
     let mut builds = Vec::new();
     for name in &options.scenes {
         let recipe = mbkd::scene::find(name).ok_or_else(|| unknown_scene(name))?;
         let scene = (recipe.make)((recipe.full as f32 * options.scale) as usize);
         println!("{name}: {} triangles", scene.triangles());
-        let of_scene = run::measure(options, embree.as_ref(), &scene)?;
-        measured.cells.extend(of_scene.cells);
-        measured.agreements.extend(of_scene.agreements);
+        run::measure(options, embree.as_ref(), &scene, &mut measured)?;
         builds.push(builds::measure(options, embree.as_ref(), &scene, 1)?);
         if options.parallel_build {
             builds.push(builds::measure(options, embree.as_ref(), &scene, 0)?);

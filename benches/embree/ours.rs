@@ -1,6 +1,7 @@
 //! Our side: one tree with default parameters, no setting chosen per scene.
 
-use mbkd::{BuildParams, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
+use crate::rays::Kind;
+use mbkd::{BuildParams, Counters, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
 
 /// A tree, and the threads that may answer its batches.
 pub struct Ours {
@@ -37,6 +38,18 @@ impl Ours {
     #[inline]
     pub fn any_hit(&self, ray: &Ray) -> bool {
         self.tree.any_hit(ray)
+    }
+
+    /// What the single queries of a kind do, in all.
+    pub fn work(&self, kind: Kind, rays: &[Ray]) -> Counters {
+        let mut counters = Counters::default();
+        for ray in rays {
+            match kind {
+                Kind::Ao => _ = self.tree.any_hit_observed(ray, &mut counters),
+                _ => _ = self.tree.closest_hit_observed(ray, &mut counters),
+            }
+        }
+        counters
     }
 
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {

@@ -29,6 +29,7 @@ pub fn print(options: &Options, measured: &Measured, builds: &[Builds]) {
     if options.details {
         details(&measured.cells);
     }
+    work_table(measured);
     build_table(measured, builds);
     agreement_table(measured);
 }
@@ -195,6 +196,20 @@ fn build_table(measured: &Measured, builds: &[Builds]) {
                 verdict(gain >= bounds::PARALLEL_BUILD)
             );
         }
+    }
+}
+
+fn work_table(measured: &Measured) {
+    if measured.work.is_empty() {
+        return;
+    }
+    println!("\n### What our queries do per ray\n");
+    println!("| scene | rays | nodes | leaf blocks | triangle tests |");
+    println!("|---|---|---:|---:|---:|");
+    for (scene, kind, rays, work) in &measured.work {
+        let per_ray = |n: u64| n as f64 / *rays as f64;
+        let (nodes, leaves, tests) = (per_ray(work.nodes), per_ray(work.leaves), per_ray(work.primitive_tests));
+        println!("| {scene} | {} | {nodes:.2} | {leaves:.2} | {tests:.2} |", kind.name());
     }
 }
 

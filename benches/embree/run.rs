@@ -10,7 +10,7 @@ use crate::ours::Ours;
 use crate::rays::{Kind, Rays, generate};
 use crate::timing::{Checksum, Side, Turns, in_turns};
 use mbkd::scene::Scene;
-use mbkd::{Hit, Ray};
+use mbkd::{Counters, Hit, Ray};
 use std::cell::RefCell;
 
 /// One ray kind of one scene against one Embree configuration.
@@ -25,9 +25,12 @@ pub struct Cell {
     pub turns: Turns,
 }
 
-/// What one scene gave.
+/// All that was measured of queries.
+#[derive(Default)]
 pub struct Measured {
     pub cells: Vec<Cell>,
+    /// Scene, kind, number of rays, and what our queries did.
+    pub work: Vec<(String, Kind, usize, Counters)>,
     pub agreements: Vec<(String, Kind, Agreement)>,
 }
 
@@ -36,11 +39,16 @@ struct Bench<'a> {
     scene: &'a Scene,
     ours: Option<Ours>,
     rays: Rays,
-    measured: Measured,
+    measured: &'a mut Measured,
 }
 
-/// Measures a scene.
-pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene) -> Result<Measured, String> {
+/// Measures a scene and adds to `measured`.
+pub fn measure(
+    options: &Options,
+    embree: Option<&Embree>,
+    scene: &Scene,
+    measured: &mut Measured,
+) -> Result<(), String> {
     let meshes = &scene.meshes;
     let ours = if options.only == Some(Only::Embree) { None } else { Some(Ours::build(meshes, 1)?) };
     let rays = match (&ours, embree) {
@@ -53,7 +61,12 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene) -> Res
         }
         (None, None) => return Err("nothing to measure: no Embree, and our side is left out".to_string()),
     };
-    let measured = Measured { cells: Vec::new(), agreements: Vec::new() };
+    if let Some(ours) = &ours {
+        for &kind in &options.kinds {
+            let of_kind = rays.of(kind);
+            measured.work.push((scene.name.clone(), kind, of_kind.len(), ours.work(kind, of_kind)));
+        }
+    }
     let mut bench = Bench { options, scene, ours, rays, measured };
     for &isa in &options.isa {
         if isa == Isa::Avx2 {
@@ -64,7 +77,7 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene) -> Res
             None => bench.queries(isa, Mode::Robust, "none", None),
         }
     }
-    Ok(bench.measured)
+    Ok(())
 }
 
 impl Bench<'_> {
