@@ -48,10 +48,10 @@ struct Options {
     scale: f32,
     /// Width and height of the picture in pixels.
     #[arg(long, default_value_t = 256)]
-    side: usize,
+    side: u32,
     /// Timed rounds.
     #[arg(long, default_value_t = 5)]
-    runs: usize,
+    runs: u32,
     /// What cargo passes to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
@@ -253,7 +253,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-fn row(scene: &str, kind: Kind, rays: &[Ray], runs: usize, ours: &RayTree, obvhs: &ObvhsPeer, bvh: &BvhPeer) {
+fn row(scene: &str, kind: Kind, rays: &[Ray], runs: u32, ours: &RayTree, obvhs: &ObvhsPeer, bvh: &BvhPeer) {
     let sums = [ask(ours, kind, rays), ask(obvhs, kind, rays), ask(bvh, kind, rays)];
     let (we, they, others) = (|| ask(ours, kind, rays), || ask(obvhs, kind, rays), || ask(bvh, kind, rays));
     let first = in_turns(runs, Some(&we), Some(&they));

@@ -1,7 +1,7 @@
 //! Build times and memory: ours and every Embree configuration in turns, each tree dropped again.
 
 use crate::clock;
-use crate::configs;
+use crate::configs::{self, Config};
 use crate::ffi::Embree;
 use crate::options::{Only, Options};
 use crate::ours::Ours;
@@ -21,6 +21,7 @@ pub struct Builds {
 }
 
 /// One Embree configuration.
+#[derive(Default)]
 pub struct Theirs {
     pub config: &'static str,
     pub seconds: f64,
@@ -38,47 +39,54 @@ fn now(threads: usize) -> f64 {
 
 /// Measures the builds of a scene.
 pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, threads: usize) -> Result<Builds, String> {
-    let meshes = &scene.meshes;
-    let configs: Vec<_> = configs::all(meshes).into_iter().filter(|c| options.wants(c.name)).collect();
-    let mut our_seconds = Vec::new();
-    let mut our_bytes = f64::NAN;
-    let mut build_ours = || -> Result<(), String> {
-        if options.only != Some(Only::Embree) {
-            let start = now(threads);
-            let ours = Ours::build(meshes, threads)?;
-            our_seconds.push(now(threads) - start);
-            our_bytes = ours.bytes() as f64;
+    let mut ours = OurBuilds { seconds: Vec::new(), bytes: f64::NAN };
+    let mut theirs: Vec<(Config, Theirs, Vec<f64>)> = Vec::new();
+    if embree.is_some() {
+        let wanted = configs::all(&scene.meshes).into_iter().filter(|config| options.wants(config.name));
+        theirs.extend(wanted.map(|config| (config, Theirs { config: config.name, ..Theirs::default() }, Vec::new())));
+    }
+    for _ in 0..options.build_runs {
+        if theirs.is_empty() {
+            ours.build(options, scene, threads)?;
         }
-        Ok(())
-    };
-    let mut theirs: Vec<_> = configs.iter().map(|c| (c, Vec::new(), 0, 0)).collect();
-    for _ in 0..options.build_runs.max(1) {
-        for (config, seconds, bytes, buffers) in &mut theirs {
-            build_ours()?;
+        for (config, figures, seconds) in &mut theirs {
+            ours.build(options, scene, threads)?;
             let Some(embree) = embree else { continue };
             let device = embree.device(&config.settings(threads, None))?;
-            let tree = config.scene(&device, meshes, true)?;
-            *buffers = device.bytes();
+            let tree = config.scene(&device, &scene.meshes, true)?;
+            figures.buffers = device.bytes();
             let start = now(threads);
             tree.commit()?;
             seconds.push(now(threads) - start);
-            *bytes = device.bytes();
+            figures.bytes = device.bytes();
         }
     }
-    let theirs = if embree.is_none() { Vec::new() } else { theirs };
     Ok(Builds {
         scene: scene.name.clone(),
         threads,
-        ours: median(our_seconds.into_iter()),
-        our_bytes,
+        ours: median(ours.seconds.into_iter()),
+        our_bytes: ours.bytes,
         theirs: theirs
             .into_iter()
-            .map(|(config, seconds, bytes, buffers)| Theirs {
-                config: config.name,
-                seconds: median(seconds.into_iter()),
-                bytes,
-                buffers,
-            })
+            .map(|(_, figures, seconds)| Theirs { seconds: median(seconds.into_iter()), ..figures })
             .collect(),
     })
+}
+
+/// Our builds so far.
+struct OurBuilds {
+    seconds: Vec<f64>,
+    bytes: f64,
+}
+
+impl OurBuilds {
+    fn build(&mut self, options: &Options, scene: &Scene, threads: usize) -> Result<(), String> {
+        if options.only != Some(Only::Embree) {
+            let start = now(threads);
+            let tree = Ours::build(&scene.meshes, threads)?;
+            self.seconds.push(now(threads) - start);
+            self.bytes = tree.bytes() as f64;
+        }
+        Ok(())
+    }
 }

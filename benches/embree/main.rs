@@ -58,6 +58,9 @@ fn measure(options: &Options) -> Result<(), String> {
             builds.push(builds::measure(options, embree.as_ref(), &scene, 0)?);
         }
     }
+    if embree.is_some() && measured.cells.is_empty() {
+        return Err(format!("no Embree configuration has one of {:?} in its name", options.configs));
+    }
     report::print(options, &measured, &builds);
     Ok(())
 }

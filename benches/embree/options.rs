@@ -14,18 +14,18 @@ pub struct Options {
     /// Scenes, all by default.
     #[arg(long, value_delimiter = ',', default_value = "hairball,tornado,hall,coherent,needles,debris")]
     pub scenes: Vec<String>,
-    /// Share of each scene's full number of triangles, 0 to 1.
+    /// Share of each scene's full number of triangles.
     #[arg(long, default_value_t = 1.0)]
     pub scale: f32,
     /// Kinds of rays.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "primary,bounce,ao")]
     pub kinds: Vec<Kind>,
-    /// Width and height of the picture in pixels, one primary ray each.
-    #[arg(long, default_value_t = 256)]
-    pub side: usize,
+    /// Width and height of the picture in pixels, one primary ray each; rounded up to tiles of 8.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=8192))]
+    pub side: u32,
     /// Timed rounds, each ours then theirs.
-    #[arg(long, default_value_t = 5)]
-    pub runs: usize,
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
+    pub runs: u32,
     /// Embree with its robust scene flag (like our watertight test), and without.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "robust,fast")]
     pub modes: Vec<Mode>,
@@ -39,8 +39,8 @@ pub struct Options {
     #[arg(long, value_delimiter = ',', default_value = "hairball")]
     pub batch: Vec<String>,
     /// Timed builds of each side.
-    #[arg(long, default_value_t = 1)]
-    pub build_runs: usize,
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub build_runs: u32,
     /// Also build with all cores.
     #[arg(long)]
     pub parallel_build: bool,

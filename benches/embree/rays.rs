@@ -57,7 +57,7 @@ impl Rays {
 }
 
 /// The picture of `side`×`side` pixels, and what follows from its hits.
-pub fn generate(meshes: &[TriangleMesh], camera: &Camera, side: usize, hit: impl Fn(&Ray) -> Option<Hit>) -> Rays {
+pub fn generate(meshes: &[TriangleMesh], camera: &Camera, side: u32, hit: impl Fn(&Ray) -> Option<Hit>) -> Rays {
     let mut random = StdRng::seed_from_u64(0x0b5e_55ed);
     let size = scene_size(meshes);
     let mut rays = Rays { primary: primary(camera, side, &mut random), bounce: Vec::new(), ao: Vec::new() };
@@ -75,8 +75,9 @@ pub fn generate(meshes: &[TriangleMesh], camera: &Camera, side: usize, hit: impl
     rays
 }
 
-fn primary(camera: &Camera, side: usize, random: &mut StdRng) -> Vec<Ray> {
-    let tiles = side.div_ceil(TILE);
+fn primary(camera: &Camera, side: u32, random: &mut StdRng) -> Vec<Ray> {
+    let side = (side as usize).next_multiple_of(TILE);
+    let tiles = side / TILE;
     let mut rays = Vec::with_capacity(side * side);
     for (ty, tx) in (0..tiles).flat_map(|ty| (0..tiles).map(move |tx| (ty, tx))) {
         for (y, x) in (0..TILE).flat_map(|y| (0..TILE).map(move |x| (ty * TILE + y, tx * TILE + x))) {

@@ -90,7 +90,12 @@ fn queries(options: &Options, measured: &Measured, isa: Isa, mode: Mode) {
         return;
     }
     let level = if isa == Isa::Avx2 { "avx2".to_string() } else { SimdLevel::best().to_string() };
-    println!("\n### Rays, Embree {}, {level}\n", if mode == Mode::Robust { "robust" } else { "fast" });
+    let peer = match mode {
+        _ if best.iter().all(|cell| cell.turns.theirs.is_nan()) => "no Embree",
+        Mode::Robust => "Embree robust",
+        Mode::Fast => "Embree fast",
+    };
+    println!("\n### Rays, {peer}, {level}\n");
     println!(
         "One thread, {} runs each in turns, medians, Mrays/s; Embree's best configuration per cell.\n",
         options.runs

@@ -44,7 +44,7 @@ pub struct Turns {
 pub type Side<'a> = Option<&'a dyn Fn() -> Checksum>;
 
 /// One untimed round, then `runs` timed ones: ours, theirs, ours, theirs, …
-pub fn in_turns(runs: usize, ours: Side<'_>, theirs: Side<'_>) -> Turns {
+pub fn in_turns(runs: u32, ours: Side<'_>, theirs: Side<'_>) -> Turns {
     let time = |side: Side<'_>| {
         side.map_or(f64::NAN, |answer_all| {
             let start = clock::seconds();
@@ -52,7 +52,8 @@ pub fn in_turns(runs: usize, ours: Side<'_>, theirs: Side<'_>) -> Turns {
             clock::seconds() - start
         })
     };
-    (time(ours), time(theirs));
+    time(ours);
+    time(theirs);
     let rounds: Vec<(f64, f64)> = (0..runs).map(|_| (time(ours), time(theirs))).collect();
     Turns {
         ours: median(rounds.iter().map(|r| r.0)),
