@@ -1,4 +1,4 @@
-//! Build times and memory: ours and every Embree configuration in turns, each tree dropped again.
+//! Build times and memory: in each round ours, then every Embree configuration, each tree dropped again.
 
 use crate::clock;
 use crate::configs::{self, Config};
@@ -46,11 +46,8 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, thread
         theirs.extend(wanted.map(|config| (config, Theirs { config: config.name, ..Theirs::default() }, Vec::new())));
     }
     for _ in 0..options.build_runs {
-        if theirs.is_empty() {
-            ours.build(options, scene, threads)?;
-        }
+        ours.build(options, scene, threads)?;
         for (config, figures, seconds) in &mut theirs {
-            ours.build(options, scene, threads)?;
             let Some(embree) = embree else { continue };
             let device = embree.device(&config.settings(threads, None))?;
             let tree = config.scene(&device, &scene.meshes, true)?;
