@@ -271,6 +271,6 @@ fn row(scene: &str, kind: Kind, rays: &[Ray], runs: u32, ours: &RayTree, obvhs: 
     );
     let hits = sums.map(|sum| sum.hits);
     if hits.iter().any(|&h| h != hits[0]) {
-        eprintln!("  {scene}, {}: hits {hits:?} of mbkd, obvhs, bvh (theirs are not watertight)", kind.name());
+        eprintln!("  {scene}, {}: hits {hits:?} of mbkd, obvhs, bvh (neither peer is watertight)", kind.name());
     }
 }
