@@ -39,7 +39,8 @@ pub struct BuildParams {
     /// Whether a reference that was duplicated at some plane takes part in choosing planes again once it lies
     /// on one side of a plane below for its whole time. The paper can be read both ways. Default true.
     pub propagated_vote: bool,
-    /// Whether split planes may move with what lies near them. The paper's stand still. Default false.
+    /// Whether split planes may move along with the primitives. The paper's stand still. Only for
+    /// [`Policy::Mbkd`]. Default true: fewer references cross a plane that goes with them.
     pub moving_planes: bool,
     /// Cost of a step through an inner node (the paper's K_T), > 0. Only its ratio to
     /// [`intersection_cost`](BuildParams::intersection_cost) matters. Default 1.
@@ -49,7 +50,7 @@ pub struct BuildParams {
     /// The cost of a plane with one side empty is multiplied by this, in (0, 1]: it favours cutting off empty
     /// space. Default 0.8.
     pub empty_factor: f32,
-    /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 log2(n)` for `n` primitives.
+    /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 b` for a number of primitives of `b` bits.
     pub max_depth: Option<u32>,
     /// The greatest number of references per primitive, >= 1. It is divided among subtrees by rule, so that
     /// the tree does not depend on the number of threads; where it runs out there is a leaf. Default 8.
@@ -63,7 +64,7 @@ impl Default for BuildParams {
             plane_time: 0.5,
             time_weighted: true,
             propagated_vote: true,
-            moving_planes: false,
+            moving_planes: true,
             traversal_cost: 1.0,
             intersection_cost: 2.0,
             empty_factor: 0.8,
@@ -74,6 +75,11 @@ impl Default for BuildParams {
 }
 
 impl BuildParams {
+    /// The paper's tree as the paper has it: [`Policy::Mbkd`] with planes that stand still.
+    pub fn paper() -> BuildParams {
+        BuildParams { policy: Policy::Mbkd, moving_planes: false, ..BuildParams::default() }
+    }
+
     /// The parameters with another policy.
     pub fn with_policy(self, policy: Policy) -> BuildParams {
         BuildParams { policy, ..self }
@@ -95,7 +101,7 @@ impl BuildParams {
 
     /// The depth budget for `n` primitives.
     pub(crate) fn depth_for(&self, n: usize) -> u32 {
-        let usual = 8 + (1.3 * (n.max(1) as f64).log2()).ceil() as u32;
+        let usual = 8 + 13 * (usize::BITS - n.leading_zeros()) / 10;
         self.max_depth.unwrap_or(usual).min(DEPTH_LIMIT as u32)
     }
 }

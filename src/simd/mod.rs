@@ -23,7 +23,7 @@ mod stack;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 pub(crate) use arena::Arena;
-pub(crate) use stack::Stack;
+pub(crate) use stack::{Stack, StackMemory};
 
 /// Number of lanes in every vector of this module.
 pub(crate) const LANES: usize = 16;
@@ -38,6 +38,7 @@ pub(crate) type Mask = u16;
 ///
 /// Values of the implementing types exist only where the CPU has the instructions, which is what
 /// makes the safe methods sound.
+#[allow(clippy::wrong_self_convention)] // `self` is the token
 pub(crate) trait Simd: Copy {
     /// Sixteen f32.
     type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F>;
