@@ -6,6 +6,7 @@ pub mod baseline;
 mod build;
 mod error;
 mod motion;
+mod neighbor;
 mod ray;
 pub mod scene;
 mod simd;
@@ -17,6 +18,12 @@ pub use glam;
 pub use motion::{
     Aabb, Keys, LinearBounds, MAX_COORDINATE, MovingSphere, Primitive, PrimitiveError, Shapes, TimeInterval,
     TriangleMesh, Triangles, check_primitive,
+};
+pub use motion::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
+pub use neighbor::{
+    Approach, KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery,
+    NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree,
+    WithinIter,
 };
 pub use ray::{Counters, Hit, Intersection, Observer, Ray};
 pub use simd::SimdLevel;

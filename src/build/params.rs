@@ -55,6 +55,13 @@ pub struct BuildParams {
     /// The greatest number of references per primitive, >= 1. It is divided among subtrees by rule, so that
     /// the tree does not depend on the number of threads; where it runs out there is a leaf. Default 8.
     pub max_references: f32,
+    /// [`Policy::Wide`] only: references per primitive that spatial splits may make, in [1, 8]. They are made only
+    /// where the expected cost of a ray falls enough. Default 2.
+    pub wide_references: f32,
+    /// [`Policy::Wide`] only: bytes per primitive that the tree may take, at least 128. More lets scenes in which
+    /// neighbours part company fast have separate trees for parts of the shutter. Trees of other scenes take
+    /// 60 to 150 bytes whatever this says. Default 1024.
+    pub bytes_per_primitive: f32,
 }
 
 impl Default for BuildParams {
@@ -70,6 +77,8 @@ impl Default for BuildParams {
             empty_factor: 0.8,
             max_depth: None,
             max_references: 8.0,
+            wide_references: 2.0,
+            bytes_per_primitive: 1024.0,
         }
     }
 }
@@ -96,7 +105,9 @@ impl BuildParams {
         check(positive(self.intersection_cost), "intersection_cost", "greater than 0 and less than 1e6")?;
         check(self.empty_factor > 0.0 && self.empty_factor <= 1.0, "empty_factor", "in (0, 1]")?;
         check(self.max_depth.is_none_or(|d| d as usize <= DEPTH_LIMIT), "max_depth", "at most 60")?;
-        check(self.max_references >= 1.0 && self.max_references <= 1e4, "max_references", "in [1, 10000]")
+        check(self.max_references >= 1.0 && self.max_references <= 1e4, "max_references", "in [1, 10000]")?;
+        check((1.0..=8.0).contains(&self.wide_references), "wide_references", "in [1, 8]")?;
+        check((128.0..=1e6).contains(&self.bytes_per_primitive), "bytes_per_primitive", "in [128, 1e6]")
     }
 
     /// The depth budget for `n` primitives.
@@ -125,5 +136,7 @@ mod tests {
         assert_eq!(name(BuildParams { empty_factor: 0.0, ..fine() }), "empty_factor");
         assert_eq!(name(BuildParams { max_depth: Some(61), ..fine() }), "max_depth");
         assert_eq!(name(BuildParams { max_references: 0.5, ..fine() }), "max_references");
+        assert_eq!(name(BuildParams { wide_references: 9.0, ..fine() }), "wide_references");
+        assert_eq!(name(BuildParams { bytes_per_primitive: f32::NAN, ..fine() }), "bytes_per_primitive");
     }
 }

@@ -80,6 +80,12 @@ impl Sheared {
         if negative & positive {
             return None;
         }
+        self.decide(corners, t_min, t_max)
+    }
+
+    /// [`Sheared::test`] for corners whose signs in f32 do not rule the triangle out.
+    #[inline(always)]
+    pub fn decide(&self, corners: [[f32; 3]; 3], t_min: f32, t_max: f32) -> Option<SetHit> {
         let [a, b, c] = corners.map(|p| p.map(f64::from));
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];

@@ -16,11 +16,11 @@ use super::observer::Observer;
 use super::query_ray::TreeRay;
 use super::triangle::{Sheared, hit_slack};
 use crate::motion::{KeyTime, PrimitiveSet};
-use crate::simd::{Arena, Kernel, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
-use crate::tree::wide::{ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideTree};
+use crate::simd::{Arena, Kernel, LANES, Lanes, Mask, Rows, Simd, Stack, StackMemory, lanes_at};
+use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideTree};
 
-/// Places on the stack. A level of the tree leaves at most 15 behind, and the build bounds the levels.
-const STACK: usize = 15 * 84 + 16;
+/// Places on the stack. A level of the tree leaves at most 15 behind, usually one or two.
+const STACK: usize = 192;
 
 /// Smaller components of a direction are taken as this: over any distance within reach the ray then
 /// strays by less than a thousandth of the slack.
@@ -93,7 +93,7 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
     ) {
         let slack = hit_slack(ray.origin);
         let axes: [Axis; 3] = core::array::from_fn(|i| Axis::new(i, ray.origin[i], ray.dir[i], slack));
-        let shear = Sheared::new(ray.dir);
+        let shear = ray.shear;
         let mut memory = StackMemory::<u64, STACK>::new();
         let mut stack = memory.stack();
         let mut at = root;
@@ -218,17 +218,16 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
     ) -> bool {
         let n = leaf.len();
         let ids = (if MOVING { LeafShape::Moving } else { LeafShape::Still }).ids(n);
-        let words = &self.arena.floats()[leaf.at()..];
+        let block = &self.arena.floats()[leaf.at()..];
         let origin = ray.origin;
         let (keys, later) = if MOVING {
             let segments = self.arena.ints()[leaf.at() + ids + n] as usize;
-            (KeyTime::new(ray.time, segments + 1), ids / 2)
+            (KeyTime::new(ray.time, segments + 1), CORNER_ROWS)
         } else {
             (KeyTime { segment: 0, s: 0.0, from_end: false }, 0)
         };
         let corners = Corners::<S> {
-            words,
-            n,
+            rows: Rows::new(block, n, CORNER_ROWS + later),
             base: if keys.from_end { later } else { 0 },
             later,
             fraction: s.splat(keys.s),
@@ -250,16 +249,15 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
         if inside == 0 {
             return false;
         }
-        let mut lanes = [[[0.0; LANES]; 3]; 3];
-        for (row, corner) in lanes.iter_mut().zip([a, b, c]) {
-            s.store(corner.0, &mut row[0]);
-            s.store(corner.1, &mut row[1]);
-            s.store(corner.2, &mut row[2]);
-        }
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            if let Some(hit) = shear.test(lanes.map(|row| row.map(|x| x[i])), ray.t_min, collect.limit()) {
+            let corners = [
+                [s.lane(a.0, i), s.lane(a.1, i), s.lane(a.2, i)],
+                [s.lane(b.0, i), s.lane(b.1, i), s.lane(b.2, i)],
+                [s.lane(c.0, i), s.lane(c.1, i), s.lane(c.2, i)],
+            ];
+            if let Some(hit) = shear.decide(corners, ray.t_min, collect.limit()) {
                 let id = self.arena.ints()[leaf.at() + ids + i];
                 if self.sees(id, ray) && collect.offer(Found { hit, id }) {
                     return true;
@@ -288,10 +286,8 @@ fn face_distance<S: Simd, const ROWS: usize>(
 
 /// The corner rows of a leaf block and what turns them into corners as the ray sees them.
 struct Corners<'a, S: Simd> {
-    words: &'a [f32],
-    /// Length of a row.
-    n: usize,
-    /// Word of the rows at the key that is nearer in time, and at the later key.
+    rows: Rows<'a>,
+    /// First row at the key that is nearer in time, and at the later key.
     base: usize,
     later: usize,
     fraction: S::F,
@@ -305,11 +301,11 @@ impl<S: Simd> Corners<'_, S> {
     /// A coordinate at the ray's time, exactly as `KeyTime::position` computes it, less the origin.
     #[inline(always)]
     fn coordinate<const MOVING: bool>(&self, s: S, corner: usize, axis: usize, origin: S::F) -> S::F {
-        let row = (3 * corner + axis) * self.n;
-        let at = s.load_first(self.words, self.base + row, self.n);
+        let row = 3 * corner + axis;
+        let at = s.load_row(&self.rows, self.base + row);
         if MOVING {
-            let a = s.load_first(self.words, row, self.n);
-            let b = s.load_first(self.words, self.later + row, self.n);
+            let a = s.load_row(&self.rows, row);
+            let b = s.load_row(&self.rows, self.later + row);
             at + (b - a) * self.fraction - origin
         } else {
             at - origin

@@ -16,26 +16,34 @@ impl<T: Copy, const N: usize> StackMemory<T, N> {
     /// An empty stack in this memory.
     #[inline(always)]
     pub(crate) fn stack(&mut self) -> Stack<'_, T, N> {
-        Stack { items: &mut self.0, len: 0 }
+        Stack { items: &mut self.0, len: 0, spilled: Vec::new() }
     }
 }
 
-/// A stack; its length is apart from its memory, so that it can live in a register.
+/// A stack; its length is apart from its memory, so that it can live in a register. What does not fit goes
+/// to the heap, which no sane tree ever makes it do.
 pub(crate) struct Stack<'a, T: Copy, const N: usize> {
     items: &'a mut [MaybeUninit<T>; N],
     len: usize,
+    /// Items below those in `items`.
+    spilled: Vec<T>,
 }
 
 impl<T: Copy, const N: usize> Stack<'_, T, N> {
-    /// Number of items.
+    /// Makes room for `n` more items, at most `N`.
     #[inline(always)]
-    pub(crate) fn len(&self) -> usize {
-        self.len
+    fn reserve(&mut self, n: usize) {
+        if self.len + n > N {
+            // SAFETY: every function that raises `len` has written all places below it.
+            unsafe { spill(&self.items[..self.len], &mut self.spilled) };
+            self.len = 0;
+        }
     }
 
-    /// Puts an item on top. Panics where the stack is full: owners bound their depth.
+    /// Puts an item on top.
     #[inline(always)]
     pub(crate) fn push(&mut self, item: T) {
+        self.reserve(1);
         self.items[self.len] = MaybeUninit::new(item);
         self.len += 1;
     }
@@ -44,6 +52,7 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
     #[inline(always)]
     pub(crate) fn push_first<const M: usize>(&mut self, items: [T; M], n: usize) {
         assert!(n <= M);
+        self.reserve(M);
         let top: &mut [MaybeUninit<T>; M] =
             (&mut self.items[self.len..self.len + M]).try_into().expect("as many as sliced");
         *top = items.map(MaybeUninit::new);
@@ -53,7 +62,10 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
     /// Takes the top item.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<T> {
-        self.len = self.len.checked_sub(1)?;
+        if self.len == 0 {
+            return self.spilled.pop();
+        }
+        self.len -= 1;
         // SAFETY: `len` was above this place and at most `N`; every function that raises it has written all
         // places below.
         Some(unsafe { self.items.get_unchecked(self.len).assume_init() })
@@ -64,6 +76,7 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
     /// `item` must give each place of `0..n` once over the calls for `0..n`; otherwise this panics.
     #[inline(always)]
     pub(crate) fn push_ranked(&mut self, n: usize, mut item: impl FnMut(usize) -> (usize, T)) {
+        self.reserve(n);
         let top = &mut self.items[self.len..self.len + n];
         let mut seen = 0u64;
         for i in 0..n {
@@ -74,6 +87,17 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
         assert!(n < 64 && seen == (1 << n) - 1, "every place must be filled");
         self.len += n;
     }
+}
+
+/// Moves items to the heap. (Not a method: a reference to the whole stack would keep its length in memory.)
+///
+/// # Safety
+/// All items must have been written.
+#[cold]
+#[inline(never)]
+unsafe fn spill<T: Copy>(items: &[MaybeUninit<T>], to: &mut Vec<T>) {
+    // SAFETY: the caller's promise.
+    to.extend(items.iter().map(|item| unsafe { item.assume_init() }));
 }
 
 #[cfg(test)]
@@ -89,7 +113,20 @@ mod tests {
         stack.push_first([7, 8, 9], 2);
         let out: Vec<u64> = core::iter::from_fn(|| stack.pop()).collect();
         assert_eq!(out, [8, 7, 10, 12, 11, 1]);
-        assert_eq!(stack.len(), 0);
+    }
+
+    #[test]
+    fn what_does_not_fit_comes_back_from_the_heap() {
+        let mut memory = StackMemory::<usize, 8>::new();
+        let mut stack = memory.stack();
+        for i in 0..30 {
+            stack.push(2 * i);
+            stack.push_first([2 * i + 1, 0, 0], 1);
+        }
+        for i in (0..60).rev() {
+            assert_eq!(stack.pop(), Some(i));
+        }
+        assert_eq!(stack.pop(), None);
     }
 
     #[test]

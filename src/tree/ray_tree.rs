@@ -69,7 +69,7 @@ impl<G: Geometry> RayTree<G> {
         params.validate()?;
         let (layout, statistics) = match params.policy {
             Policy::Wide => {
-                let tree = WideTree::build(&geometry)?;
+                let tree = WideTree::build(&geometry, params)?;
                 let statistics = tree.statistics(&geometry);
                 (Layout::Wide(tree), statistics)
             }

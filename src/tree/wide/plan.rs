@@ -42,6 +42,9 @@ const MOST_PARTS: usize = 16;
 /// Bytes that a reference costs in nodes and leaf blocks together, roughly.
 const BYTES_PER_REFERENCE: f64 = 110.0;
 
+/// Copies never make the tree larger than this, three quarters of what its references can number.
+const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
+
 /// A planned tree over an interval of the shutter in which all motion is linear.
 pub(super) struct Plan {
     pub over: TimeInterval,
@@ -108,9 +111,12 @@ pub(super) fn plan_copies<S: WideSource>(set: &S, ids: &[u32], params: &BuildPar
 fn more_copies<S: WideSource>(set: &S, ids: &[u32], params: &BuildParams, mut cost: f32) -> Vec<Plan> {
     let mut best = Vec::new();
     let mut parts = 2;
-    while parts <= MOST_PARTS && parts as f64 * BYTES_PER_REFERENCE <= f64::from(params.bytes_per_primitive) {
-        let plans: Vec<Plan> =
-            (0..parts).map(|i| plan_tree(set, ids, part_of_shutter(i, parts), 0, params)).collect();
+    let fits = |parts: usize| {
+        let each = parts as f64 * BYTES_PER_REFERENCE;
+        each <= f64::from(params.bytes_per_primitive) && each * ids.len() as f64 <= MOST_BYTES
+    };
+    while parts <= MOST_PARTS && fits(parts) {
+        let plans: Vec<Plan> = (0..parts).map(|i| plan_tree(set, ids, part_of_shutter(i, parts), 0, params)).collect();
         let divided = plans.iter().map(Plan::cost).sum::<f32>() / parts as f32;
         // The first step competes with segments, which cost hardly any memory.
         if divided > cost * if best.is_empty() { 1.0 } else { WORTH_COPIES } {
@@ -225,8 +231,7 @@ impl Segment {
     fn build<S: WideSource>(set: &S, plan: &Plan, clusters: &[BinaryNode], over: TimeInterval) -> Segment {
         let block = |(i, node): (usize, &BinaryNode)| {
             let of = &plan.references[node.first as usize..][..node.count as usize];
-            let bounds =
-                of.iter().fold(LinearBox3::EMPTY, |b, r| b.union(part_bounds(set, r, plan.over, over)));
+            let bounds = of.iter().fold(LinearBox3::EMPTY, |b, r| b.union(part_bounds(set, r, plan.over, over)));
             Reference { bounds, id: i as u32, moving: node.moving }
         };
         let mut blocks: Vec<Reference> = clusters.iter().enumerate().map(block).collect();

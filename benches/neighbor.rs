@@ -1,0 +1,64 @@
+//! Regression benches of the neighbour queries: build, and queries over still and moving points.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use mbkd::glam::Vec3;
+use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointStructure, PointTree};
+use std::hint::black_box;
+
+struct Rng(u64);
+
+impl Rng {
+    fn unit(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 40) as f32 / (1u64 << 24) as f32
+    }
+    fn vec(&mut self) -> Vec3 {
+        Vec3::new(self.unit(), self.unit(), self.unit())
+    }
+}
+
+const POINTS: usize = 100_000;
+const QUERIES: usize = 1000;
+
+fn neighbors(criterion: &mut Criterion) {
+    let mut rng = Rng(1);
+    let still: Vec<Vec3> = (0..POINTS).map(|_| rng.vec()).collect();
+    let spacing = 1.0 / (POINTS as f32).cbrt();
+    let moving: Vec<MovingPoint> =
+        still.iter().map(|p| MovingPoint::new(*p, *p + (rng.vec() - 0.5) * spacing)).collect();
+    let queries: Vec<(Vec3, f32)> = (0..QUERIES).map(|_| (rng.vec(), rng.unit())).collect();
+    let params = PointParams::default();
+    let linear = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
+
+    let mut group = criterion.benchmark_group("neighbor");
+    group.sample_size(20);
+    group.bench_function("build/still", |b| b.iter(|| PointTree::build(black_box(&still), &params)));
+    group.bench_function("build/moving", |b| b.iter(|| PointTree::build(black_box(&moving), &linear)));
+    for (name, tree) in [("still", PointTree::build(&still, &params)), ("moving", PointTree::build(&moving, &linear))] {
+        let tree = tree.expect("points are finite");
+        let mut buffer = NeighborBuffer::new();
+        for k in [1, 8, 64] {
+            group.bench_function(format!("{name}/k={k}"), |b| {
+                b.iter(|| {
+                    for (q, t) in &queries {
+                        black_box(tree.query(*q, *t).nearest_n_into(k, &mut buffer));
+                    }
+                });
+            });
+        }
+        group.bench_function(format!("{name}/nearest"), |b| {
+            b.iter(|| queries.iter().filter_map(|(q, t)| tree.nearest(*q, *t)).map(|n| n.id).max());
+        });
+        group.bench_function(format!("{name}/radius"), |b| {
+            b.iter(|| {
+                for (q, t) in &queries {
+                    black_box(tree.query(*q, *t).radius(2.1 * spacing).collect_into(&mut buffer));
+                }
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, neighbors);
+criterion_main!(benches);

@@ -1,0 +1,45 @@
+//! Neighbours of moving points at any time: a small swarm, asked where it is between its keys.
+//!
+//! `cargo run --release --example neighbors`
+
+use mbkd::glam::Vec3;
+use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointTree, TimeInterval};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    // A spinning disc of sparks; every third one is alive only in the middle of the shutter.
+    let sparks: Vec<MovingPoint> = (0..30_000)
+        .map(|i| {
+            let (ring, along) = ((i % 173) as f32 / 173.0, i as f32 * 0.618_034);
+            let at = |turn: f32| {
+                // A rational circle: no trigonometry, the same on every machine.
+                let h = 2.0 * ((along + turn).fract() - 0.5);
+                let (x, y) = ((1.0 - h * h) / (1.0 + h * h), 2.0 * h / (1.0 + h * h));
+                Vec3::new(ring * x, ring * y, 0.1 * (1.0 - ring))
+            };
+            let spark = MovingPoint::new(at(0.0), at(0.02));
+            Ok(if i % 3 == 0 { spark.alive(TimeInterval::new(0.4, 0.6)?) } else { spark })
+        })
+        .collect::<Result<_, mbkd::IntervalError>>()?;
+    let tree = PointTree::build(&sparks, &PointParams::default())?;
+    println!("{} sparks\n{}", tree.len(), tree.stats());
+
+    // The buffer makes the loop free of allocations.
+    let mut buffer = NeighborBuffer::new();
+    let probe = Vec3::new(0.5, 0.1, 0.05);
+    for time in [0.0, 0.25, 0.5, 0.75, 1.0] {
+        let near = tree.query(probe, time).radius(0.05).collect_into(&mut buffer).len();
+        let nearest = tree.query(probe, time).filter(|id| id % 2 == 0).nearest_n_into(3, &mut buffer);
+        let ids: Vec<u32> = nearest.iter().map(|n| n.id).collect();
+        println!("time {time}: {near} sparks within 0.05, nearest even ones {ids:?}");
+    }
+
+    if let Some(meeting) = tree.closest_approach(probe, -probe, TimeInterval::FULL) {
+        println!(
+            "flying through, the closest encounter is spark {} at time {:.3}, {:.5} away",
+            meeting.id,
+            meeting.time,
+            meeting.distance_squared.sqrt()
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,171 @@
+//! Many queries at once: in parallel, neighbours in space one after the other, results in the caller's
+//! order.
+//!
+//! Queries are sorted along a Morton curve, so that one finds in the cache what the last one read, and
+//! cut into runs for the threads. Each query is answered on its own, so neither the order nor the
+//! number of threads can change an answer.
+
+use super::query::{NeighborBuffer, NeighborQuery};
+use super::{Neighbor, PointTree};
+use crate::motion::Position;
+use glam::Vec3;
+
+/// Neighbours of many queries: one list for each, in the order of the queries.
+///
+/// ```
+/// use mbkd::{PointParams, PointTree};
+/// let points = [[0.0f32; 3], [1.0; 3], [2.0; 3]];
+/// let tree = PointTree::build(&points, &PointParams::default())?;
+/// let queries: Vec<_> = points.iter().map(|p| (*p, 0.5)).collect();
+/// let lists = tree.nearest_n_batch(&queries, 2);
+/// assert_eq!(lists.len(), 3);
+/// assert_eq!(lists.get(2).iter().map(|n| n.id).collect::<Vec<_>>(), [2, 1]);
+/// # Ok::<(), mbkd::PointError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeighborLists {
+    /// Begin of each list, and the end of the last.
+    begin: Vec<usize>,
+    neighbors: Vec<Neighbor>,
+}
+
+impl NeighborLists {
+    /// Number of lists.
+    pub fn len(&self) -> usize {
+        self.begin.len() - 1
+    }
+
+    /// Whether there is no list.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The neighbours of a query. Panics where `query` is not less than [`NeighborLists::len`].
+    pub fn get(&self, query: usize) -> &[Neighbor] {
+        &self.neighbors[self.begin[query]..self.begin[query + 1]]
+    }
+
+    /// The lists in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[Neighbor]> {
+        self.begin.windows(2).map(|ends| &self.neighbors[ends[0]..ends[1]])
+    }
+}
+
+/// Queries that one thread answers in a row.
+const RUN: usize = 512;
+
+impl PointTree {
+    /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
+    pub fn nearest_batch<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<Option<Neighbor>> {
+        let mut found = vec![None; queries.len()];
+        let answer = |query: NeighborQuery<'_>, _: &mut NeighborBuffer, out: &mut Vec<Neighbor>| {
+            out.extend(query.nearest());
+        };
+        let (order, runs) = self.run(queries, answer);
+        for (places, run) in order.chunks(RUN).zip(&runs) {
+            let mut next = 0;
+            for (place, &end) in places.iter().zip(&run.ends) {
+                found[place.1] = run.found[next..end].first().copied();
+                next = end;
+            }
+        }
+        found
+    }
+
+    /// The `k` nearest points of each query, as [`PointTree::nearest_n`] gives them.
+    pub fn nearest_n_batch<Q: Position>(&self, queries: &[(Q, f32)], k: usize) -> NeighborLists {
+        self.lists(queries, |query, buffer, out| out.extend_from_slice(query.nearest_n_into(k, buffer)))
+    }
+
+    /// The points within `radius` of each query, in order of (distance, id).
+    pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborLists {
+        self.lists(queries, |query, buffer, out| {
+            out.extend_from_slice(query.radius(radius).collect_sorted_into(buffer));
+        })
+    }
+
+    fn lists<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> NeighborLists {
+        let (order, runs) = self.run(queries, answer);
+        // Where each query's list is: its run, and its place there.
+        let mut begin = vec![0; queries.len() + 1];
+        let mut source = vec![(0u32, 0usize); queries.len()];
+        for (number, (places, run)) in order.chunks(RUN).zip(&runs).enumerate() {
+            let mut next = 0;
+            for (place, &end) in places.iter().zip(&run.ends) {
+                let query = place.1;
+                source[query] = (number as u32, next);
+                begin[query + 1] = end - next;
+                next = end;
+            }
+        }
+        for i in 0..queries.len() {
+            begin[i + 1] += begin[i];
+        }
+        let mut neighbors = Vec::with_capacity(begin[queries.len()]);
+        for (ends, &(run, from)) in begin.windows(2).zip(&source) {
+            neighbors.extend_from_slice(&runs[run as usize].found[from..from + (ends[1] - ends[0])]);
+        }
+        NeighborLists { begin, neighbors }
+    }
+
+    /// Answers all queries in Morton order; returns the order and the answers of each run of it.
+    fn run<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> (Vec<(u64, usize)>, Vec<Run>) {
+        let places: Vec<Vec3> = queries.iter().map(|(point, _)| point.relative(self.origin)).collect();
+        let order = morton_order(&places);
+        let one = |places: &[(u64, usize)]| {
+            let mut buffer = NeighborBuffer::new();
+            let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(places.len()) };
+            for &(_, index) in places {
+                let (point, time) = queries[index];
+                answer(self.query(point, time), &mut buffer, &mut run.found);
+                run.ends.push(run.found.len());
+            }
+            run
+        };
+        #[cfg(feature = "rayon")]
+        let runs = {
+            use rayon::prelude::*;
+            order.par_chunks(RUN).map(one).collect()
+        };
+        #[cfg(not(feature = "rayon"))]
+        let runs = order.chunks(RUN).map(one).collect();
+        (order, runs)
+    }
+}
+
+/// What is done with one query of a batch: its results are appended.
+trait Answer: Fn(NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync {}
+impl<F: Fn(NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync> Answer for F {}
+
+/// Answers of a run of queries, one behind the other.
+struct Run {
+    found: Vec<Neighbor>,
+    /// End of each query's answers.
+    ends: Vec<usize>,
+}
+
+/// Morton code and index of each place, sorted.
+fn morton_order(places: &[Vec3]) -> Vec<(u64, usize)> {
+    let finite = places.iter().copied().filter(|p| p.is_finite());
+    let (lo, hi) = finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    let cells = (1u32 << 21) as f32;
+    let scale = (cells - 1.0) / (hi - lo).max(Vec3::splat(f32::MIN_POSITIVE));
+    let code = |p: Vec3| {
+        // Casts saturate, and NaN becomes 0: any place has a code.
+        let cell = (p - lo) * scale;
+        spread(cell.x as u32) | spread(cell.y as u32) << 1 | spread(cell.z as u32) << 2
+    };
+    let mut order: Vec<(u64, usize)> = places.iter().enumerate().map(|(index, &p)| (code(p), index)).collect();
+    order.sort_unstable();
+    order
+}
+
+/// The low 21 bits of `x`, two zero bits after each.
+fn spread(x: u32) -> u64 {
+    let mut x = u64::from(x.min((1 << 21) - 1));
+    x = (x | x << 32) & 0x001f_0000_0000_ffff;
+    x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+    x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+    x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+    (x | x << 2) & 0x1249_2492_4924_9249
+}

@@ -1,0 +1,175 @@
+//! Boxes that move linearly, bounded so that rounding can never let a point out.
+//!
+//! A face of a moving box is a line over the phase s in [0, 1] between two keys. For a lower face a
+//! slope is chosen first and rounded to f32; then the line is lowered until it is below every point
+//! (or child face) at both ends of that one's own range. Both are linear, so it is below in between too.
+//! Two slopes are tried and the tighter line at mid-range is taken: the mean of what is inside, and the
+//! slope between the extremes at both ends.
+//!
+//! **Padding.** Let M bound the coordinates and u = 2^-24. A point is computed as `base + (b − a)·s` with
+//! |s| ≤ 1/2: two roundings of at most 2M·u halved, one of 2M·u halved, one of about M·u: below 4Mu.
+//! A face is computed as `a + b·s` with |b| ≤ 2M (a mean or chord of slopes that are at most 2M) and
+//! |a| ≤ 3M: below 2Mu + 5Mu. Faces of points are lowered by 16Mu, which covers both and the f64 rounding
+//! on the way. Faces around faces are lowered no further: they are below the exact lines of those, and
+//! so below the points by the same 16Mu, whatever the level.
+
+use crate::simd::{LANES, Lanes};
+use glam::DVec3;
+
+/// Rows of sixteen boxes whose faces are `a + b·s`.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct LinearBoxes {
+    pub(super) lo: [Lanes<f32>; 3],
+    pub(super) lo_slope: [Lanes<f32>; 3],
+    pub(super) hi: [Lanes<f32>; 3],
+    pub(super) hi_slope: [Lanes<f32>; 3],
+}
+
+impl LinearBoxes {
+    /// Sixteen absent boxes.
+    pub(super) const NONE: LinearBoxes = LinearBoxes {
+        lo: [[f32::INFINITY; LANES]; 3],
+        lo_slope: [[0.0; LANES]; 3],
+        hi: [[f32::NEG_INFINITY; LANES]; 3],
+        hi_slope: [[0.0; LANES]; 3],
+    };
+
+    /// Whether there is no box in a lane.
+    pub(super) fn absent(&self, lane: usize) -> bool {
+        self.lo[0][lane] == f32::INFINITY
+    }
+
+    /// Lower and upper corner of a lane's box at a phase.
+    pub(super) fn corners(&self, lane: usize, phase: f64) -> [DVec3; 2] {
+        let corner = |at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3]| {
+            DVec3::from_array(core::array::from_fn(|a| f64::from(at[a][lane]) + f64::from(slope[a][lane]) * phase))
+        };
+        [corner(&self.lo, &self.lo_slope), corner(&self.hi, &self.hi_slope)]
+    }
+
+    /// Sets one lane.
+    pub(super) fn set(&mut self, lane: usize, hull: &Hull) {
+        for axis in 0..3 {
+            self.lo[axis][lane] = hull.lo[axis].at_zero;
+            self.lo_slope[axis][lane] = hull.lo[axis].slope;
+            self.hi[axis][lane] = hull.hi[axis].at_zero;
+            self.hi_slope[axis][lane] = hull.hi[axis].slope;
+        }
+    }
+}
+
+/// A face: `at_zero + slope·s`.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Face {
+    at_zero: f32,
+    slope: f32,
+}
+
+impl Face {
+    fn at(self, s: f64) -> f64 {
+        f64::from(self.at_zero) + f64::from(self.slope) * s
+    }
+}
+
+/// A box that moves linearly over a range of phases, and the times at which anything in it is alive.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hull {
+    lo: [Face; 3],
+    hi: [Face; 3],
+    /// First and last phase for which the faces hold.
+    range: [f64; 2],
+    /// Begin and end bound in time.
+    pub(super) times: [f32; 2],
+}
+
+/// What a hull is put around: positions of lower and upper faces at both ends of a range.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Span {
+    pub(super) lo: [[f64; 2]; 3],
+    pub(super) hi: [[f64; 2]; 3],
+    pub(super) range: [f64; 2],
+    pub(super) times: [f32; 2],
+}
+
+impl Hull {
+    /// The hull as something to be put into a larger one.
+    fn span(&self) -> Span {
+        let ends = |face: Face| [face.at(self.range[0]), face.at(self.range[1])];
+        Span { lo: self.lo.map(ends), hi: self.hi.map(ends), range: self.range, times: self.times }
+    }
+
+    /// The hull of points, whose coordinates are at most `magnitude`.
+    pub(super) fn of_points(spans: &[Span], magnitude: f32) -> Hull {
+        Hull::around(spans, f64::from(magnitude) * (16.0 / 16_777_216.0))
+    }
+
+    /// The hull of hulls.
+    pub(super) fn of_hulls(hulls: &[Hull]) -> Hull {
+        let mut spans = [Span::default(); LANES];
+        for (span, hull) in spans.iter_mut().zip(hulls) {
+            *span = hull.span();
+        }
+        Hull::around(&spans[..hulls.len()], 0.0)
+    }
+
+    fn around(spans: &[Span], pad: f64) -> Hull {
+        let mut hull = Hull {
+            lo: [Face::default(); 3],
+            hi: [Face::default(); 3],
+            range: [f64::INFINITY, f64::NEG_INFINITY],
+            times: [f32::INFINITY, f32::NEG_INFINITY],
+        };
+        for span in spans {
+            hull.range = [hull.range[0].min(span.range[0]), hull.range[1].max(span.range[1])];
+            hull.times = [hull.times[0].min(span.times[0]), hull.times[1].max(span.times[1])];
+        }
+        let whole = spans.iter().all(|span| span.range == hull.range);
+        for axis in 0..3 {
+            hull.lo[axis] = below(spans, |span| span.lo[axis], hull.range, whole, pad);
+            let above = below(spans, |span| span.hi[axis].map(|x| -x), hull.range, whole, pad);
+            hull.hi[axis] = Face { at_zero: -above.at_zero, slope: -above.slope };
+        }
+        hull
+    }
+}
+
+/// A line below all the given ones, by `pad`.
+#[inline(always)]
+fn below(spans: &[Span], ends: impl Fn(&Span) -> [f64; 2], range: [f64; 2], whole: bool, pad: f64) -> Face {
+    let length = range[1] - range[0];
+    let (mut rise, mut duration) = (0.0, 0.0);
+    let mut least = [f64::INFINITY; 2];
+    for span in spans {
+        let [begin, end] = ends(span);
+        rise += end - begin;
+        duration += span.range[1] - span.range[0];
+        least = [least[0].min(begin), least[1].min(end)];
+    }
+    let mean = lowered(spans, &ends, if duration > 0.0 { rise / duration } else { 0.0 }, pad);
+    if !whole || length <= 0.0 {
+        return mean;
+    }
+    let chord = lowered(spans, &ends, (least[1] - least[0]) / length, pad);
+    let middle = 0.5 * (range[0] + range[1]);
+    if chord.at(middle) > mean.at(middle) { chord } else { mean }
+}
+
+/// The highest line of about this slope that stays below all the given ones by `pad`.
+#[inline(always)]
+fn lowered(spans: &[Span], ends: &impl Fn(&Span) -> [f64; 2], slope: f64, pad: f64) -> Face {
+    let slope = slope as f32;
+    let wide = f64::from(slope);
+    let mut least = f64::INFINITY;
+    for span in spans {
+        let [begin, end] = ends(span);
+        least = least.min(begin - wide * span.range[0]).min(end - wide * span.range[1]);
+    }
+    Face { at_zero: down(least - pad), slope }
+}
+
+/// The greatest f32 at or below.
+fn down(x: f64) -> f32 {
+    let near = x as f32;
+    if f64::from(near) > x { near.next_down() } else { near }
+}

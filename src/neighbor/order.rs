@@ -1,0 +1,105 @@
+//! Bringing points into the order of a complete tree.
+//!
+//! The tree needs no pointers because all its subtrees are full except the last on each level. So
+//! ordering is all there is to building: cut the range across its widest axis, the left part as large
+//! as whole subtrees allow, and go on in both parts. A selection finds the cut, nothing is sorted.
+//! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
+
+use super::select::select;
+use crate::simd::LANES;
+
+/// A point on its way into a leaf: where it lies (at mid-shutter) and which one it is.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(16))]
+pub(super) struct Item {
+    pub(super) at: [f32; 3],
+    pub(super) index: u32,
+}
+
+/// Ranges shorter than this are not shared between threads.
+const SHARE: usize = 1 << 14;
+
+/// Most points that are looked at to find the widest axis.
+const SAMPLE: usize = 512;
+
+/// Orders `items` so that leaf i holds the i-th run of `leaf` of them.
+///
+/// O(n log n) and O(log n) stack; the order is the same for any number of threads.
+pub(super) fn order(items: &mut [Item], leaf: usize) {
+    order_blocks(items, subtree(items.len(), leaf), leaf);
+}
+
+/// The same, but the first `time_levels` cuts go by `life` instead of by place.
+pub(super) fn order_with_time(items: &mut [Item], leaf: usize, time_levels: usize, life: &impl Fn(&Item) -> f32) {
+    let block = subtree(items.len(), leaf);
+    if time_levels == 0 || items.len() <= block {
+        return order_blocks(items, block, leaf);
+    }
+    let left = left_part(items.len(), block);
+    items.select_nth_unstable_by(left, |a, b| life(a).total_cmp(&life(b)).then(a.index.cmp(&b.index)));
+    let (low, high) = items.split_at_mut(left);
+    order_with_time(low, leaf, time_levels - 1, life);
+    order_with_time(high, leaf, time_levels - 1, life);
+}
+
+/// Points below a child of the root: the largest full subtree that does not hold all.
+fn subtree(count: usize, leaf: usize) -> usize {
+    let mut block = leaf;
+    while block * LANES < count {
+        block *= LANES;
+    }
+    block
+}
+
+/// Points in the left part of a range that consists of subtrees of `block` points.
+fn left_part(count: usize, block: usize) -> usize {
+    count.div_ceil(block).div_ceil(2) * block
+}
+
+/// Orders a range whose subtrees have `block` points each.
+fn order_blocks(items: &mut [Item], mut block: usize, leaf: usize) {
+    while items.len() <= block {
+        if block == leaf {
+            return;
+        }
+        block /= LANES;
+    }
+    let left = left_part(items.len(), block);
+    let axis = widest_axis(items);
+    select(items, left, axis);
+    let (low, high) = items.split_at_mut(left);
+    if low.len() < SHARE {
+        order_blocks(low, block, leaf);
+        order_blocks(high, block, leaf);
+    } else {
+        join(|| order_blocks(low, block, leaf), || order_blocks(high, block, leaf));
+    }
+}
+
+/// The axis along which the points spread most, judged by a sample where there are many.
+pub(super) fn widest_axis(items: &[Item]) -> usize {
+    let step = (items.len() / SAMPLE).max(1);
+    let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for item in items.iter().step_by(step) {
+        for axis in 0..3 {
+            lo[axis] = lo[axis].min(item.at[axis]);
+            hi[axis] = hi[axis].max(item.at[axis]);
+        }
+    }
+    let size = [hi[0] - lo[0], hi[1] - lo[1], hi[2] - lo[2]];
+    let yz = if size[1] >= size[2] { 1 } else { 2 };
+    if size[0] >= size[yz] { 0 } else { yz }
+}
+
+/// Runs both, on two threads where there are.
+#[cfg(feature = "rayon")]
+pub(super) fn join(a: impl FnOnce() + Send, b: impl FnOnce() + Send) {
+    rayon::join(a, b);
+}
+
+/// Runs both.
+#[cfg(not(feature = "rayon"))]
+pub(super) fn join(a: impl FnOnce() + Send, b: impl FnOnce() + Send) {
+    a();
+    b();
+}

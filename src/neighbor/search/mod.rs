@@ -1,0 +1,91 @@
+//! The searches, each written once for every tree that can be viewed at a time.
+//!
+//! [`nearest`] and [`k_nearest`] walk best-first through [`walk`]; [`radius`] needs no order and goes
+//! by masks alone. None of them allocates; results go to buffers of the caller.
+
+pub(super) mod k_nearest;
+pub(super) mod nearest;
+pub(super) mod radius;
+pub(super) mod sort;
+pub(super) mod walk;
+
+/// A caller's predicate on ids, or none at all.
+///
+/// Predicates must be pure: they may be asked about the same id more than once, or never.
+pub trait Keep {
+    /// False where every id passes and nothing needs to be asked.
+    const ASKS: bool;
+    /// Whether this id may be an answer.
+    fn keep(&self, id: u32) -> bool;
+}
+
+/// Keeps every id and costs nothing.
+#[derive(Clone, Copy, Debug)]
+pub struct KeepAll;
+
+impl Keep for KeepAll {
+    const ASKS: bool = false;
+    #[inline(always)]
+    fn keep(&self, _: u32) -> bool {
+        true
+    }
+}
+
+/// Keeps what a closure returns true for.
+#[derive(Clone, Copy, Debug)]
+pub struct KeepIf<F>(pub(super) F);
+
+impl<F: Fn(u32) -> bool> Keep for KeepIf<F> {
+    const ASKS: bool = true;
+    #[inline(always)]
+    fn keep(&self, id: u32) -> bool {
+        (self.0)(id)
+    }
+}
+
+/// Counted work of a query. The unit type counts nothing and compiles to nothing.
+pub(super) trait Observe {
+    /// A node's sixteen boxes were tested.
+    #[inline(always)]
+    fn node(&mut self) {}
+    /// A block's sixteen points were tested.
+    #[inline(always)]
+    fn block(&mut self) {}
+}
+
+impl Observe for () {}
+
+/// Work of a query in nodes and blocks, sixteen lanes each.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct NeighborWork {
+    /// Nodes visited: sixteen boxes each.
+    pub nodes: u64,
+    /// Blocks tested: sixteen points each.
+    pub blocks: u64,
+}
+
+impl Observe for NeighborWork {
+    #[inline(always)]
+    fn node(&mut self) {
+        self.nodes += 1;
+    }
+    #[inline(always)]
+    fn block(&mut self) {
+        self.blocks += 1;
+    }
+}
+
+/// The mask without the lanes whose ids the predicate refuses.
+#[inline(always)]
+pub(super) fn kept<K: Keep>(keep: &K, ids: &crate::simd::Lanes<u32>, mask: crate::simd::Mask) -> crate::simd::Mask {
+    if !K::ASKS {
+        return mask;
+    }
+    let (mut rest, mut out) = (mask, 0);
+    while rest != 0 {
+        let lane = rest.trailing_zeros() as usize;
+        out |= u16::from(keep.keep(ids[lane])) << lane;
+        rest &= rest - 1;
+    }
+    out
+}

@@ -1,0 +1,76 @@
+//! The best-first walk from the root to the bottom nodes.
+//!
+//! Per level one vector of keys: the bits of a child box's squared distance (order-preserving for
+//! floats that are not negative), the low four replaced by the lane. The least key of a level is the
+//! nearest child not yet visited. Replacing bits can raise a key by up to fifteen ulps above the
+//! distance, so the comparison with the bound masks them away first; what is left never exceeds the
+//! distance.
+
+use crate::neighbor::view::{MAX_LEVELS, Target, View};
+use crate::simd::{LANES, Simd};
+
+/// What is done with the bottom nodes that a walk comes to.
+pub(in crate::neighbor) trait Collect<S: Simd> {
+    /// The squared distance above which boxes need not be visited (strictly).
+    fn cull(&self) -> f32;
+    /// A node's sixteen boxes are about to be tested.
+    fn node(&mut self);
+    /// Looks at the leaves of a bottom node, whose squared distances are `boxes`.
+    fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F);
+}
+
+const LANE_BITS: u32 = LANES as u32 - 1;
+
+/// A key is a lane that was visited or is absent.
+const DONE: u32 = u32::MAX;
+
+/// The lane indices.
+pub(in crate::neighbor) const LANE: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+/// Distances as keys.
+#[inline(always)]
+pub(in crate::neighbor) fn keys<S: Simd>(s: S, distances: S::F) -> S::U {
+    (s.to_bits(distances) & s.splat_u(!LANE_BITS)) | s.load_u(&LANE)
+}
+
+/// Lane of a key, and a lower bound of its distance.
+#[inline(always)]
+pub(in crate::neighbor) fn unpack(key: u32) -> (usize, f32) {
+    ((key & LANE_BITS) as usize, f32::from_bits(key & !LANE_BITS))
+}
+
+/// Visits bottom nodes, nearest children first, until nothing within the bound is left.
+#[inline(always)]
+pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V, target: &Target<S>, collect: &mut C) {
+    let (top, root) = view.root();
+    let mut open = [[DONE; LANES]; MAX_LEVELS];
+    let mut first = [0; MAX_LEVELS];
+    let (mut level, mut node) = (top, root);
+    loop {
+        collect.node();
+        let boxes = view.box_distances(s, target, node);
+        if level == 0 {
+            collect.bottom(s, view, target, node, boxes);
+            level = 1;
+        } else {
+            s.store_u(keys(s, boxes), &mut open[level]);
+            first[level] = view.first_child(level, node);
+        }
+        loop {
+            if level > top {
+                return;
+            }
+            let left = s.load_u(&open[level]);
+            let key = s.reduce_min_u(left);
+            let (lane, distance) = unpack(key);
+            // The key of a finished lane unpacks to NaN, which is not within any bound.
+            if distance <= collect.cull() {
+                s.store_u(s.select_u(1 << lane, s.splat_u(DONE), left), &mut open[level]);
+                node = first[level] + lane;
+                level -= 1;
+                break;
+            }
+            level += 1;
+        }
+    }
+}

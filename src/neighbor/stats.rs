@@ -1,0 +1,76 @@
+//! What a tree consists of, and why.
+
+use core::fmt;
+
+/// Which structure holds a part of the points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum PointLayerKind {
+    /// The complete static tree.
+    Static,
+    /// Moving trees with linear boxes, `parts` of them for each segment between keys; `life_levels`
+    /// binary levels on top separate by life.
+    Linear {
+        /// Trees side by side in time.
+        parts: usize,
+        /// Levels that separate by life.
+        life_levels: usize,
+    },
+    /// A moving tree in which the fast points are cut at planes.
+    CutFast,
+    /// The paper's rule: everything that crosses a plane is cut there.
+    Mbkd,
+}
+
+/// One layer of a tree.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointLayerStats {
+    /// The structure.
+    pub kind: PointLayerKind,
+    /// Points in it.
+    pub points: usize,
+    /// References to them: more than points where they are cut or in several trees.
+    pub references: usize,
+    /// Nodes.
+    pub nodes: usize,
+    /// Levels of nodes of the deepest tree.
+    pub levels: usize,
+    /// Bytes allocated.
+    pub bytes: usize,
+    /// Why this structure, in a sentence.
+    pub why: String,
+}
+
+/// What a point tree consists of.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct PointStats {
+    /// The layers, in the order in which they are searched.
+    pub layers: Vec<PointLayerStats>,
+}
+
+impl PointStats {
+    /// Bytes allocated.
+    pub fn bytes(&self) -> usize {
+        self.layers.iter().map(|layer| layer.bytes).sum()
+    }
+
+    /// References per point; 1 where nothing is duplicated, 0 without points.
+    pub fn references_per_point(&self) -> f64 {
+        let points: usize = self.layers.iter().map(|layer| layer.points).sum();
+        let references: usize = self.layers.iter().map(|layer| layer.references).sum();
+        references as f64 / points.max(1) as f64
+    }
+}
+
+impl fmt::Display for PointStats {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for layer in &self.layers {
+            writeln!(
+                f,
+                "{:?}: {} points, {} references, {} nodes in {} levels, {} bytes; {}",
+                layer.kind, layer.points, layer.references, layer.nodes, layer.levels, layer.bytes, layer.why
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,105 @@
+//! What a search needs to know of a tree: boxes and points as they are at the query's time.
+//!
+//! The picture to have in mind: a pyramid of 16-wide nodes, all leaves on the same level. A search
+//! asks a node for the squared distances to its sixteen child boxes, and a block for those to its
+//! sixteen points; whether anything moves or is alive only for a while is settled inside.
+//!
+//! **Why no search ever loses a neighbour.** The squared distance of a point is computed as
+//! `(dx·dx + dy·dy) + dz·dz` with `d = p − q`, each step rounded once, and that of a box in the same
+//! order with `d = max(lo − q, q − hi, 0)`. Rounding to nearest is monotone: `a ≤ b` gives
+//! `fl(a) ≤ fl(b)`. As `lo ≤ p ≤ hi` in floats, every `d` of the box is at most the |d| of the point,
+//! so is every square and every sum. The computed distance of a box is never above that of a point
+//! in it, and culling what is *strictly* farther than the bound keeps ties too.
+
+use crate::simd::{LANES, Lanes, Simd};
+use glam::Vec3;
+
+/// Most levels of nodes a tree can have: 16^8 leaves are more than 2^32 points fill.
+pub(super) const MAX_LEVELS: usize = 9;
+
+/// Coordinates of the query point in all lanes, and the query's time as the tree wants it.
+#[derive(Clone, Copy)]
+pub(super) struct Target<S: Simd> {
+    pub(super) point: [S::F; 3],
+    /// Signed step from the nearer key of a moving tree, in [-1/2, 1/2].
+    pub(super) step: S::F,
+    /// Position between the keys, in [0, 1].
+    pub(super) phase: S::F,
+    /// The query's time, for intervals.
+    pub(super) time: S::F,
+}
+
+impl<S: Simd> Target<S> {
+    /// A target for trees in which nothing depends on the time.
+    #[inline(always)]
+    pub(super) fn still(s: S, q: Vec3) -> Target<S> {
+        let zero = s.splat(0.0);
+        Target { point: [s.splat(q.x), s.splat(q.y), s.splat(q.z)], step: zero, phase: zero, time: zero }
+    }
+}
+
+/// A tree at a time.
+///
+/// Nodes are numbered over the whole tree, blocks too. Level 0 holds the bottom nodes, whose lanes
+/// are leaves; a leaf is [`View::leaf_blocks`] consecutive blocks of sixteen points.
+pub(super) trait View: Copy {
+    /// Level and number of the root node.
+    fn root(&self) -> (usize, usize);
+    /// Node behind lane 0 of a node above level 0; lane i leads to the i-th after it.
+    fn first_child(&self, level: usize, node: usize) -> usize;
+    /// First block behind lane 0 of a bottom node; lane i leads `i * leaf_blocks` further.
+    fn first_block(&self, node: usize) -> usize;
+    /// Blocks per leaf.
+    fn leaf_blocks(&self) -> usize;
+    /// The query in all lanes.
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S>;
+    /// Squared distances to the child boxes; infinite where there is no child at this time.
+    fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
+    /// Squared distances to the points; infinite where there is no point at this time.
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
+    /// Ids of a block's points.
+    fn ids(&self, block: usize) -> &Lanes<u32>;
+}
+
+/// The squared length of `(x, y, z)`, in the one order of operations that all answers share.
+#[inline(always)]
+pub(super) fn squared<S: Simd>(x: S::F, y: S::F, z: S::F) -> S::F {
+    (x * x + y * y) + z * z
+}
+
+/// Squared distance of boxes from a point.
+#[inline(always)]
+pub(super) fn outside<S: Simd>(s: S, point: &[S::F; 3], lo: [S::F; 3], hi: [S::F; 3]) -> S::F {
+    let zero = s.splat(0.0);
+    let gap = |axis: usize| s.max(s.max(lo[axis] - point[axis], point[axis] - hi[axis]), zero);
+    squared::<S>(gap(0), gap(1), gap(2))
+}
+
+/// Sixteen boxes in rows; where there is no box, `lo` is infinite and `hi` is negative infinite.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct Boxes {
+    pub(super) lo: [Lanes<f32>; 3],
+    pub(super) hi: [Lanes<f32>; 3],
+}
+
+impl Boxes {
+    /// Sixteen absent boxes.
+    pub(super) const NONE: Boxes = Boxes { lo: [[f32::INFINITY; LANES]; 3], hi: [[f32::NEG_INFINITY; LANES]; 3] };
+
+    /// Grows lane `lane` to hold a box.
+    #[inline(always)]
+    pub(super) fn include(&mut self, lane: usize, lo: [f32; 3], hi: [f32; 3]) {
+        for axis in 0..3 {
+            self.lo[axis][lane] = self.lo[axis][lane].min(lo[axis]);
+            self.hi[axis][lane] = self.hi[axis][lane].max(hi[axis]);
+        }
+    }
+
+    /// The box around all sixteen.
+    pub(super) fn hull(&self) -> ([f32; 3], [f32; 3]) {
+        let least = |row: &Lanes<f32>| row.iter().copied().fold(f32::INFINITY, f32::min);
+        let most = |row: &Lanes<f32>| row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        (core::array::from_fn(|a| least(&self.lo[a])), core::array::from_fn(|a| most(&self.hi[a])))
+    }
+}

@@ -1,0 +1,138 @@
+//! Comparing all points, written out plainly: what every query has to equal.
+#![allow(dead_code)] // each test file uses its part
+
+use mbkd::{MovingPoint, Neighbor, TimeInterval, glam::Vec3};
+
+/// Points with positions at evenly spaced keys, and when they are alive.
+#[derive(Clone, Debug)]
+pub struct Cloud {
+    pub keys: Vec<Vec<Vec3>>,
+    pub alive: Vec<TimeInterval>,
+}
+
+impl Cloud {
+    pub fn still(at: Vec<Vec3>) -> Cloud {
+        let alive = vec![TimeInterval::FULL; at.len()];
+        Cloud { keys: vec![at], alive }
+    }
+
+    pub fn moving(points: &[MovingPoint]) -> Cloud {
+        Cloud {
+            keys: vec![points.iter().map(|p| p.open).collect(), points.iter().map(|p| p.close).collect()],
+            alive: points.iter().map(|p| p.alive).collect(),
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.alive.len()
+    }
+
+    /// Where a point is at a time: interpolated in f32 from the nearer key.
+    pub fn at(&self, point: usize, time: f32) -> Vec3 {
+        let segments = self.keys.len() - 1;
+        if segments == 0 {
+            return self.keys[0][point];
+        }
+        let along = time * segments as f32;
+        let segment = (along as usize).min(segments - 1);
+        let (a, b) = (self.keys[segment][point], self.keys[segment + 1][point]);
+        let s = along - segment as f32;
+        let way = |a: f32, b: f32| if s < 0.5 { a + (b - a) * s } else { b + (b - a) * (s - 1.0) };
+        Vec3::new(way(a.x, b.x), way(a.y, b.y), way(a.z, b.z))
+    }
+
+    /// All points that exist at a time, in order of (distance, id).
+    pub fn sorted(&self, q: Vec3, time: f32) -> Vec<Neighbor> {
+        let mut all: Vec<Neighbor> = (0..self.len())
+            .filter(|&i| self.alive[i].contains(time))
+            .map(|i| {
+                let d = self.at(i, time) - q;
+                Neighbor { id: i as u32, distance_squared: (d.x * d.x + d.y * d.y) + d.z * d.z }
+            })
+            .collect();
+        all.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared).then(a.id.cmp(&b.id)));
+        all
+    }
+}
+
+/// A small generator of numbers; seeds are printed by the tests that fail.
+pub struct Rng(pub u64);
+
+impl Rng {
+    pub fn bits(&mut self) -> u32 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 32) as u32 ^ (self.0 >> 51) as u32
+    }
+
+    /// In [0, 1).
+    pub fn unit(&mut self) -> f32 {
+        (self.bits() >> 8) as f32 / (1 << 24) as f32
+    }
+
+    /// In [-1, 1).
+    pub fn signed(&mut self) -> f32 {
+        2.0 * self.unit() - 1.0
+    }
+
+    pub fn vec(&mut self) -> Vec3 {
+        Vec3::new(self.signed(), self.signed(), self.signed())
+    }
+}
+
+/// The kinds of sets that searches are tried on.
+pub const KINDS: [&str; 16] = [
+    "uniform",
+    "surface",
+    "equal",
+    "line",
+    "lattice",
+    "plane",
+    "two places",
+    "denormal",
+    "huge",
+    "coherent",
+    "random",
+    "fast few",
+    "wild speeds",
+    "short lives",
+    "converging",
+    "tiny steps",
+];
+
+/// `count` points of a kind.
+pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
+    let mut points = Vec::new();
+    for i in 0..count {
+        let p = rng.vec();
+        let spacing = 2.0 / (count as f32).cbrt();
+        let grid = |x: f32| (x * 6.0).round() / 4.0;
+        points.push(match kind {
+            "uniform" => MovingPoint::fixed(p),
+            "surface" => MovingPoint::fixed(p.normalize_or_zero() + p * 1e-3),
+            "equal" => MovingPoint::fixed(Vec3::new(0.3, -0.1, 0.7)),
+            "line" => MovingPoint::fixed(Vec3::new(p.x, 0.25, -1.0)),
+            "lattice" => MovingPoint::fixed(Vec3::new(grid(p.x), grid(p.y), grid(p.z))),
+            "plane" => MovingPoint::new(Vec3::new(p.x, 0.5, p.z), Vec3::new(p.z, 0.5, p.x)),
+            "two places" => MovingPoint::fixed(Vec3::splat(if p.x < 0.0 { -1.0 } else { 1.0 })),
+            "denormal" => MovingPoint::new(p * 1e-39, p * 2e-39),
+            "huge" => MovingPoint::new(p * 1e18, -p * 1e18),
+            "coherent" => MovingPoint::new(p, p + Vec3::new(0.4 + 0.1 * p.y, 0.2, -0.1 * p.x)),
+            "random" => MovingPoint::new(p, p + rng.vec() * spacing * 2.0),
+            "fast few" => MovingPoint::new(p, if i % 17 == 0 { p + rng.vec() * 3.0 } else { p + rng.vec() * 1e-3 }),
+            "wild speeds" => MovingPoint::new(p, p + rng.vec() * 10f32.powi((rng.bits() % 12) as i32 - 6)),
+            "short lives" => {
+                let begin = rng.unit() * 0.95;
+                let end = (begin + 0.02 + 0.08 * rng.unit()).min(1.0);
+                MovingPoint::new(p, p + rng.vec() * spacing).alive(TimeInterval::new(begin, end).unwrap())
+            }
+            // Everything meets in one place at mid-shutter, and stands on a grid before.
+            "converging" => {
+                let p = Vec3::new(grid(p.x), grid(p.y), grid(p.z));
+                MovingPoint::new(p, -p)
+            }
+            "tiny steps" => MovingPoint::new(p + 1000.0, p + 1000.0 + rng.vec() * 1e-4),
+            _ => unreachable!("{kind}"),
+        });
+    }
+    Cloud::moving(&points)
+}
