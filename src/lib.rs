@@ -1,6 +1,5 @@
 //! Spatiotemporal k-d query engine.
 #![deny(unsafe_code)]
-#![allow(dead_code)] // while the pieces land
 
 pub mod baseline;
 mod build;

@@ -9,8 +9,7 @@ struct Line([f32; LANES]);
 
 /// A growing block of words (f32 or u32 by turns) that begins on a cache line.
 ///
-/// Positions are in words. The owner keeps them within 32 bits where it stores them so
-/// ([`Arena::position`] checks), which allows 16 GiB.
+/// Positions are in words; who stores them in fewer bits checks that they fit.
 #[derive(Clone, Default)]
 pub(crate) struct Arena {
     lines: Vec<Line>,
@@ -18,16 +17,6 @@ pub(crate) struct Arena {
 }
 
 impl Arena {
-    /// An empty arena with room for `words`.
-    pub(crate) fn with_capacity(words: usize) -> Arena {
-        Arena { lines: Vec::with_capacity(words.div_ceil(LANES)), words: 0 }
-    }
-
-    /// Number of words in use.
-    pub(crate) fn len(&self) -> usize {
-        self.words
-    }
-
     /// Bytes allocated.
     pub(crate) fn bytes(&self) -> usize {
         self.lines.capacity() * size_of::<Line>()
@@ -56,11 +45,6 @@ impl Arena {
         lines.extend_from_slice(&self.lines);
         lines.resize(self.lines.len() + LANES, Line([0.0; LANES]));
         self.lines = lines;
-    }
-
-    /// `at` as a 32-bit position, or nothing where it does not fit.
-    pub(crate) fn position(at: usize) -> Option<u32> {
-        u32::try_from(at).ok()
     }
 
     /// All words as floats, the last line to its end.
@@ -105,21 +89,6 @@ impl Arena {
         let lines = self.lines.as_mut_slice();
         // SAFETY: as in `ints`; every u32 is a valid f32 and the borrow of `self` is exclusive.
         unsafe { core::slice::from_raw_parts_mut(lines.as_mut_ptr().cast(), lines.len() * LANES) }
-    }
-
-    /// Asks the CPU to fetch the cache line of word `at`; a hint without any other effect.
-    #[inline(always)]
-    pub(crate) fn prefetch(&self, at: usize) {
-        #[cfg(target_arch = "x86_64")]
-        {
-            use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            let address = self.lines.as_ptr().cast::<i8>().wrapping_add(at * size_of::<f32>());
-            // SAFETY: a prefetch of any address, mapped or not, has no architectural effect; SSE is part
-            // of x86-64.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(address) }
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = at;
     }
 }
 

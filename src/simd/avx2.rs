@@ -171,10 +171,6 @@ impl Simd for Avx2 {
         intrinsic!(_mm256_storeu_ps(at.add(8), x.1));
     }
     #[inline(always)]
-    fn div(self, a: F, b: F) -> F {
-        F(intrinsic!(_mm256_div_ps(a.0, b.0)), intrinsic!(_mm256_div_ps(a.1, b.1)))
-    }
-    #[inline(always)]
     fn mul_add(self, a: F, b: F, c: F) -> F {
         F(intrinsic!(_mm256_fmadd_ps(a.0, b.0, c.0)), intrinsic!(_mm256_fmadd_ps(a.1, b.1, c.1)))
     }
@@ -224,10 +220,6 @@ impl Simd for Avx2 {
         self.from_bits(self.compress_u(self.to_bits(a), mask))
     }
     #[inline(always)]
-    fn sign_mask(self, a: F) -> Mask {
-        self.to_bits(a).sign_mask()
-    }
-    #[inline(always)]
     fn to_bits(self, a: F) -> U {
         U(intrinsic!(_mm256_castps_si256(a.0)), intrinsic!(_mm256_castps_si256(a.1)))
     }
@@ -251,14 +243,6 @@ impl Simd for Avx2 {
         let at = to.as_mut_ptr();
         intrinsic!(_mm256_storeu_si256(at.cast(), x.0));
         intrinsic!(_mm256_storeu_si256(at.add(8).cast(), x.1));
-    }
-    #[inline(always)]
-    fn min_u(self, a: U, b: U) -> U {
-        U(intrinsic!(_mm256_min_epu32(a.0, b.0)), intrinsic!(_mm256_min_epu32(a.1, b.1)))
-    }
-    #[inline(always)]
-    fn eq_u(self, a: U, b: U) -> Mask {
-        U(intrinsic!(_mm256_cmpeq_epi32(a.0, b.0)), intrinsic!(_mm256_cmpeq_epi32(a.1, b.1))).sign_mask()
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

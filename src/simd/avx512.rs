@@ -109,10 +109,6 @@ impl Simd for Avx512 {
         intrinsic!(_mm512_storeu_ps(to.as_mut_ptr(), x.0))
     }
     #[inline(always)]
-    fn div(self, a: F, b: F) -> F {
-        F(intrinsic!(_mm512_div_ps(a.0, b.0)))
-    }
-    #[inline(always)]
     fn mul_add(self, a: F, b: F, c: F) -> F {
         F(intrinsic!(_mm512_fmadd_ps(a.0, b.0, c.0)))
     }
@@ -153,10 +149,6 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_maskz_compress_ps(mask, a.0)))
     }
     #[inline(always)]
-    fn sign_mask(self, a: F) -> Mask {
-        intrinsic!(_mm512_movepi32_mask(_mm512_castps_si512(a.0)))
-    }
-    #[inline(always)]
     fn to_bits(self, a: F) -> U {
         U(intrinsic!(_mm512_castps_si512(a.0)))
     }
@@ -176,14 +168,6 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn store_u(self, x: U, to: &mut Lanes<u32>) {
         intrinsic!(_mm512_storeu_si512(to.as_mut_ptr().cast(), x.0))
-    }
-    #[inline(always)]
-    fn min_u(self, a: U, b: U) -> U {
-        U(intrinsic!(_mm512_min_epu32(a.0, b.0)))
-    }
-    #[inline(always)]
-    fn eq_u(self, a: U, b: U) -> Mask {
-        intrinsic!(_mm512_cmpeq_epi32_mask(a.0, b.0))
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

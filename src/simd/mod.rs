@@ -81,8 +81,6 @@ pub(crate) trait Simd: Copy {
     fn load_row(self, rows: &Rows, i: usize) -> Self::F;
     /// Writes sixteen floats, at any alignment.
     fn store(self, x: Self::F, to: &mut Lanes<f32>);
-    /// `a / b`, correctly rounded.
-    fn div(self, a: Self::F, b: Self::F) -> Self::F;
     /// `a * b + c`, fused or not: for culling only, never for an answer.
     fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
     /// `if a < b { a } else { b }`: the second operand where either is NaN.
@@ -103,8 +101,6 @@ pub(crate) trait Simd: Copy {
     fn reduce_min(self, a: Self::F) -> f32;
     /// The lanes of the mask moved together at the front; what follows them is unspecified.
     fn compress(self, a: Self::F, mask: Mask) -> Self::F;
-    /// The sign bits of the lanes.
-    fn sign_mask(self, a: Self::F) -> Mask;
     /// The bits of the lanes.
     fn to_bits(self, a: Self::F) -> Self::U;
     /// The floats with these bits.
@@ -117,10 +113,6 @@ pub(crate) trait Simd: Copy {
     fn load_u(self, from: &Lanes<u32>) -> Self::U;
     /// Writes sixteen integers, at any alignment.
     fn store_u(self, x: Self::U, to: &mut Lanes<u32>);
-    /// The smaller of each pair, unsigned.
-    fn min_u(self, a: Self::U, b: Self::U) -> Self::U;
-    /// Lanes where `a == b`.
-    fn eq_u(self, a: Self::U, b: Self::U) -> Mask;
     /// Lanes where `a < b`, unsigned.
     fn lt_u(self, a: Self::U, b: Self::U) -> Mask;
     /// `a` where the mask has its bit, `b` elsewhere.

@@ -117,10 +117,6 @@ impl Simd for Portable {
         *to = x.0;
     }
     #[inline(always)]
-    fn div(self, a: F, b: F) -> F {
-        F(zip(&a.0, &b.0, |a, b| a / b))
-    }
-    #[inline(always)]
     fn mul_add(self, a: F, b: F, c: F) -> F {
         a * b + c
     }
@@ -165,10 +161,6 @@ impl Simd for Portable {
         F(compress(&a.0, mask))
     }
     #[inline(always)]
-    fn sign_mask(self, a: F) -> Mask {
-        mask(&a.0, &a.0, |a, _| a.is_sign_negative())
-    }
-    #[inline(always)]
     fn to_bits(self, a: F) -> U {
         U(a.0.map(f32::to_bits))
     }
@@ -188,14 +180,6 @@ impl Simd for Portable {
     #[inline(always)]
     fn store_u(self, x: U, to: &mut Lanes<u32>) {
         *to = x.0;
-    }
-    #[inline(always)]
-    fn min_u(self, a: U, b: U) -> U {
-        U(zip(&a.0, &b.0, u32::min))
-    }
-    #[inline(always)]
-    fn eq_u(self, a: U, b: U) -> Mask {
-        mask(&a.0, &b.0, |a, b| a == b)
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

@@ -69,7 +69,7 @@ impl<G: Geometry> RayTree<G> {
         params.validate()?;
         let (layout, statistics) = match params.policy {
             Policy::Wide => {
-                let tree = WideTree::build(&geometry, params)?;
+                let tree = WideTree::build(&geometry, params, progress)?;
                 let statistics = tree.statistics(&geometry);
                 (Layout::Wide(tree), statistics)
             }
@@ -238,15 +238,15 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// Checks that the tree is whole: links, depth, and that at sampled times, among them all at which something
-    /// changes, each primitive is found wherever it is. For tests; takes far longer than the build. So far it
-    /// checks the k-d layout only.
+    /// changes, each primitive is found wherever it is (in the k-d layout; in the wide one, that it is in some
+    /// leaf block). For tests; takes far longer than the build.
     ///
     /// # Errors
     /// The first thing found wrong, which would be a defect of this crate.
     pub fn validate(&self) -> Result<(), ValidationError> {
         match &self.layout {
             Layout::Kd(tree) => tree.validate(&self.geometry),
-            Layout::Wide(_) => Ok(()),
+            Layout::Wide(tree) => tree.validate(&self.geometry),
         }
     }
 

@@ -38,8 +38,6 @@ pub(crate) struct Collapse {
     leaf: Vec<bool>,
     /// Cost of the whole tree: the sum over what is visited of price times area.
     pub total: f32,
-    /// The same per unit of the root's area: the expected price of a ray that meets the root.
-    pub cost: f32,
 }
 
 impl Collapse {
@@ -85,8 +83,7 @@ impl Collapse {
             left[x][0] = best[LANES - 1].1;
         }
         let total = cost.first().map_or(0.0, |c| c[0]);
-        let area = nodes.first().map_or(0.0, |n| mean_half_area(&n.bounds));
-        Collapse { left, leaf, total, cost: if area > 0.0 { total / area } else { 0.0 } }
+        Collapse { left, leaf, total }
     }
 
     /// Whether a node, taken as one child, is a leaf block.

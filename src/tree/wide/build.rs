@@ -9,8 +9,8 @@ use super::emit::{Nodes, set_children, write_node, write_time};
 use super::layout::ChildRef;
 use super::leaf::WideSource;
 use super::plan::{Plan, Segments, part_of_shutter, plan_copies, plan_tree};
-use crate::build::BuildParams;
 use crate::build::object::{BinaryNode, Reference};
+use crate::build::{BuildParams, Progress};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
 use crate::simd::{Arena, LANES};
@@ -28,8 +28,9 @@ struct Part {
 }
 
 impl WideTree {
-    /// Builds over all primitives of a set.
-    pub fn build<S: WideSource>(set: &S, params: &BuildParams) -> Result<WideTree, BuildError> {
+    /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each plan and each
+    /// written group.
+    pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let mut tree = WideTree { arena: Arena::default(), root: ChildRef::NOTHING };
         let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
         for id in 0..set.len() as u32 {
@@ -42,9 +43,10 @@ impl WideTree {
         groups.sort_by_key(|g| g.0);
         let mut parts = Vec::new();
         for (keys, ids) in groups {
+            let share = ids.len() as f64 / set.len() as f64;
             parts.push(match keys {
-                2 => tree.linear(set, &ids, params)?,
-                _ => tree.segmented(set, &ids, keys - 1, params)?,
+                2 => tree.linear(set, &ids, params, &|done| step(progress, share * done))?,
+                _ => tree.segmented(set, &ids, keys - 1, params, &|done| step(progress, share * done))?,
             });
         }
         tree.root = tree.join(parts)?;
@@ -54,9 +56,17 @@ impl WideTree {
     }
 
     /// Builds primitives that stand still or move linearly.
-    fn linear<S: WideSource>(&mut self, set: &S, ids: &[u32], params: &BuildParams) -> Result<Part, BuildError> {
-        let plans = plan_copies(set, ids, params);
-        self.write_parts(set, &plans)
+    fn linear<S: WideSource>(
+        &mut self,
+        set: &S,
+        ids: &[u32],
+        params: &BuildParams,
+        step: Step<'_>,
+    ) -> Result<Part, BuildError> {
+        let plans = plan_copies(set, ids, params, step)?;
+        let part = self.write_parts(set, &plans)?;
+        step(0.25)?;
+        Ok(part)
     }
 
     /// Builds primitives whose motion has `segments` pieces, each piece on its own.
@@ -66,11 +76,13 @@ impl WideTree {
         ids: &[u32],
         segments: usize,
         params: &BuildParams,
+        step: Step<'_>,
     ) -> Result<Part, BuildError> {
         let mut parts = Vec::with_capacity(segments);
         for segment in 0..segments {
             let plan = plan_tree(set, ids, part_of_shutter(segment, segments), segment, params);
             parts.push(self.write_plan(set, &plan)?);
+            step(1.0 / segments as f64)?;
         }
         self.over_time(parts)
     }
@@ -139,6 +151,14 @@ impl WideTree {
         }
         Ok(parts.first().map_or(ChildRef::NOTHING, |p| p.root))
     }
+}
+
+/// Says that a fraction of a group is done; an error where the build was cancelled.
+pub(super) type Step<'a> = &'a dyn Fn(f64) -> Result<(), BuildError>;
+
+fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
+    progress.finished(done);
+    if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
 }
 
 /// Writes the leaf block of a binary node.

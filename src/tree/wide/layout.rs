@@ -30,6 +30,18 @@ pub(crate) enum Kind {
     ListLeaf,
 }
 
+impl Kind {
+    /// The shape of the leaf block, if it is one.
+    pub fn leaf_shape(self) -> Option<LeafShape> {
+        match self {
+            Kind::Leaf => Some(LeafShape::Moving),
+            Kind::StillLeaf => Some(LeafShape::Still),
+            Kind::ListLeaf => Some(LeafShape::List),
+            Kind::Nothing | Kind::Node | Kind::StillNode | Kind::Time => None,
+        }
+    }
+}
+
 /// A reference to a child: 25 bits of cache line, 4 bits of leaf length, 3 bits of kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ChildRef(pub u32);

@@ -13,6 +13,7 @@ mod layout;
 mod leaf;
 mod plan;
 mod statistics;
+mod validate;
 
 pub(crate) use build::WideTree;
 pub(crate) use layout::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS};

@@ -10,9 +10,11 @@
 //!
 //! Each is tried only where a cheap sign says that it may pay, and further only while the last step paid.
 
+use super::build::Step;
 use super::leaf::WideSource;
 use crate::build::BuildParams;
 use crate::build::object::{BinaryNode, BinaryTree, Collapse, Ends, Prices, Reference, build_binary};
+use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval, ULP};
 
 /// Prices of a query's steps, measured relative to each other.
@@ -91,19 +93,27 @@ pub(super) fn part_of_shutter(i: usize, n: usize) -> TimeInterval {
 }
 
 /// Plans for equal parts of the shutter (often one), whichever number costs least.
-pub(super) fn plan_copies<S: WideSource>(set: &S, ids: &[u32], params: &BuildParams) -> Vec<Plan> {
+pub(super) fn plan_copies<S: WideSource>(
+    set: &S,
+    ids: &[u32],
+    params: &BuildParams,
+    step: Step<'_>,
+) -> Result<Vec<Plan>, BuildError> {
     let first = plan_tree(set, ids, TimeInterval::FULL, 0, params);
+    step(0.5)?;
     if !first.binary.first().is_some_and(|root| root.moving) {
-        return vec![first];
+        step(0.25)?;
+        return Ok(vec![first]);
     }
     let halves = Segments::build(set, &first, 2);
+    step(0.25)?;
     if halves.cost < first.cost() * INCOHERENT {
         let copies = more_copies(set, ids, params, halves.cost);
         if !copies.is_empty() {
-            return copies;
+            return Ok(copies);
         }
     }
-    vec![with_segments(set, first, halves)]
+    Ok(vec![with_segments(set, first, halves)])
 }
 
 /// Separate plans for 2, 4, 8, … parts as long as they pay; none where already two cost more than `cost`

@@ -5,7 +5,6 @@ use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::motion::PrimitiveSet;
 use crate::simd::LANES;
 use crate::tree::Statistics;
-use std::collections::HashSet;
 
 impl WideTree {
     /// The children of a block: of a node its sixteen, of a time node its parts, of a leaf none.
@@ -22,8 +21,8 @@ impl WideTree {
 
     /// Walks the whole tree once.
     pub fn statistics(&self, set: &impl PrimitiveSet) -> Statistics {
-        let (mut nodes, mut depth, mut references) = (0, 0, 0);
-        let mut leaves = HashSet::new();
+        let (mut nodes, mut depth) = (0, 0);
+        let mut leaves = Vec::new();
         let mut stack = vec![(self.root, 0)];
         while let Some((at, level)) = stack.pop() {
             depth = depth.max(level);
@@ -33,14 +32,13 @@ impl WideTree {
                     nodes += 1;
                     stack.extend(self.children(at).iter().map(|&c| (ChildRef(c), level + 1)));
                 }
-                // Time parts share leaf blocks.
-                Kind::Leaf | Kind::StillLeaf | Kind::ListLeaf => {
-                    if leaves.insert(at.0) {
-                        references += at.len();
-                    }
-                }
+                Kind::Leaf | Kind::StillLeaf | Kind::ListLeaf => leaves.push(at.0),
             }
         }
+        // Time parts share leaf blocks.
+        leaves.sort_unstable();
+        leaves.dedup();
+        let references: usize = leaves.iter().map(|&leaf| ChildRef(leaf).len()).sum();
         let duplicates = references - set.len().min(references);
         Statistics {
             primitives: set.len(),
