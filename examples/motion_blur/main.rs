@@ -184,6 +184,7 @@ fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Film {
 /// The tree of a stage, with a line about it.
 fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
     let params = match policy {
+        Some(Policy::Mbkd) => BuildParams::paper(),
         Some(policy) => BuildParams { policy, ..BuildParams::default() },
         None => BuildParams::default(),
     };
