@@ -31,6 +31,7 @@ use options::{Heat, Options, policy_name};
 use render::{Cost, Job, render};
 use stage::Stage;
 use staging::Source;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -42,7 +43,7 @@ fn main() -> ExitCode {
     match run(&Options::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
-            eprintln!("error: {message}");
+            let _ = writeln!(std::io::stderr(), "error: {message}");
             ExitCode::FAILURE
         }
     }
@@ -124,7 +125,7 @@ fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBo
             let open = frame as f32 / frames as f32;
             job.shutter = (open, open + 0.5 / frames as f32);
         }
-        println!("frame {} of {frames}", frame + 1);
+        say(&format!("frame {} of {frames}", frame + 1));
         let film = expose(&world, &stage, &job, stop);
         animation.add(&film.developed(stage.sky.exposure))?;
         for path in outputs {
@@ -136,7 +137,7 @@ fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBo
         made = Some((stage, world));
     }
     drop(animation);
-    println!("wrote {}", gif.display());
+    say(&format!("wrote {}", gif.display()));
     Ok(())
 }
 
@@ -155,13 +156,13 @@ fn heat(options: &Options, kind: Heat, outputs: &[PathBuf], stop: &AtomicBool) -
         let Some(map) = heatmap::count(&world, &stage, &job, kind, policy_name(policy).into(), stop) else {
             return Err("interrupted before the map was complete".into());
         };
-        println!("{}: {:.1} {} per camera ray, at most {:.1}", map.title, map.mean(), kind.noun(), map.most());
+        say(&format!("{}: {:.1} {} per camera ray, at most {:.1}", map.title, map.mean(), kind.noun(), map.most()));
         maps.push(map);
     }
     let picture = heatmap::draw(&maps, &job, kind);
     for path in outputs {
         picture.save(path)?;
-        println!("wrote {}", path.display());
+        say(&format!("wrote {}", path.display()));
     }
     Ok(())
 }
@@ -174,7 +175,7 @@ fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Film {
     let spent = begin.elapsed();
     bar.finish_and_clear();
     if stop.load(Ordering::Relaxed) {
-        println!("interrupted: writing what is done");
+        say("interrupted: writing what is done");
     }
     report(&cost, spent);
     film
@@ -183,13 +184,14 @@ fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Film {
 /// The tree of a stage, with a line about it.
 fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
     let params = match policy {
+        Some(Policy::Mbkd) => BuildParams::paper(),
         Some(policy) => BuildParams { policy, ..BuildParams::default() },
         None => BuildParams::default(),
     };
     let begin = Instant::now();
     let world = World::build(&stage.things, &params).map_err(|e| format!("{}: {e}", stage.name))?;
     let (spent, statistics) = (begin.elapsed(), world.statistics());
-    println!(
+    say(&format!(
         "{}: {} {}, {} tree built in {:.2} s, {:.2} references each, {:.1} MB",
         stage.name,
         stage.things.count(),
@@ -198,7 +200,7 @@ fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
         spent.as_secs_f64(),
         statistics.references_per_primitive(),
         (statistics.bytes + statistics.primitive_bytes) as f64 / 1e6,
-    );
+    ));
     Ok(world)
 }
 
@@ -220,17 +222,22 @@ fn bar(steps: u64) -> ProgressBar {
     bar
 }
 
+/// Prints a line; a reader that has gone away is no reason to stop.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
 /// Speed, and work per ray.
 fn report(cost: &Cost, spent: Duration) {
     let counted = cost.counted_rays.max(1) as f64;
-    println!(
+    say(&format!(
         "{:.1} M rays in {:.1} s: {:.2} Mrays/s, {:.1} steps and {:.1} tests per ray",
         cost.rays as f64 / 1e6,
         spent.as_secs_f64(),
         cost.rays as f64 / 1e6 / spent.as_secs_f64().max(1e-9),
         cost.counters.steps() as f64 / counted,
         cost.counters.primitive_tests as f64 / counted,
-    );
+    ));
 }
 
 fn is_png(path: &Path) -> bool {
@@ -244,6 +251,6 @@ fn save(film: &Film, stage: &Stage, path: &Path) -> Result<(), String> {
     } else {
         save_linear(film, path)?;
     }
-    println!("wrote {}", path.display());
+    say(&format!("wrote {}", path.display()));
     Ok(())
 }

@@ -97,7 +97,7 @@ pub struct Options {
     #[arg(long, value_name = "POLICY,POLICY", value_delimiter = ',', value_parser = policy, num_args = 1.., help_heading = "Picture")]
     pub compare: Vec<Policy>,
 
-    /// What kind of tree to build
+    /// What kind of tree to build: wide (the engine, default), mbkd (the paper's) or classic-kd
     #[arg(long, value_parser = policy, help_heading = "Engine")]
     pub policy: Option<Policy>,
     /// Threads to use; all by default
