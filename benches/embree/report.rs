@@ -152,7 +152,9 @@ fn best_on_average<'m>(measured: &'m Measured, scene: &str) -> Option<&'m str> {
     let single = |c: &&Cell| c.scene == scene && !c.batch && c.isa == Isa::Native;
     let mode = measured.cells.iter().filter(single).map(|c| c.mode).min_by_key(|&m| m as u8)?;
     let cells: Vec<&Cell> = measured.cells.iter().filter(single).filter(|c| c.mode == mode).collect();
-    let mean = |name: &str| geometric_mean(cells.iter().filter(|c| c.config == name).map(|c| c.turns.theirs));
+    // Against ours at the same moment where both ran: times of different moments compare less well.
+    let weight = |c: &Cell| if c.turns.ratio.is_nan() { c.turns.theirs } else { c.turns.ratio };
+    let mean = |name: &str| geometric_mean(cells.iter().filter(|c| c.config == name).map(|c| weight(c)));
     cells.iter().map(|c| c.config.as_str()).min_by(|a, b| mean(a).total_cmp(&mean(b)))
 }
 
