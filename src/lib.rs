@@ -27,4 +27,9 @@ pub use neighbor::{
 };
 pub use ray::{Counters, Hit, Intersection, Observer, Ray};
 pub use simd::SimdLevel;
-pub use tree::{Geometry, RayTree, Statistics};
+pub use tree::{Geometry, RayTree, Statistics, ValidationError};
+
+/// The README's example, compiled as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}

@@ -87,6 +87,7 @@ proptest! {
     fn soups_on_a_grid(meshes in prop::collection::vec(grid_mesh(), 1..4), rays in prop::collection::vec(grid_ray(), 24)) {
         for params in variants() {
             let tree = RayTree::build(&meshes, &eager(params.clone())).unwrap();
+            prop_assert_eq!(tree.validate(), Ok(()), "{:?}", params);
             for ray in &rays {
                 prop_assert_eq!(difference(&tree, ray), None, "{:?}", params);
             }
@@ -111,6 +112,7 @@ proptest! {
         let rays: Vec<Ray> = (0..40).map(|_| random_ray(&mut random, 2.0)).collect();
         for params in variants() {
             let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
+            prop_assert_eq!(tree.validate(), Ok(()), "{:?}", params);
             for ray in &rays {
                 prop_assert_eq!(difference(&tree, ray), None, "{:?}", params);
             }

@@ -203,3 +203,60 @@ fn join<A, B>(a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B) {
 
 /// Keeps `Reference` small: it is copied at every level.
 const _: () = assert!(size_of::<Reference>() <= 88);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Triangles;
+    use crate::scene;
+
+    fn serialized(name: &str, params: &BuildParams) -> Vec<u8> {
+        let scene = (scene::find(name).unwrap().make)(30_000);
+        let set = Triangles::new(&scene.meshes).unwrap();
+        build_kd(&set, params, &Progress::new(None)).unwrap().0.serialized()
+    }
+
+    #[cfg(feature = "rayon")]
+    #[test]
+    fn the_same_bytes_on_any_number_of_threads() {
+        for params in [BuildParams::paper(), BuildParams { moving_planes: true, ..BuildParams::paper() }] {
+            for name in ["hairball", "hall"] {
+                let on = |threads| {
+                    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                    pool.install(|| serialized(name, &params))
+                };
+                let one = on(1);
+                assert!(one.len() > 1_000_000, "large enough to be divided: {}", one.len());
+                for threads in [2, 3, 8] {
+                    assert!(on(threads) == one, "{name} with {threads} threads");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_budget_bounds_references_and_is_used() {
+        let scene = (scene::find("tornado").unwrap().make)(5_000);
+        let set = Triangles::new(&scene.meshes).unwrap();
+        let mut before = 0;
+        for max_references in [1.0, 2.0, 8.0, 30.0] {
+            let params = BuildParams { max_references, ..BuildParams::paper() };
+            let (tree, _) = build_kd(&set, &params, &Progress::new(None)).unwrap();
+            let n = tree.references.len();
+            assert!(n <= (max_references * 5_000.0) as usize && n >= before, "{n} with {max_references}");
+            before = n;
+        }
+        assert!(before > 5 * 5_000);
+    }
+
+    #[test]
+    fn depth_is_a_budget_too() {
+        let scene = (scene::find("hall").unwrap().make)(5_000);
+        let set = Triangles::new(&scene.meshes).unwrap();
+        for max_depth in [0, 1, 7] {
+            let params = BuildParams { max_depth: Some(max_depth), ..BuildParams::paper() };
+            let (tree, _) = build_kd(&set, &params, &Progress::new(None)).unwrap();
+            assert_eq!((tree.depth, tree.validate(&set)), (max_depth, Ok(())));
+        }
+    }
+}

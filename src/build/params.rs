@@ -39,7 +39,8 @@ pub struct BuildParams {
     /// Whether a reference that was duplicated at some plane takes part in choosing planes again once it lies
     /// on one side of a plane below for its whole time. The paper can be read both ways. Default true.
     pub propagated_vote: bool,
-    /// Whether split planes may move with what lies near them. The paper's stand still. Default false.
+    /// Whether split planes may move along with the primitives. The paper's stand still. Only for
+    /// [`Policy::Mbkd`]. Default true: fewer references cross a plane that goes with them.
     pub moving_planes: bool,
     /// Cost of a step through an inner node (the paper's K_T), > 0. Only its ratio to
     /// [`intersection_cost`](BuildParams::intersection_cost) matters. Default 1.
@@ -49,11 +50,18 @@ pub struct BuildParams {
     /// The cost of a plane with one side empty is multiplied by this, in (0, 1]: it favours cutting off empty
     /// space. Default 0.8.
     pub empty_factor: f32,
-    /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 log2(n)` for `n` primitives.
+    /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 b` for a number of primitives of `b` bits.
     pub max_depth: Option<u32>,
     /// The greatest number of references per primitive, >= 1. It is divided among subtrees by rule, so that
     /// the tree does not depend on the number of threads; where it runs out there is a leaf. Default 8.
     pub max_references: f32,
+    /// [`Policy::Wide`] only: references per primitive that spatial splits may make, in [1, 8]. They are made only
+    /// where the expected cost of a ray falls enough. Default 2.
+    pub wide_references: f32,
+    /// [`Policy::Wide`] only: bytes per primitive that the tree may take, at least 128. More lets scenes in which
+    /// neighbours part company fast have separate trees for parts of the shutter. Trees of other scenes take
+    /// 60 to 150 bytes whatever this says. Default 1024.
+    pub bytes_per_primitive: f32,
 }
 
 impl Default for BuildParams {
@@ -63,17 +71,24 @@ impl Default for BuildParams {
             plane_time: 0.5,
             time_weighted: true,
             propagated_vote: true,
-            moving_planes: false,
+            moving_planes: true,
             traversal_cost: 1.0,
             intersection_cost: 2.0,
             empty_factor: 0.8,
             max_depth: None,
             max_references: 8.0,
+            wide_references: 2.0,
+            bytes_per_primitive: 1024.0,
         }
     }
 }
 
 impl BuildParams {
+    /// The paper's tree as the paper has it: [`Policy::Mbkd`] with planes that stand still.
+    pub fn paper() -> BuildParams {
+        BuildParams { policy: Policy::Mbkd, moving_planes: false, ..BuildParams::default() }
+    }
+
     /// The parameters with another policy.
     pub fn with_policy(self, policy: Policy) -> BuildParams {
         BuildParams { policy, ..self }
@@ -90,12 +105,14 @@ impl BuildParams {
         check(positive(self.intersection_cost), "intersection_cost", "greater than 0 and less than 1e6")?;
         check(self.empty_factor > 0.0 && self.empty_factor <= 1.0, "empty_factor", "in (0, 1]")?;
         check(self.max_depth.is_none_or(|d| d as usize <= DEPTH_LIMIT), "max_depth", "at most 60")?;
-        check(self.max_references >= 1.0 && self.max_references <= 1e4, "max_references", "in [1, 10000]")
+        check(self.max_references >= 1.0 && self.max_references <= 1e4, "max_references", "in [1, 10000]")?;
+        check((1.0..=8.0).contains(&self.wide_references), "wide_references", "in [1, 8]")?;
+        check((128.0..=1e6).contains(&self.bytes_per_primitive), "bytes_per_primitive", "in [128, 1e6]")
     }
 
     /// The depth budget for `n` primitives.
     pub(crate) fn depth_for(&self, n: usize) -> u32 {
-        let usual = 8 + (1.3 * (n.max(1) as f64).log2()).ceil() as u32;
+        let usual = 8 + 13 * (usize::BITS - n.leading_zeros()) / 10;
         self.max_depth.unwrap_or(usual).min(DEPTH_LIMIT as u32)
     }
 }
@@ -119,5 +136,7 @@ mod tests {
         assert_eq!(name(BuildParams { empty_factor: 0.0, ..fine() }), "empty_factor");
         assert_eq!(name(BuildParams { max_depth: Some(61), ..fine() }), "max_depth");
         assert_eq!(name(BuildParams { max_references: 0.5, ..fine() }), "max_references");
+        assert_eq!(name(BuildParams { wide_references: 9.0, ..fine() }), "wide_references");
+        assert_eq!(name(BuildParams { bytes_per_primitive: f32::NAN, ..fine() }), "bytes_per_primitive");
     }
 }

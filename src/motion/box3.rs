@@ -64,6 +64,21 @@ impl LinearBox3 {
         LinearBox3 { begin: self.begin.union(other.begin), end: self.end.union(other.end) }
     }
 
+    /// Bounds of what both hold: of each pair of faces the one that is tighter on average. (The tighter of two
+    /// lines at every time is no line.) Empty boxes stay empty.
+    pub fn tighter(self, other: LinearBox3) -> LinearBox3 {
+        let mut out = self;
+        for axis in 0..3 {
+            if other.begin.min[axis] + other.end.min[axis] > self.begin.min[axis] + self.end.min[axis] {
+                (out.begin.min[axis], out.end.min[axis]) = (other.begin.min[axis], other.end.min[axis]);
+            }
+            if other.begin.max[axis] + other.end.max[axis] < self.begin.max[axis] + self.end.max[axis] {
+                (out.begin.max[axis], out.end.max[axis]) = (other.begin.max[axis], other.end.max[axis]);
+            }
+        }
+        out
+    }
+
     /// The box of everything between begin and end.
     #[inline]
     pub fn swept(self) -> Box3 {

@@ -24,7 +24,7 @@ use super::query_ray::TreeRay;
 use super::triangle::hit_slack;
 use crate::build::DEPTH_LIMIT;
 use crate::motion::{PrimitiveSet, ULP};
-use crate::simd::Stack;
+use crate::simd::StackMemory;
 use crate::tree::{KdTree, KdView};
 
 /// A subtree still to be visited, with the range of `t` in which the ray is near its cell.
@@ -87,7 +87,8 @@ impl KdTree {
         if begin > end || self.nodes.is_empty() {
             return;
         }
-        let mut stack = Stack::<Entry, DEPTH_LIMIT>::new();
+        let mut memory = StackMemory::<Entry, DEPTH_LIMIT>::new();
+        let mut stack = memory.stack();
         let mut node = 0u32;
         loop {
             match self.nodes[node as usize].view() {

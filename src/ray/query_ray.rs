@@ -2,6 +2,7 @@
 
 use super::Hit;
 use super::hit::SetHit;
+use super::triangle::Sheared;
 use crate::motion::Frame;
 use glam::{DVec3, Vec3};
 
@@ -60,6 +61,8 @@ pub(crate) struct TreeRay {
     pub t_min: f32,
     pub t_max: f32,
     pub time: f32,
+    /// The direction as the triangle test wants it.
+    pub shear: Sheared,
     /// World `t` per tree `t`, a power of two.
     t_scale: f64,
     /// The ray as it was asked.
@@ -97,6 +100,7 @@ impl TreeRay {
             t_min: inward(ray.t_min),
             t_max: inward(ray.t_max),
             time: ray.time,
+            shear: Sheared::new(dir),
             t_scale: 1.0 / t_per_world,
             world: *ray,
         })

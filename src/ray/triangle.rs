@@ -57,7 +57,13 @@ impl Sheared {
     #[inline(always)]
     fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
         let a = v - origin;
-        [a[self.kx] - self.sx * a[self.kz], a[self.ky] - self.sy * a[self.kz], a[self.kz]]
+        // A branch that always goes the same way for one ray, where an index would go through memory.
+        let (x, y, z) = match self.kz {
+            0 => (a.y, a.z, a.x),
+            1 => (a.z, a.x, a.y),
+            _ => (a.x, a.y, a.z),
+        };
+        [x - self.sx * z, y - self.sy * z, z]
     }
 
     /// Decides whether the ray passes through the triangle of three sheared corners, and where.
@@ -65,6 +71,21 @@ impl Sheared {
     /// Triangles without area as seen by the ray are not hit.
     #[inline(always)]
     pub fn test(&self, corners: [[f32; 3]; 3], t_min: f32, t_max: f32) -> Option<SetHit> {
+        // Most triangles are beside the ray, and signs in f32 say so: rounded products and their rounded
+        // difference never have the wrong sign, only sometimes a zero that should not be one.
+        let [a, b, c] = corners;
+        let signs = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
+        let negative = (signs[0] < 0.0) | (signs[1] < 0.0) | (signs[2] < 0.0);
+        let positive = (signs[0] > 0.0) | (signs[1] > 0.0) | (signs[2] > 0.0);
+        if negative & positive {
+            return None;
+        }
+        self.decide(corners, t_min, t_max)
+    }
+
+    /// [`Sheared::test`] for corners whose signs in f32 do not rule the triangle out.
+    #[inline(always)]
+    pub fn decide(&self, corners: [[f32; 3]; 3], t_min: f32, t_max: f32) -> Option<SetHit> {
         let [a, b, c] = corners.map(|p| p.map(f64::from));
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
@@ -83,7 +104,7 @@ impl Sheared {
 /// Tests one triangle at the ray's time.
 #[inline]
 pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
-    let shear = Sheared::new(ray.dir);
+    let shear = &ray.shear;
     shear.test(corners.map(|v| shear.corner(v, ray.origin)), ray.t_min, ray.t_max)
 }
 

@@ -16,11 +16,11 @@ use super::observer::Observer;
 use super::query_ray::TreeRay;
 use super::triangle::{Sheared, hit_slack};
 use crate::motion::{KeyTime, PrimitiveSet};
-use crate::simd::{Arena, Kernel, LANES, Mask, Simd, Stack, lanes_at};
-use crate::tree::wide::{ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideTree};
+use crate::simd::{Arena, Kernel, LANES, Lanes, Mask, Rows, Simd, Stack, StackMemory, lanes_at};
+use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideTree};
 
-/// Places on the stack. A level of the tree leaves at most 15 behind, and the build bounds the levels.
-const STACK: usize = 15 * 84 + 16;
+/// Places on the stack. A level of the tree leaves at most 15 behind, usually one or two.
+const STACK: usize = 192;
 
 /// Smaller components of a direction are taken as this: over any distance within reach the ray then
 /// strays by less than a thousandth of the slack.
@@ -29,7 +29,7 @@ const LEAST_COMPONENT: f32 = 1e-12;
 /// Slab constants of one axis.
 #[derive(Clone, Copy)]
 struct Axis {
-    /// First word of the row of near faces, and of far faces.
+    /// The row of near faces, and of far faces.
     near: usize,
     far: usize,
     inverse: f32,
@@ -42,7 +42,7 @@ impl Axis {
     fn new(axis: usize, origin: f32, direction: f32, slack: f32) -> Axis {
         let d = if direction.abs() < LEAST_COMPONENT { LEAST_COMPONENT.copysign(direction) } else { direction };
         let inverse = 1.0 / d;
-        let (low, high) = (axis * LANES, (axis + 3) * LANES);
+        let (low, high) = (axis, axis + 3);
         if inverse > 0.0 {
             let (near_offset, far_offset) = ((-origin - slack) * inverse, (-origin + slack) * inverse);
             Axis { near: low, far: high, inverse, near_offset, far_offset }
@@ -93,8 +93,9 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
     ) {
         let slack = hit_slack(ray.origin);
         let axes: [Axis; 3] = core::array::from_fn(|i| Axis::new(i, ray.origin[i], ray.dir[i], slack));
-        let shear = Sheared::new(ray.dir);
-        let mut stack = Stack::<u64, STACK>::new();
+        let shear = ray.shear;
+        let mut memory = StackMemory::<u64, STACK>::new();
+        let mut stack = memory.stack();
         let mut at = root;
         loop {
             match at.kind() {
@@ -176,9 +177,9 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
         ray: &TreeRay,
         axes: &[Axis; 3],
         collect: &C,
-        stack: &mut Stack<u64, STACK>,
+        stack: &mut Stack<'_, u64, STACK>,
     ) -> Option<ChildRef> {
-        let rows = &self.arena.floats()[node.at()..node.at() + ROWS * LANES];
+        let rows = self.arena.rows(node.at());
         let time = s.splat(ray.time);
         let [x, y, z] = axes;
         let near = [
@@ -197,7 +198,7 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
         if mask == 0 {
             return None;
         }
-        let children = lanes_at(&self.arena.ints()[node.at()..node.at() + ROWS * LANES], (ROWS - 1) * LANES);
+        let children = lanes_at(self.arena.ints(), node.at() + (ROWS - 1) * LANES);
         if mask & (mask - 1) == 0 {
             return Some(ChildRef(children[mask.trailing_zeros() as usize % LANES]));
         }
@@ -217,17 +218,16 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
     ) -> bool {
         let n = leaf.len();
         let ids = (if MOVING { LeafShape::Moving } else { LeafShape::Still }).ids(n);
-        let words = &self.arena.floats()[leaf.at()..];
+        let block = &self.arena.floats()[leaf.at()..];
         let origin = ray.origin;
         let (keys, later) = if MOVING {
             let segments = self.arena.ints()[leaf.at() + ids + n] as usize;
-            (KeyTime::new(ray.time, segments + 1), ids / 2)
+            (KeyTime::new(ray.time, segments + 1), CORNER_ROWS)
         } else {
             (KeyTime { segment: 0, s: 0.0, from_end: false }, 0)
         };
         let corners = Corners::<S> {
-            words,
-            n,
+            rows: Rows::new(block, n, CORNER_ROWS + later),
             base: if keys.from_end { later } else { 0 },
             later,
             fraction: s.splat(keys.s),
@@ -249,16 +249,15 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
         if inside == 0 {
             return false;
         }
-        let mut lanes = [[[0.0; LANES]; 3]; 3];
-        for (row, corner) in lanes.iter_mut().zip([a, b, c]) {
-            s.store(corner.0, &mut row[0]);
-            s.store(corner.1, &mut row[1]);
-            s.store(corner.2, &mut row[2]);
-        }
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            if let Some(hit) = shear.test(lanes.map(|row| row.map(|x| x[i])), ray.t_min, collect.limit()) {
+            let corners = [
+                [s.lane(a.0, i), s.lane(a.1, i), s.lane(a.2, i)],
+                [s.lane(b.0, i), s.lane(b.1, i), s.lane(b.2, i)],
+                [s.lane(c.0, i), s.lane(c.1, i), s.lane(c.2, i)],
+            ];
+            if let Some(hit) = shear.decide(corners, ray.t_min, collect.limit()) {
                 let id = self.arena.ints()[leaf.at() + ids + i];
                 if self.sees(id, ray) && collect.offer(Found { hit, id }) {
                     return true;
@@ -273,23 +272,22 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
 #[inline(always)]
 fn face_distance<S: Simd, const ROWS: usize>(
     s: S,
-    rows: &[f32],
+    rows: &[Lanes<f32>; LANES],
     row: usize,
     time: S::F,
     inverse: f32,
     offset: f32,
 ) -> S::F {
-    let at = s.load(lanes_at(rows, row));
-    let face = if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(rows, row + 6 * LANES)), time, at) } else { at };
+    // The masks keep the compiler from checking bounds.
+    let at = s.load(&rows[row & 7]);
+    let face = if ROWS == NODE_ROWS { s.mul_add(s.load(&rows[(row & 7) + 6]), time, at) } else { at };
     s.mul_add(face, s.splat(inverse), s.splat(offset))
 }
 
 /// The corner rows of a leaf block and what turns them into corners as the ray sees them.
 struct Corners<'a, S: Simd> {
-    words: &'a [f32],
-    /// Length of a row.
-    n: usize,
-    /// Word of the rows at the key that is nearer in time, and at the later key.
+    rows: Rows<'a>,
+    /// First row at the key that is nearer in time, and at the later key.
     base: usize,
     later: usize,
     fraction: S::F,
@@ -303,11 +301,11 @@ impl<S: Simd> Corners<'_, S> {
     /// A coordinate at the ray's time, exactly as `KeyTime::position` computes it, less the origin.
     #[inline(always)]
     fn coordinate<const MOVING: bool>(&self, s: S, corner: usize, axis: usize, origin: S::F) -> S::F {
-        let row = (3 * corner + axis) * self.n;
-        let at = s.load_first(self.words, self.base + row, self.n);
+        let row = 3 * corner + axis;
+        let at = s.load_row(&self.rows, self.base + row);
         if MOVING {
-            let a = s.load_first(self.words, row, self.n);
-            let b = s.load_first(self.words, self.later + row, self.n);
+            let a = s.load_row(&self.rows, row);
+            let b = s.load_row(&self.rows, self.later + row);
             at + (b - a) * self.fraction - origin
         } else {
             at - origin
@@ -331,7 +329,7 @@ fn push_hits<S: Simd, C: Collect>(
     mask: Mask,
     distances: S::F,
     children: &[u32; LANES],
-    stack: &mut Stack<u64, STACK>,
+    stack: &mut Stack<'_, u64, STACK>,
 ) -> ChildRef {
     let n = mask.count_ones() as usize;
     let packed = s.compress(distances, mask);
@@ -347,44 +345,27 @@ fn push_hits<S: Simd, C: Collect>(
         return ChildRef(c[0]);
     }
     let ordered = |a: u64, b: u64| if a < b { (a, b) } else { (b, a) };
-    match n {
-        2 => {
-            let (near, far) = ordered(entry(0), entry(1));
-            stack.push(far);
-            ChildRef(near as u32)
+    if n <= 4 {
+        // A sorting network of four, the missing ones nearest: the far ones then lie lowest on the stack.
+        let entry_or_none = |i: usize| if i < n { entry(i) } else { 0 };
+        let (a, b) = ordered(entry(0), entry(1));
+        let (c, d) = ordered(entry_or_none(2), entry_or_none(3));
+        let (a, c) = ordered(a, c);
+        let (b, d) = ordered(b, d);
+        let (b, c) = ordered(b, c);
+        stack.push_first([d, c, b, a], n);
+    } else {
+        let valid = ((1u32 << n) - 1) as Mask;
+        let mut places = [0; LANES];
+        for (i, place) in places.iter_mut().enumerate().take(n) {
+            let own = s.from_bits(s.splat_u(d[i]));
+            let farther = s.lt(own, packed) & valid;
+            let equal_before = s.eq(own, packed) & (((1u32 << i) - 1) as Mask);
+            *place = (farther.count_ones() + equal_before.count_ones()) as usize;
         }
-        3 => {
-            let (a, b) = ordered(entry(0), entry(1));
-            let (b, z) = ordered(b, entry(2));
-            let (a, b) = ordered(a, b);
-            stack.push(z);
-            stack.push(b);
-            ChildRef(a as u32)
-        }
-        4 => {
-            let (a, b) = ordered(entry(0), entry(1));
-            let (y, z) = ordered(entry(2), entry(3));
-            let (a, y) = ordered(a, y);
-            let (b, z) = ordered(b, z);
-            let (b, y) = ordered(b, y);
-            stack.push(z);
-            stack.push(y);
-            stack.push(b);
-            ChildRef(a as u32)
-        }
-        _ => {
-            let valid = ((1u32 << n) - 1) as Mask;
-            let mut places = [0; LANES];
-            for (i, place) in places.iter_mut().enumerate().take(n) {
-                let own = s.from_bits(s.splat_u(d[i]));
-                let farther = s.lt(own, packed) & valid;
-                let equal_before = s.eq(own, packed) & (((1u32 << i) - 1) as Mask);
-                *place = (farther.count_ones() + equal_before.count_ones()) as usize;
-            }
-            stack.push_ranked(n, |i| (places[i], entry(i)));
-            ChildRef(stack.pop().unwrap_or(0) as u32)
-        }
+        stack.push_ranked(n, |i| (places[i], entry(i)));
     }
+    ChildRef(stack.pop().unwrap_or(0) as u32)
 }
 
 #[cfg(test)]
@@ -398,7 +379,7 @@ mod tests {
             let slack = hit_slack(Vec3::splat(o));
             let axis = Axis::new(1, o, d, slack);
             let (low, high) = (-0.25f32, 0.5f32);
-            let (near, far) = if axis.near == LANES { (low, high) } else { (high, low) };
+            let (near, far) = if axis.near == 1 { (low, high) } else { (high, low) };
             let enter = near.mul_add(axis.inverse, axis.near_offset);
             let leave = far.mul_add(axis.inverse, axis.far_offset);
             if d.abs() > LEAST_COMPONENT {

@@ -3,7 +3,7 @@
 //! Each scene is one function of a triangle budget, in a file of its own, and exercises one thing: hair
 //! whose strands part, loose triangles, a big still room with a small moving figure, long needles, flying
 //! debris, one rigid body, moving spheres. All have the same bits on every machine: integer random numbers,
-//! polynomials for sine and cosine ([`turn`]), and arithmetic that IEEE 754 fixes. [`CATALOGUE`] lists them.
+//! polynomials for sine and cosine (`turn.rs`), and arithmetic that IEEE 754 fixes. [`CATALOGUE`] lists them.
 //!
 //! Lengths are in scene units, y is up, and the shutter is [0, 1].
 

@@ -1,6 +1,6 @@
 //! Memory in lines of 64 bytes: one AVX-512 register, one cache line.
 
-use super::LANES;
+use super::{LANES, Lanes};
 
 /// One line; the alignment keeps a node's rows from straddling cache lines.
 #[derive(Clone, Copy)]
@@ -51,9 +51,10 @@ impl Arena {
     /// Queries jump through the arena at random; with pages of 4 KiB most jumps of a big tree also miss the
     /// address cache, which costs more than the data does.
     pub(crate) fn settle(&mut self) {
-        let mut lines = Vec::with_capacity(self.lines.len());
+        let mut lines = Vec::with_capacity(self.lines.len() + LANES);
         advise_huge_pages(&mut lines);
         lines.extend_from_slice(&self.lines);
+        lines.resize(self.lines.len() + LANES, Line([0.0; LANES]));
         self.lines = lines;
     }
 
@@ -69,6 +70,16 @@ impl Arena {
         // SAFETY: `Line` is `repr(C)` around sixteen f32 without padding (64 bytes, 64-aligned), so the
         // lines are `len * 16` consecutive initialized f32.
         unsafe { core::slice::from_raw_parts(lines.as_ptr().cast(), lines.len() * LANES) }
+    }
+
+    /// Sixteen lines from word `at`, which begins a line, as rows of lanes. Blocks are shorter than that; the
+    /// arena keeps as many lines behind its last block once it is settled.
+    #[inline(always)]
+    pub(crate) fn rows(&self, at: usize) -> &[Lanes<f32>; LANES] {
+        let line = at / LANES;
+        let lines: &[Line; LANES] = self.lines[line..line + LANES].try_into().expect("a slice of sixteen");
+        // SAFETY: `Line` is `repr(C)` around `[f32; 16]` without padding.
+        unsafe { &*core::ptr::from_ref(lines).cast() }
     }
 
     /// All words as floats, to be written.

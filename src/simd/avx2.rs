@@ -1,6 +1,6 @@
 //! Sixteen lanes in two AVX2 registers.
 
-use super::{Kernel, LANES, Lanes, Mask, Simd};
+use super::{Kernel, LANES, Lanes, Mask, Rows, Simd};
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
@@ -158,10 +158,9 @@ impl Simd for Avx2 {
         F(intrinsic!(_mm256_loadu_ps(at)), intrinsic!(_mm256_loadu_ps(at.add(8))))
     }
     #[inline(always)]
-    fn load_first(self, from: &[f32], at: usize, n: usize) -> F {
-        let row = &from[at..at + n];
-        let lanes = U::from_mask(if n < 16 { (1u16 << n) - 1 } else { u16::MAX });
-        let low = row.as_ptr();
+    fn load_row(self, rows: &Rows, i: usize) -> F {
+        let lanes = U::from_mask(rows.mask);
+        let low = rows.row(i);
         let high = low.wrapping_add(8);
         F(intrinsic!(_mm256_maskload_ps(low, lanes.0)), intrinsic!(_mm256_maskload_ps(high, lanes.1)))
     }
@@ -206,6 +205,12 @@ impl Simd for Avx2 {
             intrinsic!(_mm256_blendv_ps(b.0, a.0, _mm256_castsi256_ps(m.0))),
             intrinsic!(_mm256_blendv_ps(b.1, a.1, _mm256_castsi256_ps(m.1))),
         )
+    }
+    #[inline(always)]
+    fn lane(self, a: F, i: usize) -> f32 {
+        // The index counts modulo 8 within a half.
+        let half = if i < 8 { a.0 } else { a.1 };
+        intrinsic!(_mm256_cvtss_f32(_mm256_permutevar8x32_ps(half, _mm256_set1_epi32(i as i32))))
     }
     #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {

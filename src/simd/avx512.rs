@@ -1,6 +1,6 @@
 //! Sixteen lanes in one AVX-512 register.
 
-use super::{Kernel, Lanes, Mask, Simd};
+use super::{Kernel, Lanes, Mask, Rows, Simd};
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
@@ -43,7 +43,7 @@ pub(super) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
 macro_rules! intrinsic {
     ($call:expr) => {
         // SAFETY: all operands come from the token, which exists only after detection; memory
-        // operands are references to at least as many elements as are used, by the unaligned forms.
+        // operands have at least as many elements as are used, by the unaligned forms.
         unsafe { $call }
     };
 }
@@ -101,10 +101,8 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_loadu_ps(from.as_ptr())))
     }
     #[inline(always)]
-    fn load_first(self, from: &[f32], at: usize, n: usize) -> F {
-        let row = &from[at..at + n];
-        let mask = if n < 16 { (1u16 << n) - 1 } else { u16::MAX };
-        F(intrinsic!(_mm512_maskz_loadu_ps(mask, row.as_ptr())))
+    fn load_row(self, rows: &Rows, i: usize) -> F {
+        F(intrinsic!(_mm512_maskz_loadu_ps(rows.mask, rows.row(i))))
     }
     #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {
@@ -141,6 +139,10 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn select(self, mask: Mask, a: F, b: F) -> F {
         F(intrinsic!(_mm512_mask_blend_ps(mask, b.0, a.0)))
+    }
+    #[inline(always)]
+    fn lane(self, a: F, i: usize) -> f32 {
+        intrinsic!(_mm512_cvtss_f32(_mm512_permutexvar_ps(_mm512_set1_epi32(i as i32), a.0)))
     }
     #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {

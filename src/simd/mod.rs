@@ -23,7 +23,7 @@ mod stack;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 pub(crate) use arena::Arena;
-pub(crate) use stack::Stack;
+pub(crate) use stack::{Stack, StackMemory};
 
 /// Number of lanes in every vector of this module.
 pub(crate) const LANES: usize = 16;
@@ -34,10 +34,38 @@ pub(crate) type Lanes<T> = [T; LANES];
 /// A mask: bit `i` belongs to lane `i`.
 pub(crate) type Mask = u16;
 
+/// Rows of up to sixteen floats, one right behind the other.
+///
+/// Its bounds are checked once, so that reading a row costs one comparison.
+pub(crate) struct Rows<'a> {
+    words: &'a [f32],
+    /// Floats per row, and the mask of that many lanes.
+    n: usize,
+    mask: Mask,
+    count: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// `count` rows of `n` floats at the begin of `words`. Panics where they are not all there.
+    #[inline(always)]
+    pub(crate) fn new(words: &'a [f32], n: usize, count: usize) -> Rows<'a> {
+        assert!((1..=LANES).contains(&n) && count <= 32 && words.len() >= n * count);
+        Rows { words, n, mask: ((1u32 << n) - 1) as Mask, count }
+    }
+
+    /// Where row `i` begins; it has `n` floats from there.
+    #[inline(always)]
+    fn row(&self, i: usize) -> *const f32 {
+        assert!(i < self.count);
+        self.words.as_ptr().wrapping_add(i * self.n)
+    }
+}
+
 /// An instruction set as sixteen-lane operations.
 ///
 /// Values of the implementing types exist only where the CPU has the instructions, which is what
 /// makes the safe methods sound.
+#[allow(clippy::wrong_self_convention)] // `self` is the token
 pub(crate) trait Simd: Copy {
     /// Sixteen f32.
     type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F>;
@@ -48,9 +76,9 @@ pub(crate) trait Simd: Copy {
     fn splat(self, x: f32) -> Self::F;
     /// Reads sixteen floats, at any alignment.
     fn load(self, from: &Lanes<f32>) -> Self::F;
-    /// Reads the first `n` floats of what begins at `from[at]`; the other lanes are 0. What lies behind
-    /// them in memory is not looked at (read as numbers it might be denormal, which is slow).
-    fn load_first(self, from: &[f32], at: usize, n: usize) -> Self::F;
+    /// Reads row `i`; the lanes beyond its length are 0. What lies behind the row in memory is not looked at
+    /// (read as numbers it might be denormal, which is slow).
+    fn load_row(self, rows: &Rows, i: usize) -> Self::F;
     /// Writes sixteen floats, at any alignment.
     fn store(self, x: Self::F, to: &mut Lanes<f32>);
     /// `a / b`, correctly rounded.
@@ -69,6 +97,8 @@ pub(crate) trait Simd: Copy {
     fn eq(self, a: Self::F, b: Self::F) -> Mask;
     /// `a` where the mask has its bit, `b` elsewhere.
     fn select(self, mask: Mask, a: Self::F, b: Self::F) -> Self::F;
+    /// Lane `i`, at most 15.
+    fn lane(self, a: Self::F, i: usize) -> f32;
     /// The least lane (no lane may be NaN).
     fn reduce_min(self, a: Self::F) -> f32;
     /// The lanes of the mask moved together at the front; what follows them is unspecified.

@@ -1,6 +1,6 @@
 //! Sixteen lanes in plain Rust: the fallback, and the definition that the others are tested against.
 
-use super::{LANES, Lanes, Mask, Simd};
+use super::{LANES, Lanes, Mask, Rows, Simd};
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 /// Token of the portable lanes; every CPU has them.
@@ -107,9 +107,9 @@ impl Simd for Portable {
         F(*from)
     }
     #[inline(always)]
-    fn load_first(self, from: &[f32], at: usize, n: usize) -> F {
+    fn load_row(self, rows: &Rows, i: usize) -> F {
         let mut out = [0.0; LANES];
-        out[..n].copy_from_slice(&from[at..at + n]);
+        out[..rows.n].copy_from_slice(&rows.words[i * rows.n..(i + 1) * rows.n]);
         F(out)
     }
     #[inline(always)]
@@ -147,6 +147,10 @@ impl Simd for Portable {
     #[inline(always)]
     fn select(self, mask: Mask, a: F, b: F) -> F {
         F(select(mask, &a.0, &b.0))
+    }
+    #[inline(always)]
+    fn lane(self, a: F, i: usize) -> f32 {
+        a.0[i]
     }
     #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {

@@ -3,46 +3,80 @@
 
 use core::mem::MaybeUninit;
 
-/// Up to `N` items in uninitialized memory.
-pub(crate) struct Stack<T: Copy, const N: usize> {
-    items: [MaybeUninit<T>; N],
-    len: usize,
-}
+/// Memory for a [`Stack`] of up to `N` items, uninitialized.
+pub(crate) struct StackMemory<T: Copy, const N: usize>([MaybeUninit<T>; N]);
 
-impl<T: Copy, const N: usize> Stack<T, N> {
-    /// An empty stack; touches no memory but its length.
+impl<T: Copy, const N: usize> StackMemory<T, N> {
+    /// Touches nothing.
     #[inline(always)]
     pub(crate) fn new() -> Self {
-        Stack { items: [const { MaybeUninit::uninit() }; N], len: 0 }
+        StackMemory([const { MaybeUninit::uninit() }; N])
     }
 
-    /// Number of items.
+    /// An empty stack in this memory.
     #[inline(always)]
-    pub(crate) fn len(&self) -> usize {
-        self.len
+    pub(crate) fn stack(&mut self) -> Stack<'_, T, N> {
+        Stack { items: &mut self.0, len: 0, spilled: Vec::new() }
+    }
+}
+
+/// A stack; its length is apart from its memory, so that it can live in a register. What does not fit goes
+/// to the heap, which no sane tree ever makes it do.
+pub(crate) struct Stack<'a, T: Copy, const N: usize> {
+    items: &'a mut [MaybeUninit<T>; N],
+    len: usize,
+    /// Items below those in `items`.
+    spilled: Vec<T>,
+}
+
+impl<T: Copy, const N: usize> Stack<'_, T, N> {
+    /// Makes room for `n` more items, at most `N`.
+    #[inline(always)]
+    fn reserve(&mut self, n: usize) {
+        if self.len + n > N {
+            // SAFETY: every function that raises `len` has written all places below it.
+            unsafe { spill(&self.items[..self.len], &mut self.spilled) };
+            self.len = 0;
+        }
     }
 
-    /// Puts an item on top. Panics where the stack is full: owners bound their depth.
+    /// Puts an item on top.
     #[inline(always)]
     pub(crate) fn push(&mut self, item: T) {
+        self.reserve(1);
         self.items[self.len] = MaybeUninit::new(item);
         self.len += 1;
+    }
+
+    /// Puts the first `n` of some items on top, the first lowest, without a branch on `n`.
+    #[inline(always)]
+    pub(crate) fn push_first<const M: usize>(&mut self, items: [T; M], n: usize) {
+        assert!(n <= M);
+        self.reserve(M);
+        let top: &mut [MaybeUninit<T>; M] =
+            (&mut self.items[self.len..self.len + M]).try_into().expect("as many as sliced");
+        *top = items.map(MaybeUninit::new);
+        self.len += n;
     }
 
     /// Takes the top item.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<T> {
-        self.len = self.len.checked_sub(1)?;
-        // SAFETY: `len` was above this place, and only `push` and `push_ranked` raise it, after writing
-        // every place below.
-        Some(unsafe { self.items[self.len].assume_init() })
+        if self.len == 0 {
+            return self.spilled.pop();
+        }
+        self.len -= 1;
+        // SAFETY: `len` was above this place and at most `N`; every function that raises it has written all
+        // places below.
+        Some(unsafe { self.items.get_unchecked(self.len).assume_init() })
     }
 
-    /// Puts `n` items on top, each at its place counted from the present top.
+    /// Puts `n` items on top; `item(i)` gives the place of item `i`, counted from the present top, and the item.
     ///
-    /// `item` must give each place of `0..n` once over the calls for `0..n`; otherwise it panics.
+    /// `item` must give each place of `0..n` once over the calls for `0..n`; otherwise this panics.
     #[inline(always)]
     pub(crate) fn push_ranked(&mut self, n: usize, mut item: impl FnMut(usize) -> (usize, T)) {
+        self.reserve(n);
         let top = &mut self.items[self.len..self.len + n];
         let mut seen = 0u64;
         for i in 0..n {
@@ -55,23 +89,49 @@ impl<T: Copy, const N: usize> Stack<T, N> {
     }
 }
 
+/// Moves items to the heap. (Not a method: a reference to the whole stack would keep its length in memory.)
+///
+/// # Safety
+/// All items must have been written.
+#[cold]
+#[inline(never)]
+unsafe fn spill<T: Copy>(items: &[MaybeUninit<T>], to: &mut Vec<T>) {
+    // SAFETY: the caller's promise.
+    to.extend(items.iter().map(|item| unsafe { item.assume_init() }));
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn items_come_back_in_reverse_and_in_rank_order() {
-        let mut stack = Stack::<u64, 8>::new();
+        let mut memory = StackMemory::<u64, 8>::new();
+        let mut stack = memory.stack();
         stack.push(1);
         stack.push_ranked(3, |i| ([2, 0, 1][i], 10 + i as u64));
+        stack.push_first([7, 8, 9], 2);
         let out: Vec<u64> = core::iter::from_fn(|| stack.pop()).collect();
-        assert_eq!(out, [10, 12, 11, 1]);
-        assert_eq!(stack.len(), 0);
+        assert_eq!(out, [8, 7, 10, 12, 11, 1]);
+    }
+
+    #[test]
+    fn what_does_not_fit_comes_back_from_the_heap() {
+        let mut memory = StackMemory::<usize, 8>::new();
+        let mut stack = memory.stack();
+        for i in 0..30 {
+            stack.push(2 * i);
+            stack.push_first([2 * i + 1, 0, 0], 1);
+        }
+        for i in (0..60).rev() {
+            assert_eq!(stack.pop(), Some(i));
+        }
+        assert_eq!(stack.pop(), None);
     }
 
     #[test]
     #[should_panic(expected = "every place")]
     fn a_hole_is_refused() {
-        Stack::<u64, 8>::new().push_ranked(2, |_| (0, 1));
+        StackMemory::<u64, 8>::new().stack().push_ranked(2, |_| (0, 1));
     }
 }

@@ -3,9 +3,11 @@
 mod kd;
 mod ray_tree;
 mod statistics;
+mod validate;
 pub(crate) mod wide;
 
 pub(crate) use kd::{KdNode, KdReference, KdTree, KdView, MAX_NODES};
 pub use ray_tree::{Geometry, RayTree};
 pub(crate) use statistics::BuildTimes;
 pub use statistics::Statistics;
+pub use validate::ValidationError;

@@ -1,7 +1,7 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
 use super::wide::{WideSource, WideTree};
-use super::{KdTree, Statistics};
+use super::{KdTree, Statistics, ValidationError};
 use crate::baseline::BruteForce;
 use crate::build::{BuildParams, Callback, Policy, Progress, build_kd};
 use crate::error::BuildError;
@@ -69,7 +69,7 @@ impl<G: Geometry> RayTree<G> {
         params.validate()?;
         let (layout, statistics) = match params.policy {
             Policy::Wide => {
-                let tree = WideTree::build(&geometry)?;
+                let tree = WideTree::build(&geometry, params)?;
                 let statistics = tree.statistics(&geometry);
                 (Layout::Wide(tree), statistics)
             }
@@ -235,6 +235,19 @@ impl<G: Geometry> RayTree<G> {
     /// The same queries answered by testing every primitive: the reference for all others.
     pub fn brute_force(&self) -> BruteForce<'_, G> {
         BruteForce::new(&self.geometry)
+    }
+
+    /// Checks that the tree is whole: links, depth, and that at sampled times, among them all at which something
+    /// changes, each primitive is found wherever it is. For tests; takes far longer than the build. So far it
+    /// checks the k-d layout only.
+    ///
+    /// # Errors
+    /// The first thing found wrong, which would be a defect of this crate.
+    pub fn validate(&self) -> Result<(), ValidationError> {
+        match &self.layout {
+            Layout::Kd(tree) => tree.validate(&self.geometry),
+            Layout::Wide(_) => Ok(()),
+        }
     }
 
     /// The tree with its queries on another instruction set of this CPU, for tests and measurements. Answers do not

@@ -3,18 +3,18 @@
 #![allow(dead_code)] // each test file uses its part
 
 use core::ops::ControlFlow;
-use mbkd::glam::{DVec3, Vec3};
+use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Geometry, Hit, Policy, Ray, RayTree, TriangleMesh};
 
 /// Every policy under test, and the paper's policy in all its variants.
 pub fn variants() -> Vec<BuildParams> {
-    let mbkd = BuildParams::default().with_policy(Policy::Mbkd);
     vec![
-        mbkd.clone(),
-        BuildParams { moving_planes: true, ..mbkd.clone() },
-        BuildParams { time_weighted: false, propagated_vote: false, plane_time: 0.0, ..mbkd.clone() },
-        BuildParams { propagated_vote: false, plane_time: 1.0, max_references: 2.0, ..mbkd.clone() },
-        mbkd.with_policy(Policy::ClassicKd),
+        BuildParams::default(),
+        BuildParams::default().with_policy(Policy::Mbkd),
+        BuildParams::paper(),
+        BuildParams { time_weighted: false, propagated_vote: false, plane_time: 0.0, ..BuildParams::paper() },
+        BuildParams { propagated_vote: false, plane_time: 1.0, max_references: 2.0, ..BuildParams::paper() },
+        BuildParams::default().with_policy(Policy::ClassicKd),
     ]
 }
 
@@ -149,9 +149,4 @@ pub fn closed_sphere(n: usize, keys: usize, wobble: f32, seed: u64) -> TriangleM
         }
     }
     TriangleMesh::new(indices, positions)
-}
-
-/// A double-precision point as a single-precision one, for aiming.
-pub fn single(p: DVec3) -> Vec3 {
-    p.as_vec3()
 }

@@ -5,7 +5,9 @@
 //! is its exact mean over the interval. Below a depth that sane input never reaches, halves by count
 //! take over, so that the depth is bounded whatever the input is.
 
+use super::spatial::{Ends, apply_cut, find_cut};
 use crate::motion::{Box3, LinearBox3};
+use crate::simd::LANES;
 use glam::Vec3;
 
 /// One entry of a primitive in the tree being built: where it is during the build's time interval.
@@ -67,47 +69,113 @@ fn centre(b: &LinearBox3) -> Vec3 {
     (b.begin.min + b.end.max) + (b.begin.max + b.end.min)
 }
 
-/// Builds over `references`, which are reordered; `leaf` is the largest count that is not split on.
-pub(crate) fn build_binary(references: &mut [Reference], leaf: usize) -> BinaryTree {
-    let mut nodes = Vec::with_capacity(2 * references.len() / leaf.max(1) + 1);
-    if !references.is_empty() {
-        subtree(references, 0, leaf.max(1), 0, &mut nodes);
+/// Builds over the first `n` of `slots`, which are reordered. Nodes of at most `leaf` references are not
+/// split on. The slots behind the first `n` are room for duplicates, shared out among subtrees by rule;
+/// `ends` gives the corners of what may be cut.
+pub(crate) fn build_binary(
+    slots: &mut [Reference],
+    n: usize,
+    leaf: usize,
+    ends: &(impl Fn(u32) -> Option<Ends> + Sync),
+) -> BinaryTree {
+    let mut nodes = Vec::with_capacity(2 * slots.len() / leaf.max(1) + 1);
+    if n > 0 {
+        let (bounds, ..) = summary(&slots[..n]);
+        let builder = Builder { leaf: leaf.max(1), least_overlap: LEAST_OVERLAP * mean_half_area(&bounds), ends };
+        builder.subtree(slots, n, 0, 0, &mut nodes);
     }
     nodes
 }
 
-fn subtree(references: &mut [Reference], first: u32, leaf: usize, depth: u32, nodes: &mut BinaryTree) {
-    let at = nodes.len();
-    let (bounds, centres, moving) = summary(references);
-    nodes.push(BinaryNode { bounds, first, count: references.len() as u32, right: 0, moving });
-    if references.len() <= leaf {
-        return;
+/// Spatial splits are looked for where the two sides of the object split share more than this part of the
+/// root's area.
+const LEAST_OVERLAP: f32 = 1e-5;
+
+struct Builder<'a, E> {
+    leaf: usize,
+    least_overlap: f32,
+    ends: &'a E,
+}
+
+impl<E: Fn(u32) -> Option<Ends> + Sync> Builder<'_, E> {
+    fn subtree(&self, slots: &mut [Reference], n: usize, first: u32, depth: u32, nodes: &mut BinaryTree) {
+        let at = nodes.len();
+        let (bounds, centres, moving) = summary(&slots[..n]);
+        nodes.push(BinaryNode { bounds, first, count: n as u32, right: 0, moving });
+        if n <= self.leaf {
+            return;
+        }
+        // What may become one leaf block stays together: no room in between, no cuts.
+        let slots = if n <= LANES { &mut slots[..n] } else { slots };
+        let (low_n, high_n, room) = self.divide(slots, n, &bounds, centres, depth);
+        let (low, high) = slots.split_at_mut(room);
+        let high_first = first + room as u32;
+        #[cfg(feature = "rayon")]
+        if n > PARALLEL {
+            let (left, right) = rayon::join(
+                || {
+                    let mut nodes = Vec::new();
+                    self.subtree(low, low_n, first, depth + 1, &mut nodes);
+                    nodes
+                },
+                || {
+                    let mut nodes = Vec::new();
+                    self.subtree(high, high_n, high_first, depth + 1, &mut nodes);
+                    nodes
+                },
+            );
+            nodes[at].right = 1 + left.len() as u32;
+            nodes.extend(left);
+            nodes.extend(right);
+            return;
+        }
+        self.subtree(low, low_n, first, depth + 1, nodes);
+        nodes[at].right = (nodes.len() - at) as u32;
+        self.subtree(high, high_n, high_first, depth + 1, nodes);
     }
-    let middle = if depth < SAH_DEPTH { split(references, centres) } else { halve(references) };
-    let (low, high) = references.split_at_mut(middle);
-    let high_first = first + middle as u32;
-    #[cfg(feature = "rayon")]
-    if low.len() + high.len() > PARALLEL {
-        let (left, right) = rayon::join(
-            || {
-                let mut nodes = Vec::new();
-                subtree(low, first, leaf, depth + 1, &mut nodes);
-                nodes
-            },
-            || {
-                let mut nodes = Vec::new();
-                subtree(high, high_first, leaf, depth + 1, &mut nodes);
-                nodes
-            },
-        );
-        nodes[at].right = 1 + left.len() as u32;
-        nodes.extend(left);
-        nodes.extend(right);
-        return;
+
+    /// Parts the first `n` slots; returns how many references are on each side, and the slot where the
+    /// high side begins.
+    fn divide(
+        &self,
+        slots: &mut [Reference],
+        n: usize,
+        bounds: &LinearBox3,
+        centres: Box3,
+        depth: u32,
+    ) -> (usize, usize, usize) {
+        let spare = slots.len() - n;
+        let best = if depth < SAH_DEPTH { find_split(&slots[..n], centres) } else { None };
+        let Some(best) = best else {
+            let middle = n / 2;
+            return (middle, n - middle, spread(slots, middle, n));
+        };
+        if spare > 0 && best.overlap() > self.least_overlap {
+            let cut = find_cut(&slots[..n], bounds, self.ends, best.cost, spare);
+            if let Some(cut) = cut {
+                let (low, high) = apply_cut(&slots[..n], &cut, self.ends);
+                // A part that turned out empty leaves its side smaller than counted, never larger.
+                if !low.is_empty() && !high.is_empty() && low.len() + high.len() <= slots.len() {
+                    slots[..low.len()].copy_from_slice(&low);
+                    slots[low.len()..low.len() + high.len()].copy_from_slice(&high);
+                    let room = spread(slots, low.len(), low.len() + high.len());
+                    return (low.len(), high.len(), room);
+                }
+            }
+        }
+        let middle = partition(&mut slots[..n], |r| best.binning.bin(centre(&r.bounds)[best.axis]) < best.plane);
+        (middle, n - middle, spread(slots, middle, n))
     }
-    subtree(low, first, leaf, depth + 1, nodes);
-    nodes[at].right = (nodes.len() - at) as u32;
-    subtree(high, high_first, leaf, depth + 1, nodes);
+}
+
+/// Shares the unused slots out in proportion to the references, and moves the high side to its slots.
+fn spread(slots: &mut [Reference], middle: usize, n: usize) -> usize {
+    let spare = slots.len() - n;
+    let room = middle + (spare as u64 * middle as u64 / n as u64) as usize;
+    if room > middle {
+        slots.copy_within(middle..n, room);
+    }
+    room
 }
 
 fn summary(references: &[Reference]) -> (LinearBox3, Box3, bool) {
@@ -120,11 +188,6 @@ fn summary(references: &[Reference]) -> (LinearBox3, Box3, bool) {
         moving |= r.moving;
     }
     (bounds, centres, moving)
-}
-
-/// Halves by count along the order that is there.
-fn halve(references: &mut [Reference]) -> usize {
-    references.len() / 2
 }
 
 #[derive(Clone, Copy)]
@@ -148,9 +211,28 @@ impl Binning {
     }
 }
 
-/// Parts the references where binned SAH finds it cheapest and returns how many are on the low side;
-/// halves by count where all centres coincide.
-fn split(references: &mut [Reference], centres: Box3) -> usize {
+/// A partition of references by the bins of their centres.
+struct Split {
+    /// Area times count, summed over both sides.
+    cost: f32,
+    axis: usize,
+    binning: Binning,
+    /// First bin of the high side.
+    plane: usize,
+    low: LinearBox3,
+    high: LinearBox3,
+}
+
+impl Split {
+    /// Mean half area of what both sides share, estimated from both ends.
+    fn overlap(&self) -> f32 {
+        0.5 * (self.low.begin.intersection(self.high.begin).half_area()
+            + self.low.end.intersection(self.high.end).half_area())
+    }
+}
+
+/// Where binned SAH parts the references most cheaply; nothing where all centres coincide.
+fn find_split(references: &[Reference], centres: Box3) -> Option<Split> {
     let bins = if references.len() < FEW { FEW_BINS } else { BINS };
     let extent = centres.max - centres.min;
     let binning = [0, 1, 2].map(|axis| {
@@ -194,10 +276,11 @@ fn split(references: &mut [Reference], centres: Box3) -> usize {
     }
     let (cost, axis, plane) = best;
     if cost == f32::INFINITY {
-        return halve(references);
+        return None;
     }
-    let binning = binning[axis];
-    partition(references, |r| binning.bin(centre(&r.bounds)[axis]) < plane)
+    let side = |row: &[Bin]| row.iter().fold(LinearBox3::EMPTY, |b, bin| b.union(bin.bounds));
+    let (low, high) = table[axis][..bins].split_at(plane);
+    Some(Split { cost, axis, binning: binning[axis], plane, low: side(low), high: side(high) })
 }
 
 /// Moves what satisfies `low` to the front; the order depends on nothing but the input.

@@ -1,7 +1,8 @@
 //! Writes leaf blocks: what a set of primitives stores of itself in the arena.
 
 use super::layout::LeafShape;
-use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles};
+use crate::build::object::Ends;
+use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles, ULP};
 use crate::simd::Arena;
 use glam::Vec3;
 
@@ -9,6 +10,8 @@ use glam::Vec3;
 pub(crate) trait WideSource: PrimitiveSet {
     /// Number of keys of a primitive's motion; 1 for what stands still.
     fn keys(&self, id: u32) -> usize;
+    /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
     /// How a leaf block with these primitives is stored.
     fn leaf_shape(&self, ids: &[u32]) -> LeafShape;
     /// Writes a leaf block for the key segment that begins at key `segment`.
@@ -18,6 +21,17 @@ pub(crate) trait WideSource: PrimitiveSet {
 impl WideSource for Triangles {
     fn keys(&self, id: u32) -> usize {
         Triangles::keys(self, id)
+    }
+
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+        let slack = match Triangles::keys(self, id) {
+            1 => 0.0,
+            2 => 4.0 * ULP,
+            // The interval reaches 4 ULP of the shutter beyond the segment, where corners already move
+            // differently, by at most 2 per segment.
+            n => (4 + 26 * (n - 1)) as f32 * ULP,
+        };
+        Some(Ends { begin: self.corners(id, over.begin()), end: self.corners(id, over.end()), slack })
     }
 
     fn leaf_shape(&self, ids: &[u32]) -> LeafShape {
@@ -51,6 +65,10 @@ impl<P: Primitive> WideSource for Shapes<P> {
     fn keys(&self, id: u32) -> usize {
         let bounds = self.bounds(id, TimeInterval::FULL);
         if bounds.begin == bounds.end { 1 } else { 2 }
+    }
+
+    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
+        None
     }
 
     fn leaf_shape(&self, _: &[u32]) -> LeafShape {

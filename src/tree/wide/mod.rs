@@ -11,10 +11,11 @@ mod build;
 mod emit;
 mod layout;
 mod leaf;
+mod plan;
 mod statistics;
 
 pub(crate) use build::WideTree;
-pub(crate) use layout::{ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS};
+pub(crate) use layout::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS};
 pub(crate) use leaf::WideSource;
 
 #[cfg(test)]
