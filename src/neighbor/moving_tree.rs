@@ -255,11 +255,6 @@ impl MovingTree {
         self.levels
     }
 
-    /// Number of the root.
-    pub(super) fn root(&self) -> usize {
-        self.nodes.len() - 1
-    }
-
     /// Whether references have intervals.
     pub(super) fn timed(&self) -> bool {
         !self.node_times.is_empty()
