@@ -14,15 +14,21 @@ fn full_size_equals_brute_force() {
     let mut random = Random(2);
     let rays: Vec<Ray> =
         (0..1000).map(|_| scene.camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect();
-    let params = BuildParams { max_references: 3.0, ..BuildParams::default().with_policy(Policy::Mbkd) };
-    let tree = RayTree::build(&scene.meshes, &params).unwrap();
+    let paper = BuildParams { max_references: 3.0, ..BuildParams::default().with_policy(Policy::Mbkd) };
+    let trees = [paper, BuildParams::default()].map(|params| RayTree::build(&scene.meshes, &params).unwrap());
     drop(scene);
     let check = |rays: &[Ray]| {
+        let mut hits = 0;
         for ray in rays {
-            let (got, expected) = (tree.closest_hit(ray), tree.brute_force().closest_hit(ray));
-            assert_eq!(got.map(bits), expected.map(bits), "{ray:?}: {got:?}, not {expected:?}");
+            let expected = trees[0].brute_force().closest_hit(ray);
+            for tree in &trees {
+                let got = tree.closest_hit(ray);
+                assert_eq!(got.map(bits), expected.map(bits), "{ray:?}: {got:?}, not {expected:?}");
+                assert_eq!(tree.any_hit(ray), expected.is_some(), "{ray:?}");
+            }
+            hits += usize::from(expected.is_some());
         }
-        rays.iter().filter(|ray| tree.any_hit(ray)).count()
+        hits
     };
     let (first, second) = rays.split_at(500);
     let hits = thread::scope(|scope| {

@@ -115,3 +115,81 @@ fn over(cell: LinearBox3, interval: TimeInterval) -> LinearBox3 {
     let at = |t: f32| -> Box3 { cell.at(t) };
     LinearBox3 { begin: at(interval.begin()), end: at(interval.end()) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{TriangleMesh, Triangles};
+    use glam::Vec3;
+
+    /// What became of the reference on each side: Normal or BP, and its interval.
+    type Sides = [Option<(&'static str, f32, f32)>; 2];
+
+    fn sides(children: &Children<Triangles>) -> Sides {
+        [0, 1].map(|side| {
+            let References { normal, bp } = &children.references[side];
+            assert!(normal.len() + bp.len() <= 1);
+            let seen = |kind, r: &Reference| (kind, r.interval.begin(), r.interval.end());
+            normal.first().map(|r| seen("Normal", r)).or(bp.first().map(|r| seen("BP", r)))
+        })
+    }
+
+    fn assert_sides(got: Sides, expected: Sides, what: &str) {
+        for (g, e) in got.iter().zip(&expected) {
+            match (g, e) {
+                (None, None) => {}
+                (Some(g), Some(e)) => {
+                    assert!(g.0 == e.0 && (g.1 - e.1).abs() < 1e-5 && (g.2 - e.2).abs() < 1e-5, "{what}: {got:?}")
+                }
+                _ => panic!("{what}: {got:?} instead of {expected:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn duplication_and_the_six_cases_of_propagation() {
+        for sign in [1.0f32, -1.0] {
+            // x in [-1, -0.8] at shutter open, [0.2, 0.4] at shutter close; y from -1 to 1 throughout.
+            let at = |x: f32| {
+                [Vec3::new(x, -1.0, 0.0), Vec3::new(x + 0.2, 1.0, 0.0), Vec3::new(x, 1.0, 0.5)]
+                    .map(|p| Vec3::new(p.x * sign, p.y, p.z))
+            };
+            // Two still points keep tree space equal to the world.
+            let frame = [Vec3::NEG_ONE, Vec3::ONE];
+            let key = |x: f32| at(x).into_iter().chain(frame).collect::<Vec<Vec3>>();
+            let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![key(-1.0), key(0.2)]);
+            let set = Triangles::new(&[mesh]).unwrap();
+            let source = Source { set: &set, swept: false, plane_time: 0.5 };
+            let cube = Box3 { min: Vec3::NEG_ONE, max: Vec3::ONE };
+            let root = LinearBox3 { begin: cube, end: cube };
+            let reference = source.reference(0);
+            let plane = |axis: usize, position: f32| {
+                let position = if axis == 0 { position * sign } else { position };
+                Plane { axis, position, velocity: 0.0 }
+            };
+            let order = |sides: Sides| if sign > 0.0 { sides } else { [sides[1], sides[0]] };
+
+            // Left at mid-shutter, across from 2/3, past at 5/6 + ...: Normal on the left, BP on the right.
+            let mut top = Children::new(&source, plane(0, 0.0), root);
+            top.duplicate(&reference);
+            let cross = [Some(("Normal", 0.0, 5.0 / 6.0)), Some(("BP", 2.0 / 3.0, 1.0))];
+            assert_sides(order(sides(&top)), cross, "duplication");
+            let right = usize::from(sign > 0.0);
+            let bp = top.references[right].bp[0];
+            let cell = top.cells[right];
+            let propagated = |axis, position| {
+                let mut children = Children::new(&source, plane(axis, position), cell);
+                children.propagate(&bp, true);
+                children
+            };
+            // Does not cross: the one child, or the other, or both throughout.
+            let one = Some(("Normal", 2.0 / 3.0, 1.0));
+            assert_sides(order(sides(&propagated(0, 0.9))), [one, None], "stays before the plane");
+            assert_sides(order(sides(&propagated(0, -0.5))), [None, one], "stays beyond the plane");
+            assert_sides(sides(&propagated(1, 0.0)), [one, one], "lies across the plane");
+            // Crosses: Normal on the side where it is when nearest to mid-shutter, BP on the other.
+            let later = [one, Some(("BP", 11.0 / 12.0, 1.0))];
+            assert_sides(order(sides(&propagated(0, 0.3))), later, "comes to cross the plane");
+        }
+    }
+}

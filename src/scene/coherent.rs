@@ -28,8 +28,8 @@ pub fn coherent(triangles: usize) -> Scene {
         .collect();
     let (south, north) = (displaced(Vec3::NEG_Z), displaced(Vec3::Z));
     let mesh = animate(2, |time| {
-        let turn = rotation(Vec3::new(0.48, 0.8, 0.36), 0.02 * time);
-        let centre = Vec3::new(0.22, 0.1, 0.08) * time;
+        let turn = rotation(Vec3::new(0.48, 0.8, 0.36), 0.005 * time);
+        let centre = Vec3::new(0.12, 0.05, 0.04) * time;
         let mut shape = Shape::default();
         let place = |p: Vec3| centre + turn * p;
         let point = |ring: usize, k: usize| place(rock[ring * around + k]);

@@ -23,7 +23,7 @@ const KEYS: usize = 2;
 /// ```
 pub fn debris(triangles: usize) -> Scene {
     let stones = (triangles / PER_STONE).max(1);
-    let size = (0.9 / (stones as f32).cbrt()).min(0.25);
+    let size = (2.4 / (stones as f32).cbrt()).min(0.6);
     let mesh = animate(KEYS, |time| {
         let mut random = Random::new(0xdeb1);
         let mut shape = Shape::default();
@@ -36,7 +36,7 @@ pub fn debris(triangles: usize) -> Scene {
         name: "debris".into(),
         meshes: vec![mesh],
         looks: vec![Look::varied(Vec3::new(0.30, 0.27, 0.25), Vec3::new(0.68, 0.42, 0.26), PER_STONE as u32)],
-        camera: Camera::fixed(View::new(Vec3::new(1.2, 0.8, 6.6), Vec3::ZERO, 0.66)),
+        camera: Camera::fixed(View::new(Vec3::new(1.2, 0.8, 6.0), Vec3::ZERO, 0.66)),
     }
 }
 

@@ -19,7 +19,7 @@ pub struct FlakeSphere {
 }
 
 /// Turns of a crown about its parent during the shutter.
-const SPIN: f32 = 0.035;
+const SPIN: f32 = 0.011;
 
 /// The first `spheres` spheres of the flake, large ones first; 66 430 are the full six levels.
 ///

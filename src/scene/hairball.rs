@@ -35,7 +35,7 @@ pub fn hairball(triangles: usize) -> Scene {
         name: "hairball".into(),
         meshes: vec![mesh],
         looks: vec![Look::varied(Vec3::new(0.62, 0.34, 0.13), Vec3::new(0.85, 0.67, 0.38), PER_STRAND as u32)],
-        camera: Camera::fixed(View::new(Vec3::new(0.0, 0.55, 3.4), Vec3::new(0.0, -0.02, 0.0), 0.72)),
+        camera: Camera::fixed(View::new(Vec3::new(0.0, 0.55, 3.4), Vec3::new(0.0, -0.06, 0.0), 0.8)),
     }
 }
 

@@ -50,10 +50,10 @@ pub fn camera(triangles: usize) -> Scene {
 }
 
 fn running(part: Part, time: f32, around: usize) -> Shape {
-    let mut shape = runner(part, 0.16 + 0.055 * time, around);
+    let mut shape = runner(part, 0.17 + 0.04 * time, around);
     let (c, s) = cos_sin(0.07);
     let turn = Mat3::from_cols(Vec3::new(c, 0.0, -s), Vec3::Y, Vec3::new(s, 0.0, c));
-    shape.place(turn, Vec3::new(0.2, 0.0, 1.5) + turn * Vec3::Z * (0.16 * time));
+    shape.place(turn, Vec3::new(0.25, 0.0, 2.1) + turn * Vec3::Z * (0.12 * time));
     shape
 }
 
@@ -74,7 +74,7 @@ fn still(triangles: usize) -> Scene {
         ]
         .map(Look::plain)
         .into(),
-        camera: Camera::fixed(View::new(Vec3::new(-1.7, 1.25, 6.6), Vec3::new(0.35, 1.75, 0.0), 0.86)),
+        camera: Camera::fixed(View::new(Vec3::new(-1.55, 1.05, 6.0), Vec3::new(0.3, 1.55, 0.0), 0.88)),
     }
 }
 

@@ -48,7 +48,7 @@ fn pose(around: usize, time: f32) -> Shape {
     {
         let i = i as f32;
         let along = Vec3::new(0.34 * x, 1.0, 0.0).normalize();
-        let bend = 0.03 + 0.014 * i + (0.075 + 0.018 * i) * time;
+        let bend = 0.055 + 0.016 * i + (0.024 + 0.008 * i) * time;
         finger(
             &mut shape,
             around,
@@ -58,7 +58,7 @@ fn pose(around: usize, time: f32) -> Shape {
     let along = Vec3::new(-0.72, 0.62, 0.31).normalize();
     let inward = (Vec3::new(0.55, 0.2, 0.8) - along * along.dot(Vec3::new(0.55, 0.2, 0.8))).normalize();
     let base = Vec3::new(-0.26, -0.22, 0.06);
-    let thumb = Finger { base, along, inward, length: 0.86, radius: 0.14, bend: 0.01 + 0.055 * time };
+    let thumb = Finger { base, along, inward, length: 0.86, radius: 0.14, bend: 0.01 + 0.02 * time };
     finger(&mut shape, around, &thumb);
     shape
 }

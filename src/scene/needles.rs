@@ -37,7 +37,7 @@ pub fn needles(triangles: usize, motion: f32) -> Scene {
             Look::varied(Vec3::new(0.20, 0.32, 0.24), Vec3::new(0.36, 0.52, 0.33), 1),
             Look::varied(Vec3::new(0.85, 0.55, 0.20), Vec3::new(0.80, 0.36, 0.16), 1),
         ],
-        camera: Camera::fixed(View::new(Vec3::new(0.6, 0.9, 3.4), Vec3::ZERO, 0.74)),
+        camera: Camera::fixed(View::new(Vec3::new(0.5, 0.8, 2.9), Vec3::ZERO, 0.74)),
     }
 }
 

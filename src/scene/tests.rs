@@ -36,14 +36,14 @@ fn scenes_are_the_same_everywhere() {
     let found: Vec<Golden> = CATALOGUE.iter().map(describe).collect();
     let golden: &[Golden] = &[
         ("hairball", 11985, 12410, 0x37d59cbe03a22bdb, [-116, -127, -142, 108, 114, 134]),
-        ("tornado", 12000, 72000, 0x6efbc6119ca0936c, [-206, -41, -189, 132, 450, 161]),
-        ("hall", 15342, 9986, 0xd62a6e592e3c44ce, [-6000, -50, -6000, 6000, 700, 6000]),
+        ("tornado", 12000, 72000, 0x1e18d3da60566557, [-208, -43, -192, 134, 450, 163]),
+        ("hall", 15342, 9986, 0xcefa59527869d8ae, [-6000, -50, -6000, 6000, 700, 6000]),
         ("camera", 13382, 7946, 0x7c00caa8a70697ac, [-6000, -50, -6000, 6000, 700, 6000]),
-        ("hand", 11616, 29100, 0x983a0d50dd879f22, [-80, -170, -25, 46, 128, 76]),
-        ("coherent", 11664, 11668, 0xbdff84589665c1b6, [-105, -109, -115, 123, 109, 106]),
+        ("hand", 11616, 29100, 0xbd65513f83cb5120, [-80, -170, -25, 46, 110, 76]),
+        ("coherent", 11664, 11668, 0x895defe366725cf7, [-105, -109, -115, 113, 104, 102]),
         ("needles", 12000, 54000, 0xadf20cfb3923c7be, [-103, -110, -109, 101, 105, 105]),
         ("needles30", 12000, 54000, 0x3776d98141020a8f, [-144, -159, -157, 150, 152, 146]),
-        ("debris", 11968, 12716, 0x254fd2230058c315, [-238, -239, -246, 221, 225, 227]),
+        ("debris", 11968, 12716, 0xaa75edd1e1803258, [-242, -246, -252, 227, 234, 231]),
     ];
     assert_eq!(found, golden, "a scene changed; if on purpose, these are the new figures:\n{found:#?}");
 }
@@ -68,7 +68,7 @@ fn what_should_move_moves_by_that_much() {
         ("tornado", 0.38, 0.42),
         ("needles", 0.099, 0.101),
         ("needles30", 0.59, 0.61),
-        ("coherent", 0.15, 0.4),
+        ("coherent", 0.1, 0.2),
     ] {
         let scene = (find(name).unwrap().make)(3000);
         let Keys::F32(keys) = &scene.meshes.last().unwrap().keys else { unreachable!() };
@@ -92,5 +92,5 @@ fn flake_spheres_touch_their_parents_at_every_key() {
     let sum = spheres.iter().flat_map(|s| s.centers).fold(0u64, |hash, p| {
         p.to_array().into_iter().fold(hash, |hash, x| hash.rotate_left(5) ^ u64::from(x.to_bits()))
     });
-    assert_eq!(sum, 5316177295866953391, "the flake changed");
+    assert_eq!(sum, 436170522581974660, "the flake changed");
 }

@@ -19,7 +19,7 @@ const HEIGHT: f32 = 4.0;
 /// ```
 pub fn tornado(triangles: usize) -> Scene {
     let triangles = triangles.max(1);
-    let size = (1.2 / (triangles as f32).sqrt()).min(0.1);
+    let size = (4.0 / (triangles as f32).sqrt()).min(0.2);
     let mesh = animate(2, |time| {
         let mut random = Random::new(0x70b0);
         let mut shape = Shape::default();

@@ -108,6 +108,7 @@ pub(crate) trait Simd: Copy {
     /// The bits of the lanes.
     fn to_bits(self, a: Self::F) -> Self::U;
     /// The floats with these bits.
+    #[allow(clippy::wrong_self_convention)] // `self` is the token, as everywhere here
     fn from_bits(self, a: Self::U) -> Self::F;
 
     /// The same value in every lane.

@@ -1,0 +1,509 @@
+//! Embree, loaded at run time: versions 3.13 and 4.x behind one safe interface.
+//!
+//! The picture to have in mind: a [`Device`] is one configuration of the library (its own settings, its
+//! own memory count), an [`EmbreeScene`] a committed tree that answers rays. Function names and
+//! structures are those of Embree's public headers (`rtcore_ray.h`, `rtcore_common.h`,
+//! `rtcore_geometry.h`, `rtcore_scene.h`, 3.13.5 and 4.4); sizes and offsets are asserted at compile time.
+//! The two versions differ only in how a query takes its context: 3 wants one, 4 has optional arguments.
+//!
+//! All calls into Embree are here, and with them the `unsafe` code of the program (the clock has one call more).
+#![allow(unsafe_code)]
+
+use glam::Vec3;
+use libloading::Library;
+use mbkd::{Hit, Ray, glam};
+use std::borrow::Cow;
+use std::ffi::{CString, c_char, c_int, c_uint, c_void};
+use std::mem::{offset_of, size_of};
+use std::ptr::{null, null_mut};
+use std::sync::atomic::{AtomicIsize, Ordering};
+
+/// Rays of one packet query.
+pub const PACKET: usize = 16;
+
+const INVALID_ID: c_uint = c_uint::MAX;
+const GEOMETRY_TYPE_TRIANGLE: c_int = 0;
+const BUFFER_TYPE_INDEX: c_int = 0;
+const BUFFER_TYPE_VERTEX: c_int = 1;
+const FORMAT_UINT3: c_int = 0x5003;
+const FORMAT_FLOAT3: c_int = 0x9003;
+const SCENE_FLAG_ROBUST: c_int = 1 << 2;
+const DEVICE_PROPERTY_VERSION: c_int = 0;
+
+/// `RTCRay`.
+#[derive(Clone, Copy)]
+#[repr(C, align(16))]
+pub struct EmbreeRay {
+    origin: [f32; 3],
+    tnear: f32,
+    dir: [f32; 3],
+    time: f32,
+    tfar: f32,
+    mask: c_uint,
+    id: c_uint,
+    flags: c_uint,
+}
+
+impl From<&Ray> for EmbreeRay {
+    fn from(ray: &Ray) -> EmbreeRay {
+        EmbreeRay {
+            origin: ray.origin.as_vec3().to_array(),
+            tnear: ray.t_min,
+            dir: ray.dir.to_array(),
+            time: ray.time,
+            tfar: ray.t_max,
+            mask: c_uint::MAX,
+            id: 0,
+            flags: 0,
+        }
+    }
+}
+
+/// `RTCHit` with one instance level, and room for the instanced primitive that 4.3 and later write behind it.
+#[derive(Clone, Copy)]
+#[repr(C, align(16))]
+struct RtcHit {
+    normal: [f32; 3],
+    u: f32,
+    v: f32,
+    primitive: c_uint,
+    geometry: c_uint,
+    instance: c_uint,
+    instance_primitive: c_uint,
+}
+
+/// `RTCRayHit`.
+#[derive(Clone, Copy)]
+#[repr(C, align(16))]
+struct RtcRayHit {
+    ray: EmbreeRay,
+    hit: RtcHit,
+}
+
+const _: () = {
+    assert!(size_of::<EmbreeRay>() == 48 && offset_of!(EmbreeRay, tfar) == 32);
+    assert!(offset_of!(RtcHit, primitive) == 20 && offset_of!(RtcHit, instance_primitive) == 32);
+    assert!(offset_of!(RtcRayHit, hit) == 48 && align_of::<RtcRayHit>() == 16);
+    assert!(size_of::<Packet>() == 21 * 64 && align_of::<Packet>() == 64);
+    assert!(offset_of!(Packet, tfar) == 512 && offset_of!(Packet, geometry) == 1152);
+    assert!(size_of::<Vec3>() == 12);
+    assert!(size_of::<Context3>() == 24 && offset_of!(Context3, instance) == 16);
+};
+
+/// `RTCRayHit16`: sixteen rays, each field an array.
+#[derive(Clone)]
+#[repr(C, align(64))]
+pub struct Packet {
+    origin: [[f32; PACKET]; 3],
+    tnear: [f32; PACKET],
+    dir: [[f32; PACKET]; 3],
+    time: [f32; PACKET],
+    tfar: [f32; PACKET],
+    mask: [c_uint; PACKET],
+    id: [c_uint; PACKET],
+    flags: [c_uint; PACKET],
+    normal: [[f32; PACKET]; 3],
+    u: [f32; PACKET],
+    v: [f32; PACKET],
+    primitive: [c_uint; PACKET],
+    geometry: [c_uint; PACKET],
+    instance: [c_uint; PACKET],
+    instance_primitive: [c_uint; PACKET],
+}
+
+impl Packet {
+    /// Up to sixteen rays; missing ones end before they begin.
+    pub fn new(rays: &[Ray]) -> Packet {
+        let ray = |i: usize| rays.get(i).map(EmbreeRay::from);
+        let field = |get: &dyn Fn(EmbreeRay) -> f32, none: f32| std::array::from_fn(|i| ray(i).map_or(none, get));
+        Packet {
+            origin: std::array::from_fn(|axis| field(&|r| r.origin[axis], 0.0)),
+            tnear: field(&|r| r.tnear, 1.0),
+            dir: std::array::from_fn(|axis| field(&|r| r.dir[axis], 1.0)),
+            time: field(&|r| r.time, 0.0),
+            tfar: field(&|r| r.tfar, -1.0),
+            mask: [c_uint::MAX; PACKET],
+            id: [0; PACKET],
+            flags: [0; PACKET],
+            normal: [[0.0; PACKET]; 3],
+            u: [0.0; PACKET],
+            v: [0.0; PACKET],
+            primitive: [INVALID_ID; PACKET],
+            geometry: [INVALID_ID; PACKET],
+            instance: [INVALID_ID; PACKET],
+            instance_primitive: [INVALID_ID; PACKET],
+        }
+    }
+
+    fn hit(&self, i: usize) -> Option<Hit> {
+        (self.geometry[i] != INVALID_ID).then(|| Hit {
+            t: self.tfar[i],
+            u: self.u[i],
+            v: self.v[i],
+            mesh: self.geometry[i],
+            primitive: self.primitive[i],
+        })
+    }
+}
+
+/// `RTCIntersectContext` of Embree 3 with one instance level.
+#[repr(C)]
+struct Context3 {
+    flags: c_int,
+    filter: *const c_void,
+    instance: c_uint,
+}
+
+impl Context3 {
+    #[inline(always)]
+    fn new() -> Context3 {
+        Context3 { flags: 0, filter: null(), instance: INVALID_ID }
+    }
+}
+
+type Handle = *mut c_void;
+type MemoryMonitor = unsafe extern "C" fn(*mut c_void, isize, bool) -> bool;
+
+/// The queries, whose arguments changed between the versions.
+#[derive(Clone, Copy)]
+enum Queries {
+    V3 {
+        intersect1: unsafe extern "C" fn(Handle, *mut Context3, *mut RtcRayHit),
+        occluded1: unsafe extern "C" fn(Handle, *mut Context3, *mut EmbreeRay),
+        intersect16: unsafe extern "C" fn(*const c_int, Handle, *mut Context3, *mut Packet),
+        occluded16: unsafe extern "C" fn(*const c_int, Handle, *mut Context3, *mut Packet),
+    },
+    V4 {
+        intersect1: unsafe extern "C" fn(Handle, *mut RtcRayHit, *const c_void),
+        occluded1: unsafe extern "C" fn(Handle, *mut EmbreeRay, *const c_void),
+        intersect16: unsafe extern "C" fn(*const c_int, Handle, *mut Packet, *const c_void),
+        occluded16: unsafe extern "C" fn(*const c_int, Handle, *mut Packet, *const c_void),
+    },
+}
+
+/// The functions that both versions share.
+#[derive(Clone, Copy)]
+struct Functions {
+    new_device: unsafe extern "C" fn(*const c_char) -> Handle,
+    release_device: unsafe extern "C" fn(Handle),
+    device_property: unsafe extern "C" fn(Handle, c_int) -> isize,
+    device_error: unsafe extern "C" fn(Handle) -> c_int,
+    set_memory_monitor: unsafe extern "C" fn(Handle, MemoryMonitor, *mut c_void),
+    new_geometry: unsafe extern "C" fn(Handle, c_int) -> Handle,
+    set_time_steps: unsafe extern "C" fn(Handle, c_uint),
+    set_new_buffer: unsafe extern "C" fn(Handle, c_int, c_uint, c_int, usize, usize) -> *mut c_void,
+    commit_geometry: unsafe extern "C" fn(Handle),
+    release_geometry: unsafe extern "C" fn(Handle),
+    new_scene: unsafe extern "C" fn(Handle) -> Handle,
+    set_scene_flags: unsafe extern "C" fn(Handle, c_int),
+    attach_geometry_by_id: unsafe extern "C" fn(Handle, Handle, c_uint),
+    commit_scene: unsafe extern "C" fn(Handle),
+    release_scene: unsafe extern "C" fn(Handle),
+}
+
+/// The loaded library.
+pub struct Embree {
+    functions: Functions,
+    queries: Queries,
+    /// The file that was loaded.
+    pub file: String,
+    // Last: the functions live in it.
+    _library: Library,
+}
+
+impl Embree {
+    /// Loads `path`, or the first version found under the usual names (4 before 3).
+    pub fn load(path: Option<&str>) -> Result<Embree, String> {
+        let usual = [
+            "libembree4.so.4",
+            "libembree3.so.3",
+            "libembree4.dylib",
+            "libembree3.dylib",
+            "embree4.dll",
+            "embree3.dll",
+        ];
+        let names = path.map_or(usual.to_vec(), |p| vec![p]);
+        let mut why = String::new();
+        for name in names {
+            // SAFETY: loading runs the library's initializers; the user names the file or has it installed.
+            match unsafe { Library::new(name) } {
+                Ok(library) => return Embree::with(library, name),
+                Err(error) => why = error.to_string(),
+            }
+        }
+        Err(why)
+    }
+
+    fn with(library: Library, name: &str) -> Result<Embree, String> {
+        /// The symbol as a function of the type that is expected where it is stored.
+        ///
+        /// # Safety
+        /// `T` is the function's type in Embree's header.
+        unsafe fn symbol<T: Copy>(library: &Library, name: &str) -> Result<T, String> {
+            // SAFETY: the caller vouches for the type.
+            unsafe { library.get::<T>(name.as_bytes()) }.map(|s| *s).map_err(|e| e.to_string())
+        }
+        let l = &library;
+        // SAFETY: every field's type is that of the header's declaration; `Embree` keeps the library loaded for
+        // as long as the pointers exist.
+        let functions = unsafe {
+            Functions {
+                new_device: symbol(l, "rtcNewDevice")?,
+                release_device: symbol(l, "rtcReleaseDevice")?,
+                device_property: symbol(l, "rtcGetDeviceProperty")?,
+                device_error: symbol(l, "rtcGetDeviceError")?,
+                set_memory_monitor: symbol(l, "rtcSetDeviceMemoryMonitorFunction")?,
+                new_geometry: symbol(l, "rtcNewGeometry")?,
+                set_time_steps: symbol(l, "rtcSetGeometryTimeStepCount")?,
+                set_new_buffer: symbol(l, "rtcSetNewGeometryBuffer")?,
+                commit_geometry: symbol(l, "rtcCommitGeometry")?,
+                release_geometry: symbol(l, "rtcReleaseGeometry")?,
+                new_scene: symbol(l, "rtcNewScene")?,
+                set_scene_flags: symbol(l, "rtcSetSceneFlags")?,
+                attach_geometry_by_id: symbol(l, "rtcAttachGeometryByID")?,
+                commit_scene: symbol(l, "rtcCommitScene")?,
+                release_scene: symbol(l, "rtcReleaseScene")?,
+            }
+        };
+        // SAFETY: a device of default settings, asked for the version and released.
+        let version = unsafe {
+            let device = (functions.new_device)(null());
+            if device.is_null() {
+                return Err(format!("{name}: no device (error {})", (functions.device_error)(null_mut())));
+            }
+            let version = (functions.device_property)(device, DEVICE_PROPERTY_VERSION);
+            (functions.release_device)(device);
+            version
+        };
+        // SAFETY: types as in the header of that major version.
+        let queries = unsafe {
+            match version / 10_000 {
+                3 => Queries::V3 {
+                    intersect1: symbol(l, "rtcIntersect1")?,
+                    occluded1: symbol(l, "rtcOccluded1")?,
+                    intersect16: symbol(l, "rtcIntersect16")?,
+                    occluded16: symbol(l, "rtcOccluded16")?,
+                },
+                4 => Queries::V4 {
+                    intersect1: symbol(l, "rtcIntersect1")?,
+                    occluded1: symbol(l, "rtcOccluded1")?,
+                    intersect16: symbol(l, "rtcIntersect16")?,
+                    occluded16: symbol(l, "rtcOccluded16")?,
+                },
+                _ => return Err(format!("{name}: version {version} is neither 3.x nor 4.x")),
+            }
+        };
+        let file = format!("{name} ({}.{}.{})", version / 10_000, version / 100 % 100, version % 100);
+        Ok(Embree { functions, queries, file, _library: library })
+    }
+
+    /// A device with Embree's configuration string, for example `"threads=1,isa=avx2"`.
+    pub fn device(&self, config: &str) -> Result<Device<'_>, String> {
+        let text = CString::new(config).map_err(|e| e.to_string())?;
+        // SAFETY: a NUL-terminated string that outlives the call.
+        let handle = unsafe { (self.functions.new_device)(text.as_ptr()) };
+        if handle.is_null() {
+            return Err(format!("Embree refuses the configuration {config:?}"));
+        }
+        let memory = Box::new(AtomicIsize::new(0));
+        let count = std::ptr::from_ref(&*memory).cast_mut().cast();
+        // SAFETY: the count lives in a box that the device owns and outlives the handle (see `Drop`).
+        unsafe { (self.functions.set_memory_monitor)(handle, count_bytes, count) };
+        Ok(Device { embree: self, handle, memory })
+    }
+}
+
+/// Embree's memory monitor: adds what is taken or given back to the count behind `count`.
+unsafe extern "C" fn count_bytes(count: *mut c_void, bytes: isize, _post: bool) -> bool {
+    // SAFETY: `count` is the device's atomic, alive while the device is; atomics may be shared by threads.
+    unsafe { &*count.cast::<AtomicIsize>() }.fetch_add(bytes, Ordering::Relaxed);
+    true
+}
+
+/// One configuration of the library.
+pub struct Device<'e> {
+    embree: &'e Embree,
+    handle: Handle,
+    memory: Box<AtomicIsize>,
+}
+
+impl Drop for Device<'_> {
+    fn drop(&mut self) {
+        // SAFETY: made by rtcNewDevice, released once; scenes borrow the device, so none is left.
+        unsafe { (self.embree.functions.release_device)(self.handle) };
+    }
+}
+
+/// Indices, and positions at each time step.
+pub struct Mesh<'a> {
+    pub indices: &'a [[u32; 3]],
+    pub steps: Vec<Cow<'a, [Vec3]>>,
+}
+
+impl Device<'_> {
+    /// Bytes that the device holds now: buffers and trees.
+    pub fn bytes(&self) -> usize {
+        self.memory.load(Ordering::Relaxed).max(0) as usize
+    }
+
+    fn check(&self, what: &str) -> Result<(), String> {
+        // SAFETY: a live device.
+        match unsafe { (self.embree.functions.device_error)(self.handle) } {
+            0 => Ok(()),
+            code => Err(format!("Embree's error {code} while {what}")),
+        }
+    }
+
+    /// An empty scene.
+    pub fn scene(&self, robust: bool) -> Result<EmbreeScene<'_>, String> {
+        let f = &self.embree.functions;
+        // SAFETY: a live device; the scene is released by its `Drop`.
+        let scene = unsafe { EmbreeScene { device: self, handle: (f.new_scene)(self.handle) } };
+        // SAFETY: the scene of the line above.
+        unsafe { (f.set_scene_flags)(scene.handle, if robust { SCENE_FLAG_ROBUST } else { 0 }) };
+        self.check("making a scene")?;
+        Ok(scene)
+    }
+}
+
+/// Copies `items` into a new buffer of the geometry.
+///
+/// # Safety
+/// The geometry is alive, and `T` is plain data laid out as the format says.
+unsafe fn fill<T: Copy>(
+    f: &Functions,
+    geometry: Handle,
+    (kind, slot, format): (c_int, c_uint, c_int),
+    items: &[T],
+) -> Result<(), String> {
+    // SAFETY: the library returns room for `items.len()` items of this stride (and pads it), or null.
+    unsafe {
+        let to = (f.set_new_buffer)(geometry, kind, slot, format, size_of::<T>(), items.len());
+        if to.is_null() && !items.is_empty() {
+            return Err("Embree gave no buffer".to_string());
+        }
+        std::ptr::copy_nonoverlapping(items.as_ptr().cast::<u8>(), to.cast::<u8>(), size_of_val(items));
+    }
+    Ok(())
+}
+
+/// A scene; answers rays once it is committed.
+pub struct EmbreeScene<'d> {
+    device: &'d Device<'d>,
+    handle: Handle,
+}
+
+impl Drop for EmbreeScene<'_> {
+    fn drop(&mut self) {
+        // SAFETY: made by rtcNewScene, released once.
+        unsafe { (self.device.embree.functions.release_scene)(self.handle) };
+    }
+}
+
+impl EmbreeScene<'_> {
+    /// Copies a mesh into buffers of Embree's own and adds it with this geometry id.
+    pub fn attach(&self, id: u32, mesh: &Mesh<'_>) -> Result<(), String> {
+        let f = &self.device.embree.functions;
+        // SAFETY: live handles; all buffers are filled before the geometry is committed; the scene keeps its own
+        // reference to the geometry.
+        unsafe {
+            let geometry = (f.new_geometry)(self.device.handle, GEOMETRY_TYPE_TRIANGLE);
+            (f.set_time_steps)(geometry, mesh.steps.len() as c_uint);
+            fill(f, geometry, (BUFFER_TYPE_INDEX, 0, FORMAT_UINT3), mesh.indices)?;
+            for (slot, step) in mesh.steps.iter().enumerate() {
+                fill(f, geometry, (BUFFER_TYPE_VERTEX, slot as c_uint, FORMAT_FLOAT3), step)?;
+            }
+            (f.commit_geometry)(geometry);
+            (f.attach_geometry_by_id)(self.handle, geometry, id);
+            (f.release_geometry)(geometry);
+        }
+        self.device.check("taking a mesh")
+    }
+
+    /// Builds the tree.
+    pub fn commit(&self) -> Result<(), String> {
+        // SAFETY: a live scene.
+        unsafe { (self.device.embree.functions.commit_scene)(self.handle) };
+        self.device.check("building")
+    }
+
+    /// `rtcIntersect1`.
+    #[inline]
+    pub fn closest_hit(&self, ray: &EmbreeRay) -> Option<Hit> {
+        let hit = RtcHit {
+            normal: [0.0; 3],
+            u: 0.0,
+            v: 0.0,
+            primitive: INVALID_ID,
+            geometry: INVALID_ID,
+            instance: INVALID_ID,
+            instance_primitive: INVALID_ID,
+        };
+        let mut it = RtcRayHit { ray: *ray, hit };
+        // SAFETY: a committed scene, and structures laid out as the header says, alive through the call.
+        unsafe {
+            match self.device.embree.queries {
+                Queries::V3 { intersect1, .. } => intersect1(self.handle, &mut Context3::new(), &mut it),
+                Queries::V4 { intersect1, .. } => intersect1(self.handle, &mut it, null()),
+            }
+        }
+        (it.hit.geometry != INVALID_ID).then_some(Hit {
+            t: it.ray.tfar,
+            u: it.hit.u,
+            v: it.hit.v,
+            mesh: it.hit.geometry,
+            primitive: it.hit.primitive,
+        })
+    }
+
+    /// `rtcOccluded1`.
+    #[inline]
+    pub fn any_hit(&self, ray: &EmbreeRay) -> bool {
+        let mut it = *ray;
+        // SAFETY: as in `closest_hit`.
+        unsafe {
+            match self.device.embree.queries {
+                Queries::V3 { occluded1, .. } => occluded1(self.handle, &mut Context3::new(), &mut it),
+                Queries::V4 { occluded1, .. } => occluded1(self.handle, &mut it, null()),
+            }
+        }
+        it.tfar == f32::NEG_INFINITY
+    }
+
+    /// `rtcIntersect16`; `sink` gets the rays' answers in order.
+    #[inline]
+    pub fn closest_hit_16(&self, packet: &Packet, mut sink: impl FnMut(Option<Hit>)) {
+        let mut it = packet.clone();
+        // SAFETY: as in `closest_hit`; all lanes are valid rays or empty ones.
+        unsafe {
+            match self.device.embree.queries {
+                Queries::V3 { intersect16, .. } => {
+                    intersect16(VALID.0.as_ptr(), self.handle, &mut Context3::new(), &mut it);
+                }
+                Queries::V4 { intersect16, .. } => intersect16(VALID.0.as_ptr(), self.handle, &mut it, null()),
+            }
+        }
+        (0..PACKET).for_each(|i| sink(it.hit(i)));
+    }
+
+    /// `rtcOccluded16`; `sink` gets the rays' answers in order.
+    #[inline]
+    pub fn any_hit_16(&self, packet: &Packet, mut sink: impl FnMut(bool)) {
+        let mut it = packet.clone();
+        // SAFETY: a packet begins with its rays, so it serves as RTCRay16; otherwise as in `closest_hit_16`.
+        unsafe {
+            match self.device.embree.queries {
+                Queries::V3 { occluded16, .. } => {
+                    occluded16(VALID.0.as_ptr(), self.handle, &mut Context3::new(), &mut it);
+                }
+                Queries::V4 { occluded16, .. } => occluded16(VALID.0.as_ptr(), self.handle, &mut it, null()),
+            }
+        }
+        (0..PACKET).for_each(|i| sink(it.tfar[i] == f32::NEG_INFINITY));
+    }
+}
+
+/// All lanes of a packet.
+#[repr(align(64))]
+struct Valid([c_int; PACKET]);
+static VALID: Valid = Valid([-1; PACKET]);

@@ -1,0 +1,87 @@
+//! What can be asked of the program on its command line.
+
+use crate::rays::Kind;
+use clap::{Parser, ValueEnum};
+
+/// Times mbkd's ray queries against Embree's motion blur in one process: the same rays in the same order,
+/// in turns, medians. Without Embree it times mbkd alone.
+///
+/// Times are processor times of the process. For figures worth keeping give it an idle core (`taskset -c 1`); only
+/// ratios carry over to other machines.
+#[derive(Parser)]
+#[command(name = "embree", bin_name = "cargo bench --bench embree --")]
+pub struct Options {
+    /// Scenes, all by default.
+    #[arg(long, value_delimiter = ',', default_value = "hairball,tornado,hall,coherent,needles,debris")]
+    pub scenes: Vec<String>,
+    /// Share of each scene's full number of triangles.
+    #[arg(long, default_value_t = 1.0)]
+    pub scale: f32,
+    /// Kinds of rays.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "primary,bounce,ao")]
+    pub kinds: Vec<Kind>,
+    /// Width and height of the picture in pixels, one primary ray each; rounded up to tiles of 8.
+    #[arg(long, default_value_t = 192, value_parser = clap::value_parser!(u32).range(1..=8192))]
+    pub side: u32,
+    /// Timed rounds, each ours then theirs. For figures worth keeping 9, with `--side 512`.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    pub runs: u32,
+    /// Embree with its robust scene flag (like our watertight test), and without.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "robust,fast")]
+    pub modes: Vec<Mode>,
+    /// Instruction sets: what the CPU has, or both sides held to AVX2.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "native")]
+    pub isa: Vec<Isa>,
+    /// Only Embree configurations whose name contains one of these.
+    #[arg(long, value_delimiter = ',')]
+    pub configs: Vec<String>,
+    /// Scenes whose rays are also asked in batches.
+    #[arg(long, value_delimiter = ',', default_value = "hairball")]
+    pub batch: Vec<String>,
+    /// Timed builds of each side.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub build_runs: u32,
+    /// Also build with all cores.
+    #[arg(long)]
+    pub parallel_build: bool,
+    /// Leave one side out.
+    #[arg(long, value_enum)]
+    pub only: Option<Only>,
+    /// Embree's library file; by default the system's, 4.x before 3.x.
+    #[arg(long)]
+    pub embree: Option<String>,
+    /// Also print every Embree configuration, not only the best.
+    #[arg(long)]
+    pub details: bool,
+    /// What cargo passes to every benchmark; nothing to choose.
+    #[arg(long, hide = true)]
+    pub bench: bool,
+}
+
+impl Options {
+    /// Whether an Embree configuration of this name is asked for.
+    pub fn wants(&self, config: &str) -> bool {
+        self.configs.is_empty() || self.configs.iter().any(|part| config.contains(part.as_str()))
+    }
+}
+
+/// Embree's triangle test.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub enum Mode {
+    Robust,
+    Fast,
+}
+
+/// Instruction set of both sides.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub enum Isa {
+    Native,
+    Avx2,
+}
+
+/// One of the two sides.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub enum Only {
+    Ours,
+    Embree,
+}

@@ -1,0 +1,62 @@
+//! Our side: one tree with default parameters, no setting chosen per scene.
+
+use crate::rays::Kind;
+use mbkd::{BuildParams, Counters, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
+
+/// A tree, and the threads that may answer its batches.
+pub struct Ours {
+    tree: RayTree,
+    pool: rayon::ThreadPool,
+}
+
+impl Ours {
+    /// Builds with so many threads (0: all cores). Queries and batches use one.
+    pub fn build(meshes: &[TriangleMesh], threads: usize) -> Result<Ours, String> {
+        let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|e| e.to_string());
+        let tree = pool(threads)?.install(|| RayTree::build(meshes, &BuildParams::default()));
+        Ok(Ours { tree: tree.map_err(|e| e.to_string())?, pool: pool(1)? })
+    }
+
+    /// The same tree, its queries held to AVX2.
+    pub fn with_avx2(self) -> Result<Ours, String> {
+        let level = SimdLevel::available().into_iter().find(|level| level.name() == "avx2");
+        let level = level.ok_or("this CPU has no AVX2")?;
+        Ok(Ours { tree: self.tree.with_simd(level), pool: self.pool })
+    }
+
+    /// Bytes of the tree and its triangles.
+    pub fn bytes(&self) -> usize {
+        let statistics = self.tree.statistics();
+        statistics.bytes + statistics.primitive_bytes
+    }
+
+    #[inline]
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        self.tree.closest_hit(ray)
+    }
+
+    #[inline]
+    pub fn any_hit(&self, ray: &Ray) -> bool {
+        self.tree.any_hit(ray)
+    }
+
+    /// What the single queries of a kind do, in all.
+    pub fn work(&self, kind: Kind, rays: &[Ray]) -> Counters {
+        let mut counters = Counters::default();
+        for ray in rays {
+            match kind {
+                Kind::Ao => _ = self.tree.any_hit_observed(ray, &mut counters),
+                _ => _ = self.tree.closest_hit_observed(ray, &mut counters),
+            }
+        }
+        counters
+    }
+
+    pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
+        self.pool.install(|| self.tree.closest_hits(rays, hits));
+    }
+
+    pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
+        self.pool.install(|| self.tree.any_hits(rays, hits));
+    }
+}

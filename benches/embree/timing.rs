@@ -1,0 +1,70 @@
+//! Clocks and checksums: both sides answer the same rays in turns, and both have their answers read.
+
+use crate::clock;
+use mbkd::Hit;
+use std::hint::black_box;
+
+/// What was read of all answers, so that none can be left out.
+#[derive(Clone, Copy, Default, PartialEq, Debug)]
+pub struct Checksum {
+    pub hits: u64,
+    ids: u64,
+    real: f64,
+}
+
+impl Checksum {
+    /// Reads an answer: t, both ids, both barycentrics.
+    #[inline(always)]
+    pub fn closest(&mut self, hit: Option<Hit>) {
+        if let Some(hit) = hit {
+            self.hits += 1;
+            self.ids = self.ids.wrapping_add(u64::from(hit.mesh) << 32 | u64::from(hit.primitive));
+            self.real += f64::from(hit.t + hit.u + hit.v);
+        }
+    }
+
+    /// Reads a truth value.
+    #[inline(always)]
+    pub fn any(&mut self, hit: bool) {
+        self.hits += u64::from(hit);
+    }
+}
+
+/// Median times of the two sides over the same rays.
+#[derive(Clone, Copy)]
+pub struct Turns {
+    /// Seconds; NaN for a side that is not there.
+    pub ours: f64,
+    pub theirs: f64,
+    /// Median over the turns of theirs / ours: above one we are faster.
+    pub ratio: f64,
+}
+
+/// A side: answers all rays once, or is not there.
+pub type Side<'a> = Option<&'a dyn Fn() -> Checksum>;
+
+/// One untimed round, then `runs` timed ones: ours, theirs, ours, theirs, …
+pub fn in_turns(runs: u32, ours: Side<'_>, theirs: Side<'_>) -> Turns {
+    let time = |side: Side<'_>| {
+        side.map_or(f64::NAN, |answer_all| {
+            let start = clock::seconds();
+            black_box(answer_all());
+            clock::seconds() - start
+        })
+    };
+    time(ours);
+    time(theirs);
+    let rounds: Vec<(f64, f64)> = (0..runs).map(|_| (time(ours), time(theirs))).collect();
+    Turns {
+        ours: median(rounds.iter().map(|r| r.0)),
+        theirs: median(rounds.iter().map(|r| r.1)),
+        ratio: median(rounds.iter().map(|r| r.1 / r.0)),
+    }
+}
+
+/// The middle value; NaN of nothing or of NaNs.
+pub fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}

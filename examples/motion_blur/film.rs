@@ -1,0 +1,183 @@
+//! The picture: sums of samples, tone mapping, and files.
+//!
+//! Everything up to the bytes of a PNG is additions, products, quotients and roots, which IEEE 754 fixes:
+//! the same seed gives the same file on every machine.
+
+use mbkd::glam::Vec3;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+use std::sync::LazyLock;
+
+/// Sums of radiance per pixel, top row first.
+#[derive(Clone)]
+pub struct Film {
+    /// Pixels across.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Sums over the samples taken so far.
+    pub sums: Vec<Vec3>,
+    /// How many samples each pixel has.
+    pub samples: Vec<u32>,
+}
+
+impl Film {
+    /// A black film.
+    pub fn new(width: usize, height: usize) -> Film {
+        Film { width, height, sums: vec![Vec3::ZERO; width * height], samples: vec![0; width * height] }
+    }
+
+    /// The mean radiance of each pixel.
+    pub fn linear(&self) -> Vec<Vec3> {
+        self.sums.iter().zip(&self.samples).map(|(sum, &n)| *sum / n.max(1) as f32).collect()
+    }
+
+    /// The picture as 8-bit sRGB.
+    pub fn developed(&self, exposure: f32) -> Picture {
+        let pixels = self.linear().into_iter().map(|c| tone_map(c * exposure).to_array().map(encode)).collect();
+        Picture { width: self.width, height: self.height, pixels }
+    }
+}
+
+/// A picture ready to be looked at, 8-bit sRGB, top row first.
+#[derive(Clone)]
+pub struct Picture {
+    /// Pixels across.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row by row.
+    pub pixels: Vec<[u8; 3]>,
+}
+
+impl Picture {
+    /// A picture of one colour.
+    pub fn filled(width: usize, height: usize, color: [u8; 3]) -> Picture {
+        Picture { width, height, pixels: vec![color; width * height] }
+    }
+
+    /// Copies `other` to the place whose upper left corner is (x, y); what sticks out is cut.
+    pub fn paste(&mut self, other: &Picture, x: usize, y: usize) {
+        let count = other.width.min(self.width.saturating_sub(x));
+        if count == 0 {
+            return;
+        }
+        for row in 0..other.height.min(self.height.saturating_sub(y)) {
+            let from = row * other.width;
+            let to = (y + row) * self.width + x;
+            self.pixels[to..to + count].copy_from_slice(&other.pixels[from..from + count]);
+        }
+    }
+
+    /// The rows' bytes, as image writers want them.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.pixels.iter().flatten().copied().collect()
+    }
+
+    /// Writes a PNG.
+    pub fn save(&self, path: &Path) -> Result<(), String> {
+        image::save_buffer_with_format(
+            path,
+            &self.bytes(),
+            self.width as u32,
+            self.height as u32,
+            image::ColorType::Rgb8,
+            image::ImageFormat::Png,
+        )
+        .map_err(|e| format!("{}: {e}", path.display()))
+    }
+}
+
+/// Writes linear radiance, untouched by exposure or tone mapping, as .pfm or .exr.
+pub fn save_linear(film: &Film, path: &Path) -> Result<(), String> {
+    let fail = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+    let linear = film.linear();
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
+        let data: Vec<f32> = linear.iter().flat_map(|c| c.to_array()).collect();
+        let picture = image::Rgb32FImage::from_raw(film.width as u32, film.height as u32, data)
+            .ok_or_else(|| fail(&"the picture is too large"))?;
+        return picture.save_with_format(path, image::ImageFormat::OpenExr).map_err(|e| fail(&e));
+    }
+    let file = File::create(path).map_err(|e| fail(&e))?;
+    let mut out = BufWriter::new(file);
+    // PFM: a negative scale says little-endian; rows run from the bottom.
+    let mut bytes = format!("PF\n{} {}\n-1.0\n", film.width, film.height).into_bytes();
+    for row in linear.chunks(film.width).rev() {
+        bytes.extend(row.iter().flat_map(|c| c.to_array()).flat_map(f32::to_le_bytes));
+    }
+    out.write_all(&bytes).and_then(|()| out.flush()).map_err(|e| fail(&e))
+}
+
+/// The filmic curve of Narkowicz ("ACES Filmic Tone Mapping Curve", 2015): bright light keeps its colour for
+/// long and then goes gently to white.
+fn tone_map(c: Vec3) -> Vec3 {
+    let c = c.max(Vec3::ZERO) * 0.8;
+    let mapped = c * (c * 2.51 + 0.03) / (c * (c * 2.43 + 0.59) + 0.14);
+    mapped.clamp(Vec3::ZERO, Vec3::ONE)
+}
+
+/// Linear values of the 256 bytes of sRGB.
+static DECODED: LazyLock<[f32; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|byte| {
+        let x = byte as f64 / 255.0;
+        if x <= 0.04045 {
+            return (x / 12.92) as f32;
+        }
+        // y^2.4 = y^2 * (y^2)^(1/5); the fifth root by Newton's method.
+        let y = (x + 0.055) / 1.055;
+        let square = y * y;
+        let mut root = 1.0;
+        for _ in 0..60 {
+            let r4 = root * root * root * root;
+            root -= (r4 * root - square) / (5.0 * r4);
+        }
+        (square * root) as f32
+    })
+});
+
+/// The linear value of an sRGB byte.
+pub fn decode(byte: u8) -> f32 {
+    DECODED[usize::from(byte)]
+}
+
+/// The sRGB byte nearest to a linear value; NaN is black.
+pub fn encode(linear: f32) -> u8 {
+    // Thresholds half-way between neighbours.
+    let table = &*DECODED;
+    let (mut low, mut high) = (0usize, 255usize);
+    while low < high {
+        let middle = (low + high) / 2;
+        if linear > 0.5 * (table[middle] + table[middle + 1]) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    low as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_survive_the_way_to_linear_light_and_back() {
+        for byte in 0..=255u8 {
+            let x = f64::from(byte) / 255.0;
+            let expected = if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
+            assert!((f64::from(decode(byte)) - expected).abs() < 1e-7, "{byte}");
+            assert_eq!(encode(decode(byte)), byte);
+        }
+        assert_eq!((encode(-1.0), encode(f32::NAN), encode(9.0)), (0, 0, 255));
+    }
+
+    #[test]
+    fn pasting_cuts_what_sticks_out() {
+        let mut picture = Picture::filled(4, 3, [0; 3]);
+        picture.paste(&Picture::filled(3, 3, [9; 3]), 2, 1);
+        let nines = picture.pixels.iter().filter(|p| **p == [9; 3]).count();
+        assert_eq!(nines, 4);
+        picture.paste(&Picture::filled(3, 3, [9; 3]), 7, 7);
+    }
+}

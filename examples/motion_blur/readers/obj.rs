@@ -1,0 +1,62 @@
+//! Wavefront OBJ, through the tobj crate, with the diffuse colours of its material file if that is at hand.
+
+use super::sequence::StillPart;
+use super::{Wrong, check_indices, check_positions};
+use crate::materials::Surface;
+use mbkd::glam::Vec3;
+use std::io::{BufReader, Cursor};
+use std::path::Path;
+
+/// Reads the bytes of a file; materials are looked for next to it.
+pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, Wrong> {
+    let options =
+        tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+    let folder = file.parent().unwrap_or(Path::new("")).to_path_buf();
+    // A missing material file is no reason to refuse the triangles.
+    let materials = |name: &Path| match super::read_file(&folder.join(name)) {
+        Ok(bytes) => tobj::load_mtl_buf(&mut BufReader::new(Cursor::new(bytes))),
+        Err(_) => Err(tobj::LoadError::OpenFileFailed),
+    };
+    let (models, materials) = tobj::load_obj_buf(&mut BufReader::new(Cursor::new(bytes)), &options, materials)
+        .map_err(|e| Wrong::new(line_of(bytes), e.to_string()))?;
+    let materials = materials.unwrap_or_default();
+    let mut parts = Vec::new();
+    for model in models {
+        let mesh = model.mesh;
+        let place = format!("object `{}`", model.name);
+        let positions: Vec<Vec3> = mesh.positions.chunks_exact(3).map(Vec3::from_slice).collect();
+        let indices: Vec<[u32; 3]> = mesh.indices.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+        check_indices(&place, &indices, positions.len())?;
+        check_positions(&place, &positions)?;
+        if indices.is_empty() {
+            continue;
+        }
+        let color = mesh.material_id.and_then(|id| materials.get(id)?.diffuse).map(Vec3::from);
+        let color =
+            color.filter(|c| c.is_finite()).map_or(Vec3::new(0.62, 0.5, 0.42), |c| c.clamp(Vec3::ZERO, Vec3::ONE));
+        let colors = mesh.vertex_color.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
+        let vertex_colors = if colors.iter().all(|c| c.is_finite()) { colors } else { vec![] };
+        parts.push(StillPart { indices, positions, surface: Surface { vertex_colors, ..Surface::plain(color) } });
+    }
+    if parts.is_empty() {
+        return Err(Wrong::new("", "there are no triangles in it"));
+    }
+    Ok(parts)
+}
+
+/// The first line that does not look like OBJ, as a hint: the parser's errors do not say where.
+fn line_of(bytes: &[u8]) -> String {
+    let suspicious = |line: &[u8]| {
+        let Ok(text) = std::str::from_utf8(line) else { return true };
+        let mut words = text.split_whitespace();
+        match words.next() {
+            Some("v" | "vn" | "vt") => words.any(|w| w.parse::<f32>().is_err()),
+            Some("f") => words.any(|w| w.split('/').any(|i| !i.is_empty() && i.parse::<i64>().is_err())),
+            _ => false,
+        }
+    };
+    match bytes.split(|&b| b == b'\n').position(suspicious) {
+        Some(line) => format!("line {}", line + 1),
+        None => String::new(),
+    }
+}
