@@ -170,3 +170,26 @@ pub(super) fn moving_layer<P: PointSet + ?Sized>(
     let tree = |part: Part| part_tree(source.movers(&part, select.clone(), |i| source.points.id(i)), part, plan);
     Layer::Moving(parts(source.points.keys(), plan.parts).into_iter().map(tree).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::KeyTime;
+
+    #[test]
+    fn every_time_is_in_one_part_and_in_its_segment() {
+        for keys in [1, 2, 3, 4, 8, 11, 26] {
+            for per_segment in [1, 2, 3, 8] {
+                let parts = parts(keys, per_segment);
+                assert_eq!(parts.len(), (keys - 1).max(1) * per_segment);
+                let bounds = parts.iter().flat_map(|p| [p.interval.begin(), p.interval.end()]);
+                let near = bounds.flat_map(|t| [t.next_down(), t, t.next_up()]);
+                for t in near.chain((0..=997).map(|i| i as f32 / 997.0)).filter(|t| (0.0..=1.0).contains(t)) {
+                    let holding: Vec<&Part> = parts.iter().filter(|p| p.interval.contains(t)).collect();
+                    assert_eq!(holding.len(), 1, "{keys} keys, {per_segment} parts each, time {t}");
+                    assert_eq!(KeyTime::new(t, keys).segment, holding[0].segment, "{keys} keys, time {t}");
+                }
+            }
+        }
+    }
+}

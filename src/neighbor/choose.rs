@@ -76,7 +76,7 @@ const CACHED_BYTES: f64 = 16e6;
 /// Bytes of a reference with its share of nodes.
 const REFERENCE_BYTES: f64 = 32.0;
 
-/// A structure must be this much cheaper than a simpler one to be taken.
+/// A structure must be this much cheaper than a smaller one to be taken.
 const GAIN: f64 = 0.93;
 
 /// What was tried and what it costs per search, in node visits of a small tree.
@@ -86,6 +86,8 @@ pub(super) struct Trial {
     /// Plan of the fast points where they have a layer of their own.
     pub(super) fast: Option<Plan>,
     pub(super) cost: f64,
+    /// References of the sampled points: what it takes in memory.
+    references: usize,
 }
 
 /// Movers of a segment that stand for the whole set.
@@ -101,15 +103,17 @@ struct Sample {
 pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, simd: SimdLevel) -> (Trial, Vec<Trial>) {
     let simple = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: most };
     if movers.is_empty() {
-        let trial = Trial { plan: simple, fast: None, cost: 0.0 };
+        let trial = Trial { plan: simple, fast: None, cost: 0.0, references: 0 };
         return (trial.clone(), vec![trial]);
     }
     let samples = samples(movers, keys, segment);
     let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
     let fast: usize = samples.iter().map(|s| s.movers.iter().filter(|m| m.cut).count()).sum();
     let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.movers.len()).sum();
-    let cost = |plan: &Plan, fast: Option<&Plan>| {
-        samples.iter().map(|s| work(s, plan, fast, simd)).sum::<f64>() / samples.len() as f64
+    let trial = |plan: &Plan, fast: Option<&Plan>| {
+        let all = samples.iter().map(|s| work(s, plan, fast, simd));
+        let (cost, references) = all.fold((0.0, 0), |sum, (cost, n)| (sum.0 + cost, sum.1 + n));
+        Trial { plan: *plan, fast: fast.copied(), cost: cost / samples.len() as f64, references }
     };
     let mut others = vec![];
     if mortal && keys <= 2 {
@@ -118,8 +122,8 @@ pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, s
     if few {
         others.push(Plan { cut: Cut::Fast, references: most.min(1.5), ..simple });
     }
-    let mut trials = vec![Trial { plan: simple, fast: None, cost: cost(&simple, None) }];
-    trials.extend(others.iter().map(|plan| Trial { plan: *plan, fast: None, cost: cost(plan, None) }));
+    let mut trials = vec![trial(&simple, None)];
+    trials.extend(others.iter().map(|plan| trial(plan, None)));
     let finer = [2, 4, 8, 16, 32].map(|parts| Plan { parts, ..simple });
     let affordable = |plan: &&Plan| {
         let total: usize = movers.iter().map(|m| references(m.life, plan, keys)).sum();
@@ -130,8 +134,9 @@ pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, s
         let mut before = f64::INFINITY;
         for plan in finer.iter().filter(affordable) {
             let (slow, fast) = fixed.map_or((plan, None), |slow| (slow, Some(plan)));
-            let cost = cost(slow, fast);
-            trials.push(Trial { plan: *slow, fast: fast.copied(), cost });
+            let next = trial(slow, fast);
+            let cost = next.cost;
+            trials.push(next);
             if cost > before * 0.98 {
                 break;
             }
@@ -142,9 +147,11 @@ pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, s
     if few {
         refine(Some(&simple));
     }
-    // Trials come from simple to elaborate, and the more elaborate has to be worth it.
-    let best = trials.iter().fold(&trials[0], |best, t| if t.cost < best.cost * GAIN { t } else { best });
-    (best.clone(), trials.clone())
+    // Of those that cost about the least, the smallest; of equally small ones the first, the simplest.
+    let least = trials.iter().map(|t| t.cost).fold(f64::INFINITY, f64::min);
+    let cheap = trials.iter().filter(|t| t.cost * GAIN <= least);
+    let best = cheap.min_by_key(|t| t.references).unwrap_or(&trials[0]).clone();
+    (best, trials)
 }
 
 /// In how many trees of a segment a point counts.
@@ -179,8 +186,9 @@ fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Sample> {
         .collect()
 }
 
-/// Counted and priced work of searches for eight neighbours, each layer in the middle part of its plan.
-fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> f64 {
+/// Counted and priced work of searches for eight neighbours, each layer in the middle part of its plan,
+/// and the references it takes.
+fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> (f64, usize) {
     let Sample { movers, keys, segment, scale } = sample;
     let group = |plan: &Plan, keep: &dyn Fn(&Mover) -> bool| {
         let part = parts(*keys, plan.parts)[segment * plan.parts + plan.parts / 2];
@@ -189,7 +197,7 @@ fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> f
         let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, plan, *keys)).sum();
         let doublings = (references as f64 * scale * REFERENCE_BYTES / CACHED_BYTES).log2().max(0.0);
         let layer = [Layer::Moving(vec![part_tree(inside, part, plan)])];
-        (layer, part.interval, 1.0 + CACHE_PRICE * doublings)
+        (layer, part.interval, 1.0 + CACHE_PRICE * doublings, references)
     };
     let groups = match fast {
         Some(fast) => vec![group(plan, &|m| !m.cut), group(fast, &|m| m.cut)],
@@ -205,12 +213,12 @@ fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> f
         let at = KeyTime::new(time(&groups[0].1), *keys);
         let point = at.position(Vec3::from_array(m.open), Vec3::from_array(m.close));
         let mut work = vec![NeighborWork::default(); groups.len()];
-        let layers: Vec<_> = groups.iter().map(|(layer, interval, _)| (&layer[..], time(interval))).collect();
+        let layers: Vec<_> = groups.iter().map(|g| (&g.0[..], time(&g.1))).collect();
         dispatch(simd, Count { layers: &layers, point, candidates: &mut candidates, work: &mut work });
         let priced = work.iter().zip(&groups).map(|(w, g)| (w.nodes as f64 + BLOCK_PRICE * w.blocks as f64) * g.2);
         total += priced.sum::<f64>();
     }
-    total / SEARCHES as f64
+    (total / SEARCHES as f64, groups.iter().map(|g| g.3).sum())
 }
 
 /// One search, layer after layer, each at its own time; counts the work in each.

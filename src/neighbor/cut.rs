@@ -19,7 +19,10 @@ use crate::simd::LANES;
 /// Builds the tree of one part, cutting movers that may be cut, as long as there are at most
 /// `references` of them for each mover.
 pub(super) fn build(movers: Vec<Mover>, part: Part, references: f32) -> MovingTree {
-    let most = (movers.len() as f64 * f64::from(references.max(1.0))) as usize;
+    // What stands still or may not be cut adds nothing; room is kept only for what may.
+    let cuttable = movers.iter().filter(|m| m.cut && m.open != m.close).count();
+    let added = (movers.len() as f64 * f64::from(references - 1.0)).min(cuttable as f64 * MOST_CUTS);
+    let most = movers.len() + added.max(0.0) as usize;
     // Room for all of them with leaves three quarters full.
     let (mut levels, mut room) = (1, LANES * LANES);
     while room * 3 / 4 < most {
@@ -33,6 +36,9 @@ pub(super) fn build(movers: Vec<Mover>, part: Part, references: f32) -> MovingTr
     cutter.node(movers, levels - 1, room, spare);
     cutter.tree.finish(part, true, mortal)
 }
+
+/// References that room is kept for with each mover that may be cut.
+const MOST_CUTS: f64 = 8.0;
 
 struct Cutter {
     part: Part,

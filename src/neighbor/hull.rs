@@ -173,3 +173,78 @@ fn down(x: f64) -> f32 {
     let near = x as f32;
     if f64::from(near) > x { near.next_down() } else { near }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::KeyTime;
+    use glam::Vec3;
+
+    fn next(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    /// Faces of three levels of hulls, evaluated as queries do, against points as queries compute them.
+    #[test]
+    fn no_rounding_lets_a_point_out() {
+        let mut state = 3;
+        for round in 0..300 {
+            // Far from zero, tiny, fast and slow by turns.
+            let offset = [0.0, 1000.0, -3.0e7, 1e-20][round % 4];
+            let size = [1.0, 1e-3, 1e3, 1e-22][round % 4];
+            let speed = [0.0, 1e-4, 1.0, 50.0][round / 4 % 4] * size;
+            let mut place = |by: f32| Vec3::new(next(&mut state), next(&mut state), next(&mut state)) * by;
+            let ways: Vec<[Vec3; 2]> = (0..64)
+                .map(|_| {
+                    let a = place(size) + offset;
+                    [a, a + place(speed)]
+                })
+                .collect();
+            let magnitude = ways.iter().flatten().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+            let range = |i: usize| if round % 3 == 0 { [0.0, 1.0] } else { [0.25 * (i % 3) as f64, 1.0] };
+            let span = |(i, way): (usize, &[Vec3; 2])| {
+                let at = |s: f64| way[0].as_dvec3() + (way[1].as_dvec3() - way[0].as_dvec3()) * s;
+                let ends = range(i).map(at);
+                let rows = core::array::from_fn(|axis| ends.map(|p| p[axis]));
+                Span { lo: rows, hi: rows, range: range(i), times: [0.0, 2.0] }
+            };
+            let spans: Vec<Span> = ways.iter().enumerate().map(span).collect();
+            let leaves: Vec<Hull> = spans.chunks(8).map(|s| Hull::of_points(s, magnitude)).collect();
+            let nodes: Vec<Hull> = leaves.chunks(4).map(Hull::of_hulls).collect();
+            let root = Hull::of_hulls(&nodes);
+            for step in 0..=40 {
+                let at = KeyTime::new(step as f32 / 40.0, 2);
+                let phase = if at.from_end { at.s + 1.0 } else { at.s };
+                for (i, way) in ways.iter().enumerate() {
+                    if f64::from(phase) < range(i)[0] {
+                        continue;
+                    }
+                    let p = at.position(way[0], way[1]);
+                    for hull in [&leaves[i / 8], &nodes[i / 32], &root] {
+                        for axis in 0..3 {
+                            let face = |f: Face| f.at_zero + f.slope * phase;
+                            let (lo, hi) = (face(hull.lo[axis]), face(hull.hi[axis]));
+                            assert!(lo <= p[axis] && p[axis] <= hi, "round {round}, point {i}: {lo} {p} {hi}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn coherent_motion_keeps_hulls_tight() {
+        let spans: Vec<Span> = (0..16)
+            .map(|i| {
+                let x = f64::from(i) / 16.0;
+                Span { lo: [[x, x + 5.0]; 3], hi: [[x, x + 5.0]; 3], range: [0.0, 1.0], times: [0.0, 2.0] }
+            })
+            .collect();
+        let hull = Hull::of_points(&spans, 6.0);
+        for s in [0.0, 0.5, 1.0] {
+            let width = hull.hi[0].at(s) - hull.lo[0].at(s);
+            assert!((0.9375..0.938).contains(&width), "{width} at {s}");
+        }
+    }
+}

@@ -103,3 +103,32 @@ pub(super) fn join(a: impl FnOnce() + Send, b: impl FnOnce() + Send) {
     a();
     b();
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_item_stays_and_halves_are_separated() {
+        let mut state = 1u32;
+        let mut next = || {
+            state = state.wrapping_mul(1664525).wrapping_add(1013904223);
+            (state >> 20) as f32
+        };
+        for count in [0, 1, 15, 16, 17, 300, 5000] {
+            let mut items: Vec<Item> =
+                (0..count).map(|index| Item { at: [next(), 0.001 * next(), 0.001 * next()], index }).collect();
+            order(&mut items, LANES);
+            let mut seen: Vec<u32> = items.iter().map(|i| i.index).collect();
+            seen.sort_unstable();
+            assert!(seen.iter().copied().eq(0..count));
+            if count as usize > LANES {
+                let left = left_part(items.len(), subtree(items.len(), LANES));
+                let (low, high) = items.split_at(left);
+                let most = low.iter().map(|i| i.at[0]).fold(f32::MIN, f32::max);
+                let least = high.iter().map(|i| i.at[0]).fold(f32::MAX, f32::min);
+                assert!(most <= least, "{count}: {most} on the left, {least} on the right");
+            }
+        }
+    }
+}
