@@ -26,7 +26,13 @@ impl Arena {
     pub(crate) fn grow(&mut self, words: usize) -> usize {
         let at = self.words;
         self.words += words;
-        self.lines.resize(self.words.div_ceil(LANES), Line([0.0; LANES]));
+        let lines = self.words.div_ceil(LANES);
+        if lines > self.lines.capacity() {
+            let mut larger = huge_vec(2 * lines);
+            larger.extend_from_slice(&self.lines);
+            self.lines = larger;
+        }
+        self.lines.resize(lines, Line([0.0; LANES]));
         at
     }
 
@@ -40,8 +46,7 @@ impl Arena {
     /// Queries jump through the arena at random; with pages of 4 KiB most jumps of a big tree also miss the
     /// address cache, which costs more than the data does.
     pub(crate) fn settle(&mut self) {
-        let mut lines = Vec::with_capacity(self.lines.len() + LANES);
-        advise_huge_pages(&mut lines);
+        let mut lines = huge_vec(self.lines.len() + LANES);
         lines.extend_from_slice(&self.lines);
         lines.resize(self.lines.len() + LANES, Line([0.0; LANES]));
         self.lines = lines;
@@ -92,20 +97,28 @@ impl Arena {
     }
 }
 
+/// A vector with room for `capacity` items on huge pages, where the system grants them: big arrays that are
+/// filled once then cost a page fault per 2 MiB instead of one per 4 KiB.
+pub(crate) fn huge_vec<T>(capacity: usize) -> Vec<T> {
+    let mut items = Vec::with_capacity(capacity);
+    advise_huge_pages(&mut items);
+    items
+}
+
 /// Asks for huge pages for the memory of a vector that was not touched yet; a hint.
 #[cfg(target_os = "linux")]
-fn advise_huge_pages(lines: &mut Vec<Line>) {
+fn advise_huge_pages<T>(items: &mut Vec<T>) {
     const PAGE: usize = 4096;
     const HUGE: usize = 2 << 20;
     const MADV_HUGEPAGE: i32 = 14;
     unsafe extern "C" {
         fn madvise(address: *mut core::ffi::c_void, length: usize, advice: i32) -> i32;
     }
-    let bytes = lines.capacity() * size_of::<Line>();
+    let bytes = items.capacity() * size_of::<T>();
     if bytes < HUGE {
         return;
     }
-    let begin = lines.as_mut_ptr().cast::<u8>();
+    let begin = items.as_mut_ptr().cast::<u8>();
     let skip = begin.align_offset(PAGE);
     // SAFETY: the range lies within the vector's own allocation, begins on a page, and `MADV_HUGEPAGE` changes
     // only how it is mapped, never what it holds; a refusal is harmless and ignored.
@@ -114,4 +127,4 @@ fn advise_huge_pages(lines: &mut Vec<Line>) {
 
 /// Elsewhere the system decides.
 #[cfg(not(target_os = "linux"))]
-fn advise_huge_pages(_: &mut Vec<Line>) {}
+fn advise_huge_pages<T>(_: &mut Vec<T>) {}

@@ -7,7 +7,7 @@
 
 use super::spatial::{Ends, apply_cut, find_cut};
 use crate::motion::{Box3, LinearBox3};
-use crate::simd::LANES;
+use crate::simd::{LANES, huge_vec};
 use glam::Vec3;
 
 /// One entry of a primitive in the tree being built: where it is during the build's time interval.
@@ -47,7 +47,8 @@ const FEW: usize = 64;
 /// Depth from which on references are halved by count.
 const SAH_DEPTH: u32 = 44;
 
-/// References below which a subtree is built by one thread.
+/// References below which a subtree is built by one thread. Above it, finished subtrees are copied together,
+/// so it also grows with the whole.
 #[cfg(feature = "rayon")]
 const PARALLEL: usize = 8192;
 
@@ -78,10 +79,22 @@ pub(crate) fn build_binary(
     leaf: usize,
     ends: &(impl Fn(u32) -> Option<Ends> + Sync),
 ) -> BinaryTree {
-    let mut nodes = Vec::with_capacity(2 * slots.len() / leaf.max(1) + 1);
+    let mut nodes = huge_vec(2 * slots.len() / leaf.max(1) + 1);
     if n > 0 {
         let (bounds, ..) = summary(&slots[..n]);
-        let builder = Builder { leaf: leaf.max(1), least_overlap: LEAST_OVERLAP * mean_half_area(&bounds), ends };
+        let least_overlap = LEAST_OVERLAP * mean_half_area(&bounds);
+        #[cfg(feature = "rayon")]
+        let alone = match rayon::current_num_threads() {
+            1 => usize::MAX,
+            threads => PARALLEL.max(n / (8 * threads)),
+        };
+        let builder = Builder {
+            leaf: leaf.max(1),
+            least_overlap,
+            ends,
+            #[cfg(feature = "rayon")]
+            alone,
+        };
         builder.subtree(slots, n, 0, 0, &mut nodes);
     }
     nodes
@@ -95,6 +108,9 @@ struct Builder<'a, E> {
     leaf: usize,
     least_overlap: f32,
     ends: &'a E,
+    /// Up to this many references a subtree is built by one thread. It never changes the tree.
+    #[cfg(feature = "rayon")]
+    alone: usize,
 }
 
 impl<E: Fn(u32) -> Option<Ends> + Sync> Builder<'_, E> {
@@ -111,7 +127,7 @@ impl<E: Fn(u32) -> Option<Ends> + Sync> Builder<'_, E> {
         let (low, high) = slots.split_at_mut(room);
         let high_first = first + room as u32;
         #[cfg(feature = "rayon")]
-        if n > PARALLEL {
+        if n > self.alone {
             let (left, right) = rayon::join(
                 || {
                     let mut nodes = Vec::new();
@@ -179,21 +195,64 @@ fn spread(slots: &mut [Reference], middle: usize, n: usize) -> usize {
 }
 
 fn summary(references: &[Reference]) -> (LinearBox3, Box3, bool) {
-    let mut bounds = LinearBox3::EMPTY;
+    let mut bounds = Packed::EMPTY;
     let mut centres = Box3::EMPTY;
     let mut moving = false;
     for r in references {
-        bounds = bounds.union(r.bounds);
+        bounds.include(&Packed::new(&r.bounds));
         centres = centres.include(centre(&r.bounds));
         moving |= r.moving;
     }
-    (bounds, centres, moving)
+    (bounds.bounds(), centres, moving)
+}
+
+/// Linear bounds with the upper faces negated, so that a union is twelve minima in a row.
+#[derive(Clone, Copy)]
+struct Packed([f32; 12]);
+
+impl Packed {
+    const EMPTY: Packed = Packed([f32::INFINITY; 12]);
+
+    #[inline(always)]
+    fn new(b: &LinearBox3) -> Packed {
+        let (low0, low1) = (b.begin.min, b.end.min);
+        let (high0, high1) = (-b.begin.max, -b.end.max);
+        Packed([low0.x, low0.y, low0.z, high0.x, high0.y, high0.z, low1.x, low1.y, low1.z, high1.x, high1.y, high1.z])
+    }
+
+    #[inline(always)]
+    fn include(&mut self, other: &Packed) {
+        for (a, b) in self.0.iter_mut().zip(&other.0) {
+            *a = if *b < *a { *b } else { *a };
+        }
+    }
+
+    #[inline(always)]
+    fn bounds(&self) -> LinearBox3 {
+        let p = &self.0;
+        let at = |i: usize| Vec3::new(p[i], p[i + 1], p[i + 2]);
+        LinearBox3 { begin: Box3 { min: at(0), max: -at(3) }, end: Box3 { min: at(6), max: -at(9) } }
+    }
 }
 
 #[derive(Clone, Copy)]
 struct Bin {
-    bounds: LinearBox3,
+    bounds: Packed,
     count: u32,
+}
+
+impl Bin {
+    const EMPTY: Bin = Bin { bounds: Packed::EMPTY, count: 0 };
+
+    fn add(&mut self, other: &Bin) {
+        self.bounds.include(&other.bounds);
+        self.count += other.count;
+    }
+
+    /// Mean half area times count.
+    fn cost(&self) -> f32 {
+        if self.count > 0 { mean_half_area(&self.bounds.bounds()) * self.count as f32 } else { 0.0 }
+    }
 }
 
 /// Maps a centre to a bin; monotone in the coordinate.
@@ -240,14 +299,11 @@ fn find_split(references: &[Reference], centres: Box3) -> Option<Split> {
         // A scale that is not finite means a flat axis (or one so thin that it counts as flat).
         Binning { low: centres.min[axis], scale: if scale.is_finite() { scale } else { 0.0 }, last: bins - 1 }
     });
-    let empty = Bin { bounds: LinearBox3::EMPTY, count: 0 };
-    let mut table = [[empty; BINS]; 3];
-    for r in references.iter() {
-        let c = centre(&r.bounds);
+    let mut table = [[Bin::EMPTY; BINS]; 3];
+    for r in references {
+        let (c, one) = (centre(&r.bounds), Bin { bounds: Packed::new(&r.bounds), count: 1 });
         for axis in 0..3 {
-            let bin = &mut table[axis][binning[axis].bin(c[axis])];
-            bin.bounds = bin.bounds.union(r.bounds);
-            bin.count += 1;
+            table[axis][binning[axis].bin(c[axis])].add(&one);
         }
     }
     let mut best = (f32::INFINITY, 0, 0);
@@ -257,18 +313,18 @@ fn find_split(references: &[Reference], centres: Box3) -> Option<Split> {
         }
         let row = &table[axis][..bins];
         let mut above = [(0.0, 0); BINS];
-        let mut sum = empty;
+        let mut sum = Bin::EMPTY;
         for i in (1..bins).rev() {
-            sum = Bin { bounds: sum.bounds.union(row[i].bounds), count: sum.count + row[i].count };
-            above[i] = (if sum.count > 0 { mean_half_area(&sum.bounds) * sum.count as f32 } else { 0.0 }, sum.count);
+            sum.add(&row[i]);
+            above[i] = (sum.cost(), sum.count);
         }
-        sum = empty;
+        sum = Bin::EMPTY;
         for i in 1..bins {
-            sum = Bin { bounds: sum.bounds.union(row[i - 1].bounds), count: sum.count + row[i - 1].count };
+            sum.add(&row[i - 1]);
             if sum.count == 0 || above[i].1 == 0 {
                 continue;
             }
-            let cost = mean_half_area(&sum.bounds) * sum.count as f32 + above[i].0;
+            let cost = sum.cost() + above[i].0;
             if cost < best.0 {
                 best = (cost, axis, i);
             }
@@ -278,7 +334,11 @@ fn find_split(references: &[Reference], centres: Box3) -> Option<Split> {
     if cost == f32::INFINITY {
         return None;
     }
-    let side = |row: &[Bin]| row.iter().fold(LinearBox3::EMPTY, |b, bin| b.union(bin.bounds));
+    let side = |row: &[Bin]| {
+        let mut sum = Bin::EMPTY;
+        row.iter().for_each(|bin| sum.add(bin));
+        sum.bounds.bounds()
+    };
     let (low, high) = table[axis][..bins].split_at(plane);
     Some(Split { cost, axis, binning: binning[axis], plane, low: side(low), high: side(high) })
 }

@@ -6,7 +6,7 @@
 //! in Pinter, "Surface area heuristic for wide bounding volume hierarchies"; the recurrence is the same.)
 
 use super::binned::{BinaryNode, mean_half_area};
-use crate::simd::LANES;
+use crate::simd::{LANES, huge_vec};
 
 /// What the steps of a query cost, relative to each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,8 +44,10 @@ impl Collapse {
     /// Decides for every node, from the leaves up. `leaf_cost` gives the price of a node as a leaf
     /// block (relative to one visit), or nothing where it cannot be one.
     pub fn new(nodes: &[BinaryNode], prices: Prices, leaf_cost: impl Fn(&BinaryNode) -> Option<f32>) -> Collapse {
-        let mut cost = vec![[0.0f32; LANES]; nodes.len()];
-        let mut left = vec![[0u8; LANES]; nodes.len()];
+        let mut cost = huge_vec(nodes.len());
+        cost.resize(nodes.len(), [0.0f32; LANES]);
+        let mut left = huge_vec(nodes.len());
+        left.resize(nodes.len(), [0u8; LANES]);
         let mut leaf = vec![false; nodes.len()];
         for x in (0..nodes.len()).rev() {
             let node = &nodes[x];

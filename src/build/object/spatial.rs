@@ -17,7 +17,7 @@ pub(crate) struct Ends {
 }
 
 /// Candidate planes per axis, plus one.
-pub(super) const BINS: usize = 16;
+pub(super) const BINS: usize = 8;
 
 /// A cut is taken where it costs at most this times the best object split: a strict comparison refuses
 /// nearly all cuts that pay further down.
@@ -99,7 +99,10 @@ pub(super) fn find_cut(
 ) -> Option<Cut> {
     let n = references.len();
     let mut best: Option<(f32, Cut)> = None;
-    for planes in (0..3).filter_map(|axis| Planes::new(bounds, axis)) {
+    // Cutting all that straddles is the dearest part of a build: only the longest axis is tried.
+    let extent = bounds.at(0.5);
+    let longest = (extent.max - extent.min).max_position();
+    if let Some(planes) = Planes::new(bounds, longest) {
         let mut bins = [Bin { bounds: LinearBox3::EMPTY, entries: 0, exits: 0 }; BINS];
         for r in references {
             let (first, last) = planes.span(r);

@@ -16,6 +16,7 @@ use crate::build::BuildParams;
 use crate::build::object::{BinaryNode, BinaryTree, Collapse, Ends, Prices, Reference, build_binary};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval, ULP};
+use crate::simd::huge_vec;
 
 /// Prices of a query's steps, measured relative to each other.
 const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.15, still: 0.7, most: 16 };
@@ -37,6 +38,13 @@ const WORTH_CUTS: f32 = 0.95;
 
 /// Cuts are tried where the boxes have more than this many times the area of the triangles in them.
 const HOLLOW: f64 = 8.0;
+
+/// Up to this many references the whole scene is cut to find out.
+const SMALL: usize = 100_000;
+
+/// How many samples of how many references decide whether a bigger scene is worth cutting.
+const SAMPLES: usize = 4;
+const SAMPLE: usize = 4096;
 
 /// Most segments or copies.
 const MOST_PARTS: usize = 16;
@@ -163,15 +171,31 @@ pub(super) fn plan_tree<S: WideSource>(
     segment: usize,
     params: &BuildParams,
 ) -> Plan {
-    let references: Vec<Reference> = ids.iter().map(|&id| reference(set, id, over)).collect();
-    let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE as f32);
-    let hollow = budget > 1.0 && hollowness(set, &references, over) > HOLLOW;
-    let cut = hollow.then(|| plan_with(set, references.clone(), over, segment, budget));
+    let mut references = huge_vec(ids.len());
+    references.extend(ids.iter().map(|&id| reference(set, id, over)));
     let plain = plan_with(set, references, over, segment, 1.0);
-    match cut {
-        Some(cut) if cut.cost() < plain.cost() * WORTH_CUTS => cut,
-        _ => plain,
+    let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE as f32);
+    if budget <= 1.0 || hollowness(set, &plain.references, over) < HOLLOW || !cuts_pay(set, &plain, budget) {
+        return plain;
     }
+    let cut = plan_with(set, plain.references.clone(), over, segment, budget);
+    if cut.cost() < plain.cost() * WORTH_CUTS { cut } else { plain }
+}
+
+/// Whether cuts pay in a few samples of neighbouring references; big scenes need not be cut to find out.
+fn cuts_pay<S: WideSource>(set: &S, plain: &Plan, budget: f32) -> bool {
+    let n = plain.references.len();
+    if n <= SMALL {
+        return true;
+    }
+    let (mut with, mut without) = (0.0, 0.0);
+    for i in 0..SAMPLES {
+        let first = (2 * i + 1) * n / (2 * SAMPLES) - SAMPLE / 2;
+        let sample = &plain.references[first..first + SAMPLE];
+        with += plan_with(set, sample.to_vec(), plain.over, plain.segment, budget).cost();
+        without += plan_with(set, sample.to_vec(), plain.over, plain.segment, 1.0).cost();
+    }
+    with < without * WORTH_CUTS
 }
 
 /// Plans one tree with room for `budget` references per primitive.

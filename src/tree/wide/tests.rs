@@ -53,3 +53,49 @@ fn closest_hits_equal_brute_force_on_every_level() {
         }
     }
 }
+
+#[cfg(feature = "rayon")]
+#[test]
+fn the_tree_is_the_same_for_any_number_of_threads() {
+    use super::WideTree;
+    use crate::build::Progress;
+    use crate::motion::Triangles;
+
+    let mut state = 7;
+    let meshes = [
+        soup(12_000, 1, 0.05, 0.0, &mut state),
+        soup(24_000, 2, 0.3, 0.02, &mut state),
+        soup(2_000, 3, 0.1, 0.2, &mut state),
+    ];
+    let set = Triangles::new(&meshes).unwrap();
+    let params = BuildParams::default();
+    let words = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let tree = pool.install(|| WideTree::build(&set, &params, &Progress::new(None)).unwrap());
+        tree.validate(&set).unwrap();
+        (tree.root, tree.arena.ints().to_vec())
+    };
+    let one = words(1);
+    for threads in [2, 3, 8] {
+        assert!(words(threads) == one, "{threads} threads make another tree");
+    }
+}
+
+#[test]
+fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
+    let mut state = 11;
+    // Long needles: cut. Loose triangles in fast random motion: copies.
+    let needles = crate::scene::needles(30_000, 0.05).meshes;
+    let loose = vec![soup(6000, 2, 0.01, 0.6, &mut state)];
+    for (meshes, least) in [(needles, 1.3), (loose, 1.9)] {
+        let tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
+        assert!(tree.statistics().references_per_primitive() > least, "{:?}", tree.statistics());
+        tree.validate().unwrap();
+        for _ in 0..200 {
+            let (origin, target) = (point(&mut state) * 3.0, point(&mut state) * 0.5);
+            let ray = Ray::new(origin, target - origin).at_time(random(&mut state) * 0.5 + 0.5);
+            assert_eq!(tree.closest_hit(&ray), tree.brute_force().closest_hit(&ray), "{ray:?}");
+            assert_eq!(tree.any_hit(&ray), tree.brute_force().any_hit(&ray), "{ray:?}");
+        }
+    }
+}
