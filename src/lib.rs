@@ -1,4 +1,39 @@
-//! Spatiotemporal k-d query engine.
+//! One spatiotemporal k-d engine over things that move while a shutter is open.
+//!
+//! - **Rays**: a [`RayTree`] answers closest, any and all hits against moving triangles, spheres and the caller's own
+//!   primitives, each ray at its own time ([`Ray::time`]).
+//! - **Points**: a [`PointTree`] answers nearest, k nearest and radius queries over points that move or live for a
+//!   while, each query at its own time.
+//!
+//! The shutter is the normalized time range `[0, 1]`. Positions are given at any number of keys spaced evenly over it
+//! and are linear in between. Every answer is the one that brute force over the same arithmetic gives, bit for bit,
+//! whatever the tree, the number of threads and the instruction set.
+//!
+//! The modules in the order in which data flows:
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | `motion` | meshes, spheres, points, primitives; time intervals; linear bounds; tree space |
+//! | `build` | parameters; the paper's k-d build with duplication and propagation; object and spatial splits |
+//! | `tree` | the layouts that queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree; [`RayTree`] |
+//! | `ray` | rays, hits, the watertight triangle test, both traversals |
+//! | `neighbor` | [`PointTree`]: its structures, how one is chosen, its searches |
+//! | `simd` | sixteen lanes with run-time dispatch; the only `unsafe` code |
+//! | [`baseline`] | brute force, the reference for everything |
+//! | [`scene`] | deterministic procedural scenes |
+//!
+//! The root of it is "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei).
+//!
+//! ```
+//! use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+//! let open = vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+//! let close = open.iter().map(|p| p + Vec3::Z).collect();
+//! let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
+//! let ray = Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z);
+//! assert_eq!(tree.closest_hit(&ray.at_time(0.0)).unwrap().t, 5.0);
+//! assert_eq!(tree.closest_hit(&ray.at_time(1.0)).unwrap().t, 4.0);
+//! # Ok::<(), mbkd::BuildError>(())
+//! ```
 #![deny(unsafe_code)]
 
 pub mod baseline;
