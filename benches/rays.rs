@@ -2,7 +2,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use mbkd::scene::{self, Scene};
-use mbkd::{BuildParams, Policy, Ray, RayTree};
+use mbkd::{BuildParams, Counters, Policy, Ray, RayTree};
 use std::hint::black_box;
 
 /// Triangles per scene: small enough for a bench to end, large enough for a tree to matter.
@@ -64,6 +64,15 @@ fn queries(c: &mut Criterion) {
             let Ok(tree) = RayTree::build(&scene.meshes, &params) else { continue };
             group.bench_function(BenchmarkId::new("closest", policy), |b| {
                 b.iter(|| rays.iter().filter_map(|ray| tree.closest_hit(black_box(ray))).count());
+            });
+            // An observer that observes nothing costs nothing; one that counts costs its counting.
+            group.bench_function(BenchmarkId::new("closest observed by ()", policy), |b| {
+                b.iter(|| rays.iter().filter_map(|ray| tree.closest_hit_observed(black_box(ray), &mut ())).count());
+            });
+            group.bench_function(BenchmarkId::new("closest observed by counters", policy), |b| {
+                let mut counters = Counters::default();
+                b.iter(|| rays.iter().filter_map(|ray| tree.closest_hit_observed(ray, &mut counters)).count());
+                black_box(counters);
             });
             group.bench_function(BenchmarkId::new("any", policy), |b| {
                 b.iter(|| rays.iter().filter(|ray| tree.any_hit(black_box(ray))).count());

@@ -9,7 +9,6 @@ mod progress;
 mod reference;
 mod sah;
 
-#[allow(unused_imports)] // the neighbour queries use them
 pub(crate) use classify::{Plane, classify, classify_point};
 pub(crate) use kd::build_kd;
 pub(crate) use params::DEPTH_LIMIT;
