@@ -18,7 +18,7 @@ struct Face {
 ///
 /// Proof: the computed value differs from `at + velocity * t` by at most two roundings of sizes below
 /// |at| + |velocity| (one where it is fused), that is by less than 2^-23 (|at| + |velocity|); `at` is moved by
-/// four times that half and then by one float. Both the bound and the line are linear in t, so it is
+/// twice that and then by one float. Both the bound and the line are linear in t, so it is
 /// enough that the line lies beyond the bound at both ends; this is arranged in f64, whose own rounding
 /// (2^-53) vanishes beside the float step. A face that does not move is taken as it is.
 fn face(begin: f32, end: f32, over: TimeInterval, side: f64) -> Face {
