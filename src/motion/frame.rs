@@ -36,7 +36,7 @@ impl Frame {
     }
 
     /// A world point in tree space, rounded to nearest.
-    #[inline]
+    #[inline(always)]
     pub fn point(self, p: DVec3) -> Vec3 {
         ((p - self.origin) * self.scale).as_vec3()
     }

@@ -21,9 +21,11 @@ use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::observer::Observer;
 use super::query_ray::TreeRay;
+use super::query::Walk;
 use super::triangle::hit_slack;
+use crate::tree::wide::WideSource;
 use crate::build::DEPTH_LIMIT;
-use crate::motion::{PrimitiveSet, ULP};
+use crate::motion::ULP;
 use crate::simd::StackMemory;
 use crate::tree::{KdTree, KdView};
 
@@ -66,10 +68,10 @@ impl Axes {
     }
 }
 
-impl KdTree {
-    /// Offers every hit that may matter to `collect`, front to back; a primitive in several leaves several times.
+impl Walk for KdTree {
+    /// Front to back; a primitive in several leaves is offered several times.
     #[inline(always)]
-    pub fn trace<S: PrimitiveSet>(
+    fn walk<S: WideSource>(
         &self,
         set: &S,
         ray: &TreeRay,

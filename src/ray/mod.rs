@@ -5,16 +5,16 @@ mod filter;
 mod hit;
 mod kd;
 mod observer;
+mod query;
 mod query_ray;
 mod triangle;
 mod wide;
 
-pub(crate) use collect::{All, Any, Closest, Collect, Found};
 pub(crate) use filter::{Everything, Filter, Visible};
 pub(crate) use hit::SetHit;
 pub use hit::{Hit, Intersection};
 pub use observer::{Counters, Observer};
 pub use query_ray::Ray;
+pub(crate) use query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
 pub(crate) use query_ray::TreeRay;
 pub(crate) use triangle::intersect_triangle;
-pub(crate) use wide::WideQuery;

@@ -4,7 +4,7 @@ use super::Hit;
 use super::hit::SetHit;
 use super::triangle::Sheared;
 use crate::motion::Frame;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec3A};
 
 /// A ray with a time: `origin + t * dir` for `t` in `[t_min, t_max]`, seeing the scene as it is at `time`.
 ///
@@ -74,24 +74,30 @@ const FARTHEST: f32 = 4294967296.0;
 
 impl TreeRay {
     /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
-    #[inline]
+    ///
+    /// Every query begins with this, so nothing here branches on what differs from ray to ray.
+    #[inline(always)]
     pub fn new(ray: &Ray, frame: Frame) -> Option<TreeRay> {
         let origin = frame.point(ray.origin);
-        let longest = ray.dir.abs().max_element();
-        // NaN fails every one of these comparisons. `max_element` may drop a NaN, `is_finite` does not.
-        let fine = longest > 0.0
-            && ray.dir.is_finite()
-            && origin.abs().cmple(Vec3::splat(FARTHEST)).all()
-            && ray.t_min <= ray.t_max
-            && 0.0 <= ray.time
-            && ray.time <= 1.0;
-        if !fine {
+        let (a, d) = (Vec3A::from(ray.dir).abs(), Vec3A::from(origin).abs());
+        // NaN fails every one of these comparisons.
+        let fine = (a.cmple(Vec3A::splat(f32::MAX)) & d.cmple(Vec3A::splat(FARTHEST))).all()
+            & (ray.t_min <= ray.t_max)
+            & (0.0 <= ray.time)
+            & (ray.time <= 1.0);
+        let longest = a.max_element();
+        if !(fine & (longest > 0.0)) {
             return None;
         }
-        // 2^-exponent of the longest component, through f64 so that denormal directions work too.
-        let exponent = (f64::from(longest).to_bits() >> 52) as i32 - 1023;
-        let shrink = power_of_two(-exponent);
-        let dir = (ray.dir.as_dvec3() * shrink).as_vec3();
+        // 2^-exponent of the longest component, which is the same in f32 unless that is nearly as small or large
+        // as numbers get.
+        let field = longest.to_bits() >> 23;
+        let (dir, exponent) = if (1..254).contains(&field) {
+            (ray.dir * f32::from_bits((254 - field) << 23), field as i32 - 127)
+        } else {
+            let exponent = (f64::from(longest).to_bits() >> 52) as i32 - 1023;
+            ((ray.dir.as_dvec3() * power_of_two(-exponent)).as_vec3(), exponent)
+        };
         let t_per_world = frame.scale * power_of_two(exponent);
         let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
         Some(TreeRay {
@@ -101,7 +107,7 @@ impl TreeRay {
             t_max: inward(ray.t_max),
             time: ray.time,
             shear: Sheared::new(dir),
-            t_scale: 1.0 / t_per_world,
+            t_scale: inverse_of_power(t_per_world),
             world: *ray,
         })
     }
@@ -112,16 +118,22 @@ impl TreeRay {
     }
 
     /// A tree-space hit as an answer.
-    #[inline]
+    #[inline(always)]
     pub fn answer(&self, hit: SetHit, (mesh, primitive): (u32, u32)) -> Hit {
         Hit { t: (f64::from(hit.t) * self.t_scale) as f32, u: hit.u, v: hit.v, mesh, primitive }
     }
 }
 
 /// 2^e for the exponents of f32 and of frames, all normal in f64.
-#[inline]
+#[inline(always)]
 fn power_of_two(e: i32) -> f64 {
     f64::from_bits(((e + 1023) as u64) << 52)
+}
+
+/// 1 / x of a normal power of two.
+#[inline(always)]
+fn inverse_of_power(x: f64) -> f64 {
+    f64::from_bits((2046 << 52) - x.to_bits())
 }
 
 #[cfg(test)]

@@ -2,22 +2,27 @@
 //!
 //! Boxes at the ray's time are one multiply-add per face away from the node's rows. They are grown by
 //! [`hit_slack`](super::triangle::hit_slack) on the ray's side, where it costs nothing: a face `f` is met at
-//! `(f - o) / d`, and with `r = 1 / d` computed once, `f * r + (-o -+ slack) * r` grows the box as well.
+//! `(f - o) / d`, and with `r = 1 / d` computed once, `f * r + (-o r -+ slack |r|)` grows the box as well.
 //!
 //! Proof that nothing is culled that a leaf would accept: along each axis the computed distance is
-//! `(f - o -+ slack) r` up to three roundings relative to `(|f| + |o| + slack) |r|` (the constant term, `r` in both
-//! terms alike, the fused sum), below 4 ULP of `(1 + |o|) |r|`; an accepted hit lies within 10 ULP of
-//! `1 + |o|` of its exact bounds; the slack is 16. Distances that tie with the limit are kept, since the
-//! comparison is `<=`.
+//! `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|` (two products and the
+//! sum of the constant term, the fused sum; `r` is in both terms alike), below 4 ULP of `(1 + |o|) |r|`; an
+//! accepted hit lies within 10 ULP of `1 + |o|` of its exact bounds; the slack is 16. Distances that tie with the
+//! limit are kept, since the comparison is `<=`.
+//!
+//! A query waits for memory and for mispredicted branches more than for arithmetic. So the code is written
+//! for short chains from one node's rows to the next node's address, and few branches that depend on the ray.
 
 use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::observer::Observer;
+use super::query::Walk;
 use super::query_ray::TreeRay;
 use super::triangle::{Sheared, hit_slack};
-use crate::motion::{KeyTime, PrimitiveSet};
-use crate::simd::{Arena, Kernel, LANES, Lanes, Mask, Rows, Simd, Stack, StackMemory, lanes_at};
-use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideTree};
+use crate::motion::KeyTime;
+use crate::simd::{Arena, LANES, Lanes, Mask, Rows, Simd, Stack, StackMemory, lanes_at};
+use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
+use glam::Vec3A;
 
 /// Places on the stack. A level of the tree leaves at most 15 behind, usually one or two.
 const STACK: usize = 192;
@@ -26,50 +31,53 @@ const STACK: usize = 192;
 /// strays by less than a thousandth of the slack.
 const LEAST_COMPONENT: f32 = 1e-12;
 
-/// Slab constants of one axis.
-#[derive(Clone, Copy)]
-struct Axis {
+/// A ray as the slab test wants it, per axis.
+struct Slabs {
     /// The row of near faces, and of far faces.
-    near: usize,
-    far: usize,
-    inverse: f32,
-    near_offset: f32,
-    far_offset: f32,
+    near_row: [usize; 3],
+    far_row: [usize; 3],
+    inverse: Vec3A,
+    near_offset: Vec3A,
+    far_offset: Vec3A,
 }
 
-impl Axis {
+impl Slabs {
     #[inline(always)]
-    fn new(axis: usize, origin: f32, direction: f32, slack: f32) -> Axis {
-        let d = if direction.abs() < LEAST_COMPONENT { LEAST_COMPONENT.copysign(direction) } else { direction };
-        let inverse = 1.0 / d;
-        let (low, high) = (axis, axis + 3);
-        if inverse > 0.0 {
-            let (near_offset, far_offset) = ((-origin - slack) * inverse, (-origin + slack) * inverse);
-            Axis { near: low, far: high, inverse, near_offset, far_offset }
-        } else {
-            let (near_offset, far_offset) = ((-origin + slack) * inverse, (-origin - slack) * inverse);
-            Axis { near: high, far: low, inverse, near_offset, far_offset }
+    fn new(ray: &TreeRay) -> Slabs {
+        let slack = hit_slack(ray.origin);
+        let d = Vec3A::from(ray.dir);
+        let least = Vec3A::splat(LEAST_COMPONENT);
+        let inverse = Vec3A::ONE / Vec3A::select(d.abs().cmplt(least), least.copysign(d), d);
+        let at_origin = -Vec3A::from(ray.origin) * inverse;
+        let pad = inverse.abs() * slack;
+        let backward = inverse.to_array().map(|r| 3 * (r.to_bits() >> 31) as usize);
+        Slabs {
+            near_row: core::array::from_fn(|axis| axis + backward[axis]),
+            far_row: core::array::from_fn(|axis| axis + 3 - backward[axis]),
+            inverse,
+            near_offset: at_origin - pad,
+            far_offset: at_origin + pad,
         }
     }
 }
 
-/// One ray's query, to be dispatched to an instruction set.
-pub(crate) struct WideQuery<'a, G, F, C, O> {
+/// The wide layout with an instruction set to walk it by.
+pub(crate) struct Wide<'a, S> {
     pub tree: &'a WideTree,
-    pub set: &'a G,
-    pub ray: &'a TreeRay,
-    pub filter: &'a F,
-    pub collect: &'a mut C,
-    pub observer: &'a mut O,
+    pub simd: S,
 }
 
-impl<G: PrimitiveSet, F: Filter, C: Collect, O: Observer> Kernel for WideQuery<'_, G, F, C, O> {
-    type Output = ();
-
+impl<S: Simd> Walk for Wide<'_, S> {
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let scene = Scene { arena: &self.tree.arena, set: self.set, filter: self.filter };
-        scene.trace(s, self.tree.root, self.ray, self.collect, self.observer);
+    fn walk<G: WideSource>(
+        &self,
+        set: &G,
+        ray: &TreeRay,
+        filter: &impl Filter,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) {
+        Scene { arena: &self.tree.arena, set, filter }.trace(self.simd, self.tree.root, ray, collect, observer);
     }
 }
 
@@ -80,7 +88,7 @@ struct Scene<'a, G, F> {
     filter: &'a F,
 }
 
-impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
+impl<G: WideSource, F: Filter> Scene<'_, G, F> {
     /// Offers every hit that may matter to `collect`.
     #[inline(always)]
     fn trace<S: Simd>(
@@ -91,9 +99,8 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) {
-        let slack = hit_slack(ray.origin);
-        let axes: [Axis; 3] = core::array::from_fn(|i| Axis::new(i, ray.origin[i], ray.dir[i], slack));
-        let shear = ray.shear;
+        let slabs = Slabs::new(ray);
+        let linear = Between::new(KeyTime::new(ray.time, 2));
         let mut memory = StackMemory::<u64, STACK>::new();
         let mut stack = memory.stack();
         let mut at = root;
@@ -101,14 +108,14 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
             match at.kind() {
                 Kind::Node => {
                     observer.node();
-                    if let Some(next) = self.step::<S, NODE_ROWS, _>(s, at, ray, &axes, collect, &mut stack) {
+                    if let Some(next) = self.step::<S, NODE_ROWS, _>(s, at, ray, &slabs, collect, &mut stack) {
                         at = next;
                         continue;
                     }
                 }
                 Kind::StillNode => {
                     observer.node();
-                    if let Some(next) = self.step::<S, STILL_NODE_ROWS, _>(s, at, ray, &axes, collect, &mut stack) {
+                    if let Some(next) = self.step::<S, STILL_NODE_ROWS, _>(s, at, ray, &slabs, collect, &mut stack) {
                         at = next;
                         continue;
                     }
@@ -116,14 +123,23 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
                 Kind::Leaf => {
                     observer.leaf();
                     observer.primitive_tests(at.len());
-                    if self.leaf::<S, true>(s, at, ray, &shear, collect) {
+                    if self.leaf::<S, true>(s, at, ray, linear, collect) {
                         return;
                     }
                 }
                 Kind::StillLeaf => {
                     observer.leaf();
                     observer.primitive_tests(at.len());
-                    if self.leaf::<S, false>(s, at, ray, &shear, collect) {
+                    if self.leaf::<S, false>(s, at, ray, linear, collect) {
+                        return;
+                    }
+                }
+                Kind::KeyedLeaf => {
+                    observer.leaf();
+                    observer.primitive_tests(at.len());
+                    let segments = self.arena.ints()[at.at() + LeafShape::Keyed.ids(at.len()) + at.len()] as usize;
+                    let between = Between::new(KeyTime::new(ray.time, segments + 1));
+                    if self.leaf::<S, true>(s, at, ray, between, collect) {
                         return;
                     }
                 }
@@ -133,7 +149,7 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
                     at = ChildRef(words[1 + part]);
                     continue;
                 }
-                Kind::ListLeaf => {
+                Kind::ListLeaf if G::LISTS => {
                     observer.leaf();
                     observer.primitive_tests(at.len());
                     for &id in &self.arena.ints()[at.at()..at.at() + at.len()] {
@@ -146,7 +162,7 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
                         }
                     }
                 }
-                Kind::Nothing => {}
+                Kind::ListLeaf | Kind::Nothing => {}
             }
             // What begins beyond the limit is of no interest any more. Distances below zero were stored as
             // zero, so the bits order like the numbers.
@@ -168,42 +184,43 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
         (self.set.always_active() || self.set.active(id).contains(ray.time)) && self.filter.sees(|| self.set.mask(id))
     }
 
-    /// Tests the sixteen boxes of a node, pushes all that are met but the nearest, and returns that.
+    /// Tests the sixteen boxes of a node, pushes all that are met but one, and returns that: the nearest, or any where
+    /// order does not matter.
     #[inline(always)]
     fn step<S: Simd, const ROWS: usize, C: Collect>(
         &self,
         s: S,
         node: ChildRef,
         ray: &TreeRay,
-        axes: &[Axis; 3],
+        slabs: &Slabs,
         collect: &C,
         stack: &mut Stack<'_, u64, STACK>,
     ) -> Option<ChildRef> {
         let rows = self.arena.rows(node.at());
         let time = s.splat(ray.time);
-        let [x, y, z] = axes;
-        let near = [
-            face_distance::<S, ROWS>(s, rows, x.near, time, x.inverse, x.near_offset),
-            face_distance::<S, ROWS>(s, rows, y.near, time, y.inverse, y.near_offset),
-            face_distance::<S, ROWS>(s, rows, z.near, time, z.inverse, z.near_offset),
-        ];
-        let far = [
-            face_distance::<S, ROWS>(s, rows, x.far, time, x.inverse, x.far_offset),
-            face_distance::<S, ROWS>(s, rows, y.far, time, y.inverse, y.far_offset),
-            face_distance::<S, ROWS>(s, rows, z.far, time, z.inverse, z.far_offset),
-        ];
-        let enter = s.max(s.max(near[0], near[1]), s.max(near[2], s.splat(ray.t_min)));
-        let leave = s.min(s.min(far[0], far[1]), s.min(far[2], s.splat(collect.limit())));
+        let near = |i: usize| {
+            face_distance::<S, ROWS>(s, rows, slabs.near_row[i], time, slabs.inverse[i], slabs.near_offset[i])
+        };
+        let far = |i: usize| {
+            face_distance::<S, ROWS>(s, rows, slabs.far_row[i], time, slabs.inverse[i], slabs.far_offset[i])
+        };
+        let enter = s.max(s.max(near(0), near(1)), s.max(near(2), s.splat(ray.t_min)));
+        let leave = s.min(s.min(far(0), far(1)), s.min(far(2), s.splat(collect.limit())));
         let mask = s.le(enter, leave);
         if mask == 0 {
             return None;
         }
         let children = lanes_at(self.arena.ints(), node.at() + (ROWS - 1) * LANES);
-        if mask & (mask - 1) == 0 {
-            return Some(ChildRef(children[mask.trailing_zeros() as usize % LANES]));
+        let first = ChildRef(children[mask.trailing_zeros() as usize % LANES]);
+        let others = mask & (mask - 1);
+        if !C::ORDERED {
+            stack.push_lanes(s, s.compress_u(s.load_u(children), others), others.count_ones() as usize);
+            return Some(first);
         }
-        let distances = s.max(enter, s.splat(0.0));
-        Some(push_hits::<S, C>(s, mask, distances, children, stack))
+        if others == 0 {
+            return Some(first);
+        }
+        Some(push_hits::<S>(s, mask, s.max(enter, s.splat(0.0)), children, stack))
     }
 
     /// Tests the triangles of a leaf block; true ends the query.
@@ -213,24 +230,16 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
         s: S,
         leaf: ChildRef,
         ray: &TreeRay,
-        shear: &Sheared,
+        between: Between,
         collect: &mut impl Collect,
     ) -> bool {
         let n = leaf.len();
-        let ids = (if MOVING { LeafShape::Moving } else { LeafShape::Still }).ids(n);
         let block = &self.arena.floats()[leaf.at()..];
-        let origin = ray.origin;
-        let (keys, later) = if MOVING {
-            let segments = self.arena.ints()[leaf.at() + ids + n] as usize;
-            (KeyTime::new(ray.time, segments + 1), CORNER_ROWS)
-        } else {
-            (KeyTime { segment: 0, s: 0.0, from_end: false }, 0)
-        };
+        let (origin, shear) = (ray.origin.to_array(), &ray.shear);
         let corners = Corners::<S> {
-            rows: Rows::new(block, n, CORNER_ROWS + later),
-            base: if keys.from_end { later } else { 0 },
-            later,
-            fraction: s.splat(keys.s),
+            rows: Rows::new(block, n, if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS }),
+            between,
+            fraction: s.splat(between.fraction),
             shear,
             slopes: (s.splat(shear.sx), s.splat(shear.sy)),
             origin: [s.splat(origin[shear.kx]), s.splat(origin[shear.ky]), s.splat(origin[shear.kz])],
@@ -249,6 +258,7 @@ impl<G: PrimitiveSet, F: Filter> Scene<'_, G, F> {
         if inside == 0 {
             return false;
         }
+        let ids = (if MOVING { LeafShape::Moving } else { LeafShape::Still }).ids(n);
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
@@ -284,12 +294,31 @@ fn face_distance<S: Simd, const ROWS: usize>(
     s.mul_add(face, s.splat(inverse), s.splat(offset))
 }
 
+/// A time between two keys, as leaf blocks use it: from the nearer key towards the other.
+///
+/// `b + s (b - a)` with negative `s` is `b + (-s) (a - b)` bit for bit, since changing both signs of a
+/// product changes nothing. So both halves of a segment read two rows, in one order or the other.
+#[derive(Clone, Copy)]
+struct Between {
+    /// First row at the nearer key, and at the other.
+    base: usize,
+    other: usize,
+    /// How far to go, in [0, 1/2].
+    fraction: f32,
+}
+
+impl Between {
+    #[inline(always)]
+    fn new(keys: KeyTime) -> Between {
+        let base = CORNER_ROWS * usize::from(keys.from_end);
+        Between { base, other: CORNER_ROWS - base, fraction: if keys.from_end { -keys.s } else { keys.s } }
+    }
+}
+
 /// The corner rows of a leaf block and what turns them into corners as the ray sees them.
 struct Corners<'a, S: Simd> {
     rows: Rows<'a>,
-    /// First row at the key that is nearer in time, and at the later key.
-    base: usize,
-    later: usize,
+    between: Between,
     fraction: S::F,
     shear: &'a Sheared,
     slopes: (S::F, S::F),
@@ -302,13 +331,12 @@ impl<S: Simd> Corners<'_, S> {
     #[inline(always)]
     fn coordinate<const MOVING: bool>(&self, s: S, corner: usize, axis: usize, origin: S::F) -> S::F {
         let row = 3 * corner + axis;
-        let at = s.load_row(&self.rows, self.base + row);
         if MOVING {
-            let a = s.load_row(&self.rows, row);
-            let b = s.load_row(&self.rows, self.later + row);
-            at + (b - a) * self.fraction - origin
+            let at = s.load_row(&self.rows, self.between.base + row);
+            let other = s.load_row(&self.rows, self.between.other + row);
+            at + (other - at) * self.fraction - origin
         } else {
-            at - origin
+            s.load_row(&self.rows, row) - origin
         }
     }
 
@@ -322,9 +350,9 @@ impl<S: Simd> Corners<'_, S> {
     }
 }
 
-/// Pushes the children of the mask, farthest first where order matters, and returns the nearest.
+/// Pushes the children of the mask, of which there are at least two, farthest first, and returns the nearest.
 #[inline(always)]
-fn push_hits<S: Simd, C: Collect>(
+fn push_hits<S: Simd>(
     s: S,
     mask: Mask,
     distances: S::F,
@@ -338,50 +366,52 @@ fn push_hits<S: Simd, C: Collect>(
     s.store_u(s.to_bits(packed), &mut d);
     s.store_u(s.compress_u(s.load_u(children), mask), &mut c);
     let entry = |i: usize| u64::from(d[i]) << 32 | u64::from(c[i]);
-    if !C::ORDERED {
-        for i in 1..n {
-            stack.push(entry(i));
-        }
-        return ChildRef(c[0]);
-    }
-    let ordered = |a: u64, b: u64| if a < b { (a, b) } else { (b, a) };
     if n <= 4 {
-        // A sorting network of four, the missing ones nearest: the far ones then lie lowest on the stack.
-        let entry_or_none = |i: usize| if i < n { entry(i) } else { 0 };
-        let (a, b) = ordered(entry(0), entry(1));
-        let (c, d) = ordered(entry_or_none(2), entry_or_none(3));
-        let (a, c) = ordered(a, c);
-        let (b, d) = ordered(b, d);
-        let (b, c) = ordered(b, c);
-        stack.push_first([d, c, b, a], n);
-    } else {
-        let valid = ((1u32 << n) - 1) as Mask;
-        let mut places = [0; LANES];
-        for (i, place) in places.iter_mut().enumerate().take(n) {
-            let own = s.from_bits(s.splat_u(d[i]));
-            let farther = s.lt(own, packed) & valid;
-            let equal_before = s.eq(own, packed) & (((1u32 << i) - 1) as Mask);
-            *place = (farther.count_ones() + equal_before.count_ones()) as usize;
-        }
-        stack.push_ranked(n, |i| (places[i], entry(i)));
+        // A sorting network of four, the missing ones nearest and so last; the nearest that is there waits for
+        // two comparisons only.
+        let entry_or = |i: usize, missing: u64| if i < n { entry(i) } else { missing };
+        let nearest = entry(0).min(entry(1)).min(entry_or(2, u64::MAX).min(entry_or(3, u64::MAX)));
+        let descending = |a: u64, b: u64| if a < b { (b, a) } else { (a, b) };
+        let (a, b) = descending(entry(0), entry(1));
+        let (c, d) = descending(entry_or(2, 0), entry_or(3, 0));
+        let (a, c) = descending(a, c);
+        let (b, d) = descending(b, d);
+        let (b, c) = descending(b, c);
+        let _ = d;
+        stack.push_first([a, b, c], n - 1);
+        return ChildRef(nearest as u32);
     }
+    let valid = ((1u32 << n) - 1) as Mask;
+    let mut places = [0; LANES];
+    for (i, place) in places.iter_mut().enumerate().take(n) {
+        let own = s.from_bits(s.splat_u(d[i]));
+        let farther = s.lt(own, packed) & valid;
+        let equal_before = s.eq(own, packed) & (((1u32 << i) - 1) as Mask);
+        *place = (farther.count_ones() + equal_before.count_ones()) as usize;
+    }
+    stack.push_ranked(n, |i| (places[i], entry(i)));
     ChildRef(stack.pop().unwrap_or(0) as u32)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
+    use crate::motion::Frame;
+    use crate::ray::Ray;
+    use glam::{DVec3, Vec3};
 
     #[test]
     fn a_grown_slab_holds_the_exact_one() {
-        for (o, d) in [(0.3f32, 1.5f32), (-7.0, -1e-3), (1e4, 1e-20), (0.0, -0.0)] {
-            let slack = hit_slack(Vec3::splat(o));
-            let axis = Axis::new(1, o, d, slack);
+        let frame = Frame { origin: DVec3::ZERO, scale: 1.0 };
+        for (o, d) in [(0.3f32, 0.9f32), (-7.0, -1e-3), (1e4, 1e-20), (0.0, -0.0), (0.1, -1.0)] {
+            let ray = Ray::new(Vec3::new(0.0, o, 0.0), Vec3::new(1.0, d, 0.0));
+            let ray = TreeRay::new(&ray, frame).unwrap();
+            let slabs = Slabs::new(&ray);
             let (low, high) = (-0.25f32, 0.5f32);
-            let (near, far) = if axis.near == 1 { (low, high) } else { (high, low) };
-            let enter = near.mul_add(axis.inverse, axis.near_offset);
-            let leave = far.mul_add(axis.inverse, axis.far_offset);
+            let (near, far) = if slabs.near_row[1] == 1 { (low, high) } else { (high, low) };
+            assert_eq!(slabs.near_row[1] + slabs.far_row[1], 5);
+            let enter = near.mul_add(slabs.inverse[1], slabs.near_offset[1]);
+            let leave = far.mul_add(slabs.inverse[1], slabs.far_offset[1]);
             if d.abs() > LEAST_COMPONENT {
                 let exact = |f: f32| (f64::from(f) - f64::from(o)) / f64::from(d);
                 assert!(f64::from(enter) < exact(near) && f64::from(leave) > exact(far), "{o} {d}");
@@ -389,6 +419,22 @@ mod tests {
                 let inside = low <= o && o <= high;
                 assert_eq!(enter < 1e5 && leave > -1e5 && enter < leave, inside, "{o} {d}");
             }
+        }
+    }
+
+    #[test]
+    fn leaf_blocks_interpolate_as_keys_do() {
+        let mut state = 3u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        for _ in 0..10_000 {
+            let (a, b) = (Vec3::new(next(), next(), next()), Vec3::new(next(), next(), next()));
+            let keys = KeyTime::new(next().abs(), 2);
+            let between = Between::new(keys);
+            let (at, other) = if between.base == 0 { (a, b) } else { (b, a) };
+            assert_eq!(at + (other - at) * between.fraction, keys.position(a, b));
         }
     }
 }

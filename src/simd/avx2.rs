@@ -2,6 +2,7 @@
 
 use super::{Kernel, LANES, Lanes, Mask, Rows, Simd};
 use core::arch::x86_64::*;
+use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 /// Token of AVX2. Private field: only [`run`] makes one.
@@ -243,6 +244,16 @@ impl Simd for Avx2 {
         let at = to.as_mut_ptr();
         intrinsic!(_mm256_storeu_si256(at.cast(), x.0));
         intrinsic!(_mm256_storeu_si256(at.add(8).cast(), x.1));
+    }
+    #[inline(always)]
+    fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
+        let at = to.as_mut_ptr();
+        for (half, at) in [(x.0, at), (x.1, intrinsic!(at.add(8)))] {
+            let low = intrinsic!(_mm256_cvtepu32_epi64(_mm256_castsi256_si128(half)));
+            let high = intrinsic!(_mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(half)));
+            intrinsic!(_mm256_storeu_si256(at.cast(), low));
+            intrinsic!(_mm256_storeu_si256(at.add(4).cast(), high));
+        }
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

@@ -2,6 +2,7 @@
 
 use super::{Kernel, Lanes, Mask, Rows, Simd};
 use core::arch::x86_64::*;
+use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 /// Token of AVX-512. Private field: only [`run`] makes one.
@@ -168,6 +169,14 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn store_u(self, x: U, to: &mut Lanes<u32>) {
         intrinsic!(_mm512_storeu_si512(to.as_mut_ptr().cast(), x.0))
+    }
+    #[inline(always)]
+    fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
+        let at = to.as_mut_ptr();
+        let low = intrinsic!(_mm512_cvtepu32_epi64(_mm512_castsi512_si256(x.0)));
+        let high = intrinsic!(_mm512_cvtepu32_epi64(_mm512_extracti64x4_epi64::<1>(x.0)));
+        intrinsic!(_mm512_storeu_si512(at.cast(), low));
+        intrinsic!(_mm512_storeu_si512(at.add(8).cast(), high));
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

@@ -20,6 +20,7 @@ mod avx512;
 mod portable;
 mod stack;
 
+use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 pub(crate) use arena::{Arena, huge_vec};
@@ -113,6 +114,8 @@ pub(crate) trait Simd: Copy {
     fn load_u(self, from: &Lanes<u32>) -> Self::U;
     /// Writes sixteen integers, at any alignment.
     fn store_u(self, x: Self::U, to: &mut Lanes<u32>);
+    /// Writes sixteen integers, each as 64 bits.
+    fn store_wide(self, x: Self::U, to: &mut Lanes<MaybeUninit<u64>>);
     /// Lanes where `a < b`, unsigned.
     fn lt_u(self, a: Self::U, b: Self::U) -> Mask;
     /// `a` where the mask has its bit, `b` elsewhere.

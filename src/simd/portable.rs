@@ -1,6 +1,7 @@
 //! Sixteen lanes in plain Rust: the fallback, and the definition that the others are tested against.
 
 use super::{LANES, Lanes, Mask, Rows, Simd};
+use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 /// Token of the portable lanes; every CPU has them.
@@ -180,6 +181,10 @@ impl Simd for Portable {
     #[inline(always)]
     fn store_u(self, x: U, to: &mut Lanes<u32>) {
         *to = x.0;
+    }
+    #[inline(always)]
+    fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
+        *to = x.0.map(|lane| MaybeUninit::new(u64::from(lane)));
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

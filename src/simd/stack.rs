@@ -1,22 +1,26 @@
 //! A stack of fixed size that nobody clears: zeroing a few kilobytes per ray costs as much as tracing an
 //! easy one.
 
+use super::{LANES, Simd};
 use core::mem::MaybeUninit;
 
-/// Memory for a [`Stack`] of up to `N` items, uninitialized.
-pub(crate) struct StackMemory<T: Copy, const N: usize>([MaybeUninit<T>; N]);
+/// Memory for a [`Stack`] of up to `N` items, uninitialized, and for those that do not fit.
+pub(crate) struct StackMemory<T: Copy, const N: usize> {
+    items: [MaybeUninit<T>; N],
+    spilled: Vec<T>,
+}
 
 impl<T: Copy, const N: usize> StackMemory<T, N> {
     /// Touches nothing.
     #[inline(always)]
     pub(crate) fn new() -> Self {
-        StackMemory([const { MaybeUninit::uninit() }; N])
+        StackMemory { items: [const { MaybeUninit::uninit() }; N], spilled: Vec::new() }
     }
 
     /// An empty stack in this memory.
     #[inline(always)]
     pub(crate) fn stack(&mut self) -> Stack<'_, T, N> {
-        Stack { items: &mut self.0, len: 0, spilled: Vec::new() }
+        Stack { items: &mut self.items, len: 0, spilled: &mut self.spilled }
     }
 }
 
@@ -25,8 +29,9 @@ impl<T: Copy, const N: usize> StackMemory<T, N> {
 pub(crate) struct Stack<'a, T: Copy, const N: usize> {
     items: &'a mut [MaybeUninit<T>; N],
     len: usize,
-    /// Items below those in `items`.
-    spilled: Vec<T>,
+    /// Items below those in `items`. (Apart from this struct: whatever hands out a reference to one of its
+    /// fields keeps all of them in memory.)
+    spilled: &'a mut Vec<T>,
 }
 
 impl<T: Copy, const N: usize> Stack<'_, T, N> {
@@ -35,7 +40,7 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
     fn reserve(&mut self, n: usize) {
         if self.len + n > N {
             // SAFETY: every function that raises `len` has written all places below it.
-            unsafe { spill(&self.items[..self.len], &mut self.spilled) };
+            unsafe { spill(&self.items[..self.len], self.spilled) };
             self.len = 0;
         }
     }
@@ -85,6 +90,19 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
             seen |= 1 << place;
         }
         assert!(n < 64 && seen == (1 << n) - 1, "every place must be filled");
+        self.len += n;
+    }
+}
+
+impl<const N: usize> Stack<'_, u64, N> {
+    /// Puts the first `n` lanes on top, the first lowest, without a branch on `n`.
+    #[inline(always)]
+    pub(crate) fn push_lanes<S: Simd>(&mut self, s: S, lanes: S::U, n: usize) {
+        assert!(n <= LANES);
+        self.reserve(LANES);
+        let top: &mut [MaybeUninit<u64>; LANES] =
+            (&mut self.items[self.len..self.len + LANES]).try_into().expect("as many as sliced");
+        s.store_wide(lanes, top);
         self.len += n;
     }
 }

@@ -6,9 +6,7 @@ use crate::baseline::BruteForce;
 use crate::build::{BuildParams, Callback, Policy, Progress, build_kd};
 use crate::error::BuildError;
 use crate::motion::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
-use crate::ray::{
-    All, Any, Closest, Collect, Everything, Filter, Found, Hit, Observer, Ray, TreeRay, Visible, WideQuery,
-};
+use crate::ray::{AllQuery, AnyQuery, Asked, ClosestQuery, Everything, Filter, Hit, Observer, OfWide, Query, Ray, Visible};
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
@@ -82,52 +80,34 @@ impl<G: Geometry> RayTree<G> {
         Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best() })
     }
 
-    /// Offers every hit that may matter to `collect`; the one place that knows the layouts apart.
+    /// Asks the layout; the one place that knows the layouts apart.
     #[inline(always)]
-    fn trace(&self, ray: &TreeRay, filter: &impl Filter, collect: &mut impl Collect, observer: &mut impl Observer) {
+    fn ask<Q: Query>(&self, query: Q) -> Q::Answer {
         match &self.layout {
-            Layout::Wide(tree) => {
-                dispatch(self.simd, WideQuery { tree, set: &self.geometry, ray, filter, collect, observer });
-            }
-            Layout::Kd(tree) => tree.trace(&self.geometry, ray, filter, collect, observer),
+            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
+            Layout::Kd(tree) => query.ask(tree),
         }
     }
 
-    /// A hit as an answer.
-    fn answer(&self, ray: &TreeRay, found: &Found) -> Hit {
-        ray.answer(found.hit, self.geometry.name(found.id))
-    }
-
+    #[inline(always)]
     fn closest(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> Option<Hit> {
-        let ray = TreeRay::new(ray, self.geometry.frame())?;
-        let accept = |found: &Found| filter.accepts(|| self.answer(&ray, found));
-        let mut collect = Closest { t_max: ray.t_max, best: None, accept };
-        self.trace(&ray, filter, &mut collect, observer);
-        collect.best.map(|found| self.answer(&ray, &found))
+        self.ask(ClosestQuery(Asked { set: &self.geometry, ray, filter, observer }))
     }
 
+    #[inline(always)]
     fn any(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> bool {
-        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return false };
-        let accept = |found: &Found| filter.accepts(|| self.answer(&ray, found));
-        let mut collect = Any { t_max: ray.t_max, found: false, accept };
-        self.trace(&ray, filter, &mut collect, observer);
-        collect.found
+        self.ask(AnyQuery(Asked { set: &self.geometry, ray, filter, observer }))
     }
 
+    #[inline(always)]
     fn all(
         &self,
         ray: &Ray,
         filter: &impl Filter,
         observer: &mut impl Observer,
-        mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
+        visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return ControlFlow::Continue(()) };
-        let mut collect = All::new(ray.t_max, |found: &Found| {
-            let hit = self.answer(&ray, found);
-            if filter.accepts(|| hit) { visitor(hit) } else { ControlFlow::Continue(()) }
-        });
-        self.trace(&ray, filter, &mut collect, observer);
-        collect.flow
+        self.ask(AllQuery { asked: Asked { set: &self.geometry, ray, filter, observer }, visitor })
     }
 
     /// The nearest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).

@@ -28,6 +28,7 @@ pub(crate) enum Kind {
     Leaf,
     StillLeaf,
     ListLeaf,
+    KeyedLeaf,
 }
 
 impl Kind {
@@ -37,6 +38,7 @@ impl Kind {
             Kind::Leaf => Some(LeafShape::Moving),
             Kind::StillLeaf => Some(LeafShape::Still),
             Kind::ListLeaf => Some(LeafShape::List),
+            Kind::KeyedLeaf => Some(LeafShape::Keyed),
             Kind::Nothing | Kind::Node | Kind::StillNode | Kind::Time => None,
         }
     }
@@ -81,6 +83,7 @@ impl ChildRef {
             4 => Kind::Leaf,
             5 => Kind::StillLeaf,
             6 => Kind::ListLeaf,
+            7 => Kind::KeyedLeaf,
             _ => Kind::Nothing,
         }
     }
@@ -89,8 +92,10 @@ impl ChildRef {
 /// How the primitives of a leaf block are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LeafShape {
-    /// Corners of moving triangles at both ends of a segment.
+    /// Corners at the begin and the end of the shutter of triangles that move linearly.
     Moving,
+    /// Corners at both ends of a segment between keys; behind the ids the number of segments.
+    Keyed,
     /// Corners of triangles that stand still.
     Still,
     /// Ids alone.
@@ -102,6 +107,7 @@ impl LeafShape {
     pub fn kind(self) -> Kind {
         match self {
             LeafShape::Moving => Kind::Leaf,
+            LeafShape::Keyed => Kind::KeyedLeaf,
             LeafShape::Still => Kind::StillLeaf,
             LeafShape::List => Kind::ListLeaf,
         }
@@ -111,7 +117,7 @@ impl LeafShape {
     #[inline(always)]
     pub fn ids(self, len: usize) -> usize {
         match self {
-            LeafShape::Moving => 2 * CORNER_ROWS * len,
+            LeafShape::Moving | LeafShape::Keyed => 2 * CORNER_ROWS * len,
             LeafShape::Still => CORNER_ROWS * len,
             LeafShape::List => 0,
         }
@@ -124,7 +130,8 @@ mod tests {
 
     #[test]
     fn references_keep_what_they_are_given_and_refuse_what_does_not_fit() {
-        for kind in [Kind::Node, Kind::StillNode, Kind::Time, Kind::Leaf, Kind::StillLeaf, Kind::ListLeaf] {
+        use Kind::*;
+        for kind in [Node, StillNode, Time, Leaf, StillLeaf, ListLeaf, KeyedLeaf] {
             for (at, len) in [(0, 1), (16, 16), (((1 << 25) - 1) * 16, 7)] {
                 let r = ChildRef::new(kind, at, len).unwrap();
                 assert_eq!((r.kind(), r.at(), r.len()), (kind, at, len));

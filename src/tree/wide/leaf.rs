@@ -8,6 +8,8 @@ use glam::Vec3;
 
 /// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
 pub(crate) trait WideSource: PrimitiveSet {
+    /// Whether leaf blocks may be lists of ids.
+    const LISTS: bool;
     /// Number of keys of a primitive's motion; 1 for what stands still.
     fn keys(&self, id: u32) -> usize;
     /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
@@ -19,6 +21,8 @@ pub(crate) trait WideSource: PrimitiveSet {
 }
 
 impl WideSource for Triangles {
+    const LISTS: bool = false;
+
     fn keys(&self, id: u32) -> usize {
         Triangles::keys(self, id)
     }
@@ -35,26 +39,30 @@ impl WideSource for Triangles {
     }
 
     fn leaf_shape(&self, ids: &[u32]) -> LeafShape {
-        if ids.iter().all(|&id| Triangles::keys(self, id) == 1) { LeafShape::Still } else { LeafShape::Moving }
+        match ids.iter().map(|&id| Triangles::keys(self, id)).max() {
+            None | Some(1) => LeafShape::Still,
+            Some(2) => LeafShape::Moving,
+            Some(_) => LeafShape::Keyed,
+        }
     }
 
     fn write_leaf(&self, arena: &mut Arena, shape: LeafShape, ids: &[u32], segment: usize) -> usize {
         let n = ids.len();
         let id_row = shape.ids(n);
-        let at = arena.grow(id_row + n + usize::from(shape == LeafShape::Moving));
+        let at = arena.grow(id_row + n + usize::from(shape == LeafShape::Keyed));
         let mut segments = 1;
         for (lane, &id) in ids.iter().enumerate() {
             let keys = Triangles::keys(self, id);
             let first = segment.min(keys - 1);
             write_corners(&mut arena.floats_mut()[at..], n, lane, self.corners_at_key(id, first));
-            if shape == LeafShape::Moving {
+            if shape != LeafShape::Still {
                 let last = (segment + 1).min(keys - 1);
                 write_corners(&mut arena.floats_mut()[at + id_row / 2..], n, lane, self.corners_at_key(id, last));
                 segments = segments.max(keys - 1);
             }
             arena.ints_mut()[at + id_row + lane] = id;
         }
-        if shape == LeafShape::Moving {
+        if shape == LeafShape::Keyed {
             arena.ints_mut()[at + id_row + n] = segments as u32;
         }
         at
@@ -62,6 +70,8 @@ impl WideSource for Triangles {
 }
 
 impl<P: Primitive> WideSource for Shapes<P> {
+    const LISTS: bool = true;
+
     fn keys(&self, id: u32) -> usize {
         let bounds = self.bounds(id, TimeInterval::FULL);
         if bounds.begin == bounds.end { 1 } else { 2 }

@@ -15,7 +15,7 @@ impl WideTree {
             Kind::Node => row(NODE_ROWS),
             Kind::StillNode => row(STILL_NODE_ROWS),
             Kind::Time => &words[of.at() + 1..][..words[of.at()] as usize],
-            Kind::Leaf | Kind::StillLeaf | Kind::ListLeaf | Kind::Nothing => &[],
+            Kind::Leaf | Kind::StillLeaf | Kind::ListLeaf | Kind::KeyedLeaf | Kind::Nothing => &[],
         }
     }
 
@@ -32,7 +32,7 @@ impl WideTree {
                     nodes += 1;
                     stack.extend(self.children(at).iter().map(|&c| (ChildRef(c), level + 1)));
                 }
-                Kind::Leaf | Kind::StillLeaf | Kind::ListLeaf => leaves.push(at.0),
+                Kind::Leaf | Kind::StillLeaf | Kind::ListLeaf | Kind::KeyedLeaf => leaves.push(at.0),
             }
         }
         // Time parts share leaf blocks.

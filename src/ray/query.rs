@@ -1,0 +1,127 @@
+//! The three questions a ray can ask, of any layout.
+
+use super::collect::{All, Any, Closest, Collect, Found};
+use super::filter::Filter;
+use super::hit::Hit;
+use super::observer::Observer;
+use super::query_ray::{Ray, TreeRay};
+use super::wide::Wide;
+use crate::motion::PrimitiveSet;
+use crate::simd::{Kernel, Simd};
+use crate::tree::wide::{WideSource, WideTree};
+use core::ops::ControlFlow;
+
+/// A layout that a ray can be led through.
+pub(crate) trait Walk {
+    /// Offers every hit that may matter to `collect`.
+    fn walk<G: WideSource>(
+        &self,
+        set: &G,
+        ray: &TreeRay,
+        filter: &impl Filter,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    );
+}
+
+/// A question with all it needs but the layout.
+///
+/// What it makes of the ray, and the best answer so far, live in registers where the layout's walk is compiled into
+/// it; so it is given to the layout's instruction set whole.
+pub(crate) trait Query {
+    /// What it asks for.
+    type Answer;
+    /// Asks it.
+    fn ask(self, layout: &impl Walk) -> Self::Answer;
+}
+
+/// A ray, what it is asked of and who looks on.
+pub(crate) struct Asked<'a, G, F, O> {
+    pub set: &'a G,
+    pub ray: &'a Ray,
+    pub filter: &'a F,
+    pub observer: &'a mut O,
+}
+
+/// For the nearest hit.
+pub(crate) struct ClosestQuery<'a, G, F, O>(pub Asked<'a, G, F, O>);
+
+impl<G: WideSource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
+    type Answer = Option<Hit>;
+
+    #[inline(always)]
+    fn ask(self, layout: &impl Walk) -> Option<Hit> {
+        let Asked { set, ray, filter, observer } = self.0;
+        let ray = TreeRay::new(ray, set.frame())?;
+        let accept = |found: &Found| filter.accepts(|| answer(set, &ray, found));
+        let mut collect = Closest { t_max: ray.t_max, best: None, accept };
+        layout.walk(set, &ray, filter, &mut collect, observer);
+        collect.best.map(|found| answer(set, &ray, &found))
+    }
+}
+
+/// For whether there is a hit.
+pub(crate) struct AnyQuery<'a, G, F, O>(pub Asked<'a, G, F, O>);
+
+impl<G: WideSource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
+    type Answer = bool;
+
+    #[inline(always)]
+    fn ask(self, layout: &impl Walk) -> bool {
+        let Asked { set, ray, filter, observer } = self.0;
+        let Some(ray) = TreeRay::new(ray, set.frame()) else { return false };
+        let accept = |found: &Found| filter.accepts(|| answer(set, &ray, found));
+        let mut collect = Any { t_max: ray.t_max, found: false, accept };
+        layout.walk(set, &ray, filter, &mut collect, observer);
+        collect.found
+    }
+}
+
+/// For all hits.
+pub(crate) struct AllQuery<'a, G, F, O, V> {
+    pub asked: Asked<'a, G, F, O>,
+    pub visitor: V,
+}
+
+impl<G, F, O, V> Query for AllQuery<'_, G, F, O, V>
+where
+    G: WideSource,
+    F: Filter,
+    O: Observer,
+    V: FnMut(Hit) -> ControlFlow<()>,
+{
+    type Answer = ControlFlow<()>;
+
+    #[inline(always)]
+    fn ask(mut self, layout: &impl Walk) -> ControlFlow<()> {
+        let Asked { set, ray, filter, observer } = self.asked;
+        let Some(ray) = TreeRay::new(ray, set.frame()) else { return ControlFlow::Continue(()) };
+        let mut collect = All::new(ray.t_max, |found: &Found| {
+            let hit = answer(set, &ray, found);
+            if filter.accepts(|| hit) { (self.visitor)(hit) } else { ControlFlow::Continue(()) }
+        });
+        layout.walk(set, &ray, filter, &mut collect, observer);
+        collect.flow
+    }
+}
+
+/// A hit as an answer.
+#[inline(always)]
+fn answer(set: &impl PrimitiveSet, ray: &TreeRay, found: &Found) -> Hit {
+    ray.answer(found.hit, set.name(found.id))
+}
+
+/// A query of the wide layout, to be dispatched to an instruction set.
+pub(crate) struct OfWide<'a, Q> {
+    pub tree: &'a WideTree,
+    pub query: Q,
+}
+
+impl<Q: Query> Kernel for OfWide<'_, Q> {
+    type Output = Q::Answer;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Q::Answer {
+        self.query.ask(&Wide { tree: self.tree, simd: s })
+    }
+}
