@@ -84,16 +84,20 @@ impl Sheared {
     /// [`Sheared::test`] for corners whose signs in f32 do not rule the triangle out.
     #[inline(always)]
     pub fn decide(&self, corners: [[f32; 3]; 3], t_min: f32, t_max: f32) -> Option<SetHit> {
-        let [a, b, c] = corners.map(|p| p.map(f64::from));
-        let u = c[0] * b[1] - c[1] * b[0];
-        let v = a[0] * c[1] - a[1] * c[0];
-        let w = b[0] * a[1] - b[1] * a[0];
-        let outside = (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0);
+        // Each conversion by itself: mapped arrays become calls.
+        let [a, b, c] = corners;
+        let (ax, ay, az) = (f64::from(a[0]), f64::from(a[1]), f64::from(a[2]));
+        let (bx, by, bz) = (f64::from(b[0]), f64::from(b[1]), f64::from(b[2]));
+        let (cx, cy, cz) = (f64::from(c[0]), f64::from(c[1]), f64::from(c[2]));
+        let u = cx * by - cy * bx;
+        let v = ax * cy - ay * cx;
+        let w = bx * ay - by * ax;
+        let outside = ((u < 0.0) | (v < 0.0) | (w < 0.0)) & ((u > 0.0) | (v > 0.0) | (w > 0.0));
         let det = u + v + w;
-        if outside || det == 0.0 {
+        if outside | (det == 0.0) {
             return None;
         }
-        let t = ((u * a[2] + v * b[2] + w * c[2]) / (det * f64::from(self.dz))) as f32;
+        let t = ((u * az + v * bz + w * cz) / (det * f64::from(self.dz))) as f32;
         // NaN is no hit in this form.
         (t_min <= t && t <= t_max).then(|| SetHit { t, u: (v / det) as f32, v: (w / det) as f32 })
     }

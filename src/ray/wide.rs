@@ -18,7 +18,7 @@ use super::filter::Filter;
 use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;
-use super::triangle::{Sheared, hit_slack};
+use super::triangle::hit_slack;
 use crate::motion::KeyTime;
 use crate::simd::{Arena, LANES, Lanes, Mask, Rows, Simd, Stack, StackMemory, lanes_at};
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
@@ -130,7 +130,7 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
                 Kind::StillLeaf => {
                     observer.leaf();
                     observer.primitive_tests(at.len());
-                    if self.leaf::<S, false>(s, at, ray, linear, collect) {
+                    if self.leaf::<S, false>(s, at, ray, Between::NEVER, collect) {
                         return;
                     }
                 }
@@ -240,13 +240,15 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
             rows: Rows::new(block, n, if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS }),
             between,
             fraction: s.splat(between.fraction),
-            shear,
-            slopes: (s.splat(shear.sx), s.splat(shear.sy)),
-            origin: [s.splat(origin[shear.kx]), s.splat(origin[shear.ky]), s.splat(origin[shear.kz])],
         };
-        let a = corners.sheared::<MOVING>(s, 0);
-        let b = corners.sheared::<MOVING>(s, 1);
-        let c = corners.sheared::<MOVING>(s, 2);
+        let z = corners.coordinate::<MOVING>(s, shear.kz, s.splat(origin[shear.kz]));
+        let x = corners.coordinate::<MOVING>(s, shear.kx, s.splat(origin[shear.kx]));
+        let y = corners.coordinate::<MOVING>(s, shear.ky, s.splat(origin[shear.ky]));
+        // Sheared exactly as by `Sheared::corner`.
+        let (sx, sy) = (s.splat(shear.sx), s.splat(shear.sy));
+        let a = (x[0] - sx * z[0], y[0] - sy * z[0]);
+        let b = (x[1] - sx * z[1], y[1] - sy * z[1]);
+        let c = (x[2] - sx * z[2], y[2] - sy * z[2]);
         let u = c.0 * b.1 - c.1 * b.0;
         let v = a.0 * c.1 - a.1 * c.0;
         let w = b.0 * a.1 - b.1 * a.0;
@@ -259,13 +261,17 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
             return false;
         }
         let ids = (if MOVING { LeafShape::Moving } else { LeafShape::Still }).ids(n);
+        let mut lanes = [[0.0; LANES]; 9];
+        for (value, to) in [a.0, a.1, z[0], b.0, b.1, z[1], c.0, c.1, z[2]].into_iter().zip(&mut lanes) {
+            s.store(value, to);
+        }
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
             let corners = [
-                [s.lane(a.0, i), s.lane(a.1, i), s.lane(a.2, i)],
-                [s.lane(b.0, i), s.lane(b.1, i), s.lane(b.2, i)],
-                [s.lane(c.0, i), s.lane(c.1, i), s.lane(c.2, i)],
+                [lanes[0][i], lanes[1][i], lanes[2][i]],
+                [lanes[3][i], lanes[4][i], lanes[5][i]],
+                [lanes[6][i], lanes[7][i], lanes[8][i]],
             ];
             if let Some(hit) = shear.decide(corners, ray.t_min, collect.limit()) {
                 let id = self.arena.ints()[leaf.at() + ids + i];
@@ -308,6 +314,9 @@ struct Between {
 }
 
 impl Between {
+    /// For what stands still.
+    const NEVER: Between = Between { base: 0, other: CORNER_ROWS, fraction: 0.0 };
+
     #[inline(always)]
     fn new(keys: KeyTime) -> Between {
         let base = CORNER_ROWS * usize::from(keys.from_end);
@@ -315,38 +324,25 @@ impl Between {
     }
 }
 
-/// The corner rows of a leaf block and what turns them into corners as the ray sees them.
+/// The corner rows of a leaf block.
 struct Corners<'a, S: Simd> {
     rows: Rows<'a>,
     between: Between,
     fraction: S::F,
-    shear: &'a Sheared,
-    slopes: (S::F, S::F),
-    /// The origin along the shear's axes.
-    origin: [S::F; 3],
 }
 
 impl<S: Simd> Corners<'_, S> {
-    /// A coordinate at the ray's time, exactly as `KeyTime::position` computes it, less the origin.
+    /// One coordinate of the three corners at the ray's time, exactly as `KeyTime::position` computes it, less the
+    /// origin.
     #[inline(always)]
-    fn coordinate<const MOVING: bool>(&self, s: S, corner: usize, axis: usize, origin: S::F) -> S::F {
-        let row = 3 * corner + axis;
-        if MOVING {
-            let at = s.load_row(&self.rows, self.between.base + row);
-            let other = s.load_row(&self.rows, self.between.other + row);
-            at + (other - at) * self.fraction - origin
-        } else {
-            s.load_row(&self.rows, row) - origin
+    fn coordinate<const MOVING: bool>(&self, s: S, axis: usize, origin: S::F) -> [S::F; 3] {
+        let [a, b, c] = s.load_thirds(&self.rows, self.between.base + axis);
+        if !MOVING {
+            return [a - origin, b - origin, c - origin];
         }
-    }
-
-    /// Corner `i` of every triangle: sheared x and y, and depth, exactly as `Sheared::corner` computes them.
-    #[inline(always)]
-    fn sheared<const MOVING: bool>(&self, s: S, i: usize) -> (S::F, S::F, S::F) {
-        let z = self.coordinate::<MOVING>(s, i, self.shear.kz, self.origin[2]);
-        let x = self.coordinate::<MOVING>(s, i, self.shear.kx, self.origin[0]);
-        let y = self.coordinate::<MOVING>(s, i, self.shear.ky, self.origin[1]);
-        (x - self.slopes.0 * z, y - self.slopes.1 * z, z)
+        let [a2, b2, c2] = s.load_thirds(&self.rows, self.between.other + axis);
+        let f = self.fraction;
+        [a + (a2 - a) * f - origin, b + (b2 - b) * f - origin, c + (c2 - c) * f - origin]
     }
 }
 

@@ -104,6 +104,13 @@ impl U {
     }
 }
 
+/// The lanes of a mask from where `at` points to, 0 elsewhere; at least as many floats as the mask has bits, all of
+/// them the lowest, must lie there. The mask came from the token.
+#[inline(always)]
+fn masked(lanes: U, at: *const f32) -> F {
+    F(intrinsic!(_mm256_maskload_ps(at, lanes.0)), intrinsic!(_mm256_maskload_ps(at.wrapping_add(8), lanes.1)))
+}
+
 impl Add for F {
     type Output = F;
     #[inline(always)]
@@ -159,11 +166,10 @@ impl Simd for Avx2 {
         F(intrinsic!(_mm256_loadu_ps(at)), intrinsic!(_mm256_loadu_ps(at.add(8))))
     }
     #[inline(always)]
-    fn load_row(self, rows: &Rows, i: usize) -> F {
+    fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
         let lanes = U::from_mask(rows.mask);
-        let low = rows.row(i);
-        let high = low.wrapping_add(8);
-        F(intrinsic!(_mm256_maskload_ps(low, lanes.0)), intrinsic!(_mm256_maskload_ps(high, lanes.1)))
+        let [a, b, c] = rows.thirds(first);
+        [masked(lanes, a), masked(lanes, b), masked(lanes, c)]
     }
     #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {

@@ -102,8 +102,13 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_loadu_ps(from.as_ptr())))
     }
     #[inline(always)]
-    fn load_row(self, rows: &Rows, i: usize) -> F {
-        F(intrinsic!(_mm512_maskz_loadu_ps(rows.mask, rows.row(i))))
+    fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
+        let [a, b, c] = rows.thirds(first);
+        [
+            F(intrinsic!(_mm512_maskz_loadu_ps(rows.mask, a))),
+            F(intrinsic!(_mm512_maskz_loadu_ps(rows.mask, b))),
+            F(intrinsic!(_mm512_maskz_loadu_ps(rows.mask, c))),
+        ]
     }
     #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {

@@ -37,7 +37,7 @@ pub(crate) type Mask = u16;
 
 /// Rows of up to sixteen floats, one right behind the other.
 ///
-/// Its bounds are checked once, so that reading a row costs one comparison.
+/// Their bounds are checked once, so that reading three of them costs one comparison.
 pub(crate) struct Rows<'a> {
     words: &'a [f32],
     /// Floats per row, and the mask of that many lanes.
@@ -54,11 +54,12 @@ impl<'a> Rows<'a> {
         Rows { words, n, mask: ((1u32 << n) - 1) as Mask, count }
     }
 
-    /// Where row `i` begins; it has `n` floats from there.
+    /// Where rows `first`, `first + 3` and `first + 6` begin; each has `n` floats from there.
     #[inline(always)]
-    fn row(&self, i: usize) -> *const f32 {
-        assert!(i < self.count);
-        self.words.as_ptr().wrapping_add(i * self.n)
+    fn thirds(&self, first: usize) -> [*const f32; 3] {
+        assert!(first + 6 < self.count);
+        let at = self.words.as_ptr().wrapping_add(first * self.n);
+        [at, at.wrapping_add(3 * self.n), at.wrapping_add(6 * self.n)]
     }
 }
 
@@ -77,9 +78,9 @@ pub(crate) trait Simd: Copy {
     fn splat(self, x: f32) -> Self::F;
     /// Reads sixteen floats, at any alignment.
     fn load(self, from: &Lanes<f32>) -> Self::F;
-    /// Reads row `i`; the lanes beyond its length are 0. What lies behind the row in memory is not looked at
-    /// (read as numbers it might be denormal, which is slow).
-    fn load_row(self, rows: &Rows, i: usize) -> Self::F;
+    /// Reads rows `first`, `first + 3` and `first + 6`; the lanes beyond their length are 0. What lies behind a row in
+    /// memory is not looked at (read as numbers it might be denormal, which is slow).
+    fn load_thirds(self, rows: &Rows, first: usize) -> [Self::F; 3];
     /// Writes sixteen floats, at any alignment.
     fn store(self, x: Self::F, to: &mut Lanes<f32>);
     /// `a * b + c`, fused or not: for culling only, never for an answer.

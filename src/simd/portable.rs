@@ -108,10 +108,12 @@ impl Simd for Portable {
         F(*from)
     }
     #[inline(always)]
-    fn load_row(self, rows: &Rows, i: usize) -> F {
-        let mut out = [0.0; LANES];
-        out[..rows.n].copy_from_slice(&rows.words[i * rows.n..(i + 1) * rows.n]);
-        F(out)
+    fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
+        [first, first + 3, first + 6].map(|row| {
+            let mut out = [0.0; LANES];
+            out[..rows.n].copy_from_slice(&rows.words[row * rows.n..(row + 1) * rows.n]);
+            F(out)
+        })
     }
     #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {
