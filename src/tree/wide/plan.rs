@@ -20,7 +20,7 @@ use crate::simd::huge_vec;
 
 /// Prices of a query's steps, relative to each other. Speed depends little on them: half or one and a half
 /// times those of nodes and primitives make no difference beyond noise on the scenes hall and coherent.
-const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.15, still: 0.7, most: 16 };
+const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
 
 /// References at which the binary tree stops; the collapse joins its leaves again.
 const BINARY_LEAF: usize = 4;
