@@ -211,8 +211,9 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
             return None;
         }
         let children = lanes_at(self.arena.ints(), node.at() + (ROWS - 1) * LANES);
-        let first = ChildRef(children[mask.trailing_zeros() as usize % LANES]);
-        let others = mask & (mask - 1);
+        let lane = Mask::BITS - 1 - mask.leading_zeros();
+        let first = ChildRef(children[lane as usize % LANES]);
+        let others = mask ^ (1 << lane);
         if !C::ORDERED {
             stack.push_lanes(s, s.compress_u(s.load_u(children), others), others.count_ones() as usize);
             return Some(first);

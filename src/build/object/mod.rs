@@ -6,6 +6,6 @@ mod binned;
 mod collapse;
 mod spatial;
 
-pub(crate) use binned::{BinaryNode, BinaryTree, Reference, build_binary};
+pub(crate) use binned::{BinaryNode, BinaryTree, Reference, build_binary, mean_half_area};
 pub(crate) use collapse::{Collapse, Prices, WideChild};
 pub(crate) use spatial::Ends;

@@ -1,7 +1,7 @@
 //! Writes nodes into the arena.
 
 use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
-use crate::build::object::{BinaryNode, Collapse, WideChild};
+use crate::build::object::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
 use crate::simd::{Arena, LANES};
@@ -106,9 +106,14 @@ impl<L: FnMut(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError>> Nodes<'_
     }
 
     /// The recursion is as deep as the wide tree, which the binary build bounds.
+    ///
+    /// Queries that take any hit visit the highest lane first. So leaf blocks come last, the largest at the very
+    /// end: those most likely end such a query soonest.
     fn node(&mut self, arena: &mut Arena, of: u32) -> Result<ChildRef, BuildError> {
         let mut children: Vec<WideChild> = Vec::with_capacity(LANES);
         self.collapse.children(self.binary, of, &mut children);
+        let of = |c: &WideChild| &self.binary[c.node as usize].bounds;
+        children.sort_by_cached_key(|c| (c.leaf, mean_half_area(of(c)).to_bits()));
         let boxes: Vec<LinearBox3> = children.iter().map(|c| self.binary[c.node as usize].bounds).collect();
         let node = write_node(arena, &boxes, self.over)?;
         let mut refs = [ChildRef::NOTHING; LANES];
