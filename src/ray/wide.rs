@@ -77,104 +77,129 @@ impl<S: Simd> Walk for Wide<'_, S> {
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) {
-        Scene { arena: &self.tree.arena, set, filter }.trace(self.simd, self.tree.root, ray, collect, observer);
+        let scene = Scene { arena: &self.tree.arena, set, filter };
+        let mut memory = StackMemory::new();
+        let mut journey = Journey::new(self.tree.root, ray, memory.stack());
+        while scene.advance(self.simd, ray, &mut journey, collect, observer) {}
+    }
+}
+
+/// A ray on its way through the tree.
+pub(super) struct Journey<'a> {
+    slabs: Slabs,
+    /// The ray's time in leaf blocks of triangles with two keys.
+    linear: Between,
+    /// The block to visit next.
+    pub at: ChildRef,
+    /// Blocks to visit later: distances in the high halves, references in the low.
+    stack: Stack<'a, u64, STACK>,
+}
+
+impl<'a> Journey<'a> {
+    #[inline(always)]
+    pub fn new(root: ChildRef, ray: &TreeRay, stack: Stack<'a, u64, STACK>) -> Journey<'a> {
+        Journey { slabs: Slabs::new(ray), linear: Between::new(KeyTime::new(ray.time, 2)), at: root, stack }
     }
 }
 
 /// What does not change during a query.
-struct Scene<'a, G, F> {
-    arena: &'a Arena,
-    set: &'a G,
-    filter: &'a F,
+pub(super) struct Scene<'a, G, F> {
+    pub arena: &'a Arena,
+    pub set: &'a G,
+    pub filter: &'a F,
 }
 
 impl<G: WideSource, F: Filter> Scene<'_, G, F> {
-    /// Offers every hit that may matter to `collect`.
+    /// Visits the next block of a journey, and offers the hits found in it to `collect`. False at the journey's end.
     #[inline(always)]
-    fn trace<S: Simd>(
+    pub fn advance<S: Simd>(
         &self,
         s: S,
-        root: ChildRef,
         ray: &TreeRay,
+        journey: &mut Journey<'_>,
         collect: &mut impl Collect,
         observer: &mut impl Observer,
-    ) {
-        let slabs = Slabs::new(ray);
-        let linear = Between::new(KeyTime::new(ray.time, 2));
-        let mut memory = StackMemory::<u64, STACK>::new();
-        let mut stack = memory.stack();
-        let mut at = root;
-        loop {
-            match at.kind() {
-                Kind::Node => {
-                    observer.node();
-                    if let Some(next) = self.step::<S, NODE_ROWS, _>(s, at, ray, &slabs, collect, &mut stack) {
-                        at = next;
-                        continue;
-                    }
+    ) -> bool {
+        let at = journey.at;
+        let (slabs, stack) = (&journey.slabs, &mut journey.stack);
+        let end = match at.kind() {
+            Kind::Node => {
+                observer.node();
+                if let Some(next) = self.step::<S, NODE_ROWS, _>(s, at, ray, slabs, collect, stack) {
+                    journey.at = next;
+                    return true;
                 }
-                Kind::StillNode => {
-                    observer.node();
-                    if let Some(next) = self.step::<S, STILL_NODE_ROWS, _>(s, at, ray, &slabs, collect, &mut stack) {
-                        at = next;
-                        continue;
-                    }
-                }
-                Kind::Leaf => {
-                    observer.leaf();
-                    observer.primitive_tests(at.len());
-                    if self.leaf::<S, true>(s, at, ray, linear, collect) {
-                        return;
-                    }
-                }
-                Kind::StillLeaf => {
-                    observer.leaf();
-                    observer.primitive_tests(at.len());
-                    if self.leaf::<S, false>(s, at, ray, Between::NEVER, collect) {
-                        return;
-                    }
-                }
-                Kind::KeyedLeaf => {
-                    observer.leaf();
-                    observer.primitive_tests(at.len());
-                    let segments = self.arena.ints()[at.at() + LeafShape::Keyed.ids(at.len()) + at.len()] as usize;
-                    let between = Between::new(KeyTime::new(ray.time, segments + 1));
-                    if self.leaf::<S, true>(s, at, ray, between, collect) {
-                        return;
-                    }
-                }
-                Kind::Time => {
-                    let words = &self.arena.ints()[at.at()..];
-                    let part = KeyTime::new(ray.time, words[0] as usize + 1).segment;
-                    at = ChildRef(words[1 + part]);
-                    continue;
-                }
-                Kind::ListLeaf if G::LISTS => {
-                    observer.leaf();
-                    observer.primitive_tests(at.len());
-                    for &id in &self.arena.ints()[at.at()..at.at() + at.len()] {
-                        if self.sees(id, ray)
-                            && let Some(hit) = self.set.intersect(id, ray)
-                            && hit.t <= collect.limit()
-                            && collect.offer(Found { hit, id })
-                        {
-                            return;
-                        }
-                    }
-                }
-                Kind::ListLeaf | Kind::Nothing => {}
+                false
             }
-            // What begins beyond the limit is of no interest any more. Distances below zero were stored as
-            // zero, so the bits order like the numbers.
-            let limit = u64::from(collect.limit().max(0.0).to_bits());
-            at = loop {
-                match stack.pop() {
-                    Some(entry) if entry >> 32 <= limit => break ChildRef(entry as u32),
-                    Some(_) => {}
-                    None => return,
+            Kind::StillNode => {
+                observer.node();
+                if let Some(next) = self.step::<S, STILL_NODE_ROWS, _>(s, at, ray, slabs, collect, stack) {
+                    journey.at = next;
+                    return true;
                 }
-            };
+                false
+            }
+            Kind::Leaf => {
+                observer.leaf();
+                observer.primitive_tests(at.len());
+                self.leaf::<S, true>(s, at, ray, journey.linear, collect)
+            }
+            Kind::StillLeaf => {
+                observer.leaf();
+                observer.primitive_tests(at.len());
+                self.leaf::<S, false>(s, at, ray, Between::NEVER, collect)
+            }
+            Kind::KeyedLeaf => {
+                observer.leaf();
+                observer.primitive_tests(at.len());
+                let segments = self.arena.ints()[at.at() + LeafShape::Keyed.ids(at.len()) + at.len()] as usize;
+                let between = Between::new(KeyTime::new(ray.time, segments + 1));
+                self.leaf::<S, true>(s, at, ray, between, collect)
+            }
+            Kind::Time => {
+                let words = &self.arena.ints()[at.at()..];
+                let part = KeyTime::new(ray.time, words[0] as usize + 1).segment;
+                journey.at = ChildRef(words[1 + part]);
+                return true;
+            }
+            Kind::ListLeaf if G::LISTS => {
+                observer.leaf();
+                observer.primitive_tests(at.len());
+                self.list(at, ray, collect)
+            }
+            Kind::ListLeaf | Kind::Nothing => false,
+        };
+        if end {
+            return false;
         }
+        // What begins beyond the limit is of no interest any more. Distances below zero were stored as
+        // zero, so the bits order like the numbers.
+        let limit = u64::from(collect.limit().max(0.0).to_bits());
+        loop {
+            match stack.pop() {
+                Some(entry) if entry >> 32 <= limit => {
+                    journey.at = ChildRef(entry as u32);
+                    return true;
+                }
+                Some(_) => {}
+                None => return false,
+            }
+        }
+    }
+
+    /// Asks the primitives of a list themselves; true ends the query.
+    #[inline(always)]
+    fn list(&self, leaf: ChildRef, ray: &TreeRay, collect: &mut impl Collect) -> bool {
+        for &id in &self.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
+            if self.sees(id, ray)
+                && let Some(hit) = self.set.intersect(id, ray)
+                && hit.t <= collect.limit()
+                && collect.offer(Found { hit, id })
+            {
+                return true;
+            }
+        }
+        false
     }
 
     /// Whether a primitive exists at the ray's time and the query sees it. Asked of hits only, so that boxes and
