@@ -20,13 +20,13 @@
 use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::observer::Observer;
-use super::query_ray::TreeRay;
 use super::query::Walk;
+use super::query_ray::TreeRay;
 use super::triangle::hit_slack;
-use crate::tree::wide::WideSource;
 use crate::build::DEPTH_LIMIT;
 use crate::motion::ULP;
 use crate::simd::StackMemory;
+use crate::tree::wide::WideSource;
 use crate::tree::{KdTree, KdView};
 
 /// A subtree still to be visited, with the range of `t` in which the ray is near its cell.

@@ -3,6 +3,7 @@
 mod collect;
 mod filter;
 mod hit;
+mod interleave;
 mod kd;
 mod observer;
 mod query;
@@ -13,8 +14,9 @@ mod wide;
 pub(crate) use filter::{Everything, Filter, Visible};
 pub(crate) use hit::SetHit;
 pub use hit::{Hit, Intersection};
+pub(crate) use interleave::{Anys, Asks, Batch, Closests};
 pub use observer::{Counters, Observer};
-pub use query_ray::Ray;
 pub(crate) use query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
+pub use query_ray::Ray;
 pub(crate) use query_ray::TreeRay;
 pub(crate) use triangle::intersect_triangle;

@@ -27,6 +27,9 @@ use glam::Vec3A;
 /// Places on the stack. A level of the tree leaves at most 15 behind, usually one or two.
 const STACK: usize = 192;
 
+/// Memory for the stack of one ray.
+pub(super) type StackOf = StackMemory<u64, STACK>;
+
 /// Smaller components of a direction are taken as this: over any distance within reach the ray then
 /// strays by less than a thousandth of the slack.
 const LEAST_COMPONENT: f32 = 1e-12;
@@ -78,7 +81,7 @@ impl<S: Simd> Walk for Wide<'_, S> {
         observer: &mut impl Observer,
     ) {
         let scene = Scene { arena: &self.tree.arena, set, filter };
-        let mut memory = StackMemory::new();
+        let mut memory = StackOf::new();
         let mut journey = Journey::new(self.tree.root, ray, memory.stack());
         while scene.advance(self.simd, ray, &mut journey, collect, observer) {}
     }
@@ -99,6 +102,15 @@ impl<'a> Journey<'a> {
     #[inline(always)]
     pub fn new(root: ChildRef, ray: &TreeRay, stack: Stack<'a, u64, STACK>) -> Journey<'a> {
         Journey { slabs: Slabs::new(ray), linear: Between::new(KeyTime::new(ray.time, 2)), at: root, stack }
+    }
+
+    /// Begins anew with another ray.
+    #[inline(always)]
+    pub fn restart(&mut self, root: ChildRef, ray: &TreeRay) {
+        self.slabs = Slabs::new(ray);
+        self.linear = Between::new(KeyTime::new(ray.time, 2));
+        self.at = root;
+        self.stack.clear();
     }
 }
 
@@ -226,9 +238,8 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         let near = |i: usize| {
             face_distance::<S, ROWS>(s, rows, slabs.near_row[i], time, slabs.inverse[i], slabs.near_offset[i])
         };
-        let far = |i: usize| {
-            face_distance::<S, ROWS>(s, rows, slabs.far_row[i], time, slabs.inverse[i], slabs.far_offset[i])
-        };
+        let far =
+            |i: usize| face_distance::<S, ROWS>(s, rows, slabs.far_row[i], time, slabs.inverse[i], slabs.far_offset[i]);
         let enter = s.max(s.max(near(0), near(1)), s.max(near(2), s.splat(ray.t_min)));
         let leave = s.min(s.min(far(0), far(1)), s.min(far(2), s.splat(collect.limit())));
         let mask = s.le(enter, leave);

@@ -71,6 +71,19 @@ impl Arena {
         unsafe { &*core::ptr::from_ref(lines).cast() }
     }
 
+    /// Asks for the lines of a block; a hint.
+    #[inline(always)]
+    pub(crate) fn prefetch(&self, at: usize, lines: usize) {
+        #[cfg(target_arch = "x86_64")]
+        for i in 0..lines {
+            let line = self.lines.as_ptr().wrapping_add(at / LANES + i);
+            // SAFETY: prefetching never faults, whatever the address.
+            unsafe { core::arch::x86_64::_mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(line.cast()) };
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = (at, lines);
+    }
+
     /// All words as floats, to be written.
     #[inline(always)]
     pub(crate) fn floats_mut(&mut self) -> &mut [f32] {

@@ -64,6 +64,13 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
         self.len += n;
     }
 
+    /// Takes all items off.
+    #[inline(always)]
+    pub(crate) fn clear(&mut self) {
+        self.len = 0;
+        self.spilled.clear();
+    }
+
     /// Takes the top item.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<T> {

@@ -74,6 +74,18 @@ impl ChildRef {
         (self.0 >> 3 & 15) as usize + 1
     }
 
+    /// Number of cache lines of the block, except those of ids and lists that are rarely read.
+    #[inline(always)]
+    pub fn lines(self) -> usize {
+        match self.kind() {
+            Kind::Node => NODE_ROWS,
+            Kind::StillNode => STILL_NODE_ROWS,
+            Kind::Leaf | Kind::KeyedLeaf => (2 * CORNER_ROWS * self.len()).div_ceil(LANES),
+            Kind::StillLeaf => (CORNER_ROWS * self.len()).div_ceil(LANES),
+            Kind::Time | Kind::ListLeaf | Kind::Nothing => 1,
+        }
+    }
+
     #[inline(always)]
     pub fn kind(self) -> Kind {
         match self.0 & 7 {

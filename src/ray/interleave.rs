@@ -1,0 +1,134 @@
+//! Many rays at once through the wide layout, a block each by turns.
+//!
+//! The picture: a waiter who serves several tables. A ray that needs a block which is not in the cache would
+//! wait for it as long as dozens of tests take; so the block is asked for, and the other rays of the
+//! group take their turns until it has come. Answers do not depend on it. On a tree that fits the cache it only
+//! costs, so small trees are asked ray by ray.
+
+use super::collect::{Any, Closest, Collect, Found};
+use super::filter::Everything;
+use super::hit::Hit;
+use super::query_ray::{Ray, TreeRay};
+use super::wide::{Journey, Scene, StackOf};
+use crate::simd::{Kernel, Simd};
+use crate::tree::wide::{WideSource, WideTree};
+
+/// Rays on their way at the same time.
+const GROUP: usize = 8;
+
+/// What a batch asks of each of its rays.
+pub(crate) trait Asks {
+    /// An answer.
+    type Answer: Copy + Send;
+    /// The answer of a ray that hits nothing.
+    const NOTHING: Self::Answer;
+    /// What gathers it.
+    type Collect: Collect;
+    /// A collector for hits up to a distance.
+    fn collect(t_max: f32) -> Self::Collect;
+    /// The answer, once the ray is through.
+    fn answer(collect: &Self::Collect, set: &impl WideSource, ray: &TreeRay) -> Self::Answer;
+}
+
+type Accept = fn(&Found) -> bool;
+
+fn accept(_: &Found) -> bool {
+    true
+}
+
+/// The nearest hit of each ray.
+pub(crate) struct Closests;
+
+impl Asks for Closests {
+    type Answer = Option<Hit>;
+    const NOTHING: Option<Hit> = None;
+    type Collect = Closest<Accept>;
+
+    #[inline(always)]
+    fn collect(t_max: f32) -> Closest<Accept> {
+        Closest { t_max, best: None, accept }
+    }
+
+    #[inline(always)]
+    fn answer(collect: &Closest<Accept>, set: &impl WideSource, ray: &TreeRay) -> Option<Hit> {
+        collect.best.map(|found| ray.answer(found.hit, set.name(found.id)))
+    }
+}
+
+/// Whether each ray hits anything.
+pub(crate) struct Anys;
+
+impl Asks for Anys {
+    type Answer = bool;
+    const NOTHING: bool = false;
+    type Collect = Any<Accept>;
+
+    #[inline(always)]
+    fn collect(t_max: f32) -> Any<Accept> {
+        Any { t_max, found: false, accept }
+    }
+
+    #[inline(always)]
+    fn answer(collect: &Any<Accept>, _: &impl WideSource, _: &TreeRay) -> bool {
+        collect.found
+    }
+}
+
+/// A batch, to be dispatched to an instruction set. There are as many answers as rays, all still
+/// [`Asks::NOTHING`].
+pub(crate) struct Batch<'a, G, A: Asks> {
+    pub tree: &'a WideTree,
+    pub set: &'a G,
+    pub rays: &'a [Ray],
+    pub answers: &'a mut [A::Answer],
+}
+
+/// A ray of the group.
+struct Turn<'a, C> {
+    /// Its place in the batch.
+    index: usize,
+    ray: TreeRay,
+    journey: Journey<'a>,
+    collect: C,
+}
+
+impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Batch { tree, set, rays, answers } = self;
+        let scene = Scene { arena: &tree.arena, set, filter: &Everything };
+        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
+        let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
+        let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
+        for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
+            let journey = Journey::new(tree.root, &ray, memory.stack());
+            let collect = A::collect(ray.t_max);
+            group.push(Turn { index, ray, journey, collect });
+        }
+        while !group.is_empty() {
+            let mut i = 0;
+            while i < group.len() {
+                let turn = &mut group[i];
+                if scene.advance(s, &turn.ray, &mut turn.journey, &mut turn.collect, &mut ()) {
+                    scene.arena.prefetch(turn.journey.at.at(), turn.journey.at.lines());
+                    i += 1;
+                    continue;
+                }
+                answers[turn.index] = A::answer(&turn.collect, set, &turn.ray);
+                match waiting.next() {
+                    Some((index, ray)) => {
+                        turn.journey.restart(tree.root, &ray);
+                        turn.collect = A::collect(ray.t_max);
+                        (turn.index, turn.ray) = (index, ray);
+                        i += 1;
+                    }
+                    None => {
+                        group.swap_remove(i);
+                    }
+                }
+            }
+        }
+    }
+}
