@@ -20,6 +20,13 @@ pub struct Triangles {
     always_active: bool,
 }
 
+/// A vertex of one of the meshes.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Vertex {
+    mesh: u32,
+    index: u32,
+}
+
 struct Rebased {
     /// Id of the first triangle.
     first: u32,
@@ -73,6 +80,18 @@ impl Triangles {
         let first = self.meshes.get(mesh as usize)?.first;
         let end = self.meshes.get(mesh as usize + 1).map_or(self.indices.len() as u32, |next| next.first);
         first.checked_add(triangle).filter(|&id| id < end)
+    }
+
+    /// The vertices of a triangle.
+    pub(crate) fn vertices(&self, id: u32) -> [Vertex; 3] {
+        let mesh = self.mesh_of[id as usize];
+        self.indices[id as usize].map(|index| Vertex { mesh, index })
+    }
+
+    /// The position of a vertex at one key, or at the last there is.
+    pub(crate) fn vertex_at_key(&self, vertex: Vertex, key: usize) -> Vec3 {
+        let keys = &self.meshes[vertex.mesh as usize].keys;
+        keys[key.min(keys.len() - 1)][vertex.index as usize]
     }
 
     /// The corners at one key.
@@ -184,8 +203,10 @@ impl PrimitiveSet for Triangles {
         self.mesh(id).mask
     }
 
+    #[inline]
     fn name(&self, id: u32) -> (u32, u32) {
-        let mesh = self.mesh_of[id as usize];
+        // Asked for each hit; of a single mesh nothing has to be fetched.
+        let mesh = if self.meshes.len() == 1 { 0 } else { self.mesh_of[id as usize] };
         (mesh, id - self.meshes[mesh as usize].first)
     }
 

@@ -11,7 +11,7 @@ use super::hit::Hit;
 use super::query_ray::{Ray, TreeRay};
 use super::wide::{Journey, Scene, StackOf};
 use crate::simd::{Kernel, Simd};
-use crate::tree::wide::{WideSource, WideTree};
+use crate::tree::wide::{ChildRef, WideSource, WideTree};
 
 /// Rays on their way at the same time.
 const GROUP: usize = 8;
@@ -98,6 +98,9 @@ impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Batch { tree, set, rays, answers } = self;
+        if tree.root == ChildRef::NOTHING {
+            return;
+        }
         let scene = Scene { arena: &tree.arena, set, filter: &Everything };
         let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());

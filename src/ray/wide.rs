@@ -21,8 +21,10 @@ use super::query_ray::TreeRay;
 use super::triangle::hit_slack;
 use crate::motion::KeyTime;
 use crate::simd::{Arena, LANES, Lanes, Mask, Rows, Simd, Stack, StackMemory, lanes_at};
-use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
-use glam::Vec3A;
+use crate::tree::wide::{
+    CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, WideSource, WideTree, shared_count,
+};
+use glam::{Vec3, Vec3A};
 
 /// Places on the stack. A level of the tree leaves at most 15 behind, usually one or two.
 const STACK: usize = 192;
@@ -80,6 +82,9 @@ impl<S: Simd> Walk for Wide<'_, S> {
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) {
+        if self.tree.root == ChildRef::NOTHING {
+            return;
+        }
         let scene = Scene { arena: &self.tree.arena, set, filter };
         let mut memory = StackOf::new();
         let mut journey = Journey::new(self.tree.root, ray, memory.stack());
@@ -151,35 +156,22 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
                 }
                 false
             }
-            Kind::Leaf => {
-                observer.leaf();
-                observer.primitive_tests(at.len());
-                self.leaf::<S, true>(s, at, ray, journey.linear, collect)
-            }
-            Kind::StillLeaf => {
-                observer.leaf();
-                observer.primitive_tests(at.len());
-                self.leaf::<S, false>(s, at, ray, Between::NEVER, collect)
-            }
-            Kind::KeyedLeaf => {
-                observer.leaf();
-                observer.primitive_tests(at.len());
-                let segments = self.arena.ints()[at.at() + LeafShape::Keyed.ids(at.len()) + at.len()] as usize;
-                let between = Between::new(KeyTime::new(ray.time, segments + 1));
-                self.leaf::<S, true>(s, at, ray, between, collect)
-            }
             Kind::Time => {
                 let words = &self.arena.ints()[at.at()..];
                 let part = KeyTime::new(ray.time, words[0] as usize + 1).segment;
                 journey.at = ChildRef(words[1 + part]);
                 return true;
             }
-            Kind::ListLeaf if G::LISTS => {
-                observer.leaf();
-                observer.primitive_tests(at.len());
-                self.list(at, ray, collect)
+            Kind::Leaf => self.leaf::<S, true>(s, at, ray, journey.linear, collect, observer),
+            Kind::StillLeaf => self.leaf::<S, false>(s, at, ray, Between::NEVER, collect, observer),
+            Kind::SharedLeaf => self.shared::<S, true>(s, at, ray, journey.linear, collect, observer),
+            Kind::SharedStillLeaf => self.shared::<S, false>(s, at, ray, Between::NEVER, collect, observer),
+            Kind::OwnLeaf if G::LISTS => self.list(at, ray, collect, observer),
+            Kind::OwnLeaf => {
+                let segments = self.arena.ints()[at.at() + (2 * CORNER_ROWS + 1) * at.len()] as usize;
+                let between = Between::new(KeyTime::new(ray.time, segments + 1));
+                self.leaf::<S, true>(s, at, ray, between, collect, observer)
             }
-            Kind::ListLeaf | Kind::Nothing => false,
         };
         if end {
             return false;
@@ -201,7 +193,9 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
 
     /// Asks the primitives of a list themselves; true ends the query.
     #[inline(always)]
-    fn list(&self, leaf: ChildRef, ray: &TreeRay, collect: &mut impl Collect) -> bool {
+    fn list(&self, leaf: ChildRef, ray: &TreeRay, collect: &mut impl Collect, observer: &mut impl Observer) -> bool {
+        observer.leaf();
+        observer.primitive_tests(leaf.len());
         for &id in &self.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
             if self.sees(id, ray)
                 && let Some(hit) = self.set.intersect(id, ray)
@@ -269,37 +263,29 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         ray: &TreeRay,
         between: Between,
         collect: &mut impl Collect,
+        observer: &mut impl Observer,
     ) -> bool {
         let n = leaf.len();
+        observer.leaf();
+        observer.primitive_tests(n);
         let block = &self.arena.floats()[leaf.at()..];
-        let (origin, shear) = (ray.origin.to_array(), &ray.shear);
-        let corners = Corners::<S> {
-            rows: Rows::new(block, n, if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS }),
-            between,
-            fraction: s.splat(between.fraction),
-        };
-        let z = corners.coordinate::<MOVING>(s, shear.kz, s.splat(origin[shear.kz]));
-        let x = corners.coordinate::<MOVING>(s, shear.kx, s.splat(origin[shear.kx]));
-        let y = corners.coordinate::<MOVING>(s, shear.ky, s.splat(origin[shear.ky]));
+        let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
+        let rows = Rows::new(block, n, count);
+        let shear = &ray.shear;
+        let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, shear.kz, ray.origin);
+        let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, shear.kx, ray.origin);
+        let [ya, yb, yc] = corners::<S, MOVING>(s, &rows, between, shear.ky, ray.origin);
         // Sheared exactly as by `Sheared::corner`.
         let (sx, sy) = (s.splat(shear.sx), s.splat(shear.sy));
-        let a = (x[0] - sx * z[0], y[0] - sy * z[0]);
-        let b = (x[1] - sx * z[1], y[1] - sy * z[1]);
-        let c = (x[2] - sx * z[2], y[2] - sy * z[2]);
-        let u = c.0 * b.1 - c.1 * b.0;
-        let v = a.0 * c.1 - a.1 * c.0;
-        let w = b.0 * a.1 - b.1 * a.0;
-        let zero = s.splat(0.0);
-        let least = s.min(u, s.min(v, w));
-        let greatest = s.max(u, s.max(v, w));
-        let outside = s.lt(least, zero) & s.lt(zero, greatest);
-        let mut inside = !outside & (((1u32 << n) - 1) as Mask);
+        let a = (xa - sx * za, ya - sy * za);
+        let b = (xb - sx * zb, yb - sy * zb);
+        let c = (xc - sx * zc, yc - sy * zc);
+        let mut inside = maybe_inside(s, a, b, c) & ((1u32 << n) - 1) as Mask;
         if inside == 0 {
             return false;
         }
-        let ids = (if MOVING { LeafShape::Moving } else { LeafShape::Still }).ids(n);
         let mut lanes = [[0.0; LANES]; 9];
-        for (value, to) in [a.0, a.1, z[0], b.0, b.1, z[1], c.0, c.1, z[2]].into_iter().zip(&mut lanes) {
+        for (value, to) in [a.0, a.1, za, b.0, b.1, zb, c.0, c.1, zc].into_iter().zip(&mut lanes) {
             s.store(value, to);
         }
         while inside != 0 {
@@ -310,15 +296,112 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
                 [lanes[3][i], lanes[4][i], lanes[5][i]],
                 [lanes[6][i], lanes[7][i], lanes[8][i]],
             ];
-            if let Some(hit) = shear.decide(corners, ray.t_min, collect.limit()) {
-                let id = self.arena.ints()[leaf.at() + ids + i];
-                if self.sees(id, ray) && collect.offer(Found { hit, id }) {
-                    return true;
-                }
+            if self.offer(corners, leaf.at() + count * n + i, ray, collect) {
+                return true;
             }
         }
         false
     }
+
+    /// Tests the triangles of a leaf block that share vertices; true ends the query.
+    #[inline(always)]
+    fn shared<S: Simd, const MOVING: bool>(
+        &self,
+        s: S,
+        leaf: ChildRef,
+        ray: &TreeRay,
+        between: Between,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) -> bool {
+        let block = &self.arena.floats()[leaf.at()..];
+        let count = if MOVING { 2 * VERTEX_ROWS } else { VERTEX_ROWS };
+        let rows = Rows::new(block, leaf.len(), count);
+        let at = leaf.at() + count * leaf.len();
+        let words = lanes_at(self.arena.ints(), at);
+        let n = shared_count(words[0]);
+        observer.leaf();
+        observer.primitive_tests(n);
+        let shear = &ray.shear;
+        let z = vertices::<S, MOVING>(s, &rows, between, shear.kz, ray.origin);
+        let x = vertices::<S, MOVING>(s, &rows, between, shear.kx, ray.origin) - s.splat(shear.sx) * z;
+        let y = vertices::<S, MOVING>(s, &rows, between, shear.ky, ray.origin) - s.splat(shear.sy) * z;
+        let first = s.load_u(words);
+        let (second, third) = (s.shift_right::<4>(first), s.shift_right::<8>(first));
+        let a = (s.permute(x, first), s.permute(y, first));
+        let b = (s.permute(x, second), s.permute(y, second));
+        let c = (s.permute(x, third), s.permute(y, third));
+        let mut inside = maybe_inside(s, a, b, c) & ((1u32 << n) - 1) as Mask;
+        if inside == 0 {
+            return false;
+        }
+        let mut lanes = [[0.0; LANES]; 3];
+        s.store(x, &mut lanes[0]);
+        s.store(y, &mut lanes[1]);
+        s.store(z, &mut lanes[2]);
+        while inside != 0 {
+            let i = inside.trailing_zeros() as usize % LANES;
+            inside &= inside - 1;
+            let corners = words[i];
+            let (a, b, c) = (corners as usize & 15, (corners >> 4) as usize & 15, (corners >> 8) as usize & 15);
+            let corners = [
+                [lanes[0][a], lanes[1][a], lanes[2][a]],
+                [lanes[0][b], lanes[1][b], lanes[2][b]],
+                [lanes[0][c], lanes[1][c], lanes[2][c]],
+            ];
+            if self.offer(corners, at + n + i, ray, collect) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Decides about a triangle of sheared corners, whose id is at word `id`; true ends the query.
+    #[inline(always)]
+    fn offer(&self, corners: [[f32; 3]; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
+        let Some(hit) = ray.shear.decide(corners, ray.t_min, collect.limit()) else { return false };
+        let id = self.arena.ints()[id];
+        self.sees(id, ray) && collect.offer(Found { hit, id })
+    }
+}
+
+/// Lanes whose triangles the signs of the edge functions in f32 do not rule out (see [`super::triangle`]).
+#[inline(always)]
+fn maybe_inside<S: Simd>(s: S, a: (S::F, S::F), b: (S::F, S::F), c: (S::F, S::F)) -> Mask {
+    let u = c.0 * b.1 - c.1 * b.0;
+    let v = a.0 * c.1 - a.1 * c.0;
+    let w = b.0 * a.1 - b.1 * a.0;
+    let zero = s.splat(0.0);
+    let least = s.min(u, s.min(v, w));
+    let greatest = s.max(u, s.max(v, w));
+    !(s.lt(least, zero) & s.lt(zero, greatest))
+}
+
+/// One coordinate of the three corners of a block's triangles at the ray's time, exactly as `KeyTime::position`
+/// computes it, less the origin.
+#[inline(always)]
+fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: Vec3) -> [S::F; 3] {
+    let origin = s.splat(origin.to_array()[axis]);
+    let (base, other) = between.rows(CORNER_ROWS);
+    let [a, b, c] = s.load_thirds(rows, base + axis);
+    if !MOVING {
+        return [a - origin, b - origin, c - origin];
+    }
+    let [a2, b2, c2] = s.load_thirds(rows, other + axis);
+    let f = s.splat(between.fraction);
+    [a + (a2 - a) * f - origin, b + (b2 - b) * f - origin, c + (c2 - c) * f - origin]
+}
+
+/// One coordinate of a block's shared vertices, likewise.
+#[inline(always)]
+fn vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: Vec3) -> S::F {
+    let origin = s.splat(origin.to_array()[axis]);
+    let (base, other) = between.rows(VERTEX_ROWS);
+    let at = s.load_row(rows, base + axis);
+    if !MOVING {
+        return at - origin;
+    }
+    at + (s.load_row(rows, other + axis) - at) * s.splat(between.fraction) - origin
 }
 
 /// Distance along the ray at which it meets one face of every box of a node.
@@ -343,43 +426,26 @@ fn face_distance<S: Simd, const ROWS: usize>(
 /// product changes nothing. So both halves of a segment read two rows, in one order or the other.
 #[derive(Clone, Copy)]
 struct Between {
-    /// First row at the nearer key, and at the other.
-    base: usize,
-    other: usize,
+    /// Whether the later key is the nearer.
+    from_end: bool,
     /// How far to go, in [0, 1/2].
     fraction: f32,
 }
 
 impl Between {
     /// For what stands still.
-    const NEVER: Between = Between { base: 0, other: CORNER_ROWS, fraction: 0.0 };
+    const NEVER: Between = Between { from_end: false, fraction: 0.0 };
 
     #[inline(always)]
     fn new(keys: KeyTime) -> Between {
-        let base = CORNER_ROWS * usize::from(keys.from_end);
-        Between { base, other: CORNER_ROWS - base, fraction: if keys.from_end { -keys.s } else { keys.s } }
+        Between { from_end: keys.from_end, fraction: if keys.from_end { -keys.s } else { keys.s } }
     }
-}
 
-/// The corner rows of a leaf block.
-struct Corners<'a, S: Simd> {
-    rows: Rows<'a>,
-    between: Between,
-    fraction: S::F,
-}
-
-impl<S: Simd> Corners<'_, S> {
-    /// One coordinate of the three corners at the ray's time, exactly as `KeyTime::position` computes it, less the
-    /// origin.
+    /// First row at the nearer key, and at the other, where a key has so many rows.
     #[inline(always)]
-    fn coordinate<const MOVING: bool>(&self, s: S, axis: usize, origin: S::F) -> [S::F; 3] {
-        let [a, b, c] = s.load_thirds(&self.rows, self.between.base + axis);
-        if !MOVING {
-            return [a - origin, b - origin, c - origin];
-        }
-        let [a2, b2, c2] = s.load_thirds(&self.rows, self.between.other + axis);
-        let f = self.fraction;
-        [a + (a2 - a) * f - origin, b + (b2 - b) * f - origin, c + (c2 - c) * f - origin]
+    fn rows(self, per_key: usize) -> (usize, usize) {
+        let base = per_key * usize::from(self.from_end);
+        (base, per_key - base)
     }
 }
 
@@ -431,7 +497,7 @@ mod tests {
     use super::*;
     use crate::motion::Frame;
     use crate::ray::Ray;
-    use glam::{DVec3, Vec3};
+    use glam::DVec3;
 
     #[test]
     fn a_grown_slab_holds_the_exact_one() {
@@ -466,7 +532,7 @@ mod tests {
             let (a, b) = (Vec3::new(next(), next(), next()), Vec3::new(next(), next(), next()));
             let keys = KeyTime::new(next().abs(), 2);
             let between = Between::new(keys);
-            let (at, other) = if between.base == 0 { (a, b) } else { (b, a) };
+            let (at, other) = if between.rows(9) == (0, 9) { (a, b) } else { (b, a) };
             assert_eq!(at + (other - at) * between.fraction, keys.position(a, b));
         }
     }

@@ -111,6 +111,16 @@ fn masked(lanes: U, at: *const f32) -> F {
     F(intrinsic!(_mm256_maskload_ps(at, lanes.0)), intrinsic!(_mm256_maskload_ps(at.wrapping_add(8), lanes.1)))
 }
 
+/// The eight lanes of `a` that the lowest four bits of `index` say; both came from the token.
+#[inline(always)]
+fn permuted(a: F, index: __m256i) -> __m256 {
+    // The permutation looks at three bits, the blend at the topmost.
+    let (low, high) =
+        (intrinsic!(_mm256_permutevar8x32_ps(a.0, index)), intrinsic!(_mm256_permutevar8x32_ps(a.1, index)));
+    let upper = intrinsic!(_mm256_castsi256_ps(_mm256_slli_epi32::<28>(index)));
+    intrinsic!(_mm256_blendv_ps(low, high, upper))
+}
+
 impl Add for F {
     type Output = F;
     #[inline(always)]
@@ -166,6 +176,10 @@ impl Simd for Avx2 {
         F(intrinsic!(_mm256_loadu_ps(at)), intrinsic!(_mm256_loadu_ps(at.add(8))))
     }
     #[inline(always)]
+    fn load_row(self, rows: &Rows, i: usize) -> F {
+        masked(U::from_mask(rows.mask), rows.row(i))
+    }
+    #[inline(always)]
     fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
         let lanes = U::from_mask(rows.mask);
         let [a, b, c] = rows.thirds(first);
@@ -208,6 +222,10 @@ impl Simd for Avx2 {
             intrinsic!(_mm256_blendv_ps(b.0, a.0, _mm256_castsi256_ps(m.0))),
             intrinsic!(_mm256_blendv_ps(b.1, a.1, _mm256_castsi256_ps(m.1))),
         )
+    }
+    #[inline(always)]
+    fn permute(self, a: F, index: U) -> F {
+        F(permuted(a, index.0), permuted(a, index.1))
     }
     #[inline(always)]
     fn lane(self, a: F, i: usize) -> f32 {
@@ -260,6 +278,12 @@ impl Simd for Avx2 {
             intrinsic!(_mm256_storeu_si256(at.cast(), low));
             intrinsic!(_mm256_storeu_si256(at.add(4).cast(), high));
         }
+    }
+    #[inline(always)]
+    fn shift_right<const BITS: u32>(self, a: U) -> U {
+        // The intrinsic wants its count as another type than the trait has it.
+        let count = intrinsic!(_mm_cvtsi32_si128(BITS as i32));
+        U(intrinsic!(_mm256_srl_epi32(a.0, count)), intrinsic!(_mm256_srl_epi32(a.1, count)))
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

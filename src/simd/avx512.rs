@@ -102,6 +102,10 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_loadu_ps(from.as_ptr())))
     }
     #[inline(always)]
+    fn load_row(self, rows: &Rows, i: usize) -> F {
+        F(intrinsic!(_mm512_maskz_loadu_ps(rows.mask, rows.row(i))))
+    }
+    #[inline(always)]
     fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
         let [a, b, c] = rows.thirds(first);
         [
@@ -143,6 +147,10 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_mask_blend_ps(mask, b.0, a.0)))
     }
     #[inline(always)]
+    fn permute(self, a: F, index: U) -> F {
+        F(intrinsic!(_mm512_permutexvar_ps(index.0, a.0)))
+    }
+    #[inline(always)]
     fn lane(self, a: F, i: usize) -> f32 {
         intrinsic!(_mm512_cvtss_f32(_mm512_permutexvar_ps(_mm512_set1_epi32(i as i32), a.0)))
     }
@@ -182,6 +190,10 @@ impl Simd for Avx512 {
         let high = intrinsic!(_mm512_cvtepu32_epi64(_mm512_extracti64x4_epi64::<1>(x.0)));
         intrinsic!(_mm512_storeu_si512(at.cast(), low));
         intrinsic!(_mm512_storeu_si512(at.add(8).cast(), high));
+    }
+    #[inline(always)]
+    fn shift_right<const BITS: u32>(self, a: U) -> U {
+        U(intrinsic!(_mm512_srli_epi32::<BITS>(a.0)))
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

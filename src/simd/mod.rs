@@ -54,6 +54,13 @@ impl<'a> Rows<'a> {
         Rows { words, n, mask: ((1u32 << n) - 1) as Mask, count }
     }
 
+    /// Where row `i` begins; it has `n` floats from there.
+    #[inline(always)]
+    fn row(&self, i: usize) -> *const f32 {
+        assert!(i < self.count);
+        self.words.as_ptr().wrapping_add(i * self.n)
+    }
+
     /// Where rows `first`, `first + 3` and `first + 6` begin; each has `n` floats from there.
     #[inline(always)]
     fn thirds(&self, first: usize) -> [*const f32; 3] {
@@ -78,8 +85,10 @@ pub(crate) trait Simd: Copy {
     fn splat(self, x: f32) -> Self::F;
     /// Reads sixteen floats, at any alignment.
     fn load(self, from: &Lanes<f32>) -> Self::F;
-    /// Reads rows `first`, `first + 3` and `first + 6`; the lanes beyond their length are 0. What lies behind a row in
-    /// memory is not looked at (read as numbers it might be denormal, which is slow).
+    /// Reads row `i`; the lanes beyond its length are 0. What lies behind it in memory is not looked at (read as
+    /// numbers it might be denormal, which is slow).
+    fn load_row(self, rows: &Rows, i: usize) -> Self::F;
+    /// Reads rows `first`, `first + 3` and `first + 6` likewise.
     fn load_thirds(self, rows: &Rows, first: usize) -> [Self::F; 3];
     /// Writes sixteen floats, at any alignment.
     fn store(self, x: Self::F, to: &mut Lanes<f32>);
@@ -97,6 +106,8 @@ pub(crate) trait Simd: Copy {
     fn eq(self, a: Self::F, b: Self::F) -> Mask;
     /// `a` where the mask has its bit, `b` elsewhere.
     fn select(self, mask: Mask, a: Self::F, b: Self::F) -> Self::F;
+    /// In each lane the lane of `a` that the lowest four bits of `index` there say.
+    fn permute(self, a: Self::F, index: Self::U) -> Self::F;
     /// Lane `i`, at most 15.
     fn lane(self, a: Self::F, i: usize) -> f32;
     /// The least lane (no lane may be NaN).
@@ -117,6 +128,8 @@ pub(crate) trait Simd: Copy {
     fn store_u(self, x: Self::U, to: &mut Lanes<u32>);
     /// Writes sixteen integers, each as 64 bits.
     fn store_wide(self, x: Self::U, to: &mut Lanes<MaybeUninit<u64>>);
+    /// The lanes shifted right by `BITS`, zeros from the left.
+    fn shift_right<const BITS: u32>(self, a: Self::U) -> Self::U;
     /// Lanes where `a < b`, unsigned.
     fn lt_u(self, a: Self::U, b: Self::U) -> Mask;
     /// `a` where the mask has its bit, `b` elsewhere.

@@ -108,12 +108,14 @@ impl Simd for Portable {
         F(*from)
     }
     #[inline(always)]
+    fn load_row(self, rows: &Rows, i: usize) -> F {
+        let mut out = [0.0; LANES];
+        out[..rows.n].copy_from_slice(&rows.words[i * rows.n..(i + 1) * rows.n]);
+        F(out)
+    }
+    #[inline(always)]
     fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
-        [first, first + 3, first + 6].map(|row| {
-            let mut out = [0.0; LANES];
-            out[..rows.n].copy_from_slice(&rows.words[row * rows.n..(row + 1) * rows.n]);
-            F(out)
-        })
+        [self.load_row(rows, first), self.load_row(rows, first + 3), self.load_row(rows, first + 6)]
     }
     #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {
@@ -146,6 +148,10 @@ impl Simd for Portable {
     #[inline(always)]
     fn select(self, mask: Mask, a: F, b: F) -> F {
         F(select(mask, &a.0, &b.0))
+    }
+    #[inline(always)]
+    fn permute(self, a: F, index: U) -> F {
+        F(index.0.map(|i| a.0[i as usize % LANES]))
     }
     #[inline(always)]
     fn lane(self, a: F, i: usize) -> f32 {
@@ -187,6 +193,10 @@ impl Simd for Portable {
     #[inline(always)]
     fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
         *to = x.0.map(|lane| MaybeUninit::new(u64::from(lane)));
+    }
+    #[inline(always)]
+    fn shift_right<const BITS: u32>(self, a: U) -> U {
+        U(a.0.map(|lane| lane >> BITS))
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

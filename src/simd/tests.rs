@@ -37,6 +37,14 @@ impl Kernel for All {
         let (ua, ub) = (s.to_bits(a), s.to_bits(b));
         let finite = self.a.map(|x| if x.is_nan() { 0.0 } else { x });
         let n = self.mask.count_ones() as usize;
+        let mut memory = StackMemory::<u64, 32>::new();
+        let mut stack = memory.stack();
+        stack.push_lanes(s, ub, LANES);
+        let popped = [(); LANES].map(|()| stack.pop().expect("sixteen were pushed"));
+        let long: Vec<f32> = self.a.into_iter().cycle().take(9 * LANES).collect();
+        let thirds = s.load_thirds(&Rows::new(&long, 1 + self.mask as usize % 16, 9), self.mask as usize % 3);
+        let mut wide = [MaybeUninit::new(0); LANES];
+        s.store_wide(ub, &mut wide);
         Round {
             vectors: vec![
                 out_f(a + b),
@@ -47,10 +55,14 @@ impl Kernel for All {
                 out_f(s.select(self.mask, a, b)),
                 out_f(s.splat(self.a[3])),
                 out_f(s.splat(s.lane(a, self.mask as usize % 16))),
-                out_f(s.load_thirds(&Rows::new(&self.long, 1 + self.mask as usize % 16, 9), self.mask as usize % 3)[0]),
-                out_f(s.load_thirds(&Rows::new(&self.long, 1 + self.mask as usize % 16, 9), self.mask as usize % 3)[1]),
-                out_f(s.load_thirds(&Rows::new(&self.long, 1 + self.mask as usize % 16, 9), self.mask as usize % 3)[2]),
+                out_f(s.load_row(&Rows::new(&long, 1 + self.mask as usize % 16, 9), self.mask as usize % 9)),
+                out_f(s.permute(a, ub)),
+                out_f(thirds[0]),
+                out_f(thirds[1]),
+                out_f(thirds[2]),
                 out_f(s.from_bits(ua)),
+                popped.map(|lane| u32::try_from(lane).expect("zeros above")),
+                out_u(s.shift_right::<4>(ua)),
                 out_u(ua & ub),
                 out_u(ua | ub),
                 out_u(s.select_u(self.mask, ua, ub)),

@@ -178,10 +178,7 @@ fn leaf<S: WideSource>(
     // Sorted, so that a block does not depend on the order in which the build met its primitives.
     ids.sort_unstable();
     let ids = distinct(ids);
-    arena.align();
-    let shape = set.leaf_shape(ids);
-    let at = set.write_leaf(arena, shape, ids, segment);
-    ChildRef::new(shape.kind(), at, ids.len()).ok_or(BuildError::TooLargeTree)
+    set.write_leaf(arena, ids, segment).ok_or(BuildError::TooLargeTree)
 }
 
 /// The sorted ids without repetitions: parts of one primitive may meet in a leaf block again.

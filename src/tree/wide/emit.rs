@@ -71,7 +71,8 @@ pub(super) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
 pub(super) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildRef]) {
     let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
     let row = node.at() + (rows - 1) * LANES;
-    for (word, child) in arena.ints_mut()[row..row + LANES].iter_mut().zip(children) {
+    let all = children.iter().chain(core::iter::repeat(&ChildRef::NOTHING));
+    for (word, child) in arena.ints_mut()[row..row + LANES].iter_mut().zip(all) {
         *word = child.0;
     }
 }

@@ -5,9 +5,15 @@
 //! | moving node | rows of 16: lower x y z, upper x y z, velocities of the same six, children |
 //! | still node | rows of 16: lower x y z, upper x y z, children |
 //! | time node | number of equal time ranges, then one child each |
-//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the begin, the same at the end, ids; one word: segments of the motion |
+//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the begin, the same at the end, ids |
 //! | still leaf of n | rows of n: corners, ids |
-//! | list leaf of n | n ids |
+//! | moving leaf of v shared vertices | rows of v: x y z at the begin, the same at the end; rows of n: corners, ids |
+//! | still leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
+//! | own leaf of n, of triangles | as a moving leaf, for one segment between keys; behind it the number of segments |
+//! | own leaf of n, of other primitives | n ids |
+//!
+//! In blocks with shared vertices, a word of the row of corners numbers the three vertices of a triangle in its
+//! lowest bits, four each; the next four bits of the first word are n - 1.
 
 use crate::simd::LANES;
 
@@ -18,30 +24,70 @@ pub(crate) const STILL_NODE_ROWS: usize = 7;
 /// Rows before the ids in a leaf block.
 pub(crate) const CORNER_ROWS: usize = 9;
 
+/// Rows of one key's positions in a leaf block with shared vertices.
+pub(crate) const VERTEX_ROWS: usize = 3;
+
 /// What a reference to a child points at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    Nothing,
+    /// Sixteen children in boxes that move.
     Node,
+    /// Sixteen children in boxes that stand still.
     StillNode,
+    /// A child for each part of the shutter.
     Time,
+    /// Corners of triangles that move linearly.
     Leaf,
+    /// Corners of triangles that stand still.
     StillLeaf,
-    ListLeaf,
-    KeyedLeaf,
+    /// Vertices that move linearly, and triangles between them.
+    SharedLeaf,
+    /// Vertices that stand still, and triangles between them.
+    SharedStillLeaf,
+    /// What the set of primitives has of its own: triangles with more keys, or a list of ids.
+    OwnLeaf,
 }
 
 impl Kind {
-    /// The shape of the leaf block, if it is one.
-    pub fn leaf_shape(self) -> Option<LeafShape> {
-        match self {
-            Kind::Leaf => Some(LeafShape::Moving),
-            Kind::StillLeaf => Some(LeafShape::Still),
-            Kind::ListLeaf => Some(LeafShape::List),
-            Kind::KeyedLeaf => Some(LeafShape::Keyed),
-            Kind::Nothing | Kind::Node | Kind::StillNode | Kind::Time => None,
-        }
+    pub fn is_leaf(self) -> bool {
+        !matches!(self, Kind::Node | Kind::StillNode | Kind::Time)
     }
+}
+
+/// Where the ids of a leaf block lie.
+pub(crate) struct Ids {
+    /// The first, counted from the block's begin.
+    pub first: usize,
+    pub count: usize,
+}
+
+impl Ids {
+    /// Of a block that begins at `words[0]`; `lists` says what the set's own leaves are. Nothing where the block is
+    /// not a whole leaf.
+    pub fn of(leaf: ChildRef, words: &[u32], lists: bool) -> Option<Ids> {
+        let len = leaf.len();
+        let direct = |rows: usize| Ids { first: rows * len, count: len };
+        let shared = |rows: usize| {
+            let corners = rows * len;
+            let count = shared_count(*words.get(corners)?);
+            Some(Ids { first: corners + count, count })
+        };
+        let ids = match leaf.kind() {
+            Kind::Node | Kind::StillNode | Kind::Time => return None,
+            Kind::Leaf => direct(2 * CORNER_ROWS),
+            Kind::StillLeaf => direct(CORNER_ROWS),
+            Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
+            Kind::SharedStillLeaf => shared(VERTEX_ROWS)?,
+            Kind::OwnLeaf => direct(if lists { 0 } else { 2 * CORNER_ROWS }),
+        };
+        (ids.first + ids.count <= words.len()).then_some(ids)
+    }
+}
+
+/// Number of triangles, from the first word of the corners of a block with shared vertices.
+#[inline(always)]
+pub(crate) fn shared_count(first_corners: u32) -> usize {
+    (first_corners >> 12 & 15) as usize + 1
 }
 
 /// A reference to a child: 25 bits of cache line, 4 bits of leaf length, 3 bits of kind.
@@ -52,13 +98,14 @@ pub(crate) struct ChildRef(pub u32);
 const LINE_BITS: u32 = 25;
 
 impl ChildRef {
-    pub const NOTHING: ChildRef = ChildRef(0);
+    /// No child; never visited.
+    pub const NOTHING: ChildRef = ChildRef(u32::MAX);
 
     /// A reference to a block at word `at`, which must begin a line; nothing where that is beyond what 25
     /// bits can number.
     pub fn new(kind: Kind, at: usize, len: usize) -> Option<ChildRef> {
         debug_assert!(at.is_multiple_of(LANES) && (1..=LANES).contains(&len));
-        let line = u32::try_from(at / LANES).ok().filter(|&l| l < 1 << LINE_BITS)?;
+        let line = u32::try_from(at / LANES).ok().filter(|&l| l < (1 << LINE_BITS) - 1)?;
         Some(ChildRef(line << 7 | (len as u32 - 1) << 3 | kind as u32))
     }
 
@@ -68,70 +115,38 @@ impl ChildRef {
         (self.0 >> 7) as usize * LANES
     }
 
-    /// Number of primitives of a leaf block.
+    /// Number of primitives of a leaf block, or of vertices of one that shares them.
     #[inline(always)]
     pub fn len(self) -> usize {
         (self.0 >> 3 & 15) as usize + 1
     }
 
-    /// Number of cache lines of the block, except those of ids and lists that are rarely read.
+    /// Number of cache lines of the block, except those of ids, which are rarely read.
     #[inline(always)]
     pub fn lines(self) -> usize {
-        match self.kind() {
-            Kind::Node => NODE_ROWS,
-            Kind::StillNode => STILL_NODE_ROWS,
-            Kind::Leaf | Kind::KeyedLeaf => (2 * CORNER_ROWS * self.len()).div_ceil(LANES),
-            Kind::StillLeaf => (CORNER_ROWS * self.len()).div_ceil(LANES),
-            Kind::Time | Kind::ListLeaf | Kind::Nothing => 1,
-        }
+        let rows = match self.kind() {
+            Kind::Node => return NODE_ROWS,
+            Kind::StillNode => return STILL_NODE_ROWS,
+            Kind::Time => return 1,
+            Kind::Leaf | Kind::OwnLeaf => 2 * CORNER_ROWS,
+            Kind::StillLeaf => CORNER_ROWS,
+            Kind::SharedLeaf => 2 * VERTEX_ROWS + 1,
+            Kind::SharedStillLeaf => VERTEX_ROWS + 1,
+        };
+        (rows * self.len()).div_ceil(LANES)
     }
 
     #[inline(always)]
     pub fn kind(self) -> Kind {
         match self.0 & 7 {
-            1 => Kind::Node,
-            2 => Kind::StillNode,
-            3 => Kind::Time,
-            4 => Kind::Leaf,
-            5 => Kind::StillLeaf,
-            6 => Kind::ListLeaf,
-            7 => Kind::KeyedLeaf,
-            _ => Kind::Nothing,
-        }
-    }
-}
-
-/// How the primitives of a leaf block are stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum LeafShape {
-    /// Corners at the begin and the end of the shutter of triangles that move linearly.
-    Moving,
-    /// Corners at both ends of a segment between keys; behind the ids the number of segments.
-    Keyed,
-    /// Corners of triangles that stand still.
-    Still,
-    /// Ids alone.
-    List,
-}
-
-impl LeafShape {
-    /// The kind of a reference to such a leaf.
-    pub fn kind(self) -> Kind {
-        match self {
-            LeafShape::Moving => Kind::Leaf,
-            LeafShape::Keyed => Kind::KeyedLeaf,
-            LeafShape::Still => Kind::StillLeaf,
-            LeafShape::List => Kind::ListLeaf,
-        }
-    }
-
-    /// Word of the ids of a leaf of `len`, counted from its begin.
-    #[inline(always)]
-    pub fn ids(self, len: usize) -> usize {
-        match self {
-            LeafShape::Moving | LeafShape::Keyed => 2 * CORNER_ROWS * len,
-            LeafShape::Still => CORNER_ROWS * len,
-            LeafShape::List => 0,
+            0 => Kind::Node,
+            1 => Kind::StillNode,
+            2 => Kind::Time,
+            3 => Kind::Leaf,
+            4 => Kind::StillLeaf,
+            5 => Kind::SharedLeaf,
+            6 => Kind::SharedStillLeaf,
+            _ => Kind::OwnLeaf,
         }
     }
 }
@@ -143,13 +158,13 @@ mod tests {
     #[test]
     fn references_keep_what_they_are_given_and_refuse_what_does_not_fit() {
         use Kind::*;
-        for kind in [Node, StillNode, Time, Leaf, StillLeaf, ListLeaf, KeyedLeaf] {
-            for (at, len) in [(0, 1), (16, 16), (((1 << 25) - 1) * 16, 7)] {
+        for kind in [Node, StillNode, Time, Leaf, StillLeaf, SharedLeaf, SharedStillLeaf, OwnLeaf] {
+            for (at, len) in [(0, 1), (16, 16), (((1 << 25) - 2) * 16, 7)] {
                 let r = ChildRef::new(kind, at, len).unwrap();
                 assert_eq!((r.kind(), r.at(), r.len()), (kind, at, len));
+                assert_ne!(r, ChildRef::NOTHING);
             }
         }
-        assert_eq!(ChildRef::new(Kind::Leaf, (1 << 25) * 16, 1), None);
-        assert_eq!(ChildRef::NOTHING.kind(), Kind::Nothing);
+        assert_eq!(ChildRef::new(Kind::Leaf, ((1 << 25) - 1) * 16, 1), None);
     }
 }

@@ -1,9 +1,9 @@
 //! Writes leaf blocks: what a set of primitives stores of itself in the arena.
 
-use super::layout::LeafShape;
+use super::layout::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::build::object::Ends;
-use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles, ULP};
-use crate::simd::Arena;
+use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles, ULP, Vertex};
+use crate::simd::{Arena, LANES};
 use glam::Vec3;
 
 /// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
@@ -14,10 +14,8 @@ pub(crate) trait WideSource: PrimitiveSet {
     fn keys(&self, id: u32) -> usize;
     /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
-    /// How a leaf block with these primitives is stored.
-    fn leaf_shape(&self, ids: &[u32]) -> LeafShape;
-    /// Writes a leaf block for the key segment that begins at key `segment`.
-    fn write_leaf(&self, arena: &mut Arena, shape: LeafShape, ids: &[u32], segment: usize) -> usize;
+    /// Writes a leaf block for the key segment that begins at key `segment`; nothing where the arena is full.
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef>;
 }
 
 impl WideSource for Triangles {
@@ -38,34 +36,87 @@ impl WideSource for Triangles {
         Some(Ends { begin: self.corners(id, over.begin()), end: self.corners(id, over.end()), slack })
     }
 
-    fn leaf_shape(&self, ids: &[u32]) -> LeafShape {
-        match ids.iter().map(|&id| Triangles::keys(self, id)).max() {
-            None | Some(1) => LeafShape::Still,
-            Some(2) => LeafShape::Moving,
-            Some(_) => LeafShape::Keyed,
-        }
-    }
-
-    fn write_leaf(&self, arena: &mut Arena, shape: LeafShape, ids: &[u32], segment: usize) -> usize {
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef> {
+        let most = ids.iter().map(|&id| Triangles::keys(self, id)).max().unwrap_or(1);
         let n = ids.len();
-        let id_row = shape.ids(n);
-        let at = arena.grow(id_row + n + usize::from(shape == LeafShape::Keyed));
-        let mut segments = 1;
+        arena.align();
+        if most <= 2
+            && let Some(shared) = Shared::of(self, ids)
+        {
+            return shared.write(self, arena, ids, most);
+        }
+        let (kind, rows) = match most {
+            1 => (Kind::StillLeaf, CORNER_ROWS),
+            2 => (Kind::Leaf, 2 * CORNER_ROWS),
+            _ => (Kind::OwnLeaf, 2 * CORNER_ROWS),
+        };
+        let at = arena.grow(rows * n + n + usize::from(kind == Kind::OwnLeaf));
         for (lane, &id) in ids.iter().enumerate() {
             let keys = Triangles::keys(self, id);
             let first = segment.min(keys - 1);
             write_corners(&mut arena.floats_mut()[at..], n, lane, self.corners_at_key(id, first));
-            if shape != LeafShape::Still {
+            if kind != Kind::StillLeaf {
                 let last = (segment + 1).min(keys - 1);
-                write_corners(&mut arena.floats_mut()[at + id_row / 2..], n, lane, self.corners_at_key(id, last));
-                segments = segments.max(keys - 1);
+                write_corners(&mut arena.floats_mut()[at + CORNER_ROWS * n..], n, lane, self.corners_at_key(id, last));
             }
-            arena.ints_mut()[at + id_row + lane] = id;
+            arena.ints_mut()[at + rows * n + lane] = id;
         }
-        if shape == LeafShape::Keyed {
-            arena.ints_mut()[at + id_row + n] = segments as u32;
+        if kind == Kind::OwnLeaf {
+            arena.ints_mut()[at + rows * n + n] = most as u32 - 1;
         }
-        at
+        ChildRef::new(kind, at, n)
+    }
+}
+
+/// The different vertices of a few triangles.
+struct Shared {
+    vertices: [Vertex; LANES],
+    count: usize,
+    /// The vertices of each triangle, four bits each.
+    corners: [u32; LANES],
+}
+
+impl Shared {
+    /// Nothing where there are too many, or as many as corners: then each triangle has its own.
+    fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
+        let mut shared = Shared { vertices: [Vertex::default(); LANES], count: 0, corners: [0; LANES] };
+        for (corners, &id) in shared.corners.iter_mut().zip(ids) {
+            for (i, vertex) in set.vertices(id).into_iter().enumerate() {
+                let known = shared.vertices[..shared.count].iter().position(|&v| v == vertex);
+                let place = match known {
+                    Some(place) => place,
+                    None if shared.count == LANES => return None,
+                    None => {
+                        shared.vertices[shared.count] = vertex;
+                        shared.count += 1;
+                        shared.count - 1
+                    }
+                };
+                *corners |= (place as u32) << (4 * i);
+            }
+        }
+        (shared.count < 3 * ids.len()).then_some(shared)
+    }
+
+    /// Writes the block, of one or two keys.
+    fn write(&self, set: &Triangles, arena: &mut Arena, ids: &[u32], keys: usize) -> Option<ChildRef> {
+        let (v, n) = (self.count, ids.len());
+        let row = keys * VERTEX_ROWS * v;
+        let at = arena.grow(row + 2 * n);
+        for key in 0..keys {
+            let words = &mut arena.floats_mut()[at + key * VERTEX_ROWS * v..];
+            for (lane, &vertex) in self.vertices[..v].iter().enumerate() {
+                let position = set.vertex_at_key(vertex, key);
+                for axis in 0..3 {
+                    words[axis * v + lane] = position[axis];
+                }
+            }
+        }
+        let words = &mut arena.ints_mut()[at + row..];
+        words[..n].copy_from_slice(&self.corners[..n]);
+        words[0] |= (n as u32 - 1) << 12;
+        words[n..2 * n].copy_from_slice(ids);
+        ChildRef::new(if keys == 1 { Kind::SharedStillLeaf } else { Kind::SharedLeaf }, at, v)
     }
 }
 
@@ -81,14 +132,11 @@ impl<P: Primitive> WideSource for Shapes<P> {
         None
     }
 
-    fn leaf_shape(&self, _: &[u32]) -> LeafShape {
-        LeafShape::List
-    }
-
-    fn write_leaf(&self, arena: &mut Arena, _: LeafShape, ids: &[u32], _: usize) -> usize {
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: usize) -> Option<ChildRef> {
+        arena.align();
         let at = arena.grow(ids.len());
         arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);
-        at
+        ChildRef::new(Kind::OwnLeaf, at, ids.len())
     }
 }
 

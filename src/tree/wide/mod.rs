@@ -5,7 +5,7 @@
 //! and how fast each moves) and a row of references to its children; one SIMD step tests a ray against all
 //! sixteen boxes at the ray's own time. Where nothing moves the six velocity rows are left out. A leaf
 //! block holds its triangles' corners in rows too, at both ends of their motion, and is tested in one
-//! step. A time node picks one child by the ray's time; its children may share leaf blocks.
+//! step; where triangles share vertices it holds each vertex once. A time node picks one child by the ray's time; its children may share leaf blocks.
 
 mod build;
 mod emit;
@@ -16,7 +16,7 @@ mod statistics;
 mod validate;
 
 pub(crate) use build::WideTree;
-pub(crate) use layout::{CORNER_ROWS, ChildRef, Kind, LeafShape, NODE_ROWS, STILL_NODE_ROWS};
+pub(crate) use layout::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};
 pub(crate) use leaf::WideSource;
 
 #[cfg(test)]

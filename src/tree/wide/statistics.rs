@@ -1,8 +1,8 @@
 //! Counts what a finished tree holds.
 
 use super::build::WideTree;
-use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
-use crate::motion::PrimitiveSet;
+use super::layout::{ChildRef, Ids, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::leaf::WideSource;
 use crate::simd::LANES;
 use crate::tree::Statistics;
 
@@ -15,30 +15,38 @@ impl WideTree {
             Kind::Node => row(NODE_ROWS),
             Kind::StillNode => row(STILL_NODE_ROWS),
             Kind::Time => &words[of.at() + 1..][..words[of.at()] as usize],
-            Kind::Leaf | Kind::StillLeaf | Kind::ListLeaf | Kind::KeyedLeaf | Kind::Nothing => &[],
+            _ => &[],
         }
     }
 
+    /// The primitives of a leaf block; nothing where it is not a whole one.
+    pub fn ids<S: WideSource>(&self, of: ChildRef) -> Option<&[u32]> {
+        let block = self.arena.ints().get(of.at()..)?;
+        let ids = Ids::of(of, block, S::LISTS)?;
+        Some(&block[ids.first..][..ids.count])
+    }
+
     /// Walks the whole tree once.
-    pub fn statistics(&self, set: &impl PrimitiveSet) -> Statistics {
+    pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
         let (mut nodes, mut depth) = (0, 0);
         let mut leaves = Vec::new();
         let mut stack = vec![(self.root, 0)];
+        stack.retain(|entry| entry.0 != ChildRef::NOTHING);
         while let Some((at, level)) = stack.pop() {
             depth = depth.max(level);
-            match at.kind() {
-                Kind::Nothing => {}
-                Kind::Node | Kind::StillNode | Kind::Time => {
-                    nodes += 1;
-                    stack.extend(self.children(at).iter().map(|&c| (ChildRef(c), level + 1)));
-                }
-                Kind::Leaf | Kind::StillLeaf | Kind::ListLeaf | Kind::KeyedLeaf => leaves.push(at.0),
+            if at.kind().is_leaf() {
+                leaves.push(at.0);
+            } else {
+                nodes += 1;
+                let children = self.children(at).iter().map(|&c| ChildRef(c));
+                stack.extend(children.filter(|&c| c != ChildRef::NOTHING).map(|c| (c, level + 1)));
             }
         }
         // Time parts share leaf blocks.
         leaves.sort_unstable();
         leaves.dedup();
-        let references: usize = leaves.iter().map(|&leaf| ChildRef(leaf).len()).sum();
+        let count = |leaf: ChildRef| self.ids::<S>(leaf).map_or(0, <[u32]>::len);
+        let references: usize = leaves.iter().map(|&leaf| count(ChildRef(leaf))).sum();
         let duplicates = references - set.len().min(references);
         Statistics {
             primitives: set.len(),

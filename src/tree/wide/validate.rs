@@ -2,7 +2,8 @@
 
 use super::build::WideTree;
 use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
-use crate::motion::{KeyTime, PrimitiveSet};
+use super::leaf::WideSource;
+use crate::motion::KeyTime;
 use crate::simd::LANES;
 use crate::tree::ValidationError;
 
@@ -12,43 +13,39 @@ const TIMES: [f32; 9] = [0.0, 0.03, 0.17, 0.29, 0.43, 0.61, 0.79, 0.97, 1.0];
 impl WideTree {
     /// Checks that all blocks lie inside the arena and are met once, and that at a number of times every
     /// primitive is in some leaf block.
-    pub fn validate(&self, set: &impl PrimitiveSet) -> Result<(), ValidationError> {
+    pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
         let words = self.arena.ints().len();
         for time in TIMES {
             let mut seen = vec![false; set.len()];
             let mut visited = 0;
             let mut stack = vec![self.root];
             while let Some(at) = stack.pop() {
+                if at == ChildRef::NOTHING {
+                    continue;
+                }
                 let node = at.at() / LANES;
-                let rows = |n: usize| n * LANES;
-                let length = match at.kind() {
-                    Kind::Nothing => continue,
-                    Kind::Node => rows(NODE_ROWS),
-                    Kind::StillNode => rows(STILL_NODE_ROWS),
-                    Kind::Time => 2,
-                    kind => kind.leaf_shape().map_or(0, |shape| shape.ids(at.len()) + at.len()),
-                };
                 visited += 1;
+                let length = match at.kind() {
+                    Kind::Node => NODE_ROWS * LANES,
+                    Kind::StillNode => STILL_NODE_ROWS * LANES,
+                    _ => 2,
+                };
                 // More blocks than lines: some are met again and again.
                 if at.at() + length > words || visited * LANES > words {
                     return Err(ValidationError::Links { node });
                 }
-                match at.kind() {
-                    Kind::Time => {
-                        let parts = self.children(at);
-                        stack.push(ChildRef(parts[KeyTime::new(time, parts.len() + 1).segment]));
+                if at.kind().is_leaf() {
+                    for &id in self.ids::<S>(at).ok_or(ValidationError::Links { node })? {
+                        let Some(seen) = seen.get_mut(id as usize) else {
+                            return Err(ValidationError::References { node });
+                        };
+                        *seen = true;
                     }
-                    kind => match kind.leaf_shape() {
-                        Some(shape) => {
-                            for &id in &self.arena.ints()[at.at() + shape.ids(at.len())..][..at.len()] {
-                                let Some(seen) = seen.get_mut(id as usize) else {
-                                    return Err(ValidationError::References { node });
-                                };
-                                *seen = true;
-                            }
-                        }
-                        None => stack.extend(self.children(at).iter().map(|&c| ChildRef(c))),
-                    },
+                } else if at.kind() == Kind::Time {
+                    let parts = self.children(at);
+                    stack.push(ChildRef(parts[KeyTime::new(time, parts.len() + 1).segment]));
+                } else {
+                    stack.extend(self.children(at).iter().map(|&c| ChildRef(c)));
                 }
             }
             if let Some(id) = seen.iter().position(|&s| !s) {
