@@ -97,6 +97,8 @@ pub(crate) trait Simd: Copy {
     fn select(self, mask: Mask, a: Self::F, b: Self::F) -> Self::F;
     /// Lane `i`, at most 15.
     fn lane(self, a: Self::F, i: usize) -> f32;
+    /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
+    fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
     /// The least lane (no lane may be NaN).
     fn reduce_min(self, a: Self::F) -> f32;
     /// The lanes of the mask moved together at the front; what follows them is unspecified.
@@ -233,6 +235,18 @@ pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
 #[inline(always)]
 pub(crate) fn lanes_at<T>(from: &[T], at: usize) -> &Lanes<T> {
     from[at..at + LANES].try_into().expect("a slice of sixteen")
+}
+
+/// The lanes `i ^ d`.
+#[cfg(target_arch = "x86_64")]
+const fn swapped(d: usize) -> Lanes<u32> {
+    let mut lanes = [0; LANES];
+    let mut i = 0;
+    while i < LANES {
+        lanes[i] = (i ^ d) as u32;
+        i += 1;
+    }
+    lanes
 }
 
 #[cfg(test)]

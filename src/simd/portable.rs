@@ -149,6 +149,10 @@ impl Simd for Portable {
         a.0[i]
     }
     #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: F) -> F {
+        F(core::array::from_fn(|i| a.0[i ^ D]))
+    }
+    #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
         let mut least = a.0[0];
         for &x in &a.0[1..] {

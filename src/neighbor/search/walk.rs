@@ -49,18 +49,20 @@ pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V,
     loop {
         collect.node();
         let boxes = view.box_distances(s, target, node);
+        // The keys of a new node stay in a register: a detour through memory would hold up the next load.
+        let mut left;
         if level == 0 {
             collect.bottom(s, view, target, node, boxes);
+            if top == 0 {
+                return;
+            }
             level = 1;
+            left = s.load_u(&open[1]);
         } else {
-            s.store_u(keys(s, boxes), &mut open[level]);
+            left = keys(s, boxes);
             first[level] = view.first_child(level, node);
         }
         loop {
-            if level > top {
-                return;
-            }
-            let left = s.load_u(&open[level]);
             let key = s.reduce_min_u(left);
             let (lane, distance) = unpack(key);
             // The key of a finished lane unpacks to NaN, which is not within any bound.
@@ -71,6 +73,10 @@ pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V,
                 break;
             }
             level += 1;
+            if level > top {
+                return;
+            }
+            left = s.load_u(&open[level]);
         }
     }
 }
