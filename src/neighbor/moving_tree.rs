@@ -12,7 +12,7 @@ use super::order::{Item, join, order_with_time};
 use super::static_tree::Shape;
 use super::view::{Target, View, outside, squared};
 use crate::motion::{KeyTime, TimeInterval};
-use crate::simd::{LANES, Lanes, Mask, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
 
 /// Sixteen moving points in rows; absent ones stand where every squared distance is infinite.
@@ -362,6 +362,16 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         };
         let distances = squared::<S>(along(0), along(1), along(2));
         if TIMED { counting(s, &self.tree.block_times[block], target.time, distances) } else { distances }
+    }
+    #[inline(always)]
+    fn expect_node(&self, node: usize) {
+        prefetch(&self.tree.nodes[node]);
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(block) = self.tree.blocks.get(block) {
+            prefetch(block);
+        }
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {

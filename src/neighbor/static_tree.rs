@@ -9,7 +9,7 @@ use super::approach::{Boxed, Flight};
 use super::order::{Item, order};
 use super::view::{Boxes, MAX_LEVELS, Target, View, outside, squared};
 use crate::motion::TimeInterval;
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::{LANES, Lanes, Simd, huge_vec, prefetch};
 use glam::{DVec3, Vec3};
 
 /// Sixteen points in rows; where there is none, the coordinates are infinite.
@@ -77,8 +77,10 @@ impl StaticTree {
     pub(super) fn build(mut items: Vec<Item>, id_of: impl Fn(u32) -> u32 + Sync) -> StaticTree {
         let shape = Shape::of(items.len());
         order(&mut items, shape.leaf());
-        let mut blocks = vec![EMPTY; items.len().div_ceil(shape.leaf()) * shape.leaf_blocks];
-        let mut nodes = vec![Boxes::NONE; shape.nodes()];
+        let mut blocks = huge_vec(items.len().div_ceil(shape.leaf()) * shape.leaf_blocks);
+        blocks.resize(items.len().div_ceil(shape.leaf()) * shape.leaf_blocks, EMPTY);
+        let mut nodes = huge_vec(shape.nodes());
+        nodes.resize(shape.nodes(), Boxes::NONE);
         let share = LANES * shape.leaf_blocks;
         fill(&items, &mut blocks, &mut nodes[..shape.begin[1]], share, &id_of);
         for level in 1..shape.levels {
@@ -176,6 +178,16 @@ impl View for &StaticTree {
         let at = &self.blocks[block].at;
         let along = |axis: usize| s.load(&at[axis]) - target.point[axis];
         squared::<S>(along(0), along(1), along(2))
+    }
+    #[inline(always)]
+    fn expect_node(&self, node: usize) {
+        prefetch(&self.nodes[node]);
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
+            blocks.iter().for_each(prefetch);
+        }
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {

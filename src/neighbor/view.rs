@@ -57,6 +57,10 @@ pub(super) trait View: Copy {
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
     /// Squared distances to the points; infinite where there is no point at this time.
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
+    /// A node that will soon be tested, probably.
+    fn expect_node(&self, node: usize);
+    /// A leaf that will soon be tested, probably.
+    fn expect_leaf(&self, block: usize);
     /// Ids of a block's points.
     fn ids(&self, block: usize) -> &Lanes<u32>;
 }
