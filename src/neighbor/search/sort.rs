@@ -6,7 +6,7 @@
 //! insertion, which seldom has anything to do. Source of the network: K. Batcher, "Sorting networks and
 //! their applications", 1968, in the form in which all comparisons point the same way.
 
-use super::k_nearest::Candidates;
+use super::k_nearest::{Candidates, there};
 use crate::neighbor::Neighbor;
 use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
 
@@ -59,20 +59,17 @@ impl Kernel for Network<'_> {
         let Network { k, candidates, found } = self;
         let Candidates { distances, ids, count, .. } = candidates;
         let count = *count;
-        // The last vector is filled up with what no distance exceeds and no place comes after.
-        distances[count..count + LANES].fill(f32::MAX);
-        let distances = &distances[..count.next_multiple_of(LANES)];
         let mut keys = [0; MOST];
         match count.div_ceil(LANES) {
             0 => return true,
-            1 => sorted::<S, 1>(s, distances, &mut keys),
-            2 => sorted::<S, 2>(s, distances, &mut keys),
-            3 => sorted::<S, 3>(s, distances, &mut keys),
-            4 => sorted::<S, 4>(s, distances, &mut keys),
-            5 | 6 => sorted::<S, 6>(s, distances, &mut keys),
-            7 | 8 => sorted::<S, 8>(s, distances, &mut keys),
-            9..=12 => sorted::<S, 12>(s, distances, &mut keys),
-            _ => sorted::<S, 16>(s, distances, &mut keys),
+            1 => sorted::<S, 1>(s, distances, count, &mut keys),
+            2 => sorted::<S, 2>(s, distances, count, &mut keys),
+            3 => sorted::<S, 3>(s, distances, count, &mut keys),
+            4 => sorted::<S, 4>(s, distances, count, &mut keys),
+            5 | 6 => sorted::<S, 6>(s, distances, count, &mut keys),
+            7 | 8 => sorted::<S, 8>(s, distances, count, &mut keys),
+            9..=12 => sorted::<S, 12>(s, distances, count, &mut keys),
+            _ => sorted::<S, 16>(s, distances, count, &mut keys),
         }
         in_place(k, &keys[..count], distances, ids, found)
     }
@@ -86,20 +83,20 @@ fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut 
     while chosen > 0 && chosen < keys.len() && (keys[chosen] ^ keys[chosen - 1]) <= PLACE {
         chosen += 1;
     }
-    let mut moves = 0;
-    let mut last = 0;
-    found.reserve(chosen);
-    for (i, key) in keys[..chosen].iter().enumerate() {
+    let neighbor = |key: &u32| {
         let place = (key & PLACE) as usize;
-        let next = Neighbor { id: ids[place], distance_squared: distances[place] };
-        found.push(next);
-        let this = pack(next.distance_squared, next.id);
-        if this >= last {
-            last = this;
+        Neighbor { id: ids[place], distance_squared: distances[place] }
+    };
+    found.extend(keys[..chosen].iter().map(neighbor));
+    let key = |n: &Neighbor| pack(n.distance_squared, n.id);
+    let mut moves = 0;
+    for i in 1..chosen {
+        let next = found[i];
+        if key(&found[i - 1]) <= key(&next) {
             continue;
         }
         let mut at = i;
-        while at > 0 && pack(found[at - 1].distance_squared, found[at - 1].id) > this {
+        while at > 0 && key(&found[at - 1]) > key(&next) {
             found[at] = found[at - 1];
             at -= 1;
             moves += 1;
@@ -115,12 +112,13 @@ fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut 
 
 /// Sorts the keys of `N` vectors of distances.
 #[inline(always)]
-fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], keys: &mut [u32; MOST]) {
-    let mut lanes = [s.splat(f32::INFINITY); N];
+fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: &mut [u32; MOST]) {
+    let last = s.splat(f32::INFINITY);
+    let mut lanes = [last; N];
     for (i, lanes) in lanes.iter_mut().enumerate() {
-        if i * LANES < distances.len() {
+        if i * LANES < count {
             let key = (s.to_bits(s.load(lanes_at(distances, i * LANES))) & s.splat_u(!PLACE)) | s.load_u(&PLACES[i]);
-            *lanes = s.from_bits(key);
+            *lanes = s.select(there(count - i * LANES), s.from_bits(key), last);
         }
     }
     for x in &mut lanes {
