@@ -6,7 +6,7 @@
 //! fills the levels better.
 
 use super::approach::{Boxed, Flight};
-use super::order::{Item, order};
+use super::order::{Item, include, order};
 use super::view::{Boxes, MAX_LEVELS, Target, View, outside, squared};
 use crate::motion::TimeInterval;
 use crate::simd::{LANES, Lanes, Simd, huge_vec, prefetch};
@@ -137,10 +137,7 @@ fn fill(items: &[Item], blocks: &mut [Block], nodes: &mut [Boxes], share: usize,
         }
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for item in items {
-            for axis in 0..3 {
-                lo[axis] = lo[axis].min(item.at[axis]);
-                hi[axis] = hi[axis].max(item.at[axis]);
-            }
+            include(&mut lo, &mut hi, item.at);
         }
         nodes[number / share].include(number % share / leaf_blocks, lo, hi);
     }
