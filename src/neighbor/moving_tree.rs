@@ -12,7 +12,7 @@ use super::order::{Item, join, order_with_time};
 use super::static_tree::Shape;
 use super::view::{Target, View, outside, squared};
 use crate::motion::{KeyTime, TimeInterval};
-use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
+use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 use glam::{DVec3, Vec3};
 
 /// Sixteen moving points in rows; absent ones stand where every squared distance is infinite.
@@ -188,7 +188,7 @@ impl MovingTree {
         let timed = movers.iter().any(|m| m.alive != part.interval);
         let shape = Shape::with_leaf(movers.len(), 1);
         let count = movers.len().div_ceil(LANES);
-        let mut blocks = vec![EMPTY; count];
+        let mut blocks = huge_vec_of(EMPTY, count);
         let mut block_times = vec![NEVER; if timed { count } else { 0 }];
         let most = magnitude(movers);
         let mut hulls: Vec<Option<Hull>> = vec![None; count];
@@ -198,7 +198,7 @@ impl MovingTree {
         let of_block = |items: &[Item]| lives(items.iter().map(|item| &movers[item.index as usize]));
         let lives = if mortal { items.chunks(LANES).map(of_block).collect() } else { Vec::new() };
         drop(items);
-        let mut nodes = vec![LinearBoxes::NONE; shape.nodes()];
+        let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
         let mut node_times = vec![NEVER; if timed { shape.nodes() } else { 0 }];
         let mut first = Vec::with_capacity(shape.nodes());
         let mut hulls: Vec<Hull> = hulls.into_iter().flatten().collect();
@@ -346,10 +346,10 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
         let boxes = &self.tree.nodes[node];
         // Not fused: then every instruction set visits the same nodes, and approximate answers agree too.
-        let face = |at: &Lanes<f32>, slope: &Lanes<f32>| s.load(at) + s.load(slope) * target.phase;
-        let lo = [0, 1, 2].map(|a| face(&boxes.lo[a], &boxes.lo_slope[a]));
-        let hi = [0, 1, 2].map(|a| face(&boxes.hi[a], &boxes.hi_slope[a]));
-        let distances = outside(s, &target.point, lo, hi);
+        // One by one: `map` over an array is a call that is compiled without the instruction set.
+        let lo = |axis: usize| s.load(&boxes.lo[axis]) + s.load(&boxes.lo_slope[axis]) * target.phase;
+        let hi = |axis: usize| s.load(&boxes.hi[axis]) + s.load(&boxes.hi_slope[axis]) * target.phase;
+        let distances = outside(s, &target.point, [lo(0), lo(1), lo(2)], [hi(0), hi(1), hi(2)]);
         if TIMED { counting(s, &self.tree.node_times[node], target.time, distances) } else { distances }
     }
     #[inline(always)]

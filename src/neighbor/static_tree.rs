@@ -9,7 +9,7 @@ use super::approach::{Boxed, Flight};
 use super::order::{Item, include, order};
 use super::view::{Boxes, MAX_LEVELS, Target, View, outside, squared};
 use crate::motion::TimeInterval;
-use crate::simd::{LANES, Lanes, Simd, huge_vec, prefetch};
+use crate::simd::{LANES, Lanes, Simd, huge_vec_of, prefetch};
 use glam::{DVec3, Vec3};
 
 /// Sixteen points in rows; where there is none, the coordinates are infinite.
@@ -77,10 +77,8 @@ impl StaticTree {
     pub(super) fn build(mut items: Vec<Item>, id_of: impl Fn(u32) -> u32 + Sync) -> StaticTree {
         let shape = Shape::of(items.len());
         order(&mut items, shape.leaf());
-        let mut blocks = huge_vec(items.len().div_ceil(shape.leaf()) * shape.leaf_blocks);
-        blocks.resize(items.len().div_ceil(shape.leaf()) * shape.leaf_blocks, EMPTY);
-        let mut nodes = huge_vec(shape.nodes());
-        nodes.resize(shape.nodes(), Boxes::NONE);
+        let mut blocks = huge_vec_of(EMPTY, items.len().div_ceil(shape.leaf()) * shape.leaf_blocks);
+        let mut nodes = huge_vec_of(Boxes::NONE, shape.nodes());
         let share = LANES * shape.leaf_blocks;
         fill(&items, &mut blocks, &mut nodes[..shape.begin[1]], share, &id_of);
         for level in 1..shape.levels {

@@ -22,7 +22,7 @@ mod stack;
 
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
-pub(crate) use arena::{Arena, huge_vec};
+pub(crate) use arena::{Arena, huge_vec, huge_vec_of};
 pub(crate) use stack::{Stack, StackMemory};
 
 /// Number of lanes in every vector of this module.

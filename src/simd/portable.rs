@@ -150,7 +150,11 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn swap_lanes<const D: usize>(self, a: F) -> F {
-        F(core::array::from_fn(|i| a.0[i ^ D]))
+        let mut out = [0.0; LANES];
+        for i in 0..LANES {
+            out[i] = a.0[i ^ D];
+        }
+        F(out)
     }
     #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
