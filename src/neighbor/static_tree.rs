@@ -7,7 +7,7 @@
 
 use super::approach::{Boxed, Flight};
 use super::order::{Item, include, order};
-use super::view::{Boxes, MAX_LEVELS, Target, View, outside, squared};
+use super::view::{Boxes, MAX_LEVELS, Target, View, outside, rows, squared};
 use crate::motion::TimeInterval;
 use crate::simd::{LANES, Lanes, Simd, huge_vec_of, prefetch};
 use glam::{DVec3, Vec3};
@@ -165,14 +165,12 @@ impl View for &StaticTree {
     #[inline(always)]
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
         let node = &self.nodes[node];
-        let rows = |rows: &[Lanes<f32>; 3]| [s.load(&rows[0]), s.load(&rows[1]), s.load(&rows[2])];
-        outside(s, &target.point, rows(&node.lo), rows(&node.hi))
+        outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let at = &self.blocks[block].at;
-        let along = |axis: usize| s.load(&at[axis]) - target.point[axis];
-        squared::<S>(along(0), along(1), along(2))
+        let [x, y, z] = rows(s, &self.blocks[block].at);
+        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
     }
     #[inline(always)]
     fn expect_node(&self, node: usize) {
