@@ -151,8 +151,8 @@ impl Simd for Portable {
     #[inline(always)]
     fn swap_lanes<const D: usize>(self, a: F) -> F {
         let mut out = [0.0; LANES];
-        for i in 0..LANES {
-            out[i] = a.0[i ^ D];
+        for (i, to) in out.iter_mut().enumerate() {
+            *to = a.0[i ^ D];
         }
         F(out)
     }
