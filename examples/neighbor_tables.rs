@@ -160,7 +160,8 @@ fn static_tables(args: &Args) {
             // On and near the points: where the queries of a gather are.
             let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (point(), 0.0)).collect();
             let build = race(
-                args.repeat.max(3),
+                // Small ones often: the first builds of a process also fetch its memory.
+                (3_000_000 / n).clamp(3, 15),
                 n,
                 &mut [
                     &mut || drop(black_box(PointTree::build(&points, &params).unwrap())),
