@@ -30,14 +30,18 @@ struct Args {
     #[arg(long, value_delimiter = ',', default_values_t = [100_000, 1_000_000])]
     points: Vec<usize>,
     /// Queries per repetition.
-    #[arg(long, default_value_t = 20_000)]
+    #[arg(long, default_value_t = 100_000)]
     queries: usize,
     /// Repetitions, of which the median counts.
     #[arg(long, default_value_t = 5)]
     repeat: usize,
-    /// Show every forced structure in the moving tables, not just the automatic choice.
+    /// Measure every forced structure in the moving tables and in that of lives, not just the automatic choice,
+    /// and say how far that is from the best.
     #[arg(long)]
     structures: bool,
+    /// Only the rows of the moving table whose names contain this.
+    #[arg(long, default_value = "")]
+    rows: String,
 }
 
 /// A small generator of numbers, so that every run sees the same points.
@@ -156,8 +160,9 @@ fn static_tables(args: &Args) {
             // On and near the points: where the queries of a gather are.
             let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (point(), 0.0)).collect();
             let build = race(
-                args.repeat.min(3),
-                1_000_000,
+                // Small ones often: the first builds of a process also fetch its memory.
+                (3_000_000 / n).clamp(3, 15),
+                n,
                 &mut [
                     &mut || drop(black_box(PointTree::build(&points, &params).unwrap())),
                     &mut || drop(black_box(Arena::new_from_slice(&arrays).unwrap())),
@@ -166,11 +171,12 @@ fn static_tables(args: &Args) {
             );
             let tree = PointTree::build(&points, &params).unwrap();
             let (arena, flat) = (Arena::new_from_slice(&arrays).unwrap(), Flat::new_from_slice(&arrays).unwrap());
+            let ms = |time: f64| time * n as f64 / 1e6;
             println!(
                 "{n} {set}: build {:.1} ms, kiddo {:.1}/{:.1} ms = {:.2}; {:.1} bytes per point",
-                build[0],
-                build[1],
-                build[2],
+                ms(build[0]),
+                ms(build[1]),
+                ms(build[2]),
                 build[1].min(build[2]) / build[0],
                 tree.stats().bytes() as f64 / n as f64
             );
@@ -247,7 +253,7 @@ fn moving_tables(args: &Args) {
         "5% fast, rest slow",
         "clustered",
     ];
-    for row in rows {
+    for row in rows.into_iter().filter(|row| row.contains(&args.rows)) {
         let points = moving_set(row, n);
         let mut rng = Rng(99);
         let mut at: Vec<(Vec3, f32)> = (0..args.queries)
@@ -266,67 +272,98 @@ fn moving_tables(args: &Args) {
                 Arena::new_from_slice(&at).unwrap()
             })
             .collect();
-        let mut structures = vec![PointStructure::Automatic];
-        if args.structures {
-            structures.extend([
-                PointStructure::Linear,
-                PointStructure::Slabs(2),
-                PointStructure::Slabs(4),
-                PointStructure::Slabs(8),
-                PointStructure::CutFast,
-                PointStructure::Mbkd,
-            ]);
-        }
-        println!("{row}");
-        for structure in structures {
-            let params = PointParams { structure, ..PointParams::default() };
-            let start = Instant::now();
-            let tree = PointTree::build(&points, &params).unwrap();
-            let build = start.elapsed().as_secs_f64() * 1e3;
-            let radius = radius_for(&tree, &at, 40);
-            let mut text = String::new();
-            for k in [8, 0] {
-                let mut buffers = [NeighborBuffer::new(), NeighborBuffer::new()];
-                let [a, b] = &mut buffers;
-                let times = race(
-                    args.repeat,
-                    at.len(),
-                    &mut [
-                        &mut || match k {
-                            0 => in_radius(&tree, &at, radius, a),
-                            k => k_nearest(&tree, &at, k, a),
-                        },
-                        &mut || match k {
-                            0 => in_radius(&still, &at, radius, b),
-                            k => k_nearest(&still, &at, k, b),
-                        },
-                        &mut || {
-                            for pair in &at {
-                                let snapshot = &snapshots[((pair.1 * 16.0) as usize).min(15)];
-                                kiddo_queries!(snapshot, core::slice::from_ref(pair), k, radius);
-                            }
-                        },
-                    ],
-                );
-                let name = if k == 0 { "radius" } else { "k=8" };
-                text += &format!(
-                    "  {name} {:.0}, own static {:.0} ({:.2}x), snapshots {:.0} ({:.2}x)",
-                    times[0],
-                    times[1],
-                    times[0] / times[1],
-                    times[2],
-                    times[2] / times[0]
-                );
+        use PointStructure::{Automatic, CutFast, Linear, Mbkd, Slabs};
+        let forced = [Linear, Slabs(2), Slabs(4), Slabs(8), Slabs(16), CutFast];
+        let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
+        let trees = built(&points, &structures);
+        let radius = radius_for(&trees[0].0, &at, 40);
+        let mut table = vec![String::new(); trees.len()];
+        let mut rivals = String::new();
+        for k in [8, 0] {
+            let snapshot = |t: f32| &snapshots[((t * 16.0) as usize).min(15)];
+            let mut kiddo = || {
+                for pair in &at {
+                    kiddo_queries!(snapshot(pair.1), core::slice::from_ref(pair), k, radius);
+                }
+            };
+            let all: Vec<&PointTree> = trees.iter().map(|t| &t.0).chain([&still]).collect();
+            let times = race_trees(args.repeat, &all, &at, k, radius, &mut kiddo);
+            let (own, peer) = (times[trees.len()], times[trees.len() + 1]);
+            let name = if k == 0 { "radius" } else { "k=8" };
+            for (text, time) in table.iter_mut().zip(&times) {
+                *text += &format!("  {name} {time:.0} ({:.2} x static, snapshots {:.2})", time / own, peer / time);
             }
+            let best = times[1..trees.len()].iter().copied().fold(f64::INFINITY, f64::min);
+            rivals += &format!("  {name}: own static {own:.0}, snapshots {peer:.0}");
+            if args.structures {
+                rivals += &format!(", automatic / best forced {:.2}", times[0] / best);
+            }
+        }
+        println!("{row}:{rivals}");
+        for (((tree, build), structure), text) in trees.iter().zip(&structures).zip(&table) {
             let bytes = tree.stats().bytes() as f64 / n as f64;
             println!("  {structure:?}:{text}; build {build:.0} ms, {bytes:.0} bytes per point");
-            for layer in &tree.stats().layers {
-                if structure == PointStructure::Automatic {
-                    println!("      {:?}, {} points: {}", layer.kind, layer.points, layer.why);
+        }
+        for layer in &trees[0].0.stats().layers {
+            println!("      {:?}, {} points: {}", layer.kind, layer.points, layer.why);
+        }
+        if args.structures {
+            // Far slower than the others, so with a tenth of the queries and by itself.
+            let some = &at[..at.len() / 10];
+            drop(trees);
+            let mbkd = built(&points, &[Mbkd]).remove(0).0;
+            let mut kiddo = || {
+                for pair in some {
+                    kiddo_queries!(
+                        &snapshots[((pair.1 * 16.0) as usize).min(15)],
+                        core::slice::from_ref(pair),
+                        8,
+                        radius
+                    );
                 }
-            }
+            };
+            let times = race_trees(1, &[&mbkd, &still], some, 8, radius, &mut kiddo);
+            println!(
+                "  Mbkd:  k=8 {:.0} ({:.2} x static, snapshots {:.2})",
+                times[0],
+                times[0] / times[1],
+                times[2] / times[0]
+            );
         }
     }
+}
+
+/// The trees of all structures, and the milliseconds that they took.
+fn built(points: &[MovingPoint], structures: &[PointStructure]) -> Vec<(PointTree, f64)> {
+    let build = |&structure: &PointStructure| {
+        let start = Instant::now();
+        let tree = PointTree::build(points, &PointParams { structure, ..PointParams::default() }).unwrap();
+        (tree, start.elapsed().as_secs_f64() * 1e3)
+    };
+    structures.iter().map(build).collect()
+}
+
+/// Times of all trees and, last, of a rival. `k` = 0: within the radius.
+fn race_trees(
+    repeat: usize,
+    trees: &[&PointTree],
+    at: &[(Vec3, f32)],
+    k: usize,
+    radius: f32,
+    rival: &mut dyn FnMut(),
+) -> Vec<f64> {
+    let run = |tree: &PointTree, buffer: &mut NeighborBuffer| match k {
+        0 => in_radius(tree, at, radius, buffer),
+        k => k_nearest(tree, at, k, buffer),
+    };
+    let mut runs: Vec<Box<dyn FnMut() + '_>> = Vec::new();
+    for &tree in trees {
+        let mut buffer = NeighborBuffer::new();
+        runs.push(Box::new(move || run(tree, &mut buffer)));
+    }
+    let mut contestants: Vec<&mut dyn FnMut()> = runs.iter_mut().map(|r| r.as_mut() as &mut dyn FnMut()).collect();
+    contestants.push(rival);
+    race(repeat, at.len(), &mut contestants)
 }
 
 fn lives_tables(args: &Args) {
@@ -344,44 +381,38 @@ fn lives_tables(args: &Args) {
     let all = PointTree::build(&all, &PointParams::default()).unwrap();
     let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (rng.vec(), rng.unit())).collect();
     at.sort_by_key(|(q, _)| morton(*q));
-    let mut structures = vec![PointStructure::Automatic];
-    if args.structures {
-        structures.extend([PointStructure::Linear, PointStructure::LifeLevels(2), PointStructure::LifeLevels(3)]);
-        structures.extend([4, 8, 16, 32].map(PointStructure::Slabs));
-    }
-    for structure in structures {
-        let tree = PointTree::build(&points, &PointParams { structure, ..PointParams::default() }).unwrap();
-        let radius = radius_for(&tree, &at, 40);
-        print!("  {structure:?}:");
-        for k in [8usize, 0] {
-            let [mut a, mut b] = [NeighborBuffer::new(), NeighborBuffer::new()];
-            let times = race(
-                args.repeat,
-                at.len(),
-                &mut [
-                    &mut || match k {
-                        0 => in_radius(&tree, &at, radius, &mut a),
-                        k => k_nearest(&tree, &at, k, &mut a),
-                    },
-                    &mut || {
-                        for (q, t) in &at {
-                            let query = all.query(*q, *t).filter(|id| points[id as usize].alive.contains(*t));
-                            black_box(match k {
-                                0 => query.radius(radius).collect_into(&mut b).len(),
-                                k => query.nearest_n_into(k, &mut b).len(),
-                            });
-                        }
-                    },
-                ],
-            );
-            let name = if k == 0 { "radius" } else { "k=8" };
-            print!("  {name} {:.0}, filtered static {:.0} = {:.2}x", times[0], times[1], times[1] / times[0]);
+    use PointStructure::{Automatic, LifeLevels, Linear, Slabs};
+    let forced = [Linear, LifeLevels(2), LifeLevels(3), Slabs(4), Slabs(8), Slabs(16), Slabs(32)];
+    let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
+    let trees = built(&points, &structures);
+    let radius = radius_for(&trees[0].0, &at, 40);
+    let mut table = vec![String::new(); trees.len()];
+    for k in [8, 0] {
+        let mut buffer = NeighborBuffer::new();
+        let mut filtered = || {
+            for (q, t) in &at {
+                let query = all.query(*q, *t).filter(|id| points[id as usize].alive.contains(*t));
+                black_box(match k {
+                    0 => query.radius(radius).collect_into(&mut buffer).len(),
+                    k => query.nearest_n_into(k, &mut buffer).len(),
+                });
+            }
+        };
+        let every: Vec<&PointTree> = trees.iter().map(|t| &t.0).collect();
+        let times = race_trees(args.repeat, &every, &at, k, radius, &mut filtered);
+        let name = if k == 0 { "radius" } else { "k=8" };
+        for (text, time) in table.iter_mut().zip(&times) {
+            *text += &format!("  {name} {time:.0} (filtering {:.2})", times[trees.len()] / time);
         }
-        println!("; {:.0} bytes per point", tree.stats().bytes() as f64 / n as f64);
-        if structure == PointStructure::Automatic {
-            println!("      {}", tree.stats().layers.last().map_or("", |l| &l.why));
+        let best = times[1..trees.len()].iter().copied().fold(f64::INFINITY, f64::min);
+        if args.structures {
+            println!("  {name}: automatic / best forced {:.2}", times[0] / best);
         }
     }
+    for (((tree, _), structure), text) in trees.iter().zip(&structures).zip(&table) {
+        println!("  {structure:?}:{text}; {:.0} bytes per point", tree.stats().bytes() as f64 / n as f64);
+    }
+    println!("      {}", trees[0].0.stats().layers.last().map_or("", |l| &l.why));
 }
 
 fn main() {

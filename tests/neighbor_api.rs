@@ -292,11 +292,11 @@ fn counted_work_is_what_it_was() {
 }
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
-    ("uniform", PointStructure::Automatic, (4941, 7626)),
-    ("coherent", PointStructure::Linear, (5239, 7819)),
-    ("random", PointStructure::Slabs(4), (5255, 8326)),
-    ("fast few", PointStructure::Mbkd, (184007, 289153)),
-    ("short lives", PointStructure::LifeLevels(2), (7832, 27307)),
+    ("uniform", PointStructure::Automatic, (4925, 7532)),
+    ("coherent", PointStructure::Linear, (5227, 7819)),
+    ("random", PointStructure::Slabs(4), (5267, 8311)),
+    ("fast few", PointStructure::Mbkd, (174618, 262113)),
+    ("short lives", PointStructure::LifeLevels(2), (7942, 27535)),
 ];
 
 #[test]

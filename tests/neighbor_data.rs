@@ -1,7 +1,5 @@
 //! Real particles and lidar points, where `MBKD_DATA` names a directory that has them; without it the
 //! same checks run on a small made-up set in the same format.
-//!
-//! Format: "PSET0001", u32 points, u32 frames, u32 columns, 16 bytes of name per column, f32 rows.
 
 mod neighbor_support;
 
@@ -10,41 +8,18 @@ use mbkd::{PointArrays, PointParams, PointStructure, PointTree, TimeInterval};
 use neighbor_support::{Cloud, Rng};
 use std::path::Path;
 
-struct Set {
-    names: Vec<String>,
-    frames: Vec<Vec<Vec<f32>>>,
-}
+#[path = "../examples/neighbors_of_files/formats.rs"]
+mod formats;
+
+use formats::Table;
+
+struct Set(Table);
 
 impl Set {
-    /// Reads a file; an error names what is wrong with it.
-    fn read(bytes: &[u8]) -> Result<Set, String> {
-        let u32_at = |at: usize| {
-            let four = bytes.get(at..at + 4).ok_or(format!("file ends at byte {}", bytes.len()))?;
-            Ok::<usize, String>(u32::from_le_bytes(four.try_into().expect("four bytes")) as usize)
-        };
-        if bytes.get(..8) != Some(b"PSET0001".as_slice()) {
-            return Err("not a point set".into());
-        }
-        let (points, frames, columns) = (u32_at(8)?, u32_at(12)?, u32_at(16)?);
-        let begin = 20 + 16 * columns;
-        let values = points.checked_mul(frames).and_then(|n| n.checked_mul(columns)).ok_or("too large")?;
-        if bytes.len() != begin + 4 * values {
-            return Err(format!("{} bytes where {} belong", bytes.len(), begin + 4 * values));
-        }
-        let name = |c: usize| {
-            let name = &bytes[20 + 16 * c..36 + 16 * c];
-            String::from_utf8_lossy(name).trim_end_matches('\0').to_string()
-        };
-        let mut values = bytes[begin..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().expect("four bytes")));
-        let mut row = || (0..columns).map(|_| values.next().expect("counted")).collect::<Vec<f32>>();
-        let frames = (0..frames).map(|_| (0..points).map(|_| row()).collect()).collect();
-        Ok(Set { names: (0..columns).map(name).collect(), frames })
-    }
-
     fn columns(&self, frame: usize, names: [&str; 3]) -> Option<Vec<Vec3>> {
-        let at: Vec<usize> = names.iter().filter_map(|n| self.names.iter().position(|m| m == n)).collect();
+        let at: Vec<usize> = names.iter().filter_map(|n| self.0.names.iter().position(|m| m == n)).collect();
         let [x, y, z] = at[..] else { return None };
-        Some(self.frames[frame].iter().map(|row| Vec3::new(row[x], row[y], row[z])).collect())
+        Some(self.0.frames[frame].iter().map(|row| Vec3::new(row[x], row[y], row[z])).collect())
     }
 
     /// Points with velocities fly on from the first frame; points with times live for a moment; points
@@ -52,16 +27,16 @@ impl Set {
     fn cloud(&self) -> Cloud {
         let first = self.columns(0, ["x", "y", "z"]).expect("positions");
         let full = vec![TimeInterval::FULL; first.len()];
-        if let Some(t) = self.names.iter().position(|n| n == "t") {
-            let last = self.frames[0].iter().map(|row| row[t]).fold(f32::MIN_POSITIVE, f32::max);
+        if let Some(t) = self.0.names.iter().position(|n| n == "t") {
+            let last = self.0.frames[0].iter().map(|row| row[t]).fold(f32::MIN_POSITIVE, f32::max);
             let life = |row: &Vec<f32>| {
                 let begin = (row[t] / last).clamp(0.0, 0.95);
                 TimeInterval::new(begin, begin + 0.05).expect("within the shutter")
             };
-            return Cloud { alive: self.frames[0].iter().map(life).collect(), keys: vec![first] };
+            return Cloud { alive: self.0.frames[0].iter().map(life).collect(), keys: vec![first] };
         }
-        if self.frames.len() > 1 {
-            let keys = (0..self.frames.len()).filter_map(|f| self.columns(f, ["x", "y", "z"])).collect();
+        if self.0.frames.len() > 1 {
+            let keys = (0..self.0.frames.len()).filter_map(|f| self.columns(f, ["x", "y", "z"])).collect();
             return Cloud { keys, alive: full };
         }
         let velocity = self.columns(0, ["vx", "vy", "vz"]).unwrap_or(vec![Vec3::ZERO; first.len()]);
@@ -120,8 +95,8 @@ fn made_up_sets_in_the_same_format() {
         (&["x", "y", "z"], vec![rows(3), rows(3)]),
     ] {
         let bytes = written(names, &frames);
-        check(&names.concat(), &Set::read(&bytes).unwrap().cloud());
-        assert!(Set::read(&bytes[..bytes.len() - 1]).is_err() && Set::read(&bytes[..15]).is_err());
+        check(&names.concat(), &Set(Table::pset(&bytes).unwrap()).cloud());
+        assert!(Table::pset(&bytes[..bytes.len() - 1]).is_err() && Table::pset(&bytes[..15]).is_err());
     }
 }
 
@@ -134,11 +109,47 @@ fn real_sets_where_there_are_any() {
     let mut read = 0;
     for folder in ["particles", "scans"] {
         let Ok(entries) = Path::new(&data).join(folder).read_dir() else { continue };
-        for path in entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "pset")) {
-            let set = Set::read(&std::fs::read(&path).unwrap()).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+        for path in entries.flatten().map(|e| e.path()) {
+            let Some(table) = Table::open(&path).unwrap_or_else(|e| panic!("{e}")) else { continue };
+            let set = Set(table);
             check(&path.file_name().unwrap().to_string_lossy(), &set.cloud());
             read += 1;
         }
     }
-    assert!(read > 0, "MBKD_DATA has no particles/*.pset or scans/*.pset");
+    assert!(read > 0, "MBKD_DATA has no files in particles or scans that can be read");
+}
+
+/// Positions and velocities in BGEO (plain and compressed) and VTK are those that were written, and files that
+/// end too early are errors.
+#[test]
+fn particle_files_give_what_was_written() {
+    let rows: Vec<[f32; 6]> = (0..5).map(|i| std::array::from_fn(|c| (i * 6 + c) as f32 * 0.5 - 3.0)).collect();
+    let be = |values: &[f32]| values.iter().flat_map(|v| v.to_be_bytes()).collect::<Vec<u8>>();
+    let mut bgeo = b"BgeoV".to_vec();
+    bgeo.extend([5u32, 5, 0, 0, 0, 2, 0, 0, 0].iter().flat_map(|n| n.to_be_bytes()));
+    bgeo.extend(b"\0\x02id\0\x01\0\0\0\x01\0\0\0\0\0\x08velocity\0\x03\0\0\0\x05");
+    bgeo.extend([0; 12]);
+    for row in &rows {
+        bgeo.extend(be(&[row[0], row[1], row[2], 1.0, 77.0, row[3], row[4], row[5]]));
+    }
+    let mut packed = Vec::new();
+    let mut encoder = flate2::read::GzEncoder::new(&bgeo[..], flate2::Compression::fast());
+    std::io::Read::read_to_end(&mut encoder, &mut packed).unwrap();
+    let mut vtk =
+        b"# vtk DataFile Version 4.1\nparticles\nBINARY\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n".to_vec();
+    rows.iter().for_each(|row| vtk.extend(be(&row[..3])));
+    vtk.extend(b"\nPOINT_DATA 5\nFIELD FieldData 1\nvelocity 3 5 float\n");
+    rows.iter().for_each(|row| vtk.extend(be(&row[3..])));
+    for table in [Table::bgeo(&bgeo), Table::bgeo(&packed), Table::vtk(&vtk)] {
+        let table = table.unwrap();
+        assert_eq!(table.names, ["x", "y", "z", "vx", "vy", "vz"]);
+        assert_eq!(table.frames, [rows.iter().map(|r| r.to_vec()).collect::<Vec<_>>()]);
+    }
+    for end in 0..bgeo.len() {
+        assert!(Table::bgeo(&bgeo[..end]).is_err(), "BGEO of {end} bytes");
+    }
+    for end in 0..vtk.len() {
+        let short = Table::vtk(&vtk[..end]);
+        assert!(short.is_err() || short.unwrap().names.len() == 3, "VTK of {end} bytes");
+    }
 }

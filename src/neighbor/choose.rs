@@ -69,9 +69,15 @@ const SEARCHES: usize = 192;
 /// Price of a block in nodes: a node has twelve rows and leads on, a block has six and does not.
 const BLOCK_PRICE: f64 = 0.7;
 
-/// Visits of a tree cost this much more for every doubling of its size beyond what caches hold.
-const CACHE_PRICE: f64 = 0.3;
-const CACHED_BYTES: f64 = 16e6;
+/// What a search costs besides, in nodes: setting out and putting the found ones in order.
+const SEARCH_PRICE: f64 = 6.0;
+
+/// A visit in a tree of this many bytes costs twice what it costs in a tiny one: searches at times of their own
+/// find less and less in the caches the more trees they are spread over.
+const FAR_BYTES: f64 = 95e6;
+
+/// A visit of which nothing is in the caches costs this much more than one of which everything is.
+const MOST_FAR: f64 = 16.0;
 
 /// Bytes of a reference with its share of nodes.
 const REFERENCE_BYTES: f64 = 32.0;
@@ -195,9 +201,9 @@ fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> (
         let inside = |m: &Mover| Some(Mover { alive: m.life.intersect(part.interval)?, ..*m });
         let inside: Vec<Mover> = movers.iter().filter(|m| keep(m)).filter_map(inside).collect();
         let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, plan, *keys)).sum();
-        let doublings = (references as f64 * scale * REFERENCE_BYTES / CACHED_BYTES).log2().max(0.0);
+        let far = references as f64 * scale * REFERENCE_BYTES / FAR_BYTES;
         let layer = [Layer::Moving(vec![part_tree(inside, part, plan)])];
-        (layer, part.interval, 1.0 + CACHE_PRICE * doublings, references)
+        (layer, part.interval, 1.0 + far / (1.0 + far / MOST_FAR), references)
     };
     let groups = match fast {
         Some(fast) => vec![group(plan, &|m| !m.cut), group(fast, &|m| m.cut)],
@@ -218,7 +224,7 @@ fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> (
         let priced = work.iter().zip(&groups).map(|(w, g)| (w.nodes as f64 + BLOCK_PRICE * w.blocks as f64) * g.2);
         total += priced.sum::<f64>();
     }
-    (total / SEARCHES as f64, groups.iter().map(|g| g.3).sum())
+    (SEARCH_PRICE + total / SEARCHES as f64, groups.iter().map(|g| g.3).sum())
 }
 
 /// One search, layer after layer, each at its own time; counts the work in each.

@@ -10,9 +10,9 @@ use super::hull::{Hull, LinearBoxes, Span};
 use super::mover::{Mover, Part, phase};
 use super::order::{Item, join, order_with_time};
 use super::static_tree::Shape;
-use super::view::{Target, View, outside, squared};
+use super::view::{Target, View, outside, rows, squared};
 use crate::motion::{KeyTime, TimeInterval};
-use crate::simd::{LANES, Lanes, Mask, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 use glam::{DVec3, Vec3};
 
 /// Sixteen moving points in rows; absent ones stand where every squared distance is infinite.
@@ -188,7 +188,7 @@ impl MovingTree {
         let timed = movers.iter().any(|m| m.alive != part.interval);
         let shape = Shape::with_leaf(movers.len(), 1);
         let count = movers.len().div_ceil(LANES);
-        let mut blocks = vec![EMPTY; count];
+        let mut blocks = huge_vec_of(EMPTY, count);
         let mut block_times = vec![NEVER; if timed { count } else { 0 }];
         let most = magnitude(movers);
         let mut hulls: Vec<Option<Hull>> = vec![None; count];
@@ -198,7 +198,7 @@ impl MovingTree {
         let of_block = |items: &[Item]| lives(items.iter().map(|item| &movers[item.index as usize]));
         let lives = if mortal { items.chunks(LANES).map(of_block).collect() } else { Vec::new() };
         drop(items);
-        let mut nodes = vec![LinearBoxes::NONE; shape.nodes()];
+        let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
         let mut node_times = vec![NEVER; if timed { shape.nodes() } else { 0 }];
         let mut first = Vec::with_capacity(shape.nodes());
         let mut hulls: Vec<Hull> = hulls.into_iter().flatten().collect();
@@ -320,6 +320,13 @@ fn counting<S: Simd>(s: S, times: &Times, time: S::F, distances: S::F) -> S::F {
     s.select(alive, distances, s.splat(f32::INFINITY))
 }
 
+/// Three rows of lines at a phase.
+#[inline(always)]
+fn line<S: Simd>(s: S, at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3], phase: S::F) -> [S::F; 3] {
+    let ([x, y, z], [by_x, by_y, by_z]) = (rows(s, at), rows(s, slope));
+    [x + by_x * phase, y + by_y * phase, z + by_z * phase]
+}
+
 impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
@@ -346,22 +353,31 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
         let boxes = &self.tree.nodes[node];
         // Not fused: then every instruction set visits the same nodes, and approximate answers agree too.
-        let face = |at: &Lanes<f32>, slope: &Lanes<f32>| s.load(at) + s.load(slope) * target.phase;
-        let lo = [0, 1, 2].map(|a| face(&boxes.lo[a], &boxes.lo_slope[a]));
-        let hi = [0, 1, 2].map(|a| face(&boxes.hi[a], &boxes.hi_slope[a]));
+        let lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
+        let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
         let distances = outside(s, &target.point, lo, hi);
         if TIMED { counting(s, &self.tree.node_times[node], target.time, distances) } else { distances }
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let rows = &self.tree.blocks[block];
-        let base = if self.at.from_end { &rows.close } else { &rows.open };
-        let along = |axis: usize| {
-            let way = s.load(&rows.close[axis]) - s.load(&rows.open[axis]);
-            (s.load(&base[axis]) + way * target.step) - target.point[axis]
-        };
-        let distances = squared::<S>(along(0), along(1), along(2));
+        let Block { open, close, .. } = &self.tree.blocks[block];
+        let base = rows(s, if self.at.from_end { close } else { open });
+        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
+        let x = (base[0] + (bx - ax) * target.step) - target.point[0];
+        let y = (base[1] + (by - ay) * target.step) - target.point[1];
+        let z = (base[2] + (bz - az) * target.step) - target.point[2];
+        let distances = squared::<S>(x, y, z);
         if TIMED { counting(s, &self.tree.block_times[block], target.time, distances) } else { distances }
+    }
+    #[inline(always)]
+    fn expect_node(&self, node: usize) {
+        prefetch(&self.tree.nodes[node]);
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(block) = self.tree.blocks.get(block) {
+            prefetch(block);
+        }
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {

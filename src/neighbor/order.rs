@@ -20,7 +20,7 @@ pub(super) struct Item {
 const SHARE: usize = 1 << 14;
 
 /// Most points that are looked at to find the widest axis.
-const SAMPLE: usize = 512;
+const SAMPLE: usize = 128;
 
 /// Orders `items` so that leaf i holds the i-th run of `leaf` of them.
 ///
@@ -76,15 +76,21 @@ fn order_blocks(items: &mut [Item], mut block: usize, leaf: usize) {
     }
 }
 
+/// Grows a box to hold a point. Comparisons, because `min` and `max` take care of NaN, which is not here.
+#[inline(always)]
+pub(super) fn include(lo: &mut [f32; 3], hi: &mut [f32; 3], at: [f32; 3]) {
+    for axis in 0..3 {
+        lo[axis] = if at[axis] < lo[axis] { at[axis] } else { lo[axis] };
+        hi[axis] = if at[axis] > hi[axis] { at[axis] } else { hi[axis] };
+    }
+}
+
 /// The axis along which the points spread most, judged by a sample where there are many.
 pub(super) fn widest_axis(items: &[Item]) -> usize {
     let step = (items.len() / SAMPLE).max(1);
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for item in items.iter().step_by(step) {
-        for axis in 0..3 {
-            lo[axis] = lo[axis].min(item.at[axis]);
-            hi[axis] = hi[axis].max(item.at[axis]);
-        }
+        include(&mut lo, &mut hi, item.at);
     }
     let size = [hi[0] - lo[0], hi[1] - lo[1], hi[2] - lo[2]];
     let yz = if size[1] >= size[2] { 1 } else { 2 };

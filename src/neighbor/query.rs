@@ -141,7 +141,9 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn nearest_n_into(self, k: usize, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
         if self.finds_something() && k > 0 {
-            dispatch(self.tree.simd, NearestN { query: &self, k, buffer, observe: &mut () });
+            let candidates = &mut buffer.candidates;
+            dispatch(self.tree.simd, NearestN { query: &self, k, candidates, observe: &mut () });
+            nearest_in_order(self.tree.simd, k, candidates, &mut buffer.found);
         }
         &buffer.found
     }
@@ -150,8 +152,8 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn work(self, k: usize) -> NeighborWork {
         let mut work = NeighborWork::default();
         if self.finds_something() && k > 0 {
-            let buffer = &mut NeighborBuffer::new();
-            dispatch(self.tree.simd, NearestN { query: &self, k, buffer, observe: &mut work });
+            let candidates = &mut Candidates::default();
+            dispatch(self.tree.simd, NearestN { query: &self, k, candidates, observe: &mut work });
         }
         work
     }
@@ -168,7 +170,10 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn collect_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
         if self.finds_something() {
-            dispatch(self.tree.simd, Collecting { query: &self, buffer, sorted: false });
+            let candidates = &mut buffer.candidates;
+            dispatch(self.tree.simd, Collecting { query: &self, candidates });
+            let pairs = candidates.ids[..candidates.count].iter().zip(&candidates.distances);
+            buffer.found.extend(pairs.map(|(&id, &distance_squared)| Neighbor { id, distance_squared }));
         }
         &buffer.found
     }
@@ -185,7 +190,9 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn collect_sorted_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
         if self.finds_something() {
-            dispatch(self.tree.simd, Collecting { query: &self, buffer, sorted: true });
+            let candidates = &mut buffer.candidates;
+            dispatch(self.tree.simd, Collecting { query: &self, candidates });
+            all_in_order(self.tree.simd, candidates, &mut buffer.found);
         }
         &buffer.found
     }
@@ -251,7 +258,7 @@ impl<K: Keep> Kernel for Nearest<'_, '_, K> {
 struct NearestN<'q, 'a, 'b, K, O> {
     query: &'q NeighborQuery<'a, K>,
     k: usize,
-    buffer: &'b mut NeighborBuffer,
+    candidates: &'b mut Candidates,
     observe: &'b mut O,
 }
 
@@ -259,34 +266,26 @@ impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, K, O> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let NearestN { query: q, k, buffer, observe } = self;
-        let mut search = KNearest::within(k, q.bound, q.shrink, &mut buffer.candidates, &q.keep, observe);
+        let NearestN { query: q, k, candidates, observe } = self;
+        let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
         walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);
-        nearest_in_order(s, k, &mut buffer.candidates, &mut buffer.found);
     }
 }
 
 struct Collecting<'q, 'a, 'b, K> {
     query: &'q NeighborQuery<'a, K>,
-    buffer: &'b mut NeighborBuffer,
-    sorted: bool,
+    candidates: &'b mut Candidates,
 }
 
 impl<K: Keep> Kernel for Collecting<'_, '_, '_, K> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Collecting { query: q, buffer, sorted } = self;
-        buffer.candidates.count = 0;
-        let mut sink = Gather { candidates: &mut buffer.candidates, keep: &q.keep };
+        let Collecting { query: q, candidates } = self;
+        candidates.count = 0;
+        let mut sink = Gather { candidates, keep: &q.keep };
         // A sink that never breaks.
         let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
-        let c = &mut buffer.candidates;
-        if sorted {
-            return all_in_order(s, c, &mut buffer.found);
-        }
-        let pairs = c.ids[..c.count].iter().zip(&c.distances[..c.count]);
-        buffer.found.extend(pairs.map(|(&id, &distance_squared)| Neighbor { id, distance_squared }));
     }
 }
 

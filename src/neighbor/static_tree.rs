@@ -6,10 +6,10 @@
 //! fills the levels better.
 
 use super::approach::{Boxed, Flight};
-use super::order::{Item, order};
-use super::view::{Boxes, MAX_LEVELS, Target, View, outside, squared};
+use super::order::{Item, include, order};
+use super::view::{Boxes, MAX_LEVELS, Target, View, outside, rows, squared};
 use crate::motion::TimeInterval;
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::{LANES, Lanes, Simd, huge_vec_of, prefetch};
 use glam::{DVec3, Vec3};
 
 /// Sixteen points in rows; where there is none, the coordinates are infinite.
@@ -77,8 +77,8 @@ impl StaticTree {
     pub(super) fn build(mut items: Vec<Item>, id_of: impl Fn(u32) -> u32 + Sync) -> StaticTree {
         let shape = Shape::of(items.len());
         order(&mut items, shape.leaf());
-        let mut blocks = vec![EMPTY; items.len().div_ceil(shape.leaf()) * shape.leaf_blocks];
-        let mut nodes = vec![Boxes::NONE; shape.nodes()];
+        let mut blocks = huge_vec_of(EMPTY, items.len().div_ceil(shape.leaf()) * shape.leaf_blocks);
+        let mut nodes = huge_vec_of(Boxes::NONE, shape.nodes());
         let share = LANES * shape.leaf_blocks;
         fill(&items, &mut blocks, &mut nodes[..shape.begin[1]], share, &id_of);
         for level in 1..shape.levels {
@@ -135,10 +135,7 @@ fn fill(items: &[Item], blocks: &mut [Block], nodes: &mut [Boxes], share: usize,
         }
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for item in items {
-            for axis in 0..3 {
-                lo[axis] = lo[axis].min(item.at[axis]);
-                hi[axis] = hi[axis].max(item.at[axis]);
-            }
+            include(&mut lo, &mut hi, item.at);
         }
         nodes[number / share].include(number % share / leaf_blocks, lo, hi);
     }
@@ -168,14 +165,22 @@ impl View for &StaticTree {
     #[inline(always)]
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
         let node = &self.nodes[node];
-        let rows = |rows: &[Lanes<f32>; 3]| [s.load(&rows[0]), s.load(&rows[1]), s.load(&rows[2])];
-        outside(s, &target.point, rows(&node.lo), rows(&node.hi))
+        outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let at = &self.blocks[block].at;
-        let along = |axis: usize| s.load(&at[axis]) - target.point[axis];
-        squared::<S>(along(0), along(1), along(2))
+        let [x, y, z] = rows(s, &self.blocks[block].at);
+        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
+    }
+    #[inline(always)]
+    fn expect_node(&self, node: usize) {
+        prefetch(&self.nodes[node]);
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
+            blocks.iter().for_each(prefetch);
+        }
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {

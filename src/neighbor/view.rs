@@ -57,6 +57,10 @@ pub(super) trait View: Copy {
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
     /// Squared distances to the points; infinite where there is no point at this time.
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
+    /// A node that will soon be tested, probably.
+    fn expect_node(&self, node: usize);
+    /// A leaf that will soon be tested, probably.
+    fn expect_leaf(&self, block: usize);
     /// Ids of a block's points.
     fn ids(&self, block: usize) -> &Lanes<u32>;
 }
@@ -70,9 +74,20 @@ pub(super) fn squared<S: Simd>(x: S::F, y: S::F, z: S::F) -> S::F {
 /// Squared distance of boxes from a point.
 #[inline(always)]
 pub(super) fn outside<S: Simd>(s: S, point: &[S::F; 3], lo: [S::F; 3], hi: [S::F; 3]) -> S::F {
-    let zero = s.splat(0.0);
-    let gap = |axis: usize| s.max(s.max(lo[axis] - point[axis], point[axis] - hi[axis]), zero);
-    squared::<S>(gap(0), gap(1), gap(2))
+    squared::<S>(gap(s, point[0], lo[0], hi[0]), gap(s, point[1], lo[1], hi[1]), gap(s, point[2], lo[2], hi[2]))
+}
+
+/// How far a coordinate is outside intervals. (No closure, here and in the trees: a closure can not be told to
+/// be inlined always, and where it is not, each of its operations becomes a call.)
+#[inline(always)]
+fn gap<S: Simd>(s: S, at: S::F, lo: S::F, hi: S::F) -> S::F {
+    s.max(s.max(lo - at, at - hi), s.splat(0.0))
+}
+
+/// Three rows.
+#[inline(always)]
+pub(super) fn rows<S: Simd>(s: S, rows: &[Lanes<f32>; 3]) -> [S::F; 3] {
+    [s.load(&rows[0]), s.load(&rows[1]), s.load(&rows[2])]
 }
 
 /// Sixteen boxes in rows; where there is no box, `lo` is infinite and `hi` is negative infinite.

@@ -118,6 +118,13 @@ pub(crate) fn huge_vec<T>(capacity: usize) -> Vec<T> {
     items
 }
 
+/// `count` copies of an item, on huge pages where the system grants them.
+pub(crate) fn huge_vec_of<T: Clone>(item: T, count: usize) -> Vec<T> {
+    let mut items = huge_vec(count);
+    items.resize(count, item);
+    items
+}
+
 /// Asks for huge pages for the memory of a vector that was not touched yet; a hint.
 #[cfg(target_os = "linux")]
 fn advise_huge_pages<T>(items: &mut Vec<T>) {

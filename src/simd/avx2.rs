@@ -234,6 +234,14 @@ impl Simd for Avx2 {
         intrinsic!(_mm256_cvtss_f32(_mm256_permutevar8x32_ps(half, _mm256_set1_epi32(i as i32))))
     }
     #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: F) -> F {
+        let lanes: &Lanes<u32> = const { &super::swapped(D & 7) };
+        let lanes = intrinsic!(_mm256_loadu_si256(lanes.as_ptr().cast()));
+        let low = intrinsic!(_mm256_permutevar8x32_ps(a.0, lanes));
+        let high = intrinsic!(_mm256_permutevar8x32_ps(a.1, lanes));
+        if D < 8 { F(low, high) } else { F(high, low) }
+    }
+    #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
         let eight = intrinsic!(_mm256_min_ps(a.0, a.1));
         let four = intrinsic!(_mm_min_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight)));

@@ -155,6 +155,12 @@ impl Simd for Avx512 {
         intrinsic!(_mm512_cvtss_f32(_mm512_permutexvar_ps(_mm512_set1_epi32(i as i32), a.0)))
     }
     #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: F) -> F {
+        let lanes: &Lanes<u32> = const { &super::swapped(D) };
+        let lanes = intrinsic!(_mm512_loadu_si512(lanes.as_ptr().cast()));
+        F(intrinsic!(_mm512_permutexvar_ps(lanes, a.0)))
+    }
+    #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
         intrinsic!(_mm512_reduce_min_ps(a.0))
     }

@@ -23,7 +23,7 @@ mod stack;
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
-pub(crate) use arena::{Arena, huge_vec};
+pub(crate) use arena::{Arena, huge_vec, huge_vec_of};
 pub(crate) use stack::{Stack, StackMemory};
 
 /// Number of lanes in every vector of this module.
@@ -110,6 +110,8 @@ pub(crate) trait Simd: Copy {
     fn permute(self, a: Self::F, index: Self::U) -> Self::F;
     /// Lane `i`, at most 15.
     fn lane(self, a: Self::F, i: usize) -> f32;
+    /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
+    fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
     /// The least lane (no lane may be NaN).
     fn reduce_min(self, a: Self::F) -> f32;
     /// The lanes of the mask moved together at the front; what follows them is unspecified.
@@ -246,10 +248,37 @@ pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
     }
 }
 
+/// Asks for the cache lines of an item that will be read soon; a hint without any other effect.
+#[inline(always)]
+pub(crate) fn prefetch<T>(item: &T) {
+    #[cfg(target_arch = "x86_64")]
+    for line in 0..size_of::<T>().div_ceil(64) {
+        use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let at = core::ptr::from_ref(item).cast::<i8>().wrapping_add(64 * line);
+        // SAFETY: every x86-64 CPU has the instruction; it reads nothing that a program could see and
+        // ignores addresses that are not mapped.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = item;
+}
+
 /// Sixteen elements of `from`, beginning at `at`. Panics where they are not all there.
 #[inline(always)]
 pub(crate) fn lanes_at<T>(from: &[T], at: usize) -> &Lanes<T> {
     from[at..at + LANES].try_into().expect("a slice of sixteen")
+}
+
+/// The lanes `i ^ d`.
+#[cfg(target_arch = "x86_64")]
+const fn swapped(d: usize) -> Lanes<u32> {
+    let mut lanes = [0; LANES];
+    let mut i = 0;
+    while i < LANES {
+        lanes[i] = (i ^ d) as u32;
+        i += 1;
+    }
+    lanes
 }
 
 #[cfg(test)]

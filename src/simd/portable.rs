@@ -158,6 +158,14 @@ impl Simd for Portable {
         a.0[i]
     }
     #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: F) -> F {
+        let mut out = [0.0; LANES];
+        for (i, to) in out.iter_mut().enumerate() {
+            *to = a.0[i ^ D];
+        }
+        F(out)
+    }
+    #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
         let mut least = a.0[0];
         for &x in &a.0[1..] {

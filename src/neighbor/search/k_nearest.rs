@@ -9,7 +9,7 @@ use super::sort::{pack, unpack as unpack_pair};
 use super::walk::{Collect, keys, unpack};
 use super::{Keep, Observe, kept};
 use crate::neighbor::view::{Target, View};
-use crate::simd::{LANES, Simd, lanes_at};
+use crate::simd::{LANES, Mask, Simd, lanes_at};
 
 /// Memory for candidates: distances and ids apart, with a vector of room at the end.
 #[derive(Clone, Debug, Default)]
@@ -56,12 +56,10 @@ impl Candidates {
         s.store(distance, to);
     }
 
-    /// Drops everything above the threshold.
+    /// Drops everything above the threshold. What follows the last candidate up to a whole vector is above it.
     #[inline(always)]
     fn retain<S: Simd>(&mut self, s: S, threshold: f32) {
-        let count = self.count;
-        self.distances[count..count + LANES].fill(f32::INFINITY);
-        self.count = 0;
+        let count = core::mem::take(&mut self.count);
         for at in (0..count).step_by(LANES) {
             let distance = s.load(lanes_at(&self.distances, at));
             let id = s.load_u(lanes_at(&self.ids, at));
@@ -85,6 +83,12 @@ impl Candidates {
         self.count = k;
         unpack_pair(last).distance_squared
     }
+}
+
+/// The first `count` lanes; all where there are more than that many.
+#[inline(always)]
+pub(in crate::neighbor) fn there(count: usize) -> Mask {
+    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
 }
 
 /// The search for k nearest.
@@ -125,12 +129,18 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         self.k.saturating_mul(2).saturating_add(8)
     }
 
-    /// A threshold that has between k and about 1.5k of the first `end` distances under it, found by
-    /// counting from a guess; nothing where equal distances prevent it. `end` is a multiple of [`LANES`].
+    /// Candidates that a new threshold should have under it.
+    #[inline(always)]
+    fn aim(&self) -> f32 {
+        (self.k + self.k / 4 + 2) as f32
+    }
+
+    /// A threshold that has between k and about 1.5k of the distances under it, found by counting from a
+    /// guess; nothing where equal distances prevent it. There are a multiple of [`LANES`] distances.
     #[inline(always)]
     fn lower<S: Simd>(&self, s: S, distances: &[f32], guess: f32) -> Option<f32> {
         let most = self.k + self.k / 2 + 4;
-        let aim = (self.k + self.k / 4 + 2) as f32;
+        let aim = self.aim();
         // `low` has fewer than k under it, `high` too many.
         let (mut low, mut high) = (-1.0f32, self.threshold);
         let mut threshold = guess;
@@ -150,9 +160,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                     break;
                 }
             }
-            // As many points as the cube of the distance, hence a power of 2/3; 3/4 needs no library.
-            let ratio = aim / under.max(1) as f32;
-            let next = threshold * (ratio.sqrt() * ratio.sqrt().sqrt()).clamp(0.125, 8.0);
+            let next = scaled(threshold, aim, under as f32);
             let between = next > low && next < high;
             threshold = if between { next } else { middle(low, high) };
         }
@@ -212,8 +220,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             let mut column = [0.0; LANES];
             s.store(least, &mut column);
             let mean = sum(&column) * (1.0 / LANES as f32);
-            let more = (self.k as f32 * 0.1).max(1.0);
-            let guess = mean * (more.sqrt() * more.sqrt().sqrt());
+            let guess = scaled(mean, self.aim(), 12.0);
             let guess = if guess < threshold { guess } else { middle(0.0, threshold) };
             if let Some(lower) = self.lower(s, &self.candidates.raw[..end], guess) {
                 threshold = lower;
@@ -250,6 +257,17 @@ fn sum(x: &[f32; LANES]) -> f32 {
     let eight: [f32; 8] = core::array::from_fn(|i| x[i] + x[i + 8]);
     let four: [f32; 4] = core::array::from_fn(|i| eight[i] + eight[i + 4]);
     (four[0] + four[2]) + (four[1] + four[3])
+}
+
+/// `threshold · (wanted / found)^(3/4)`, roughly, within factors of eight: points grow with the cube of the
+/// distance, which gives 2/3, but what was counted lies more to one side of the query than to the other. Bits
+/// of floats stand in for logarithms; it is only a guess anyway.
+#[inline(always)]
+fn scaled(threshold: f32, wanted: f32, found: f32) -> f32 {
+    let more = wanted.to_bits() as i32 - found.max(0.125).to_bits() as i32;
+    let by = (more / 4 * 3).clamp(-3 << 23, 3 << 23);
+    // Thresholds whose bits leave the range of floats are refused by whoever asks.
+    f32::from_bits(threshold.to_bits().saturating_add_signed(by))
 }
 
 /// Half-way between two floats, counted in floats.

@@ -72,11 +72,16 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
     #[inline(always)]
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
-        let (lane, distance) = unpack(s.reduce_min_u(keys(s, boxes)));
+        let left = keys(s, boxes);
+        let (lane, distance) = unpack(s.reduce_min_u(left));
         // An absent lane's key may unpack to NaN, which is not within any bound.
         let within = distance <= self.cull;
         if !within {
             return;
+        }
+        let (second, near) = unpack(s.reduce_min_u(s.select_u(1 << lane, s.splat_u(u32::MAX), left)));
+        if near <= self.cull {
+            view.expect_leaf(first + second * view.leaf_blocks());
         }
         self.leaf(s, view, target, first + lane * view.leaf_blocks());
         self.tighten(s);

@@ -44,33 +44,48 @@ pub(in crate::neighbor) fn unpack(key: u32) -> (usize, f32) {
 pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V, target: &Target<S>, collect: &mut C) {
     let (top, root) = view.root();
     let mut open = [[DONE; LANES]; MAX_LEVELS];
+    let mut next = [DONE; MAX_LEVELS];
     let mut first = [0; MAX_LEVELS];
     let (mut level, mut node) = (top, root);
     loop {
         collect.node();
         let boxes = view.box_distances(s, target, node);
+        let (mut left, mut key);
         if level == 0 {
             collect.bottom(s, view, target, node, boxes);
+            if top == 0 {
+                return;
+            }
             level = 1;
+            left = s.load_u(&open[1]);
+            key = next[1];
         } else {
-            s.store_u(keys(s, boxes), &mut open[level]);
+            // The keys of a new node stay in a register: a detour through memory would hold up the next load.
+            left = keys(s, boxes);
+            key = s.reduce_min_u(left);
             first[level] = view.first_child(level, node);
         }
         loop {
-            if level > top {
-                return;
-            }
-            let left = s.load_u(&open[level]);
-            let key = s.reduce_min_u(left);
             let (lane, distance) = unpack(key);
             // The key of a finished lane unpacks to NaN, which is not within any bound.
             if distance <= collect.cull() {
-                s.store_u(s.select_u(1 << lane, s.splat_u(DONE), left), &mut open[level]);
+                left = s.select_u(1 << lane, s.splat_u(DONE), left);
+                s.store_u(left, &mut open[level]);
+                next[level] = s.reduce_min_u(left);
                 node = first[level] + lane;
+                let (second, distance) = unpack(next[level]);
+                if distance <= collect.cull() {
+                    view.expect_node(first[level] + second);
+                }
                 level -= 1;
                 break;
             }
             level += 1;
+            if level > top {
+                return;
+            }
+            left = s.load_u(&open[level]);
+            key = next[level];
         }
     }
 }
