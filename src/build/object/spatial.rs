@@ -5,7 +5,8 @@
 //! because they *move*, cutting does not pay, so only references are cut whose motion is small beside their
 //! length.
 
-use super::binned::{Reference, mean_half_area};
+use super::binned::mean_half_area;
+use super::reference::Reference;
 use crate::motion::{LinearBox3, ULP};
 use glam::Vec3;
 
@@ -60,8 +61,8 @@ impl Planes {
     }
 
     /// First and last bin of a reference; one and the same where it must not be cut.
-    fn span(self, r: &Reference) -> (usize, usize) {
-        let (b, e, a) = (&r.bounds.begin, &r.bounds.end, self.axis);
+    fn span(self, bounds: &LinearBox3) -> (usize, usize) {
+        let (b, e, a) = (&bounds.begin, &bounds.end, self.axis);
         let motion = (e.min[a] - b.min[a]).abs().max((e.max[a] - b.max[a]).abs());
         let (low, high) = (0.5 * (b.min[a] + e.min[a]), 0.5 * (b.max[a] + e.max[a]));
         if motion > STEADY * (high - low) {
@@ -105,26 +106,26 @@ pub(super) fn find_cut(
     if let Some(planes) = Planes::new(bounds, longest) {
         let mut bins = [Bin { bounds: LinearBox3::EMPTY, entries: 0, exits: 0 }; BINS];
         for r in references {
-            let (first, last) = planes.span(r);
-            let corners = if first < last { ends(r.id) } else { None };
+            let b = r.bounds();
+            let (first, last) = planes.span(&b);
+            let corners = if first < last { ends(r.id()) } else { None };
             match corners {
                 Some(corners) => {
                     bins[first].entries += 1;
                     bins[last].exits += 1;
                     let mut parts = [LinearBox3::EMPTY; BINS];
-                    chop(&corners, &r.bounds, planes, first, last, &mut parts);
+                    chop(&corners, &b, planes, first, last, &mut parts);
                     for (bin, part) in bins[first..=last].iter_mut().zip(&parts[first..=last]) {
                         bin.bounds = bin.bounds.union(*part);
                     }
                 }
                 None => {
-                    let b = &r.bounds;
                     let a = planes.axis;
                     let middle = 0.25 * ((b.begin.min[a] + b.end.max[a]) + (b.begin.max[a] + b.end.min[a]));
                     let bin = &mut bins[planes.bin(middle)];
                     bin.entries += 1;
                     bin.exits += 1;
-                    bin.bounds = bin.bounds.union(r.bounds);
+                    bin.bounds = bin.bounds.union(b);
                 }
             }
         }
@@ -163,17 +164,18 @@ pub(super) fn apply_cut(
     let (mut low, mut high) = (Vec::with_capacity(cut.low), Vec::with_capacity(cut.high));
     let single = Planes::single(cut.planes.axis, cut.planes.plane(cut.bin));
     for r in references {
-        let (first, last) = cut.planes.span(r);
+        let bounds = r.bounds();
+        let (first, last) = cut.planes.span(&bounds);
         if last < cut.bin {
             low.push(*r);
         } else if first >= cut.bin {
             high.push(*r);
-        } else if let Some(corners) = ends(r.id) {
+        } else if let Some(corners) = ends(r.id()) {
             let mut parts = [LinearBox3::EMPTY; BINS];
-            chop(&corners, &r.bounds, single, 0, 1, &mut parts);
+            chop(&corners, &bounds, single, 0, 1, &mut parts);
             for (bounds, side) in parts[..2].iter().zip([&mut low, &mut high]) {
                 if !(bounds.begin.is_empty() && bounds.end.is_empty()) {
-                    side.push(Reference { bounds: *bounds, moving: bounds.begin != bounds.end, ..*r });
+                    side.push(Reference::new(*bounds, r.id()));
                 }
             }
         } else if 2 * cut.bin > first + last {

@@ -172,7 +172,7 @@ fn leaf<S: WideSource>(
     let of = &references[node.first as usize..][..node.count as usize];
     let mut ids = [0; LANES];
     for (id, r) in ids.iter_mut().zip(of) {
-        *id = r.id;
+        *id = r.id();
     }
     let ids = &mut ids[..of.len()];
     // Sorted, so that a block does not depend on the order in which the build met its primitives.

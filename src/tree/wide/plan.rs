@@ -223,30 +223,29 @@ fn hollowness<S: WideSource>(set: &S, references: &[Reference], over: TimeInterv
     let (mut boxes, mut triangles) = (0.0, 0.0);
     // A few thousand tell.
     for r in references.iter().step_by(references.len() / 4096 + 1) {
-        let Some(ends) = set.ends(r.id, over) else { return 0.0 };
+        let Some(ends) = set.ends(r.id(), over) else { return 0.0 };
         let [a, b, c] = ends.begin;
-        boxes += f64::from(r.bounds.begin.half_area());
+        boxes += f64::from(r.bounds().begin.half_area());
         triangles += f64::from((b - a).cross(c - a).length() * 0.5);
     }
     if triangles > 0.0 { boxes / triangles } else { 0.0 }
 }
 
 fn reference<S: WideSource>(set: &S, id: u32, over: TimeInterval) -> Reference {
-    let bounds = set.bounds(id, over);
-    Reference { bounds, id, moving: bounds.begin != bounds.end }
+    Reference::new(set.bounds(id, over), id)
 }
 
 /// Bounds of a reference, which are linear over `whole`, in a part of that time: what the primitive's own
 /// bounds in that part and the reference's (cut to a cell, perhaps) both hold.
 fn part_bounds<S: WideSource>(set: &S, r: &Reference, whole: TimeInterval, over: TimeInterval) -> LinearBox3 {
-    let own = set.bounds(r.id, over);
-    if !r.moving {
-        return own.tighter(r.bounds);
+    let (own, bounds) = (set.bounds(r.id(), over), r.bounds());
+    if !r.moving() {
+        return own.tighter(bounds);
     }
     let at = |t: f32| {
         let w = ((t - whole.begin()) / whole.duration()).clamp(0.0, 1.0);
         // One interpolation: three roundings at sizes of at most 2.
-        r.bounds.at(w).pad(8.0 * ULP)
+        bounds.at(w).pad(8.0 * ULP)
     };
     own.tighter(LinearBox3 { begin: at(over.begin()), end: at(over.end()) })
 }
@@ -267,17 +266,17 @@ impl Segment {
         let block = |(i, node): (usize, &BinaryNode)| {
             let of = &plan.references[node.first as usize..][..node.count as usize];
             let bounds = of.iter().fold(LinearBox3::EMPTY, |b, r| b.union(part_bounds(set, r, plan.over, over)));
-            Reference { bounds, id: i as u32, moving: node.moving }
+            Reference::new(bounds, i as u32)
         };
         let mut blocks: Vec<Reference> = clusters.iter().enumerate().map(block).collect();
         let n = blocks.len();
         let binary = build_binary(&mut blocks, n, 1, &|_| None::<Ends>);
         let collapse = Collapse::new(&binary, PRICES, |node| {
             (node.count == 1).then(|| {
-                let block = &clusters[blocks[node.first as usize].id as usize];
+                let block = &clusters[blocks[node.first as usize].id() as usize];
                 PRICES.leaf + PRICES.primitive * block.count as f32
             })
         });
-        Segment { over, binary, collapse, order: blocks.iter().map(|b| b.id).collect() }
+        Segment { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }
     }
 }
