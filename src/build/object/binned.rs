@@ -184,8 +184,7 @@ impl<E: Fn(u32) -> Option<Ends> + Sync> Builder<'_, E> {
                 }
             }
         }
-        let Parted { middle, low, high } =
-            dispatch(self.simd, Partition { references: &mut slots[..n], split: &best });
+        let Parted { middle, low, high } = dispatch(self.simd, Partition { references: &mut slots[..n], split: &best });
         Division {
             low: Side { n: middle, bounds: best.low, centres: low },
             high: Side { n: n - middle, bounds: best.high, centres: high },

@@ -69,7 +69,7 @@ pub(super) struct Plan {
 
 impl Plan {
     fn cost(&self) -> f32 {
-        self.segments.as_ref().map_or(self.collapse.total, |s| s.cost)
+        self.segments.as_ref().map_or(self.collapse.total(), |s| s.cost)
     }
 }
 
@@ -253,10 +253,10 @@ fn part_bounds<S: WideSource>(set: &S, r: &Reference, whole: TimeInterval, over:
 impl Segments {
     /// Rebuilds the nodes above a plan's leaf blocks for `parts` equal parts of the shutter.
     fn build<S: WideSource>(set: &S, plan: &Plan, parts: usize) -> Segments {
-        let clusters = plan.collapse.leaves(&plan.binary);
+        let clusters = plan.collapse.leaves(&plan.binary, 0);
         let trees: Vec<Segment> =
             (0..parts).map(|i| Segment::build(set, plan, &clusters, part_of_shutter(i, parts))).collect();
-        let cost = trees.iter().map(|t| t.collapse.total).sum::<f32>() / parts as f32;
+        let cost = trees.iter().map(|t| t.collapse.total()).sum::<f32>() / parts as f32;
         Segments { clusters, trees, cost }
     }
 }
