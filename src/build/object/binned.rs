@@ -82,6 +82,21 @@ pub(crate) fn build_binary(
     nodes
 }
 
+/// Reorders references by object splits until at most `most` neighbours stand around place `at`, and returns
+/// them: a sample of what the tree over all will have in one place.
+pub(crate) fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut [Reference] {
+    let simd = SimdLevel::best();
+    let mut table = Table::new();
+    let (_, mut centres) = dispatch(simd, Summary(references));
+    while references.len() > most.max(1) {
+        let Some(split) = dispatch(simd, FindSplit { references, centres, table: &mut table }) else { break };
+        let Parted { middle, low, high } = dispatch(simd, Partition { references, split: &split });
+        let sides = references.split_at_mut(middle);
+        (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
+    }
+    references
+}
+
 /// Spatial splits are looked for where the two sides of the object split share more than this part of the
 /// root's area.
 const LEAST_OVERLAP: f32 = 1e-5;

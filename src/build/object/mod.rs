@@ -8,7 +8,7 @@ mod collapse;
 mod reference;
 mod spatial;
 
-pub(crate) use binned::{BinaryNode, BinaryTree, build_binary};
+pub(crate) use binned::{BinaryNode, BinaryTree, build_binary, isolate};
 pub(crate) use collapse::{Collapse, Prices, WideChild};
 pub(crate) use reference::Reference;
 pub(crate) use spatial::Ends;

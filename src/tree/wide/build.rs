@@ -8,7 +8,8 @@
 use super::emit::{Nodes, set_children, write_node, write_time};
 use super::layout::ChildRef;
 use super::leaf::WideSource;
-use super::plan::{Plan, Segments, part_of_shutter, plan_copies, plan_tree};
+use super::plan::{Plan, part_of_shutter, plan_copies, plan_tree};
+use super::segments::Segments;
 use crate::build::object::{BinaryNode, Reference};
 use crate::build::{BuildParams, Progress};
 use crate::error::BuildError;
