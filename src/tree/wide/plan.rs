@@ -35,7 +35,7 @@ const WORTH_SEGMENTS: f32 = 0.9;
 const INCOHERENT: f32 = 0.7;
 
 /// Twice as many copies are taken where they cost less than this part.
-const WORTH_COPIES: f32 = 0.75;
+const WORTH_COPIES: f32 = 0.8;
 
 /// Cuts are taken where they cost less than this part: they also take memory.
 const WORTH_CUTS: f32 = 0.95;
@@ -43,10 +43,10 @@ const WORTH_CUTS: f32 = 0.95;
 /// Cuts are tried where the boxes have more than this many times the area of the triangles in them.
 const HOLLOW: f64 = 8.0;
 
-/// A division of time is decided on subtrees of at most this many references, that together are a sixteenth of
-/// all, but no more than these many; trees as small as one sample are their own.
-const TIME_SAMPLE: usize = 1024;
-const TIME_SAMPLES: usize = 32;
+/// A division of time is decided on so many subtrees, that together are a sixteenth of all references, each of so
+/// many. Smaller ones would say too little for copies: what meets in them at mid-shutter parts company.
+const TIME_SAMPLES: core::ops::RangeInclusive<usize> = 4..=16;
+const TIME_SAMPLE: core::ops::RangeInclusive<usize> = 1024..=4096;
 
 /// Cuts are decided on neighbourhoods of a sixteenth of all references together, each in these bounds.
 const CUT_SAMPLES: usize = 4;
@@ -170,13 +170,14 @@ fn divide<S: WideSource>(set: &S, plan: &Plan, params: &BuildParams) -> Division
 fn samples(plan: &Plan) -> Vec<u32> {
     let Some(root) = plan.binary.first() else { return Vec::new() };
     let n = root.count as usize;
-    let count = (n / (16 * TIME_SAMPLE)).clamp(1, TIME_SAMPLES);
+    let size = (n / 64).clamp(*TIME_SAMPLE.start(), *TIME_SAMPLE.end());
+    let count = (n / (16 * size)).clamp(*TIME_SAMPLES.start(), *TIME_SAMPLES.end());
     let mut samples = Vec::with_capacity(count);
     for i in 0..count {
         let (mut x, mut at) = (0, ((2 * i + 1) * n / (2 * count)) as u32);
         loop {
             let node = &plan.binary[x as usize];
-            if node.count as usize <= TIME_SAMPLE || node.right == 0 {
+            if node.count as usize <= size || node.right == 0 {
                 break;
             }
             let left = plan.binary[x as usize + 1].count;
