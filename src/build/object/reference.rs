@@ -2,24 +2,27 @@
 
 use crate::motion::{Box3, LinearBox3};
 use crate::simd::{LANES, Lanes};
-use glam::{Vec3, Vec4};
+use glam::{BVec4A, Vec3, Vec4};
 
 /// One entry of a primitive in the tree being built: where it is during the build's time interval.
 ///
-/// Sixteen lanes: the bounds as [`Packed`] has them, a zero, the id, two unused. Whole references are loaded,
-/// united and moved as one register.
+/// Sixteen lanes: the bounds as [`Packed`] has them, the sum of the box corners at both ends (four times the
+/// mid-time centre), the id. Whole references are loaded, united and moved as one register.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Reference(pub(super) Packed);
 
-/// The lane of the id. The one before it is 0, so that reading four lanes from any face reads numbers.
-const ID: usize = 13;
+/// The lanes of the centre and of the id.
+const CENTRE: usize = 12;
+const ID: usize = 15;
 
 impl Reference {
     /// A reference with linear bounds over the build's interval.
     #[inline]
     pub fn new(bounds: LinearBox3, id: u32) -> Reference {
         let mut packed = Packed::new(&bounds);
+        let centre = (bounds.begin.min + bounds.end.max) + (bounds.begin.max + bounds.end.min);
+        packed.0[CENTRE..ID].copy_from_slice(&centre.to_array());
         packed.0[ID] = f32::from_bits(id);
         Reference(packed)
     }
@@ -42,11 +45,11 @@ impl Reference {
         self.0.0[..6] != self.0.0[6..12]
     }
 
-    /// Sum of the box corners at both ends: four times the mid-time centre. The last lane means nothing.
+    /// Four times the mid-time centre; the last lane is 0 (the id, read as a number, might be denormal, which
+    /// is slow).
     #[inline(always)]
     pub(super) fn centre(&self) -> Vec4 {
-        let p = &self.0;
-        (p.four(0) - p.four(9)) + (p.four(6) - p.four(3))
+        Vec4::select(BVec4A::new(true, true, true, false), self.0.four(CENTRE), Vec4::ZERO)
     }
 }
 
@@ -72,7 +75,7 @@ impl Packed {
     /// Four lanes from lane `i`.
     #[inline(always)]
     fn four(&self, i: usize) -> Vec4 {
-        Vec4::new(self.0[i], self.0[i + 1], self.0[i + 2], self.0[i + 3])
+        Vec4::from_slice(&self.0[i..i + 4])
     }
 
     /// Six times the mean half area over the interval, as a sum of the first three lanes; 0 for empty bounds.
