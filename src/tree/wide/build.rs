@@ -5,7 +5,7 @@
 //! tree and its collapse are made, their expected cost of a ray is compared with that of the alternatives
 //! (see [`super::plan`]), and the cheapest is written.
 
-use super::emit::{Nodes, set_children, write_node, write_time};
+use super::emit::{Nodes, set_children, write_blocks, write_node, write_time};
 use super::layout::ChildRef;
 use super::leaf::WideSource;
 use super::plan::{Plan, part_of_shutter, plan_copies, plan_tree};
@@ -113,7 +113,7 @@ impl WideTree {
             return Ok(Part { bounds, root: self.write_segments(set, plan, segments)? });
         }
         let leaf = |arena: &mut Arena, node: &BinaryNode| leaf(arena, set, &plan.references, node, plan.segment);
-        let mut nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaf };
+        let nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaf, writes: true };
         Ok(Part { bounds, root: nodes.write(&mut self.arena)? })
     }
 
@@ -124,14 +124,14 @@ impl WideTree {
         plan: &Plan,
         segments: &Segments,
     ) -> Result<ChildRef, BuildError> {
-        let mut blocks = Vec::with_capacity(segments.clusters.len());
-        for node in &segments.clusters {
-            blocks.push(leaf(&mut self.arena, set, &plan.references, node, plan.segment)?);
-        }
+        let clusters = &segments.clusters;
+        let block = |arena: &mut Arena, i: usize| leaf(arena, set, &plan.references, &clusters[i], plan.segment);
+        let blocks = write_blocks(&mut self.arena, clusters.len(), block)?;
         let mut parts = Vec::new();
         for tree in &segments.trees {
             let leaf = |_: &mut Arena, node: &BinaryNode| Ok(blocks[tree.order[node.first as usize] as usize]);
-            let mut nodes = Nodes { binary: &tree.binary, collapse: &tree.collapse, over: tree.over, leaf };
+            let (binary, collapse) = (&tree.binary, &tree.collapse);
+            let nodes = Nodes { binary, collapse, over: tree.over, leaf, writes: false };
             parts.push(nodes.write(&mut self.arena)?);
         }
         write_time(&mut self.arena, &parts)
