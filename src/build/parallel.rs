@@ -13,6 +13,7 @@ pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
 }
 
 /// Items per task of [`fill`].
+#[cfg(feature = "rayon")]
 const CHUNK: usize = 4096;
 
 /// Appends `f(0)`, … `f(n - 1)`, which are cheap, to an empty vector.

@@ -7,9 +7,8 @@
 
 use super::bins::{FindSplit, Parted, Partition, Summary, Table};
 use super::reference::Reference;
-use super::spatial::{Ends, apply_cut, find_cut};
 use crate::motion::{Box3, LinearBox3};
-use crate::simd::{LANES, SimdLevel, dispatch, huge_vec};
+use crate::simd::{SimdLevel, dispatch, huge_vec};
 use glam::Vec3;
 
 /// A node of the binary tree, in preorder: the left child follows its parent.
@@ -50,19 +49,14 @@ pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
     (h(d0) + h(d1) + h(d0 + d1)) * (1.0 / 6.0)
 }
 
-/// Builds over the first `n` of `slots`, which are reordered. Nodes of at most `leaf` references are not
-/// split on. The slots behind the first `n` are room for duplicates, shared out among subtrees by rule;
-/// `ends` gives the corners of what may be cut.
-pub(crate) fn build_binary(
-    slots: &mut [Reference],
-    n: usize,
-    leaf: usize,
-    ends: &(impl Fn(u32) -> Option<Ends> + Sync),
-) -> BinaryTree {
-    let mut nodes = huge_vec(2 * slots.len() / leaf.max(1) + 1);
+/// Builds over references, which are reordered. Nodes of at most `leaf` references are not split on.
+pub(crate) fn build_binary(references: &mut [Reference], leaf: usize) -> BinaryTree {
+    let n = references.len();
+    // Leaves are about half full; with one reference each there are 2 n - 1 nodes.
+    let mut nodes = huge_vec(4 * n / (leaf.max(1) + 1) + 1);
     if n > 0 {
         let simd = SimdLevel::best();
-        let (bounds, centres) = dispatch(simd, Summary(&slots[..n]));
+        let (bounds, centres) = dispatch(simd, Summary(references));
         #[cfg(feature = "rayon")]
         let alone = match rayon::current_num_threads() {
             1 => usize::MAX,
@@ -71,13 +65,10 @@ pub(crate) fn build_binary(
         let builder = Builder {
             simd,
             leaf: leaf.max(1),
-            least_overlap: LEAST_OVERLAP * mean_half_area(&bounds),
-            ends,
             #[cfg(feature = "rayon")]
             alone,
         };
-        let root = Task { n, first: 0, depth: 0, bounds, centres };
-        builder.subtree(slots, root, &mut nodes, &mut Table::new());
+        builder.subtree(references, Task { first: 0, depth: 0, bounds, centres }, &mut nodes, &mut Table::new());
     }
     nodes
 }
@@ -97,25 +88,18 @@ pub(crate) fn isolate(mut references: &mut [Reference], mut at: usize, most: usi
     references
 }
 
-/// Spatial splits are looked for where the two sides of the object split share more than this part of the
-/// root's area.
-const LEAST_OVERLAP: f32 = 1e-5;
-
-struct Builder<'a, E> {
+struct Builder {
     simd: SimdLevel,
     leaf: usize,
-    least_overlap: f32,
-    ends: &'a E,
     /// Up to this many references a subtree is built by one thread. It never changes the tree.
     #[cfg(feature = "rayon")]
     alone: usize,
 }
 
-/// A subtree to be built, over the first `n` slots it is given.
+/// A subtree to be built.
 #[derive(Clone, Copy)]
 struct Task {
-    n: usize,
-    /// Where its slots begin.
+    /// Where its references begin among all.
     first: u32,
     depth: u32,
     bounds: LinearBox3,
@@ -123,107 +107,57 @@ struct Task {
     centres: Box3,
 }
 
-/// What the two sides of a node are.
-struct Division {
-    low: Side,
-    high: Side,
-    /// The slot where the high side begins.
-    room: usize,
-}
-
-struct Side {
-    n: usize,
-    bounds: LinearBox3,
-    centres: Box3,
-}
-
-impl<E: Fn(u32) -> Option<Ends> + Sync> Builder<'_, E> {
+impl Builder {
     /// Returns whether anything in the subtree moves.
-    fn subtree(&self, slots: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
-        let at = nodes.len();
-        let Task { n, first, depth, bounds, .. } = task;
-        nodes.push(BinaryNode { bounds, first, count: n as u32, right: 0, moving: false });
+    fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
+        let (at, n) = (nodes.len(), references.len());
+        nodes.push(BinaryNode { bounds: task.bounds, first: task.first, count: n as u32, right: 0, moving: false });
         if n <= self.leaf {
-            let moving = slots[..n].iter().any(Reference::moving);
+            let moving = references.iter().any(Reference::moving);
             nodes[at].moving = moving;
             return moving;
         }
-        // What may become one leaf block stays together: no room in between, no cuts.
-        let slots = if n <= LANES { &mut slots[..n] } else { slots };
-        let Division { low, high, room } = self.divide(slots, &task, table);
-        let (low_slots, high_slots) = slots.split_at_mut(room);
-        let child =
-            |s: Side, first: u32| Task { n: s.n, first, depth: depth + 1, bounds: s.bounds, centres: s.centres };
-        let (low, high) = (child(low, first), child(high, first + room as u32));
+        let (low, high, middle) = self.divide(references, &task, table);
+        let (low_references, high_references) = references.split_at_mut(middle);
         let (left, right);
         #[cfg(feature = "rayon")]
         if n > self.alone {
             let mut apart = Vec::new();
             (left, right) = rayon::join(
-                || self.subtree(low_slots, low, nodes, table),
-                || self.subtree(high_slots, high, &mut apart, &mut Table::new()),
+                || self.subtree(low_references, low, nodes, table),
+                || self.subtree(high_references, high, &mut apart, &mut Table::new()),
             );
             nodes[at].right = (nodes.len() - at) as u32;
             nodes[at].moving = left | right;
             nodes.extend(apart);
             return left | right;
         }
-        left = self.subtree(low_slots, low, nodes, table);
+        left = self.subtree(low_references, low, nodes, table);
         nodes[at].right = (nodes.len() - at) as u32;
-        right = self.subtree(high_slots, high, nodes, table);
+        right = self.subtree(high_references, high, nodes, table);
         nodes[at].moving = left | right;
         left | right
     }
 
-    /// Parts the references of a node.
-    fn divide(&self, slots: &mut [Reference], task: &Task, table: &mut Table) -> Division {
-        let n = task.n;
-        let spare = slots.len() - n;
-        let best = if task.depth < SAH_DEPTH {
-            dispatch(self.simd, FindSplit { references: &slots[..n], centres: task.centres, table })
-        } else {
-            None
+    /// Parts the references of a node; returns both sides and how many are on the low one.
+    fn divide(&self, references: &mut [Reference], task: &Task, table: &mut Table) -> (Task, Task, usize) {
+        let side = |begin: usize, bounds: LinearBox3, centres: Box3| Task {
+            first: task.first + begin as u32,
+            depth: task.depth + 1,
+            bounds,
+            centres,
         };
-        let Some(best) = best else {
-            return self.halve(slots, n / 2, n);
-        };
-        if spare > 0 && best.overlap() > self.least_overlap {
-            let cut = find_cut(&slots[..n], &task.bounds, self.ends, best.cost, spare);
-            if let Some(cut) = cut {
-                let (low, high) = apply_cut(&slots[..n], &cut, self.ends);
-                // A part that turned out empty leaves its side smaller than counted, never larger.
-                if !low.is_empty() && !high.is_empty() && low.len() + high.len() <= slots.len() {
-                    slots[..low.len()].copy_from_slice(&low);
-                    slots[low.len()..low.len() + high.len()].copy_from_slice(&high);
-                    return self.halve(slots, low.len(), low.len() + high.len());
-                }
-            }
+        if task.depth < SAH_DEPTH
+            && let Some(split) = dispatch(self.simd, FindSplit { references, centres: task.centres, table })
+        {
+            let Parted { middle, low, high } = dispatch(self.simd, Partition { references, split: &split });
+            return (side(0, split.low, low), side(middle, split.high, high), middle);
         }
-        let Parted { middle, low, high } = dispatch(self.simd, Partition { references: &mut slots[..n], split: &best });
-        Division {
-            low: Side { n: middle, bounds: best.low, centres: low },
-            high: Side { n: n - middle, bounds: best.high, centres: high },
-            room: spread(slots, middle, n),
-        }
-    }
-
-    /// Parts `n` references at one of them.
-    fn halve(&self, slots: &mut [Reference], middle: usize, n: usize) -> Division {
-        let side = |references: &[Reference]| {
+        let middle = references.len() / 2;
+        let of = |begin: usize, references: &[Reference]| {
             let (bounds, centres) = dispatch(self.simd, Summary(references));
-            Side { n: references.len(), bounds, centres }
+            side(begin, bounds, centres)
         };
-        let (low, high) = (side(&slots[..middle]), side(&slots[middle..n]));
-        Division { low, high, room: spread(slots, middle, n) }
+        (of(0, &references[..middle]), of(middle, &references[middle..]), middle)
     }
-}
-
-/// Shares the unused slots out in proportion to the references, and moves the high side to its slots.
-fn spread(slots: &mut [Reference], middle: usize, n: usize) -> usize {
-    let spare = slots.len() - n;
-    let room = middle + (spare as u64 * middle as u64 / n as u64) as usize;
-    if room > middle {
-        slots.copy_within(middle..n, room);
-    }
-    room
 }

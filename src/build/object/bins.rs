@@ -68,22 +68,12 @@ impl Table {
 
 /// A partition of references by the bins of their centres.
 pub(super) struct Split {
-    /// Mean half area times count, summed over both sides.
-    pub cost: f32,
     axis: usize,
     binning: Binning,
     /// First bin of the high side.
     plane: usize,
     pub low: LinearBox3,
     pub high: LinearBox3,
-}
-
-impl Split {
-    /// Mean half area of what both sides share, estimated from both ends.
-    pub fn overlap(&self) -> f32 {
-        0.5 * (self.low.begin.intersection(self.high.begin).half_area()
-            + self.low.end.intersection(self.high.end).half_area())
-    }
 }
 
 /// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide.
@@ -109,11 +99,11 @@ impl Kernel for FindSplit<'_> {
         for r in references {
             let at = binning.rounded(r.centre()).to_array();
             let lanes = s.load(&r.0.0);
-            for axis in 0..3 {
-                let bin = at[axis].to_bits() as usize % BINS;
-                let bounds = &mut table.bounds[axis][bin].0;
+            for ((at, row), counts) in at.into_iter().zip(&mut table.bounds).zip(&mut table.counts) {
+                let bin = at.to_bits() as usize % BINS;
+                let bounds = &mut row[bin].0;
                 s.store(s.min(s.load(bounds), lanes), bounds);
-                table.counts[axis][bin] += 1;
+                counts[bin] += 1;
             }
         }
         let mut best = (f32::INFINITY, 0, 0);
@@ -136,7 +126,7 @@ impl Kernel for FindSplit<'_> {
             packed.bounds()
         };
         let (low, high) = table.bounds[axis][..bins].split_at(plane);
-        Some(Split { cost: cost * (1.0 / 6.0), axis, binning, plane, low: side(low), high: side(high) })
+        Some(Split { axis, binning, plane, low: side(low), high: side(high) })
     }
 }
 

@@ -11,4 +11,4 @@ mod spatial;
 pub(crate) use binned::{BinaryNode, BinaryTree, build_binary, isolate};
 pub(crate) use collapse::{Collapse, Prices, WideChild};
 pub(crate) use reference::Reference;
-pub(crate) use spatial::Ends;
+pub(crate) use spatial::{Ends, cut};

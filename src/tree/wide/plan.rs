@@ -4,7 +4,7 @@
 //! returns. A greedy decision at one node cannot see what a division of time gains further down, so
 //! alternatives are compared as whole trees, but over samples: a few neighbourhoods of some hundred references
 //! each. The alternatives:
-//! - *cuts*: spatial splits under a budget of references, where primitives fill little of their boxes;
+//! - *cuts*: long primitives as several references under a budget, where they fill little of their boxes;
 //! - *segments*: several hierarchies over the same leaf blocks, one per part of the shutter;
 //! - *copies*: separate trees per part of the shutter, where neighbours part company so fast that even leaf
 //!   blocks should be formed anew.
@@ -15,7 +15,7 @@
 use super::build::Step;
 use super::leaf::WideSource;
 use super::segments::Segments;
-use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, isolate};
+use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, isolate};
 use crate::build::{BuildParams, parallel};
 use crate::error::BuildError;
 use crate::motion::TimeInterval;
@@ -38,7 +38,7 @@ const INCOHERENT: f32 = 0.7;
 const WORTH_COPIES: f32 = 0.8;
 
 /// Cuts are taken where they cost less than this part: they also take memory.
-const WORTH_CUTS: f32 = 0.95;
+const WORTH_CUTS: f32 = 0.9;
 
 /// Cuts are tried where the boxes have more than this many times the area of the triangles in them.
 const HOLLOW: f64 = 8.0;
@@ -202,7 +202,7 @@ fn copies_cost<S: WideSource>(set: &S, plan: &Plan, of: u32, parts: usize) -> f3
     ids.dedup();
     let cost = |i: usize| {
         let over = part_of_shutter(i, parts);
-        plan_with(set, references(set, &ids, over), over, 0, 1.0).collapse.total()
+        plan_with(references(set, &ids, over), over, 0, false).collapse.total()
     };
     (0..parts).map(cost).sum::<f32>() / parts as f32
 }
@@ -221,10 +221,13 @@ pub(super) fn plan_tree<S: WideSource>(
 ) -> Plan {
     let mut references = references(set, ids, over);
     let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE as f32);
-    let cut = budget > 1.0
+    let worth = budget > 1.0
         && hollowness(set, &references, over) >= HOLLOW
         && cuts_pay(set, &mut references, over, segment, budget);
-    plan_with(set, references, over, segment, if cut { budget } else { 1.0 })
+    if worth {
+        references = cut(&references, |id| set.ends(id, over), budget);
+    }
+    plan_with(references, over, segment, worth)
 }
 
 fn references<S: WideSource>(set: &S, ids: &[u32], over: TimeInterval) -> Vec<Reference> {
@@ -246,27 +249,16 @@ fn cuts_pay<S: WideSource>(
     let (mut with, mut without) = (0.0, 0.0);
     for i in 0..CUT_SAMPLES {
         let sample = isolate(references, (2 * i + 1) * n / (2 * CUT_SAMPLES), most);
-        let cost = |budget: f32| plan_with(set, sample.to_vec(), over, segment, budget).collapse.total();
-        with += cost(budget);
-        without += cost(1.0);
+        let cost = |references: Vec<Reference>| plan_with(references, over, segment, true).collapse.total();
+        with += cost(cut(sample, |id| set.ends(id, over), budget));
+        without += cost(sample.to_vec());
     }
     with < without * WORTH_CUTS
 }
 
-/// Plans one tree with room for `budget` references per primitive.
-fn plan_with<S: WideSource>(
-    set: &S,
-    mut references: Vec<Reference>,
-    over: TimeInterval,
-    segment: usize,
-    budget: f32,
-) -> Plan {
-    let n = references.len();
-    if let Some(&any) = references.first() {
-        references.resize((n as f64 * f64::from(budget)) as usize, any);
-    }
-    let cut = references.len() > n;
-    let binary = build_binary(&mut references, n, BINARY_LEAF, &|id| set.ends(id, over));
+/// Plans one tree; `cut` says whether references may be parts of primitives.
+fn plan_with(mut references: Vec<Reference>, over: TimeInterval, segment: usize, cut: bool) -> Plan {
+    let binary = build_binary(&mut references, BINARY_LEAF);
     let collapse = Collapse::new(&binary, PRICES, |node| {
         (node.count as usize <= PRICES.most).then_some(PRICES.leaf + PRICES.primitive * node.count as f32)
     });
@@ -279,9 +271,8 @@ fn hollowness<S: WideSource>(set: &S, references: &[Reference], over: TimeInterv
     // A few thousand tell.
     for r in references.iter().step_by(references.len() / 4096 + 1) {
         let Some(ends) = set.ends(r.id(), over) else { return 0.0 };
-        let [a, b, c] = ends.begin;
         boxes += f64::from(r.bounds().begin.half_area());
-        triangles += f64::from((b - a).cross(c - a).length() * 0.5);
+        triangles += f64::from(ends.area());
     }
     if triangles > 0.0 { boxes / triangles } else { 0.0 }
 }

@@ -2,7 +2,7 @@
 
 use super::leaf::WideSource;
 use super::plan::{PRICES, Plan, part_of_shutter};
-use crate::build::object::{BinaryNode, BinaryTree, Collapse, Ends, Reference, build_binary};
+use crate::build::object::{BinaryNode, BinaryTree, Collapse, Reference, build_binary};
 use crate::build::parallel;
 use crate::motion::{LinearBox3, TimeInterval, ULP};
 use crate::simd::huge_vec;
@@ -47,7 +47,7 @@ impl Segment {
             let bounds = of.iter().fold(LinearBox3::EMPTY, |b, r| b.union(part_bounds(set, r, plan, over)));
             Reference::new(bounds, i as u32)
         });
-        let binary = build_binary(&mut blocks, n, 1, &|_| None::<Ends>);
+        let binary = build_binary(&mut blocks, 1);
         let collapse = Collapse::new(&binary, PRICES, |node| {
             (node.count == 1).then(|| {
                 let block = &clusters[blocks[node.first as usize].id() as usize];
