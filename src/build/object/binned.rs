@@ -147,7 +147,9 @@ impl Builder {
             bounds,
             centres,
         };
-        if task.depth < SAH_DEPTH
+        // Two can be parted in one way only.
+        if references.len() > 2
+            && task.depth < SAH_DEPTH
             && let Some(split) = dispatch(self.simd, FindSplit { references, centres: task.centres, table })
         {
             let Parted { middle, low, high } = dispatch(self.simd, Partition { references, split: &split });

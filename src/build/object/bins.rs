@@ -14,7 +14,8 @@ pub(super) const BINS: usize = 32;
 /// Bins per axis for `n` references: more than a few per reference tell nothing new, and sweeping them costs.
 fn bins_for(n: usize) -> usize {
     match n {
-        0..=16 => 8,
+        0..=4 => 4,
+        5..=16 => 8,
         17..=256 => 16,
         _ => BINS,
     }

@@ -8,7 +8,9 @@
 
 use super::binned::mean_half_area;
 use super::reference::Reference;
+use crate::build::parallel;
 use crate::motion::{LinearBox3, ULP};
+use crate::simd::huge_vec;
 use glam::Vec3;
 
 /// A triangle's corners at the begin and the end of the build's interval, linear in between up to `slack`.
@@ -28,6 +30,9 @@ impl Ends {
 
 /// Most parts of one reference.
 const BINS: usize = 8;
+
+/// References per task.
+const CHUNK: usize = 4096;
 
 /// Only references whose motion is at most this part of their length are cut.
 const STEADY: f32 = 0.6;
@@ -69,42 +74,45 @@ impl Planes {
 ///
 /// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
 /// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
-pub(crate) fn cut(references: &[Reference], ends: impl Fn(u32) -> Option<Ends>, budget: f32) -> Vec<Reference> {
+pub(crate) fn cut(references: &[Reference], ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) -> Vec<Reference> {
     let n = references.len();
-    let (mut gains, mut total) = (Vec::with_capacity(n), 0.0);
-    for r in references {
-        let bounds = r.bounds();
+    let mut gains = Vec::new();
+    parallel::fill(&mut gains, n, |i| {
+        let bounds = references[i].bounds();
         let area = mean_half_area(&bounds);
-        total += f64::from(area);
         let steady = Planes::across(&bounds, BINS).is_some();
-        let own = if steady { ends(r.id()).map(|ends| ends.area()) } else { None };
-        gains.push(own.map_or(0.0, |own| (area - FULL * own).max(0.0)));
-    }
+        let own = if steady { ends(references[i].id()).map(|ends| ends.area()) } else { None };
+        (own.map_or(0.0, |own| (area - FULL * own).max(0.0)), area)
+    });
+    let total = gains.iter().map(|g| f64::from(g.1)).sum::<f64>();
     let most = (n as f64 * f64::from(budget)) as usize;
     let mut least = (f64::from(PRICE) * total / n.max(1) as f64) as f32;
-    let parts = |gain: f32, least: f32| {
-        if gain < 2.0 * least || gain <= 0.0 {
-            1
-        } else {
-            ((0.25 + gain / least).sqrt() + 0.5).min(BINS as f32) as usize
-        }
+    // The greatest m for which m (m - 1) <= gain / least.
+    let parts = |gain: f32, least: f32| match gain < 2.0 * least || gain <= 0.0 {
+        true => 1,
+        false => ((0.25 + gain / least).sqrt() + 0.5).min(BINS as f32) as usize,
     };
-    while gains.iter().map(|&gain| parts(gain, least)).sum::<usize>() > most {
+    while gains.iter().map(|g| parts(g.0, least)).sum::<usize>() > most {
         least = least * 1.25 + f32::MIN_POSITIVE;
     }
-    let mut out = Vec::with_capacity(most);
-    for (r, &gain) in references.iter().zip(&gains) {
-        let m = parts(gain, least);
-        let bounds = r.bounds();
-        let (Some(planes), Some(ends)) = (Planes::across(&bounds, m), ends(r.id()).filter(|_| m > 1)) else {
-            out.push(*r);
-            continue;
-        };
-        let mut cut = [LinearBox3::EMPTY; BINS];
-        chop(&ends, &bounds, planes, 0, m - 1, &mut cut);
-        let held = cut[..m].iter().filter(|part| !(part.begin.is_empty() && part.end.is_empty()));
-        out.extend(held.map(|part| Reference::new(*part, r.id())));
-    }
+    let tasks = parallel::map(n.div_ceil(CHUNK), |task| {
+        let mut out = Vec::with_capacity(CHUNK + CHUNK / 2);
+        for i in task * CHUNK..n.min((task + 1) * CHUNK) {
+            let (r, m) = (&references[i], parts(gains[i].0, least));
+            let bounds = r.bounds();
+            let (Some(planes), Some(ends)) = (Planes::across(&bounds, m), ends(r.id()).filter(|_| m > 1)) else {
+                out.push(*r);
+                continue;
+            };
+            let mut cut = [LinearBox3::EMPTY; BINS];
+            chop(&ends, &bounds, planes, 0, m - 1, &mut cut);
+            let held = cut[..m].iter().filter(|part| !(part.begin.is_empty() && part.end.is_empty()));
+            out.extend(held.map(|part| Reference::new(*part, r.id())));
+        }
+        out
+    });
+    let mut out = huge_vec(most);
+    tasks.into_iter().for_each(|task| out.extend(task));
     out
 }
 
@@ -177,6 +185,38 @@ mod tests {
     fn random(state: &mut u64) -> f32 {
         *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    #[test]
+    fn needles_are_cut_within_the_budget_and_the_longest_most() {
+        let mut state = 3;
+        let mut needles: Vec<Ends> = Vec::new();
+        for i in 0..1000 {
+            let mut point = || Vec3::new(random(&mut state), random(&mut state), random(&mut state));
+            let length = if i % 10 == 0 { 0.9 } else { 0.1 };
+            let (at, along, thick) = (point() * 0.1, point() * length, point() * 1e-3);
+            let begin = [at, at + along, at + thick];
+            needles.push(Ends { begin, end: begin, slack: 0.0 });
+        }
+        let again = |i: u32| Ends { begin: needles[i as usize].begin, end: needles[i as usize].end, slack: 0.0 };
+        let references: Vec<Reference> = (0..1000u32)
+            .map(|i| {
+                let b = needles[i as usize].begin.into_iter().fold(Box3::EMPTY, Box3::include);
+                Reference::new(LinearBox3 { begin: b, end: b }, i)
+            })
+            .collect();
+        for (budget, least) in [(1.0, 1000), (1.2, 1120), (3.0, 1300)] {
+            let parts = cut(&references, |i| Some(again(i)), budget);
+            assert!(parts.len() as f32 <= 1000.0 * budget && parts.len() >= least, "{budget}: {}", parts.len());
+            let of = |long: bool| parts.iter().filter(|r| (r.id() % 10 == 0) == long).count();
+            assert!(budget == 1.0 || of(true) > 2 * 100 && of(false) < 2 * 900);
+            assert!(parts.iter().all(|r| {
+                let (part, whole) = (r.bounds().begin, references[r.id() as usize].bounds().begin);
+                part.min.cmpge(whole.min).all() && part.max.cmple(whole.max).all()
+            }));
+        }
+        assert_eq!(cut(&references, |_| None, 3.0).len(), 1000);
+        assert!(cut(&[], |_| None, 3.0).is_empty());
     }
 
     #[test]

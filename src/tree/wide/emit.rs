@@ -102,6 +102,9 @@ const APART: u32 = 4096;
 /// Leaf blocks that are written together.
 const BLOCKS: usize = 512;
 
+/// Subtrees written before they are put in place: enough for all threads, few beside the whole.
+const WAVE: usize = 64;
+
 /// Blocks written apart, not yet in their place.
 struct Apart {
     arena: Arena,
@@ -110,27 +113,46 @@ struct Apart {
     root: ChildRef,
 }
 
+/// Subtrees written apart, wave by wave.
+struct Supply {
+    roots: std::vec::IntoIter<u32>,
+    ready: std::vec::IntoIter<Apart>,
+    first: bool,
+}
+
 /// Writes a leaf block for each of `n` things and returns them in order.
 pub(super) fn write_blocks(
     arena: &mut Arena,
     n: usize,
     leaf: impl Fn(&mut Arena, usize) -> Result<ChildRef, BuildError> + Sync,
 ) -> Result<Vec<ChildRef>, BuildError> {
-    let written = parallel::map(n.div_ceil(BLOCKS), |i| {
-        let mut apart = Arena::default();
-        let blocks = (i * BLOCKS..n.min((i + 1) * BLOCKS)).map(|i| leaf(&mut apart, i));
-        let blocks = blocks.collect::<Result<Vec<ChildRef>, BuildError>>()?;
-        Ok::<_, BuildError>((apart, blocks))
-    });
     let mut all = Vec::with_capacity(n);
-    for written in written {
-        let (apart, blocks) = written?;
-        let by = arena.append(&apart);
-        for block in blocks {
-            all.push(block.moved(by).ok_or(BuildError::TooLargeTree)?);
+    let tasks = n.div_ceil(BLOCKS);
+    for begin in (0..tasks).step_by(WAVE) {
+        let written = parallel::map(WAVE.min(tasks - begin), |task| {
+            let (mut apart, task) = (Arena::default(), begin + task);
+            let blocks = (task * BLOCKS..n.min((task + 1) * BLOCKS)).map(|i| leaf(&mut apart, i));
+            let blocks = blocks.collect::<Result<Vec<ChildRef>, BuildError>>()?;
+            Ok::<_, BuildError>((apart, blocks))
+        });
+        let written = written.into_iter().collect::<Result<Vec<_>, BuildError>>()?;
+        if begin == 0 {
+            let blocks = written.iter().map(|w| w.1.len()).sum::<usize>();
+            reserve(arena, written.iter().map(|w| w.0.len()).sum(), n as f64 / blocks as f64);
+        }
+        for (apart, blocks) in written {
+            let by = arena.append(&apart);
+            for block in blocks {
+                all.push(block.moved(by).ok_or(BuildError::TooLargeTree)?);
+            }
         }
     }
     Ok(all)
+}
+
+/// Reserves what all waves will take when the first took so many words and all are so many times as much.
+fn reserve(arena: &mut Arena, words: usize, times: f64) {
+    arena.reserve((words as f64 * times * 1.02) as usize + LANES);
 }
 
 /// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and
@@ -151,29 +173,39 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         if self.collapse.is_leaf(0) {
             return (self.leaf)(arena, &self.binary[0]);
         }
-        let (mut roots, mut above) = (Vec::new(), 0);
-        self.find_apart(0, &mut roots, &mut above);
-        let apart = parallel::map(roots.len(), |i| self.write_apart(roots[i]));
-        let apart = apart.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
-        // A few leaf blocks may stand directly below the nodes above, so this is only nearly enough.
-        let words = apart.iter().map(|a| a.arena.len() + LANES).sum::<usize>();
-        arena.reserve(words + (above * NODE_ROWS + 2 * LANES) * LANES);
-        self.node(arena, 0, &mut Vec::new(), &mut Some(apart.into_iter()))
+        let mut roots = Vec::new();
+        self.find_apart(0, &mut roots);
+        let supply = Supply { roots: roots.into_iter(), ready: Vec::new().into_iter(), first: true };
+        self.node(arena, 0, &mut Vec::new(), &mut Some(supply))
     }
 
-    /// The subtrees to be written apart, in the order in which [`Nodes::node`] comes by, and the number of nodes
-    /// above them.
-    fn find_apart(&self, of: u32, roots: &mut Vec<u32>, above: &mut usize) {
+    /// The subtrees to be written apart, in the order in which [`Nodes::node`] comes by.
+    fn find_apart(&self, of: u32, roots: &mut Vec<u32>) {
         if self.binary[of as usize].count <= APART {
             roots.push(of);
             return;
         }
-        *above += 1;
         let mut children = Vec::with_capacity(LANES);
         self.collapse.children(self.binary, of, &mut children);
         for child in children.iter().filter(|c| !c.leaf) {
-            self.find_apart(child.node, roots, above);
+            self.find_apart(child.node, roots);
         }
+    }
+
+    /// The next subtree written apart.
+    fn next(&self, arena: &mut Arena, supply: &mut Supply) -> Result<Option<Apart>, BuildError> {
+        if supply.ready.as_slice().is_empty() {
+            let wave: Vec<u32> = supply.roots.by_ref().take(WAVE).collect();
+            let apart = parallel::map(wave.len(), |i| self.write_apart(wave[i]));
+            let apart = apart.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
+            if supply.first && !wave.is_empty() {
+                let references = wave.iter().map(|&x| f64::from(self.binary[x as usize].count)).sum::<f64>();
+                let words = apart.iter().map(|a| a.arena.len() + LANES).sum();
+                reserve(arena, words, f64::from(self.binary[0].count) / references);
+            }
+            (supply.ready, supply.first) = (apart.into_iter(), false);
+        }
+        Ok(supply.ready.next())
     }
 
     fn write_apart(&self, of: u32) -> Result<Apart, BuildError> {
@@ -189,10 +221,11 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         arena: &mut Arena,
         of: u32,
         nodes: &mut Vec<ChildRef>,
-        apart: &mut Option<std::vec::IntoIter<Apart>>,
+        apart: &mut Option<Supply>,
     ) -> Result<ChildRef, BuildError> {
         if self.binary[of as usize].count <= APART
-            && let Some(done) = apart.as_mut().and_then(Iterator::next)
+            && let Some(supply) = apart
+            && let Some(done) = self.next(arena, supply)?
         {
             return self.put(arena, &done);
         }

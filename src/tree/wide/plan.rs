@@ -49,7 +49,7 @@ const TIME_SAMPLES: core::ops::RangeInclusive<usize> = 4..=16;
 const TIME_SAMPLE: core::ops::RangeInclusive<usize> = 1024..=4096;
 
 /// Cuts are decided on neighbourhoods of a sixteenth of all references together, each in these bounds.
-const CUT_SAMPLES: usize = 4;
+const CUT_SAMPLES: usize = 2;
 const CUT_SAMPLE: core::ops::RangeInclusive<usize> = 512..=4096;
 
 /// Most segments or copies.
