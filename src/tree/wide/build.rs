@@ -8,7 +8,7 @@
 use super::emit::{Nodes, set_children, write_blocks, write_node, write_time};
 use super::layout::ChildRef;
 use super::leaf::WideSource;
-use super::plan::{Plan, part_of_shutter, plan_copies, plan_tree};
+use super::plan::{Choice, Plan, choose, part_of_shutter, plan_tree};
 use super::segments::Segments;
 use crate::build::object::{BinaryNode, Reference};
 use crate::build::{BuildParams, Progress};
@@ -64,10 +64,32 @@ impl WideTree {
         params: &BuildParams,
         step: Step<'_>,
     ) -> Result<Part, BuildError> {
-        let plans = plan_copies(set, ids, params, step)?;
-        let part = self.write_parts(set, &plans)?;
-        step(0.25)?;
-        Ok(part)
+        match choose(set, ids, params, step)? {
+            Choice::One(plan) => {
+                let part = self.write_plan(set, &plan)?;
+                step(0.25)?;
+                Ok(part)
+            }
+            Choice::Copies(copies) => self.copies(set, ids, copies, params, &|done| step(0.25 * done)),
+        }
+    }
+
+    /// Builds a tree for each of equal parts of the shutter.
+    fn copies<S: WideSource>(
+        &mut self,
+        set: &S,
+        ids: &[u32],
+        copies: usize,
+        params: &BuildParams,
+        step: Step<'_>,
+    ) -> Result<Part, BuildError> {
+        let mut parts = Vec::with_capacity(copies);
+        for i in 0..copies {
+            let plan = plan_tree(set, ids, part_of_shutter(i, copies), 0, params);
+            parts.push(self.write_plan(set, &plan)?);
+            step(1.0 / copies as f64)?;
+        }
+        self.over_time(parts)
     }
 
     /// Builds primitives whose motion has `segments` pieces, each piece on its own.
@@ -85,12 +107,6 @@ impl WideTree {
             parts.push(self.write_plan(set, &plan)?);
             step(1.0 / segments as f64)?;
         }
-        self.over_time(parts)
-    }
-
-    /// Writes plans for equal parts of the shutter.
-    fn write_parts<S: WideSource>(&mut self, set: &S, plans: &[Plan]) -> Result<Part, BuildError> {
-        let parts = plans.iter().map(|plan| self.write_plan(set, plan)).collect::<Result<Vec<Part>, BuildError>>()?;
         self.over_time(parts)
     }
 

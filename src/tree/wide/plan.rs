@@ -93,28 +93,33 @@ enum Division {
     Copies(usize),
 }
 
-/// Plans for equal parts of the shutter (often one), whichever number costs least.
-pub(super) fn plan_copies<S: WideSource>(
+/// What costs a ray least.
+pub(super) enum Choice {
+    /// One tree, perhaps with segments.
+    One(Plan),
+    /// So many trees for equal parts of the shutter, not planned yet: one at a time takes less memory.
+    Copies(usize),
+}
+
+/// Plans for the whole shutter, or says into how many copies to divide it.
+pub(super) fn choose<S: WideSource>(
     set: &S,
     ids: &[u32],
     params: &BuildParams,
     step: Step<'_>,
-) -> Result<Vec<Plan>, BuildError> {
+) -> Result<Choice, BuildError> {
     let mut whole = plan_tree(set, ids, TimeInterval::FULL, 0, params);
     step(0.5)?;
-    let plans = match divide(set, &whole, params) {
-        Division::Whole => vec![whole],
+    let choice = match divide(set, &whole, params) {
+        Division::Whole => Choice::One(whole),
         Division::Segments(parts) => {
             whole.segments = Some(Segments::build(set, &whole, 0, parts));
-            vec![whole]
+            Choice::One(whole)
         }
-        Division::Copies(parts) => {
-            drop(whole);
-            parallel::map(parts, |i| plan_tree(set, ids, part_of_shutter(i, parts), 0, params))
-        }
+        Division::Copies(parts) => Choice::Copies(parts),
     };
     step(0.25)?;
-    Ok(plans)
+    Ok(choice)
 }
 
 /// Decides on a division of the shutter by what it would cost in samples of a plan for the whole.
