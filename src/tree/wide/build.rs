@@ -86,7 +86,12 @@ impl WideTree {
         let mut parts = Vec::with_capacity(copies);
         for i in 0..copies {
             let plan = plan_tree(set, ids, part_of_shutter(i, copies), 0, params);
+            let before = self.arena.len();
             parts.push(self.write_plan(set, &plan)?);
+            if i == 0 {
+                // The others will be about as large; growing step by step would hold most of it twice.
+                self.arena.reserve((self.arena.len() - before) * (copies - 1) / 50 * 51);
+            }
             step(1.0 / copies as f64)?;
         }
         self.over_time(parts)
