@@ -15,8 +15,8 @@ pub(super) const BINS: usize = 32;
 fn bins_for(n: usize) -> usize {
     match n {
         0..=4 => 4,
-        5..=32 => 8,
-        33..=1024 => 16,
+        5..=16 => 8,
+        17..=256 => 16,
         _ => BINS,
     }
 }
