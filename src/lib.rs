@@ -14,7 +14,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `motion` | meshes, spheres, points, primitives; time intervals; linear bounds; tree space |
-//! | `build` | parameters; the paper's k-d build with duplication and propagation; object and spatial splits |
+//! | `build` | parameters; the paper's k-d build with duplication and propagation; object splits, cuts |
 //! | `tree` | the layouts that queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree; [`RayTree`] |
 //! | `ray` | rays, hits, the watertight triangle test, both traversals |
 //! | `neighbor` | [`PointTree`]: its structures, how one is chosen, its searches |

@@ -55,8 +55,8 @@ pub struct BuildParams {
     /// The greatest number of references per primitive, >= 1. It is divided among subtrees by rule, so that
     /// the tree does not depend on the number of threads; where it runs out there is a leaf. Default 8.
     pub max_references: f32,
-    /// [`Policy::Wide`] only: references per primitive that spatial splits may make, in [1, 8]. They are made only
-    /// where the expected cost of a ray falls enough. Default 2.
+    /// [`Policy::Wide`] only: references per primitive that cutting long triangles into parts may make, in [1, 8].
+    /// They are made only where the expected cost of a ray falls enough; memory grows with them. Default 1.5.
     pub wide_references: f32,
     /// [`Policy::Wide`] only: bytes per primitive that the tree may take, at least 128. More lets scenes in which
     /// neighbours part company fast have separate trees for parts of the shutter. Trees of other scenes take
@@ -77,7 +77,7 @@ impl Default for BuildParams {
             empty_factor: 0.8,
             max_depth: None,
             max_references: 8.0,
-            wide_references: 2.0,
+            wide_references: 1.5,
             bytes_per_primitive: 1024.0,
         }
     }

@@ -154,7 +154,7 @@ impl PrimitiveSet for Triangles {
         let mut bounds =
             LinearBox3 { begin: box_of(self.corners(id, over.begin())), end: box_of(self.corners(id, over.end())) };
         let segments = (keys - 1) as f32;
-        let inner = inner_keys(over, keys);
+        let inner = if keys > 2 { inner_keys(over, keys) } else { 0..0 };
         if !inner.is_empty() {
             let mut wide = widen(bounds);
             for key in inner {

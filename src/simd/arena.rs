@@ -36,20 +36,50 @@ impl Arena {
         at
     }
 
+    /// Makes room for so many more words: just that at first, at least doubling later.
+    pub(crate) fn reserve(&mut self, words: usize) {
+        let lines = self.lines.len() + words.div_ceil(LANES);
+        if lines > self.lines.capacity() {
+            let mut larger = huge_vec(lines.max(2 * self.lines.len()));
+            larger.extend_from_slice(&self.lines);
+            self.lines = larger;
+        }
+    }
+
+    /// Adds the lines of another arena and returns the word where they begin.
+    pub(crate) fn append(&mut self, other: &Arena) -> usize {
+        self.align();
+        let at = self.words;
+        self.reserve(other.lines.len() * LANES);
+        self.lines.extend_from_slice(&other.lines);
+        self.align();
+        at
+    }
+
+    /// Words in use.
+    pub(crate) fn len(&self) -> usize {
+        self.words
+    }
+
     /// Fills up the last line, so that what comes next begins on a cache line.
     pub(crate) fn align(&mut self) {
         self.words = self.lines.len() * LANES;
     }
 
-    /// Moves the words to memory of just their size, on huge pages where the system grants them.
+    /// Keeps the words in memory of just their size, on huge pages where the system grants them.
     ///
     /// Queries jump through the arena at random; with pages of 4 KiB most jumps of a big tree also miss the
     /// address cache, which costs more than the data does.
     pub(crate) fn settle(&mut self) {
-        let mut lines = huge_vec(self.lines.len() + LANES);
-        lines.extend_from_slice(&self.lines);
-        lines.resize(self.lines.len() + LANES, Line([0.0; LANES]));
-        self.lines = lines;
+        let lines = self.lines.len() + LANES;
+        // Memory that fits already to a few percent is kept.
+        let capacity = self.lines.capacity();
+        if capacity < lines || capacity > lines + lines / 32 {
+            let mut fitting = huge_vec(lines);
+            fitting.extend_from_slice(&self.lines);
+            self.lines = fitting;
+        }
+        self.lines.resize(lines, Line([0.0; LANES]));
     }
 
     /// All words as floats, the last line to its end.

@@ -3,9 +3,12 @@
 //! part that pays.
 
 mod binned;
+mod bins;
 mod collapse;
+mod reference;
 mod spatial;
 
-pub(crate) use binned::{BinaryNode, BinaryTree, Reference, build_binary, mean_half_area};
+pub(crate) use binned::{BinaryNode, BinaryTree, build_binary, isolate, mean_half_area};
 pub(crate) use collapse::{Collapse, Prices, WideChild};
-pub(crate) use spatial::Ends;
+pub(crate) use reference::Reference;
+pub(crate) use spatial::{Ends, cut};

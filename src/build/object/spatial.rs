@@ -1,12 +1,16 @@
-//! Spatial splits: a reference that straddles a plane becomes two, each bounded by its own part (Stich,
-//! Friedrich and Dietrich, "Spatial Splits in Bounding Volume Hierarchies", 2009), here of triangles that move.
+//! Cutting references before the build: a long triangle becomes several references, each bounded by its own
+//! part (Ernst and Greiner, "Early Split Clipping for Bounding Volume Hierarchies", 2007; the shares after
+//! Karras and Aila, "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", 2013), here of
+//! triangles that move.
 //!
-//! Long or uneven triangles fill little of their boxes; their parts fill more. Where things cross planes
-//! because they *move*, cutting does not pay, so only references are cut whose motion is small beside their
-//! length.
+//! Long triangles fill little of their boxes; their parts fill more. Where things cross planes because they
+//! *move*, cutting does not pay, so only references are cut whose motion is small beside their length.
 
-use super::binned::{Reference, mean_half_area};
+use super::binned::mean_half_area;
+use super::reference::Reference;
+use crate::build::parallel;
 use crate::motion::{LinearBox3, ULP};
+use crate::simd::huge_vec;
 use glam::Vec3;
 
 /// A triangle's corners at the begin and the end of the build's interval, linear in between up to `slack`.
@@ -16,173 +20,100 @@ pub(crate) struct Ends {
     pub slack: f32,
 }
 
-/// Candidate planes per axis, plus one.
-pub(super) const BINS: usize = 8;
+impl Ends {
+    /// The area at the begin.
+    pub fn area(&self) -> f32 {
+        let [a, b, c] = self.begin;
+        0.5 * (b - a).cross(c - a).length()
+    }
+}
 
-/// A cut is taken where it costs at most this times the best object split: a strict comparison refuses
-/// nearly all cuts that pay further down.
-const WILLING: f32 = 1.1;
+/// Most parts of one reference.
+const BINS: usize = 8;
+
+/// References per task.
+const CHUNK: usize = 4096;
 
 /// Only references whose motion is at most this part of their length are cut.
 const STEADY: f32 = 0.6;
 
-/// Evenly spaced planes across a node.
+/// A part must save at least this times the area of an average reference: it costs memory and a test.
+const PRICE: f32 = 0.2;
+
+/// The area that is left when nothing can be gained, in areas of the triangle: about that of a triangle in
+/// random position.
+const FULL: f32 = 4.0;
+
+/// Evenly spaced planes across a reference.
 #[derive(Clone, Copy)]
-pub(super) struct Planes {
-    pub axis: usize,
+struct Planes {
+    axis: usize,
     low: f32,
     width: f32,
-    scale: f32,
 }
 
 impl Planes {
-    /// A single plane: bin 0 below, bin 1 above.
-    fn single(axis: usize, plane: f32) -> Planes {
-        Planes { axis, low: plane, width: 0.0, scale: 0.0 }
+    /// Planes between `parts` parts of the longest axis; none where that is too short, or too fast.
+    fn across(bounds: &LinearBox3, parts: usize) -> Option<Planes> {
+        let middle = bounds.at(0.5);
+        let extent = middle.max - middle.min;
+        let axis = extent.max_position();
+        let (b, e) = (&bounds.begin, &bounds.end);
+        let motion = (e.min[axis] - b.min[axis]).abs().max((e.max[axis] - b.max[axis]).abs());
+        let width = extent[axis] / parts as f32;
+        (width > 4.0 * ULP && motion <= STEADY * extent[axis]).then_some(Planes { axis, low: middle.min[axis], width })
     }
 
-    fn new(bounds: &LinearBox3, axis: usize) -> Option<Planes> {
-        let low = 0.5 * (bounds.begin.min[axis] + bounds.end.min[axis]);
-        let high = 0.5 * (bounds.begin.max[axis] + bounds.end.max[axis]);
-        let width = (high - low) / BINS as f32;
-        let scale = BINS as f32 / (high - low);
-        (width > 4.0 * ULP && scale.is_finite()).then_some(Planes { axis, low, width, scale })
-    }
-
-    /// The bin of a coordinate.
-    fn bin(self, x: f32) -> usize {
-        (((x - self.low) * self.scale) as usize).min(BINS - 1)
-    }
-
-    /// The plane below bin `k`.
+    /// The plane below part `k`.
     fn plane(self, k: usize) -> f32 {
         self.low + self.width * k as f32
     }
-
-    /// First and last bin of a reference; one and the same where it must not be cut.
-    fn span(self, r: &Reference) -> (usize, usize) {
-        let (b, e, a) = (&r.bounds.begin, &r.bounds.end, self.axis);
-        let motion = (e.min[a] - b.min[a]).abs().max((e.max[a] - b.max[a]).abs());
-        let (low, high) = (0.5 * (b.min[a] + e.min[a]), 0.5 * (b.max[a] + e.max[a]));
-        if motion > STEADY * (high - low) {
-            let k = self.bin(0.5 * (low + high));
-            return (k, k);
-        }
-        (self.bin(b.min[a].min(e.min[a])), self.bin(b.max[a].max(e.max[a])))
-    }
 }
 
-/// A plane worth cutting at.
-pub(super) struct Cut {
-    pub planes: Planes,
-    /// The first bin of the high side.
-    pub bin: usize,
-    pub low: usize,
-    pub high: usize,
-}
-
-#[derive(Clone, Copy)]
-struct Bin {
-    bounds: LinearBox3,
-    entries: usize,
-    exits: usize,
-}
-
-/// The best plane, if it costs little enough beside the best object split (`object`: area times count summed
-/// over both sides) and duplicates at most `spare` references.
-pub(super) fn find_cut(
-    references: &[Reference],
-    bounds: &LinearBox3,
-    ends: &impl Fn(u32) -> Option<Ends>,
-    object: f32,
-    spare: usize,
-) -> Option<Cut> {
+/// Cuts references into parts, at most `budget` times as many as there are now, where that saves most area.
+///
+/// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
+/// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
+pub(crate) fn cut(references: &[Reference], ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) -> Vec<Reference> {
     let n = references.len();
-    let mut best: Option<(f32, Cut)> = None;
-    // Cutting all that straddles is the dearest part of a build: only the longest axis is tried.
-    let extent = bounds.at(0.5);
-    let longest = (extent.max - extent.min).max_position();
-    if let Some(planes) = Planes::new(bounds, longest) {
-        let mut bins = [Bin { bounds: LinearBox3::EMPTY, entries: 0, exits: 0 }; BINS];
-        for r in references {
-            let (first, last) = planes.span(r);
-            let corners = if first < last { ends(r.id) } else { None };
-            match corners {
-                Some(corners) => {
-                    bins[first].entries += 1;
-                    bins[last].exits += 1;
-                    let mut parts = [LinearBox3::EMPTY; BINS];
-                    chop(&corners, &r.bounds, planes, first, last, &mut parts);
-                    for (bin, part) in bins[first..=last].iter_mut().zip(&parts[first..=last]) {
-                        bin.bounds = bin.bounds.union(*part);
-                    }
-                }
-                None => {
-                    let b = &r.bounds;
-                    let a = planes.axis;
-                    let middle = 0.25 * ((b.begin.min[a] + b.end.max[a]) + (b.begin.max[a] + b.end.min[a]));
-                    let bin = &mut bins[planes.bin(middle)];
-                    bin.entries += 1;
-                    bin.exits += 1;
-                    bin.bounds = bin.bounds.union(r.bounds);
-                }
-            }
-        }
-        let mut above = [(0.0, 0); BINS];
-        let (mut sum, mut count) = (LinearBox3::EMPTY, 0);
-        for k in (1..BINS).rev() {
-            sum = sum.union(bins[k].bounds);
-            count += bins[k].exits;
-            above[k] = (mean_half_area(&sum) * count as f32, count);
-        }
-        (sum, count) = (LinearBox3::EMPTY, 0);
-        for k in 1..BINS {
-            sum = sum.union(bins[k - 1].bounds);
-            count += bins[k - 1].entries;
-            let (high_cost, high) = above[k];
-            let duplicates = (count + high).saturating_sub(n);
-            // Both sides must shrink, or the same cut would be found again.
-            if duplicates == 0 || duplicates > spare || count >= n || high >= n || count == 0 || high == 0 {
+    let mut gains = Vec::new();
+    parallel::fill(&mut gains, n, |i| {
+        let bounds = references[i].bounds();
+        let area = mean_half_area(&bounds);
+        let steady = Planes::across(&bounds, BINS).is_some();
+        let own = if steady { ends(references[i].id()).map(|ends| ends.area()) } else { None };
+        (own.map_or(0.0, |own| (area - FULL * own).max(0.0)), area)
+    });
+    let total = gains.iter().map(|g| f64::from(g.1)).sum::<f64>();
+    let most = (n as f64 * f64::from(budget)) as usize;
+    let mut least = (f64::from(PRICE) * total / n.max(1) as f64) as f32;
+    // The greatest m for which m (m - 1) <= gain / least.
+    let parts = |gain: f32, least: f32| match gain < 2.0 * least || gain <= 0.0 {
+        true => 1,
+        false => ((0.25 + gain / least).sqrt() + 0.5).min(BINS as f32) as usize,
+    };
+    while gains.iter().map(|g| parts(g.0, least)).sum::<usize>() > most {
+        least = least * 1.25 + f32::MIN_POSITIVE;
+    }
+    let tasks = parallel::map(n.div_ceil(CHUNK), |task| {
+        let mut out = Vec::with_capacity(CHUNK + CHUNK / 2);
+        for i in task * CHUNK..n.min((task + 1) * CHUNK) {
+            let (r, m) = (&references[i], parts(gains[i].0, least));
+            let bounds = r.bounds();
+            let (Some(planes), Some(ends)) = (Planes::across(&bounds, m), ends(r.id()).filter(|_| m > 1)) else {
+                out.push(*r);
                 continue;
-            }
-            let cost = mean_half_area(&sum) * count as f32 + high_cost;
-            if cost <= object * WILLING && best.as_ref().is_none_or(|b| cost < b.0) {
-                best = Some((cost, Cut { planes, bin: k, low: count, high }));
-            }
+            };
+            let mut cut = [LinearBox3::EMPTY; BINS];
+            chop(&ends, &bounds, planes, 0, m - 1, &mut cut);
+            let held = cut[..m].iter().filter(|part| !(part.begin.is_empty() && part.end.is_empty()));
+            out.extend(held.map(|part| Reference::new(*part, r.id())));
         }
-    }
-    best.map(|b| b.1)
-}
-
-/// Parts the references at a cut; both sides come in the order of the input.
-pub(super) fn apply_cut(
-    references: &[Reference],
-    cut: &Cut,
-    ends: &impl Fn(u32) -> Option<Ends>,
-) -> (Vec<Reference>, Vec<Reference>) {
-    let (mut low, mut high) = (Vec::with_capacity(cut.low), Vec::with_capacity(cut.high));
-    let single = Planes::single(cut.planes.axis, cut.planes.plane(cut.bin));
-    for r in references {
-        let (first, last) = cut.planes.span(r);
-        if last < cut.bin {
-            low.push(*r);
-        } else if first >= cut.bin {
-            high.push(*r);
-        } else if let Some(corners) = ends(r.id) {
-            let mut parts = [LinearBox3::EMPTY; BINS];
-            chop(&corners, &r.bounds, single, 0, 1, &mut parts);
-            for (bounds, side) in parts[..2].iter().zip([&mut low, &mut high]) {
-                if !(bounds.begin.is_empty() && bounds.end.is_empty()) {
-                    side.push(Reference { bounds: *bounds, moving: bounds.begin != bounds.end, ..*r });
-                }
-            }
-        } else if 2 * cut.bin > first + last {
-            low.push(*r);
-        } else {
-            high.push(*r);
-        }
-    }
-    (low, high)
+        out
+    });
+    let mut out = huge_vec(most);
+    tasks.into_iter().for_each(|task| out.extend(task));
+    out
 }
 
 /// Linear bounds of the parts of a moving triangle between successive planes, for bins `first..=last`.
@@ -257,6 +188,38 @@ mod tests {
     }
 
     #[test]
+    fn needles_are_cut_within_the_budget_and_the_longest_most() {
+        let mut state = 3;
+        let mut needles: Vec<Ends> = Vec::new();
+        for i in 0..1000 {
+            let mut point = || Vec3::new(random(&mut state), random(&mut state), random(&mut state));
+            let length = if i % 10 == 0 { 0.9 } else { 0.1 };
+            let (at, along, thick) = (point() * 0.1, point() * length, point() * 1e-3);
+            let begin = [at, at + along, at + thick];
+            needles.push(Ends { begin, end: begin, slack: 0.0 });
+        }
+        let again = |i: u32| Ends { begin: needles[i as usize].begin, end: needles[i as usize].end, slack: 0.0 };
+        let references: Vec<Reference> = (0..1000u32)
+            .map(|i| {
+                let b = needles[i as usize].begin.into_iter().fold(Box3::EMPTY, Box3::include);
+                Reference::new(LinearBox3 { begin: b, end: b }, i)
+            })
+            .collect();
+        for (budget, least) in [(1.0, 1000), (1.2, 1120), (3.0, 1300)] {
+            let parts = cut(&references, |i| Some(again(i)), budget);
+            assert!(parts.len() as f32 <= 1000.0 * budget && parts.len() >= least, "{budget}: {}", parts.len());
+            let of = |long: bool| parts.iter().filter(|r| (r.id() % 10 == 0) == long).count();
+            assert!(budget == 1.0 || of(true) > 2 * 100 && of(false) < 2 * 900);
+            assert!(parts.iter().all(|r| {
+                let (part, whole) = (r.bounds().begin, references[r.id() as usize].bounds().begin);
+                part.min.cmpge(whole.min).all() && part.max.cmple(whole.max).all()
+            }));
+        }
+        assert_eq!(cut(&references, |_| None, 3.0).len(), 1000);
+        assert!(cut(&[], |_| None, 3.0).is_empty());
+    }
+
+    #[test]
     fn every_point_of_a_moving_triangle_is_in_a_part_of_its_bin() {
         let mut state = 17;
         for round in 0..3000 {
@@ -269,7 +232,13 @@ mod tests {
                 begin: begin.into_iter().fold(Box3::EMPTY, Box3::include),
                 end: end.into_iter().fold(Box3::EMPTY, Box3::include),
             };
-            let Some(planes) = Planes::new(&bounds, round % 3) else { continue };
+            let middle = bounds.at(0.5);
+            let axis = round % 3;
+            let width = (middle.max[axis] - middle.min[axis]) / BINS as f32;
+            if width <= 4.0 * ULP {
+                continue;
+            }
+            let planes = Planes { axis, low: middle.min[axis], width };
             let mut parts = [LinearBox3::EMPTY; BINS];
             chop(&corners, &bounds, planes, 0, BINS - 1, &mut parts);
             for step in 0..=8 {

@@ -5,10 +5,11 @@
 //! tree and its collapse are made, their expected cost of a ray is compared with that of the alternatives
 //! (see [`super::plan`]), and the cheapest is written.
 
-use super::emit::{Nodes, set_children, write_node, write_time};
+use super::emit::{Nodes, set_children, write_blocks, write_node, write_time};
 use super::layout::ChildRef;
 use super::leaf::WideSource;
-use super::plan::{Plan, Segments, part_of_shutter, plan_copies, plan_tree};
+use super::plan::{Choice, Plan, choose, part_of_shutter, plan_tree};
+use super::segments::Segments;
 use crate::build::object::{BinaryNode, Reference};
 use crate::build::{BuildParams, Progress};
 use crate::error::BuildError;
@@ -63,10 +64,37 @@ impl WideTree {
         params: &BuildParams,
         step: Step<'_>,
     ) -> Result<Part, BuildError> {
-        let plans = plan_copies(set, ids, params, step)?;
-        let part = self.write_parts(set, &plans)?;
-        step(0.25)?;
-        Ok(part)
+        match choose(set, ids, params, step)? {
+            Choice::One(plan) => {
+                let part = self.write_plan(set, &plan)?;
+                step(0.25)?;
+                Ok(part)
+            }
+            Choice::Copies(copies) => self.copies(set, ids, copies, params, &|done| step(0.25 * done)),
+        }
+    }
+
+    /// Builds a tree for each of equal parts of the shutter.
+    fn copies<S: WideSource>(
+        &mut self,
+        set: &S,
+        ids: &[u32],
+        copies: usize,
+        params: &BuildParams,
+        step: Step<'_>,
+    ) -> Result<Part, BuildError> {
+        let mut parts = Vec::with_capacity(copies);
+        for i in 0..copies {
+            let plan = plan_tree(set, ids, part_of_shutter(i, copies), 0, params);
+            let before = self.arena.len();
+            parts.push(self.write_plan(set, &plan)?);
+            if i == 0 {
+                // The others will be about as large; growing step by step would hold most of it twice.
+                self.arena.reserve((self.arena.len() - before) * (copies - 1) / 50 * 51);
+            }
+            step(1.0 / copies as f64)?;
+        }
+        self.over_time(parts)
     }
 
     /// Builds primitives whose motion has `segments` pieces, each piece on its own.
@@ -84,12 +112,6 @@ impl WideTree {
             parts.push(self.write_plan(set, &plan)?);
             step(1.0 / segments as f64)?;
         }
-        self.over_time(parts)
-    }
-
-    /// Writes plans for equal parts of the shutter.
-    fn write_parts<S: WideSource>(&mut self, set: &S, plans: &[Plan]) -> Result<Part, BuildError> {
-        let parts = plans.iter().map(|plan| self.write_plan(set, plan)).collect::<Result<Vec<Part>, BuildError>>()?;
         self.over_time(parts)
     }
 
@@ -112,7 +134,7 @@ impl WideTree {
             return Ok(Part { bounds, root: self.write_segments(set, plan, segments)? });
         }
         let leaf = |arena: &mut Arena, node: &BinaryNode| leaf(arena, set, &plan.references, node, plan.segment);
-        let mut nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaf };
+        let nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaf, writes: true };
         Ok(Part { bounds, root: nodes.write(&mut self.arena)? })
     }
 
@@ -123,14 +145,14 @@ impl WideTree {
         plan: &Plan,
         segments: &Segments,
     ) -> Result<ChildRef, BuildError> {
-        let mut blocks = Vec::with_capacity(segments.clusters.len());
-        for node in &segments.clusters {
-            blocks.push(leaf(&mut self.arena, set, &plan.references, node, plan.segment)?);
-        }
+        let clusters = &segments.clusters;
+        let block = |arena: &mut Arena, i: usize| leaf(arena, set, &plan.references, &clusters[i], plan.segment);
+        let blocks = write_blocks(&mut self.arena, clusters.len(), block)?;
         let mut parts = Vec::new();
         for tree in &segments.trees {
             let leaf = |_: &mut Arena, node: &BinaryNode| Ok(blocks[tree.order[node.first as usize] as usize]);
-            let mut nodes = Nodes { binary: &tree.binary, collapse: &tree.collapse, over: tree.over, leaf };
+            let (binary, collapse) = (&tree.binary, &tree.collapse);
+            let nodes = Nodes { binary, collapse, over: tree.over, leaf, writes: false };
             parts.push(nodes.write(&mut self.arena)?);
         }
         write_time(&mut self.arena, &parts)
@@ -172,7 +194,7 @@ fn leaf<S: WideSource>(
     let of = &references[node.first as usize..][..node.count as usize];
     let mut ids = [0; LANES];
     for (id, r) in ids.iter_mut().zip(of) {
-        *id = r.id;
+        *id = r.id();
     }
     let ids = &mut ids[..of.len()];
     // Sorted, so that a block does not depend on the order in which the build met its primitives.

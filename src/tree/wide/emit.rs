@@ -1,7 +1,11 @@
 //! Writes nodes into the arena.
+//!
+//! Subtrees up to a fixed size are written by any thread, each into an arena of its own that stays in the
+//! cache; then they are put one behind the other, and the references in their nodes moved along.
 
 use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::build::object::{BinaryNode, Collapse, WideChild, mean_half_area};
+use crate::build::parallel;
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
 use crate::simd::{Arena, LANES};
@@ -69,12 +73,17 @@ pub(super) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
 
 /// Fills in the children of a node.
 pub(super) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildRef]) {
-    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
-    let row = node.at() + (rows - 1) * LANES;
     let all = children.iter().chain(core::iter::repeat(&ChildRef::NOTHING));
-    for (word, child) in arena.ints_mut()[row..row + LANES].iter_mut().zip(all) {
+    for (word, child) in children_mut(arena, node).iter_mut().zip(all) {
         *word = child.0;
     }
+}
+
+/// The row of a node's children.
+fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {
+    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
+    let row = node.at() + (rows - 1) * LANES;
+    &mut arena.ints_mut()[row..row + LANES]
 }
 
 /// Writes a time node over equal parts of the shutter.
@@ -88,44 +97,180 @@ pub(super) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildR
     ChildRef::new(Kind::Time, at, 1).ok_or(BuildError::TooLargeTree)
 }
 
+/// References below which a subtree is written apart. Fixed, so that the arena does not depend on threads.
+const APART: u32 = 4096;
+
+/// Leaf blocks that are written together.
+const BLOCKS: usize = 512;
+
+/// Subtrees written before they are put in place: enough for all threads, few beside the whole.
+const WAVE: usize = 64;
+
+/// Blocks written apart, not yet in their place.
+struct Apart {
+    arena: Arena,
+    /// The nodes in it.
+    nodes: Vec<ChildRef>,
+    root: ChildRef,
+}
+
+/// Subtrees written apart, wave by wave.
+struct Supply {
+    roots: std::vec::IntoIter<u32>,
+    ready: std::vec::IntoIter<Apart>,
+    first: bool,
+}
+
+/// Writes a leaf block for each of `n` things and returns them in order.
+pub(super) fn write_blocks(
+    arena: &mut Arena,
+    n: usize,
+    leaf: impl Fn(&mut Arena, usize) -> Result<ChildRef, BuildError> + Sync,
+) -> Result<Vec<ChildRef>, BuildError> {
+    let mut all = Vec::with_capacity(n);
+    let tasks = n.div_ceil(BLOCKS);
+    for begin in (0..tasks).step_by(WAVE) {
+        let written = parallel::map(WAVE.min(tasks - begin), |task| {
+            let (mut apart, task) = (Arena::default(), begin + task);
+            let blocks = (task * BLOCKS..n.min((task + 1) * BLOCKS)).map(|i| leaf(&mut apart, i));
+            let blocks = blocks.collect::<Result<Vec<ChildRef>, BuildError>>()?;
+            Ok::<_, BuildError>((apart, blocks))
+        });
+        let written = written.into_iter().collect::<Result<Vec<_>, BuildError>>()?;
+        if begin == 0 {
+            let blocks = written.iter().map(|w| w.1.len()).sum::<usize>();
+            reserve(arena, written.iter().map(|w| w.0.len()).sum(), n as f64 / blocks as f64);
+        }
+        for (apart, blocks) in written {
+            let by = arena.append(&apart);
+            for block in blocks {
+                all.push(block.moved(by).ok_or(BuildError::TooLargeTree)?);
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// Reserves what all waves will take when the first took so many words and all are so many times as much.
+fn reserve(arena: &mut Arena, words: usize, times: f64) {
+    arena.reserve((words as f64 * times * 1.02) as usize + LANES);
+}
+
 /// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and
-/// returns the root. `leaf` writes a leaf block for a binary node.
+/// returns the root.
 pub(super) struct Nodes<'a, L> {
     pub binary: &'a [BinaryNode],
     pub collapse: &'a Collapse,
     pub over: TimeInterval,
+    /// Gives the leaf block of a binary node.
     pub leaf: L,
+    /// Whether `leaf` writes the block, or only knows one that is in the final arena already.
+    pub writes: bool,
 }
 
-impl<L: FnMut(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError>> Nodes<'_, L> {
+impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Nodes<'_, L> {
     /// Writes the whole tree (which must not be empty).
-    pub fn write(&mut self, arena: &mut Arena) -> Result<ChildRef, BuildError> {
+    pub fn write(&self, arena: &mut Arena) -> Result<ChildRef, BuildError> {
         if self.collapse.is_leaf(0) {
             return (self.leaf)(arena, &self.binary[0]);
         }
-        self.node(arena, 0)
+        let mut roots = Vec::new();
+        self.find_apart(0, &mut roots);
+        let supply = Supply { roots: roots.into_iter(), ready: Vec::new().into_iter(), first: true };
+        self.node(arena, 0, &mut Vec::new(), &mut Some(supply))
     }
 
-    /// The recursion is as deep as the wide tree, which the binary build bounds.
+    /// The subtrees to be written apart, in the order in which [`Nodes::node`] comes by.
+    fn find_apart(&self, of: u32, roots: &mut Vec<u32>) {
+        if self.binary[of as usize].count <= APART {
+            roots.push(of);
+            return;
+        }
+        for child in self.children(of).iter().filter(|c| !c.leaf) {
+            self.find_apart(child.node, roots);
+        }
+    }
+
+    /// The children of a node in the order of its lanes.
     ///
     /// Queries that take any hit visit the highest lane first. So leaf blocks come last, the largest at the very
     /// end: those most likely end such a query soonest.
-    fn node(&mut self, arena: &mut Arena, of: u32) -> Result<ChildRef, BuildError> {
-        let mut children: Vec<WideChild> = Vec::with_capacity(LANES);
+    fn children(&self, of: u32) -> Vec<WideChild> {
+        let mut children = Vec::with_capacity(LANES);
         self.collapse.children(self.binary, of, &mut children);
-        let of = |c: &WideChild| &self.binary[c.node as usize].bounds;
-        children.sort_by_cached_key(|c| (c.leaf, mean_half_area(of(c)).to_bits()));
-        let boxes: Vec<LinearBox3> = children.iter().map(|c| self.binary[c.node as usize].bounds).collect();
-        let node = write_node(arena, &boxes, self.over)?;
+        children.sort_by_cached_key(|c| (c.leaf, mean_half_area(&self.binary[c.node as usize].bounds).to_bits()));
+        children
+    }
+
+    /// The next subtree written apart.
+    fn next(&self, arena: &mut Arena, supply: &mut Supply) -> Result<Option<Apart>, BuildError> {
+        if supply.ready.as_slice().is_empty() {
+            let wave: Vec<u32> = supply.roots.by_ref().take(WAVE).collect();
+            let apart = parallel::map(wave.len(), |i| self.write_apart(wave[i]));
+            let apart = apart.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
+            if supply.first && !wave.is_empty() {
+                let references = wave.iter().map(|&x| f64::from(self.binary[x as usize].count)).sum::<f64>();
+                let words = apart.iter().map(|a| a.arena.len() + LANES).sum();
+                reserve(arena, words, f64::from(self.binary[0].count) / references);
+            }
+            (supply.ready, supply.first) = (apart.into_iter(), false);
+        }
+        Ok(supply.ready.next())
+    }
+
+    fn write_apart(&self, of: u32) -> Result<Apart, BuildError> {
+        let (mut arena, mut nodes) = (Arena::default(), Vec::new());
+        let root = self.node(&mut arena, of, &mut nodes, &mut None)?;
+        Ok(Apart { arena, nodes, root })
+    }
+
+    /// Writes a node and all below it; where `apart` has them, finished subtrees are taken from there. The
+    /// recursion is as deep as the wide tree, which the binary build bounds.
+    fn node(
+        &self,
+        arena: &mut Arena,
+        of: u32,
+        nodes: &mut Vec<ChildRef>,
+        apart: &mut Option<Supply>,
+    ) -> Result<ChildRef, BuildError> {
+        if self.binary[of as usize].count <= APART
+            && let Some(supply) = apart
+            && let Some(done) = self.next(arena, supply)?
+        {
+            return self.put(arena, &done);
+        }
+        let children = self.children(of);
+        let mut boxes = [LinearBox3::EMPTY; LANES];
+        for (b, child) in boxes.iter_mut().zip(&children) {
+            *b = self.binary[child.node as usize].bounds;
+        }
+        let node = write_node(arena, &boxes[..children.len()], self.over)?;
+        nodes.push(node);
         let mut refs = [ChildRef::NOTHING; LANES];
         for (r, child) in refs.iter_mut().zip(&children).filter(|(_, c)| c.leaf) {
             *r = (self.leaf)(arena, &self.binary[child.node as usize])?;
         }
         for (r, child) in refs.iter_mut().zip(&children).filter(|(_, c)| !c.leaf) {
-            *r = self.node(arena, child.node)?;
+            *r = self.node(arena, child.node, nodes, apart)?;
         }
         set_children(arena, node, &refs[..children.len()]);
         Ok(node)
+    }
+
+    /// Puts blocks that were written apart into their place.
+    fn put(&self, arena: &mut Arena, done: &Apart) -> Result<ChildRef, BuildError> {
+        let by = arena.append(&done.arena);
+        let moved = |child: ChildRef| child.moved(by).ok_or(BuildError::TooLargeTree);
+        for &node in &done.nodes {
+            for word in children_mut(arena, moved(node)?) {
+                let child = ChildRef(*word);
+                let stays = child.kind().is_leaf() && !self.writes;
+                if child != ChildRef::NOTHING && !stays {
+                    *word = moved(child)?.0;
+                }
+            }
+        }
+        moved(done.root)
     }
 }
 

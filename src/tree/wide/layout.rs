@@ -109,6 +109,13 @@ impl ChildRef {
         Some(ChildRef(line << 7 | (len as u32 - 1) << 3 | kind as u32))
     }
 
+    /// The same block after it was moved by so many words (whole lines); nothing where that is beyond what can be
+    /// numbered.
+    pub fn moved(self, by: usize) -> Option<ChildRef> {
+        let line = u32::try_from(by / LANES).ok()?.checked_add(self.0 >> 7).filter(|&l| l < (1 << LINE_BITS) - 1)?;
+        Some(ChildRef(line << 7 | self.0 & 127))
+    }
+
     /// The first word of the block.
     #[inline(always)]
     pub fn at(self) -> usize {

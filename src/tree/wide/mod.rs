@@ -12,6 +12,7 @@ mod emit;
 mod layout;
 mod leaf;
 mod plan;
+mod segments;
 mod statistics;
 mod validate;
 

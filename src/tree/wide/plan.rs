@@ -1,26 +1,29 @@
 //! What to build, chosen by the expected cost of a ray.
 //!
 //! The cost of a tree is the sum over its nodes and leaf blocks of price times mean area, which the collapse
-//! returns. A greedy decision at one node cannot see what a division of time gains further down, so whole
-//! alternatives are made and compared:
-//! - *cuts*: spatial splits under a budget of references, where primitives fill little of their boxes;
+//! returns. A greedy decision at one node cannot see what a division of time gains further down, so
+//! alternatives are compared as whole trees, but over samples: a few neighbourhoods of some hundred references
+//! each. The alternatives:
+//! - *cuts*: long primitives as several references under a budget, where they fill little of their boxes;
 //! - *segments*: several hierarchies over the same leaf blocks, one per part of the shutter;
 //! - *copies*: separate trees per part of the shutter, where neighbours part company so fast that even leaf
 //!   blocks should be formed anew.
 //!
-//! Each is tried only where a cheap sign says that it may pay, and further only while the last step paid.
+//! Each is tried only where a cheap sign says that it may pay, and further only while the last step paid. Only
+//! what was chosen is built of everything.
 
 use super::build::Step;
 use super::leaf::WideSource;
-use crate::build::BuildParams;
-use crate::build::object::{BinaryNode, BinaryTree, Collapse, Ends, Prices, Reference, build_binary};
+use super::segments::Segments;
+use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, isolate};
+use crate::build::{BuildParams, parallel};
 use crate::error::BuildError;
-use crate::motion::{LinearBox3, TimeInterval, ULP};
+use crate::motion::TimeInterval;
 use crate::simd::huge_vec;
 
 /// Prices of a query's steps, relative to each other. Speed depends little on them: half or one and a half
 /// times those of nodes and primitives make no difference beyond noise on the scenes hall and coherent.
-const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
+pub(super) const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
 
 /// References at which the binary tree stops; the collapse joins its leaves again.
 const BINARY_LEAF: usize = 4;
@@ -32,20 +35,22 @@ const WORTH_SEGMENTS: f32 = 0.9;
 const INCOHERENT: f32 = 0.7;
 
 /// Twice as many copies are taken where they cost less than this part.
-const WORTH_COPIES: f32 = 0.75;
+const WORTH_COPIES: f32 = 0.8;
 
 /// Cuts are taken where they cost less than this part: they also take memory.
-const WORTH_CUTS: f32 = 0.95;
+const WORTH_CUTS: f32 = 0.9;
 
 /// Cuts are tried where the boxes have more than this many times the area of the triangles in them.
 const HOLLOW: f64 = 8.0;
 
-/// Up to this many references the whole scene is cut to find out.
-const SMALL: usize = 100_000;
+/// A division of time is decided on so many subtrees, that together are a sixteenth of all references, each of so
+/// many. Smaller ones would say too little for copies: what meets in them at mid-shutter parts company.
+const TIME_SAMPLES: core::ops::RangeInclusive<usize> = 4..=16;
+const TIME_SAMPLE: core::ops::RangeInclusive<usize> = 1024..=4096;
 
-/// How many samples of how many references decide whether a bigger scene is worth cutting.
-const SAMPLES: usize = 4;
-const SAMPLE: usize = 4096;
+/// Cuts are decided on neighbourhoods of a sixteenth of all references together, each in these bounds.
+const CUT_SAMPLES: usize = 2;
+const CUT_SAMPLE: core::ops::RangeInclusive<usize> = 512..=4096;
 
 /// Most segments or copies.
 const MOST_PARTS: usize = 16;
@@ -62,32 +67,11 @@ pub(super) struct Plan {
     /// The key segment that leaf blocks are written for.
     pub segment: usize,
     pub references: Vec<Reference>,
+    /// Whether references may be parts of primitives.
+    pub cut: bool,
     pub binary: BinaryTree,
     pub collapse: Collapse,
     pub segments: Option<Segments>,
-}
-
-impl Plan {
-    fn cost(&self) -> f32 {
-        self.segments.as_ref().map_or(self.collapse.total, |s| s.cost)
-    }
-}
-
-/// Several hierarchies over the same leaf blocks, one for each part of the shutter.
-pub(super) struct Segments {
-    /// The binary nodes that are leaf blocks.
-    pub clusters: Vec<BinaryNode>,
-    pub trees: Vec<Segment>,
-    cost: f32,
-}
-
-/// One of them.
-pub(super) struct Segment {
-    pub over: TimeInterval,
-    pub binary: BinaryTree,
-    pub collapse: Collapse,
-    /// The cluster at each place of the binary tree's order.
-    pub order: Vec<u32>,
 }
 
 /// Part `i` of `n` equal parts of the shutter, a little wider on both sides: queries find their part by
@@ -101,67 +85,135 @@ pub(super) fn part_of_shutter(i: usize, n: usize) -> TimeInterval {
     TimeInterval::half_open(begin, end).expect("a part of the shutter is not empty")
 }
 
-/// Plans for equal parts of the shutter (often one), whichever number costs least.
-pub(super) fn plan_copies<S: WideSource>(
+/// How the shutter is divided.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Division {
+    Whole,
+    Segments(usize),
+    Copies(usize),
+}
+
+/// What costs a ray least.
+pub(super) enum Choice {
+    /// One tree, perhaps with segments.
+    One(Plan),
+    /// So many trees for equal parts of the shutter, not planned yet: one at a time takes less memory.
+    Copies(usize),
+}
+
+/// Plans for the whole shutter, or says into how many copies to divide it.
+pub(super) fn choose<S: WideSource>(
     set: &S,
     ids: &[u32],
     params: &BuildParams,
     step: Step<'_>,
-) -> Result<Vec<Plan>, BuildError> {
-    let first = plan_tree(set, ids, TimeInterval::FULL, 0, params);
+) -> Result<Choice, BuildError> {
+    let mut whole = plan_tree(set, ids, TimeInterval::FULL, 0, params);
     step(0.5)?;
-    if !first.binary.first().is_some_and(|root| root.moving) {
-        step(0.25)?;
-        return Ok(vec![first]);
-    }
-    let halves = Segments::build(set, &first, 2);
-    step(0.25)?;
-    if halves.cost < first.cost() * INCOHERENT {
-        let copies = more_copies(set, ids, params, halves.cost);
-        if !copies.is_empty() {
-            return Ok(copies);
+    let choice = match divide(set, &whole, params) {
+        Division::Whole => Choice::One(whole),
+        Division::Segments(parts) => {
+            whole.segments = Some(Segments::build(set, &whole, 0, parts));
+            Choice::One(whole)
         }
-    }
-    Ok(vec![with_segments(set, first, halves)])
-}
-
-/// Separate plans for 2, 4, 8, … parts as long as they pay; none where already two cost more than `cost`
-/// or the memory does not suffice.
-fn more_copies<S: WideSource>(set: &S, ids: &[u32], params: &BuildParams, mut cost: f32) -> Vec<Plan> {
-    let mut best = Vec::new();
-    let mut parts = 2;
-    let fits = |parts: usize| {
-        let each = parts as f64 * BYTES_PER_REFERENCE;
-        each <= f64::from(params.bytes_per_primitive) && each * ids.len() as f64 <= MOST_BYTES
+        Division::Copies(parts) => Choice::Copies(parts),
     };
-    while parts <= MOST_PARTS && fits(parts) {
-        let plans: Vec<Plan> = (0..parts).map(|i| plan_tree(set, ids, part_of_shutter(i, parts), 0, params)).collect();
-        let divided = plans.iter().map(Plan::cost).sum::<f32>() / parts as f32;
-        // The first step competes with segments, which cost hardly any memory.
-        if divided > cost * if best.is_empty() { 1.0 } else { WORTH_COPIES } {
-            break;
-        }
-        (cost, best) = (divided, plans);
-        parts *= 2;
-    }
-    best
+    step(0.25)?;
+    Ok(choice)
 }
 
-/// Adds as many segments as pay.
-fn with_segments<S: WideSource>(set: &S, plan: Plan, halves: Segments) -> Plan {
-    let mut best = None;
-    let mut cost = plan.cost();
-    let mut next = halves;
-    while next.cost <= cost * WORTH_SEGMENTS {
-        cost = next.cost;
-        let parts = 2 * next.trees.len();
-        best = Some(next);
-        if parts > MOST_PARTS {
+/// Decides on a division of the shutter by what it would cost in samples of a plan for the whole.
+fn divide<S: WideSource>(set: &S, plan: &Plan, params: &BuildParams) -> Division {
+    let samples = samples(plan);
+    let sum = |costs: Vec<f32>| costs.into_iter().sum::<f32>();
+    let still =
+        sum(samples.iter().filter(|&&x| !plan.binary[x as usize].moving).map(|&x| plan.collapse.cost(x)).collect());
+    let moving: Vec<u32> = samples.into_iter().filter(|&x| plan.binary[x as usize].moving).collect();
+    if moving.is_empty() {
+        return Division::Whole;
+    }
+    let whole = still + sum(moving.iter().map(|&x| plan.collapse.cost(x)).collect());
+    let segments = |parts: usize| {
+        still + sum(parallel::map(moving.len(), |i| Segments::build(set, plan, moving[i], parts).cost()))
+    };
+    let halves = segments(2);
+    if halves < whole * INCOHERENT {
+        let copies = |parts: usize| {
+            let each = |i: usize| copies_cost(set, plan, moving[i], parts);
+            still + sum(parallel::map(moving.len(), each))
+        };
+        let n = plan.binary[0].count as f64;
+        let fits = |parts: usize| {
+            let each = parts as f64 * BYTES_PER_REFERENCE;
+            each <= f64::from(params.bytes_per_primitive) && each * n <= MOST_BYTES
+        };
+        // The first step competes with segments, which cost hardly any memory.
+        let (mut best, mut cost, mut worth) = (1, halves, 1.0);
+        while 2 * best <= MOST_PARTS && fits(2 * best) {
+            let next = copies(2 * best);
+            if next > cost * worth {
+                break;
+            }
+            (best, cost, worth) = (2 * best, next, WORTH_COPIES);
+        }
+        if best > 1 {
+            return Division::Copies(best);
+        }
+    }
+    let (mut best, mut cost, mut next) = (1, whole, halves);
+    while next <= cost * WORTH_SEGMENTS {
+        (best, cost) = (2 * best, next);
+        if 2 * best > MOST_PARTS {
             break;
         }
-        next = Segments::build(set, &plan, parts);
+        next = segments(2 * best);
     }
-    Plan { segments: best, ..plan }
+    if best > 1 { Division::Segments(best) } else { Division::Whole }
+}
+
+/// Evenly spaced subtrees of a plan to decide on; the root alone of a small one.
+fn samples(plan: &Plan) -> Vec<u32> {
+    let Some(root) = plan.binary.first() else { return Vec::new() };
+    let n = root.count as usize;
+    let size = (n / 64).clamp(*TIME_SAMPLE.start(), *TIME_SAMPLE.end());
+    let count = (n / (16 * size)).clamp(*TIME_SAMPLES.start(), *TIME_SAMPLES.end());
+    let mut samples = Vec::with_capacity(count);
+    for i in 0..count {
+        let (mut x, mut at) = (0, ((2 * i + 1) * n / (2 * count)) as u32);
+        loop {
+            let node = &plan.binary[x as usize];
+            if node.count as usize <= size || node.right == 0 {
+                break;
+            }
+            let left = plan.binary[x as usize + 1].count;
+            if at < left {
+                x += 1;
+            } else {
+                (x, at) = (x + node.right, at - left);
+            }
+        }
+        if samples.last() != Some(&x) {
+            samples.push(x);
+        }
+    }
+    samples
+}
+
+/// Mean cost of separate trees for equal parts of the shutter over the primitives of a subtree.
+fn copies_cost<S: WideSource>(set: &S, plan: &Plan, of: u32, parts: usize) -> f32 {
+    let mut ids: Vec<u32> =
+        plan.collapse.leaves(&plan.binary, of).iter().flat_map(|leaf| references_of(plan, leaf)).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    let cost = |i: usize| {
+        let over = part_of_shutter(i, parts);
+        plan_with(references(set, &ids, over), over, 0, false).collapse.total()
+    };
+    (0..parts).map(cost).sum::<f32>() / parts as f32
+}
+
+fn references_of<'a>(plan: &'a Plan, node: &crate::build::object::BinaryNode) -> impl Iterator<Item = u32> + use<'a> {
+    plan.references[node.first as usize..][..node.count as usize].iter().map(Reference::id)
 }
 
 /// Plans one tree, with cuts where they pay.
@@ -172,50 +224,50 @@ pub(super) fn plan_tree<S: WideSource>(
     segment: usize,
     params: &BuildParams,
 ) -> Plan {
-    let mut references = huge_vec(ids.len());
-    references.extend(ids.iter().map(|&id| reference(set, id, over)));
-    let plain = plan_with(set, references, over, segment, 1.0);
+    let mut references = references(set, ids, over);
     let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE as f32);
-    if budget <= 1.0 || hollowness(set, &plain.references, over) < HOLLOW || !cuts_pay(set, &plain, budget) {
-        return plain;
+    let worth = budget > 1.0
+        && hollowness(set, &references, over) >= HOLLOW
+        && cuts_pay(set, &mut references, over, segment, budget);
+    if worth {
+        references = cut(&references, |id| set.ends(id, over), budget);
     }
-    let cut = plan_with(set, plain.references.clone(), over, segment, budget);
-    if cut.cost() < plain.cost() * WORTH_CUTS { cut } else { plain }
+    plan_with(references, over, segment, worth)
 }
 
-/// Whether cuts pay in a few samples of neighbouring references; big scenes need not be cut to find out.
-fn cuts_pay<S: WideSource>(set: &S, plain: &Plan, budget: f32) -> bool {
-    let n = plain.references.len();
-    if n <= SMALL {
-        return true;
-    }
+fn references<S: WideSource>(set: &S, ids: &[u32], over: TimeInterval) -> Vec<Reference> {
+    let mut references = huge_vec(ids.len());
+    parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
+    references
+}
+
+/// Whether cuts pay in a few samples of neighbouring references, which are reordered for it.
+fn cuts_pay<S: WideSource>(
+    set: &S,
+    references: &mut [Reference],
+    over: TimeInterval,
+    segment: usize,
+    budget: f32,
+) -> bool {
+    let n = references.len();
+    let most = (n / (16 * CUT_SAMPLES)).clamp(*CUT_SAMPLE.start(), *CUT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
-    for i in 0..SAMPLES {
-        let first = (2 * i + 1) * n / (2 * SAMPLES) - SAMPLE / 2;
-        let sample = &plain.references[first..first + SAMPLE];
-        with += plan_with(set, sample.to_vec(), plain.over, plain.segment, budget).cost();
-        without += plan_with(set, sample.to_vec(), plain.over, plain.segment, 1.0).cost();
+    for i in 0..CUT_SAMPLES {
+        let sample = isolate(references, (2 * i + 1) * n / (2 * CUT_SAMPLES), most);
+        let cost = |references: Vec<Reference>| plan_with(references, over, segment, true).collapse.total();
+        with += cost(cut(sample, |id| set.ends(id, over), budget));
+        without += cost(sample.to_vec());
     }
     with < without * WORTH_CUTS
 }
 
-/// Plans one tree with room for `budget` references per primitive.
-fn plan_with<S: WideSource>(
-    set: &S,
-    mut references: Vec<Reference>,
-    over: TimeInterval,
-    segment: usize,
-    budget: f32,
-) -> Plan {
-    let n = references.len();
-    if let Some(&any) = references.first() {
-        references.resize((n as f64 * f64::from(budget)) as usize, any);
-    }
-    let binary = build_binary(&mut references, n, BINARY_LEAF, &|id| set.ends(id, over));
+/// Plans one tree; `cut` says whether references may be parts of primitives.
+fn plan_with(mut references: Vec<Reference>, over: TimeInterval, segment: usize, cut: bool) -> Plan {
+    let binary = build_binary(&mut references, BINARY_LEAF);
     let collapse = Collapse::new(&binary, PRICES, |node| {
         (node.count as usize <= PRICES.most).then_some(PRICES.leaf + PRICES.primitive * node.count as f32)
     });
-    Plan { over, segment, references, binary, collapse, segments: None }
+    Plan { over, segment, references, cut, binary, collapse, segments: None }
 }
 
 /// Half-areas of the boxes, summed, per area of the triangles in them; 0 for what cannot be cut.
@@ -223,61 +275,9 @@ fn hollowness<S: WideSource>(set: &S, references: &[Reference], over: TimeInterv
     let (mut boxes, mut triangles) = (0.0, 0.0);
     // A few thousand tell.
     for r in references.iter().step_by(references.len() / 4096 + 1) {
-        let Some(ends) = set.ends(r.id, over) else { return 0.0 };
-        let [a, b, c] = ends.begin;
-        boxes += f64::from(r.bounds.begin.half_area());
-        triangles += f64::from((b - a).cross(c - a).length() * 0.5);
+        let Some(ends) = set.ends(r.id(), over) else { return 0.0 };
+        boxes += f64::from(r.bounds().begin.half_area());
+        triangles += f64::from(ends.area());
     }
     if triangles > 0.0 { boxes / triangles } else { 0.0 }
-}
-
-fn reference<S: WideSource>(set: &S, id: u32, over: TimeInterval) -> Reference {
-    let bounds = set.bounds(id, over);
-    Reference { bounds, id, moving: bounds.begin != bounds.end }
-}
-
-/// Bounds of a reference, which are linear over `whole`, in a part of that time: what the primitive's own
-/// bounds in that part and the reference's (cut to a cell, perhaps) both hold.
-fn part_bounds<S: WideSource>(set: &S, r: &Reference, whole: TimeInterval, over: TimeInterval) -> LinearBox3 {
-    let own = set.bounds(r.id, over);
-    if !r.moving {
-        return own.tighter(r.bounds);
-    }
-    let at = |t: f32| {
-        let w = ((t - whole.begin()) / whole.duration()).clamp(0.0, 1.0);
-        // One interpolation: three roundings at sizes of at most 2.
-        r.bounds.at(w).pad(8.0 * ULP)
-    };
-    own.tighter(LinearBox3 { begin: at(over.begin()), end: at(over.end()) })
-}
-
-impl Segments {
-    /// Rebuilds the nodes above a plan's leaf blocks for `parts` equal parts of the shutter.
-    fn build<S: WideSource>(set: &S, plan: &Plan, parts: usize) -> Segments {
-        let clusters = plan.collapse.leaves(&plan.binary);
-        let trees: Vec<Segment> =
-            (0..parts).map(|i| Segment::build(set, plan, &clusters, part_of_shutter(i, parts))).collect();
-        let cost = trees.iter().map(|t| t.collapse.total).sum::<f32>() / parts as f32;
-        Segments { clusters, trees, cost }
-    }
-}
-
-impl Segment {
-    fn build<S: WideSource>(set: &S, plan: &Plan, clusters: &[BinaryNode], over: TimeInterval) -> Segment {
-        let block = |(i, node): (usize, &BinaryNode)| {
-            let of = &plan.references[node.first as usize..][..node.count as usize];
-            let bounds = of.iter().fold(LinearBox3::EMPTY, |b, r| b.union(part_bounds(set, r, plan.over, over)));
-            Reference { bounds, id: i as u32, moving: node.moving }
-        };
-        let mut blocks: Vec<Reference> = clusters.iter().enumerate().map(block).collect();
-        let n = blocks.len();
-        let binary = build_binary(&mut blocks, n, 1, &|_| None::<Ends>);
-        let collapse = Collapse::new(&binary, PRICES, |node| {
-            (node.count == 1).then(|| {
-                let block = &clusters[blocks[node.first as usize].id as usize];
-                PRICES.leaf + PRICES.primitive * block.count as f32
-            })
-        });
-        Segment { over, binary, collapse, order: blocks.iter().map(|b| b.id).collect() }
-    }
 }
