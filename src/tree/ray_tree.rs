@@ -352,3 +352,40 @@ fn batch<T: Copy + Send>(rays: &[Ray], answers: &mut Vec<T>, nothing: T, fill: i
     #[cfg(not(feature = "rayon"))]
     fill(rays, answers);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene;
+
+    /// Batches of small trees are asked ray by ray, so the turns are tested here on their own.
+    #[test]
+    fn rays_led_by_turns_get_the_answers_of_single_rays() {
+        let hall = (scene::find("hall").expect("a scene of the catalogue").make)(4000);
+        let nothing = RayTree::build(&[], &BuildParams::default()).expect("an empty tree");
+        let full = RayTree::build(&hall.meshes, &BuildParams::default()).expect("a tree");
+        for tree in [full, nothing] {
+            for level in SimdLevel::available() {
+                // Fewer rays than a group, just as many, and more; some of them mean nothing.
+                for count in [0, 1, 7, 8, 9, 500] {
+                    let rays: Vec<Ray> = (0..count)
+                        .map(|i| {
+                            let at = |by: usize| (i * by % 97) as f32 / 97.0;
+                            let ray = hall.camera.ray(at(31), at(57), 1.0, at(13));
+                            if i % 10 == 3 { Ray { dir: Vec3::NAN, ..ray } } else { ray }
+                        })
+                        .collect();
+                    let Layout::Wide(wide) = &tree.layout else { panic!("the default is wide") };
+                    let (set, rays) = (&tree.geometry, rays.as_slice());
+                    let (mut hits, mut shadows) = (vec![None; count], vec![false; count]);
+                    dispatch(level, Batch::<_, Closests> { tree: wide, set, rays, answers: &mut hits });
+                    dispatch(level, Batch::<_, Anys> { tree: wide, set, rays, answers: &mut shadows });
+                    for ((ray, hit), shadow) in rays.iter().zip(hits).zip(shadows) {
+                        assert_eq!(hit, tree.closest_hit(ray), "{level}, {count} rays");
+                        assert_eq!(shadow, hit.is_some());
+                    }
+                }
+            }
+        }
+    }
+}
