@@ -229,13 +229,19 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
     ) -> Option<ChildRef> {
         let rows = self.arena.rows(node.at());
         let time = s.splat(ray.time);
-        let near = |i: usize| {
-            face_distance::<S, ROWS>(s, rows, slabs.near_row[i], time, slabs.inverse[i], slabs.near_offset[i])
-        };
-        let far =
-            |i: usize| face_distance::<S, ROWS>(s, rows, slabs.far_row[i], time, slabs.inverse[i], slabs.far_offset[i]);
-        let enter = s.max(s.max(near(0), near(1)), s.max(near(2), s.splat(ray.t_min)));
-        let leave = s.min(s.min(far(0), far(1)), s.min(far(2), s.splat(collect.limit())));
+        // Written out: closures would be compiled without the instruction set.
+        let near = [
+            face_distance::<S, ROWS>(s, rows, slabs.near_row[0], time, slabs.inverse.x, slabs.near_offset.x),
+            face_distance::<S, ROWS>(s, rows, slabs.near_row[1], time, slabs.inverse.y, slabs.near_offset.y),
+            face_distance::<S, ROWS>(s, rows, slabs.near_row[2], time, slabs.inverse.z, slabs.near_offset.z),
+        ];
+        let far = [
+            face_distance::<S, ROWS>(s, rows, slabs.far_row[0], time, slabs.inverse.x, slabs.far_offset.x),
+            face_distance::<S, ROWS>(s, rows, slabs.far_row[1], time, slabs.inverse.y, slabs.far_offset.y),
+            face_distance::<S, ROWS>(s, rows, slabs.far_row[2], time, slabs.inverse.z, slabs.far_offset.z),
+        ];
+        let enter = s.max(s.max(near[0], near[1]), s.max(near[2], s.splat(ray.t_min)));
+        let leave = s.min(s.min(far[0], far[1]), s.min(far[2], s.splat(collect.limit())));
         let mask = s.le(enter, leave);
         if mask == 0 {
             return None;
