@@ -120,15 +120,21 @@ impl Kernel for FindSplit<'_> {
         if cost == f32::INFINITY {
             return None;
         }
-        let side = |row: &[Packed]| {
-            let sum = row.iter().fold(s.splat(f32::INFINITY), |sum, bin| s.min(sum, s.load(&bin.0)));
-            let mut packed = Packed::EMPTY;
-            s.store(sum, &mut packed.0);
-            packed.bounds()
-        };
         let (low, high) = table.bounds[axis][..bins].split_at(plane);
-        Some(Split { axis, binning, plane, low: side(low), high: side(high) })
+        Some(Split { axis, binning, plane, low: union(s, low), high: union(s, high) })
     }
+}
+
+/// What holds all of some bins. (Not a closure: those are compiled without the instruction set.)
+#[inline(always)]
+fn union<S: Simd>(s: S, bins: &[Packed]) -> LinearBox3 {
+    let mut sum = s.splat(f32::INFINITY);
+    for bin in bins {
+        sum = s.min(sum, s.load(&bin.0));
+    }
+    let mut packed = Packed::EMPTY;
+    s.store(sum, &mut packed.0);
+    packed.bounds()
 }
 
 /// The cheapest plane of one axis: its cost (six times area times count) and the first bin above it.
