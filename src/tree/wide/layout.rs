@@ -172,6 +172,6 @@ mod tests {
                 assert_ne!(r, ChildRef::NOTHING);
             }
         }
-        assert_eq!(ChildRef::new(Kind::Leaf, ((1 << 25) - 1) * 16, 1), None);
+        assert_eq!(ChildRef::new(Leaf, ((1 << 25) - 1) * 16, 1), None);
     }
 }
