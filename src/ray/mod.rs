@@ -1,5 +1,6 @@
 //! Rays that carry their own time, what they hit, and the triangle test.
 
+mod blocks;
 mod collect;
 mod filter;
 mod hit;
