@@ -112,10 +112,10 @@ pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<Se
 
 /// How far, in tree space and per axis, an accepted hit can lie outside exact bounds of its primitive.
 ///
-/// A corner's translation is rounded once (1 ULP of `|v| + |o|`, at most `1 + |o|`), the slope twice, its
-/// product once and the difference once: with slopes of at most 1 this is within 6 ULP of twice that size
-/// altogether; `t` itself is rounded to f32 (1 ULP of a distance below `1 + |o|`). 16 leaves room for
-/// the arithmetic of the traversal that uses it.
+/// Counted in ULP of `m = 1 + |o|`, which bounds every translated corner, with slopes of at most 1: the translation
+/// of x and that of z are rounded once each (1 and 1), the slope twice (2), its product once (1), and the difference, of
+/// size up to `2 m`, once (2): 7 altogether. `t` itself is rounded to f32 (1 of a distance below `m`). 16 leaves room
+/// for the arithmetic of the traversal that uses it.
 #[inline(always)]
 pub(crate) fn hit_slack(origin: Vec3) -> f32 {
     16.0 * ULP * (1.0 + origin.abs().max_element())

@@ -1,6 +1,6 @@
 //! Memory in lines of 64 bytes: one AVX-512 register, one cache line.
 
-use super::{LANES, Lanes};
+use super::{LANES, Lanes, prefetch};
 
 /// One line; the alignment keeps a node's rows from straddling cache lines.
 #[derive(Clone, Copy)]
@@ -101,17 +101,12 @@ impl Arena {
         unsafe { &*core::ptr::from_ref(lines).cast() }
     }
 
-    /// Asks for the lines of a block; a hint.
+    /// Asks for the lines of a block that will be read soon; a hint.
     #[inline(always)]
     pub(crate) fn prefetch(&self, at: usize, lines: usize) {
-        #[cfg(target_arch = "x86_64")]
-        for i in 0..lines {
-            let line = self.lines.as_ptr().wrapping_add(at / LANES + i);
-            // SAFETY: prefetching never faults, whatever the address.
-            unsafe { core::arch::x86_64::_mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(line.cast()) };
+        for line in self.lines.iter().skip(at / LANES).take(lines) {
+            prefetch(line);
         }
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = (at, lines);
     }
 
     /// All words as floats, to be written.

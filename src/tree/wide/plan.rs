@@ -21,8 +21,8 @@ use crate::error::BuildError;
 use crate::motion::TimeInterval;
 use crate::simd::huge_vec;
 
-/// Prices of a query's steps, relative to each other. Speed depends little on them: half or one and a half
-/// times those of nodes and primitives make no difference beyond noise on the scenes hall and coherent.
+/// Prices of a query's steps, relative to each other. A primitive at .15 instead of about .07 makes smaller leaves,
+/// which costs 4 to 10 % of the speed on the scenes coherent, debris and tornado.
 pub(super) const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
 
 /// References at which the binary tree stops; the collapse joins its leaves again.
