@@ -46,7 +46,7 @@ pub mod scene;
 mod simd;
 mod tree;
 
-pub use build::{BuildParams, Policy};
+pub use build::{BuildParams, Division, Policy};
 pub use error::{BuildError, IntervalError};
 pub use glam;
 pub use motion::{

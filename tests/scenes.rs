@@ -136,6 +136,11 @@ fn debris() {
 }
 
 #[test]
+fn mixed() {
+    check_scene("mixed");
+}
+
+#[test]
 fn flake() {
     let (spheres, camera) = scene::flake(PRIMITIVES);
     let spheres: Vec<MovingSphere> = spheres
@@ -148,7 +153,7 @@ fn flake() {
 
 #[test]
 fn every_scene_of_the_catalogue_is_here() {
-    let here = ["hairball", "tornado", "hall", "camera", "hand", "coherent", "needles", "needles30", "debris"];
+    let here = ["hairball", "tornado", "hall", "camera", "hand", "coherent", "needles", "needles30", "debris", "mixed"];
     let names: Vec<&str> = scene::CATALOGUE.iter().map(|recipe| recipe.name).collect();
     assert_eq!(names, here);
 }

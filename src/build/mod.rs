@@ -12,6 +12,6 @@ mod sah;
 
 pub(crate) use classify::{Plane, classify, classify_point};
 pub(crate) use kd::build_kd;
-pub(crate) use params::DEPTH_LIMIT;
-pub use params::{BuildParams, Policy};
+pub use params::{BuildParams, Division, Policy};
+pub(crate) use params::{DEPTH_LIMIT, MOST_PARTS};
 pub(crate) use progress::{Callback, Progress};

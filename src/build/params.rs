@@ -5,6 +5,9 @@ use crate::error::BuildError;
 /// The deepest a tree may be: the traversal stack holds this many entries.
 pub(crate) const DEPTH_LIMIT: usize = 60;
 
+/// The most parts that the shutter is divided into.
+pub(crate) const MOST_PARTS: usize = 16;
+
 /// What kind of tree is built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
@@ -18,6 +21,42 @@ pub enum Policy {
     /// An ordinary k-d tree over the boxes swept during the shutter: no intervals. The simple way to
     /// trace motion with a k-d tree, to compare with.
     ClassicKd,
+}
+
+/// How [`Policy::Wide`] divides the shutter.
+///
+/// Where neighbours part company, boxes over the whole shutter are wide. Then several hierarchies of nodes, each for its
+/// own part of the shutter, are tighter; they share leaf blocks (segments) or not (copies, which take as
+/// many times the memory).
+///
+/// ```
+/// use mbkd::{BuildError, BuildParams, Division};
+/// let params = BuildParams { division: Division::Segments(4), ..BuildParams::default() };
+/// assert!(params.validate().is_ok());
+/// let params = BuildParams { division: Division::Copies(1), ..BuildParams::default() };
+/// assert!(matches!(params.validate(), Err(BuildError::Parameter { name: "division", .. })));
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Division {
+    /// Each part of the scene the division that costs its rays least, as samples of it say, within
+    /// [`BuildParams::bytes_per_primitive`].
+    #[default]
+    Automatic,
+    /// One hierarchy for the whole shutter everywhere.
+    Whole,
+    /// So many hierarchies (2 to 16) over common leaf blocks, for everything: to compare with.
+    Segments(usize),
+    /// So many separate trees (2 to 16), for everything, whatever they weigh: to compare with.
+    Copies(usize),
+}
+
+impl Division {
+    fn is_valid(self) -> bool {
+        match self {
+            Division::Automatic | Division::Whole => true,
+            Division::Segments(n) | Division::Copies(n) => (2..=MOST_PARTS).contains(&n),
+        }
+    }
 }
 
 /// How a tree is built. Everything has a default; a struct literal changes what it names.
@@ -62,6 +101,9 @@ pub struct BuildParams {
     /// neighbours part company fast have separate trees for parts of the shutter. Trees of other scenes take
     /// 60 to 150 bytes whatever this says. Default 1024.
     pub bytes_per_primitive: f32,
+    /// [`Policy::Wide`] only: how the shutter is divided. Meshes with more than two keys are divided at their keys and at
+    /// nothing else. Default [`Division::Automatic`].
+    pub division: Division,
 }
 
 impl Default for BuildParams {
@@ -79,6 +121,7 @@ impl Default for BuildParams {
             max_references: 8.0,
             wide_references: 1.5,
             bytes_per_primitive: 1024.0,
+            division: Division::Automatic,
         }
     }
 }
@@ -107,7 +150,8 @@ impl BuildParams {
         check(self.max_depth.is_none_or(|d| d as usize <= DEPTH_LIMIT), "max_depth", "at most 60")?;
         check(self.max_references >= 1.0 && self.max_references <= 1e4, "max_references", "in [1, 10000]")?;
         check((1.0..=8.0).contains(&self.wide_references), "wide_references", "in [1, 8]")?;
-        check((128.0..=1e6).contains(&self.bytes_per_primitive), "bytes_per_primitive", "in [128, 1e6]")
+        check((128.0..=1e6).contains(&self.bytes_per_primitive), "bytes_per_primitive", "in [128, 1e6]")?;
+        check(self.division.is_valid(), "division", "of 2 to 16 parts")
     }
 
     /// The depth budget for `n` primitives.
@@ -138,5 +182,9 @@ mod tests {
         assert_eq!(name(BuildParams { max_references: 0.5, ..fine() }), "max_references");
         assert_eq!(name(BuildParams { wide_references: 9.0, ..fine() }), "wide_references");
         assert_eq!(name(BuildParams { bytes_per_primitive: f32::NAN, ..fine() }), "bytes_per_primitive");
+        for parts in [0, 1, 17, usize::MAX] {
+            assert_eq!(name(BuildParams { division: Division::Segments(parts), ..fine() }), "division");
+            assert_eq!(name(BuildParams { division: Division::Copies(parts), ..fine() }), "division");
+        }
     }
 }

@@ -14,6 +14,7 @@ mod flake;
 mod hairball;
 mod hall;
 mod hand;
+mod mixed;
 mod needles;
 mod random;
 mod runner;
@@ -30,6 +31,7 @@ pub use flake::{FlakeSphere, flake};
 pub use hairball::hairball;
 pub use hall::{camera, hall};
 pub use hand::hand;
+pub use mixed::mixed;
 pub use needles::needles;
 pub use tornado::tornado;
 
@@ -108,6 +110,7 @@ pub const CATALOGUE: &[Recipe] = &[
     },
     Recipe { name: "needles30", about: "the same moving 30 %", full: 50_000, make: |n| needles(n, 0.3) },
     Recipe { name: "debris", about: "stones flying far and spinning", full: 192_000, make: debris },
+    Recipe { name: "mixed", about: "the hall, a rock in flight and a tornado", full: 400_000, make: mixed },
 ];
 
 /// The recipe of that name.

@@ -44,6 +44,7 @@ fn scenes_are_the_same_everywhere() {
         ("needles", 12000, 54000, 0xadf20cfb3923c7be, [-103, -110, -109, 101, 105, 105]),
         ("needles30", 12000, 54000, 0x3776d98141020a8f, [-144, -159, -157, 150, 152, 146]),
         ("debris", 11968, 12716, 0xaa75edd1e1803258, [-242, -246, -252, 227, 234, 231]),
+        ("mixed", 21222, 33870, 0x7e281476bb43d744, [-6000, -50, -6000, 6000, 700, 6000]),
     ];
     assert_eq!(found, golden, "a scene changed; if on purpose, these are the new figures:\n{found:#?}");
 }

@@ -34,9 +34,9 @@ pub(crate) struct WideChild {
 pub(crate) struct Collapse {
     /// For each node and number of places: how many go to the left half; 0: this node is one child. As one
     /// child (the first entry) 0 means a leaf block, otherwise it is the share of the left half of sixteen.
-    left: Vec<[u8; LANES]>,
+    pub(super) left: Vec<[u8; LANES]>,
     /// Cost of each node as one child: the sum over what is visited of price times area.
-    one: Vec<f32>,
+    pub(super) one: Vec<f32>,
 }
 
 /// The least costs of covering a subtree by at most 1, 2, … 16 children.
@@ -111,7 +111,7 @@ impl Collapse {
 
     /// Covers a subtree by at most `places` children. The recursion is at most sixteen deep: every level
     /// shares out places, of which both halves get one or more.
-    fn forest(&self, nodes: &[BinaryNode], x: u32, places: u8, out: &mut Vec<WideChild>) {
+    pub(super) fn forest(&self, nodes: &[BinaryNode], x: u32, places: u8, out: &mut Vec<WideChild>) {
         let share = if places > 1 { self.left[x as usize][places as usize - 1] } else { 0 };
         if share == 0 {
             out.push(WideChild { node: x, leaf: self.is_leaf(x) });

@@ -5,10 +5,12 @@
 mod binned;
 mod bins;
 mod collapse;
+mod graft;
 mod reference;
 mod spatial;
 
 pub(crate) use binned::{BinaryNode, BinaryTree, build_binary, isolate, mean_half_area};
 pub(crate) use collapse::{Collapse, Prices, WideChild};
+pub(crate) use graft::Graft;
 pub(crate) use reference::Reference;
 pub(crate) use spatial::{Ends, cut};

@@ -2,16 +2,18 @@
 //!
 //! Primitives are grouped by how they move. What stands still or moves linearly becomes one group; meshes
 //! with more keys get a time node with one tree per key segment. Every group is first planned: the binary
-//! tree and its collapse are made, their expected cost of a ray is compared with that of the alternatives
-//! (see [`super::plan`]), and the cheapest is written.
+//! tree and its collapse are made ([`super::plan`]), and it is decided which of its subtrees divide the shutter
+//! ([`super::divide`]). Those are written first, each below a time node of its own; then the rest, in which they are
+//! children like leaf blocks.
 
+use super::divide::{Region, params_of_copies, primitives, regions};
 use super::emit::{Nodes, set_children, write_blocks, write_node, write_time};
 use super::layout::ChildRef;
 use super::leaf::WideSource;
-use super::plan::{Choice, Plan, choose, part_of_shutter, plan_tree};
+use super::plan::{PRICES, Plan, part_of_shutter, plan_tree};
 use super::segments::Segments;
-use crate::build::object::{BinaryNode, Reference};
-use crate::build::{BuildParams, Progress};
+use crate::build::object::{BinaryNode, Graft, Reference};
+use crate::build::{BuildParams, Division, Progress};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
 use crate::simd::{Arena, LANES};
@@ -64,14 +66,46 @@ impl WideTree {
         params: &BuildParams,
         step: Step<'_>,
     ) -> Result<Part, BuildError> {
-        match choose(set, ids, params, step)? {
-            Choice::One(plan) => {
-                let part = self.write_plan(set, &plan)?;
-                step(0.25)?;
-                Ok(part)
-            }
-            Choice::Copies(copies) => self.copies(set, ids, copies, params, &|done| step(0.25 * done)),
+        if let Division::Copies(copies) = params.division {
+            return self.copies(set, ids, copies, params, step);
         }
+        let mut plan = plan_tree(set, ids, TimeInterval::FULL, 0, params);
+        step(0.5)?;
+        let regions = regions(set, &plan, params);
+        step(0.25)?;
+        if let [Region { node: 0, division: Division::Copies(copies), .. }] = regions[..] {
+            // The plan goes before the copies come: one at a time takes less memory.
+            drop(plan);
+            let params = params_of_copies(params, copies);
+            return self.copies(set, ids, copies, &params, &|done| step(0.25 * done));
+        }
+        let all = plan.references.len() as f64;
+        let (mut grafts, mut roots) = (Vec::new(), Vec::new());
+        for region in regions {
+            let node = plan.binary[region.node as usize];
+            let root = match region.division {
+                Division::Copies(copies) => {
+                    let params = params_of_copies(params, copies);
+                    self.copies(set, &primitives(&plan, region.node), copies, &params, &|_| step(0.0))?.root
+                }
+                Division::Segments(parts) => {
+                    let segments = Segments::build(set, &plan, region.node, parts);
+                    self.write_segments(set, &plan, &segments)?
+                }
+                Division::Automatic | Division::Whole => continue,
+            };
+            step(0.25 * f64::from(node.count) / all)?;
+            if region.node == 0 {
+                return Ok(Part { bounds: node.bounds, root });
+            }
+            grafts.push(Graft { node: region.node, cost: region.cost });
+            roots.push((node.first, root));
+        }
+        plan.collapse.graft(&plan.binary, PRICES, &grafts);
+        let part = self.write_plan(set, &plan, &roots)?;
+        let written = grafts.iter().map(|g| f64::from(plan.binary[g.node as usize].count)).sum::<f64>();
+        step(0.25 * (1.0 - written / all))?;
+        Ok(part)
     }
 
     /// Builds a tree for each of equal parts of the shutter.
@@ -87,7 +121,7 @@ impl WideTree {
         for i in 0..copies {
             let plan = plan_tree(set, ids, part_of_shutter(i, copies), 0, params);
             let before = self.arena.len();
-            parts.push(self.write_plan(set, &plan)?);
+            parts.push(self.write_plan(set, &plan, &[])?);
             if i == 0 {
                 // The others will be about as large; growing step by step would hold most of it twice.
                 self.arena.reserve((self.arena.len() - before) * (copies - 1) / 50 * 51);
@@ -109,7 +143,7 @@ impl WideTree {
         let mut parts = Vec::with_capacity(segments);
         for segment in 0..segments {
             let plan = plan_tree(set, ids, part_of_shutter(segment, segments), segment, params);
-            parts.push(self.write_plan(set, &plan)?);
+            parts.push(self.write_plan(set, &plan, &[])?);
             step(1.0 / segments as f64)?;
         }
         self.over_time(parts)
@@ -128,14 +162,23 @@ impl WideTree {
         Ok(Part { bounds, root })
     }
 
-    fn write_plan<S: WideSource>(&mut self, set: &S, plan: &Plan) -> Result<Part, BuildError> {
-        let bounds = plan.binary[0].bounds;
-        if let Some(segments) = &plan.segments {
-            return Ok(Part { bounds, root: self.write_segments(set, plan, segments)? });
-        }
-        let leaf = |arena: &mut Arena, node: &BinaryNode| leaf(arena, set, &plan.references, node, plan.segment);
+    /// Writes what is planned; `grafts` are subtrees that are written already, with their first references, in order.
+    fn write_plan<S: WideSource>(
+        &mut self,
+        set: &S,
+        plan: &Plan,
+        grafts: &[(u32, ChildRef)],
+    ) -> Result<Part, BuildError> {
+        let leaf = |arena: &mut Arena, node: &BinaryNode| {
+            if node.count as usize > PRICES.most {
+                // Too large for a block: only grafts are.
+                let at = grafts.binary_search_by_key(&node.first, |g| g.0);
+                return Ok(at.map_or(ChildRef::NOTHING, |i| grafts[i].1));
+            }
+            leaf(arena, set, &plan.references, node, plan.segment)
+        };
         let nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaf, writes: true };
-        Ok(Part { bounds, root: nodes.write(&mut self.arena)? })
+        Ok(Part { bounds: plan.binary[0].bounds, root: nodes.write(&mut self.arena)? })
     }
 
     /// Writes the leaf blocks once and the nodes above them for each segment.

@@ -198,7 +198,11 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
     fn children(&self, of: u32) -> Vec<WideChild> {
         let mut children = Vec::with_capacity(LANES);
         self.collapse.children(self.binary, of, &mut children);
-        children.sort_by_cached_key(|c| (c.leaf, mean_half_area(&self.binary[c.node as usize].bounds).to_bits()));
+        children.sort_by_cached_key(|c| {
+            let node = &self.binary[c.node as usize];
+            // What is too large for a block is a tree that was written before.
+            (c.leaf && node.count as usize <= LANES, mean_half_area(&node.bounds).to_bits())
+        });
         children
     }
 
@@ -264,7 +268,8 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         for &node in &done.nodes {
             for word in children_mut(arena, moved(node)?) {
                 let child = ChildRef(*word);
-                let stays = child.kind().is_leaf() && !self.writes;
+                // Time nodes are not written here: they lie in the final arena already.
+                let stays = child.kind() == Kind::Time || child.kind().is_leaf() && !self.writes;
                 if child != ChildRef::NOTHING && !stays {
                     *word = moved(child)?.0;
                 }

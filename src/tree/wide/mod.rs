@@ -8,6 +8,7 @@
 //! step; where triangles share vertices it holds each vertex once. A time node picks one child by the ray's time; its children may share leaf blocks.
 
 mod build;
+mod divide;
 mod emit;
 mod layout;
 mod leaf;

@@ -60,7 +60,7 @@ impl Segment {
 
 /// Bounds of a plan's reference in a part of its time: what the primitive's own bounds in that part and, where it
 /// is cut to a cell, the reference's both hold.
-fn part_bounds<S: WideSource>(set: &S, r: &Reference, plan: &Plan, over: TimeInterval) -> LinearBox3 {
+pub(super) fn part_bounds<S: WideSource>(set: &S, r: &Reference, plan: &Plan, over: TimeInterval) -> LinearBox3 {
     let (own, bounds) = (set.bounds(r.id(), over), r.bounds());
     if !plan.cut {
         return own;

@@ -1,0 +1,125 @@
+//! Trees and their times: two trees answer the same rays by turns.
+
+use crate::clock;
+use crate::rays::{Kind, Rays};
+use mbkd::{BuildError, BuildParams, Counters, Hit, RayTree, TriangleMesh};
+use std::fmt;
+use std::hint::black_box;
+
+/// The columns of all tables: each kind of ray, asked one by one and as a batch.
+pub const COLUMNS: &str = "camera | bounce | occlusion | camera, batch | bounce, batch | occlusion, batch";
+const KINDS: [Kind; 3] = [Kind::Primary, Kind::Bounce, Kind::Ao];
+
+/// A tree and how long its build took.
+pub struct Built {
+    pub tree: RayTree,
+    pub seconds: f64,
+}
+
+impl Built {
+    pub fn new(meshes: &[TriangleMesh], params: &BuildParams) -> Result<Built, BuildError> {
+        let start = clock::seconds();
+        let tree = RayTree::build(meshes, params)?;
+        Ok(Built { tree, seconds: clock::seconds() - start })
+    }
+
+    pub fn megabytes(&self) -> f64 {
+        self.tree.statistics().bytes as f64 / f64::from(1 << 20)
+    }
+
+    /// Steps and tests of all rays, asked one by one.
+    pub fn work(&self, rays: &Rays) -> [Counters; 3] {
+        KINDS.map(|kind| {
+            let mut counters = Counters::default();
+            for ray in rays.of(kind) {
+                match kind {
+                    Kind::Ao => _ = self.tree.any_hit_observed(ray, &mut counters),
+                    _ => _ = self.tree.closest_hit_observed(ray, &mut counters),
+                }
+            }
+            counters
+        })
+    }
+
+    /// Seconds for all rays of a kind.
+    fn seconds(&self, rays: &Rays, kind: Kind, batch: bool, answers: &mut Answers) -> f64 {
+        let rays = rays.of(kind);
+        let start = clock::seconds();
+        match (batch, kind) {
+            (true, Kind::Ao) => self.tree.any_hits(rays, &mut answers.any),
+            (true, _) => self.tree.closest_hits(rays, &mut answers.closest),
+            (false, Kind::Ao) => {
+                answers.any.clear();
+                answers.any.extend(rays.iter().map(|ray| self.tree.any_hit(ray)));
+            }
+            (false, _) => {
+                answers.closest.clear();
+                answers.closest.extend(rays.iter().map(|ray| self.tree.closest_hit(ray)));
+            }
+        }
+        let seconds = clock::seconds() - start;
+        black_box(answers);
+        seconds
+    }
+}
+
+/// Where answers go, kept from round to round: fresh memory would be timed with them.
+#[derive(Default)]
+struct Answers {
+    closest: Vec<Option<Hit>>,
+    any: Vec<bool>,
+}
+
+/// A figure for each column.
+#[derive(Clone, Copy, Default)]
+pub struct Row(pub [f64; 6]);
+
+impl Row {
+    /// Cell by cell the larger one.
+    pub fn max(self, other: Row) -> Row {
+        Row(std::array::from_fn(|i| self.0[i].max(other.0[i])))
+    }
+
+    /// How many times as fast as `b` is `a`: medians of `runs` rounds by turns, after an untimed one.
+    pub fn speed(a: &Built, b: &Built, rays: &Rays, runs: u32) -> Row {
+        let mut answers = Answers::default();
+        Row(std::array::from_fn(|i| {
+            let mut time = |built: &Built| built.seconds(rays, KINDS[i % 3], i >= 3, &mut answers);
+            (time(a), time(b));
+            median((0..runs).map(|run| {
+                // Who comes second may find less of its tree in the caches, or more of the rays: by turns.
+                let (a, b) = if run % 2 == 0 {
+                    (time(a), time(b))
+                } else {
+                    let b = time(b);
+                    (time(a), b)
+                };
+                b / a
+            }))
+        }))
+    }
+
+    /// How many times as fast batches are as single rays.
+    pub fn batches(built: &Built, rays: &Rays, runs: u32) -> [f64; 3] {
+        let mut answers = Answers::default();
+        KINDS.map(|kind| {
+            let mut time = |batch: bool| built.seconds(rays, kind, batch, &mut answers);
+            (time(false), time(true));
+            median((0..runs).map(|_| time(false) / time(true)))
+        })
+    }
+}
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let cells = self.0.map(|x| format!("{x:.2}"));
+        f.write_str(&cells.join(" | "))
+    }
+}
+
+/// The middle value.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
