@@ -23,8 +23,9 @@ impl Built {
         Ok(Built { tree, seconds: clock::seconds() - start })
     }
 
-    pub fn megabytes(&self) -> f64 {
-        self.tree.statistics().bytes as f64 / f64::from(1 << 20)
+    /// Bytes of the tree for each of so many triangles.
+    pub fn bytes_per(&self, triangles: usize) -> f64 {
+        self.tree.statistics().bytes as f64 / triangles as f64
     }
 
     /// Steps and tests of all rays, asked one by one.
@@ -85,7 +86,8 @@ impl Row {
         let mut answers = Answers::default();
         Row(std::array::from_fn(|i| {
             let mut time = |built: &Built| built.seconds(rays, KINDS[i % 3], i >= 3, &mut answers);
-            (time(a), time(b));
+            time(a);
+            time(b);
             median((0..runs).map(|run| {
                 // Who comes second may find less of its tree in the caches, or more of the rays: by turns.
                 let (a, b) = if run % 2 == 0 {
@@ -100,19 +102,22 @@ impl Row {
     }
 
     /// How many times as fast batches are as single rays.
-    pub fn batches(built: &Built, rays: &Rays, runs: u32) -> [f64; 3] {
+    pub fn batches(built: &Built, rays: &Rays, runs: u32) -> Row {
         let mut answers = Answers::default();
-        KINDS.map(|kind| {
+        let mut row = Row([f64::NAN; 6]);
+        for (i, kind) in KINDS.into_iter().enumerate() {
             let mut time = |batch: bool| built.seconds(rays, kind, batch, &mut answers);
-            (time(false), time(true));
-            median((0..runs).map(|_| time(false) / time(true)))
-        })
+            time(false);
+            time(true);
+            row.0[3 + i] = median((0..runs).map(|_| time(false) / time(true)));
+        }
+        row
     }
 }
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let cells = self.0.map(|x| format!("{x:.2}"));
+        let cells = self.0.map(|x| if x.is_nan() { "-".into() } else { format!("{x:.2}") });
         f.write_str(&cells.join(" | "))
     }
 }

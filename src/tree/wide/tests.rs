@@ -2,7 +2,7 @@
 //! [`RayTree`](crate::RayTree) in `tests/`.)
 
 use crate::simd::SimdLevel;
-use crate::{BuildParams, Policy, Ray, RayTree, TriangleMesh};
+use crate::{BuildParams, Counters, Division, Policy, Ray, RayTree, TriangleMesh, scene};
 use glam::Vec3;
 
 fn random(state: &mut u64) -> f32 {
@@ -57,17 +57,24 @@ fn closest_hits_equal_brute_force_on_every_level() {
 #[cfg(feature = "rayon")]
 #[test]
 fn the_tree_is_the_same_for_any_number_of_threads() {
-    use super::WideTree;
-    use crate::build::Progress;
-    use crate::motion::Triangles;
-
     let mut state = 7;
     let meshes = [
         soup(12_000, 1, 0.05, 0.0, &mut state),
         soup(24_000, 2, 0.3, 0.02, &mut state),
         soup(2_000, 3, 0.1, 0.2, &mut state),
     ];
-    let set = Triangles::new(&meshes).unwrap();
+    same_for_any_number_of_threads(&meshes);
+    // Some subtrees divided, others not.
+    same_for_any_number_of_threads(&scene::mixed(40_000).meshes);
+}
+
+#[cfg(feature = "rayon")]
+fn same_for_any_number_of_threads(meshes: &[TriangleMesh]) {
+    use super::WideTree;
+    use crate::build::Progress;
+    use crate::motion::Triangles;
+
+    let set = Triangles::new(meshes).unwrap();
     let params = BuildParams::default();
     let words = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -85,7 +92,7 @@ fn the_tree_is_the_same_for_any_number_of_threads() {
 fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
     let mut state = 11;
     // Long needles: cut. Loose triangles in fast random motion: copies.
-    let needles = crate::scene::needles(30_000, 0.05).meshes;
+    let needles = scene::needles(30_000, 0.05).meshes;
     let loose = vec![soup(6000, 2, 0.01, 0.6, &mut state)];
     for (meshes, least) in [(needles, 1.3), (loose, 1.9)] {
         let tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
@@ -96,6 +103,98 @@ fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
             let ray = Ray::new(origin, target - origin).at_time(random(&mut state) * 0.5 + 0.5);
             assert_eq!(tree.closest_hit(&ray), tree.brute_force().closest_hit(&ray), "{ray:?}");
             assert_eq!(tree.any_hit(&ray), tree.brute_force().any_hit(&ray), "{ray:?}");
+        }
+    }
+}
+
+/// Steps and tests, weighed by their prices, of rays through a scene.
+fn work(scene: &scene::Scene, params: &BuildParams) -> f64 {
+    let tree = RayTree::build(&scene.meshes, params).unwrap().with_simd(SimdLevel::PORTABLE);
+    let (mut state, mut counters) = (5, Counters::default());
+    for _ in 0..3000 {
+        let mut unit = || random(&mut state) * 0.5 + 0.5;
+        let ray = scene.camera.ray(unit(), unit(), 1.0, unit());
+        if let Some(hit) = tree.closest_hit_observed(&ray, &mut counters) {
+            // On from there in any direction.
+            let from = ray.point(hit.t).as_vec3();
+            tree.closest_hit_observed(&Ray::new(from, point(&mut state)).at_time(ray.time), &mut counters);
+        }
+    }
+    2.0 * counters.nodes as f64 + counters.leaves as f64 + 0.07 * counters.primitive_tests as f64
+}
+
+#[test]
+fn a_choice_for_each_part_takes_less_work_than_one_for_all_of_no_more_memory() {
+    let scene = scene::mixed(60_000);
+    let of = |division| BuildParams { division, ..BuildParams::default() };
+    let bytes = |params: &BuildParams| RayTree::build(&scene.meshes, params).unwrap().statistics().bytes;
+    let (own, size) = (work(&scene, &of(Division::Automatic)), bytes(&of(Division::Automatic)));
+    let mut compared = 0;
+    for division in [
+        Division::Whole,
+        Division::Segments(2),
+        Division::Segments(4),
+        Division::Copies(2),
+        Division::Copies(3),
+        Division::Copies(4),
+    ] {
+        if bytes(&of(division)) <= size {
+            compared += 1;
+            let other = work(&scene, &of(division));
+            assert!(own < 0.95 * other, "{division:?}: {own} against {other}");
+        }
+    }
+    assert!(compared >= 4, "{size} bytes");
+}
+
+#[test]
+fn the_budget_is_kept_and_more_of_it_never_makes_less() {
+    let mut state = 3;
+    let scenes = [
+        scene::mixed(60_000).meshes,
+        scene::tornado(20_000).meshes,
+        scene::needles(20_000, 0.3).meshes,
+        vec![soup(6000, 2, 0.01, 0.6, &mut state)],
+    ];
+    for (i, meshes) in scenes.iter().enumerate() {
+        let mut last = 0.0;
+        for budget in [128.0, 256.0, 400.0, 700.0, 1024.0, 2000.0, 4000.0] {
+            let params = BuildParams { bytes_per_primitive: budget, ..BuildParams::default() };
+            let statistics = RayTree::build(meshes, &params).unwrap().statistics();
+            let bytes = statistics.bytes as f32 / statistics.primitives as f32;
+            println!("scene {i}, {budget}: {bytes}");
+            assert!(bytes <= budget && bytes >= last, "scene {i}, {budget}: {bytes} after {last}");
+            last = bytes;
+        }
+    }
+}
+
+#[test]
+fn divisions_by_hand_answer_like_brute_force() {
+    let mut state = 23;
+    let meshes =
+        [soup(600, 1, 0.1, 0.0, &mut state), soup(600, 2, 0.1, 0.3, &mut state), soup(300, 3, 0.1, 0.2, &mut state)];
+    for division in [
+        Division::Whole,
+        Division::Segments(2),
+        Division::Segments(3),
+        Division::Segments(16),
+        Division::Copies(2),
+        Division::Copies(5),
+        Division::Copies(16),
+    ] {
+        let tree = RayTree::build(&meshes, &BuildParams { division, ..BuildParams::default() }).unwrap();
+        tree.validate().unwrap();
+        let references = tree.statistics().references;
+        match division {
+            // The mesh of three keys has a tree for each of its two pieces.
+            Division::Copies(n) => assert_eq!(references, 1200 * n + 600),
+            _ => assert_eq!(references, 1800),
+        }
+        for _ in 0..300 {
+            let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
+            let ray = Ray::new(origin, dir).at_time(random(&mut state) * 0.5 + 0.5);
+            assert_eq!(tree.closest_hit(&ray), tree.brute_force().closest_hit(&ray), "{division:?} {ray:?}");
         }
     }
 }
