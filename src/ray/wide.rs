@@ -20,7 +20,7 @@ use super::filter::Filter;
 use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;
-use super::triangle::hit_slack;
+use super::triangle::hit_slack_near;
 use crate::motion::KeyTime;
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
@@ -31,10 +31,6 @@ const STACK: usize = 192;
 
 /// Memory for the stack of one ray.
 pub(super) type StackOf = StackMemory<u64, STACK>;
-
-/// Smaller components of a direction are taken as this: over any distance within reach the ray then
-/// strays by less than a thousandth of the slack.
-const LEAST_COMPONENT: f32 = 1e-12;
 
 /// A ray as the slab test wants it, per axis.
 struct Slabs {
@@ -49,16 +45,15 @@ struct Slabs {
 impl Slabs {
     #[inline(always)]
     fn new(ray: &TreeRay) -> Slabs {
-        let slack = hit_slack(ray.origin);
-        let d = Vec3A::from(ray.dir);
-        let least = Vec3A::splat(LEAST_COMPONENT);
-        let inverse = Vec3A::ONE / Vec3A::select(d.abs().cmplt(least), least.copysign(d), d);
+        let slack = hit_slack_near(ray.origin);
+        let inverse = ray.inverse;
         let at_origin = -Vec3A::from(ray.origin) * inverse;
         let pad = inverse.abs() * slack;
-        let backward = inverse.to_array().map(|r| 3 * (r.to_bits() >> 31) as usize);
+        let backward = |d: f32| 3 * (d.to_bits() >> 31) as usize;
+        let (x, y, z) = (backward(ray.dir.x), backward(ray.dir.y), backward(ray.dir.z));
         Slabs {
-            near_row: core::array::from_fn(|axis| axis + backward[axis]),
-            far_row: core::array::from_fn(|axis| axis + 3 - backward[axis]),
+            near_row: [x, 1 + y, 2 + z],
+            far_row: [3 - x, 4 - y, 5 - z],
             inverse,
             near_offset: at_origin - pad,
             far_offset: at_origin + pad,
