@@ -26,7 +26,7 @@ use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at}
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
 use glam::Vec3A;
 
-/// Places on the stack. A level of the tree leaves at most 15 behind, usually one or two.
+/// Places on the stack that are there without asking the heap: enough for a tree of eleven levels.
 const STACK: usize = 192;
 
 /// Memory for the stack of one ray.
@@ -82,7 +82,7 @@ impl<S: Simd> Walk for Wide<'_, S> {
         }
         let scene = Scene { arena: &self.tree.arena, set, filter };
         let mut memory = StackOf::new();
-        let mut journey = Journey::new(self.tree.root, ray, memory.stack());
+        let mut journey = Journey::new(self.tree.root, ray, memory.stack(self.tree.waiting()));
         while scene.advance(self.simd, ray, &mut journey, collect, observer) {}
     }
 }
@@ -95,12 +95,12 @@ pub(super) struct Journey<'a> {
     /// The block to visit next.
     pub at: ChildRef,
     /// Blocks to visit later: distances in the high halves, references in the low.
-    stack: Stack<'a, u64, STACK>,
+    stack: Stack<'a, u64>,
 }
 
 impl<'a> Journey<'a> {
     #[inline(always)]
-    pub fn new(root: ChildRef, ray: &TreeRay, stack: Stack<'a, u64, STACK>) -> Journey<'a> {
+    pub fn new(root: ChildRef, ray: &TreeRay, stack: Stack<'a, u64>) -> Journey<'a> {
         Journey { slabs: Slabs::new(ray), linear: Between::new(KeyTime::new(ray.time, 2)), at: root, stack }
     }
 
@@ -196,7 +196,7 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         ray: &TreeRay,
         slabs: &Slabs,
         collect: &C,
-        stack: &mut Stack<'_, u64, STACK>,
+        stack: &mut Stack<'_, u64>,
     ) -> Option<ChildRef> {
         let rows = self.arena.rows(node.at());
         let time = s.splat(ray.time);
@@ -255,7 +255,7 @@ fn push_hits<S: Simd>(
     mask: Mask,
     distances: S::F,
     children: &[u32; LANES],
-    stack: &mut Stack<'_, u64, STACK>,
+    stack: &mut Stack<'_, u64>,
 ) -> ChildRef {
     let n = mask.count_ones() as usize;
     let packed = s.compress(distances, mask);
