@@ -295,6 +295,7 @@ fn push_hits<S: Simd>(
 mod tests {
     use super::*;
     use crate::motion::Frame;
+    use crate::ray::query_ray::LEAST_COMPONENT;
     use crate::ray::Ray;
     use glam::{DVec3, Vec3};
 
