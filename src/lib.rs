@@ -61,7 +61,7 @@ pub use neighbor::{
 };
 pub use ray::{Counters, Hit, Intersection, Observer, Ray};
 pub use simd::SimdLevel;
-pub use tree::{Geometry, RayTree, Statistics, ValidationError};
+pub use tree::{Geometry, RayTree, Statistics, TreeBox, ValidationError};
 
 /// The README's example, compiled as a test.
 #[cfg(doctest)]

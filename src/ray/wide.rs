@@ -295,8 +295,8 @@ fn push_hits<S: Simd>(
 mod tests {
     use super::*;
     use crate::motion::Frame;
-    use crate::ray::query_ray::LEAST_COMPONENT;
     use crate::ray::Ray;
+    use crate::ray::query_ray::LEAST_COMPONENT;
     use glam::{DVec3, Vec3};
 
     #[test]

@@ -11,3 +11,4 @@ pub use ray_tree::{Geometry, RayTree};
 pub(crate) use statistics::BuildTimes;
 pub use statistics::Statistics;
 pub use validate::ValidationError;
+pub use wide::TreeBox;

@@ -1,7 +1,7 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
 use super::wide::{WideSource, WideTree};
-use super::{KdTree, Statistics, ValidationError};
+use super::{KdTree, Statistics, TreeBox, ValidationError};
 use crate::baseline::BruteForce;
 use crate::build::{BuildParams, Callback, Policy, Progress, build_kd};
 use crate::error::BuildError;
@@ -258,6 +258,27 @@ impl<G: Geometry> RayTree<G> {
         match &self.layout {
             Layout::Kd(tree) => tree.validate(&self.geometry),
             Layout::Wide(tree) => tree.validate(&self.geometry),
+        }
+    }
+
+    /// Calls `visitor` with the boxes of all nodes and leaf blocks as they are at a time of the shutter, parents before
+    /// children: to draw a tree, or to see why it is slow. They are as wide as queries take them, up to a few roundings.
+    /// Nothing for the k-d policies, whose nodes have no boxes, and for a time outside [0, 1]. Takes time in
+    /// proportion to the tree's size.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, RayTree, scene};
+    /// let tree = RayTree::build(&scene::tornado(1000).meshes, &BuildParams::default())?;
+    /// let mut leaves = 0;
+    /// tree.boxes(0.5, |b| leaves += usize::from(b.leaf));
+    /// assert!(leaves > 1000 / 16);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn boxes(&self, time: f32, mut visitor: impl FnMut(TreeBox)) {
+        if let Layout::Wide(tree) = &self.layout
+            && (0.0..=1.0).contains(&time)
+        {
+            tree.boxes(time, self.geometry.frame(), &mut visitor);
         }
     }
 

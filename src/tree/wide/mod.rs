@@ -7,6 +7,7 @@
 //! block holds its triangles' corners in rows too, at both ends of their motion, and is tested in one
 //! step; where triangles share vertices it holds each vertex once. A time node picks one child by the ray's time; its children may share leaf blocks.
 
+mod boxes;
 mod build;
 mod divide;
 mod emit;
@@ -17,6 +18,7 @@ mod segments;
 mod statistics;
 mod validate;
 
+pub use boxes::TreeBox;
 pub(crate) use build::WideTree;
 pub(crate) use layout::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};
 pub(crate) use leaf::WideSource;
