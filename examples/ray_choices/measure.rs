@@ -72,7 +72,7 @@ struct Answers {
 }
 
 /// A figure for each column.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub struct Row(pub [f64; 6]);
 
 impl Row {

@@ -61,7 +61,7 @@ const NODES: f32 = 0.27;
 
 /// A division is decided on so many subtrees, that together are a sixteenth of all references of a region, each of so
 /// many. Smaller ones would say too little for copies: what meets in them at mid-shutter parts company.
-const SAMPLES: core::ops::RangeInclusive<usize> = 4..=16;
+const SAMPLES: core::ops::RangeInclusive<usize> = 4..=6;
 const SAMPLE: core::ops::RangeInclusive<usize> = 2048..=4096;
 
 /// Copies never make the tree larger than this, three quarters of what its references can number.
@@ -249,9 +249,9 @@ fn decide<S: WideSource>(set: &S, plan: &Plan, node: u32, most: Growth, params: 
         (still + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
     };
     let mut best = (WORTH, Division::Whole, 1.0);
-    // Twice as many parts as long as that pays; returns the cost of two.
+    // Twice as many parts as long as that pays; returns the cost of two. The first step may fall a little short.
     let mut climb = |kind: fn(usize) -> Division| {
-        let (mut last, mut two, mut parts) = (f32::INFINITY, 1.0, 2);
+        let (mut last, mut two, mut parts) = (1.1 * best.0, 1.0, 2);
         while parts <= MOST_PARTS && Growth::by(kind(parts)) <= most.0 {
             let cost = cost(kind(parts));
             let time = cost * Growth::by(kind(parts)).powf(WAITING);
@@ -347,5 +347,57 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
             low.extend(high);
             low
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{TimeInterval, Triangles};
+    use crate::scene;
+
+    /// A scene's regions, and for each mesh the share of its triangles that lie in them.
+    fn regions_of(scene: &scene::Scene) -> (Vec<Region>, Vec<f64>) {
+        let set = Triangles::new(&scene.meshes).unwrap();
+        let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
+        let params = BuildParams::default();
+        let plan = plan_tree(&set, &ids, TimeInterval::FULL, 0, &params);
+        let regions = regions(&set, &plan, &params);
+        for pair in regions.windows(2) {
+            let (a, b) = (&plan.binary[pair[0].node as usize], &plan.binary[pair[1].node as usize]);
+            assert!(pair[0].node < pair[1].node && a.first + a.count <= b.first);
+        }
+        let mut inside = vec![0.0; scene.meshes.len()];
+        for id in regions.iter().flat_map(|region| primitives(&plan, region.node)) {
+            let mut mesh = 0;
+            let mut at = id as usize;
+            while at >= scene.meshes[mesh].len() {
+                at -= scene.meshes[mesh].len();
+                mesh += 1;
+            }
+            inside[mesh] += 1.0 / scene.meshes[mesh].len() as f64;
+        }
+        (regions, inside)
+    }
+
+    #[test]
+    fn what_parts_company_divides_the_shutter_and_nothing_else_does() {
+        let scene = scene::mixed(60_000);
+        let (regions, inside) = regions_of(&scene);
+        assert!(!regions.is_empty() && regions.len() <= 8, "{regions:?}");
+        assert!(regions.iter().all(|r| matches!(r.division, Division::Copies(2..))), "{regions:?}");
+        let (tornado, others) = inside.split_last().unwrap();
+        // Some of it flies close to the columns and the rock, and pieces are hundreds of triangles.
+        let (columns, rock) = (others[0], others[others.len() - 1]);
+        assert!(*tornado > 0.75 && columns < 0.05 && rock < 0.2, "{inside:?}");
+    }
+
+    #[test]
+    fn a_scene_that_is_the_same_everywhere_is_one_region_or_none() {
+        for still_or_alike in [scene::hall(30_000), scene::coherent(30_000), scene::camera(20_000)] {
+            assert_eq!(regions_of(&still_or_alike).0, []);
+        }
+        let (regions, _) = regions_of(&scene::tornado(20_000));
+        assert!(matches!(regions[..], [Region { node: 0, division: Division::Copies(4..), .. }]), "{regions:?}");
     }
 }
