@@ -50,14 +50,18 @@ const UNLIKE: f32 = 0.15;
 /// waits more often. Measured on coherent, debris, needles, needles30 and tornado, 10 to 280 MB, single rays.
 const WAITING: f32 = 0.25;
 
+/// What a ray waits for is mostly nodes. So segments, which share leaf blocks, count as this part of copies there:
+/// two cost 7 to 30 % more than their steps and tests say, four 20 to 60 % (coherent, debris, tornado, hairball).
+const WAITING_SEGMENTS: f32 = 0.8;
+
 /// A division is taken where it costs less than this part of the whole: it takes memory and time to build.
 const WORTH: f32 = 0.9;
 
 /// Two segments must cost less than this part of the whole for copies to be tried.
 const INCOHERENT: f32 = 0.85;
 
-/// Nodes are about this part of a tree's bytes; leaf blocks are the rest, which segments share.
-const NODES: f32 = 0.27;
+/// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which segments share.
+const NODES: f32 = 0.45;
 
 /// A division is decided on so many subtrees, that together are a sixteenth of all references of a region, each of so
 /// many. Smaller ones would say too little for copies: what meets in them at mid-shutter parts company.
@@ -224,11 +228,11 @@ impl Growth {
         Growth(((budget - bytes(all)) / bytes(divided).max(1.0) + 1.0) as f32)
     }
 
-    /// What a division makes of a tree's bytes.
-    fn by(division: Division) -> f32 {
+    /// What a division makes of a tree's bytes, when nodes are so large a part of them.
+    fn by(division: Division, nodes: f32) -> f32 {
         match division {
             Division::Automatic | Division::Whole => 1.0,
-            Division::Segments(parts) => 1.0 + NODES * (parts - 1) as f32,
+            Division::Segments(parts) => 1.0 + nodes * (parts - 1) as f32,
             Division::Copies(parts) => parts as f32,
         }
     }
@@ -252,9 +256,9 @@ fn decide<S: WideSource>(set: &S, plan: &Plan, node: u32, most: Growth, params: 
     // Twice as many parts as long as that pays; returns the cost of two. The first step may fall a little short.
     let mut climb = |kind: fn(usize) -> Division| {
         let (mut last, mut two, mut parts) = (1.1 * best.0, 1.0, 2);
-        while parts <= MOST_PARTS && Growth::by(kind(parts)) <= most.0 {
+        while parts <= MOST_PARTS && Growth::by(kind(parts), NODES) <= most.0 {
             let cost = cost(kind(parts));
-            let time = cost * Growth::by(kind(parts)).powf(WAITING);
+            let time = cost * Growth::by(kind(parts), WAITING_SEGMENTS).powf(WAITING);
             if parts == 2 {
                 two = cost;
             }
