@@ -97,9 +97,9 @@ pub struct BuildParams {
     /// [`Policy::Wide`] only: references per primitive that cutting long triangles into parts may make, in [1, 8].
     /// They are made only where the expected cost of a ray falls enough; memory grows with them. Default 1.5.
     pub wide_references: f32,
-    /// [`Policy::Wide`] only: bytes per primitive that the tree may take, at least 128. More lets scenes in which
-    /// neighbours part company fast have separate trees for parts of the shutter. Trees of other scenes take
-    /// 60 to 150 bytes whatever this says. Default 1024.
+    /// [`Policy::Wide`] only: bytes per primitive that the tree may take, at least 128. More lets those parts of a scene
+    /// in which neighbours part company fast have more separate trees for parts of the shutter; what the rest of the
+    /// scene does not need is theirs. Without such parts, trees take 35 to 150 bytes whatever this says. Default 1024.
     pub bytes_per_primitive: f32,
     /// [`Policy::Wide`] only: how the shutter is divided. Meshes with more than two keys are divided at their keys and at
     /// nothing else. Default [`Division::Automatic`].

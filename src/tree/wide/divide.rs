@@ -8,10 +8,11 @@
 //! A greedy decision at one node cannot see what a division gains further down, and building all alternatives
 //! would take many times as long as the build itself. So it goes in two steps. First a map: the tree is taken apart into
 //! some hundred *pieces*, and in a small sample of each piece one sees how much smaller its boxes were if they were made
-//! for each half of the shutter. Where they are hardly smaller the matter is settled. The rest makes a few
-//! *regions*, subtrees whose pieces are alike; for each of them alternatives are built of samples and their
-//! expected costs compared, finer divisions only while the last step paid. Neighbours that come to the same decision
-//! become one region again, so a scene that is the same everywhere gets one tree with one division.
+//! for each half of the shutter. Where they are hardly smaller the matter is settled. *Regions* are the subtrees that gain
+//! most together when they are divided, each enough for itself and of pieces that are alike; for each of them
+//! alternatives are built of samples and their expected costs compared, weighed with the memory that they take, finer
+//! divisions only while the last step paid. Neighbours that come to the same decision become one region again, so
+//! a scene that is the same everywhere gets one tree with one division.
 
 use super::leaf::WideSource;
 use super::plan::{BYTES_PER_REFERENCE, Plan, part_of_shutter, plan_tree};
@@ -45,10 +46,6 @@ const LEAST_GAIN: f32 = 0.002;
 
 /// Halves of a region whose looseness differs by more than this are regions of their own.
 const UNLIKE: f32 = 0.15;
-
-/// A ray in a tree of twice the bytes takes longer by this power of two, at the same number of steps and tests: it
-/// waits more often. Measured on coherent, debris, needles, needles30 and tornado, 10 to 280 MB, single rays.
-const WAITING: f32 = 0.25;
 
 /// What a ray waits for is mostly nodes. So segments, which share leaf blocks, count as this part of copies there:
 /// two cost 7 to 30 % more than their steps and tests say, four 20 to 60 % (coherent, debris, tornado, hairball).
@@ -238,6 +235,12 @@ impl Growth {
     }
 }
 
+/// How much longer a ray takes in a tree so many times as large, at the same number of steps and tests: it waits more
+/// often. The fourth root is what single rays took on coherent, debris, needles, needles30 and tornado, 10 to 280 MB.
+fn waiting(growth: f32) -> f32 {
+    growth.sqrt().sqrt()
+}
+
 /// Decides on a region by what its divisions would cost in samples of it.
 fn decide<S: WideSource>(set: &S, plan: &Plan, node: u32, most: Growth, params: &BuildParams) -> Option<Region> {
     let (moving, still): (Vec<u32>, Vec<u32>) =
@@ -258,7 +261,7 @@ fn decide<S: WideSource>(set: &S, plan: &Plan, node: u32, most: Growth, params: 
         let (mut last, mut two, mut parts) = (1.1 * best.0, 1.0, 2);
         while parts <= MOST_PARTS && Growth::by(kind(parts), NODES) <= most.0 {
             let cost = cost(kind(parts));
-            let time = cost * Growth::by(kind(parts), WAITING_SEGMENTS).powf(WAITING);
+            let time = cost * waiting(Growth::by(kind(parts), WAITING_SEGMENTS));
             if parts == 2 {
                 two = cost;
             }

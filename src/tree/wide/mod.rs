@@ -5,7 +5,11 @@
 //! and how fast each moves) and a row of references to its children; one SIMD step tests a ray against all
 //! sixteen boxes at the ray's own time. Where nothing moves the six velocity rows are left out. A leaf
 //! block holds its triangles' corners in rows too, at both ends of their motion, and is tested in one
-//! step; where triangles share vertices it holds each vertex once. A time node picks one child by the ray's time; its children may share leaf blocks.
+//! step; where triangles share vertices it holds each vertex once. A time node picks one child by the ray's time, and
+//! may stand anywhere in the tree; its children may share leaf blocks.
+//!
+//! The files in the order in which data flows: a tree is planned (`plan`), it is decided what divides the shutter
+//! (`divide`, `segments`), and blocks are written (`build`, `emit`, `leaf`) as `layout` says.
 
 mod boxes;
 mod build;
