@@ -52,7 +52,7 @@ const UNLIKE: f32 = 0.15;
 const WAITING_SEGMENTS: f32 = 0.8;
 
 /// A division is taken where it costs less than this part of the whole: it takes memory and time to build.
-const WORTH: f32 = 0.9;
+const WORTH: f32 = 0.87;
 
 /// Two segments must cost less than this part of the whole for copies to be tried.
 const INCOHERENT: f32 = 0.85;
@@ -243,10 +243,10 @@ fn waiting(growth: f32) -> f32 {
 
 /// Decides on a region by what its divisions would cost in samples of it.
 fn decide<S: WideSource>(set: &S, plan: &Plan, node: u32, most: Growth, params: &BuildParams) -> Option<Region> {
-    let (moving, still): (Vec<u32>, Vec<u32>) =
-        samples(plan, node).into_iter().partition(|&x| plan.binary[x as usize].moving);
+    let samples = samples(plan, node);
+    let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| plan.binary[x as usize].moving);
     let cost_of = |of: &[u32]| of.iter().map(|&x| plan.collapse.cost(x)).sum::<f32>();
-    let (whole, still) = (cost_of(&moving) + cost_of(&still), cost_of(&still));
+    let (whole, still) = (cost_of(&samples), cost_of(&unmoved));
     let cost = |division: Division| {
         let each = |i: usize| match division {
             Division::Segments(parts) => Segments::build(set, plan, moving[i], parts).cost(),
