@@ -26,7 +26,7 @@ use crate::simd::huge_vec;
 pub(super) const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
 
 /// References at which the binary tree stops; the collapse joins its leaves again.
-const BINARY_LEAF: usize = 4;
+const BINARY_LEAF: usize = 6;
 
 /// A finer division of the shutter into segments is taken where it costs less than this part of the coarser.
 const WORTH_SEGMENTS: f32 = 0.9;
