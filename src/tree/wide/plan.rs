@@ -42,7 +42,7 @@ const WORTH_LARGE_COPIES: f32 = 0.7;
 const CACHES: f64 = 32.0 * (1u64 << 20) as f64;
 
 /// Cuts are taken where they cost less than this part: they also take memory.
-const WORTH_CUTS: f32 = 0.9;
+const WORTH_CUTS: f32 = 0.95;
 
 /// Cuts are tried where the boxes have more than this many times the area of the triangles in them.
 const HOLLOW: f64 = 8.0;
