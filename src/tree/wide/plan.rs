@@ -15,7 +15,7 @@
 use super::build::Step;
 use super::leaf::WideSource;
 use super::segments::Segments;
-use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, isolate};
+use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, neighbourhoods};
 use crate::build::{BuildParams, parallel};
 use crate::error::BuildError;
 use crate::motion::TimeInterval;
@@ -234,9 +234,9 @@ pub(super) fn plan_tree<S: WideSource>(
     let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE as f32);
     let worth = budget > 1.0
         && hollowness(set, &references, over) >= HOLLOW
-        && cuts_pay(set, &mut references, over, segment, budget);
+        && cuts_pay(set, &references, over, segment, budget);
     if worth {
-        references = cut(&references, |id| set.ends(id, over), budget);
+        cut(&mut references, |id| set.ends(id, over), budget);
     }
     plan_with(references, over, segment, worth)
 }
@@ -247,22 +247,17 @@ fn references<S: WideSource>(set: &S, ids: &[u32], over: TimeInterval) -> Vec<Re
     references
 }
 
-/// Whether cuts pay in a few samples of neighbouring references, which are reordered for it.
-fn cuts_pay<S: WideSource>(
-    set: &S,
-    references: &mut [Reference],
-    over: TimeInterval,
-    segment: usize,
-    budget: f32,
-) -> bool {
+/// Whether cuts pay in a few samples of neighbouring references.
+fn cuts_pay<S: WideSource>(set: &S, references: &[Reference], over: TimeInterval, segment: usize, budget: f32) -> bool {
     let n = references.len();
     let most = (n / (16 * CUT_SAMPLES)).clamp(*CUT_SAMPLE.start(), *CUT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
-    for i in 0..CUT_SAMPLES {
-        let sample = isolate(references, (2 * i + 1) * n / (2 * CUT_SAMPLES), most);
+    for sample in neighbourhoods(references, CUT_SAMPLES, most) {
         let cost = |references: Vec<Reference>| plan_with(references, over, segment, true).collapse.total();
-        with += cost(cut(sample, |id| set.ends(id, over), budget));
-        without += cost(sample.to_vec());
+        let mut parts = sample.clone();
+        cut(&mut parts, |id| set.ends(id, over), budget);
+        with += cost(parts);
+        without += cost(sample);
     }
     with < without * WORTH_CUTS
 }
