@@ -1,5 +1,7 @@
 //! Doing the same for many things, on several threads where there are some.
 
+use core::ops::Range;
+
 /// `f(0)`, `f(1)`, … `f(n - 1)` in order; which thread does what changes nothing.
 pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     #[cfg(feature = "rayon")]
@@ -12,17 +14,21 @@ pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     (0..n).map(&f).collect()
 }
 
-/// Items per task of [`fill`].
-#[cfg(feature = "rayon")]
+/// Items per task of [`fill`] and [`chunks`].
 const CHUNK: usize = 4096;
 
-/// Appends `f(0)`, … `f(n - 1)`, which are cheap, to an empty vector.
+/// `f` of successive ranges that together are `0..n`, in order. The ranges depend on nothing but `n`.
+pub(crate) fn chunks<T: Send>(n: usize, f: impl Fn(Range<usize>) -> T + Sync) -> Vec<T> {
+    map(n.div_ceil(CHUNK), |i| f(i * CHUNK..n.min((i + 1) * CHUNK)))
+}
+
+/// Appends `f(0)`, … `f(n - 1)`, which are cheap.
 pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T + Sync) {
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
         if n > CHUNK && rayon::current_num_threads() > 1 {
-            (0..n).into_par_iter().with_min_len(CHUNK).map(&f).collect_into_vec(items);
+            items.par_extend((0..n).into_par_iter().with_min_len(CHUNK).map(&f));
             return;
         }
     }

@@ -191,6 +191,7 @@ fn leaf<S: WideSource>(
     node: &BinaryNode,
     segment: usize,
 ) -> Result<ChildRef, BuildError> {
+    expect(set, references, node);
     let of = &references[node.first as usize..][..node.count as usize];
     let mut ids = [0; LANES];
     for (id, r) in ids.iter_mut().zip(of) {
@@ -201,6 +202,18 @@ fn leaf<S: WideSource>(
     ids.sort_unstable();
     let ids = distinct(ids);
     set.write_leaf(arena, ids, segment).ok_or(BuildError::TooLargeTree)
+}
+
+/// Asks for the primitives behind those of a node, which are read next or soon: of large scenes they come from memory.
+pub(super) fn expect<S: WideSource>(set: &S, references: &[Reference], node: &BinaryNode) {
+    let behind = (node.first + node.count) as usize;
+    let count = node.count as usize;
+    for r in references.iter().skip(behind + LANES).take(count) {
+        set.expect(r.id());
+    }
+    for r in references.iter().skip(behind).take(count) {
+        set.expect_vertices(r.id());
+    }
 }
 
 /// The sorted ids without repetitions: parts of one primitive may meet in a leaf block again.
