@@ -106,7 +106,7 @@ impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
-            let journey = Journey::new(tree.root, &ray, memory.stack());
+            let journey = Journey::new(tree.root, &ray, memory.stack(tree.waiting()));
             let collect = A::collect(ray.t_max);
             group.push(Turn { index, ray, journey, collect });
         }

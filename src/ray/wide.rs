@@ -20,21 +20,17 @@ use super::filter::Filter;
 use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;
-use super::triangle::hit_slack;
+use super::triangle::hit_slack_near;
 use crate::motion::KeyTime;
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
 use glam::Vec3A;
 
-/// Places on the stack. A level of the tree leaves at most 15 behind, usually one or two.
+/// Places on the stack that are there without asking the heap: enough for a tree of eleven levels.
 const STACK: usize = 192;
 
 /// Memory for the stack of one ray.
 pub(super) type StackOf = StackMemory<u64, STACK>;
-
-/// Smaller components of a direction are taken as this: over any distance within reach the ray then
-/// strays by less than a thousandth of the slack.
-const LEAST_COMPONENT: f32 = 1e-12;
 
 /// A ray as the slab test wants it, per axis.
 struct Slabs {
@@ -49,16 +45,15 @@ struct Slabs {
 impl Slabs {
     #[inline(always)]
     fn new(ray: &TreeRay) -> Slabs {
-        let slack = hit_slack(ray.origin);
-        let d = Vec3A::from(ray.dir);
-        let least = Vec3A::splat(LEAST_COMPONENT);
-        let inverse = Vec3A::ONE / Vec3A::select(d.abs().cmplt(least), least.copysign(d), d);
+        let slack = hit_slack_near(ray.origin);
+        let inverse = ray.inverse;
         let at_origin = -Vec3A::from(ray.origin) * inverse;
         let pad = inverse.abs() * slack;
-        let backward = inverse.to_array().map(|r| 3 * (r.to_bits() >> 31) as usize);
+        let backward = |d: f32| 3 * (d.to_bits() >> 31) as usize;
+        let (x, y, z) = (backward(ray.dir.x), backward(ray.dir.y), backward(ray.dir.z));
         Slabs {
-            near_row: core::array::from_fn(|axis| axis + backward[axis]),
-            far_row: core::array::from_fn(|axis| axis + 3 - backward[axis]),
+            near_row: [x, 1 + y, 2 + z],
+            far_row: [3 - x, 4 - y, 5 - z],
             inverse,
             near_offset: at_origin - pad,
             far_offset: at_origin + pad,
@@ -87,7 +82,7 @@ impl<S: Simd> Walk for Wide<'_, S> {
         }
         let scene = Scene { arena: &self.tree.arena, set, filter };
         let mut memory = StackOf::new();
-        let mut journey = Journey::new(self.tree.root, ray, memory.stack());
+        let mut journey = Journey::new(self.tree.root, ray, memory.stack(self.tree.waiting()));
         while scene.advance(self.simd, ray, &mut journey, collect, observer) {}
     }
 }
@@ -100,12 +95,12 @@ pub(super) struct Journey<'a> {
     /// The block to visit next.
     pub at: ChildRef,
     /// Blocks to visit later: distances in the high halves, references in the low.
-    stack: Stack<'a, u64, STACK>,
+    stack: Stack<'a, u64>,
 }
 
 impl<'a> Journey<'a> {
     #[inline(always)]
-    pub fn new(root: ChildRef, ray: &TreeRay, stack: Stack<'a, u64, STACK>) -> Journey<'a> {
+    pub fn new(root: ChildRef, ray: &TreeRay, stack: Stack<'a, u64>) -> Journey<'a> {
         Journey { slabs: Slabs::new(ray), linear: Between::new(KeyTime::new(ray.time, 2)), at: root, stack }
     }
 
@@ -201,7 +196,7 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         ray: &TreeRay,
         slabs: &Slabs,
         collect: &C,
-        stack: &mut Stack<'_, u64, STACK>,
+        stack: &mut Stack<'_, u64>,
     ) -> Option<ChildRef> {
         let rows = self.arena.rows(node.at());
         let time = s.splat(ray.time);
@@ -260,7 +255,7 @@ fn push_hits<S: Simd>(
     mask: Mask,
     distances: S::F,
     children: &[u32; LANES],
-    stack: &mut Stack<'_, u64, STACK>,
+    stack: &mut Stack<'_, u64>,
 ) -> ChildRef {
     let n = mask.count_ones() as usize;
     let packed = s.compress(distances, mask);
@@ -300,6 +295,7 @@ fn push_hits<S: Simd>(
 mod tests {
     use super::*;
     use crate::motion::Frame;
+    use crate::ray::query_ray::LEAST_COMPONENT;
     use crate::ray::Ray;
     use glam::{DVec3, Vec3};
 

@@ -38,7 +38,7 @@ impl Kernel for All {
         let finite = self.a.map(|x| if x.is_nan() { 0.0 } else { x });
         let n = self.mask.count_ones() as usize;
         let mut memory = StackMemory::<u64, 32>::new();
-        let mut stack = memory.stack();
+        let mut stack = memory.stack(32);
         stack.push_lanes(s, ub, LANES);
         let popped = [(); LANES].map(|()| stack.pop().expect("sixteen were pushed"));
         let long: Vec<f32> = self.a.into_iter().cycle().take(9 * LANES).collect();

@@ -20,6 +20,8 @@ use crate::simd::{Arena, LANES};
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
+    /// Depth of the deepest leaf; the root has depth 0.
+    pub depth: u32,
 }
 
 /// A subtree that is written: where it is over the whole shutter, and its root.
@@ -32,7 +34,7 @@ impl WideTree {
     /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each plan and each
     /// written group.
     pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
-        let mut tree = WideTree { arena: Arena::default(), root: ChildRef::NOTHING };
+        let mut tree = WideTree { arena: Arena::default(), root: ChildRef::NOTHING, depth: 0 };
         let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
         for id in 0..set.len() as u32 {
             let keys = set.keys(id).max(2);
@@ -51,6 +53,7 @@ impl WideTree {
             });
         }
         tree.root = tree.join(parts)?;
+        tree.depth = tree.deepest();
         tree.arena.align();
         tree.arena.settle();
         Ok(tree)
