@@ -1,8 +1,8 @@
 //! Triangle meshes whose vertices move.
 
 use super::{Aabb, MAX_COORDINATE, TimeInterval};
-use crate::build::parallel;
 use crate::error::BuildError;
+use crate::parallel;
 use core::ops::Range;
 use glam::{DVec3, Vec3};
 

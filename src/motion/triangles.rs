@@ -2,8 +2,8 @@
 
 use super::separate::{INSTANTS, Instant, stays_clear};
 use super::{Aabb, Box3, Frame, KeyTime, LinearBox3, PrimitiveSet, TimeInterval, TriangleMesh, ULP};
-use crate::build::parallel;
 use crate::error::BuildError;
+use crate::parallel;
 use crate::ray::{SetHit, TreeRay, intersect_triangle};
 use crate::simd::{huge_vec, prefetch};
 use glam::{DVec3, Vec3};

@@ -5,10 +5,10 @@
 //! is its exact mean over the interval. Below a depth that sane input never reaches, halves by count
 //! take over, so that the depth is bounded whatever the input is.
 
-use super::bins::{FindSplit, Parted, Partition, Summary, Table};
+use super::bins::{Parted, Partition, Summary, Table, find_split};
 use super::reference::Reference;
-use crate::build::parallel;
 use crate::motion::{Box3, LinearBox3};
+use crate::parallel;
 use crate::simd::{SimdLevel, dispatch, huge_vec};
 use glam::Vec3;
 
@@ -118,7 +118,7 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
     let mut table = Table::new();
     let (_, mut centres) = dispatch(simd, Summary(references));
     while references.len() > most.max(1) {
-        let Some(split) = dispatch(simd, FindSplit { references, centres, table: &mut table }) else { break };
+        let Some(split) = find_split(simd, references, centres, &mut table) else { break };
         let Parted { middle, low, high } = dispatch(simd, Partition { references, split: &split });
         let sides = references.split_at_mut(middle);
         (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
@@ -188,7 +188,7 @@ impl Builder {
         // Two can be parted in one way only.
         if references.len() > 2
             && task.depth < SAH_DEPTH
-            && let Some(split) = dispatch(self.simd, FindSplit { references, centres: task.centres, table })
+            && let Some(split) = find_split(self.simd, references, task.centres, table)
         {
             let Parted { middle, low, high } = dispatch(self.simd, Partition { references, split: &split });
             return (side(0, split.low, low), side(middle, split.high, high), middle);

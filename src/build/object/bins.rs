@@ -5,7 +5,8 @@
 
 use super::reference::{Packed, Reference};
 use crate::motion::{Box3, LinearBox3};
-use crate::simd::{Kernel, Lanes, Simd};
+use crate::parallel;
+use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch};
 use glam::{Vec3, Vec4};
 
 /// Most bins per axis.
@@ -84,6 +85,19 @@ impl Bins {
         s.store(s.min(s.load(bounds), lanes), bounds);
         self.counts[bin] += 1;
     }
+
+    /// Adds what others counted of the references behind these. Of equal bounds (zeros of either sign) the last
+    /// stays, as in [`Bins::put`].
+    fn add(&mut self, others: &Bins) {
+        for (bin, other) in self.bounds.iter_mut().zip(&others.bounds) {
+            for (bound, other) in bin.0.iter_mut().zip(other.0) {
+                *bound = if *bound < other { *bound } else { other };
+            }
+        }
+        for (count, other) in self.counts.iter_mut().zip(&others.counts) {
+            *count += other;
+        }
+    }
 }
 
 /// The bins of one node on all axes; kept from node to node.
@@ -97,11 +111,22 @@ impl Table {
     pub fn new() -> Box<Table> {
         Box::new(Table { axes: [Bins::EMPTY; 3], terms: [Packed::EMPTY; BINS] })
     }
+}
 
-    /// Counts references in that many bins.
+/// Counts references in the bins of a table.
+struct Count<'a> {
+    references: &'a [Reference],
+    binning: Binning,
+    bins: usize,
+    axes: &'a mut [Bins; 3],
+}
+
+impl Kernel for Count<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn fill<S: Simd>(&mut self, s: S, references: &[Reference], binning: &Binning, bins: usize) {
-        let [x, y, z] = &mut self.axes;
+    fn run<S: Simd>(self, s: S) {
+        let Count { references, binning, bins, axes: [x, y, z] } = self;
         x.clear(bins);
         y.clear(bins);
         z.clear(bins);
@@ -114,6 +139,9 @@ impl Table {
     }
 }
 
+/// References from which on a node is counted by several threads.
+const PARALLEL: usize = 1 << 15;
+
 /// A partition of references by the bins of their centres.
 pub(super) struct Split {
     axis: usize,
@@ -124,23 +152,44 @@ pub(super) struct Split {
     pub high: LinearBox3,
 }
 
-/// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide.
-pub(super) struct FindSplit<'a> {
-    pub references: &'a [Reference],
-    /// The box of their centres, as [`Reference::centre`] has them.
-    pub centres: Box3,
-    pub table: &'a mut Table,
+/// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide. `centres` is the box
+/// of their centres, as [`Reference::centre`] has them.
+pub(super) fn find_split(simd: SimdLevel, references: &[Reference], centres: Box3, table: &mut Table) -> Option<Split> {
+    let bins = bins_for(references.len());
+    let binning = Binning::new(centres, bins);
+    let threads = parallel::threads();
+    if references.len() < PARALLEL || threads == 1 {
+        dispatch(simd, Count { references, binning, bins, axes: &mut table.axes });
+    } else {
+        // Minima and sums, added up in order: who counts what changes nothing.
+        let chunk = references.len().div_ceil(threads);
+        let counted = parallel::map(threads, |i| {
+            let mut axes = Box::new([Bins::EMPTY; 3]);
+            let references = references.chunks(chunk).nth(i).unwrap_or(&[]);
+            dispatch(simd, Count { references, binning, bins, axes: &mut axes });
+            axes
+        });
+        for (axis, sum) in table.axes.iter_mut().enumerate() {
+            sum.clear(bins);
+            counted.iter().for_each(|axes| sum.add(&axes[axis]));
+        }
+    }
+    dispatch(simd, Choose { binning, bins, table })
 }
 
-impl Kernel for FindSplit<'_> {
+/// Chooses the cheapest plane between counted bins.
+struct Choose<'a> {
+    binning: Binning,
+    bins: usize,
+    table: &'a mut Table,
+}
+
+impl Kernel for Choose<'_> {
     type Output = Option<Split>;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<Split> {
-        let FindSplit { references, centres, table } = self;
-        let bins = bins_for(references.len());
-        let binning = Binning::new(centres, bins);
-        table.fill(s, references, &binning, bins);
+        let Choose { binning, bins, table } = self;
         let mut best = (f32::INFINITY, 0, 0);
         for axis in 0..3 {
             if binning.scale[axis] > 0.0 {

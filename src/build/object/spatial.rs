@@ -8,8 +8,8 @@
 
 use super::binned::mean_half_area;
 use super::reference::Reference;
-use crate::build::parallel;
 use crate::motion::{LinearBox3, ULP};
+use crate::parallel;
 use glam::Vec3;
 
 /// A triangle's corners at the begin and the end of the build's interval, linear in between up to `slack`.

@@ -14,6 +14,7 @@ use crate::build::object::{BinaryNode, Reference};
 use crate::build::{BuildParams, Progress};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
+use crate::parallel;
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and where it begins.
@@ -35,15 +36,7 @@ impl WideTree {
     /// written group.
     pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let mut tree = WideTree { arena: Arena::default(), root: ChildRef::NOTHING, depth: 0 };
-        let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
-        for id in 0..set.len() as u32 {
-            let keys = set.keys(id).max(2);
-            match groups.iter_mut().find(|g| g.0 == keys) {
-                Some(group) => group.1.push(id),
-                None => groups.push((keys, vec![id])),
-            }
-        }
-        groups.sort_by_key(|g| g.0);
+        let groups = groups(set);
         let mut parts = Vec::new();
         for (keys, ids) in groups {
             let share = ids.len() as f64 / set.len() as f64;
@@ -184,6 +177,30 @@ pub(super) type Step<'a> = &'a dyn Fn(f64) -> Result<(), BuildError>;
 fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
     progress.finished(done);
     if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
+}
+
+/// The primitives by their number of keys, at least two, fewest keys first.
+fn groups<S: WideSource>(set: &S) -> Vec<(usize, Vec<u32>)> {
+    let parts = parallel::chunks(set.len(), |ids| {
+        let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
+        for id in ids {
+            let keys = set.keys(id as u32).max(2);
+            match groups.iter_mut().find(|g| g.0 == keys) {
+                Some(group) => group.1.push(id as u32),
+                None => groups.push((keys, vec![id as u32])),
+            }
+        }
+        groups
+    });
+    let mut all: Vec<(usize, Vec<u32>)> = Vec::new();
+    for (keys, ids) in parts.into_iter().flatten() {
+        match all.iter_mut().find(|g| g.0 == keys) {
+            Some(group) => group.1.extend(ids),
+            None => all.push((keys, ids)),
+        }
+    }
+    all.sort_by_key(|g| g.0);
+    all
 }
 
 /// Writes the leaf block of a binary node.

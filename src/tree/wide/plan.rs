@@ -15,10 +15,11 @@
 use super::build::Step;
 use super::leaf::WideSource;
 use super::segments::Segments;
+use crate::build::BuildParams;
 use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, neighbourhoods};
-use crate::build::{BuildParams, parallel};
 use crate::error::BuildError;
 use crate::motion::TimeInterval;
+use crate::parallel;
 use crate::simd::huge_vec;
 
 /// Prices of a query's steps, relative to each other. A primitive at .15 instead of about .07 makes smaller leaves,

@@ -4,8 +4,8 @@ use super::build::expect;
 use super::leaf::WideSource;
 use super::plan::{PRICES, Plan, part_of_shutter};
 use crate::build::object::{BinaryNode, BinaryTree, Collapse, Reference, build_binary};
-use crate::build::parallel;
 use crate::motion::{Box3, LinearBox3, TimeInterval, ULP};
+use crate::parallel;
 use crate::simd::huge_vec;
 
 /// The hierarchies and what they share.
