@@ -103,7 +103,13 @@ impl TreeRay {
             return None;
         }
         let field = longest >> 23;
-        let (dir, field, more) = if MODERATE.contains(&field) { (ray.dir, field, 0) } else { moderate(ray.dir) };
+        let (mut dir, mut field, mut more) = (ray.dir, field, 0);
+        if !MODERATE.contains(&field) {
+            seldom();
+            more = (f64::from(f32::from_bits(longest)).to_bits() >> 52) as i32 - 1023;
+            dir = (dir.as_dvec3() * power_of_two(-more)).as_vec3();
+            field = 127;
+        }
         // 2^-exponent of the longest component, and 2^exponent.
         let (shrink, grow) = (f32::from_bits((254 - field) << 23), f32::from_bits(field << 23));
         let d = Vec3A::from(dir);
@@ -137,20 +143,16 @@ impl TreeRay {
     }
 }
 
+/// Says that a branch is hardly ever taken: the compiler then neither computes both sides nor lets the unlikely one
+/// decide where values are kept.
+#[cold]
+#[inline(never)]
+pub(super) fn seldom() {}
+
 /// The bits of a number without its sign.
 #[inline(always)]
 fn magnitude(x: f32) -> u32 {
     x.to_bits() & 0x7fff_ffff
-}
-
-/// A direction with its longest component scaled into [1, 2), the exponent field of that, and the exponent of the
-/// scale that was taken out.
-#[cold]
-#[inline(never)]
-fn moderate(dir: Vec3) -> (Vec3, u32, i32) {
-    let longest = dir.abs().max_element();
-    let exponent = (f64::from(longest).to_bits() >> 52) as i32 - 1023;
-    ((dir.as_dvec3() * power_of_two(-exponent)).as_vec3(), 127, exponent)
 }
 
 /// 2^e for the exponents of f32 and of frames, all normal in f64.

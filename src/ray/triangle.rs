@@ -19,7 +19,7 @@
 //! triangle cut into parts: the hit has the same barycentrics as a true point of some part.
 
 use super::hit::SetHit;
-use super::query_ray::TreeRay;
+use super::query_ray::{TreeRay, seldom};
 use crate::motion::ULP;
 use core::hint::select_unpredictable;
 use glam::{Vec3, Vec3A};
@@ -128,21 +128,16 @@ pub(crate) fn hit_slack(origin: Vec3) -> f32 {
     16.0 * ULP * (1.0 + origin.abs().max_element())
 }
 
-/// [`hit_slack`] or somewhat more, without waiting for the greatest component of an origin that is not far away.
+/// [`hit_slack`] or somewhat more: an origin that is not far away need not be searched for its greatest component.
 #[inline(always)]
 pub(crate) fn hit_slack_near(origin: Vec3) -> f32 {
     const NEAR: f32 = 3.0;
-    if Vec3A::from(origin).abs().cmple(Vec3A::splat(NEAR)).all() {
-        return 16.0 * ULP * (1.0 + NEAR);
+    let mut slack = 16.0 * ULP * (1.0 + NEAR);
+    if !Vec3A::from(origin).abs().cmple(Vec3A::splat(NEAR)).all() {
+        seldom();
+        slack = hit_slack(origin);
     }
-    hit_slack_far(origin)
-}
-
-/// A call, so that what is near is a branch that is foretold and not a value to wait for.
-#[cold]
-#[inline(never)]
-fn hit_slack_far(origin: Vec3) -> f32 {
-    hit_slack(origin)
+    slack
 }
 
 #[cfg(test)]

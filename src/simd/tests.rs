@@ -157,6 +157,6 @@ fn the_arena_begins_on_cache_lines_and_keeps_what_is_written() {
     assert_eq!(arena.floats().as_ptr() as usize % 64, 0);
     assert_eq!(arena.floats()[4].to_bits(), arena.ints()[4]);
     assert_eq!((arena.floats()[4], arena.ints()[16]), (1.5, 7));
-    assert_eq!(arena.rows(16)[0], arena.floats()[16..32], "rows may be read beyond the last block");
+    assert_eq!(arena.block(16)[..16], arena.floats()[16..32], "lines may be read beyond the last block");
     assert!(arena.bytes() >= 128);
 }

@@ -61,11 +61,12 @@ pub(super) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
                 ),
                 None => (Face { at: NOWHERE, velocity: 0.0 }, Face { at: -NOWHERE, velocity: 0.0 }),
             };
-            words[axis * LANES + lane] = low.at;
-            words[(3 + axis) * LANES + lane] = high.at;
+            let row = 2 * axis;
+            words[row * LANES + lane] = low.at;
+            words[(row + 1) * LANES + lane] = high.at;
             if moving {
-                words[(6 + axis) * LANES + lane] = low.velocity;
-                words[(9 + axis) * LANES + lane] = high.velocity;
+                words[(row + 6) * LANES + lane] = low.velocity;
+                words[(row + 7) * LANES + lane] = high.velocity;
             }
         }
     }
