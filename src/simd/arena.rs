@@ -1,6 +1,7 @@
 //! Memory in lines of 64 bytes: one AVX-512 register, one cache line.
 
 use super::{LANES, prefetch};
+use crate::parallel;
 
 /// One line; the alignment keeps a node's rows from straddling cache lines.
 #[derive(Clone, Copy)]
@@ -76,7 +77,7 @@ impl Arena {
         let capacity = self.lines.capacity();
         if capacity < lines || capacity > lines + lines / 32 {
             let mut fitting = huge_vec(lines);
-            fitting.extend_from_slice(&self.lines);
+            parallel::fill(&mut fitting, self.lines.len(), |i| self.lines[i]);
             self.lines = fitting;
         }
         self.lines.resize(lines, Line([0.0; LANES]));

@@ -9,7 +9,7 @@ mod graft;
 mod reference;
 mod spatial;
 
-pub(crate) use binned::{BinaryNode, BinaryTree, build_binary, isolate, mean_half_area};
+pub(crate) use binned::{BinaryNode, BinaryTree, build_binary, mean_half_area, neighbourhoods};
 pub(crate) use collapse::{Collapse, Prices, WideChild};
 pub(crate) use graft::Graft;
 pub(crate) use reference::Reference;

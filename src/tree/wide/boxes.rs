@@ -49,6 +49,6 @@ impl WideTree {
             let at = words[row * LANES + lane];
             if node.kind() == Kind::Node { at + words[(row + 6) * LANES + lane] * time } else { at }
         };
-        [Vec3::new(face(0), face(1), face(2)), Vec3::new(face(3), face(4), face(5))]
+        [Vec3::new(face(0), face(2), face(4)), Vec3::new(face(1), face(3), face(5))]
     }
 }

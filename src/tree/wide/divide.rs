@@ -18,8 +18,9 @@ use super::leaf::WideSource;
 use super::plan::{BYTES_PER_REFERENCE, Plan, part_of_shutter, plan_tree};
 use super::segments::{Segments, part_bounds};
 use crate::build::object::{BinaryNode, Reference, mean_half_area};
-use crate::build::{BuildParams, Division, MOST_PARTS, parallel};
+use crate::build::{BuildParams, Division, MOST_PARTS};
 use crate::motion::{Box3, LinearBox3};
+use crate::parallel;
 
 /// A subtree of a plan that divides the shutter.
 #[derive(Clone, Copy, Debug, PartialEq)]
