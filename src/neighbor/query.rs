@@ -296,6 +296,7 @@ pub(super) struct Gather<'a, K> {
 }
 
 impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
+    const ALWAYS: bool = true;
     #[inline(always)]
     fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);

@@ -6,6 +6,7 @@
 //! fills the levels better.
 
 use super::approach::{Boxed, Flight};
+use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
 use super::view::{Boxes, MAX_LEVELS, Target, View, outside, rows, squared};
 use crate::motion::TimeInterval;
@@ -25,7 +26,11 @@ const EMPTY: Block = Block { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LAN
 /// Points that stand still, in a complete 16-ary tree.
 #[derive(Clone)]
 pub(super) struct StaticTree {
-    nodes: Vec<Boxes>,
+    /// Level 0, whose children are leaves.
+    bottom: Vec<ByteBoxes>,
+    /// The other levels.
+    upper: Vec<Boxes>,
+    /// As many as all bottom nodes have lanes for.
     blocks: Vec<Block>,
     shape: Shape,
 }
@@ -77,13 +82,19 @@ impl StaticTree {
     pub(super) fn build(mut items: Vec<Item>, id_of: impl Fn(u32) -> u32 + Sync) -> StaticTree {
         let shape = Shape::of(items.len());
         order(&mut items, shape.leaf());
-        let mut blocks = huge_vec_of(EMPTY, items.len().div_ceil(shape.leaf()) * shape.leaf_blocks);
-        let mut nodes = huge_vec_of(Boxes::NONE, shape.nodes());
-        let share = LANES * shape.leaf_blocks;
-        fill(&items, &mut blocks, &mut nodes[..shape.begin[1]], share, &id_of);
-        for level in 1..shape.levels {
-            let (below, here) = nodes.split_at_mut(shape.begin[level]);
-            let below = &below[shape.begin[level - 1]..];
+        let mut blocks = huge_vec_of(EMPTY, shape.begin[1] * LANES * shape.leaf_blocks);
+        let mut bottom = huge_vec_of(ByteBoxes::NONE, shape.begin[1]);
+        fill(&items, &mut blocks, &mut bottom, shape.leaf_blocks, &id_of);
+        let mut upper = huge_vec_of(Boxes::NONE, shape.nodes() - bottom.len());
+        for (child, node) in bottom.iter().enumerate() {
+            let (lo, hi) = node.hull();
+            if let Some(above) = upper.get_mut(child / LANES) {
+                above.include(child % LANES, lo, hi);
+            }
+        }
+        for level in 2..shape.levels {
+            let (below, here) = upper.split_at_mut(shape.begin[level] - shape.begin[1]);
+            let below = &below[shape.begin[level - 1] - shape.begin[1]..];
             for (node, children) in here.iter_mut().zip(below.chunks(LANES)) {
                 for (lane, child) in children.iter().enumerate() {
                     let (lo, hi) = child.hull();
@@ -91,17 +102,19 @@ impl StaticTree {
                 }
             }
         }
-        StaticTree { nodes, blocks, shape }
+        StaticTree { bottom, upper, blocks, shape }
     }
 
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<Block>()
+        self.bottom.capacity() * size_of::<ByteBoxes>()
+            + self.upper.capacity() * size_of::<Boxes>()
+            + self.blocks.capacity() * size_of::<Block>()
     }
 
     /// Number of nodes.
     pub(super) fn node_count(&self) -> usize {
-        self.nodes.len()
+        self.shape.nodes()
     }
 
     /// Number of levels of nodes.
@@ -110,41 +123,64 @@ impl StaticTree {
     }
 }
 
+impl StaticTree {
+    /// Lower and upper corner of a lane's box; nothing where it is absent.
+    fn corners_of(&self, node: usize, lane: usize) -> Option<[[f32; 3]; 2]> {
+        if let Some(node) = self.bottom.get(node) {
+            return node.corners(lane);
+        }
+        let node = &self.upper[node - self.bottom.len()];
+        let corner = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);
+        (node.lo[0][lane] <= node.hi[0][lane]).then(|| [corner(&node.lo), corner(&node.hi)])
+    }
+}
+
 /// Nodes that one thread fills at a time.
 const SHARE: usize = 64;
 
-/// Writes blocks and bottom nodes, `share` blocks to a node.
-fn fill(items: &[Item], blocks: &mut [Block], nodes: &mut [Boxes], share: usize, id_of: &(impl Fn(u32) -> u32 + Sync)) {
+/// Writes blocks and bottom nodes.
+fn fill(
+    items: &[Item],
+    blocks: &mut [Block],
+    nodes: &mut [ByteBoxes],
+    leaf_blocks: usize,
+    id_of: &(impl Fn(u32) -> u32 + Sync),
+) {
+    let share = LANES * leaf_blocks;
     if nodes.len() > SHARE {
         let half = nodes.len() / 2;
         let (nodes, more_nodes) = nodes.split_at_mut(half);
-        let (blocks, more_blocks) = blocks.split_at_mut((half * share).min(blocks.len()));
+        let (blocks, more_blocks) = blocks.split_at_mut(half * share);
         let (items, more_items) = items.split_at(half * share * LANES);
         return super::order::join(
-            || fill(items, blocks, nodes, share, id_of),
-            || fill(more_items, more_blocks, more_nodes, share, id_of),
+            || fill(items, blocks, nodes, leaf_blocks, id_of),
+            || fill(more_items, more_blocks, more_nodes, leaf_blocks, id_of),
         );
     }
-    let leaf_blocks = share / LANES;
-    for (number, (block, items)) in blocks.iter_mut().zip(items.chunks(LANES)).enumerate() {
-        for (lane, item) in items.iter().enumerate() {
-            for axis in 0..3 {
-                block.at[axis][lane] = item.at[axis];
+    let parts = blocks.chunks_mut(share).zip(items.chunks(share * LANES));
+    for (node, (blocks, items)) in nodes.iter_mut().zip(parts) {
+        let mut boxes = Boxes::NONE;
+        for (number, (block, items)) in blocks.iter_mut().zip(items.chunks(LANES)).enumerate() {
+            let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+            for (lane, item) in items.iter().enumerate() {
+                for axis in 0..3 {
+                    block.at[axis][lane] = item.at[axis];
+                }
+                block.id[lane] = id_of(item.index);
             }
-            block.id[lane] = id_of(item.index);
+            for item in items {
+                include(&mut lo, &mut hi, item.at);
+            }
+            boxes.include(number / leaf_blocks, lo, hi);
         }
-        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        for item in items {
-            include(&mut lo, &mut hi, item.at);
-        }
-        nodes[number / share].include(number % share / leaf_blocks, lo, hi);
+        *node = ByteBoxes::around(&boxes);
     }
 }
 
 impl View for &StaticTree {
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
-        (self.shape.levels - 1, self.nodes.len() - 1)
+        (self.shape.levels - 1, self.shape.nodes() - 1)
     }
     #[inline(always)]
     fn first_child(&self, level: usize, node: usize) -> usize {
@@ -164,8 +200,12 @@ impl View for &StaticTree {
     }
     #[inline(always)]
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
-        let node = &self.nodes[node];
+        let node = &self.upper[node - self.bottom.len()];
         outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
+    }
+    #[inline(always)]
+    fn leaf_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
+        self.bottom[node].distances(s, &target.point)
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
@@ -173,8 +213,12 @@ impl View for &StaticTree {
         squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
     }
     #[inline(always)]
-    fn expect_node(&self, node: usize) {
-        prefetch(&self.nodes[node]);
+    fn expect_node(&self, level: usize, node: usize) {
+        if level == 0 {
+            prefetch(&self.bottom[node]);
+        } else {
+            prefetch(&self.upper[node - self.bottom.len()]);
+        }
     }
     #[inline(always)]
     fn expect_leaf(&self, block: usize) {
@@ -199,12 +243,10 @@ impl Boxed for StaticTree {
         if level == 0 { (self.first_block(node), self.shape.leaf_blocks) } else { (self.first_child(level, node), 1) }
     }
     fn times(&self, node: usize, lane: usize) -> Option<[f64; 2]> {
-        let node = &self.nodes[node];
-        (node.lo[0][lane] <= node.hi[0][lane]).then_some([0.0, 1.0])
+        self.corners_of(node, lane).map(|_| [0.0, 1.0])
     }
     fn corners(&self, node: usize, lane: usize, _phase: f64) -> [DVec3; 2] {
-        let node = &self.nodes[node];
-        [node.lo, node.hi].map(|rows| Vec3::from_array(rows.map(|row| row[lane])).as_dvec3())
+        self.corners_of(node, lane).unwrap_or([[f32::INFINITY; 3]; 2]).map(|at| Vec3::from_array(at).as_dvec3())
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let block = &self.blocks[block];

@@ -55,10 +55,15 @@ pub(super) trait View: Copy {
     fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S>;
     /// Squared distances to the child boxes; infinite where there is no child at this time.
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
+    /// Squared distances to the leaf boxes of a bottom node, likewise.
+    #[inline(always)]
+    fn leaf_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
+        self.box_distances(s, target, node)
+    }
     /// Squared distances to the points; infinite where there is no point at this time.
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
-    /// A node that will soon be tested, probably.
-    fn expect_node(&self, node: usize);
+    /// A node of a level that will soon be tested, probably.
+    fn expect_node(&self, level: usize, node: usize);
     /// A leaf that will soon be tested, probably.
     fn expect_leaf(&self, block: usize);
     /// Ids of a block's points.
@@ -81,7 +86,7 @@ pub(super) fn outside<S: Simd>(s: S, point: &[S::F; 3], lo: [S::F; 3], hi: [S::F
 /// be inlined always, and where it is not, each of its operations becomes a call.)
 #[inline(always)]
 fn gap<S: Simd>(s: S, at: S::F, lo: S::F, hi: S::F) -> S::F {
-    s.max(s.max(lo - at, at - hi), s.splat(0.0))
+    s.max_with_zero(lo - at, at - hi)
 }
 
 /// Three rows.

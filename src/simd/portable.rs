@@ -108,6 +108,10 @@ impl Simd for Portable {
         F(*from)
     }
     #[inline(always)]
+    fn load_bytes(self, from: &Lanes<u8>) -> F {
+        F(from.map(f32::from))
+    }
+    #[inline(always)]
     fn load_row(self, rows: &Rows, i: usize) -> F {
         let mut out = [0.0; LANES];
         out[..rows.n].copy_from_slice(&rows.words[i * rows.n..(i + 1) * rows.n]);
@@ -134,6 +138,10 @@ impl Simd for Portable {
         F(zip(&a.0, &b.0, |a, b| if a > b { a } else { b }))
     }
     #[inline(always)]
+    fn max_with_zero(self, a: F, b: F) -> F {
+        self.max(self.max(a, b), self.splat(0.0))
+    }
+    #[inline(always)]
     fn lt(self, a: F, b: F) -> Mask {
         mask(&a.0, &b.0, |a, b| a < b)
     }
@@ -156,14 +164,6 @@ impl Simd for Portable {
     #[inline(always)]
     fn lane(self, a: F, i: usize) -> f32 {
         a.0[i]
-    }
-    #[inline(always)]
-    fn swap_lanes<const D: usize>(self, a: F) -> F {
-        let mut out = [0.0; LANES];
-        for (i, to) in out.iter_mut().enumerate() {
-            *to = a.0[i ^ D];
-        }
-        F(out)
     }
     #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
@@ -205,6 +205,26 @@ impl Simd for Portable {
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
         U(a.0.map(|lane| lane >> BITS))
+    }
+    #[inline(always)]
+    fn min_u(self, a: U, b: U) -> U {
+        U(zip(&a.0, &b.0, u32::min))
+    }
+    #[inline(always)]
+    fn max_u(self, a: U, b: U) -> U {
+        U(zip(&a.0, &b.0, u32::max))
+    }
+    #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: U) -> U {
+        let mut out = [0; LANES];
+        for (i, to) in out.iter_mut().enumerate() {
+            *to = a.0[i ^ D];
+        }
+        U(out)
+    }
+    #[inline(always)]
+    fn add_u(self, a: U, b: U) -> U {
+        U(zip(&a.0, &b.0, u32::wrapping_add))
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

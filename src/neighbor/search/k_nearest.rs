@@ -5,8 +5,8 @@
 //! is lowered until between k and 1.5k remain, by counting. The threshold never falls below the k-th
 //! least distance seen, so what is dropped can not be an answer. One sort at the end puts them in order.
 
-use super::sort::{pack, unpack as unpack_pair};
-use super::walk::{Collect, keys, unpack};
+use super::sort::{pack, sort_lanes, unpack as unpack_pair};
+use super::walk::{Collect, LANE, keys, unpack};
 use super::{Keep, Observe, kept};
 use crate::neighbor::view::{Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
@@ -18,6 +18,9 @@ pub(in crate::neighbor) struct Candidates {
     pub(in crate::neighbor) ids: Vec<u32>,
     pub(in crate::neighbor) count: usize,
     raw: Vec<f32>,
+    /// Leaves still to be looked at.
+    leaves: Vec<u32>,
+    waiting: usize,
     pub(in crate::neighbor) packed: Vec<u64>,
 }
 
@@ -41,12 +44,7 @@ impl Candidates {
     /// Appends the lanes of a mask; there must be room.
     #[inline(always)]
     pub(in crate::neighbor) fn push<S: Simd>(&mut self, s: S, distance: S::F, id: S::U, mask: u16) {
-        let to = self.count..self.count + LANES;
-        let distances: &mut [f32; LANES] = (&mut self.distances[to.clone()]).try_into().expect("sixteen");
-        s.store(s.compress(distance, mask), distances);
-        let ids: &mut [u32; LANES] = (&mut self.ids[to]).try_into().expect("sixteen");
-        s.store_u(s.compress_u(id, mask), ids);
-        self.count += mask.count_ones() as usize;
+        self.count = append(s, &mut self.distances, &mut self.ids, self.count, (distance, id), mask);
     }
 
     /// Overwrites sixteen distances.
@@ -85,6 +83,24 @@ impl Candidates {
     }
 }
 
+/// Writes the lanes of a mask from place `end` on and returns the new end. (With the end apart from the buffers it
+/// stays in a register.)
+#[inline(always)]
+fn append<S: Simd>(
+    s: S,
+    distances: &mut [f32],
+    ids: &mut [u32],
+    end: usize,
+    (distance, id): (S::F, S::U),
+    mask: Mask,
+) -> usize {
+    let to: &mut [f32; LANES] = (&mut distances[end..end + LANES]).try_into().expect("sixteen");
+    s.store(s.compress(distance, mask), to);
+    let to: &mut [u32; LANES] = (&mut ids[end..end + LANES]).try_into().expect("sixteen");
+    s.store_u(s.compress_u(id, mask), to);
+    end + mask.count_ones() as usize
+}
+
 /// The first `count` lanes; all where there are more than that many.
 #[inline(always)]
 pub(in crate::neighbor) fn there(count: usize) -> Mask {
@@ -115,6 +131,10 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         observe: &'a mut O,
     ) -> Self {
         candidates.count = 0;
+        candidates.waiting = 0;
+        if candidates.leaves.is_empty() {
+            candidates.leaves.resize(DEFER + 2 * LANES, 0);
+        }
         KNearest { k, threshold: bound, cull: bound * shrink, shrink, candidates, keep, observe }
     }
 
@@ -182,14 +202,38 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         self.cull = self.threshold * self.shrink;
     }
 
+    /// Puts leaves on the list.
     #[inline(always)]
-    fn leaf<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, leaf: usize) {
-        for block in leaf..leaf + view.leaf_blocks() {
-            self.observe.block();
-            let distance = view.point_distances(s, target, block);
-            let ids = view.ids(block);
-            let under = kept(self.keep, ids, s.le(distance, s.splat(self.threshold)));
-            self.candidates.push(s, distance, s.load_u(ids), under);
+    fn wait<S: Simd, V: View>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
+        let Candidates { leaves, waiting, .. } = &mut *self.candidates;
+        let to: &mut [u32; LANES] = (&mut leaves[*waiting..*waiting + LANES]).try_into().expect("sixteen");
+        let offsets = s.load_u(&OFFSETS[view.leaf_blocks() - 1]);
+        s.store_u(s.compress_u(s.add_u(s.splat_u(first as u32), offsets), lanes), to);
+        *waiting += lanes.count_ones() as usize;
+    }
+
+    /// Looks at the leaves on the list.
+    #[inline(always)]
+    fn look<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        let waiting = core::mem::take(&mut self.candidates.waiting);
+        let blocks = view.leaf_blocks();
+        self.candidates.reserve(waiting * blocks * LANES);
+        let limit = s.splat(self.threshold);
+        let Candidates { distances, ids, leaves, count, .. } = &mut *self.candidates;
+        let mut end = *count;
+        for &leaf in &leaves[..waiting] {
+            let leaf = leaf as usize;
+            for block in leaf..leaf + blocks {
+                self.observe.block();
+                let distance = view.point_distances(s, target, block);
+                let names = view.ids(block);
+                let under = kept(self.keep, names, s.le(distance, limit));
+                end = append(s, distances, ids, end, (distance, s.load_u(names)), under);
+            }
+        }
+        *count = end;
+        if self.candidates.count > self.limit() {
+            self.tighten(s, self.threshold * 0.75);
         }
     }
 
@@ -215,7 +259,12 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             }
         }
         let mut threshold = self.threshold;
-        if count > self.limit() && begin == 0 {
+        if self.k <= MOST_COLUMNS {
+            let mut column = [0; LANES];
+            s.store_u(sort_lanes(s, s.to_bits(least)), &mut column);
+            let kth = f32::from_bits(column[self.k - 1]);
+            threshold = if kth < threshold { kth } else { threshold };
+        } else if count > self.limit() && begin == 0 {
             // About a dozen points are under the mean of sixteen columns' minima.
             let mut column = [0.0; LANES];
             s.store(least, &mut column);
@@ -229,16 +278,18 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         // In place: what is written never overtakes what is read.
         let limit = s.splat(threshold);
         let (mut rest, mut from) = (lanes, 0);
+        let Candidates { distances, ids, raw, count, .. } = &mut *self.candidates;
+        let mut end = *count;
         while rest != 0 {
             let leaf = first + rest.trailing_zeros() as usize * blocks;
             rest &= rest - 1;
             for block in leaf..leaf + blocks {
-                let distance = s.load(lanes_at(&self.candidates.raw, from));
+                let distance = s.load(lanes_at(raw, from));
                 from += LANES;
-                let under = s.le(distance, limit);
-                self.candidates.push(s, distance, s.load_u(view.ids(block)), under);
+                end = append(s, distances, ids, end, (distance, s.load_u(view.ids(block))), s.le(distance, limit));
             }
         }
+        *count = end;
         if self.candidates.count > self.limit() {
             self.tighten(s, middle(0.0, threshold));
         } else if self.candidates.count >= self.k {
@@ -247,6 +298,10 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
     }
 }
+
+const MOST_COLUMNS: usize = 10;
+const DEFER: usize = 16;
+const OFFSETS: [[u32; LANES]; 2] = [LANE, [0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30]];
 
 /// Leaves that are worth picking out one by one, nearest first.
 const MOST_SORTED: usize = 6;
@@ -292,10 +347,14 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
         let within = s.le(boxes, s.splat(self.cull));
-        self.candidates.reserve(LANES * LANES * view.leaf_blocks());
         if self.candidates.count >= self.k {
-            return self.rest(s, view, target, first, within);
+            self.wait(s, view, first, within);
+            if self.candidates.waiting > DEFER {
+                self.look(s, view, target);
+            }
+            return;
         }
+        self.candidates.reserve(LANES * LANES * view.leaf_blocks());
         // As many of the nearest leaves as hold three times what is wanted; with a threshold from
         // them few of the others are needed.
         let enough = (3 * self.k.min(1 << 20)).div_ceil(LANES * view.leaf_blocks());
@@ -309,21 +368,15 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
             left = s.select_u(1 << lane, s.splat_u(u32::MAX), left);
         }
         self.seed(s, view, target, first, chosen & within);
-        self.rest(s, view, target, first, s.le(boxes, s.splat(self.cull)) & within & !chosen);
+        self.wait(s, view, first, s.le(boxes, s.splat(self.cull)) & within & !chosen);
+        self.look(s, view, target);
+    }
+
+    #[inline(always)]
+    fn end<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        if self.candidates.waiting > 0 {
+            self.look(s, view, target);
+        }
     }
 }
 
-impl<K: Keep, O: Observe> KNearest<'_, K, O> {
-    #[inline(always)]
-    fn rest<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, lanes: u16) {
-        let mut rest = lanes;
-        while rest != 0 {
-            let lane = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            self.leaf(s, view, target, first + lane * view.leaf_blocks());
-        }
-        if self.candidates.count > self.limit() {
-            self.tighten(s, self.threshold * 0.75);
-        }
-    }
-}

@@ -2,11 +2,16 @@
 
 use super::Observe;
 use crate::neighbor::view::{MAX_LEVELS, Target, View};
-use crate::simd::{Mask, Simd};
+use super::walk::LANE;
+use crate::simd::{LANES, Mask, Simd, StackMemory};
+const LIST: usize = 256;
+const OFFSETS: [[u32; LANES]; 2] = [LANE, [0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30]];
+
 use core::ops::ControlFlow;
 
 /// What is done with the points of a block that lie within the radius.
 pub(in crate::neighbor) trait Sink<S: Simd> {
+    const ALWAYS: bool = false;
     /// Takes the lanes of `hits`, which is not empty.
     fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
 }
@@ -44,14 +49,14 @@ impl Front {
         loop {
             if fresh {
                 observe.node();
-                let within = s.le(view.box_distances(s, target, self.node), bound);
                 if self.level == 0 {
+                    let within = s.le(view.leaf_distances(s, target, self.node), bound);
                     self.level = 1;
                     if within != 0 {
                         return Some((self.node, within));
                     }
                 } else {
-                    self.rest[self.level] = within;
+                    self.rest[self.level] = s.le(view.box_distances(s, target, self.node), bound);
                     self.first[self.level] = view.first_child(self.level, self.node);
                 }
             }
@@ -110,8 +115,32 @@ pub(in crate::neighbor) fn within<S: Simd, V: View, T: Sink<S>, O: Observe>(
 ) -> ControlFlow<()> {
     let bound = s.splat(bound);
     let mut front = Front::begin(view);
-    while let Some(found) = front.next(s, view, target, bound, observe) {
-        leaves(s, view, target, bound, found, sink, observe)?;
+    let mut memory = StackMemory::<u64, LIST>::new();
+    let mut leaves = memory.stack();
+    let leaf_blocks = view.leaf_blocks();
+    let offsets = s.load_u(&OFFSETS[leaf_blocks - 1]);
+    loop {
+        let mut count = 0;
+        while count <= LIST - LANES {
+            let Some((node, lanes)) = front.next(s, view, target, bound, observe) else { break };
+            let first = s.splat_u(view.first_block(node) as u32);
+            let n = lanes.count_ones() as usize;
+            leaves.push_lanes(s, s.compress_u(s.add_u(first, offsets), lanes), n);
+            count += n;
+        }
+        if count == 0 {
+            return ControlFlow::Continue(());
+        }
+        while let Some(leaf) = leaves.pop() {
+            let leaf = leaf as usize;
+            for block in leaf..leaf + leaf_blocks {
+                observe.block();
+                let distance = view.point_distances(s, target, block);
+                let hits = s.le(distance, bound);
+                if T::ALWAYS || hits != 0 {
+                    sink.take(s, view, block, distance, hits)?;
+                }
+            }
+        }
     }
-    ControlFlow::Continue(())
 }

@@ -113,12 +113,12 @@ fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut 
 /// Sorts the keys of `N` vectors of distances.
 #[inline(always)]
 fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: &mut [u32; MOST]) {
-    let last = s.splat(f32::INFINITY);
+    let last = s.splat_u(u32::MAX);
     let mut lanes = [last; N];
     for (i, lanes) in lanes.iter_mut().enumerate() {
         if i * LANES < count {
             let key = (s.to_bits(s.load(lanes_at(distances, i * LANES))) & s.splat_u(!PLACE)) | s.load_u(&PLACES[i]);
-            *lanes = s.select(there(count - i * LANES), s.from_bits(key), last);
+            *lanes = s.select_u(there(count - i * LANES), key, last);
         }
     }
     for x in &mut lanes {
@@ -134,8 +134,8 @@ fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: 
                 let mirror = begin + 2 * run - 1 - i;
                 if mirror < N {
                     let (low, high) = (lanes[begin + i], s.swap_lanes::<15>(lanes[mirror]));
-                    lanes[begin + i] = s.min(low, high);
-                    lanes[mirror] = s.swap_lanes::<15>(s.max(low, high));
+                    lanes[begin + i] = s.min_u(low, high);
+                    lanes[mirror] = s.swap_lanes::<15>(s.max_u(low, high));
                 }
             }
             begin += 2 * run;
@@ -145,8 +145,8 @@ fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: 
             for i in 0..N {
                 if i & apart == 0 && i + apart < N {
                     let (low, high) = (lanes[i], lanes[i + apart]);
-                    lanes[i] = s.min(low, high);
-                    lanes[i + apart] = s.max(low, high);
+                    lanes[i] = s.min_u(low, high);
+                    lanes[i + apart] = s.max_u(low, high);
                 }
             }
             apart /= 2;
@@ -158,7 +158,7 @@ fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: 
     }
     for (i, x) in lanes.iter().enumerate() {
         let to = &mut keys[i * LANES..(i + 1) * LANES];
-        s.store_u(s.to_bits(*x), to.try_into().expect("sixteen"));
+        s.store_u(*x, to.try_into().expect("sixteen"));
     }
 }
 
@@ -175,14 +175,14 @@ static PLACES: [[u32; LANES]; MOST / LANES] = {
 
 /// Compares lanes with their partners `i ^ D`; those in the mask take the lesser.
 #[inline(always)]
-fn compare<S: Simd, const D: usize>(s: S, x: S::F, lesser: Mask) -> S::F {
+fn compare<S: Simd, const D: usize>(s: S, x: S::U, lesser: Mask) -> S::U {
     let partner = s.swap_lanes::<D>(x);
-    s.select(lesser, s.min(x, partner), s.max(x, partner))
+    s.select_u(lesser, s.min_u(x, partner), s.max_u(x, partner))
 }
 
 /// Sorts the lanes of a vector.
 #[inline(always)]
-fn sort_lanes<S: Simd>(s: S, x: S::F) -> S::F {
+pub(in crate::neighbor) fn sort_lanes<S: Simd>(s: S, x: S::U) -> S::U {
     let x = compare::<S, 1>(s, x, 0x5555);
     let x = compare::<S, 1>(s, compare::<S, 3>(s, x, 0x3333), 0x5555);
     let x = compare::<S, 1>(s, compare::<S, 2>(s, compare::<S, 7>(s, x, 0x0f0f), 0x3333), 0x5555);
@@ -192,7 +192,7 @@ fn sort_lanes<S: Simd>(s: S, x: S::F) -> S::F {
 
 /// Sorts the lanes of a vector that ascends to some lane and descends from there, or the other way round.
 #[inline(always)]
-fn merge_lanes<S: Simd>(s: S, x: S::F) -> S::F {
+fn merge_lanes<S: Simd>(s: S, x: S::U) -> S::U {
     let x = compare::<S, 4>(s, compare::<S, 8>(s, x, 0x00ff), 0x0f0f);
     compare::<S, 1>(s, compare::<S, 2>(s, x, 0x3333), 0x5555)
 }
