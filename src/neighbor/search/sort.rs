@@ -59,24 +59,57 @@ impl Kernel for Network<'_> {
         let Network { k, candidates, found } = self;
         let Candidates { distances, ids, count, .. } = candidates;
         let count = *count;
-        let mut keys = [0; MOST];
         match count.div_ceil(LANES) {
-            0 => return true,
-            1 => sorted::<S, 1>(s, distances, count, &mut keys),
-            2 => sorted::<S, 2>(s, distances, count, &mut keys),
-            3 => sorted::<S, 3>(s, distances, count, &mut keys),
-            4 => sorted::<S, 4>(s, distances, count, &mut keys),
-            5 | 6 => sorted::<S, 6>(s, distances, count, &mut keys),
-            7 | 8 => sorted::<S, 8>(s, distances, count, &mut keys),
-            9..=12 => sorted::<S, 12>(s, distances, count, &mut keys),
-            _ => sorted::<S, 16>(s, distances, count, &mut keys),
+            0 => true,
+            1 => sorted::<S, 1>(s, k, count, distances, ids, found),
+            2 => sorted::<S, 2>(s, k, count, distances, ids, found),
+            3 => sorted::<S, 3>(s, k, count, distances, ids, found),
+            4 => sorted::<S, 4>(s, k, count, distances, ids, found),
+            5 | 6 => sorted::<S, 6>(s, k, count, distances, ids, found),
+            7 | 8 => sorted::<S, 8>(s, k, count, distances, ids, found),
+            9..=12 => sorted::<S, 12>(s, k, count, distances, ids, found),
+            _ => sorted::<S, 16>(s, k, count, distances, ids, found),
         }
-        in_place(k, &keys[..count], distances, ids, found)
     }
 }
 
-/// Fetches the nearest `k` in the order of their keys and puts right what the keys leave undecided.
+/// Writes the `k` nearest of at most sixteen candidates into `found`, in order, without leaving registers. False, and
+/// nothing done, where there are more or where keys leave the order undecided.
 #[inline(always)]
+pub(in crate::neighbor) fn few_in_order<S: Simd>(
+    s: S,
+    k: usize,
+    candidates: &Candidates,
+    found: &mut Vec<Neighbor>,
+) -> bool {
+    let count = candidates.count;
+    if count > LANES || candidates.ids.len() < LANES {
+        return false;
+    }
+    let (distance, id) = (s.load(lanes_at(&candidates.distances, 0)), s.load_u(lanes_at(&candidates.ids, 0)));
+    let place = s.load_u(&PLACES[0]);
+    let bits = s.splat_u(!(LANES as u32 - 1));
+    let key = s.select_u(there(count), (s.to_bits(distance) & bits) | place, s.splat_u(u32::MAX));
+    let key = sort_lanes(s, key);
+    // Each beside the next one; those beyond the last count as NaN, which equals nothing.
+    let next = s.permute(s.from_bits(key), s.add_u(place, s.splat_u(1)));
+    let [this, next] = [key, s.to_bits(next)].map(|key| s.from_bits(key & bits));
+    if s.eq(this, next) & !(1 << (LANES - 1)) != 0 {
+        return false;
+    }
+    let (mut distances, mut ids) = ([0.0; LANES], [0; LANES]);
+    s.store(s.permute(distance, key), &mut distances);
+    s.store_u(s.to_bits(s.permute(s.from_bits(id), key)), &mut ids);
+    let pairs: [Neighbor; LANES] =
+        core::array::from_fn(|i| Neighbor { id: ids[i], distance_squared: distances[i] });
+    found.clear();
+    found.extend_from_slice(&pairs);
+    found.truncate(k.min(count));
+    true
+}
+
+/// Fetches the nearest `k` in the order of their keys and puts right what the keys leave undecided.
+#[inline(never)]
 fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut Vec<Neighbor>) -> bool {
     // Those that the keys can not tell from the last one belong to the choice.
     let mut chosen = k;
@@ -110,9 +143,16 @@ fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut 
     true
 }
 
-/// Sorts the keys of `N` vectors of distances.
+/// Sorts the keys of `N` vectors of distances and fetches what they stand for.
 #[inline(always)]
-fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: &mut [u32; MOST]) {
+fn sorted<S: Simd, const N: usize>(
+    s: S,
+    k: usize,
+    count: usize,
+    distances: &[f32],
+    ids: &[u32],
+    found: &mut Vec<Neighbor>,
+) -> bool {
     let last = s.splat_u(u32::MAX);
     let mut lanes = [last; N];
     for (i, lanes) in lanes.iter_mut().enumerate() {
@@ -156,10 +196,11 @@ fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: 
         }
         run *= 2;
     }
-    for (i, x) in lanes.iter().enumerate() {
-        let to = &mut keys[i * LANES..(i + 1) * LANES];
-        s.store_u(*x, to.try_into().expect("sixteen"));
+    let mut keys = [[0; LANES]; N];
+    for (x, to) in lanes.iter().zip(&mut keys) {
+        s.store_u(*x, to);
     }
+    in_place(k, &keys.as_flattened()[..count], distances, ids, found)
 }
 
 /// Where each lane of each vector is in the buffer.
