@@ -357,7 +357,7 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
         self.candidates.reserve(LANES * LANES * view.leaf_blocks());
         // As many of the nearest leaves as hold three times what is wanted; with a threshold from
         // them few of the others are needed.
-        let enough = (3 * self.k.min(1 << 20)).div_ceil(LANES * view.leaf_blocks());
+        let enough = (3 * self.k.min(1 << 20)).div_ceil(LANES * view.leaf_blocks()) + usize::from(self.k <= MOST_COLUMNS);
         if enough > MOST_SORTED {
             return self.seed(s, view, target, first, within);
         }
@@ -369,7 +369,10 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
         }
         self.seed(s, view, target, first, chosen & within);
         self.wait(s, view, first, s.le(boxes, s.splat(self.cull)) & within & !chosen);
-        self.look(s, view, target);
+        // A threshold from columns is tight already.
+        if self.candidates.count < self.k || self.k > MOST_COLUMNS {
+            self.look(s, view, target);
+        }
     }
 
     #[inline(always)]

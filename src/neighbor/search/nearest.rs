@@ -3,37 +3,42 @@
 //! In a bottom node the nearest leaf goes first; after it one comparison with the new bound leaves
 //! few others, and those are scanned into sixteen running minima without a branch.
 
-use super::walk::{Collect, keys, unpack};
+use super::walk::{Collect, LANE, keys, unpack};
 use super::{Keep, Observe, kept};
 use crate::neighbor::view::{Target, View};
-use crate::simd::Simd;
+use crate::simd::{LANES, Mask, Simd};
 
 /// The best so far, lane by lane.
 pub(in crate::neighbor) struct Best<'a, S: Simd, K, O> {
     distance: S::F,
     id: S::U,
     bound: f32,
+    start: f32,
     cull: f32,
     shrink: f32,
     keep: &'a K,
     observe: &'a mut O,
+    leaves: [u32; DEFER + LANES],
+    waiting: usize,
 }
+
+const DEFER: usize = 16;
+const OFFSETS: [[u32; LANES]; 2] = [LANE, [0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30]];
 
 impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
     /// Nothing found yet; what lies at `bound` itself still counts.
     #[inline(always)]
     pub(in crate::neighbor) fn within(s: S, bound: f32, shrink: f32, keep: &'a K, observe: &'a mut O) -> Self {
         let id = s.splat_u(u32::MAX);
-        Best { distance: s.splat(bound), id, bound, cull: bound * shrink, shrink, keep, observe }
+        Best { distance: s.splat(bound), id, bound, start: bound, cull: bound * shrink, shrink, keep, observe, leaves: [0; DEFER + LANES], waiting: 0 }
     }
 
     /// Id and squared distance of the nearest, lowest id first.
     #[inline(always)]
     pub(in crate::neighbor) fn finish(self, s: S) -> Option<(u32, f32)> {
-        let least = s.reduce_min(self.distance);
-        let ties = s.eq(self.distance, s.splat(least));
-        let id = s.reduce_min_u(s.select_u(ties, self.id, s.splat_u(u32::MAX)));
-        (id != u32::MAX).then_some((id, least))
+        let nearest = s.eq(self.distance, s.splat(self.bound));
+        let id = s.reduce_min_u(s.select_u(nearest, self.id, s.splat_u(u32::MAX)));
+        (id != u32::MAX).then_some((id, self.bound))
     }
 
     #[inline(always)]
@@ -51,9 +56,27 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         }
     }
 
+    /// Puts leaves on the list.
+    #[inline(always)]
+    fn wait<V: View>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
+        let to: &mut [u32; LANES] = (&mut self.leaves[self.waiting..self.waiting + LANES]).try_into().expect("sixteen");
+        let offsets = s.load_u(&OFFSETS[view.leaf_blocks() - 1]);
+        s.store_u(s.compress_u(s.add_u(s.splat_u(first as u32), offsets), lanes), to);
+        self.waiting += lanes.count_ones() as usize;
+    }
+
+    /// Looks at the leaves on the list.
+    #[inline(always)]
+    fn look<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        for i in 0..core::mem::take(&mut self.waiting) {
+            self.leaf(s, view, target, self.leaves[i] as usize);
+        }
+        self.tighten(s);
+    }
+
     #[inline(always)]
     fn tighten(&mut self, s: S) {
-        self.bound = s.reduce_min(self.distance);
+        self.bound = f32::from_bits(s.reduce_min_u(s.to_bits(self.distance)));
         self.cull = self.bound * self.shrink;
     }
 }
@@ -72,6 +95,13 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
     #[inline(always)]
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
+        if self.bound < self.start {
+            self.wait(s, view, first, s.le(boxes, s.splat(self.cull)));
+            if self.waiting > DEFER {
+                self.look(s, view, target);
+            }
+            return;
+        }
         let left = keys(s, boxes);
         let (lane, distance) = unpack(s.reduce_min_u(left));
         // An absent lane's key may unpack to NaN, which is not within any bound.
@@ -85,15 +115,17 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
         }
         self.leaf(s, view, target, first + lane * view.leaf_blocks());
         self.tighten(s);
-        let mut rest = s.le(boxes, s.splat(self.cull)) & !(1 << lane);
-        if rest == 0 {
-            return;
+        self.wait(s, view, first, s.le(boxes, s.splat(self.cull)) & !(1 << lane));
+        if LOOK {
+            self.look(s, view, target);
         }
-        while rest != 0 {
-            let lane = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            self.leaf(s, view, target, first + lane * view.leaf_blocks());
+    }
+
+    #[inline(always)]
+    fn end<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        if self.waiting > 0 {
+            self.look(s, view, target);
         }
-        self.tighten(s);
     }
 }
+const LOOK: bool = false;
