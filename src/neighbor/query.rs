@@ -2,7 +2,8 @@
 
 use super::iter::WithinIter;
 use super::layer::{walk_all, within_all};
-use super::search::k_nearest::{Candidates, KNearest};
+use super::search::candidates::Candidates;
+use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::Sink;
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
@@ -303,7 +304,7 @@ pub(super) struct Gather<'a, K> {
 }
 
 impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
-    const ALWAYS: bool = true;
+    const TAKES_NONE: bool = true;
     #[inline(always)]
     fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);
@@ -319,6 +320,7 @@ struct Count<'q, K> {
 }
 
 impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
+    const TAKES_NONE: bool = true;
     #[inline(always)]
     fn take<V: View>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
         self.count += kept(self.keep, view.ids(block), hits).count_ones() as usize;
@@ -332,6 +334,7 @@ struct Visit<'q, K, F> {
 }
 
 impl<S: Simd, K: Keep, F: FnMut(Neighbor) -> ControlFlow<()>> Sink<S> for Visit<'_, K, F> {
+    const TAKES_NONE: bool = false;
     #[inline(always)]
     fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);

@@ -3,10 +3,11 @@
 //! In a bottom node the nearest leaf goes first; after it one comparison with the new bound leaves
 //! few others, and those are scanned into sixteen running minima without a branch.
 
-use super::walk::{Collect, LANE, keys, unpack};
+use super::waiting::Waiting;
+use super::walk::{Collect, keys, unpack};
 use super::{Keep, Observe, kept};
 use crate::neighbor::view::{Target, View};
-use crate::simd::{LANES, Mask, Simd};
+use crate::simd::Simd;
 
 /// The best so far, lane by lane.
 pub(in crate::neighbor) struct Best<'a, S: Simd, K, O> {
@@ -18,19 +19,15 @@ pub(in crate::neighbor) struct Best<'a, S: Simd, K, O> {
     shrink: f32,
     keep: &'a K,
     observe: &'a mut O,
-    leaves: [u32; DEFER + LANES],
-    waiting: usize,
+    waiting: Waiting,
 }
-
-const DEFER: usize = 16;
-const OFFSETS: [[u32; LANES]; 2] = [LANE, [0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30]];
 
 impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
     /// Nothing found yet; what lies at `bound` itself still counts.
     #[inline(always)]
     pub(in crate::neighbor) fn within(s: S, bound: f32, shrink: f32, keep: &'a K, observe: &'a mut O) -> Self {
         let id = s.splat_u(u32::MAX);
-        Best { distance: s.splat(bound), id, bound, start: bound, cull: bound * shrink, shrink, keep, observe, leaves: [0; DEFER + LANES], waiting: 0 }
+        Best { distance: s.splat(bound), id, bound, start: bound, cull: bound * shrink, shrink, keep, observe, waiting: Waiting::new() }
     }
 
     /// Id and squared distance of the nearest, lowest id first.
@@ -56,20 +53,12 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         }
     }
 
-    /// Puts leaves on the list.
-    #[inline(always)]
-    fn wait<V: View>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
-        let to: &mut [u32; LANES] = (&mut self.leaves[self.waiting..self.waiting + LANES]).try_into().expect("sixteen");
-        let offsets = s.load_u(&OFFSETS[view.leaf_blocks() - 1]);
-        s.store_u(s.compress_u(s.add_u(s.splat_u(first as u32), offsets), lanes), to);
-        self.waiting += lanes.count_ones() as usize;
-    }
-
     /// Looks at the leaves on the list.
     #[inline(always)]
     fn look<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
-        for i in 0..core::mem::take(&mut self.waiting) {
-            self.leaf(s, view, target, self.leaves[i] as usize);
+        let mut waiting = core::mem::replace(&mut self.waiting, Waiting::new());
+        for &leaf in waiting.take() {
+            self.leaf(s, view, target, leaf as usize);
         }
         self.tighten(s);
     }
@@ -96,8 +85,8 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
         if self.bound < self.start {
-            self.wait(s, view, first, s.le(boxes, s.splat(self.cull)));
-            if self.waiting > DEFER {
+            self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)));
+            if self.waiting.many() {
                 self.look(s, view, target);
             }
             return;
@@ -115,17 +104,13 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
         }
         self.leaf(s, view, target, first + lane * view.leaf_blocks());
         self.tighten(s);
-        self.wait(s, view, first, s.le(boxes, s.splat(self.cull)) & !(1 << lane));
-        if LOOK {
-            self.look(s, view, target);
-        }
+        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & !(1 << lane));
     }
 
     #[inline(always)]
     fn end<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
-        if self.waiting > 0 {
+        if !self.waiting.is_empty() {
             self.look(s, view, target);
         }
     }
 }
-const LOOK: bool = false;

@@ -1,18 +1,17 @@
 //! Everything within a radius: masks all the way down, in no particular order.
 
 use super::Observe;
+use super::waiting::Waiting;
 use crate::neighbor::view::{MAX_LEVELS, Target, View};
-use super::walk::LANE;
-use crate::simd::{LANES, Mask, Simd, StackMemory};
-const LIST: usize = 256;
-const OFFSETS: [[u32; LANES]; 2] = [LANE, [0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30]];
+use crate::simd::{Mask, Simd};
 
 use core::ops::ControlFlow;
 
 /// What is done with the points of a block that lie within the radius.
 pub(in crate::neighbor) trait Sink<S: Simd> {
-    const ALWAYS: bool = false;
-    /// Takes the lanes of `hits`, which is not empty.
+    /// Whether it takes blocks without hits too: where that costs little, it costs less than a branch.
+    const TAKES_NONE: bool;
+    /// Takes the lanes of `hits`.
     fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
 }
 
@@ -115,29 +114,21 @@ pub(in crate::neighbor) fn within<S: Simd, V: View, T: Sink<S>, O: Observe>(
 ) -> ControlFlow<()> {
     let bound = s.splat(bound);
     let mut front = Front::begin(view);
-    let mut memory = StackMemory::<u64, LIST>::new();
-    let mut leaves = memory.stack();
-    let leaf_blocks = view.leaf_blocks();
-    let offsets = s.load_u(&OFFSETS[leaf_blocks - 1]);
+    let mut waiting = Waiting::new();
     loop {
-        let mut count = 0;
-        while count <= LIST - LANES {
+        while !waiting.many() {
             let Some((node, lanes)) = front.next(s, view, target, bound, observe) else { break };
-            let first = s.splat_u(view.first_block(node) as u32);
-            let n = lanes.count_ones() as usize;
-            leaves.push_lanes(s, s.compress_u(s.add_u(first, offsets), lanes), n);
-            count += n;
+            waiting.add(s, view, view.first_block(node), lanes);
         }
-        if count == 0 {
+        if waiting.is_empty() {
             return ControlFlow::Continue(());
         }
-        while let Some(leaf) = leaves.pop() {
-            let leaf = leaf as usize;
-            for block in leaf..leaf + leaf_blocks {
+        for &leaf in waiting.take() {
+            for block in leaf as usize..leaf as usize + view.leaf_blocks() {
                 observe.block();
                 let distance = view.point_distances(s, target, block);
                 let hits = s.le(distance, bound);
-                if T::ALWAYS || hits != 0 {
+                if T::TAKES_NONE || hits != 0 {
                     sink.take(s, view, block, distance, hits)?;
                 }
             }

@@ -6,7 +6,7 @@
 //! insertion, which seldom has anything to do. Source of the network: K. Batcher, "Sorting networks and
 //! their applications", 1968, in the form in which all comparisons point the same way.
 
-use super::k_nearest::{Candidates, there};
+use super::candidates::{Candidates, there};
 use crate::neighbor::Neighbor;
 use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
 
