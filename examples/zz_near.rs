@@ -94,7 +94,13 @@ fn main() {
                     work.blocks += w.blocks;
                 }
             }
-            print!("| {order} {k}: {:.0} ({:.0}) [{:.2} n {:.2} b] ", times[0], times[times.len() / 2], work.nodes as f64 / 5000.0, work.blocks as f64 / 5000.0);
+            print!(
+                "| {order} {k}: {:.0} ({:.0}) [{:.2} n {:.2} b] ",
+                times[0],
+                times[times.len() / 2],
+                work.nodes as f64 / 5000.0,
+                work.blocks as f64 / 5000.0
+            );
         }
     }
     println!();

@@ -104,4 +104,3 @@ fn step(from: f32, to: f32) -> f32 {
 fn face(corner: f32, step: f32, count: u8) -> f32 {
     corner + f32::from(count) * step
 }
-

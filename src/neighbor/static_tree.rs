@@ -10,18 +10,8 @@ use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
 use super::view::{Boxes, MAX_LEVELS, Target, View, outside, rows, squared};
 use crate::motion::TimeInterval;
-use crate::simd::{LANES, Lanes, Simd, huge_vec_of, prefetch};
+use crate::simd::{LANES, Lanes, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::{DVec3, Vec3};
-
-/// Sixteen points in rows; where there is none, the coordinates are infinite.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-struct Block {
-    at: [Lanes<f32>; 3],
-    id: Lanes<u32>,
-}
-
-const EMPTY: Block = Block { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LANES] };
 
 /// Points that stand still, in a complete 16-ary tree.
 #[derive(Clone)]
@@ -31,7 +21,7 @@ pub(super) struct StaticTree {
     /// The other levels.
     upper: Vec<Boxes>,
     /// As many as all bottom nodes have lanes for.
-    blocks: Vec<Block>,
+    blocks: Vec<PointBlock>,
     shape: Shape,
 }
 
@@ -78,13 +68,23 @@ impl Shape {
 }
 
 impl StaticTree {
-    /// Builds the tree. `id_of` turns an item's index into the id that answers carry.
-    pub(super) fn build(mut items: Vec<Item>, id_of: impl Fn(u32) -> u32 + Sync) -> StaticTree {
-        let shape = Shape::of(items.len());
-        order(&mut items, shape.leaf());
-        let mut blocks = huge_vec_of(EMPTY, shape.begin[1] * LANES * shape.leaf_blocks);
+    /// Builds the tree over `count` items. `id_of` turns an item's index into the id that answers carry.
+    ///
+    /// Items are ordered in the memory of the blocks that they end up in, so that building takes none besides.
+    pub(super) fn build(
+        count: usize,
+        items: impl Iterator<Item = Item>,
+        id_of: impl Fn(u32) -> u32 + Sync,
+    ) -> StaticTree {
+        let shape = Shape::of(count);
+        let mut blocks = huge_vec_of(PointBlock::EMPTY, shape.begin[1] * LANES * shape.leaf_blocks);
+        let memory = &mut PointBlock::items(&mut blocks)[..count];
+        for (to, item) in memory.iter_mut().zip(items) {
+            *to = item;
+        }
+        order(memory, shape.leaf());
         let mut bottom = huge_vec_of(ByteBoxes::NONE, shape.begin[1]);
-        fill(&items, &mut blocks, &mut bottom, shape.leaf_blocks, &id_of);
+        fill(count, &mut blocks, &mut bottom, shape.leaf_blocks, &id_of);
         let mut upper = huge_vec_of(Boxes::NONE, shape.nodes() - bottom.len());
         for (child, node) in bottom.iter().enumerate() {
             let (lo, hi) = node.hull();
@@ -109,7 +109,7 @@ impl StaticTree {
     pub(super) fn bytes(&self) -> usize {
         self.bottom.capacity() * size_of::<ByteBoxes>()
             + self.upper.capacity() * size_of::<Boxes>()
-            + self.blocks.capacity() * size_of::<Block>()
+            + self.blocks.capacity() * size_of::<PointBlock>()
     }
 
     /// Number of nodes.
@@ -138,10 +138,10 @@ impl StaticTree {
 /// Nodes that one thread fills at a time.
 const SHARE: usize = 64;
 
-/// Writes blocks and bottom nodes.
+/// Turns the first `count` items in the memory of blocks into rows, and writes bottom nodes.
 fn fill(
-    items: &[Item],
-    blocks: &mut [Block],
+    count: usize,
+    blocks: &mut [PointBlock],
     nodes: &mut [ByteBoxes],
     leaf_blocks: usize,
     id_of: &(impl Fn(u32) -> u32 + Sync),
@@ -151,24 +151,26 @@ fn fill(
         let half = nodes.len() / 2;
         let (nodes, more_nodes) = nodes.split_at_mut(half);
         let (blocks, more_blocks) = blocks.split_at_mut(half * share);
-        let (items, more_items) = items.split_at(half * share * LANES);
+        let left = half * share * LANES;
         return super::order::join(
-            || fill(items, blocks, nodes, leaf_blocks, id_of),
-            || fill(more_items, more_blocks, more_nodes, leaf_blocks, id_of),
+            || fill(left, blocks, nodes, leaf_blocks, id_of),
+            || fill(count - left, more_blocks, more_nodes, leaf_blocks, id_of),
         );
     }
-    let parts = blocks.chunks_mut(share).zip(items.chunks(share * LANES));
-    for (node, (blocks, items)) in nodes.iter_mut().zip(parts) {
+    for (i, (node, blocks)) in nodes.iter_mut().zip(blocks.chunks_mut(share)).enumerate() {
         let mut boxes = Boxes::NONE;
-        for (number, (block, items)) in blocks.iter_mut().zip(items.chunks(LANES)).enumerate() {
+        for (number, block) in blocks.iter_mut().enumerate() {
+            let before = (i * share + number) * LANES;
+            let (items, count) = block.take_items(count.saturating_sub(before));
+            *block = PointBlock::EMPTY;
             let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-            for (lane, item) in items.iter().enumerate() {
+            for (lane, item) in items[..count].iter().enumerate() {
                 for axis in 0..3 {
                     block.at[axis][lane] = item.at[axis];
                 }
                 block.id[lane] = id_of(item.index);
             }
-            for item in items {
+            for item in &items[..count] {
                 include(&mut lo, &mut hi, item.at);
             }
             boxes.include(number / leaf_blocks, lo, hi);

@@ -126,13 +126,13 @@ impl PointTree {
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
         let count = still.iter().filter(|&&s| s).count();
         if count == len {
-            tree.add(Layer::Still(source.still_tree(0..len)), PointLayerKind::Static, len, "nothing moves".into());
+            tree.add(Layer::Still(source.still_tree(len, 0..len)), PointLayerKind::Static, len, "nothing moves".into());
             return Ok(tree);
         }
         let apart = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
         if apart {
             let why = format!("{count} of {len} points stand still throughout");
-            let layer = Layer::Still(source.still_tree((0..len).filter(|&i| still[i])));
+            let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i])));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         let moving = (0..len).filter(|&i| !(apart && still[i]));

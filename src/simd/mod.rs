@@ -17,6 +17,7 @@ mod arena;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod points;
 mod portable;
 mod stack;
 
@@ -24,6 +25,7 @@ use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 pub(crate) use arena::{Arena, huge_vec, huge_vec_of};
+pub(crate) use points::{Item, PointBlock};
 pub(crate) use stack::{Stack, StackMemory};
 
 /// Number of lanes in every vector of this module.

@@ -277,4 +277,3 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
         }
     }
 }
-

@@ -27,7 +27,17 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
     #[inline(always)]
     pub(in crate::neighbor) fn within(s: S, bound: f32, shrink: f32, keep: &'a K, observe: &'a mut O) -> Self {
         let id = s.splat_u(u32::MAX);
-        Best { distance: s.splat(bound), id, bound, start: bound, cull: bound * shrink, shrink, keep, observe, waiting: Waiting::new() }
+        Best {
+            distance: s.splat(bound),
+            id,
+            bound,
+            start: bound,
+            cull: bound * shrink,
+            shrink,
+            keep,
+            observe,
+            waiting: Waiting::new(),
+        }
     }
 
     /// Id and squared distance of the nearest, lowest id first.

@@ -100,8 +100,7 @@ pub(in crate::neighbor) fn few_in_order<S: Simd>(
     let (mut distances, mut ids) = ([0.0; LANES], [0; LANES]);
     s.store(s.permute(distance, key), &mut distances);
     s.store_u(s.to_bits(s.permute(s.from_bits(id), key)), &mut ids);
-    let pairs: [Neighbor; LANES] =
-        core::array::from_fn(|i| Neighbor { id: ids[i], distance_squared: distances[i] });
+    let pairs: [Neighbor; LANES] = core::array::from_fn(|i| Neighbor { id: ids[i], distance_squared: distances[i] });
     found.clear();
     found.extend_from_slice(&pairs);
     found.truncate(k.min(count));
