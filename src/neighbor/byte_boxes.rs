@@ -62,12 +62,28 @@ impl ByteBoxes {
         bytes
     }
 
-    /// Lower and upper corner of a lane's box; nothing where it is absent.
-    pub(super) fn corners(&self, lane: usize) -> Option<[[f32; 3]; 2]> {
-        let at = |rows: &[Lanes<u8>; 3]| {
-            core::array::from_fn(|axis| face(self.corner[axis], self.step[axis], rows[axis][lane]))
-        };
-        (self.lo[0][lane] <= self.hi[0][lane]).then(|| [at(&self.lo), at(&self.hi)])
+    /// Which lanes there are.
+    #[inline(always)]
+    pub(super) fn present(&self) -> Lanes<bool> {
+        let mut present = [false; LANES];
+        for (lane, there) in present.iter_mut().enumerate() {
+            *there = self.lo[0][lane] <= self.hi[0][lane];
+        }
+        present
+    }
+
+    /// Lower and upper faces of all lanes, absent ones too.
+    #[inline(always)]
+    pub(super) fn all_faces(&self) -> [[Lanes<f32>; 3]; 2] {
+        let mut faces = [[[0.0; LANES]; 3]; 2];
+        for (faces, counts) in faces.iter_mut().zip([&self.lo, &self.hi]) {
+            for axis in 0..3 {
+                for lane in 0..LANES {
+                    faces[axis][lane] = face(self.corner[axis], self.step[axis], counts[axis][lane]);
+                }
+            }
+        }
+        faces
     }
 
     /// The box around all sixteen.
@@ -101,6 +117,77 @@ fn step(from: f32, to: f32) -> f32 {
 }
 
 /// A face as searches compute it.
+#[inline(always)]
 fn face(corner: f32, step: f32, count: u8) -> f32 {
     corner + f32::from(count) * step
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::{Kernel, SimdLevel, dispatch};
+
+    /// Distances of the boxes as searches compute them.
+    struct Distances<'a>(&'a ByteBoxes, [f32; 3]);
+
+    impl Kernel for Distances<'_> {
+        type Output = Lanes<f32>;
+        #[inline(always)]
+        fn run<S: Simd>(self, s: S) -> Lanes<f32> {
+            let mut to = [0.0; LANES];
+            s.store(self.0.distances(s, &self.1.map(|x| s.splat(x))), &mut to);
+            to
+        }
+    }
+
+    fn next(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 24) as f32
+    }
+
+    #[test]
+    fn boxes_are_rounded_outward_and_by_little() {
+        let mut state = 11;
+        for round in 0..3000 {
+            // From one place to all that is allowed, near zero and far from it.
+            let size = [0.0, 1e-44, 1e-39, 1e-3, 1.0, 1e18][round % 6];
+            let offset = [0.0, 1e-40, -3.0, 1e6, -1e18][round / 6 % 5];
+            let mut boxes = Boxes::NONE;
+            let present = round % 17;
+            for lane in 0..present {
+                let mut corner = || core::array::from_fn(|_| offset + next(&mut state) * size);
+                let (a, b): ([f32; 3], [f32; 3]) = (corner(), corner());
+                let least = core::array::from_fn(|i| a[i].min(b[i]));
+                boxes.include(lane, least, core::array::from_fn(|i| a[i].max(b[i])));
+            }
+            let bytes = ByteBoxes::around(&boxes);
+            let (corner, far) = boxes.hull();
+            let (there, faces) = (bytes.present(), bytes.all_faces());
+            assert!((0..LANES).all(|lane| there[lane] == (lane < present)), "round {round}");
+            let corners = |lane: usize| faces.map(|rows| rows.map(|row| row[lane]));
+            for lane in 0..present {
+                let [lo, hi]: [[f32; 3]; 2] = corners(lane);
+                for axis in 0..3 {
+                    let (exact_lo, exact_hi) = (boxes.lo[axis][lane], boxes.hi[axis][lane]);
+                    assert!(lo[axis] <= exact_lo && exact_hi <= hi[axis], "round {round}, lane {lane}");
+                    let grid = (far[axis] - corner[axis]) / 254.0 + f32::MIN_POSITIVE;
+                    let most = grid + (exact_lo.abs().max(exact_hi.abs())) * f32::EPSILON;
+                    assert!(exact_lo - lo[axis] <= most && hi[axis] - exact_hi <= most, "round {round}, lane {lane}");
+                }
+            }
+            let (hull_lo, hull_hi) = bytes.hull();
+            assert!(present == 0 || (0..3).all(|axis| hull_lo[axis] <= corner[axis] && far[axis] <= hull_hi[axis]));
+            // What searches see is what was checked above, fused or not.
+            let point = core::array::from_fn(|_| offset + (next(&mut state) * 3.0 - 1.0) * size);
+            for simd in SimdLevel::available() {
+                let distances = dispatch(simd, Distances(&bytes, point));
+                for (lane, distance) in distances.into_iter().take(present).enumerate() {
+                    let [lo, hi] = corners(lane);
+                    let gap = |i: usize| (lo[i] - point[i]).max(point[i] - hi[i]).max(0.0);
+                    let expected = (gap(0) * gap(0) + gap(1) * gap(1)) + gap(2) * gap(2);
+                    assert_eq!(distance.to_bits(), expected.to_bits(), "{simd}, round {round}, lane {lane}");
+                }
+            }
+        }
+    }
 }

@@ -11,7 +11,7 @@ use super::order::{Item, include, order};
 use super::view::{Boxes, MAX_LEVELS, Target, View, outside, rows, squared};
 use crate::motion::TimeInterval;
 use crate::simd::{LANES, Lanes, PointBlock, Simd, huge_vec_of, prefetch};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 /// Points that stand still, in a complete 16-ary tree.
 #[derive(Clone)]
@@ -120,18 +120,6 @@ impl StaticTree {
     /// Number of levels of nodes.
     pub(super) fn levels(&self) -> usize {
         self.shape.levels
-    }
-}
-
-impl StaticTree {
-    /// Lower and upper corner of a lane's box; nothing where it is absent.
-    fn corners_of(&self, node: usize, lane: usize) -> Option<[[f32; 3]; 2]> {
-        if let Some(node) = self.bottom.get(node) {
-            return node.corners(lane);
-        }
-        let node = &self.upper[node - self.bottom.len()];
-        let corner = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);
-        (node.lo[0][lane] <= node.hi[0][lane]).then(|| [corner(&node.lo), corner(&node.hi)])
     }
 }
 
@@ -244,11 +232,26 @@ impl Boxed for StaticTree {
     fn behind(&self, level: usize, node: usize) -> (usize, usize) {
         if level == 0 { (self.first_block(node), self.shape.leaf_blocks) } else { (self.first_child(level, node), 1) }
     }
-    fn times(&self, node: usize, lane: usize) -> Option<[f64; 2]> {
-        self.corners_of(node, lane).map(|_| [0.0, 1.0])
+    #[inline(always)]
+    fn times(&self, node: usize) -> [Lanes<f64>; 2] {
+        let begin = match self.bottom.get(node) {
+            Some(node) => node.present().map(|there| if there { 0.0 } else { f64::INFINITY }),
+            None => {
+                self.upper[node - self.bottom.len()].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY })
+            }
+        };
+        [begin, [1.0; LANES]]
     }
-    fn corners(&self, node: usize, lane: usize, _phase: f64) -> [DVec3; 2] {
-        self.corners_of(node, lane).unwrap_or([[f32::INFINITY; 3]; 2]).map(|at| Vec3::from_array(at).as_dvec3())
+    #[inline(always)]
+    fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        let [lo, hi] = match self.bottom.get(node) {
+            Some(node) => node.all_faces(),
+            None => {
+                let node = &self.upper[node - self.bottom.len()];
+                [node.lo, node.hi]
+            }
+        };
+        [lo.map(|row| row.map(f64::from)), hi.map(|row| row.map(f64::from))]
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let block = &self.blocks[block];
