@@ -115,6 +115,9 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for Best<'_, S, K, O> {
         self.leaf(s, view, target, first + lane * view.leaf_blocks());
         self.tighten(s);
         self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & !(1 << lane));
+        if self.waiting.many() {
+            self.look(s, view, target);
+        }
     }
 
     #[inline(always)]
