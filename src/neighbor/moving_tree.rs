@@ -370,7 +370,7 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         if TIMED { counting(s, &self.tree.block_times[block], target.time, distances) } else { distances }
     }
     #[inline(always)]
-    fn expect_node(&self, _level: usize, node: usize) {
+    fn expect_node(&self, node: usize) {
         prefetch(&self.tree.nodes[node]);
     }
     #[inline(always)]

@@ -16,8 +16,8 @@ use glam::Vec3;
 /// Points that stand still, in a complete 16-ary tree.
 #[derive(Clone)]
 pub(super) struct StaticTree {
-    /// Level 0, whose children are leaves.
-    bottom: Vec<ByteBoxes>,
+    /// The lower levels, which have many nodes.
+    lower: Vec<ByteBoxes>,
     /// The other levels.
     upper: Vec<Boxes>,
     /// As many as all bottom nodes have lanes for.
@@ -83,31 +83,47 @@ impl StaticTree {
             *to = item;
         }
         order(memory, shape.leaf());
-        let mut bottom = huge_vec_of(ByteBoxes::NONE, shape.begin[1]);
-        fill(count, &mut blocks, &mut bottom, shape.leaf_blocks, &id_of);
-        let mut upper = huge_vec_of(Boxes::NONE, shape.nodes() - bottom.len());
-        for (child, node) in bottom.iter().enumerate() {
-            let (lo, hi) = node.hull();
-            if let Some(above) = upper.get_mut(child / LANES) {
-                above.include(child % LANES, lo, hi);
-            }
+        let small = (0..shape.levels).find(|&level| shape.begin[level + 1] - shape.begin[level] <= MOST_PLAIN);
+        let plain = shape.begin[small.unwrap_or(shape.levels)];
+        let mut tree = StaticTree {
+            lower: huge_vec_of(ByteBoxes::NONE, plain),
+            upper: huge_vec_of(Boxes::NONE, shape.nodes() - plain),
+            blocks,
+            shape,
+        };
+        if plain > 0 {
+            fill(count, &mut tree.blocks, &mut tree.lower[..shape.begin[1]], shape.leaf_blocks, &id_of);
+        } else {
+            fill(count, &mut tree.blocks, &mut tree.upper[..shape.begin[1]], shape.leaf_blocks, &id_of);
         }
-        for level in 2..shape.levels {
-            let (below, here) = upper.split_at_mut(shape.begin[level] - shape.begin[1]);
-            let below = &below[shape.begin[level - 1] - shape.begin[1]..];
-            for (node, children) in here.iter_mut().zip(below.chunks(LANES)) {
-                for (lane, child) in children.iter().enumerate() {
-                    let (lo, hi) = child.hull();
-                    node.include(lane, lo, hi);
+        for level in 1..shape.levels {
+            for node in shape.begin[level]..shape.begin[level + 1] {
+                let first = View::first_child(&&tree, level, node);
+                let mut boxes = Boxes::NONE;
+                for (lane, child) in (first..shape.begin[level]).take(LANES).enumerate() {
+                    let (lo, hi) = tree.hull(child);
+                    boxes.include(lane, lo, hi);
+                }
+                match tree.lower.get_mut(node) {
+                    Some(node) => *node = ByteBoxes::around(&boxes),
+                    None => tree.upper[node - plain] = boxes,
                 }
             }
         }
-        StaticTree { bottom, upper, blocks, shape }
+        tree
+    }
+
+    /// The box around all children of a node.
+    fn hull(&self, node: usize) -> ([f32; 3], [f32; 3]) {
+        match self.lower.get(node) {
+            Some(node) => node.hull(),
+            None => self.upper[node - self.lower.len()].hull(),
+        }
     }
 
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
-        self.bottom.capacity() * size_of::<ByteBoxes>()
+        self.lower.capacity() * size_of::<ByteBoxes>()
             + self.upper.capacity() * size_of::<Boxes>()
             + self.blocks.capacity() * size_of::<PointBlock>()
     }
@@ -123,14 +139,35 @@ impl StaticTree {
     }
 }
 
+/// A level of more nodes than this has its boxes in bytes. Fewer stay in the nearest caches anyway, where a third of
+/// the size is worth less than the few cycles that it takes to read bytes.
+const MOST_PLAIN: usize = 1024;
+
+/// A node that can be made of sixteen boxes.
+trait FromBoxes: Send {
+    fn of(boxes: Boxes) -> Self;
+}
+
+impl FromBoxes for Boxes {
+    fn of(boxes: Boxes) -> Boxes {
+        boxes
+    }
+}
+
+impl FromBoxes for ByteBoxes {
+    fn of(boxes: Boxes) -> ByteBoxes {
+        ByteBoxes::around(&boxes)
+    }
+}
+
 /// Nodes that one thread fills at a time.
 const SHARE: usize = 64;
 
 /// Turns the first `count` items in the memory of blocks into rows, and writes bottom nodes.
-fn fill(
+fn fill<N: FromBoxes>(
     count: usize,
     blocks: &mut [PointBlock],
-    nodes: &mut [ByteBoxes],
+    nodes: &mut [N],
     leaf_blocks: usize,
     id_of: &(impl Fn(u32) -> u32 + Sync),
 ) {
@@ -163,7 +200,7 @@ fn fill(
             }
             boxes.include(number / leaf_blocks, lo, hi);
         }
-        *node = ByteBoxes::around(&boxes);
+        *node = N::of(boxes);
     }
 }
 
@@ -190,12 +227,11 @@ impl View for &StaticTree {
     }
     #[inline(always)]
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
-        let node = &self.upper[node - self.bottom.len()];
+        if let Some(node) = self.lower.get(node) {
+            return node.distances(s, &target.point);
+        }
+        let node = &self.upper[node - self.lower.len()];
         outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
-    }
-    #[inline(always)]
-    fn leaf_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
-        self.bottom[node].distances(s, &target.point)
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
@@ -203,11 +239,10 @@ impl View for &StaticTree {
         squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
     }
     #[inline(always)]
-    fn expect_node(&self, level: usize, node: usize) {
-        if level == 0 {
-            prefetch(&self.bottom[node]);
-        } else {
-            prefetch(&self.upper[node - self.bottom.len()]);
+    fn expect_node(&self, node: usize) {
+        match self.lower.get(node) {
+            Some(node) => prefetch(node),
+            None => prefetch(&self.upper[node - self.lower.len()]),
         }
     }
     #[inline(always)]
@@ -234,20 +269,20 @@ impl Boxed for StaticTree {
     }
     #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {
-        let begin = match self.bottom.get(node) {
+        let begin = match self.lower.get(node) {
             Some(node) => node.present().map(|there| if there { 0.0 } else { f64::INFINITY }),
             None => {
-                self.upper[node - self.bottom.len()].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY })
+                self.upper[node - self.lower.len()].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY })
             }
         };
         [begin, [1.0; LANES]]
     }
     #[inline(always)]
     fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let [lo, hi] = match self.bottom.get(node) {
+        let [lo, hi] = match self.lower.get(node) {
             Some(node) => node.all_faces(),
             None => {
-                let node = &self.upper[node - self.bottom.len()];
+                let node = &self.upper[node - self.lower.len()];
                 [node.lo, node.hi]
             }
         };

@@ -55,15 +55,10 @@ pub(super) trait View: Copy {
     fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S>;
     /// Squared distances to the child boxes; infinite where there is no child at this time.
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
-    /// Squared distances to the leaf boxes of a bottom node, likewise.
-    #[inline(always)]
-    fn leaf_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
-        self.box_distances(s, target, node)
-    }
     /// Squared distances to the points; infinite where there is no point at this time.
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
-    /// A node of a level that will soon be tested, probably.
-    fn expect_node(&self, level: usize, node: usize);
+    /// A node that will soon be tested, probably.
+    fn expect_node(&self, node: usize);
     /// A leaf that will soon be tested, probably.
     fn expect_leaf(&self, block: usize);
     /// Ids of a block's points.

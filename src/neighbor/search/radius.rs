@@ -49,7 +49,7 @@ impl Front {
             if fresh {
                 observe.node();
                 if self.level == 0 {
-                    let within = s.le(view.leaf_distances(s, target, self.node), bound);
+                    let within = s.le(view.box_distances(s, target, self.node), bound);
                     self.level = 1;
                     if within != 0 {
                         return Some((self.node, within));

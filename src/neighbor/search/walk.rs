@@ -54,7 +54,7 @@ pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V,
         collect.node();
         let (mut left, mut key);
         if level == 0 {
-            let boxes = view.leaf_distances(s, target, node);
+            let boxes = view.box_distances(s, target, node);
             collect.bottom(s, view, target, node, boxes);
             if top == 0 {
                 return collect.end(s, view, target);
@@ -78,7 +78,7 @@ pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V,
                 node = first[level] + lane;
                 let (second, distance) = unpack(next[level]);
                 if distance <= collect.cull() {
-                    view.expect_node(level - 1, first[level] + second);
+                    view.expect_node(first[level] + second);
                 }
                 level -= 1;
                 break;
