@@ -292,7 +292,7 @@ fn counted_work_is_what_it_was() {
 }
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
-    ("uniform", PointStructure::Automatic, (4764, 6871)),
+    ("uniform", PointStructure::Automatic, (4764, 6770)),
     ("coherent", PointStructure::Linear, (5011, 7039)),
     ("random", PointStructure::Slabs(4), (5091, 7360)),
     ("fast few", PointStructure::Mbkd, (175389, 285490)),
