@@ -69,6 +69,11 @@ pub enum BuildError {
         /// How many there were.
         found: usize,
     },
+    /// More vertex positions, over all keys of all meshes, than 32 bits can number.
+    TooManyPositions {
+        /// How many there were.
+        found: usize,
+    },
     /// The tree would be larger than its references can number (2 GiB of nodes and leaf blocks).
     TooLargeTree,
     /// A build parameter is outside its range.
@@ -116,6 +121,9 @@ impl fmt::Display for BuildError {
             }
             BuildError::TooManyPrimitives { found } => {
                 write!(f, "{found} primitives are more than one tree can name (2^32 - 2); split the scene")
+            }
+            BuildError::TooManyPositions { found } => {
+                write!(f, "{found} vertex positions are more than one tree can number (2^32 - 2); split the scene")
             }
             BuildError::TooLargeTree => {
                 write!(f, "the tree would be larger than 2 GiB; split the scene into several trees")

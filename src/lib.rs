@@ -18,6 +18,7 @@
 //! | `tree` | the layouts that queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree; [`RayTree`] |
 //! | `ray` | rays, hits, the watertight triangle test, both traversals |
 //! | `neighbor` | [`PointTree`]: its structures, how one is chosen, its searches |
+//! | `parallel` | the same for many things, on several threads |
 //! | `simd` | sixteen lanes with run-time dispatch; the only `unsafe` code |
 //! | [`baseline`] | brute force, the reference for everything |
 //! | [`scene`] | deterministic procedural scenes |
@@ -41,6 +42,7 @@ mod build;
 mod error;
 mod motion;
 mod neighbor;
+mod parallel;
 mod ray;
 pub mod scene;
 mod simd;

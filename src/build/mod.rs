@@ -4,7 +4,6 @@ mod classify;
 mod distribute;
 mod kd;
 pub(crate) mod object;
-pub(crate) mod parallel;
 mod params;
 mod progress;
 mod reference;

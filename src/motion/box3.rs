@@ -41,6 +41,12 @@ impl Box3 {
         self.min.cmpgt(self.max).any()
     }
 
+    /// Whether the point lies in it, faces included.
+    #[inline]
+    pub fn holds(self, p: Vec3) -> bool {
+        (p.cmpge(self.min) & p.cmple(self.max)).all()
+    }
+
     /// Half the surface area; 0 for an empty box.
     #[inline]
     pub fn half_area(self) -> f32 {

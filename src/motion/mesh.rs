@@ -2,6 +2,8 @@
 
 use super::{Aabb, MAX_COORDINATE, TimeInterval};
 use crate::error::BuildError;
+use crate::parallel;
+use core::ops::Range;
 use glam::{DVec3, Vec3};
 
 /// Vertex positions at each key: the outer list runs over keys, the inner over vertices.
@@ -29,20 +31,20 @@ impl Keys {
     }
 
     /// Number of vertices of one key.
-    fn vertices(&self, key: usize) -> usize {
+    pub(crate) fn vertices(&self, key: usize) -> usize {
         match self {
             Keys::F32(keys) => keys[key].len(),
             Keys::F64(keys) => keys[key].len(),
         }
     }
 
-    /// The positions of one key in double precision.
-    pub(crate) fn positions(&self, key: usize) -> impl Iterator<Item = DVec3> + '_ {
-        let (single, double) = match self {
-            Keys::F32(keys) => (keys[key].as_slice(), [].as_slice()),
-            Keys::F64(keys) => ([].as_slice(), keys[key].as_slice()),
-        };
-        single.iter().map(|p| p.as_dvec3()).chain(double.iter().copied())
+    /// A vertex at one key in double precision.
+    #[inline(always)]
+    pub(crate) fn position(&self, key: usize, vertex: usize) -> DVec3 {
+        match self {
+            Keys::F32(keys) => keys[key][vertex].as_dvec3(),
+            Keys::F64(keys) => keys[key][vertex],
+        }
     }
 }
 
@@ -127,20 +129,35 @@ impl TriangleMesh {
             if found != vertices {
                 return Err(BuildError::KeyLength { mesh, key, expected: vertices, found });
             }
-            for (vertex, p) in self.keys.positions(key).enumerate() {
-                if !p.is_finite() {
-                    return Err(BuildError::NonFinite { mesh, key, vertex });
-                }
-                if p.abs().max_element() > MAX_COORDINATE {
-                    return Err(BuildError::TooLarge { mesh, key, vertex });
-                }
-                swept = Aabb { min: swept.min.min(p), max: swept.max.max(p) };
+            let parts = parallel::chunks(vertices, |of| self.validate_positions(mesh, key, of));
+            for part in parts {
+                swept = swept.union(part?);
             }
         }
-        for (triangle, corners) in self.indices.iter().enumerate() {
-            if let Some(&index) = corners.iter().find(|&&i| i as usize >= vertices) {
-                return Err(BuildError::IndexOutOfRange { mesh, triangle, index, vertices });
+        let parts = parallel::chunks(self.indices.len(), |of| {
+            let outside = |corners: &[u32; 3]| corners.iter().find(|&&i| i as usize >= vertices).copied();
+            let first = of.start;
+            let mut wrong = self.indices[of].iter().enumerate().filter_map(|(i, corners)| Some((i, outside(corners)?)));
+            wrong.next().map(|(i, index)| BuildError::IndexOutOfRange { mesh, triangle: first + i, index, vertices })
+        });
+        match parts.into_iter().flatten().next() {
+            Some(error) => Err(error),
+            None => Ok(swept),
+        }
+    }
+
+    /// The box of some vertices at one key, if they are fine.
+    fn validate_positions(&self, mesh: usize, key: usize, of: Range<usize>) -> Result<Aabb, BuildError> {
+        let mut swept = Aabb::EMPTY;
+        for vertex in of {
+            let p = self.keys.position(key, vertex);
+            if !p.is_finite() {
+                return Err(BuildError::NonFinite { mesh, key, vertex });
             }
+            if p.abs().max_element() > MAX_COORDINATE {
+                return Err(BuildError::TooLarge { mesh, key, vertex });
+            }
+            swept = Aabb { min: swept.min.min(p), max: swept.max.max(p) };
         }
         Ok(swept)
     }

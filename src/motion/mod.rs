@@ -30,7 +30,6 @@ pub(crate) use primitive::PrimitiveSet;
 pub use primitive::{Primitive, Shapes};
 pub use sphere::MovingSphere;
 pub use triangles::Triangles;
-pub(crate) use triangles::Vertex;
 
 /// The largest magnitude a coordinate may have. Beyond it builds return an error.
 pub const MAX_COORDINATE: f64 = 1e30;

@@ -3,7 +3,9 @@
 use super::separate::{INSTANTS, Instant, stays_clear};
 use super::{Aabb, Box3, Frame, KeyTime, LinearBox3, PrimitiveSet, TimeInterval, TriangleMesh, ULP};
 use crate::error::BuildError;
+use crate::parallel;
 use crate::ray::{SetHit, TreeRay, intersect_triangle};
+use crate::simd::{huge_vec, prefetch};
 use glam::{DVec3, Vec3};
 
 /// The triangles of several meshes, as a [`RayTree`](crate::RayTree) holds them: rebased into one frame.
@@ -13,25 +15,22 @@ use glam::{DVec3, Vec3};
 pub struct Triangles {
     frame: Frame,
     meshes: Vec<Rebased>,
-    /// Vertex indices of each triangle within its mesh.
-    indices: Vec<[u32; 3]>,
+    /// The positions of all meshes: mesh by mesh, in each key by key.
+    positions: Vec<Vec3>,
+    /// The corners of each triangle, as places of their first keys in `positions`.
+    corners: Vec<[u32; 3]>,
     /// The mesh of each triangle.
     mesh_of: Vec<u32>,
     always_active: bool,
 }
 
-/// A vertex of one of the meshes.
-#[derive(Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct Vertex {
-    mesh: u32,
-    index: u32,
-}
-
 struct Rebased {
     /// Id of the first triangle.
     first: u32,
-    /// Positions per key.
-    keys: Vec<Vec<Vec3>>,
+    /// Number of keys.
+    keys: usize,
+    /// How far apart successive keys of a vertex are in the positions; 0 where there is one only.
+    stride: usize,
     active: TimeInterval,
     mask: u32,
 }
@@ -47,23 +46,35 @@ impl Triangles {
         if total >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found: total });
         }
+        let found: usize = meshes.iter().map(|mesh| mesh.keys.len() * mesh.keys.vertices(0)).sum();
+        if found >= u32::MAX as usize {
+            return Err(BuildError::TooManyPositions { found });
+        }
         let frame = Frame::around(swept);
-        let mut indices = Vec::with_capacity(total);
+        let mut positions = huge_vec(found);
+        let mut corners = huge_vec(total);
         let mut mesh_of = Vec::with_capacity(total);
         let mut rebased = Vec::with_capacity(meshes.len());
         for (i, mesh) in meshes.iter().enumerate() {
-            let mut keys: Vec<Vec<Vec3>> =
-                (0..mesh.keys.len()).map(|k| mesh.keys.positions(k).map(|p| frame.point(p)).collect()).collect();
-            // Keys that all say the same are one key: what stands still pays nothing for motion.
-            if keys[1..].iter().all(|key| *key == keys[0]) {
-                keys.truncate(1);
+            let (first, place) = (corners.len() as u32, positions.len());
+            let (mut keys, vertices) = (mesh.keys.len(), mesh.keys.vertices(0));
+            for key in 0..keys {
+                parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(key, v)));
             }
-            rebased.push(Rebased { first: indices.len() as u32, keys, active: mesh.active, mask: mesh.mask });
-            indices.extend_from_slice(&mesh.indices);
-            mesh_of.resize(indices.len(), i as u32);
+            // Keys that all say the same are one key: what stands still pays nothing for motion.
+            let (key0, others) = positions[place..].split_at(vertices);
+            if others.chunks(vertices.max(1)).all(|key| key == key0) {
+                keys = 1;
+                positions.truncate(place + vertices);
+            }
+            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(|v| place as u32 + v));
+            mesh_of.resize(corners.len(), i as u32);
+            let stride = if keys == 1 { 0 } else { vertices };
+            rebased.push(Rebased { first, keys, stride, active: mesh.active, mask: mesh.mask });
         }
+        positions.shrink_to_fit();
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
-        Ok(Triangles { frame, meshes: rebased, indices, mesh_of, always_active })
+        Ok(Triangles { frame, meshes: rebased, positions, corners, mesh_of, always_active })
     }
 
     fn mesh(&self, id: u32) -> &Rebased {
@@ -72,45 +83,68 @@ impl Triangles {
 
     /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
     pub(crate) fn keys(&self, id: u32) -> usize {
-        self.mesh(id).keys.len()
+        self.mesh(id).keys
     }
 
     /// The id of a triangle of a mesh, if there is such a triangle.
     pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
         let first = self.meshes.get(mesh as usize)?.first;
-        let end = self.meshes.get(mesh as usize + 1).map_or(self.indices.len() as u32, |next| next.first);
+        let end = self.meshes.get(mesh as usize + 1).map_or(self.corners.len() as u32, |next| next.first);
         first.checked_add(triangle).filter(|&id| id < end)
     }
 
-    /// The vertices of a triangle.
-    pub(crate) fn vertices(&self, id: u32) -> [Vertex; 3] {
-        let mesh = self.mesh_of[id as usize];
-        self.indices[id as usize].map(|index| Vertex { mesh, index })
+    /// The vertices of a triangle: numbers that no other vertex of any mesh has.
+    #[inline]
+    pub(crate) fn vertices(&self, id: u32) -> [u32; 3] {
+        self.corners[id as usize]
     }
 
-    /// The position of a vertex at one key, or at the last there is.
-    pub(crate) fn vertex_at_key(&self, vertex: Vertex, key: usize) -> Vec3 {
-        let keys = &self.meshes[vertex.mesh as usize].keys;
-        keys[key.min(keys.len() - 1)][vertex.index as usize]
+    /// How far apart successive keys of a triangle's vertices are, for [`Triangles::position`]; 0 where it stands
+    /// still.
+    #[inline]
+    pub(crate) fn stride(&self, id: u32) -> usize {
+        self.mesh(id).stride
+    }
+
+    /// The position of a vertex at key `n` of its mesh, where `offset` is `n` times the stride.
+    #[inline]
+    pub(crate) fn position(&self, vertex: u32, offset: usize) -> Vec3 {
+        self.positions[vertex as usize + offset]
     }
 
     /// The corners at one key.
+    #[inline]
     pub(crate) fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
-        let positions = &self.mesh(id).keys[key];
-        self.indices[id as usize].map(|i| positions[i as usize])
+        let offset = key * self.stride(id);
+        self.vertices(id).map(|v| self.position(v, offset))
     }
 
     /// The corners at time `t`, exactly as queries see them.
     #[inline]
     pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
-        let keys = &self.mesh(id).keys;
-        let corners = self.indices[id as usize];
-        if keys.len() == 1 {
-            return corners.map(|i| keys[0][i as usize]);
+        let &Rebased { keys, stride, .. } = self.mesh(id);
+        if keys == 1 {
+            return self.vertices(id).map(|v| self.position(v, 0));
         }
-        let at = KeyTime::new(t, keys.len());
-        let (a, b) = (&keys[at.segment], &keys[at.segment + 1]);
-        corners.map(|i| at.position(a[i as usize], b[i as usize]))
+        let at = KeyTime::new(t, keys);
+        let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
+        self.vertices(id).map(|v| at.position(self.position(v, a), self.position(v, b)))
+    }
+
+    /// Asks for the numbers of a triangle's vertices.
+    #[inline]
+    pub(crate) fn prefetch_corners(&self, id: u32) {
+        prefetch(&self.corners[id as usize]);
+    }
+
+    /// Asks for the vertices of a triangle at the first two keys.
+    #[inline]
+    pub(crate) fn prefetch_positions(&self, id: u32) {
+        let stride = self.stride(id);
+        for vertex in self.vertices(id) {
+            prefetch(&self.positions[vertex as usize]);
+            prefetch(&self.positions[vertex as usize + stride]);
+        }
     }
 
     /// How far a kernel's vertex may lie from the exactly interpolated one.
@@ -134,7 +168,7 @@ fn box_of(corners: [Vec3; 3]) -> Box3 {
 
 impl PrimitiveSet for Triangles {
     fn len(&self) -> usize {
-        self.indices.len()
+        self.corners.len()
     }
 
     fn active(&self, id: u32) -> TimeInterval {
@@ -215,9 +249,9 @@ impl PrimitiveSet for Triangles {
     }
 
     fn bytes(&self) -> usize {
-        let keys = self.meshes.iter().flat_map(|m| &m.keys);
-        let positions: usize = keys.map(|k| k.capacity() * size_of::<Vec3>()).sum();
-        positions + self.indices.capacity() * size_of::<[u32; 3]>() + self.mesh_of.capacity() * size_of::<u32>()
+        self.positions.capacity() * size_of::<Vec3>()
+            + self.corners.capacity() * size_of::<[u32; 3]>()
+            + self.mesh_of.capacity() * size_of::<u32>()
     }
 }
 

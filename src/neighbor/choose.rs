@@ -116,7 +116,7 @@ pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, s
     let samples = samples(movers, keys, segment);
     let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
     let fast: usize = samples.iter().map(|s| s.movers.iter().filter(|m| m.cut).count()).sum();
-    let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.movers.len()).sum();
+    let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.movers.len()).sum::<usize>();
     let trial = |plan: &Plan, fast: Option<&Plan>| {
         let all = samples.iter().map(|s| work(s, plan, fast, simd));
         let (cost, references) = all.fold((0.0, 0), |sum, (cost, n)| (sum.0 + cost, sum.1 + n));

@@ -13,7 +13,6 @@ use super::wide::Scene;
 use crate::motion::KeyTime;
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
 use crate::tree::wide::{CORNER_ROWS, ChildRef, VERTEX_ROWS, WideSource, shared_count};
-use glam::Vec3;
 
 impl<G: WideSource, F: Filter> Scene<'_, G, F> {
     /// Tests the triangles of a leaf block; true ends the query.
@@ -23,7 +22,7 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         s: S,
         leaf: ChildRef,
         ray: &TreeRay,
-        between: Between,
+        of: &LeafRay,
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
@@ -33,12 +32,14 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         let block = &self.arena.floats()[leaf.at()..];
         let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
         let rows = Rows::new(block, n, count);
-        let shear = &ray.shear;
-        let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, shear.kz, ray.origin);
-        let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, shear.kx, ray.origin);
-        let [ya, yb, yc] = corners::<S, MOVING>(s, &rows, between, shear.ky, ray.origin);
+        let of = of.read();
+        let between = if MOVING { of.between } else { Between::NEVER };
+        let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
+        let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, kz, oz);
+        let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, kx, ox);
+        let [ya, yb, yc] = corners::<S, MOVING>(s, &rows, between, ky, oy);
         // Sheared exactly as by `Sheared::corner`.
-        let (sx, sy) = (s.splat(shear.sx), s.splat(shear.sy));
+        let (sx, sy) = (s.splat(of.sx), s.splat(of.sy));
         let a = (xa - sx * za, ya - sy * za);
         let b = (xb - sx * zb, yb - sy * zb);
         let c = (xc - sx * zc, yc - sy * zc);
@@ -72,7 +73,7 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         s: S,
         leaf: ChildRef,
         ray: &TreeRay,
-        between: Between,
+        of: &LeafRay,
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
@@ -84,10 +85,12 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         let n = shared_count(words[0]);
         observer.leaf();
         observer.primitive_tests(n);
-        let shear = &ray.shear;
-        let z = vertices::<S, MOVING>(s, &rows, between, shear.kz, ray.origin);
-        let x = vertices::<S, MOVING>(s, &rows, between, shear.kx, ray.origin) - s.splat(shear.sx) * z;
-        let y = vertices::<S, MOVING>(s, &rows, between, shear.ky, ray.origin) - s.splat(shear.sy) * z;
+        let of = of.read();
+        let between = if MOVING { of.between } else { Between::NEVER };
+        let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
+        let z = vertices::<S, MOVING>(s, &rows, between, kz, oz);
+        let x = vertices::<S, MOVING>(s, &rows, between, kx, ox) - s.splat(of.sx) * z;
+        let y = vertices::<S, MOVING>(s, &rows, between, ky, oy) - s.splat(of.sy) * z;
         let first = s.load_u(words);
         let (second, third) = (s.shift_right::<4>(first), s.shift_right::<8>(first));
         let a = (s.permute(x, first), s.permute(y, first));
@@ -172,8 +175,8 @@ fn maybe_inside<S: Simd>(s: S, a: (S::F, S::F), b: (S::F, S::F), c: (S::F, S::F)
 /// One coordinate of the three corners of a block's triangles at the ray's time, exactly as `KeyTime::position`
 /// computes it, less the origin.
 #[inline(always)]
-fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: Vec3) -> [S::F; 3] {
-    let origin = s.splat(origin.to_array()[axis]);
+fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: f32) -> [S::F; 3] {
+    let origin = s.splat(origin);
     let (base, other) = between.rows(CORNER_ROWS);
     let [a, b, c] = s.load_thirds(rows, base + axis);
     if !MOVING {
@@ -186,14 +189,53 @@ fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axi
 
 /// One coordinate of a block's shared vertices, likewise.
 #[inline(always)]
-fn vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: Vec3) -> S::F {
-    let origin = s.splat(origin.to_array()[axis]);
+fn vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: f32) -> S::F {
+    let origin = s.splat(origin);
     let (base, other) = between.rows(VERTEX_ROWS);
     let at = s.load_row(rows, base + axis);
     if !MOVING {
         return at - origin;
     }
     at + (s.load_row(rows, other + axis) - at) * s.splat(between.fraction) - origin
+}
+
+/// What leaf blocks need of a ray, in memory.
+#[derive(Clone, Copy)]
+pub(super) struct LeafRay {
+    /// The axes `kx`, `ky` and `kz` of the shear, and the ray's origin along them.
+    axes: [usize; 3],
+    origin: [f32; 3],
+    /// The slopes of the shear.
+    sx: f32,
+    sy: f32,
+    /// The ray's time between keys; with two of them, unless a block says otherwise.
+    between: Between,
+}
+
+impl LeafRay {
+    #[inline(always)]
+    pub(super) fn new(ray: &TreeRay) -> LeafRay {
+        let (o, k) = ([ray.origin.x, ray.origin.y, ray.origin.z, 0.0], &ray.shear);
+        LeafRay {
+            axes: [k.kx, k.ky, k.kz],
+            origin: [o[k.kx & 3], o[k.ky & 3], o[k.kz & 3]],
+            sx: k.sx,
+            sy: k.sy,
+            between: Between::new(KeyTime::new(ray.time, 2)),
+        }
+    }
+
+    /// The same ray with another time between keys.
+    #[inline(always)]
+    pub(super) fn between(&self, between: Between) -> LeafRay {
+        LeafRay { between, ..*self }
+    }
+
+    /// The ray for one leaf block. What the black box hides is not prepared for blocks that may never be met.
+    #[inline(always)]
+    pub(super) fn read(&self) -> LeafRay {
+        *core::hint::black_box(self)
+    }
 }
 
 /// A time between two keys, as leaf blocks use it: from the nearer key towards the other.
@@ -210,7 +252,7 @@ pub(super) struct Between {
 
 impl Between {
     /// For what stands still.
-    pub(super) const NEVER: Between = Between { from_end: false, fraction: 0.0 };
+    const NEVER: Between = Between { from_end: false, fraction: 0.0 };
 
     #[inline(always)]
     pub(super) fn new(keys: KeyTime) -> Between {
@@ -228,6 +270,7 @@ impl Between {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
 
     #[test]
     fn leaf_blocks_interpolate_as_keys_do() {

@@ -9,7 +9,7 @@ use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
 use super::hit::Hit;
 use super::query_ray::{Ray, TreeRay};
-use super::wide::{Journey, Scene, StackOf};
+use super::wide::{Forms, Journey, Scene, StackOf};
 use crate::simd::{Kernel, Simd};
 use crate::tree::wide::{ChildRef, WideSource, WideTree};
 
@@ -88,6 +88,7 @@ struct Turn<'a, C> {
     /// Its place in the batch.
     index: usize,
     ray: TreeRay,
+    forms: Forms,
     journey: Journey<'a>,
     collect: C,
 }
@@ -106,15 +107,15 @@ impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
-            let journey = Journey::new(tree.root, &ray, memory.stack());
+            let journey = Journey::new(tree.root, memory.stack(tree.waiting()));
             let collect = A::collect(ray.t_max);
-            group.push(Turn { index, ray, journey, collect });
+            group.push(Turn { index, forms: Forms::new(&ray), ray, journey, collect });
         }
         while !group.is_empty() {
             let mut i = 0;
             while i < group.len() {
                 let turn = &mut group[i];
-                if scene.advance(s, &turn.ray, &mut turn.journey, &mut turn.collect, &mut ()) {
+                if scene.advance(s, &turn.ray, &turn.forms, &mut turn.journey, &mut turn.collect, &mut ()) {
                     scene.arena.prefetch(turn.journey.at.at(), turn.journey.at.lines());
                     i += 1;
                     continue;
@@ -122,8 +123,9 @@ impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
                 answers[turn.index] = A::answer(&turn.collect, set, &turn.ray);
                 match waiting.next() {
                     Some((index, ray)) => {
-                        turn.journey.restart(tree.root, &ray);
+                        turn.journey.restart(tree.root);
                         turn.collect = A::collect(ray.t_max);
+                        turn.forms = Forms::new(&ray);
                         (turn.index, turn.ray) = (index, ray);
                         i += 1;
                     }

@@ -90,7 +90,7 @@ impl Walk for KdTree {
             return;
         }
         let mut memory = StackMemory::<Entry, DEPTH_LIMIT>::new();
-        let mut stack = memory.stack();
+        let mut stack = memory.stack(DEPTH_LIMIT);
         let mut node = 0u32;
         loop {
             match self.nodes[node as usize].view() {

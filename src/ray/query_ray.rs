@@ -58,6 +58,8 @@ impl Ray {
 pub(crate) struct TreeRay {
     pub origin: Vec3,
     pub dir: Vec3,
+    /// One over each component of the direction, where components smaller than [`LEAST_COMPONENT`] count as that.
+    pub inverse: Vec3A,
     pub t_min: f32,
     pub t_max: f32,
     pub time: f32,
@@ -72,41 +74,58 @@ pub(crate) struct TreeRay {
 /// Farther origins than this (in scene sizes) see nothing: f32 could no longer tell where they look.
 const FARTHEST: f32 = 4294967296.0;
 
+/// Smaller components of a direction are taken as this where it is divided by: over any distance within reach the
+/// ray then strays by less than a thousandth of the slack.
+pub(crate) const LEAST_COMPONENT: f32 = 1e-12;
+
+/// Exponent fields of a longest component with which reciprocals and slopes neither overflow nor lose bits, whatever
+/// the other components are.
+const MODERATE: core::ops::RangeInclusive<u32> = 64..=190;
+
 impl TreeRay {
     /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
     ///
-    /// Every query begins with this, so nothing here branches on what differs from ray to ray.
+    /// Every query begins with this, and nothing of a query can begin before it is done. So nothing here branches on
+    /// what differs from ray to ray, the direction is looked at as integers, which are compared in one cycle and
+    /// need no trip through memory to be chosen from, and its reciprocals do not wait for its scaling.
     #[inline(always)]
     pub fn new(ray: &Ray, frame: Frame) -> Option<TreeRay> {
         let origin = frame.point(ray.origin);
-        let (a, d) = (Vec3A::from(ray.dir).abs(), Vec3A::from(origin).abs());
+        // Without the sign, bits order like numbers; infinity and NaN come last.
+        let longest = magnitude(ray.dir.x).max(magnitude(ray.dir.y)).max(magnitude(ray.dir.z));
         // NaN fails every one of these comparisons.
-        let fine = (a.cmple(Vec3A::splat(f32::MAX)) & d.cmple(Vec3A::splat(FARTHEST))).all()
+        let fine = (longest.wrapping_sub(1) < f32::MAX.to_bits())
+            & Vec3A::from(origin).abs().cmple(Vec3A::splat(FARTHEST)).all()
             & (ray.t_min <= ray.t_max)
             & (0.0 <= ray.time)
             & (ray.time <= 1.0);
-        let longest = a.max_element();
-        if !(fine & (longest > 0.0)) {
+        if !fine {
             return None;
         }
-        // 2^-exponent of the longest component, which is the same in f32 unless that is nearly as small or large
-        // as numbers get.
-        let field = longest.to_bits() >> 23;
-        let (dir, exponent) = if (1..254).contains(&field) {
-            (ray.dir * f32::from_bits((254 - field) << 23), field as i32 - 127)
-        } else {
-            let exponent = (f64::from(longest).to_bits() >> 52) as i32 - 1023;
-            ((ray.dir.as_dvec3() * power_of_two(-exponent)).as_vec3(), exponent)
-        };
-        let t_per_world = frame.scale * power_of_two(exponent);
+        let field = longest >> 23;
+        let (mut dir, mut field, mut more) = (ray.dir, field, 0);
+        if !MODERATE.contains(&field) {
+            seldom();
+            more = (f64::from(f32::from_bits(longest)).to_bits() >> 52) as i32 - 1023;
+            dir = (dir.as_dvec3() * power_of_two(-more)).as_vec3();
+            field = 127;
+        }
+        // 2^-exponent of the longest component, and 2^exponent.
+        let (shrink, grow) = (f32::from_bits((254 - field) << 23), f32::from_bits(field << 23));
+        let d = Vec3A::from(dir);
+        let inverse = ((Vec3A::ONE / d).abs() * grow).min(Vec3A::splat(1.0 / LEAST_COMPONENT)).copysign(d);
+        let mut shear = Sheared::new(dir);
+        shear.dz *= shrink;
+        let t_per_world = frame.scale * power_of_two(field as i32 - 127 + more);
         let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
         Some(TreeRay {
             origin,
-            dir,
+            dir: dir * shrink,
+            inverse,
             t_min: inward(ray.t_min),
             t_max: inward(ray.t_max),
             time: ray.time,
-            shear: Sheared::new(dir),
+            shear,
             t_scale: inverse_of_power(t_per_world),
             world: *ray,
         })
@@ -122,6 +141,18 @@ impl TreeRay {
     pub fn answer(&self, hit: SetHit, (mesh, primitive): (u32, u32)) -> Hit {
         Hit { t: (f64::from(hit.t) * self.t_scale) as f32, u: hit.u, v: hit.v, mesh, primitive }
     }
+}
+
+/// Says that a branch is hardly ever taken: the compiler then neither computes both sides nor lets the unlikely one
+/// decide where values are kept.
+#[cold]
+#[inline(never)]
+pub(super) fn seldom() {}
+
+/// The bits of a number without its sign.
+#[inline(always)]
+fn magnitude(x: f32) -> u32 {
+    x.to_bits() & 0x7fff_ffff
 }
 
 /// 2^e for the exponents of f32 and of frames, all normal in f64.

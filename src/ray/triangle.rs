@@ -19,9 +19,10 @@
 //! triangle cut into parts: the hit has the same barycentrics as a true point of some part.
 
 use super::hit::SetHit;
-use super::query_ray::TreeRay;
+use super::query_ray::{TreeRay, seldom};
 use crate::motion::ULP;
-use glam::Vec3;
+use core::hint::select_unpredictable;
+use glam::{Vec3, Vec3A};
 
 /// The shear that turns a ray into an axis.
 #[derive(Clone, Copy, Debug)]
@@ -41,14 +42,20 @@ impl Sheared {
     /// The shear of a direction whose longest component is not zero.
     #[inline(always)]
     pub fn new(dir: Vec3) -> Sheared {
-        let a = dir.abs();
-        let not_x = (a.y > a.x) | (a.z > a.x);
-        let kz = usize::from(not_x) * (1 + usize::from(a.z > a.y));
+        let (x, y, z) = (dir.x.to_bits(), dir.y.to_bits(), dir.z.to_bits());
+        let size = |bits: u32| bits & 0x7fff_ffff;
+        let not_x = (size(y) > size(x)) | (size(z) > size(x));
+        let z_not_y = size(z) > size(y);
+        // Chosen among integers: numbers would take a trip through memory.
+        let pick = |of_x: u32, of_y: u32, of_z: u32| {
+            f32::from_bits(select_unpredictable(not_x, select_unpredictable(z_not_y, of_z, of_y), of_x))
+        };
+        let kz = usize::from(not_x) * (1 + usize::from(z_not_y));
         // 0, 1, 2 cyclically, from a table of bits.
         let (kx, ky) = (0b00_10_01 >> (2 * kz) & 3, 0b01_00_10 >> (2 * kz) & 3);
-        let components = [dir.x, dir.y, dir.z, 0.0];
-        let inverse = 1.0 / components[kz];
-        Sheared { kz, kx, ky, sx: components[kx] * inverse, sy: components[ky] * inverse, dz: components[kz] }
+        let dz = pick(x, y, z);
+        let inverse = 1.0 / dz;
+        Sheared { kz, kx, ky, sx: pick(y, z, x) * inverse, sy: pick(z, x, y) * inverse, dz }
     }
 
     /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
@@ -119,6 +126,18 @@ pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<Se
 #[inline(always)]
 pub(crate) fn hit_slack(origin: Vec3) -> f32 {
     16.0 * ULP * (1.0 + origin.abs().max_element())
+}
+
+/// [`hit_slack`] or somewhat more: an origin that is not far away need not be searched for its greatest component.
+#[inline(always)]
+pub(crate) fn hit_slack_near(origin: Vec3) -> f32 {
+    const NEAR: f32 = 3.0;
+    let mut slack = 16.0 * ULP * (1.0 + NEAR);
+    if !Vec3A::from(origin).abs().cmple(Vec3A::splat(NEAR)).all() {
+        seldom();
+        slack = hit_slack(origin);
+    }
+    slack
 }
 
 #[cfg(test)]

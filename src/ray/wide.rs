@@ -14,33 +14,28 @@
 //! A query waits for memory and for mispredicted branches more than for arithmetic. So the code is written
 //! for short chains from one node's rows to the next node's address, and few branches that depend on the ray.
 
-use super::blocks::Between;
+use super::blocks::{Between, LeafRay};
 use super::collect::Collect;
 use super::filter::Filter;
 use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;
-use super::triangle::hit_slack;
+use super::triangle::hit_slack_near;
 use crate::motion::KeyTime;
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
 use glam::Vec3A;
 
-/// Places on the stack. A level of the tree leaves at most 15 behind, usually one or two.
+/// Places on the stack that are there without asking the heap: enough for a tree of eleven levels.
 const STACK: usize = 192;
 
 /// Memory for the stack of one ray.
 pub(super) type StackOf = StackMemory<u64, STACK>;
 
-/// Smaller components of a direction are taken as this: over any distance within reach the ray then
-/// strays by less than a thousandth of the slack.
-const LEAST_COMPONENT: f32 = 1e-12;
-
 /// A ray as the slab test wants it, per axis.
 struct Slabs {
-    /// The row of near faces, and of far faces.
-    near_row: [usize; 3],
-    far_row: [usize; 3],
+    /// Words from an axis' pair of rows to that of the near faces: none, or a row where the ray goes backward.
+    near: [usize; 3],
     inverse: Vec3A,
     near_offset: Vec3A,
     far_offset: Vec3A,
@@ -49,21 +44,23 @@ struct Slabs {
 impl Slabs {
     #[inline(always)]
     fn new(ray: &TreeRay) -> Slabs {
-        let slack = hit_slack(ray.origin);
-        let d = Vec3A::from(ray.dir);
-        let least = Vec3A::splat(LEAST_COMPONENT);
-        let inverse = Vec3A::ONE / Vec3A::select(d.abs().cmplt(least), least.copysign(d), d);
+        let slack = hit_slack_near(ray.origin);
+        let inverse = ray.inverse;
         let at_origin = -Vec3A::from(ray.origin) * inverse;
         let pad = inverse.abs() * slack;
-        let backward = inverse.to_array().map(|r| 3 * (r.to_bits() >> 31) as usize);
         Slabs {
-            near_row: core::array::from_fn(|axis| axis + backward[axis]),
-            far_row: core::array::from_fn(|axis| axis + 3 - backward[axis]),
+            near: [backward(ray.world.dir.x), backward(ray.world.dir.y), backward(ray.world.dir.z)],
             inverse,
             near_offset: at_origin - pad,
             far_offset: at_origin + pad,
         }
     }
+}
+
+/// A row's words where the sign is negative.
+#[inline(always)]
+fn backward(component: f32) -> usize {
+    (component.to_bits() >> 31) as usize * LANES
 }
 
 /// The wide layout with an instruction set to walk it by.
@@ -87,33 +84,45 @@ impl<S: Simd> Walk for Wide<'_, S> {
         }
         let scene = Scene { arena: &self.tree.arena, set, filter };
         let mut memory = StackOf::new();
-        let mut journey = Journey::new(self.tree.root, ray, memory.stack());
-        while scene.advance(self.simd, ray, &mut journey, collect, observer) {}
+        let forms = Forms::new(ray);
+        let mut journey = Journey::new(self.tree.root, memory.stack(self.tree.waiting()));
+        while scene.advance(self.simd, ray, &forms, &mut journey, collect, observer) {}
+    }
+}
+
+/// A ray as nodes and as leaf blocks want it.
+///
+/// This stays in memory. As values that the compiler may keep where it likes, it would spread all of it over
+/// vector registers before the first node, which takes longer than some rays live.
+pub(super) struct Forms {
+    slabs: Slabs,
+    leaf: LeafRay,
+}
+
+impl Forms {
+    #[inline(always)]
+    pub fn new(ray: &TreeRay) -> Forms {
+        Forms { slabs: Slabs::new(ray), leaf: LeafRay::new(ray) }
     }
 }
 
 /// A ray on its way through the tree.
 pub(super) struct Journey<'a> {
-    slabs: Slabs,
-    /// The ray's time in leaf blocks of triangles with two keys.
-    linear: Between,
     /// The block to visit next.
     pub at: ChildRef,
     /// Blocks to visit later: distances in the high halves, references in the low.
-    stack: Stack<'a, u64, STACK>,
+    stack: Stack<'a, u64>,
 }
 
 impl<'a> Journey<'a> {
     #[inline(always)]
-    pub fn new(root: ChildRef, ray: &TreeRay, stack: Stack<'a, u64, STACK>) -> Journey<'a> {
-        Journey { slabs: Slabs::new(ray), linear: Between::new(KeyTime::new(ray.time, 2)), at: root, stack }
+    pub fn new(root: ChildRef, stack: Stack<'a, u64>) -> Journey<'a> {
+        Journey { at: root, stack }
     }
 
-    /// Begins anew with another ray.
+    /// Begins anew.
     #[inline(always)]
-    pub fn restart(&mut self, root: ChildRef, ray: &TreeRay) {
-        self.slabs = Slabs::new(ray);
-        self.linear = Between::new(KeyTime::new(ray.time, 2));
+    pub fn restart(&mut self, root: ChildRef) {
         self.at = root;
         self.stack.clear();
     }
@@ -133,12 +142,13 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         &self,
         s: S,
         ray: &TreeRay,
+        forms: &Forms,
         journey: &mut Journey<'_>,
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
         let at = journey.at;
-        let (slabs, stack) = (&journey.slabs, &mut journey.stack);
+        let (slabs, leaf_ray, stack) = (&forms.slabs, &forms.leaf, &mut journey.stack);
         let end = match at.kind() {
             Kind::Node => {
                 observer.node();
@@ -162,15 +172,15 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
                 journey.at = ChildRef(words[1 + part]);
                 return true;
             }
-            Kind::Leaf => self.leaf::<S, true>(s, at, ray, journey.linear, collect, observer),
-            Kind::StillLeaf => self.leaf::<S, false>(s, at, ray, Between::NEVER, collect, observer),
-            Kind::SharedLeaf => self.shared::<S, true>(s, at, ray, journey.linear, collect, observer),
-            Kind::SharedStillLeaf => self.shared::<S, false>(s, at, ray, Between::NEVER, collect, observer),
+            Kind::Leaf => self.leaf::<S, true>(s, at, ray, leaf_ray, collect, observer),
+            Kind::StillLeaf => self.leaf::<S, false>(s, at, ray, leaf_ray, collect, observer),
+            Kind::SharedLeaf => self.shared::<S, true>(s, at, ray, leaf_ray, collect, observer),
+            Kind::SharedStillLeaf => self.shared::<S, false>(s, at, ray, leaf_ray, collect, observer),
             Kind::OwnLeaf if G::LISTS => self.list(at, ray, collect, observer),
             Kind::OwnLeaf => {
                 let segments = self.arena.ints()[at.at() + (2 * CORNER_ROWS + 1) * at.len()] as usize;
                 let between = Between::new(KeyTime::new(ray.time, segments + 1));
-                self.leaf::<S, true>(s, at, ray, between, collect, observer)
+                self.leaf::<S, true>(s, at, ray, &leaf_ray.between(between), collect, observer)
             }
         };
         if end {
@@ -201,20 +211,20 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         ray: &TreeRay,
         slabs: &Slabs,
         collect: &C,
-        stack: &mut Stack<'_, u64, STACK>,
+        stack: &mut Stack<'_, u64>,
     ) -> Option<ChildRef> {
-        let rows = self.arena.rows(node.at());
+        let block = self.arena.block(node.at());
         let time = s.splat(ray.time);
         // Written out: closures would be compiled without the instruction set.
         let near = [
-            face_distance::<S, ROWS>(s, rows, slabs.near_row[0], time, slabs.inverse.x, slabs.near_offset.x),
-            face_distance::<S, ROWS>(s, rows, slabs.near_row[1], time, slabs.inverse.y, slabs.near_offset.y),
-            face_distance::<S, ROWS>(s, rows, slabs.near_row[2], time, slabs.inverse.z, slabs.near_offset.z),
+            face_distance::<S, ROWS, 0>(s, block, slabs.near[0], time, slabs.inverse.x, slabs.near_offset.x),
+            face_distance::<S, ROWS, 1>(s, block, slabs.near[1], time, slabs.inverse.y, slabs.near_offset.y),
+            face_distance::<S, ROWS, 2>(s, block, slabs.near[2], time, slabs.inverse.z, slabs.near_offset.z),
         ];
         let far = [
-            face_distance::<S, ROWS>(s, rows, slabs.far_row[0], time, slabs.inverse.x, slabs.far_offset.x),
-            face_distance::<S, ROWS>(s, rows, slabs.far_row[1], time, slabs.inverse.y, slabs.far_offset.y),
-            face_distance::<S, ROWS>(s, rows, slabs.far_row[2], time, slabs.inverse.z, slabs.far_offset.z),
+            face_distance::<S, ROWS, 0>(s, block, slabs.near[0] ^ LANES, time, slabs.inverse.x, slabs.far_offset.x),
+            face_distance::<S, ROWS, 1>(s, block, slabs.near[1] ^ LANES, time, slabs.inverse.y, slabs.far_offset.y),
+            face_distance::<S, ROWS, 2>(s, block, slabs.near[2] ^ LANES, time, slabs.inverse.z, slabs.far_offset.z),
         ];
         let enter = s.max(s.max(near[0], near[1]), s.max(near[2], s.splat(ray.t_min)));
         let leave = s.min(s.min(far[0], far[1]), s.min(far[2], s.splat(collect.limit())));
@@ -222,12 +232,12 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         if mask == 0 {
             return None;
         }
-        let children = lanes_at(self.arena.ints(), node.at() + (ROWS - 1) * LANES);
+        let children = lanes_at(block, (ROWS - 1) * LANES);
         let lane = Mask::BITS - 1 - mask.leading_zeros();
-        let first = ChildRef(children[lane as usize % LANES]);
+        let first = ChildRef(children[lane as usize % LANES].to_bits());
         let others = mask ^ (1 << lane);
         if !C::ORDERED {
-            stack.push_lanes(s, s.compress_u(s.load_u(children), others), others.count_ones() as usize);
+            stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
             return Some(first);
         }
         if others == 0 {
@@ -237,19 +247,20 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
     }
 }
 
-/// Distance along the ray at which it meets one face of every box of a node.
+/// Distance along the ray at which it meets one face of every box of a node: `side` words behind the pair of rows.
 #[inline(always)]
-fn face_distance<S: Simd, const ROWS: usize>(
+fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
     s: S,
-    rows: &[Lanes<f32>; LANES],
-    row: usize,
+    block: &[f32; LANES * LANES],
+    side: usize,
     time: S::F,
     inverse: f32,
     offset: f32,
 ) -> S::F {
-    // The masks keep the compiler from checking bounds.
-    let at = s.load(&rows[row & 7]);
-    let face = if ROWS == NODE_ROWS { s.mul_add(s.load(&rows[(row & 7) + 6]), time, at) } else { at };
+    // The mask keeps the compiler from checking bounds.
+    let row = 2 * AXIS * LANES + (side & LANES);
+    let at = s.load(lanes_at(block, row));
+    let face = if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, row + 6 * LANES)), time, at) } else { at };
     s.mul_add(face, s.splat(inverse), s.splat(offset))
 }
 
@@ -259,15 +270,15 @@ fn push_hits<S: Simd>(
     s: S,
     mask: Mask,
     distances: S::F,
-    children: &[u32; LANES],
-    stack: &mut Stack<'_, u64, STACK>,
+    children: &Lanes<f32>,
+    stack: &mut Stack<'_, u64>,
 ) -> ChildRef {
     let n = mask.count_ones() as usize;
     let packed = s.compress(distances, mask);
     let mut d = [0; LANES];
     let mut c = [0; LANES];
     s.store_u(s.to_bits(packed), &mut d);
-    s.store_u(s.compress_u(s.load_u(children), mask), &mut c);
+    s.store_u(s.compress_u(s.to_bits(s.load(children)), mask), &mut c);
     let entry = |i: usize| u64::from(d[i]) << 32 | u64::from(c[i]);
     if n <= 4 {
         // A sorting network of four, the missing ones nearest and so last; the nearest that is there waits for
@@ -301,6 +312,7 @@ mod tests {
     use super::*;
     use crate::motion::Frame;
     use crate::ray::Ray;
+    use crate::ray::query_ray::LEAST_COMPONENT;
     use glam::{DVec3, Vec3};
 
     #[test]
@@ -311,8 +323,7 @@ mod tests {
             let ray = TreeRay::new(&ray, frame).unwrap();
             let slabs = Slabs::new(&ray);
             let (low, high) = (-0.25f32, 0.5f32);
-            let (near, far) = if slabs.near_row[1] == 1 { (low, high) } else { (high, low) };
-            assert_eq!(slabs.near_row[1] + slabs.far_row[1], 5);
+            let (near, far) = if slabs.near[1] == 0 { (low, high) } else { (high, low) };
             let enter = near.mul_add(slabs.inverse[1], slabs.near_offset[1]);
             let leave = far.mul_add(slabs.inverse[1], slabs.far_offset[1]);
             if d.abs() > LEAST_COMPONENT {

@@ -24,7 +24,7 @@ fn describe(recipe: &Recipe) -> Golden {
     let mut vertices = 0;
     for (i, mesh) in scene.meshes.iter().enumerate() {
         swept = swept.union(mesh.validate(i).expect("a scene is a valid input"));
-        vertices += (0..mesh.keys.len()).map(|key| mesh.keys.positions(key).count()).sum::<usize>();
+        vertices += (0..mesh.keys.len()).map(|key| mesh.keys.vertices(key)).sum::<usize>();
     }
     let hundredths = |x: f64| (x * 100.0).round() as i32;
     let (a, b) = (swept.min, swept.max);

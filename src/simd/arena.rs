@@ -1,6 +1,7 @@
 //! Memory in lines of 64 bytes: one AVX-512 register, one cache line.
 
-use super::{LANES, Lanes, prefetch};
+use super::{LANES, prefetch};
+use crate::parallel;
 
 /// One line; the alignment keeps a node's rows from straddling cache lines.
 #[derive(Clone, Copy)]
@@ -76,7 +77,7 @@ impl Arena {
         let capacity = self.lines.capacity();
         if capacity < lines || capacity > lines + lines / 32 {
             let mut fitting = huge_vec(lines);
-            fitting.extend_from_slice(&self.lines);
+            parallel::fill(&mut fitting, self.lines.len(), |i| self.lines[i]);
             self.lines = fitting;
         }
         self.lines.resize(lines, Line([0.0; LANES]));
@@ -91,10 +92,10 @@ impl Arena {
         unsafe { core::slice::from_raw_parts(lines.as_ptr().cast(), lines.len() * LANES) }
     }
 
-    /// Sixteen lines from word `at`, which begins a line, as rows of lanes. Blocks are shorter than that; the
-    /// arena keeps as many lines behind its last block once it is settled.
+    /// The words of sixteen lines from word `at`, which begins a line. Blocks are shorter than that; the arena keeps
+    /// as many lines behind its last block once it is settled.
     #[inline(always)]
-    pub(crate) fn rows(&self, at: usize) -> &[Lanes<f32>; LANES] {
+    pub(crate) fn block(&self, at: usize) -> &[f32; LANES * LANES] {
         let line = at / LANES;
         let lines: &[Line; LANES] = self.lines[line..line + LANES].try_into().expect("a slice of sixteen");
         // SAFETY: `Line` is `repr(C)` around `[f32; 16]` without padding.

@@ -1,54 +1,52 @@
-//! A stack of fixed size that nobody clears: zeroing a few kilobytes per ray costs as much as tracing an
-//! easy one.
+//! A stack whose memory nobody clears: zeroing a few kilobytes per ray costs as much as tracing an easy one.
 
 use super::{LANES, Simd};
 use core::mem::MaybeUninit;
 
-/// Memory for a [`Stack`] of up to `N` items, uninitialized, and for those that do not fit.
+/// Memory for a [`Stack`], uninitialized: `N` places here, or more on the heap where a stack needs them.
 pub(crate) struct StackMemory<T: Copy, const N: usize> {
-    items: [MaybeUninit<T>; N],
-    spilled: Vec<T>,
+    here: [MaybeUninit<T>; N],
+    heap: Vec<MaybeUninit<T>>,
 }
 
 impl<T: Copy, const N: usize> StackMemory<T, N> {
     /// Touches nothing.
     #[inline(always)]
     pub(crate) fn new() -> Self {
-        StackMemory { items: [const { MaybeUninit::uninit() }; N], spilled: Vec::new() }
+        StackMemory { here: [const { MaybeUninit::uninit() }; N], heap: Vec::new() }
     }
 
-    /// An empty stack in this memory.
+    /// An empty stack in this memory with at least `places` places.
     #[inline(always)]
-    pub(crate) fn stack(&mut self) -> Stack<'_, T, N> {
-        Stack { items: &mut self.items, len: 0, spilled: &mut self.spilled }
-    }
-}
-
-/// A stack; its length is apart from its memory, so that it can live in a register. What does not fit goes
-/// to the heap, which no sane tree ever makes it do.
-pub(crate) struct Stack<'a, T: Copy, const N: usize> {
-    items: &'a mut [MaybeUninit<T>; N],
-    len: usize,
-    /// Items below those in `items`. (Apart from this struct: whatever hands out a reference to one of its
-    /// fields keeps all of them in memory.)
-    spilled: &'a mut Vec<T>,
-}
-
-impl<T: Copy, const N: usize> Stack<'_, T, N> {
-    /// Makes room for `n` more items, at most `N`.
-    #[inline(always)]
-    fn reserve(&mut self, n: usize) {
-        if self.len + n > N {
-            // SAFETY: every function that raises `len` has written all places below it.
-            unsafe { spill(&self.items[..self.len], self.spilled) };
-            self.len = 0;
+    pub(crate) fn stack(&mut self, places: usize) -> Stack<'_, T> {
+        if places <= N {
+            return Stack { items: &mut self.here, len: 0 };
         }
+        self.heap = uninitialized(places);
+        Stack { items: &mut self.heap, len: 0 }
     }
+}
 
+/// Memory for deep stacks. A call of its own, since hardly any tree needs it.
+#[cold]
+#[inline(never)]
+fn uninitialized<T: Copy>(places: usize) -> Vec<MaybeUninit<T>> {
+    vec![MaybeUninit::uninit(); places]
+}
+
+/// A stack; its length is apart from its memory, so that it can live in a register.
+///
+/// It does not grow: whoever makes it knows how much can ever wait on it, and what would go beyond panics. A call for
+/// more memory inside a traversal would push every vector out of the registers, whether it is made or not.
+pub(crate) struct Stack<'a, T: Copy> {
+    items: &'a mut [MaybeUninit<T>],
+    len: usize,
+}
+
+impl<T: Copy> Stack<'_, T> {
     /// Puts an item on top.
     #[inline(always)]
     pub(crate) fn push(&mut self, item: T) {
-        self.reserve(1);
         self.items[self.len] = MaybeUninit::new(item);
         self.len += 1;
     }
@@ -57,7 +55,6 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
     #[inline(always)]
     pub(crate) fn push_first<const M: usize>(&mut self, items: [T; M], n: usize) {
         assert!(n <= M);
-        self.reserve(M);
         let top: &mut [MaybeUninit<T>; M] =
             (&mut self.items[self.len..self.len + M]).try_into().expect("as many as sliced");
         *top = items.map(MaybeUninit::new);
@@ -68,18 +65,17 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         self.len = 0;
-        self.spilled.clear();
     }
 
     /// Takes the top item.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<T> {
         if self.len == 0 {
-            return self.spilled.pop();
+            return None;
         }
         self.len -= 1;
-        // SAFETY: `len` was above this place and at most `N`; every function that raises it has written all
-        // places below.
+        // SAFETY: `len` was above this place and at most the number of places; every function that raises it has
+        // written all places below.
         Some(unsafe { self.items.get_unchecked(self.len).assume_init() })
     }
 
@@ -88,7 +84,6 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
     /// `item` must give each place of `0..n` once over the calls for `0..n`; otherwise this panics.
     #[inline(always)]
     pub(crate) fn push_ranked(&mut self, n: usize, mut item: impl FnMut(usize) -> (usize, T)) {
-        self.reserve(n);
         let top = &mut self.items[self.len..self.len + n];
         let mut seen = 0u64;
         for i in 0..n {
@@ -101,28 +96,16 @@ impl<T: Copy, const N: usize> Stack<'_, T, N> {
     }
 }
 
-impl<const N: usize> Stack<'_, u64, N> {
+impl Stack<'_, u64> {
     /// Puts the first `n` lanes on top, the first lowest, without a branch on `n`.
     #[inline(always)]
     pub(crate) fn push_lanes<S: Simd>(&mut self, s: S, lanes: S::U, n: usize) {
         assert!(n <= LANES);
-        self.reserve(LANES);
         let top: &mut [MaybeUninit<u64>; LANES] =
             (&mut self.items[self.len..self.len + LANES]).try_into().expect("as many as sliced");
         s.store_wide(lanes, top);
         self.len += n;
     }
-}
-
-/// Moves items to the heap. (Not a method: a reference to the whole stack would keep its length in memory.)
-///
-/// # Safety
-/// All items must have been written.
-#[cold]
-#[inline(never)]
-unsafe fn spill<T: Copy>(items: &[MaybeUninit<T>], to: &mut Vec<T>) {
-    // SAFETY: the caller's promise.
-    to.extend(items.iter().map(|item| unsafe { item.assume_init() }));
 }
 
 #[cfg(test)]
@@ -132,7 +115,7 @@ mod tests {
     #[test]
     fn items_come_back_in_reverse_and_in_rank_order() {
         let mut memory = StackMemory::<u64, 8>::new();
-        let mut stack = memory.stack();
+        let mut stack = memory.stack(8);
         stack.push(1);
         stack.push_ranked(3, |i| ([2, 0, 1][i], 10 + i as u64));
         stack.push_first([7, 8, 9], 2);
@@ -141,9 +124,9 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_comes_back_from_the_heap() {
+    fn deep_stacks_lie_on_the_heap() {
         let mut memory = StackMemory::<usize, 8>::new();
-        let mut stack = memory.stack();
+        let mut stack = memory.stack(62);
         for i in 0..30 {
             stack.push(2 * i);
             stack.push_first([2 * i + 1, 0, 0], 1);
@@ -155,8 +138,18 @@ mod tests {
     }
 
     #[test]
+    #[should_panic(expected = "out of range")]
+    fn more_than_was_asked_for_is_refused() {
+        let mut memory = StackMemory::<u64, 8>::new();
+        let mut stack = memory.stack(8);
+        for i in 0..8 {
+            stack.push_first([i, 0], 1);
+        }
+    }
+
+    #[test]
     #[should_panic(expected = "every place")]
     fn a_hole_is_refused() {
-        StackMemory::<u64, 8>::new().stack().push_ranked(2, |_| (0, 1));
+        StackMemory::<u64, 8>::new().stack(8).push_ranked(2, |_| (0, 1));
     }
 }

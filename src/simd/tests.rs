@@ -38,7 +38,7 @@ impl Kernel for All {
         let [finite, finite_b] = [self.a, self.b].map(|of| of.map(|x| if x.is_nan() { 0.0 } else { x }));
         let n = self.mask.count_ones() as usize;
         let mut memory = StackMemory::<u64, 32>::new();
-        let mut stack = memory.stack();
+        let mut stack = memory.stack(32);
         stack.push_lanes(s, ub, LANES);
         let popped = [(); LANES].map(|()| stack.pop().expect("sixteen were pushed"));
         let long: Vec<f32> = self.a.into_iter().cycle().take(9 * LANES).collect();
@@ -163,6 +163,6 @@ fn the_arena_begins_on_cache_lines_and_keeps_what_is_written() {
     assert_eq!(arena.floats().as_ptr() as usize % 64, 0);
     assert_eq!(arena.floats()[4].to_bits(), arena.ints()[4]);
     assert_eq!((arena.floats()[4], arena.ints()[16]), (1.5, 7));
-    assert_eq!(arena.rows(16)[0], arena.floats()[16..32], "rows may be read beyond the last block");
+    assert_eq!(arena.block(16)[..16], arena.floats()[16..32], "lines may be read beyond the last block");
     assert!(arena.bytes() >= 128);
 }

@@ -5,9 +5,10 @@
 //! is its exact mean over the interval. Below a depth that sane input never reaches, halves by count
 //! take over, so that the depth is bounded whatever the input is.
 
-use super::bins::{FindSplit, Parted, Partition, Summary, Table};
+use super::bins::{Parted, Partition, Summary, Table, find_split};
 use super::reference::Reference;
 use crate::motion::{Box3, LinearBox3};
+use crate::parallel;
 use crate::simd::{SimdLevel, dispatch, huge_vec};
 use glam::Vec3;
 
@@ -73,14 +74,51 @@ pub(crate) fn build_binary(references: &mut [Reference], leaf: usize) -> BinaryT
     nodes
 }
 
-/// Reorders references by object splits until at most `most` neighbours stand around place `at`, and returns
-/// them: a sample of what the tree over all will have in one place.
-pub(crate) fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut [Reference] {
+/// References among which a place is looked for; of more, evenly spaced ones are taken.
+const LOOKED_AT: usize = 16384;
+
+/// Neighbours around evenly spaced references, about `most` each: samples of what the tree over all will have in
+/// some places.
+///
+/// Object splits of a part of the references find a box around each place; one pass over all collects what is
+/// centred in it.
+pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize) -> Vec<Vec<Reference>> {
+    let step = references.len() / LOOKED_AT + 1;
+    let mut few: Vec<Reference> = references.iter().step_by(step).copied().collect();
+    let places: Vec<Box3> = (0..count)
+        .map(|i| {
+            let at = (2 * i + 1) * few.len() / (2 * count);
+            dispatch(SimdLevel::best(), Summary(isolate(&mut few, at, most / step))).1
+        })
+        .collect();
+    let chunk = LOOKED_AT.max(references.len() / 64);
+    let found = parallel::map(references.len().div_ceil(chunk), |task| {
+        let mut found = vec![Vec::new(); count];
+        for r in &references[task * chunk..references.len().min((task + 1) * chunk)] {
+            for (place, found) in places.iter().zip(&mut found) {
+                if place.holds(r.centre().truncate()) {
+                    found.push(*r);
+                }
+            }
+        }
+        found
+    });
+    let mut all = vec![Vec::new(); count];
+    for found in found {
+        for (all, found) in all.iter_mut().zip(found) {
+            all.extend(found.into_iter().take(2 * most - all.len()));
+        }
+    }
+    all
+}
+
+/// Reorders references by object splits until at most `most` neighbours stand around place `at`, and returns them.
+fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut [Reference] {
     let simd = SimdLevel::best();
     let mut table = Table::new();
     let (_, mut centres) = dispatch(simd, Summary(references));
     while references.len() > most.max(1) {
-        let Some(split) = dispatch(simd, FindSplit { references, centres, table: &mut table }) else { break };
+        let Some(split) = find_split(simd, references, centres, &mut table) else { break };
         let Parted { middle, low, high } = dispatch(simd, Partition { references, split: &split });
         let sides = references.split_at_mut(middle);
         (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
@@ -150,7 +188,7 @@ impl Builder {
         // Two can be parted in one way only.
         if references.len() > 2
             && task.depth < SAH_DEPTH
-            && let Some(split) = dispatch(self.simd, FindSplit { references, centres: task.centres, table })
+            && let Some(split) = find_split(self.simd, references, task.centres, table)
         {
             let Parted { middle, low, high } = dispatch(self.simd, Partition { references, split: &split });
             return (side(0, split.low, low), side(middle, split.high, high), middle);

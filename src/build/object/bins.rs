@@ -5,8 +5,9 @@
 
 use super::reference::{Packed, Reference};
 use crate::motion::{Box3, LinearBox3};
-use crate::simd::{Kernel, Simd};
-use glam::{BVec4A, Vec4};
+use crate::parallel;
+use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch};
+use glam::{Vec3, Vec4};
 
 /// Most bins per axis.
 pub(super) const BINS: usize = 32;
@@ -53,19 +54,93 @@ impl Binning {
         let at = (centre - self.low) * self.scale - Vec4::splat(0.5);
         at.max(Vec4::ZERO).min(Vec4::splat(self.last)) + Vec4::splat(ROUND)
     }
+
+    /// The same on one axis.
+    #[inline(always)]
+    fn rounded_on(&self, axis: usize, centre: f32) -> f32 {
+        let at = (centre - self.low[axis]) * self.scale[axis] - 0.5;
+        at.max(0.0).min(self.last) + ROUND
+    }
 }
 
-/// The bins of one node; kept from node to node.
+/// The bins of one node on one axis.
+struct Bins {
+    bounds: [Packed; BINS],
+    counts: [u32; BINS],
+}
+
+impl Bins {
+    const EMPTY: Bins = Bins { bounds: [Packed::EMPTY; BINS], counts: [0; BINS] };
+
+    fn clear(&mut self, bins: usize) {
+        self.bounds[..bins].fill(Packed::EMPTY);
+        self.counts[..bins].fill(0);
+    }
+
+    /// Counts a reference; `at` is its bin plus [`ROUND`].
+    #[inline(always)]
+    fn put<S: Simd>(&mut self, s: S, lanes: S::F, at: f32) {
+        let bin = at.to_bits() as usize % BINS;
+        let bounds = &mut self.bounds[bin].0;
+        s.store(s.min(s.load(bounds), lanes), bounds);
+        self.counts[bin] += 1;
+    }
+
+    /// Adds what others counted of the references behind these. Of equal bounds (zeros of either sign) the last
+    /// stays, as in [`Bins::put`].
+    fn add(&mut self, others: &Bins) {
+        for (bin, other) in self.bounds.iter_mut().zip(&others.bounds) {
+            for (bound, other) in bin.0.iter_mut().zip(other.0) {
+                *bound = if *bound < other { *bound } else { other };
+            }
+        }
+        for (count, other) in self.counts.iter_mut().zip(&others.counts) {
+            *count += other;
+        }
+    }
+}
+
+/// The bins of one node on all axes; kept from node to node.
 pub(super) struct Table {
-    bounds: [[Packed; BINS]; 3],
-    counts: [[u32; BINS]; 3],
+    axes: [Bins; 3],
+    /// What [`sweep`] computes of each plane.
+    terms: [Packed; BINS],
 }
 
 impl Table {
     pub fn new() -> Box<Table> {
-        Box::new(Table { bounds: [[Packed::EMPTY; BINS]; 3], counts: [[0; BINS]; 3] })
+        Box::new(Table { axes: [Bins::EMPTY; 3], terms: [Packed::EMPTY; BINS] })
     }
 }
+
+/// Counts references in the bins of a table.
+struct Count<'a> {
+    references: &'a [Reference],
+    binning: Binning,
+    bins: usize,
+    axes: &'a mut [Bins; 3],
+}
+
+impl Kernel for Count<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Count { references, binning, bins, axes: [x, y, z] } = self;
+        x.clear(bins);
+        y.clear(bins);
+        z.clear(bins);
+        for r in references {
+            let (at, lanes) = (binning.rounded(r.centre()), s.load(&r.0.0));
+            x.put(s, lanes, at.x);
+            y.put(s, lanes, at.y);
+            z.put(s, lanes, at.z);
+        }
+    }
+}
+
+/// References from which on a node is counted by several threads.
+const PARALLEL: usize = 1 << 15;
 
 /// A partition of references by the bins of their centres.
 pub(super) struct Split {
@@ -77,40 +152,49 @@ pub(super) struct Split {
     pub high: LinearBox3,
 }
 
-/// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide.
-pub(super) struct FindSplit<'a> {
-    pub references: &'a [Reference],
-    /// The box of their centres, as [`Reference::centre`] has them.
-    pub centres: Box3,
-    pub table: &'a mut Table,
+/// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide. `centres` is the box
+/// of their centres, as [`Reference::centre`] has them.
+pub(super) fn find_split(simd: SimdLevel, references: &[Reference], centres: Box3, table: &mut Table) -> Option<Split> {
+    let bins = bins_for(references.len());
+    let binning = Binning::new(centres, bins);
+    let threads = parallel::threads();
+    if references.len() < PARALLEL || threads == 1 {
+        dispatch(simd, Count { references, binning, bins, axes: &mut table.axes });
+    } else {
+        // Minima and sums, added up in order: who counts what changes nothing.
+        let chunk = references.len().div_ceil(threads);
+        let counted = parallel::map(threads, |i| {
+            let mut axes = Box::new([Bins::EMPTY; 3]);
+            let references = references.chunks(chunk).nth(i).unwrap_or(&[]);
+            dispatch(simd, Count { references, binning, bins, axes: &mut axes });
+            axes
+        });
+        for (axis, sum) in table.axes.iter_mut().enumerate() {
+            sum.clear(bins);
+            counted.iter().for_each(|axes| sum.add(&axes[axis]));
+        }
+    }
+    dispatch(simd, Choose { binning, bins, table })
 }
 
-impl Kernel for FindSplit<'_> {
+/// Chooses the cheapest plane between counted bins.
+struct Choose<'a> {
+    binning: Binning,
+    bins: usize,
+    table: &'a mut Table,
+}
+
+impl Kernel for Choose<'_> {
     type Output = Option<Split>;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<Split> {
-        let FindSplit { references, centres, table } = self;
-        let bins = bins_for(references.len());
-        let binning = Binning::new(centres, bins);
-        for axis in 0..3 {
-            table.bounds[axis][..bins].fill(Packed::EMPTY);
-            table.counts[axis][..bins].fill(0);
-        }
-        for r in references {
-            let at = binning.rounded(r.centre()).to_array();
-            let lanes = s.load(&r.0.0);
-            for ((at, row), counts) in at.into_iter().zip(&mut table.bounds).zip(&mut table.counts) {
-                let bin = at.to_bits() as usize % BINS;
-                let bounds = &mut row[bin].0;
-                s.store(s.min(s.load(bounds), lanes), bounds);
-                counts[bin] += 1;
-            }
-        }
+        let Choose { binning, bins, table } = self;
         let mut best = (f32::INFINITY, 0, 0);
         for axis in 0..3 {
             if binning.scale[axis] > 0.0 {
-                let (cost, plane) = sweep(s, &table.bounds[axis][..bins], &table.counts[axis][..bins]);
+                let Bins { bounds, counts } = &table.axes[axis];
+                let (cost, plane) = sweep(s, &bounds[..bins], &counts[..bins], &mut table.terms);
                 if cost < best.0 {
                     best = (cost, axis, plane);
                 }
@@ -120,7 +204,7 @@ impl Kernel for FindSplit<'_> {
         if cost == f32::INFINITY {
             return None;
         }
-        let (low, high) = table.bounds[axis][..bins].split_at(plane);
+        let (low, high) = table.axes[axis].bounds[..bins].split_at(plane);
         Some(Split { axis, binning, plane, low: union(s, low), high: union(s, high) })
     }
 }
@@ -137,30 +221,46 @@ fn union<S: Simd>(s: S, bins: &[Packed]) -> LinearBox3 {
     packed.bounds()
 }
 
+/// Lanes 0 to 7, of which two mean nothing.
+const HALF: u16 = 0x00ff;
+const EXTENTS: u16 = 0x3f3f;
+
+/// For the extents at the begin and at the end, d0 and d1, in each half: the lanes of (y z x) of d0 and of d1, and the
+/// same exchanged.
+const TURNED: Lanes<u32> = [1, 2, 0, 4, 5, 3, 6, 7, 9, 10, 8, 12, 13, 11, 14, 15];
+const CROSSED: Lanes<u32> = [4, 5, 3, 1, 2, 0, 6, 7, 12, 13, 11, 9, 10, 8, 14, 15];
+
 /// The cheapest plane of one axis: its cost (six times area times count) and the first bin above it.
+///
+/// The unions from below are in the low half of the lanes, those from above in the high half. Six times the mean
+/// half area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::mean_half_area`]), which is
+/// d0 . rot(2 d0 + d1) + d1 . rot(2 d1 + d0), where rot (x, y, z) = (y, z, x): six products in six lanes.
 #[inline(always)]
-fn sweep<S: Simd>(s: S, bins: &[Packed], counts: &[u32]) -> (f32, usize) {
-    let mut above = [(Vec4::ZERO, 0u32); BINS];
-    let mut packed = Packed::EMPTY;
-    let (mut sum, mut count) = (s.splat(f32::INFINITY), 0);
-    for i in (1..bins.len().min(BINS)).rev() {
-        sum = s.min(sum, s.load(&bins[i].0));
-        s.store(sum, &mut packed.0);
-        count += counts[i];
-        above[i] = (packed.area_terms() * count as f32, count);
+fn sweep<S: Simd>(s: S, bins: &[Packed], counts: &[u32], terms: &mut [Packed; BINS]) -> (f32, usize) {
+    let n = bins.len().min(BINS).min(counts.len());
+    let (zero, turned, crossed) = (s.splat(0.0), s.load_u(&TURNED), s.load_u(&CROSSED));
+    let (mut below, mut above) = (s.splat(f32::INFINITY), s.splat(f32::INFINITY));
+    let (mut count_below, mut count_above) = (0, 0);
+    for i in 1..n {
+        below = s.min(below, s.load(&bins[i - 1].0));
+        above = s.min(above, s.load(&bins[n - i].0));
+        count_below += counts[i - 1];
+        count_above += counts[n - i];
+        let negated = s.select(HALF, below + s.swap_lanes::<8>(below), above + s.swap_lanes::<8>(above));
+        let d = s.select(EXTENTS, s.max(zero - negated, zero), zero);
+        let (own, other) = (s.permute(d, turned), s.permute(d, crossed));
+        let count = s.select(HALF, s.splat(count_below as f32), s.splat(count_above as f32));
+        s.store(d * (own + other + own) * count, &mut terms[i].0);
     }
     let mut best = (f32::INFINITY, 0);
-    (sum, count) = (s.splat(f32::INFINITY), 0);
-    for i in 1..bins.len().min(BINS) {
-        sum = s.min(sum, s.load(&bins[i - 1].0));
-        s.store(sum, &mut packed.0);
-        count += counts[i - 1];
-        if count == 0 || above[i].1 == 0 {
-            continue;
-        }
-        let terms = packed.area_terms() * count as f32 + above[i].0;
-        let cost = terms.x + terms.y + terms.z;
-        if cost < best.0 {
+    let all = count_below + counts[n - 1];
+    count_below = 0;
+    for i in 1..n {
+        count_below += counts[i - 1];
+        let (low, high) = (&terms[i], &terms[n - i]);
+        let sum = (low.four(0) + low.four(4)) + (high.four(8) + high.four(12));
+        let cost = (sum.x + sum.y) + (sum.z + sum.w);
+        if cost < best.0 && count_below > 0 && count_below < all {
             best = (cost, i);
         }
     }
@@ -184,33 +284,38 @@ impl Kernel for Partition<'_> {
     type Output = Parted;
 
     /// Every reference is exchanged with the first high one, whether it is low or not: without branches that
-    /// nobody could predict.
+    /// nobody could predict. The centres' least coordinates, and those of the negated centres, are in the low
+    /// half of the lanes for the low side and in the high half for the high side.
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) -> Parted {
-        let Partition { references, split } = self;
-        let mut planes = [f32::NEG_INFINITY; 4];
-        planes[split.axis] = ROUND + split.plane as f32;
-        let planes = Vec4::from_array(planes);
-        let (infinity, nothing) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
-        let (mut low_min, mut low_max, mut high_min, mut high_max) = (infinity, nothing, infinity, nothing);
+    fn run<S: Simd>(self, s: S) -> Parted {
+        let Partition { references, split: &Split { axis, binning, plane, .. } } = self;
+        let (lane, plane) = (Reference::CENTRE[axis], ROUND + plane as f32);
+        let centre = s.load_u(&CENTRES);
+        let signs = s.load(&SIGNS);
+        let mut centres = s.splat(f32::INFINITY);
         let mut middle = 0;
         for i in 0..references.len() {
-            let r = references[i];
-            let centre = r.centre();
-            let low = split.binning.rounded(centre).cmplt(planes).any();
-            let mask = BVec4A::splat(low);
-            low_min = low_min.min(Vec4::select(mask, centre, infinity));
-            low_max = low_max.max(Vec4::select(mask, centre, nothing));
-            high_min = high_min.min(Vec4::select(mask, infinity, centre));
-            high_max = high_max.max(Vec4::select(mask, nothing, centre));
-            references[i] = references[middle];
-            references[middle] = r;
+            let lanes = s.load(&references[i].0.0);
+            let low = binning.rounded_on(axis, references[i].0.0[lane]) < plane;
+            let side = HALF ^ u16::from(low).wrapping_sub(1);
+            centres = s.select(side, s.min(centres, s.permute(lanes, centre) * signs), centres);
+            // As registers: the compiler would move references in halves, through the stack.
+            let other = s.load(&references[middle].0.0);
+            s.store(other, &mut references[i].0.0);
+            s.store(lanes, &mut references[middle].0.0);
             middle += usize::from(low);
         }
-        let boxed = |min: Vec4, max: Vec4| Box3 { min: min.truncate(), max: max.truncate() };
-        Parted { middle, low: boxed(low_min, low_max), high: boxed(high_min, high_max) }
+        let mut packed = Packed::EMPTY;
+        s.store(centres, &mut packed.0);
+        let at = |i: usize| Vec3::new(packed.0[i], packed.0[i + 1], packed.0[i + 2]);
+        let boxed = |i: usize| Box3 { min: at(i), max: -at(i + 4) };
+        Parted { middle, low: boxed(0), high: boxed(8) }
     }
 }
+
+/// Twice the centre and the negated centre, four lanes each.
+const CENTRES: Lanes<u32> = [6, 7, 14, 14, 6, 7, 14, 14, 6, 7, 14, 14, 6, 7, 14, 14];
+const SIGNS: Lanes<f32> = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0];
 
 /// Bounds of references and the box of their centres.
 pub(super) struct Summary<'a>(pub &'a [Reference]);

@@ -8,7 +8,7 @@ mod collapse;
 mod reference;
 mod spatial;
 
-pub(crate) use binned::{BinaryNode, BinaryTree, build_binary, isolate, mean_half_area};
+pub(crate) use binned::{BinaryNode, BinaryTree, build_binary, mean_half_area, neighbourhoods};
 pub(crate) use collapse::{Collapse, Prices, WideChild};
 pub(crate) use reference::Reference;
 pub(crate) use spatial::{Ends, cut};

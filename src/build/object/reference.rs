@@ -2,27 +2,31 @@
 
 use crate::motion::{Box3, LinearBox3};
 use crate::simd::{LANES, Lanes};
-use glam::{BVec4A, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 
 /// One entry of a primitive in the tree being built: where it is during the build's time interval.
 ///
-/// Sixteen lanes: the bounds as [`Packed`] has them, the sum of the box corners at both ends (four times the
-/// mid-time centre), the id. Whole references are loaded, united and moved as one register.
+/// Sixteen lanes, loaded, united and moved as one register: the bounds as [`Packed`] has them, and in its spare
+/// lanes the sum of the box corners at both ends (four times the mid-time centre) and the id.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Reference(pub(super) Packed);
 
-/// The lanes of the centre and of the id.
-const CENTRE: usize = 12;
+/// The lane of the id.
 const ID: usize = 15;
 
 impl Reference {
+    /// The lanes of the centre.
+    pub(super) const CENTRE: [usize; 3] = [6, 7, 14];
+
     /// A reference with linear bounds over the build's interval.
     #[inline]
     pub fn new(bounds: LinearBox3, id: u32) -> Reference {
         let mut packed = Packed::new(&bounds);
         let centre = (bounds.begin.min + bounds.end.max) + (bounds.begin.max + bounds.end.min);
-        packed.0[CENTRE..ID].copy_from_slice(&centre.to_array());
+        for (lane, x) in Reference::CENTRE.into_iter().zip(centre.to_array()) {
+            packed.0[lane] = x;
+        }
         packed.0[ID] = f32::from_bits(id);
         Reference(packed)
     }
@@ -42,22 +46,28 @@ impl Reference {
     /// Whether it moves within the interval.
     #[inline]
     pub fn moving(&self) -> bool {
-        self.0.0[..6] != self.0.0[6..12]
+        let p = &self.0.0;
+        p[LOW..LOW + 3] != p[LOW + 3..LOW + 6] || p[HIGH..HIGH + 3] != p[HIGH + 3..HIGH + 6]
     }
 
-    /// Four times the mid-time centre; the last lane is 0 (the id, read as a number, might be denormal, which
-    /// is slow).
+    /// Four times the mid-time centre; the last lane is 0.
     #[inline(always)]
     pub(super) fn centre(&self) -> Vec4 {
-        Vec4::select(BVec4A::new(true, true, true, false), self.0.four(CENTRE), Vec4::ZERO)
+        let [x, y, z] = Reference::CENTRE.map(|lane| self.0.0[lane]);
+        Vec4::new(x, y, z, 0.0)
     }
 }
 
-/// Linear bounds as lanes: lower x y z and negated upper x y z at the begin, the same at the end, four more
-/// lanes. With the upper faces negated a union is one minimum.
+/// Linear bounds as lanes: lower x y z at the begin and at the end, two lanes more; negated upper x y z at the
+/// begin and at the end, two lanes more. With the upper faces negated a union is one minimum, and the sum of both
+/// halves is the negated extent.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Packed(pub Lanes<f32>);
+
+/// Where the lower faces begin, and the upper ones.
+const LOW: usize = 0;
+const HIGH: usize = 8;
 
 impl Packed {
     pub const EMPTY: Packed = Packed([f32::INFINITY; LANES]);
@@ -67,42 +77,27 @@ impl Packed {
         let (low0, low1) = (b.begin.min, b.end.min);
         let (high0, high1) = (-b.begin.max, -b.end.max);
         Packed([
-            low0.x, low0.y, low0.z, high0.x, high0.y, high0.z, low1.x, low1.y, low1.z, high1.x, high1.y, high1.z, 0.0,
-            0.0, 0.0, 0.0,
+            low0.x, low0.y, low0.z, low1.x, low1.y, low1.z, 0.0, 0.0, high0.x, high0.y, high0.z, high1.x, high1.y,
+            high1.z, 0.0, 0.0,
         ])
     }
 
     /// Four lanes from lane `i`.
     #[inline(always)]
-    fn four(&self, i: usize) -> Vec4 {
+    pub fn four(&self, i: usize) -> Vec4 {
         Vec4::from_slice(&self.0[i..i + 4])
-    }
-
-    /// Six times the mean half area over the interval, as a sum of the first three lanes; 0 for empty bounds.
-    ///
-    /// With h(d) = xy + yz + zx it is h(d0) + h(d1) + h(d0 + d1) (see [`super::mean_half_area`]), which is
-    /// d0 · rot(2 d0 + d1) + d1 · rot(2 d1 + d0), where rot (x, y, z) = (y, z, x).
-    #[inline(always)]
-    pub fn area_terms(&self) -> Vec4 {
-        let d0 = (-(self.four(0) + self.four(3))).max(Vec4::ZERO);
-        let d1 = (-(self.four(6) + self.four(9))).max(Vec4::ZERO);
-        let sum = d0 + d1;
-        let (a, b) = (sum + d0, sum + d1);
-        d0 * Vec4::new(a.y, a.z, a.x, a.w) + d1 * Vec4::new(b.y, b.z, b.x, b.w)
     }
 
     #[inline(always)]
     pub fn bounds(&self) -> LinearBox3 {
-        let p = &self.0;
-        let at = |i: usize| Vec3::new(p[i], p[i + 1], p[i + 2]);
-        LinearBox3 { begin: Box3 { min: at(0), max: -at(3) }, end: Box3 { min: at(6), max: -at(9) } }
+        let at = |i: usize| Vec3::new(self.0[i], self.0[i + 1], self.0[i + 2]);
+        LinearBox3 { begin: Box3 { min: at(LOW), max: -at(HIGH) }, end: Box3 { min: at(LOW + 3), max: -at(HIGH + 3) } }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::build::object::binned::mean_half_area;
 
     #[test]
     fn a_reference_keeps_what_it_is_given() {
@@ -115,9 +110,7 @@ mod tests {
         for (a, b) in moved.centre().to_array().into_iter().zip(centre) {
             assert!((a - b).abs() < 1e-6);
         }
-        let terms = moved.0.area_terms();
-        let area = (terms.x + terms.y + terms.z) / 6.0;
-        assert!((area / mean_half_area(&moved.bounds()) - 1.0).abs() < 1e-6);
-        assert_eq!(Packed::EMPTY.area_terms().truncate(), Vec3::ZERO);
+        let rises = LinearBox3 { begin, end: Box3 { max: begin.max + Vec3::Z, ..begin } };
+        assert!(Reference::new(rises, 0).moving());
     }
 }

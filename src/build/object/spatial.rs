@@ -8,9 +8,8 @@
 
 use super::binned::mean_half_area;
 use super::reference::Reference;
-use crate::build::parallel;
 use crate::motion::{LinearBox3, ULP};
-use crate::simd::huge_vec;
+use crate::parallel;
 use glam::Vec3;
 
 /// A triangle's corners at the begin and the end of the build's interval, linear in between up to `slack`.
@@ -70,50 +69,62 @@ impl Planes {
     }
 }
 
-/// Cuts references into parts, at most `budget` times as many as there are now, where that saves most area.
+/// Cuts references into parts, at most `budget` times as many as there are now, where that saves most area. The
+/// first part takes the reference's place, the others follow behind all.
 ///
 /// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
 /// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
-pub(crate) fn cut(references: &[Reference], ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) -> Vec<Reference> {
+pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
     let n = references.len();
-    let mut gains = Vec::new();
-    parallel::fill(&mut gains, n, |i| {
-        let bounds = references[i].bounds();
-        let area = mean_half_area(&bounds);
-        let steady = Planes::across(&bounds, BINS).is_some();
-        let own = if steady { ends(references[i].id()).map(|ends| ends.area()) } else { None };
-        (own.map_or(0.0, |own| (area - FULL * own).max(0.0)), area)
-    });
-    let total = gains.iter().map(|g| f64::from(g.1)).sum::<f64>();
-    let most = (n as f64 * f64::from(budget)) as usize;
+    let mut areas = Vec::new();
+    parallel::fill(&mut areas, n, |i| mean_half_area(&references[i].bounds()));
+    let total = areas.iter().map(|&area| f64::from(area)).sum::<f64>();
     let mut least = (f64::from(PRICE) * total / n.max(1) as f64) as f32;
+    let worth = |i: usize| {
+        // A gain is at most the area, and nothing is cut for less than twice the least.
+        let steady = areas[i] >= 2.0 * least && Planes::across(&references[i].bounds(), BINS).is_some();
+        let own = if steady { ends(references[i].id())?.area() } else { return None };
+        let gain = areas[i] - FULL * own;
+        (gain > 0.0 && gain >= 2.0 * least).then_some((i as u32, gain))
+    };
+    let gains = parallel::map(n.div_ceil(CHUNK), |task| {
+        (task * CHUNK..n.min((task + 1) * CHUNK)).filter_map(worth).collect::<Vec<(u32, f32)>>()
+    });
+    let gains = gains.concat();
     // The greatest m for which m (m - 1) <= gain / least.
-    let parts = |gain: f32, least: f32| match gain < 2.0 * least || gain <= 0.0 {
+    let parts = |gain: f32, least: f32| match gain < 2.0 * least {
         true => 1,
         false => ((0.25 + gain / least).sqrt() + 0.5).min(BINS as f32) as usize,
     };
-    while gains.iter().map(|g| parts(g.0, least)).sum::<usize>() > most {
+    let more = (n as f64 * f64::from(budget)) as usize - n;
+    while gains.iter().map(|&(_, gain)| parts(gain, least) - 1).sum::<usize>() > more {
         least = least * 1.25 + f32::MIN_POSITIVE;
     }
-    let tasks = parallel::map(n.div_ceil(CHUNK), |task| {
-        let mut out = Vec::with_capacity(CHUNK + CHUNK / 2);
-        for i in task * CHUNK..n.min((task + 1) * CHUNK) {
-            let (r, m) = (&references[i], parts(gains[i].0, least));
+    let tasks = parallel::map(gains.len().div_ceil(CHUNK), |task| {
+        let mut out = Vec::new();
+        for &(i, gain) in &gains[task * CHUNK..gains.len().min((task + 1) * CHUNK)] {
+            let (r, m) = (&references[i as usize], parts(gain, least));
             let bounds = r.bounds();
-            let (Some(planes), Some(ends)) = (Planes::across(&bounds, m), ends(r.id()).filter(|_| m > 1)) else {
-                out.push(*r);
+            let (Some(planes), Some(ends)) = (Planes::across(&bounds, m).filter(|_| m > 1), ends(r.id())) else {
                 continue;
             };
             let mut cut = [LinearBox3::EMPTY; BINS];
             chop(&ends, &bounds, planes, 0, m - 1, &mut cut);
             let held = cut[..m].iter().filter(|part| !(part.begin.is_empty() && part.end.is_empty()));
-            out.extend(held.map(|part| Reference::new(*part, r.id())));
+            out.extend(held.map(|part| (i, *part)));
         }
         out
     });
-    let mut out = huge_vec(most);
-    tasks.into_iter().for_each(|task| out.extend(task));
-    out
+    let mut last = u32::MAX;
+    for (i, part) in tasks.into_iter().flatten() {
+        let part = Reference::new(part, references[i as usize].id());
+        if i == last {
+            references.push(part);
+        } else {
+            references[i as usize] = part;
+        }
+        last = i;
+    }
 }
 
 /// Linear bounds of the parts of a moving triangle between successive planes, for bins `first..=last`.
@@ -206,7 +217,8 @@ mod tests {
             })
             .collect();
         for (budget, least) in [(1.0, 1000), (1.2, 1120), (3.0, 1300)] {
-            let parts = cut(&references, |i| Some(again(i)), budget);
+            let mut parts = references.clone();
+            cut(&mut parts, |i| Some(again(i)), budget);
             assert!(parts.len() as f32 <= 1000.0 * budget && parts.len() >= least, "{budget}: {}", parts.len());
             let of = |long: bool| parts.iter().filter(|r| (r.id() % 10 == 0) == long).count();
             assert!(budget == 1.0 || of(true) > 2 * 100 && of(false) < 2 * 900);
@@ -215,8 +227,10 @@ mod tests {
                 part.min.cmpge(whole.min).all() && part.max.cmple(whole.max).all()
             }));
         }
-        assert_eq!(cut(&references, |_| None, 3.0).len(), 1000);
-        assert!(cut(&[], |_| None, 3.0).is_empty());
+        let mut uncut = references.clone();
+        cut(&mut uncut, |_| None, 3.0);
+        assert_eq!(uncut.len(), 1000);
+        cut(&mut Vec::new(), |_| None, 3.0);
     }
 
     #[test]

@@ -14,12 +14,15 @@ use crate::build::object::{BinaryNode, Reference};
 use crate::build::{BuildParams, Progress};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
+use crate::parallel;
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and where it begins.
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
+    /// Depth of the deepest leaf; the root has depth 0.
+    pub depth: u32,
 }
 
 /// A subtree that is written: where it is over the whole shutter, and its root.
@@ -32,16 +35,8 @@ impl WideTree {
     /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each plan and each
     /// written group.
     pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
-        let mut tree = WideTree { arena: Arena::default(), root: ChildRef::NOTHING };
-        let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
-        for id in 0..set.len() as u32 {
-            let keys = set.keys(id).max(2);
-            match groups.iter_mut().find(|g| g.0 == keys) {
-                Some(group) => group.1.push(id),
-                None => groups.push((keys, vec![id])),
-            }
-        }
-        groups.sort_by_key(|g| g.0);
+        let mut tree = WideTree { arena: Arena::default(), root: ChildRef::NOTHING, depth: 0 };
+        let groups = groups(set);
         let mut parts = Vec::new();
         for (keys, ids) in groups {
             let share = ids.len() as f64 / set.len() as f64;
@@ -51,6 +46,7 @@ impl WideTree {
             });
         }
         tree.root = tree.join(parts)?;
+        tree.depth = tree.deepest();
         tree.arena.align();
         tree.arena.settle();
         Ok(tree)
@@ -183,6 +179,30 @@ fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
     if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
 }
 
+/// The primitives by their number of keys, at least two, fewest keys first.
+fn groups<S: WideSource>(set: &S) -> Vec<(usize, Vec<u32>)> {
+    let parts = parallel::chunks(set.len(), |ids| {
+        let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
+        for id in ids {
+            let keys = set.keys(id as u32).max(2);
+            match groups.iter_mut().find(|g| g.0 == keys) {
+                Some(group) => group.1.push(id as u32),
+                None => groups.push((keys, vec![id as u32])),
+            }
+        }
+        groups
+    });
+    let mut all: Vec<(usize, Vec<u32>)> = Vec::new();
+    for (keys, ids) in parts.into_iter().flatten() {
+        match all.iter_mut().find(|g| g.0 == keys) {
+            Some(group) => group.1.extend(ids),
+            None => all.push((keys, ids)),
+        }
+    }
+    all.sort_by_key(|g| g.0);
+    all
+}
+
 /// Writes the leaf block of a binary node.
 fn leaf<S: WideSource>(
     arena: &mut Arena,
@@ -191,6 +211,7 @@ fn leaf<S: WideSource>(
     node: &BinaryNode,
     segment: usize,
 ) -> Result<ChildRef, BuildError> {
+    expect(set, references, node);
     let of = &references[node.first as usize..][..node.count as usize];
     let mut ids = [0; LANES];
     for (id, r) in ids.iter_mut().zip(of) {
@@ -201,6 +222,18 @@ fn leaf<S: WideSource>(
     ids.sort_unstable();
     let ids = distinct(ids);
     set.write_leaf(arena, ids, segment).ok_or(BuildError::TooLargeTree)
+}
+
+/// Asks for the primitives behind those of a node, which are read next or soon: of large scenes they come from memory.
+pub(super) fn expect<S: WideSource>(set: &S, references: &[Reference], node: &BinaryNode) {
+    let behind = (node.first + node.count) as usize;
+    let count = node.count as usize;
+    for r in references.iter().skip(behind + LANES).take(count) {
+        set.expect(r.id());
+    }
+    for r in references.iter().skip(behind).take(count) {
+        set.expect_vertices(r.id());
+    }
 }
 
 /// The sorted ids without repetitions: parts of one primitive may meet in a leaf block again.

@@ -1,13 +1,14 @@
 //! Writes nodes into the arena.
 //!
 //! Subtrees up to a fixed size are written by any thread, each into an arena of its own that stays in the
-//! cache; then they are put one behind the other, and the references in their nodes moved along.
+//! cache; then they are put one behind the other, and the references in their nodes moved along. The few nodes above
+//! them follow.
 
 use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::build::object::{BinaryNode, Collapse, WideChild, mean_half_area};
-use crate::build::parallel;
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
+use crate::parallel;
 use crate::simd::{Arena, LANES};
 
 /// A face at time 0 and its velocity: the line that a query evaluates as `at + velocity * t`.
@@ -60,11 +61,12 @@ pub(super) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
                 ),
                 None => (Face { at: NOWHERE, velocity: 0.0 }, Face { at: -NOWHERE, velocity: 0.0 }),
             };
-            words[axis * LANES + lane] = low.at;
-            words[(3 + axis) * LANES + lane] = high.at;
+            let row = 2 * axis;
+            words[row * LANES + lane] = low.at;
+            words[(row + 1) * LANES + lane] = high.at;
             if moving {
-                words[(6 + axis) * LANES + lane] = low.velocity;
-                words[(9 + axis) * LANES + lane] = high.velocity;
+                words[(row + 6) * LANES + lane] = low.velocity;
+                words[(row + 7) * LANES + lane] = high.velocity;
             }
         }
     }
@@ -103,22 +105,42 @@ const APART: u32 = 4096;
 /// Leaf blocks that are written together.
 const BLOCKS: usize = 512;
 
-/// Subtrees written before they are put in place: enough for all threads, few beside the whole.
-const WAVE: usize = 64;
+/// Subtrees or leaf block tasks of a wave. While one wave is put in place, the next is written.
+const WAVE: usize = 32;
 
 /// Blocks written apart, not yet in their place.
 struct Apart {
     arena: Arena,
     /// The nodes in it.
     nodes: Vec<ChildRef>,
-    root: ChildRef,
+    /// What is asked for above: the root of a subtree, or leaf blocks.
+    tops: Vec<ChildRef>,
 }
 
-/// Subtrees written apart, wave by wave.
-struct Supply {
-    roots: std::vec::IntoIter<u32>,
-    ready: std::vec::IntoIter<Apart>,
-    first: bool,
+/// Writes `n` tasks apart, wave by wave, and puts each in place with `put`.
+fn write_waves(
+    arena: &mut Arena,
+    n: usize,
+    write: impl Fn(usize) -> Result<Apart, BuildError> + Sync,
+    mut put: impl FnMut(&mut Arena, &Apart) -> Result<(), BuildError> + Send,
+) -> Result<(), BuildError> {
+    let wave = |begin: usize| parallel::map(WAVE.min(n - begin), |i| write(begin + i));
+    let mut written = wave(0);
+    for begin in (0..n).step_by(WAVE) {
+        let done = written.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
+        if begin == 0 {
+            // All waves will take about as much per task.
+            let words: usize = done.iter().map(|apart| apart.arena.len() + LANES).sum();
+            arena.reserve((words as f64 * (n as f64 / done.len() as f64) * 1.02) as usize + LANES);
+        }
+        let placed;
+        (placed, written) = parallel::both(
+            || done.iter().try_for_each(|apart| put(arena, apart)),
+            || if begin + WAVE < n { wave(begin + WAVE) } else { Vec::new() },
+        );
+        placed?;
+    }
+    Ok(())
 }
 
 /// Writes a leaf block for each of `n` things and returns them in order.
@@ -128,36 +150,24 @@ pub(super) fn write_blocks(
     leaf: impl Fn(&mut Arena, usize) -> Result<ChildRef, BuildError> + Sync,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let mut all = Vec::with_capacity(n);
-    let tasks = n.div_ceil(BLOCKS);
-    for begin in (0..tasks).step_by(WAVE) {
-        let written = parallel::map(WAVE.min(tasks - begin), |task| {
-            let (mut apart, task) = (Arena::default(), begin + task);
-            let blocks = (task * BLOCKS..n.min((task + 1) * BLOCKS)).map(|i| leaf(&mut apart, i));
-            let blocks = blocks.collect::<Result<Vec<ChildRef>, BuildError>>()?;
-            Ok::<_, BuildError>((apart, blocks))
-        });
-        let written = written.into_iter().collect::<Result<Vec<_>, BuildError>>()?;
-        if begin == 0 {
-            let blocks = written.iter().map(|w| w.1.len()).sum::<usize>();
-            reserve(arena, written.iter().map(|w| w.0.len()).sum(), n as f64 / blocks as f64);
+    let write = |task: usize| {
+        let mut apart = Arena::default();
+        let tops = (task * BLOCKS..n.min((task + 1) * BLOCKS)).map(|i| leaf(&mut apart, i));
+        let tops = tops.collect::<Result<Vec<ChildRef>, BuildError>>()?;
+        Ok(Apart { arena: apart, nodes: Vec::new(), tops })
+    };
+    write_waves(arena, n.div_ceil(BLOCKS), write, |arena, apart| {
+        let by = arena.append(&apart.arena);
+        for block in &apart.tops {
+            all.push(block.moved(by).ok_or(BuildError::TooLargeTree)?);
         }
-        for (apart, blocks) in written {
-            let by = arena.append(&apart);
-            for block in blocks {
-                all.push(block.moved(by).ok_or(BuildError::TooLargeTree)?);
-            }
-        }
-    }
+        Ok(())
+    })?;
     Ok(all)
 }
 
-/// Reserves what all waves will take when the first took so many words and all are so many times as much.
-fn reserve(arena: &mut Arena, words: usize, times: f64) {
-    arena.reserve((words as f64 * times * 1.02) as usize + LANES);
-}
-
-/// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and
-/// returns the root.
+/// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and returns the root. The
+/// nodes above the subtrees that are written apart come last.
 pub(super) struct Nodes<'a, L> {
     pub binary: &'a [BinaryNode],
     pub collapse: &'a Collapse,
@@ -176,8 +186,17 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         }
         let mut roots = Vec::new();
         self.find_apart(0, &mut roots);
-        let supply = Supply { roots: roots.into_iter(), ready: Vec::new().into_iter(), first: true };
-        self.node(arena, 0, &mut Vec::new(), &mut Some(supply))
+        let mut done = Vec::with_capacity(roots.len());
+        write_waves(
+            arena,
+            roots.len(),
+            |i| self.write_apart(roots[i]),
+            |arena, apart| {
+                done.push(self.put(arena, apart)?);
+                Ok(())
+            },
+        )?;
+        self.node(arena, 0, &mut Vec::new(), &mut Some(done.into_iter()))
     }
 
     /// The subtrees to be written apart, in the order in which [`Nodes::node`] comes by.
@@ -202,42 +221,25 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         children
     }
 
-    /// The next subtree written apart.
-    fn next(&self, arena: &mut Arena, supply: &mut Supply) -> Result<Option<Apart>, BuildError> {
-        if supply.ready.as_slice().is_empty() {
-            let wave: Vec<u32> = supply.roots.by_ref().take(WAVE).collect();
-            let apart = parallel::map(wave.len(), |i| self.write_apart(wave[i]));
-            let apart = apart.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
-            if supply.first && !wave.is_empty() {
-                let references = wave.iter().map(|&x| f64::from(self.binary[x as usize].count)).sum::<f64>();
-                let words = apart.iter().map(|a| a.arena.len() + LANES).sum();
-                reserve(arena, words, f64::from(self.binary[0].count) / references);
-            }
-            (supply.ready, supply.first) = (apart.into_iter(), false);
-        }
-        Ok(supply.ready.next())
-    }
-
     fn write_apart(&self, of: u32) -> Result<Apart, BuildError> {
         let (mut arena, mut nodes) = (Arena::default(), Vec::new());
         let root = self.node(&mut arena, of, &mut nodes, &mut None)?;
-        Ok(Apart { arena, nodes, root })
+        Ok(Apart { arena, nodes, tops: vec![root] })
     }
 
-    /// Writes a node and all below it; where `apart` has them, finished subtrees are taken from there. The
+    /// Writes a node and all below it; the subtrees that `apart` has are in place already. The
     /// recursion is as deep as the wide tree, which the binary build bounds.
     fn node(
         &self,
         arena: &mut Arena,
         of: u32,
         nodes: &mut Vec<ChildRef>,
-        apart: &mut Option<Supply>,
+        apart: &mut Option<std::vec::IntoIter<ChildRef>>,
     ) -> Result<ChildRef, BuildError> {
         if self.binary[of as usize].count <= APART
-            && let Some(supply) = apart
-            && let Some(done) = self.next(arena, supply)?
+            && let Some(done) = apart.as_mut().and_then(Iterator::next)
         {
-            return self.put(arena, &done);
+            return Ok(done);
         }
         let children = self.children(of);
         let mut boxes = [LinearBox3::EMPTY; LANES];
@@ -270,7 +272,7 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
                 }
             }
         }
-        moved(done.root)
+        moved(done.tops[0])
     }
 }
 

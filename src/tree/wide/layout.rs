@@ -2,8 +2,8 @@
 //!
 //! | block | words |
 //! |---|---|
-//! | moving node | rows of 16: lower x y z, upper x y z, velocities of the same six, children |
-//! | still node | rows of 16: lower x y z, upper x y z, children |
+//! | moving node | rows of 16: lower x, upper x, lower y .. upper z, velocities of the same six, children |
+//! | still node | rows of 16: lower x, upper x, lower y .. upper z, children |
 //! | time node | number of equal time ranges, then one child each |
 //! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the begin, the same at the end, ids |
 //! | still leaf of n | rows of n: corners, ids |

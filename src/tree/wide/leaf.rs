@@ -2,8 +2,8 @@
 
 use super::layout::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::build::object::Ends;
-use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles, ULP, Vertex};
-use crate::simd::{Arena, LANES};
+use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles, ULP};
+use crate::simd::{Arena, LANES, Lanes};
 use glam::Vec3;
 
 /// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
@@ -14,6 +14,11 @@ pub(crate) trait WideSource: PrimitiveSet {
     fn keys(&self, id: u32) -> usize;
     /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
+    /// Asks for where the vertices of a primitive are; they themselves follow with
+    /// [`WideSource::expect_vertices`]. Hints for what will be read soon.
+    fn expect(&self, _: u32) {}
+    /// Asks for the vertices of a primitive that was expected some time ago.
+    fn expect_vertices(&self, _: u32) {}
     /// Writes a leaf block for the key segment that begins at key `segment`; nothing where the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef>;
 }
@@ -34,6 +39,14 @@ impl WideSource for Triangles {
             n => (4 + 26 * (n - 1)) as f32 * ULP,
         };
         Some(Ends { begin: self.corners(id, over.begin()), end: self.corners(id, over.end()), slack })
+    }
+
+    fn expect(&self, id: u32) {
+        self.prefetch_corners(id);
+    }
+
+    fn expect_vertices(&self, id: u32) {
+        self.prefetch_positions(id);
     }
 
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef> {
@@ -70,16 +83,18 @@ impl WideSource for Triangles {
 
 /// The different vertices of a few triangles.
 struct Shared {
-    vertices: [Vertex; LANES],
+    /// Their numbers, and how far apart their keys are.
+    vertices: Lanes<u32>,
+    strides: Lanes<u32>,
     count: usize,
     /// The vertices of each triangle, four bits each.
-    corners: [u32; LANES],
+    corners: Lanes<u32>,
 }
 
 impl Shared {
     /// Nothing where there are too many, or as many as corners: then each triangle has its own.
     fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
-        let mut shared = Shared { vertices: [Vertex::default(); LANES], count: 0, corners: [0; LANES] };
+        let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
         for (corners, &id) in shared.corners.iter_mut().zip(ids) {
             for (i, vertex) in set.vertices(id).into_iter().enumerate() {
                 let known = shared.vertices[..shared.count].iter().position(|&v| v == vertex);
@@ -88,6 +103,7 @@ impl Shared {
                     None if shared.count == LANES => return None,
                     None => {
                         shared.vertices[shared.count] = vertex;
+                        shared.strides[shared.count] = set.stride(id) as u32;
                         shared.count += 1;
                         shared.count - 1
                     }
@@ -103,10 +119,9 @@ impl Shared {
         let (v, n) = (self.count, ids.len());
         let row = keys * VERTEX_ROWS * v;
         let at = arena.grow(row + 2 * n);
-        for key in 0..keys {
-            let words = &mut arena.floats_mut()[at + key * VERTEX_ROWS * v..];
-            for (lane, &vertex) in self.vertices[..v].iter().enumerate() {
-                let position = set.vertex_at_key(vertex, key);
+        for (key, words) in arena.floats_mut()[at..at + row].chunks_exact_mut(VERTEX_ROWS * v).enumerate() {
+            for lane in 0..v {
+                let position = set.position(self.vertices[lane], key * self.strides[lane] as usize);
                 for axis in 0..3 {
                     words[axis * v + lane] = position[axis];
                 }

@@ -15,10 +15,11 @@
 use super::build::Step;
 use super::leaf::WideSource;
 use super::segments::Segments;
-use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, isolate};
-use crate::build::{BuildParams, parallel};
+use crate::build::BuildParams;
+use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, neighbourhoods};
 use crate::error::BuildError;
 use crate::motion::TimeInterval;
+use crate::parallel;
 use crate::simd::huge_vec;
 
 /// Prices of a query's steps, relative to each other. A primitive at .15 instead of about .07 makes smaller leaves,
@@ -26,7 +27,7 @@ use crate::simd::huge_vec;
 pub(super) const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
 
 /// References at which the binary tree stops; the collapse joins its leaves again.
-const BINARY_LEAF: usize = 4;
+const BINARY_LEAF: usize = 6;
 
 /// A finer division of the shutter into segments is taken where it costs less than this part of the coarser.
 const WORTH_SEGMENTS: f32 = 0.9;
@@ -42,7 +43,7 @@ const WORTH_LARGE_COPIES: f32 = 0.7;
 const CACHES: f64 = 32.0 * (1u64 << 20) as f64;
 
 /// Cuts are taken where they cost less than this part: they also take memory.
-const WORTH_CUTS: f32 = 0.9;
+const WORTH_CUTS: f32 = 0.95;
 
 /// Cuts are tried where the boxes have more than this many times the area of the triangles in them.
 const HOLLOW: f64 = 8.0;
@@ -234,9 +235,9 @@ pub(super) fn plan_tree<S: WideSource>(
     let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE as f32);
     let worth = budget > 1.0
         && hollowness(set, &references, over) >= HOLLOW
-        && cuts_pay(set, &mut references, over, segment, budget);
+        && cuts_pay(set, &references, over, segment, budget);
     if worth {
-        references = cut(&references, |id| set.ends(id, over), budget);
+        cut(&mut references, |id| set.ends(id, over), budget);
     }
     plan_with(references, over, segment, worth)
 }
@@ -247,22 +248,17 @@ fn references<S: WideSource>(set: &S, ids: &[u32], over: TimeInterval) -> Vec<Re
     references
 }
 
-/// Whether cuts pay in a few samples of neighbouring references, which are reordered for it.
-fn cuts_pay<S: WideSource>(
-    set: &S,
-    references: &mut [Reference],
-    over: TimeInterval,
-    segment: usize,
-    budget: f32,
-) -> bool {
+/// Whether cuts pay in a few samples of neighbouring references.
+fn cuts_pay<S: WideSource>(set: &S, references: &[Reference], over: TimeInterval, segment: usize, budget: f32) -> bool {
     let n = references.len();
     let most = (n / (16 * CUT_SAMPLES)).clamp(*CUT_SAMPLE.start(), *CUT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
-    for i in 0..CUT_SAMPLES {
-        let sample = isolate(references, (2 * i + 1) * n / (2 * CUT_SAMPLES), most);
+    for sample in neighbourhoods(references, CUT_SAMPLES, most) {
         let cost = |references: Vec<Reference>| plan_with(references, over, segment, true).collapse.total();
-        with += cost(cut(sample, |id| set.ends(id, over), budget));
-        without += cost(sample.to_vec());
+        let mut parts = sample.clone();
+        cut(&mut parts, |id| set.ends(id, over), budget);
+        with += cost(parts);
+        without += cost(sample);
     }
     with < without * WORTH_CUTS
 }

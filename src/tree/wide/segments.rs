@@ -1,10 +1,11 @@
 //! Several hierarchies over the same leaf blocks, one for each part of the shutter.
 
+use super::build::expect;
 use super::leaf::WideSource;
 use super::plan::{PRICES, Plan, part_of_shutter};
 use crate::build::object::{BinaryNode, BinaryTree, Collapse, Reference, build_binary};
-use crate::build::parallel;
-use crate::motion::{LinearBox3, TimeInterval, ULP};
+use crate::motion::{Box3, LinearBox3, TimeInterval, ULP};
+use crate::parallel;
 use crate::simd::huge_vec;
 
 /// The hierarchies and what they share.
@@ -27,7 +28,21 @@ impl Segments {
     /// Rebuilds the nodes above the leaf blocks of a plan's subtree for `parts` equal parts of the shutter.
     pub fn build<S: WideSource>(set: &S, plan: &Plan, of: u32, parts: usize) -> Segments {
         let clusters = plan.collapse.leaves(&plan.binary, of);
-        let trees = parallel::map(parts, |i| Segment::build(set, plan, &clusters, part_of_shutter(i, parts)));
+        let seams: Option<Vec<Vec<Box3>>> = (1..parts).map(|i| seam(set, plan, &clusters, i, parts)).collect();
+        let trees = parallel::map(parts, |part| {
+            let over = part_of_shutter(part, parts);
+            let bounds = |i: usize| match &seams {
+                Some(seams) => LinearBox3 {
+                    begin: if part == 0 { clusters[i].bounds.begin } else { seams[part - 1][i] },
+                    end: if part + 1 == parts { clusters[i].bounds.end } else { seams[part][i] },
+                },
+                None => {
+                    let of = references(plan, &clusters[i]).iter();
+                    of.fold(LinearBox3::EMPTY, |b, r| b.union(part_bounds(set, r, plan, over)))
+                }
+            };
+            Segment::build(&clusters, over, bounds)
+        });
         Segments { clusters, trees }
     }
 
@@ -37,16 +52,37 @@ impl Segments {
     }
 }
 
+fn references<'a>(plan: &'a Plan, cluster: &BinaryNode) -> &'a [Reference] {
+    &plan.references[cluster.first as usize..][..cluster.count as usize]
+}
+
+/// The boxes of the leaf blocks where part `i` of the shutter begins; nothing where that does not say what a block
+/// does in between.
+///
+/// Corners move on lines up to their slack, so lines between the boxes at both ends of a part bound them all
+/// the time. The part before ends a little later than this one begins: the boxes hold the corners at both times.
+fn seam<S: WideSource>(set: &S, plan: &Plan, clusters: &[BinaryNode], i: usize, parts: usize) -> Option<Vec<Box3>> {
+    let over = part_of_shutter(i, parts).intersect(part_of_shutter(i - 1, parts))?;
+    if plan.cut || set.ends(plan.references.first()?.id(), over).is_none() {
+        return None;
+    }
+    let mut boxes = huge_vec(clusters.len());
+    parallel::fill(&mut boxes, clusters.len(), |i| {
+        expect(set, &plan.references, &clusters[i]);
+        references(plan, &clusters[i]).iter().fold(Box3::EMPTY, |b, r| {
+            let Some(ends) = set.ends(r.id(), over) else { return b };
+            let corners = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include);
+            b.union(corners.pad(ends.slack))
+        })
+    });
+    Some(boxes)
+}
+
 impl Segment {
-    fn build<S: WideSource>(set: &S, plan: &Plan, clusters: &[BinaryNode], over: TimeInterval) -> Segment {
+    fn build(clusters: &[BinaryNode], over: TimeInterval, bounds: impl Fn(usize) -> LinearBox3 + Sync) -> Segment {
         let n = clusters.len();
         let mut blocks = huge_vec(n);
-        parallel::fill(&mut blocks, n, |i| {
-            let node = &clusters[i];
-            let of = &plan.references[node.first as usize..][..node.count as usize];
-            let bounds = of.iter().fold(LinearBox3::EMPTY, |b, r| b.union(part_bounds(set, r, plan, over)));
-            Reference::new(bounds, i as u32)
-        });
+        parallel::fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
         let binary = build_binary(&mut blocks, 1);
         let collapse = Collapse::new(&binary, PRICES, |node| {
             (node.count == 1).then(|| {

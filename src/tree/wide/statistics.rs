@@ -26,20 +26,38 @@ impl WideTree {
         Some(&block[ids.first..][..ids.count])
     }
 
+    /// Depth of the deepest leaf.
+    pub(super) fn deepest(&self) -> u32 {
+        let mut deepest = 0;
+        let mut stack = vec![(self.root, 0)];
+        while let Some((at, depth)) = stack.pop() {
+            deepest = deepest.max(depth);
+            stack.extend(
+                self.children(at).iter().map(|&c| (ChildRef(c), depth + 1)).filter(|c| c.0 != ChildRef::NOTHING),
+            );
+        }
+        deepest
+    }
+
+    /// How many blocks can wait on a query's stack, and room for one more node's children to be written at once.
+    #[inline(always)]
+    pub fn waiting(&self) -> usize {
+        (LANES - 1) * self.depth as usize + LANES
+    }
+
     /// Walks the whole tree once.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
-        let (mut nodes, mut depth) = (0, 0);
+        let mut nodes = 0;
         let mut leaves = Vec::new();
-        let mut stack = vec![(self.root, 0)];
-        stack.retain(|entry| entry.0 != ChildRef::NOTHING);
-        while let Some((at, level)) = stack.pop() {
-            depth = depth.max(level);
+        let mut stack = vec![self.root];
+        stack.retain(|&at| at != ChildRef::NOTHING);
+        while let Some(at) = stack.pop() {
             if at.kind().is_leaf() {
                 leaves.push(at.0);
             } else {
                 nodes += 1;
                 let children = self.children(at).iter().map(|&c| ChildRef(c));
-                stack.extend(children.filter(|&c| c != ChildRef::NOTHING).map(|c| (c, level + 1)));
+                stack.extend(children.filter(|&c| c != ChildRef::NOTHING));
             }
         }
         // Time parts share leaf blocks.
@@ -53,7 +71,7 @@ impl WideTree {
             nodes,
             leaves: leaves.len(),
             empty_leaves: 0,
-            depth,
+            depth: self.depth,
             references,
             duplicates: duplicates as f64 / references.max(1) as f64,
             timed: 0.0,
