@@ -247,6 +247,10 @@ impl Simd for Avx2 {
         intrinsic!(_mm256_cvtss_f32(_mm256_permutevar8x32_ps(half, _mm256_set1_epi32(i as i32))))
     }
     #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: F) -> F {
+        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
+    }
+    #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
         let eight = intrinsic!(_mm256_min_ps(a.0, a.1));
         let four = intrinsic!(_mm_min_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight)));
@@ -307,7 +311,7 @@ impl Simd for Avx2 {
         U(intrinsic!(_mm256_max_epu32(a.0, b.0)), intrinsic!(_mm256_max_epu32(a.1, b.1)))
     }
     #[inline(always)]
-    fn swap_lanes<const D: usize>(self, a: U) -> U {
+    fn swap_lanes_u<const D: usize>(self, a: U) -> U {
         let lanes: &Lanes<u32> = const { &super::swapped(D & 7) };
         let lanes = intrinsic!(_mm256_loadu_si256(lanes.as_ptr().cast()));
         let low = intrinsic!(_mm256_permutevar8x32_epi32(a.0, lanes));

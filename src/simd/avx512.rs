@@ -168,6 +168,10 @@ impl Simd for Avx512 {
         intrinsic!(_mm512_cvtss_f32(_mm512_permutexvar_ps(_mm512_set1_epi32(i as i32), a.0)))
     }
     #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: F) -> F {
+        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
+    }
+    #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
         intrinsic!(_mm512_reduce_min_ps(a.0))
     }
@@ -217,7 +221,7 @@ impl Simd for Avx512 {
         U(intrinsic!(_mm512_max_epu32(a.0, b.0)))
     }
     #[inline(always)]
-    fn swap_lanes<const D: usize>(self, a: U) -> U {
+    fn swap_lanes_u<const D: usize>(self, a: U) -> U {
         // Within quarters it takes one cycle, across them three.
         match D {
             1 => U(intrinsic!(_mm512_shuffle_epi32::<0b10_11_00_01>(a.0))),

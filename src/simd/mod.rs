@@ -116,6 +116,8 @@ pub(crate) trait Simd: Copy {
     fn permute(self, a: Self::F, index: Self::U) -> Self::F;
     /// Lane `i`, at most 15.
     fn lane(self, a: Self::F, i: usize) -> f32;
+    /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
+    fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
     /// The least lane (no lane may be NaN).
     fn reduce_min(self, a: Self::F) -> f32;
     /// The lanes of the mask moved together at the front; what follows them is unspecified.
@@ -141,7 +143,7 @@ pub(crate) trait Simd: Copy {
     /// The greater.
     fn max_u(self, a: Self::U, b: Self::U) -> Self::U;
     /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
-    fn swap_lanes<const D: usize>(self, a: Self::U) -> Self::U;
+    fn swap_lanes_u<const D: usize>(self, a: Self::U) -> Self::U;
     /// The sum, modulo 2^32.
     fn add_u(self, a: Self::U, b: Self::U) -> Self::U;
     /// Lanes where `a < b`, unsigned.

@@ -166,6 +166,10 @@ impl Simd for Portable {
         a.0[i]
     }
     #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: F) -> F {
+        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
+    }
+    #[inline(always)]
     fn reduce_min(self, a: F) -> f32 {
         let mut least = a.0[0];
         for &x in &a.0[1..] {
@@ -215,7 +219,7 @@ impl Simd for Portable {
         U(zip(&a.0, &b.0, u32::max))
     }
     #[inline(always)]
-    fn swap_lanes<const D: usize>(self, a: U) -> U {
+    fn swap_lanes_u<const D: usize>(self, a: U) -> U {
         let mut out = [0; LANES];
         for (i, to) in out.iter_mut().enumerate() {
             *to = a.0[i ^ D];

@@ -1,7 +1,7 @@
 //! The nearest point.
 //!
-//! In a bottom node the nearest leaf goes first; after it one comparison with the new bound leaves
-//! few others, and those are scanned into sixteen running minima without a branch.
+//! In the first bottom node the nearest leaf goes first. Its bound leaves few others, here and in the nodes that
+//! the walk comes to after it; they are put on a list and scanned into sixteen running minima without a branch.
 
 use super::waiting::Waiting;
 use super::walk::{Collect, keys, unpack};
@@ -14,6 +14,7 @@ pub(in crate::neighbor) struct Best<'a, S: Simd, K, O> {
     distance: S::F,
     id: S::U,
     bound: f32,
+    /// The bound at the begin; below it something has been found.
     start: f32,
     cull: f32,
     shrink: f32,

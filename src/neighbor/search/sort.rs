@@ -172,9 +172,9 @@ fn sorted<S: Simd, const N: usize>(
             for i in 0..run {
                 let mirror = begin + 2 * run - 1 - i;
                 if mirror < N {
-                    let (low, high) = (lanes[begin + i], s.swap_lanes::<15>(lanes[mirror]));
+                    let (low, high) = (lanes[begin + i], s.swap_lanes_u::<15>(lanes[mirror]));
                     lanes[begin + i] = s.min_u(low, high);
-                    lanes[mirror] = s.swap_lanes::<15>(s.max_u(low, high));
+                    lanes[mirror] = s.swap_lanes_u::<15>(s.max_u(low, high));
                 }
             }
             begin += 2 * run;
@@ -216,7 +216,7 @@ static PLACES: [[u32; LANES]; MOST / LANES] = {
 /// Compares lanes with their partners `i ^ D`; those in the mask take the lesser.
 #[inline(always)]
 fn compare<S: Simd, const D: usize>(s: S, x: S::U, lesser: Mask) -> S::U {
-    let partner = s.swap_lanes::<D>(x);
+    let partner = s.swap_lanes_u::<D>(x);
     s.select_u(lesser, s.min_u(x, partner), s.max_u(x, partner))
 }
 
