@@ -251,13 +251,6 @@ impl Simd for Avx2 {
         self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline(always)]
-    fn reduce_min(self, a: F) -> f32 {
-        let eight = intrinsic!(_mm256_min_ps(a.0, a.1));
-        let four = intrinsic!(_mm_min_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight)));
-        let two = intrinsic!(_mm_min_ps(four, _mm_movehl_ps(four, four)));
-        intrinsic!(_mm_cvtss_f32(_mm_min_ss(two, _mm_shuffle_ps::<1>(two, two))))
-    }
-    #[inline(always)]
     fn compress(self, a: F, mask: Mask) -> F {
         self.from_bits(self.compress_u(self.to_bits(a), mask))
     }

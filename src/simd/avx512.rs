@@ -172,10 +172,6 @@ impl Simd for Avx512 {
         self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline(always)]
-    fn reduce_min(self, a: F) -> f32 {
-        intrinsic!(_mm512_reduce_min_ps(a.0))
-    }
-    #[inline(always)]
     fn compress(self, a: F, mask: Mask) -> F {
         F(intrinsic!(_mm512_maskz_compress_ps(mask, a.0)))
     }

@@ -118,8 +118,6 @@ pub(crate) trait Simd: Copy {
     fn lane(self, a: Self::F, i: usize) -> f32;
     /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
     fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
-    /// The least lane (no lane may be NaN).
-    fn reduce_min(self, a: Self::F) -> f32;
     /// The lanes of the mask moved together at the front; what follows them is unspecified.
     fn compress(self, a: Self::F, mask: Mask) -> Self::F;
     /// The bits of the lanes.

@@ -170,14 +170,6 @@ impl Simd for Portable {
         self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline(always)]
-    fn reduce_min(self, a: F) -> f32 {
-        let mut least = a.0[0];
-        for &x in &a.0[1..] {
-            least = if x < least { x } else { least };
-        }
-        least
-    }
-    #[inline(always)]
     fn compress(self, a: F, mask: Mask) -> F {
         F(compress(&a.0, mask))
     }

@@ -83,8 +83,7 @@ impl Kernel for All {
                 out_u(s.splat_u(self.b[5].to_bits())),
             ],
             masks: vec![s.lt(a, b), s.le(a, b), s.eq(a, b), s.eq(a, a), s.lt_u(ua, ub)],
-            // Which zero a reduction returns where both are least is left open: compare values.
-            scalars: vec![(s.reduce_min(s.load(&finite)) + 0.0).to_bits(), s.reduce_min_u(ua)],
+            scalars: vec![s.reduce_min_u(ua)],
             packed: vec![
                 out_f(s.compress(a, self.mask))[..n].to_vec(),
                 out_u(s.compress_u(ub, self.mask))[..n].to_vec(),
