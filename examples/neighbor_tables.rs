@@ -181,12 +181,13 @@ fn static_tables(args: &Args) {
                 tree.stats().bytes() as f64 / n as f64
             );
             let radius = radius_for(&tree, &at, 40);
+            let mut peers = Vec::new();
             for order in ["random", "morton"] {
                 if order == "morton" {
                     at.sort_by_key(|(q, _)| morton(*q));
                 }
                 print!("  {order:7}");
-                for (k, wanted) in [(1, 1.4), (8, 2.5), (32, 3.0), (64, 3.0), (0, 3.0)] {
+                for (k, wanted) in WANTED {
                     let mut buffer = NeighborBuffer::new();
                     let times = race(
                         args.repeat,
@@ -201,13 +202,39 @@ fn static_tables(args: &Args) {
                         ],
                     );
                     let peer = times[1].min(times[2]);
-                    let name = if k == 0 { "radius".to_string() } else { format!("k={k}") };
-                    print!("  {name} {:.0}/{peer:.0} = {:.2} ({wanted})", times[0], peer / times[0]);
+                    print!("  {} {:.0}/{peer:.0} = {:.2} ({wanted})", name(k), times[0], peer / times[0]);
+                    peers.push(peer);
                 }
                 println!();
+                if order == "random" {
+                    batches(&tree, &at, &peers, args.repeat);
+                }
             }
         }
     }
+}
+
+/// Numbers of neighbours (0: all within a radius) and the ratios wanted.
+const WANTED: [(usize, f64); 5] = [(1, 1.4), (8, 2.5), (32, 3.0), (64, 3.0), (0, 3.0)];
+
+fn name(k: usize) -> String {
+    if k == 0 { "radius".to_string() } else { format!("k={k}") }
+}
+
+/// A row for those who have all their queries at once: a batch on one thread, which orders queries and copies
+/// results, against the peer's single queries in the same random order. (Not within a radius: a batch sorts what it
+/// finds, the others do not.)
+fn batches(tree: &PointTree, at: &[(Vec3, f32)], peers: &[f64], repeat: usize) {
+    print!("  batch  ");
+    for ((k, _), peer) in WANTED.into_iter().zip(peers).filter(|((k, _), _)| *k > 0) {
+        let mut run = || match k {
+            1 => drop(black_box(tree.nearest_batch(at))),
+            k => drop(black_box(tree.nearest_n_batch(at, k))),
+        };
+        let time = race(repeat, at.len(), &mut [&mut run])[0];
+        print!("  {} {time:.0}/{peer:.0} = {:.2}", name(k), peer / time);
+    }
+    println!();
 }
 
 /// The rows of the moving table: points and what they are called.

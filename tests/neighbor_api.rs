@@ -292,11 +292,11 @@ fn counted_work_is_what_it_was() {
 }
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
-    ("uniform", PointStructure::Automatic, (4925, 7532)),
-    ("coherent", PointStructure::Linear, (5227, 7819)),
-    ("random", PointStructure::Slabs(4), (5267, 8311)),
-    ("fast few", PointStructure::Mbkd, (174618, 262113)),
-    ("short lives", PointStructure::LifeLevels(2), (7942, 27535)),
+    ("uniform", PointStructure::Automatic, (4764, 6770)),
+    ("coherent", PointStructure::Linear, (5011, 7039)),
+    ("random", PointStructure::Slabs(4), (5091, 7360)),
+    ("fast few", PointStructure::Mbkd, (175389, 285490)),
+    ("short lives", PointStructure::LifeLevels(2), (8199, 27997)),
 ];
 
 #[test]

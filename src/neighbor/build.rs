@@ -95,10 +95,10 @@ impl<P: PointSet + ?Sized> Source<'_, P> {
             && (1..self.points.keys()).all(|key| self.at(point, key) == first)
     }
 
-    /// A static tree of some of the points.
-    pub(super) fn still_tree(&self, select: impl Iterator<Item = usize>) -> StaticTree {
+    /// A static tree of `count` of the points.
+    pub(super) fn still_tree(&self, count: usize, select: impl Iterator<Item = usize>) -> StaticTree {
         let item = |i: usize| Item { at: self.at(i, 0), index: i as u32 };
-        StaticTree::build(select.map(item).collect(), |i| self.points.id(i as usize))
+        StaticTree::build(count, select.map(item), |i| self.points.id(i as usize))
     }
 
     /// The movers of a part of the shutter among some of the points.

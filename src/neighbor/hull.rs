@@ -14,7 +14,6 @@
 //! so below the points by the same 16Mu, whatever the level.
 
 use crate::simd::{LANES, Lanes};
-use glam::DVec3;
 
 /// Rows of sixteen boxes whose faces are `a + b·s`.
 #[derive(Clone, Copy)]
@@ -35,17 +34,18 @@ impl LinearBoxes {
         hi_slope: [[0.0; LANES]; 3],
     };
 
-    /// Whether there is no box in a lane.
-    pub(super) fn absent(&self, lane: usize) -> bool {
-        self.lo[0][lane] == f32::INFINITY
-    }
-
-    /// Lower and upper corner of a lane's box at a phase.
-    pub(super) fn corners(&self, lane: usize, phase: f64) -> [DVec3; 2] {
-        let corner = |at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3]| {
-            DVec3::from_array(core::array::from_fn(|a| f64::from(at[a][lane]) + f64::from(slope[a][lane]) * phase))
-        };
-        [corner(&self.lo, &self.lo_slope), corner(&self.hi, &self.hi_slope)]
+    /// Lower and upper faces, each lane at a phase of its own.
+    #[inline(always)]
+    pub(super) fn faces(&self, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        let mut faces = [[[0.0; LANES]; 3]; 2];
+        for (faces, (at, slope)) in faces.iter_mut().zip([(&self.lo, &self.lo_slope), (&self.hi, &self.hi_slope)]) {
+            for axis in 0..3 {
+                for lane in 0..LANES {
+                    faces[axis][lane] = f64::from(at[axis][lane]) + f64::from(slope[axis][lane]) * phase[lane];
+                }
+            }
+        }
+        faces
     }
 
     /// Sets one lane.

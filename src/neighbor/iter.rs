@@ -4,7 +4,7 @@ use super::Neighbor;
 use super::layer::{Layer, LayerView};
 use super::query::{Gather, NeighborQuery};
 use super::search::Keep;
-use super::search::k_nearest::Candidates;
+use super::search::candidates::Candidates;
 use super::search::radius::{Front, leaves};
 use super::view::View;
 use crate::simd::{Kernel, Simd, dispatch};

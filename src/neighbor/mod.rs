@@ -16,6 +16,7 @@
 mod approach;
 mod batch;
 mod build;
+mod byte_boxes;
 mod choose;
 mod cut;
 mod error;

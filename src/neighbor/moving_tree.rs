@@ -13,7 +13,7 @@ use super::static_tree::Shape;
 use super::view::{Target, View, outside, rows, squared};
 use crate::motion::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 /// Sixteen moving points in rows; absent ones stand where every squared distance is infinite.
 #[derive(Clone, Copy)]
@@ -396,15 +396,16 @@ impl Boxed for MovingTree {
     fn behind(&self, _level: usize, node: usize) -> (usize, usize) {
         (self.first[node] as usize, 1)
     }
-    fn times(&self, node: usize, lane: usize) -> Option<[f64; 2]> {
-        if self.nodes[node].absent(lane) {
-            return None;
+    #[inline(always)]
+    fn times(&self, node: usize) -> [Lanes<f64>; 2] {
+        if let Some(times) = self.node_times.get(node) {
+            return [times.begin.map(f64::from), times.end.map(f64::from)];
         }
-        let times = self.node_times.get(node);
-        Some(times.map_or([0.0, 1.0], |t| [t.begin[lane].into(), t.end[lane].into()]))
+        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY }), [1.0; LANES]]
     }
-    fn corners(&self, node: usize, lane: usize, phase: f64) -> [DVec3; 2] {
-        self.nodes[node].corners(lane, phase)
+    #[inline(always)]
+    fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        self.nodes[node].faces(phase)
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let rows = &self.blocks[block];

@@ -6,15 +6,8 @@
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
 use super::select::select;
+pub(super) use crate::simd::Item;
 use crate::simd::LANES;
-
-/// A point on its way into a leaf: where it lies (at mid-shutter) and which one it is.
-#[derive(Clone, Copy, Debug)]
-#[repr(C, align(16))]
-pub(super) struct Item {
-    pub(super) at: [f32; 3],
-    pub(super) index: u32,
-}
 
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;

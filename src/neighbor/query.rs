@@ -2,10 +2,11 @@
 
 use super::iter::WithinIter;
 use super::layer::{walk_all, within_all};
-use super::search::k_nearest::{Candidates, KNearest};
+use super::search::candidates::Candidates;
+use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::Sink;
-use super::search::sort::{all_in_order, nearest_in_order};
+use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepIf, NeighborWork, Observe, kept};
 use super::tree::PointTree;
 use super::view::View;
@@ -142,8 +143,11 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         buffer.found.clear();
         if self.finds_something() && k > 0 {
             let candidates = &mut buffer.candidates;
-            dispatch(self.tree.simd, NearestN { query: &self, k, candidates, observe: &mut () });
-            nearest_in_order(self.tree.simd, k, candidates, &mut buffer.found);
+            let found = &mut buffer.found;
+            let done = dispatch(self.tree.simd, NearestN { query: &self, k, candidates, found, observe: &mut () });
+            if !done {
+                nearest_in_order(self.tree.simd, k, candidates, &mut buffer.found);
+            }
         }
         &buffer.found
     }
@@ -153,7 +157,8 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         let mut work = NeighborWork::default();
         if self.finds_something() && k > 0 {
             let candidates = &mut Candidates::default();
-            dispatch(self.tree.simd, NearestN { query: &self, k, candidates, observe: &mut work });
+            let found = &mut Vec::new();
+            dispatch(self.tree.simd, NearestN { query: &self, k, candidates, found, observe: &mut work });
         }
         work
     }
@@ -259,16 +264,19 @@ struct NearestN<'q, 'a, 'b, K, O> {
     query: &'q NeighborQuery<'a, K>,
     k: usize,
     candidates: &'b mut Candidates,
+    found: &'b mut Vec<Neighbor>,
     observe: &'b mut O,
 }
 
 impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, K, O> {
-    type Output = ();
+    /// Whether what was found is in order already.
+    type Output = bool;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let NearestN { query: q, k, candidates, observe } = self;
+    fn run<S: Simd>(self, s: S) -> bool {
+        let NearestN { query: q, k, candidates, found, observe } = self;
         let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
         walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);
+        few_in_order(s, k, candidates, found)
     }
 }
 
@@ -296,6 +304,7 @@ pub(super) struct Gather<'a, K> {
 }
 
 impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
+    const TAKES_NONE: bool = true;
     #[inline(always)]
     fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);
@@ -311,6 +320,7 @@ struct Count<'q, K> {
 }
 
 impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
+    const TAKES_NONE: bool = true;
     #[inline(always)]
     fn take<V: View>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
         self.count += kept(self.keep, view.ids(block), hits).count_ones() as usize;
@@ -324,6 +334,7 @@ struct Visit<'q, K, F> {
 }
 
 impl<S: Simd, K: Keep, F: FnMut(Neighbor) -> ControlFlow<()>> Sink<S> for Visit<'_, K, F> {
+    const TAKES_NONE: bool = false;
     #[inline(always)]
     fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);

@@ -6,27 +6,22 @@
 //! fills the levels better.
 
 use super::approach::{Boxed, Flight};
+use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
 use super::view::{Boxes, MAX_LEVELS, Target, View, outside, rows, squared};
 use crate::motion::TimeInterval;
-use crate::simd::{LANES, Lanes, Simd, huge_vec_of, prefetch};
-use glam::{DVec3, Vec3};
-
-/// Sixteen points in rows; where there is none, the coordinates are infinite.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-struct Block {
-    at: [Lanes<f32>; 3],
-    id: Lanes<u32>,
-}
-
-const EMPTY: Block = Block { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LANES] };
+use crate::simd::{LANES, Lanes, PointBlock, Simd, huge_vec_of, prefetch};
+use glam::Vec3;
 
 /// Points that stand still, in a complete 16-ary tree.
 #[derive(Clone)]
 pub(super) struct StaticTree {
-    nodes: Vec<Boxes>,
-    blocks: Vec<Block>,
+    /// The lower levels, which have many nodes.
+    lower: Vec<ByteBoxes>,
+    /// The other levels.
+    upper: Vec<Boxes>,
+    /// As many as all bottom nodes have lanes for.
+    blocks: Vec<PointBlock>,
     shape: Shape,
 }
 
@@ -73,35 +68,69 @@ impl Shape {
 }
 
 impl StaticTree {
-    /// Builds the tree. `id_of` turns an item's index into the id that answers carry.
-    pub(super) fn build(mut items: Vec<Item>, id_of: impl Fn(u32) -> u32 + Sync) -> StaticTree {
-        let shape = Shape::of(items.len());
-        order(&mut items, shape.leaf());
-        let mut blocks = huge_vec_of(EMPTY, items.len().div_ceil(shape.leaf()) * shape.leaf_blocks);
-        let mut nodes = huge_vec_of(Boxes::NONE, shape.nodes());
-        let share = LANES * shape.leaf_blocks;
-        fill(&items, &mut blocks, &mut nodes[..shape.begin[1]], share, &id_of);
+    /// Builds the tree over `count` items. `id_of` turns an item's index into the id that answers carry.
+    ///
+    /// Items are ordered in the memory of the blocks that they end up in, so that building takes none besides.
+    pub(super) fn build(
+        count: usize,
+        items: impl Iterator<Item = Item>,
+        id_of: impl Fn(u32) -> u32 + Sync,
+    ) -> StaticTree {
+        let shape = Shape::of(count);
+        let mut blocks = huge_vec_of(PointBlock::EMPTY, shape.begin[1] * LANES * shape.leaf_blocks);
+        let memory = &mut PointBlock::items(&mut blocks)[..count];
+        for (to, item) in memory.iter_mut().zip(items) {
+            *to = item;
+        }
+        order(memory, shape.leaf());
+        let small = (0..shape.levels).find(|&level| shape.begin[level + 1] - shape.begin[level] <= MOST_PLAIN);
+        let plain = shape.begin[small.unwrap_or(shape.levels)];
+        let mut tree = StaticTree {
+            lower: huge_vec_of(ByteBoxes::NONE, plain),
+            upper: huge_vec_of(Boxes::NONE, shape.nodes() - plain),
+            blocks,
+            shape,
+        };
+        if plain > 0 {
+            fill(count, &mut tree.blocks, &mut tree.lower[..shape.begin[1]], shape.leaf_blocks, &id_of);
+        } else {
+            fill(count, &mut tree.blocks, &mut tree.upper[..shape.begin[1]], shape.leaf_blocks, &id_of);
+        }
         for level in 1..shape.levels {
-            let (below, here) = nodes.split_at_mut(shape.begin[level]);
-            let below = &below[shape.begin[level - 1]..];
-            for (node, children) in here.iter_mut().zip(below.chunks(LANES)) {
-                for (lane, child) in children.iter().enumerate() {
-                    let (lo, hi) = child.hull();
-                    node.include(lane, lo, hi);
+            for node in shape.begin[level]..shape.begin[level + 1] {
+                let first = View::first_child(&&tree, level, node);
+                let mut boxes = Boxes::NONE;
+                for (lane, child) in (first..shape.begin[level]).take(LANES).enumerate() {
+                    let (lo, hi) = tree.hull(child);
+                    boxes.include(lane, lo, hi);
+                }
+                match tree.lower.get_mut(node) {
+                    Some(node) => *node = ByteBoxes::around(&boxes),
+                    None => tree.upper[node - plain] = boxes,
                 }
             }
         }
-        StaticTree { nodes, blocks, shape }
+        tree
+    }
+
+    /// The box around all children of a node.
+    fn hull(&self, node: usize) -> ([f32; 3], [f32; 3]) {
+        match self.lower.get(node) {
+            Some(node) => node.hull(),
+            None => self.upper[node - self.lower.len()].hull(),
+        }
     }
 
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<Block>()
+        self.lower.capacity() * size_of::<ByteBoxes>()
+            + self.upper.capacity() * size_of::<Boxes>()
+            + self.blocks.capacity() * size_of::<PointBlock>()
     }
 
     /// Number of nodes.
     pub(super) fn node_count(&self) -> usize {
-        self.nodes.len()
+        self.shape.nodes()
     }
 
     /// Number of levels of nodes.
@@ -110,41 +139,75 @@ impl StaticTree {
     }
 }
 
+/// A level of more nodes than this has its boxes in bytes. Fewer stay in the nearest caches anyway, where a third of
+/// the size is worth less than the few cycles that it takes to read bytes.
+const MOST_PLAIN: usize = 1024;
+
+/// A node that can be made of sixteen boxes.
+trait FromBoxes: Send {
+    fn of(boxes: Boxes) -> Self;
+}
+
+impl FromBoxes for Boxes {
+    fn of(boxes: Boxes) -> Boxes {
+        boxes
+    }
+}
+
+impl FromBoxes for ByteBoxes {
+    fn of(boxes: Boxes) -> ByteBoxes {
+        ByteBoxes::around(&boxes)
+    }
+}
+
 /// Nodes that one thread fills at a time.
 const SHARE: usize = 64;
 
-/// Writes blocks and bottom nodes, `share` blocks to a node.
-fn fill(items: &[Item], blocks: &mut [Block], nodes: &mut [Boxes], share: usize, id_of: &(impl Fn(u32) -> u32 + Sync)) {
+/// Turns the first `count` items in the memory of blocks into rows, and writes bottom nodes.
+fn fill<N: FromBoxes>(
+    count: usize,
+    blocks: &mut [PointBlock],
+    nodes: &mut [N],
+    leaf_blocks: usize,
+    id_of: &(impl Fn(u32) -> u32 + Sync),
+) {
+    let share = LANES * leaf_blocks;
     if nodes.len() > SHARE {
         let half = nodes.len() / 2;
         let (nodes, more_nodes) = nodes.split_at_mut(half);
-        let (blocks, more_blocks) = blocks.split_at_mut((half * share).min(blocks.len()));
-        let (items, more_items) = items.split_at(half * share * LANES);
+        let (blocks, more_blocks) = blocks.split_at_mut(half * share);
+        let left = half * share * LANES;
         return super::order::join(
-            || fill(items, blocks, nodes, share, id_of),
-            || fill(more_items, more_blocks, more_nodes, share, id_of),
+            || fill(left, blocks, nodes, leaf_blocks, id_of),
+            || fill(count - left, more_blocks, more_nodes, leaf_blocks, id_of),
         );
     }
-    let leaf_blocks = share / LANES;
-    for (number, (block, items)) in blocks.iter_mut().zip(items.chunks(LANES)).enumerate() {
-        for (lane, item) in items.iter().enumerate() {
-            for axis in 0..3 {
-                block.at[axis][lane] = item.at[axis];
+    for (i, (node, blocks)) in nodes.iter_mut().zip(blocks.chunks_mut(share)).enumerate() {
+        let mut boxes = Boxes::NONE;
+        for (number, block) in blocks.iter_mut().enumerate() {
+            let before = (i * share + number) * LANES;
+            let (items, count) = block.take_items(count.saturating_sub(before));
+            *block = PointBlock::EMPTY;
+            let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+            for (lane, item) in items[..count].iter().enumerate() {
+                for axis in 0..3 {
+                    block.at[axis][lane] = item.at[axis];
+                }
+                block.id[lane] = id_of(item.index);
             }
-            block.id[lane] = id_of(item.index);
+            for item in &items[..count] {
+                include(&mut lo, &mut hi, item.at);
+            }
+            boxes.include(number / leaf_blocks, lo, hi);
         }
-        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        for item in items {
-            include(&mut lo, &mut hi, item.at);
-        }
-        nodes[number / share].include(number % share / leaf_blocks, lo, hi);
+        *node = N::of(boxes);
     }
 }
 
 impl View for &StaticTree {
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
-        (self.shape.levels - 1, self.nodes.len() - 1)
+        (self.shape.levels - 1, self.shape.nodes() - 1)
     }
     #[inline(always)]
     fn first_child(&self, level: usize, node: usize) -> usize {
@@ -164,7 +227,10 @@ impl View for &StaticTree {
     }
     #[inline(always)]
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
-        let node = &self.nodes[node];
+        if let Some(node) = self.lower.get(node) {
+            return node.distances(s, &target.point);
+        }
+        let node = &self.upper[node - self.lower.len()];
         outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
     }
     #[inline(always)]
@@ -174,7 +240,10 @@ impl View for &StaticTree {
     }
     #[inline(always)]
     fn expect_node(&self, node: usize) {
-        prefetch(&self.nodes[node]);
+        match self.lower.get(node) {
+            Some(node) => prefetch(node),
+            None => prefetch(&self.upper[node - self.lower.len()]),
+        }
     }
     #[inline(always)]
     fn expect_leaf(&self, block: usize) {
@@ -198,13 +267,26 @@ impl Boxed for StaticTree {
     fn behind(&self, level: usize, node: usize) -> (usize, usize) {
         if level == 0 { (self.first_block(node), self.shape.leaf_blocks) } else { (self.first_child(level, node), 1) }
     }
-    fn times(&self, node: usize, lane: usize) -> Option<[f64; 2]> {
-        let node = &self.nodes[node];
-        (node.lo[0][lane] <= node.hi[0][lane]).then_some([0.0, 1.0])
+    #[inline(always)]
+    fn times(&self, node: usize) -> [Lanes<f64>; 2] {
+        let begin = match self.lower.get(node) {
+            Some(node) => node.present().map(|there| if there { 0.0 } else { f64::INFINITY }),
+            None => {
+                self.upper[node - self.lower.len()].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY })
+            }
+        };
+        [begin, [1.0; LANES]]
     }
-    fn corners(&self, node: usize, lane: usize, _phase: f64) -> [DVec3; 2] {
-        let node = &self.nodes[node];
-        [node.lo, node.hi].map(|rows| Vec3::from_array(rows.map(|row| row[lane])).as_dvec3())
+    #[inline(always)]
+    fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        let [lo, hi] = match self.lower.get(node) {
+            Some(node) => node.all_faces(),
+            None => {
+                let node = &self.upper[node - self.lower.len()];
+                [node.lo, node.hi]
+            }
+        };
+        [lo.map(|row| row.map(f64::from)), hi.map(|row| row.map(f64::from))]
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let block = &self.blocks[block];

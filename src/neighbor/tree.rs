@@ -114,9 +114,9 @@ impl PointTree {
     /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
     ///
-    /// O(n log n) time; 17.6 bytes per point that stands still, from 32 per point that moves, while building
-    /// about twice that. Errors: coordinates that are not finite or too large, arrays of different length,
-    /// parameters out of range. An empty set is a tree that finds nothing.
+    /// O(n log n) time; 17 bytes per point that stands still and one more while building, from 32 per point that
+    /// moves and about twice that while building. Errors: coordinates that are not finite or too large, arrays of
+    /// different length, parameters out of range. An empty set is a tree that finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
         params.validate()?;
         let origin = check(points)?;
@@ -126,13 +126,13 @@ impl PointTree {
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
         let count = still.iter().filter(|&&s| s).count();
         if count == len {
-            tree.add(Layer::Still(source.still_tree(0..len)), PointLayerKind::Static, len, "nothing moves".into());
+            tree.add(Layer::Still(source.still_tree(len, 0..len)), PointLayerKind::Static, len, "nothing moves".into());
             return Ok(tree);
         }
         let apart = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
         if apart {
             let why = format!("{count} of {len} points stand still throughout");
-            let layer = Layer::Still(source.still_tree((0..len).filter(|&i| still[i])));
+            let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i])));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         let moving = (0..len).filter(|&i| !(apart && still[i]));

@@ -81,7 +81,7 @@ pub(super) fn outside<S: Simd>(s: S, point: &[S::F; 3], lo: [S::F; 3], hi: [S::F
 /// be inlined always, and where it is not, each of its operations becomes a call.)
 #[inline(always)]
 fn gap<S: Simd>(s: S, at: S::F, lo: S::F, hi: S::F) -> S::F {
-    s.max(s.max(lo - at, at - hi), s.splat(0.0))
+    s.max_with_zero(lo - at, at - hi)
 }
 
 /// Three rows.

@@ -176,6 +176,15 @@ impl Simd for Avx2 {
         F(intrinsic!(_mm256_loadu_ps(at)), intrinsic!(_mm256_loadu_ps(at.add(8))))
     }
     #[inline(always)]
+    fn load_bytes(self, from: &Lanes<u8>) -> F {
+        let low = intrinsic!(_mm_loadu_si128(from.as_ptr().cast()));
+        let high = intrinsic!(_mm_unpackhi_epi64(low, low));
+        F(
+            intrinsic!(_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(low))),
+            intrinsic!(_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(high))),
+        )
+    }
+    #[inline(always)]
     fn load_row(self, rows: &Rows, i: usize) -> F {
         masked(U::from_mask(rows.mask), rows.row(i))
     }
@@ -202,6 +211,10 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn max(self, a: F, b: F) -> F {
         F(intrinsic!(_mm256_max_ps(a.0, b.0)), intrinsic!(_mm256_max_ps(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn max_with_zero(self, a: F, b: F) -> F {
+        self.max(self.max(a, b), self.splat(0.0))
     }
     #[inline(always)]
     fn lt(self, a: F, b: F) -> Mask {
@@ -235,18 +248,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn swap_lanes<const D: usize>(self, a: F) -> F {
-        let lanes: &Lanes<u32> = const { &super::swapped(D & 7) };
-        let lanes = intrinsic!(_mm256_loadu_si256(lanes.as_ptr().cast()));
-        let low = intrinsic!(_mm256_permutevar8x32_ps(a.0, lanes));
-        let high = intrinsic!(_mm256_permutevar8x32_ps(a.1, lanes));
-        if D < 8 { F(low, high) } else { F(high, low) }
-    }
-    #[inline(always)]
-    fn reduce_min(self, a: F) -> f32 {
-        let eight = intrinsic!(_mm256_min_ps(a.0, a.1));
-        let four = intrinsic!(_mm_min_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight)));
-        let two = intrinsic!(_mm_min_ps(four, _mm_movehl_ps(four, four)));
-        intrinsic!(_mm_cvtss_f32(_mm_min_ss(two, _mm_shuffle_ps::<1>(two, two))))
+        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline(always)]
     fn compress(self, a: F, mask: Mask) -> F {
@@ -292,6 +294,26 @@ impl Simd for Avx2 {
         // The intrinsic wants its count as another type than the trait has it.
         let count = intrinsic!(_mm_cvtsi32_si128(BITS as i32));
         U(intrinsic!(_mm256_srl_epi32(a.0, count)), intrinsic!(_mm256_srl_epi32(a.1, count)))
+    }
+    #[inline(always)]
+    fn min_u(self, a: U, b: U) -> U {
+        U(intrinsic!(_mm256_min_epu32(a.0, b.0)), intrinsic!(_mm256_min_epu32(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn max_u(self, a: U, b: U) -> U {
+        U(intrinsic!(_mm256_max_epu32(a.0, b.0)), intrinsic!(_mm256_max_epu32(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn swap_lanes_u<const D: usize>(self, a: U) -> U {
+        let lanes: &Lanes<u32> = const { &super::swapped(D & 7) };
+        let lanes = intrinsic!(_mm256_loadu_si256(lanes.as_ptr().cast()));
+        let low = intrinsic!(_mm256_permutevar8x32_epi32(a.0, lanes));
+        let high = intrinsic!(_mm256_permutevar8x32_epi32(a.1, lanes));
+        if D < 8 { U(low, high) } else { U(high, low) }
+    }
+    #[inline(always)]
+    fn add_u(self, a: U, b: U) -> U {
+        U(intrinsic!(_mm256_add_epi32(a.0, b.0)), intrinsic!(_mm256_add_epi32(a.1, b.1)))
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

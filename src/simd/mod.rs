@@ -17,6 +17,7 @@ mod arena;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod points;
 mod portable;
 mod stack;
 
@@ -24,6 +25,7 @@ use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
 
 pub(crate) use arena::{Arena, huge_vec, huge_vec_of};
+pub(crate) use points::{Item, PointBlock};
 pub(crate) use stack::{Stack, StackMemory};
 
 /// Number of lanes in every vector of this module.
@@ -85,6 +87,8 @@ pub(crate) trait Simd: Copy {
     fn splat(self, x: f32) -> Self::F;
     /// Reads sixteen floats, at any alignment.
     fn load(self, from: &Lanes<f32>) -> Self::F;
+    /// Reads sixteen bytes and makes floats of them.
+    fn load_bytes(self, from: &Lanes<u8>) -> Self::F;
     /// Reads row `i`; the lanes beyond its length are 0. What lies behind it in memory is not looked at (read as
     /// numbers it might be denormal, which is slow).
     fn load_row(self, rows: &Rows, i: usize) -> Self::F;
@@ -98,6 +102,8 @@ pub(crate) trait Simd: Copy {
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
     /// `if a > b { a } else { b }`: the second operand where either is NaN.
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The greatest of `a`, `b` and +0; none of them may be NaN.
+    fn max_with_zero(self, a: Self::F, b: Self::F) -> Self::F;
     /// Lanes where `a < b`; false for NaN.
     fn lt(self, a: Self::F, b: Self::F) -> Mask;
     /// Lanes where `a <= b`; false for NaN.
@@ -112,8 +118,6 @@ pub(crate) trait Simd: Copy {
     fn lane(self, a: Self::F, i: usize) -> f32;
     /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
     fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
-    /// The least lane (no lane may be NaN).
-    fn reduce_min(self, a: Self::F) -> f32;
     /// The lanes of the mask moved together at the front; what follows them is unspecified.
     fn compress(self, a: Self::F, mask: Mask) -> Self::F;
     /// The bits of the lanes.
@@ -132,6 +136,14 @@ pub(crate) trait Simd: Copy {
     fn store_wide(self, x: Self::U, to: &mut Lanes<MaybeUninit<u64>>);
     /// The lanes shifted right by `BITS`, zeros from the left.
     fn shift_right<const BITS: u32>(self, a: Self::U) -> Self::U;
+    /// The lesser.
+    fn min_u(self, a: Self::U, b: Self::U) -> Self::U;
+    /// The greater.
+    fn max_u(self, a: Self::U, b: Self::U) -> Self::U;
+    /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
+    fn swap_lanes_u<const D: usize>(self, a: Self::U) -> Self::U;
+    /// The sum, modulo 2^32.
+    fn add_u(self, a: Self::U, b: Self::U) -> Self::U;
     /// Lanes where `a < b`, unsigned.
     fn lt_u(self, a: Self::U, b: Self::U) -> Mask;
     /// `a` where the mask has its bit, `b` elsewhere.

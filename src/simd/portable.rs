@@ -16,7 +16,7 @@ pub(super) struct F(Lanes<f32>);
 #[derive(Clone, Copy)]
 pub(super) struct U(Lanes<u32>);
 
-#[inline(always)]
+#[inline]
 fn zip<A: Copy, B: Copy, C: Copy + Default>(a: &Lanes<A>, b: &Lanes<B>, f: impl Fn(A, B) -> C) -> Lanes<C> {
     let mut out = [C::default(); LANES];
     for i in 0..LANES {
@@ -25,7 +25,7 @@ fn zip<A: Copy, B: Copy, C: Copy + Default>(a: &Lanes<A>, b: &Lanes<B>, f: impl 
     out
 }
 
-#[inline(always)]
+#[inline]
 fn mask<A: Copy>(a: &Lanes<A>, b: &Lanes<A>, f: impl Fn(A, A) -> bool) -> Mask {
     let mut out = 0;
     for i in 0..LANES {
@@ -34,7 +34,7 @@ fn mask<A: Copy>(a: &Lanes<A>, b: &Lanes<A>, f: impl Fn(A, A) -> bool) -> Mask {
     out
 }
 
-#[inline(always)]
+#[inline]
 fn compress<A: Copy>(a: &Lanes<A>, mask: Mask) -> Lanes<A> {
     let mut out = *a;
     let (mut rest, mut n) = (mask, 0);
@@ -46,7 +46,7 @@ fn compress<A: Copy>(a: &Lanes<A>, mask: Mask) -> Lanes<A> {
     out
 }
 
-#[inline(always)]
+#[inline]
 fn select<A: Copy + Default>(mask: Mask, a: &Lanes<A>, b: &Lanes<A>) -> Lanes<A> {
     let mut out = [A::default(); LANES];
     for i in 0..LANES {
@@ -57,7 +57,7 @@ fn select<A: Copy + Default>(mask: Mask, a: &Lanes<A>, b: &Lanes<A>) -> Lanes<A>
 
 impl Add for F {
     type Output = F;
-    #[inline(always)]
+    #[inline]
     fn add(self, b: F) -> F {
         F(zip(&self.0, &b.0, |a, b| a + b))
     }
@@ -65,7 +65,7 @@ impl Add for F {
 
 impl Sub for F {
     type Output = F;
-    #[inline(always)]
+    #[inline]
     fn sub(self, b: F) -> F {
         F(zip(&self.0, &b.0, |a, b| a - b))
     }
@@ -73,7 +73,7 @@ impl Sub for F {
 
 impl Mul for F {
     type Output = F;
-    #[inline(always)]
+    #[inline]
     fn mul(self, b: F) -> F {
         F(zip(&self.0, &b.0, |a, b| a * b))
     }
@@ -81,7 +81,7 @@ impl Mul for F {
 
 impl BitAnd for U {
     type Output = U;
-    #[inline(always)]
+    #[inline]
     fn bitand(self, b: U) -> U {
         U(zip(&self.0, &b.0, |a, b| a & b))
     }
@@ -89,7 +89,7 @@ impl BitAnd for U {
 
 impl BitOr for U {
     type Output = U;
-    #[inline(always)]
+    #[inline]
     fn bitor(self, b: U) -> U {
         U(zip(&self.0, &b.0, |a, b| a | b))
     }
@@ -99,126 +99,142 @@ impl Simd for Portable {
     type F = F;
     type U = U;
 
-    #[inline(always)]
+    #[inline]
     fn splat(self, x: f32) -> F {
         F([x; LANES])
     }
-    #[inline(always)]
+    #[inline]
     fn load(self, from: &Lanes<f32>) -> F {
         F(*from)
     }
-    #[inline(always)]
+    #[inline]
+    fn load_bytes(self, from: &Lanes<u8>) -> F {
+        F(from.map(f32::from))
+    }
+    #[inline]
     fn load_row(self, rows: &Rows, i: usize) -> F {
         let mut out = [0.0; LANES];
         out[..rows.n].copy_from_slice(&rows.words[i * rows.n..(i + 1) * rows.n]);
         F(out)
     }
-    #[inline(always)]
+    #[inline]
     fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
         [self.load_row(rows, first), self.load_row(rows, first + 3), self.load_row(rows, first + 6)]
     }
-    #[inline(always)]
+    #[inline]
     fn store(self, x: F, to: &mut Lanes<f32>) {
         *to = x.0;
     }
-    #[inline(always)]
+    #[inline]
     fn mul_add(self, a: F, b: F, c: F) -> F {
         a * b + c
     }
-    #[inline(always)]
+    #[inline]
     fn min(self, a: F, b: F) -> F {
         F(zip(&a.0, &b.0, |a, b| if a < b { a } else { b }))
     }
-    #[inline(always)]
+    #[inline]
     fn max(self, a: F, b: F) -> F {
         F(zip(&a.0, &b.0, |a, b| if a > b { a } else { b }))
     }
-    #[inline(always)]
+    #[inline]
+    fn max_with_zero(self, a: F, b: F) -> F {
+        self.max(self.max(a, b), self.splat(0.0))
+    }
+    #[inline]
     fn lt(self, a: F, b: F) -> Mask {
         mask(&a.0, &b.0, |a, b| a < b)
     }
-    #[inline(always)]
+    #[inline]
     fn le(self, a: F, b: F) -> Mask {
         mask(&a.0, &b.0, |a, b| a <= b)
     }
-    #[inline(always)]
+    #[inline]
     fn eq(self, a: F, b: F) -> Mask {
         mask(&a.0, &b.0, |a, b| a == b)
     }
-    #[inline(always)]
+    #[inline]
     fn select(self, mask: Mask, a: F, b: F) -> F {
         F(select(mask, &a.0, &b.0))
     }
-    #[inline(always)]
+    #[inline]
     fn permute(self, a: F, index: U) -> F {
         F(index.0.map(|i| a.0[i as usize % LANES]))
     }
-    #[inline(always)]
+    #[inline]
     fn lane(self, a: F, i: usize) -> f32 {
         a.0[i]
     }
-    #[inline(always)]
+    #[inline]
     fn swap_lanes<const D: usize>(self, a: F) -> F {
-        let mut out = [0.0; LANES];
-        for (i, to) in out.iter_mut().enumerate() {
-            *to = a.0[i ^ D];
-        }
-        F(out)
+        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
-    #[inline(always)]
-    fn reduce_min(self, a: F) -> f32 {
-        let mut least = a.0[0];
-        for &x in &a.0[1..] {
-            least = if x < least { x } else { least };
-        }
-        least
-    }
-    #[inline(always)]
+    #[inline]
     fn compress(self, a: F, mask: Mask) -> F {
         F(compress(&a.0, mask))
     }
-    #[inline(always)]
+    #[inline]
     fn to_bits(self, a: F) -> U {
         U(a.0.map(f32::to_bits))
     }
-    #[inline(always)]
+    #[inline]
     fn from_bits(self, a: U) -> F {
         F(a.0.map(f32::from_bits))
     }
 
-    #[inline(always)]
+    #[inline]
     fn splat_u(self, x: u32) -> U {
         U([x; LANES])
     }
-    #[inline(always)]
+    #[inline]
     fn load_u(self, from: &Lanes<u32>) -> U {
         U(*from)
     }
-    #[inline(always)]
+    #[inline]
     fn store_u(self, x: U, to: &mut Lanes<u32>) {
         *to = x.0;
     }
-    #[inline(always)]
+    #[inline]
     fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
         *to = x.0.map(|lane| MaybeUninit::new(u64::from(lane)));
     }
-    #[inline(always)]
+    #[inline]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
         U(a.0.map(|lane| lane >> BITS))
     }
-    #[inline(always)]
+    #[inline]
+    fn min_u(self, a: U, b: U) -> U {
+        U(zip(&a.0, &b.0, u32::min))
+    }
+    #[inline]
+    fn max_u(self, a: U, b: U) -> U {
+        U(zip(&a.0, &b.0, u32::max))
+    }
+    #[inline]
+    fn swap_lanes_u<const D: usize>(self, a: U) -> U {
+        let mut out = [0; LANES];
+        for (i, to) in out.iter_mut().enumerate() {
+            *to = a.0[i ^ D];
+        }
+        U(out)
+    }
+    #[inline]
+    fn add_u(self, a: U, b: U) -> U {
+        U(zip(&a.0, &b.0, u32::wrapping_add))
+    }
+    #[inline]
     fn lt_u(self, a: U, b: U) -> Mask {
         mask(&a.0, &b.0, |a, b| a < b)
     }
-    #[inline(always)]
+    #[inline]
     fn select_u(self, mask: Mask, a: U, b: U) -> U {
         U(select(mask, &a.0, &b.0))
     }
-    #[inline(always)]
+    #[inline]
     fn reduce_min_u(self, a: U) -> u32 {
         a.0.into_iter().fold(u32::MAX, u32::min)
     }
-    #[inline(always)]
+    #[inline]
     fn compress_u(self, a: U, mask: Mask) -> U {
         U(compress(&a.0, mask))
     }

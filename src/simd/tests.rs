@@ -35,7 +35,7 @@ impl Kernel for All {
         };
         let (a, b) = (s.load(&self.a), s.load(&self.b));
         let (ua, ub) = (s.to_bits(a), s.to_bits(b));
-        let finite = self.a.map(|x| if x.is_nan() { 0.0 } else { x });
+        let [finite, finite_b] = [self.a, self.b].map(|of| of.map(|x| if x.is_nan() { 0.0 } else { x }));
         let n = self.mask.count_ones() as usize;
         let mut memory = StackMemory::<u64, 32>::new();
         let mut stack = memory.stack(32);
@@ -56,18 +56,26 @@ impl Kernel for All {
                 out_f(s.splat(self.a[3])),
                 out_f(s.splat(s.lane(a, self.mask as usize % 16))),
                 out_f(s.load_row(&Rows::new(&long, 1 + self.mask as usize % 16, 9), self.mask as usize % 9)),
+                out_f(s.load_bytes(&self.a.map(|x| x.to_bits() as u8))),
                 out_f(s.permute(a, ub)),
                 out_f(thirds[0]),
                 out_f(thirds[1]),
                 out_f(thirds[2]),
-                out_f(s.swap_lanes::<1>(a)),
-                out_f(s.swap_lanes::<3>(a)),
-                out_f(s.swap_lanes::<4>(b)),
-                out_f(s.swap_lanes::<8>(b)),
-                out_f(s.swap_lanes::<15>(a)),
+                out_u(s.swap_lanes_u::<1>(ua)),
+                out_u(s.swap_lanes_u::<2>(ua)),
+                out_u(s.swap_lanes_u::<3>(ua)),
+                out_u(s.swap_lanes_u::<4>(ub)),
+                out_u(s.swap_lanes_u::<8>(ub)),
+                out_u(s.swap_lanes_u::<15>(ua)),
+                out_f(s.swap_lanes::<8>(a)),
+                out_f(s.swap_lanes::<3>(b)),
                 out_f(s.from_bits(ua)),
                 popped.map(|lane| u32::try_from(lane).expect("zeros above")),
                 out_u(s.shift_right::<4>(ua)),
+                out_u(s.add_u(ua, ub)),
+                out_u(s.min_u(ua, ub)),
+                out_u(s.max_u(ua, ub)),
+                out_f(s.max_with_zero(s.load(&finite), s.load(&finite_b))),
                 out_u(ua & ub),
                 out_u(ua | ub),
                 out_u(s.select_u(self.mask, ua, ub)),
@@ -75,8 +83,7 @@ impl Kernel for All {
                 out_u(s.splat_u(self.b[5].to_bits())),
             ],
             masks: vec![s.lt(a, b), s.le(a, b), s.eq(a, b), s.eq(a, a), s.lt_u(ua, ub)],
-            // Which zero a reduction returns where both are least is left open: compare values.
-            scalars: vec![(s.reduce_min(s.load(&finite)) + 0.0).to_bits(), s.reduce_min_u(ua)],
+            scalars: vec![s.reduce_min_u(ua)],
             packed: vec![
                 out_f(s.compress(a, self.mask))[..n].to_vec(),
                 out_u(s.compress_u(ub, self.mask))[..n].to_vec(),

@@ -5,91 +5,13 @@
 //! is lowered until between k and 1.5k remain, by counting. The threshold never falls below the k-th
 //! least distance seen, so what is dropped can not be an answer. One sort at the end puts them in order.
 
-use super::sort::{pack, unpack as unpack_pair};
+use super::candidates::{Candidates, append};
+use super::sort::sort_lanes;
+use super::waiting::Waiting;
 use super::walk::{Collect, keys, unpack};
 use super::{Keep, Observe, kept};
 use crate::neighbor::view::{Target, View};
-use crate::simd::{LANES, Mask, Simd, lanes_at};
-
-/// Memory for candidates: distances and ids apart, with a vector of room at the end.
-#[derive(Clone, Debug, Default)]
-pub(in crate::neighbor) struct Candidates {
-    pub(in crate::neighbor) distances: Vec<f32>,
-    pub(in crate::neighbor) ids: Vec<u32>,
-    pub(in crate::neighbor) count: usize,
-    raw: Vec<f32>,
-    pub(in crate::neighbor) packed: Vec<u64>,
-}
-
-impl Candidates {
-    /// Makes room for `more` candidates and a vector.
-    #[inline(always)]
-    pub(in crate::neighbor) fn reserve(&mut self, more: usize) {
-        if self.count + more + LANES > self.distances.len() {
-            self.grow(more);
-        }
-    }
-
-    #[cold]
-    fn grow(&mut self, more: usize) {
-        let size = (2 * (self.count + more + LANES)).next_multiple_of(LANES);
-        self.distances.resize(size, 0.0);
-        self.ids.resize(size, 0);
-        self.raw.resize(size, 0.0);
-    }
-
-    /// Appends the lanes of a mask; there must be room.
-    #[inline(always)]
-    pub(in crate::neighbor) fn push<S: Simd>(&mut self, s: S, distance: S::F, id: S::U, mask: u16) {
-        let to = self.count..self.count + LANES;
-        let distances: &mut [f32; LANES] = (&mut self.distances[to.clone()]).try_into().expect("sixteen");
-        s.store(s.compress(distance, mask), distances);
-        let ids: &mut [u32; LANES] = (&mut self.ids[to]).try_into().expect("sixteen");
-        s.store_u(s.compress_u(id, mask), ids);
-        self.count += mask.count_ones() as usize;
-    }
-
-    /// Overwrites sixteen distances.
-    #[inline(always)]
-    fn write<S: Simd>(&mut self, s: S, at: usize, distance: S::F) {
-        let to: &mut [f32; LANES] = (&mut self.raw[at..at + LANES]).try_into().expect("sixteen");
-        s.store(distance, to);
-    }
-
-    /// Drops everything above the threshold. What follows the last candidate up to a whole vector is above it.
-    #[inline(always)]
-    fn retain<S: Simd>(&mut self, s: S, threshold: f32) {
-        let count = core::mem::take(&mut self.count);
-        for at in (0..count).step_by(LANES) {
-            let distance = s.load(lanes_at(&self.distances, at));
-            let id = s.load_u(lanes_at(&self.ids, at));
-            self.push(s, distance, id, s.le(distance, s.splat(threshold)));
-        }
-    }
-
-    /// Keeps the k least pairs and returns the greatest distance among them. For sets with so many
-    /// equal distances that no threshold tells them apart.
-    #[cold]
-    #[inline(never)]
-    fn retain_exactly(&mut self, k: usize) -> f32 {
-        let pairs = self.distances.iter().zip(&self.ids).take(self.count);
-        self.packed.clear();
-        self.packed.extend(pairs.map(|(&distance, &id)| pack(distance, id)));
-        let (_, &mut last, _) = self.packed.select_nth_unstable(k - 1);
-        for (i, &key) in self.packed[..k].iter().enumerate() {
-            let pair = unpack_pair(key);
-            (self.distances[i], self.ids[i]) = (pair.distance_squared, pair.id);
-        }
-        self.count = k;
-        unpack_pair(last).distance_squared
-    }
-}
-
-/// The first `count` lanes; all where there are more than that many.
-#[inline(always)]
-pub(in crate::neighbor) fn there(count: usize) -> Mask {
-    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
-}
+use crate::simd::{LANES, Simd, lanes_at};
 
 /// The search for k nearest.
 pub(in crate::neighbor) struct KNearest<'a, K, O> {
@@ -99,6 +21,7 @@ pub(in crate::neighbor) struct KNearest<'a, K, O> {
     cull: f32,
     shrink: f32,
     candidates: &'a mut Candidates,
+    waiting: Waiting,
     keep: &'a K,
     observe: &'a mut O,
 }
@@ -115,7 +38,8 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         observe: &'a mut O,
     ) -> Self {
         candidates.count = 0;
-        KNearest { k, threshold: bound, cull: bound * shrink, shrink, candidates, keep, observe }
+        let waiting = Waiting::new();
+        KNearest { k, threshold: bound, cull: bound * shrink, shrink, candidates, waiting, keep, observe }
     }
 
     /// The observer.
@@ -182,14 +106,27 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         self.cull = self.threshold * self.shrink;
     }
 
+    /// Looks at the leaves on the list.
     #[inline(always)]
-    fn leaf<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, leaf: usize) {
-        for block in leaf..leaf + view.leaf_blocks() {
-            self.observe.block();
-            let distance = view.point_distances(s, target, block);
-            let ids = view.ids(block);
-            let under = kept(self.keep, ids, s.le(distance, s.splat(self.threshold)));
-            self.candidates.push(s, distance, s.load_u(ids), under);
+    fn look<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        let leaves = self.waiting.take();
+        let blocks = view.leaf_blocks();
+        self.candidates.reserve(leaves.len() * blocks * LANES);
+        let limit = s.splat(self.threshold);
+        let Candidates { distances, ids, count, .. } = &mut *self.candidates;
+        let mut end = *count;
+        for &leaf in leaves {
+            for block in leaf as usize..leaf as usize + blocks {
+                self.observe.block();
+                let distance = view.point_distances(s, target, block);
+                let names = view.ids(block);
+                let under = kept(self.keep, names, s.le(distance, limit));
+                end = append(s, distances, ids, end, (distance, s.load_u(names)), under);
+            }
+        }
+        *count = end;
+        if end > self.limit() {
+            self.tighten(s, self.threshold * 0.75);
         }
     }
 
@@ -215,7 +152,13 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             }
         }
         let mut threshold = self.threshold;
-        if count > self.limit() && begin == 0 {
+        if self.k <= MOST_COLUMNS {
+            // As many points as columns are at or below the k-th least of the columns' minima.
+            let mut columns = [0; LANES];
+            s.store_u(sort_lanes(s, s.to_bits(least)), &mut columns);
+            let kth = f32::from_bits(columns[self.k - 1]);
+            threshold = if kth < threshold { kth } else { threshold };
+        } else if count > self.limit() && begin == 0 {
             // About a dozen points are under the mean of sixteen columns' minima.
             let mut column = [0.0; LANES];
             s.store(least, &mut column);
@@ -229,16 +172,18 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         // In place: what is written never overtakes what is read.
         let limit = s.splat(threshold);
         let (mut rest, mut from) = (lanes, 0);
+        let Candidates { distances, ids, raw, count, .. } = &mut *self.candidates;
+        let mut end = *count;
         while rest != 0 {
             let leaf = first + rest.trailing_zeros() as usize * blocks;
             rest &= rest - 1;
             for block in leaf..leaf + blocks {
-                let distance = s.load(lanes_at(&self.candidates.raw, from));
+                let distance = s.load(lanes_at(raw, from));
                 from += LANES;
-                let under = s.le(distance, limit);
-                self.candidates.push(s, distance, s.load_u(view.ids(block)), under);
+                end = append(s, distances, ids, end, (distance, s.load_u(view.ids(block))), s.le(distance, limit));
             }
         }
+        *count = end;
         if self.candidates.count > self.limit() {
             self.tighten(s, middle(0.0, threshold));
         } else if self.candidates.count >= self.k {
@@ -247,6 +192,10 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
     }
 }
+
+/// The largest k for which the first threshold comes from the minima of sixteen columns: it is tight where k is well
+/// below their number.
+const MOST_COLUMNS: usize = 10;
 
 /// Leaves that are worth picking out one by one, nearest first.
 const MOST_SORTED: usize = 6;
@@ -292,13 +241,18 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
         let within = s.le(boxes, s.splat(self.cull));
-        self.candidates.reserve(LANES * LANES * view.leaf_blocks());
         if self.candidates.count >= self.k {
-            return self.rest(s, view, target, first, within);
+            self.waiting.add(s, view, first, within);
+            if self.waiting.many() {
+                self.look(s, view, target);
+            }
+            return;
         }
-        // As many of the nearest leaves as hold three times what is wanted; with a threshold from
-        // them few of the others are needed.
-        let enough = (3 * self.k.min(1 << 20)).div_ceil(LANES * view.leaf_blocks());
+        self.candidates.reserve(LANES * LANES * view.leaf_blocks());
+        // As many of the nearest leaves as hold three times what is wanted, and one more where that is little; with
+        // a threshold from them few of the others are needed.
+        let few = self.k <= MOST_COLUMNS;
+        let enough = (3 * self.k.min(1 << 20)).div_ceil(LANES * view.leaf_blocks()) + usize::from(few);
         if enough > MOST_SORTED {
             return self.seed(s, view, target, first, within);
         }
@@ -309,21 +263,17 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
             left = s.select_u(1 << lane, s.splat_u(u32::MAX), left);
         }
         self.seed(s, view, target, first, chosen & within);
-        self.rest(s, view, target, first, s.le(boxes, s.splat(self.cull)) & within & !chosen);
-    }
-}
-
-impl<K: Keep, O: Observe> KNearest<'_, K, O> {
-    #[inline(always)]
-    fn rest<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, lanes: u16) {
-        let mut rest = lanes;
-        while rest != 0 {
-            let lane = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            self.leaf(s, view, target, first + lane * view.leaf_blocks());
+        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & within & !chosen);
+        // A threshold from columns is tight enough for the rest of the walk.
+        if !few || self.candidates.count < self.k || self.waiting.many() {
+            self.look(s, view, target);
         }
-        if self.candidates.count > self.limit() {
-            self.tighten(s, self.threshold * 0.75);
+    }
+
+    #[inline(always)]
+    fn end<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        if !self.waiting.is_empty() {
+            self.look(s, view, target);
         }
     }
 }

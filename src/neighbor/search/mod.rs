@@ -3,10 +3,12 @@
 //! [`nearest`] and [`k_nearest`] walk best-first through [`walk`]; [`radius`] needs no order and goes
 //! by masks alone. None of them allocates; results go to buffers of the caller.
 
+pub(super) mod candidates;
 pub(super) mod k_nearest;
 pub(super) mod nearest;
 pub(super) mod radius;
 pub(super) mod sort;
+mod waiting;
 pub(super) mod walk;
 
 /// A caller's predicate on ids, or none at all.

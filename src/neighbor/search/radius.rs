@@ -1,13 +1,17 @@
 //! Everything within a radius: masks all the way down, in no particular order.
 
 use super::Observe;
+use super::waiting::Waiting;
 use crate::neighbor::view::{MAX_LEVELS, Target, View};
 use crate::simd::{Mask, Simd};
+
 use core::ops::ControlFlow;
 
 /// What is done with the points of a block that lie within the radius.
 pub(in crate::neighbor) trait Sink<S: Simd> {
-    /// Takes the lanes of `hits`, which is not empty.
+    /// Whether it takes blocks without hits too: where that costs little, it costs less than a branch.
+    const TAKES_NONE: bool;
+    /// Takes the lanes of `hits`.
     fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
 }
 
@@ -44,14 +48,14 @@ impl Front {
         loop {
             if fresh {
                 observe.node();
-                let within = s.le(view.box_distances(s, target, self.node), bound);
                 if self.level == 0 {
+                    let within = s.le(view.box_distances(s, target, self.node), bound);
                     self.level = 1;
                     if within != 0 {
                         return Some((self.node, within));
                     }
                 } else {
-                    self.rest[self.level] = within;
+                    self.rest[self.level] = s.le(view.box_distances(s, target, self.node), bound);
                     self.first[self.level] = view.first_child(self.level, self.node);
                 }
             }
@@ -110,8 +114,24 @@ pub(in crate::neighbor) fn within<S: Simd, V: View, T: Sink<S>, O: Observe>(
 ) -> ControlFlow<()> {
     let bound = s.splat(bound);
     let mut front = Front::begin(view);
-    while let Some(found) = front.next(s, view, target, bound, observe) {
-        leaves(s, view, target, bound, found, sink, observe)?;
+    let mut waiting = Waiting::new();
+    loop {
+        while !waiting.many() {
+            let Some((node, lanes)) = front.next(s, view, target, bound, observe) else { break };
+            waiting.add(s, view, view.first_block(node), lanes);
+        }
+        if waiting.is_empty() {
+            return ControlFlow::Continue(());
+        }
+        for &leaf in waiting.take() {
+            for block in leaf as usize..leaf as usize + view.leaf_blocks() {
+                observe.block();
+                let distance = view.point_distances(s, target, block);
+                let hits = s.le(distance, bound);
+                if T::TAKES_NONE || hits != 0 {
+                    sink.take(s, view, block, distance, hits)?;
+                }
+            }
+        }
     }
-    ControlFlow::Continue(())
 }

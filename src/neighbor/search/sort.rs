@@ -6,7 +6,7 @@
 //! insertion, which seldom has anything to do. Source of the network: K. Batcher, "Sorting networks and
 //! their applications", 1968, in the form in which all comparisons point the same way.
 
-use super::k_nearest::{Candidates, there};
+use super::candidates::{Candidates, there};
 use crate::neighbor::Neighbor;
 use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
 
@@ -59,24 +59,56 @@ impl Kernel for Network<'_> {
         let Network { k, candidates, found } = self;
         let Candidates { distances, ids, count, .. } = candidates;
         let count = *count;
-        let mut keys = [0; MOST];
         match count.div_ceil(LANES) {
-            0 => return true,
-            1 => sorted::<S, 1>(s, distances, count, &mut keys),
-            2 => sorted::<S, 2>(s, distances, count, &mut keys),
-            3 => sorted::<S, 3>(s, distances, count, &mut keys),
-            4 => sorted::<S, 4>(s, distances, count, &mut keys),
-            5 | 6 => sorted::<S, 6>(s, distances, count, &mut keys),
-            7 | 8 => sorted::<S, 8>(s, distances, count, &mut keys),
-            9..=12 => sorted::<S, 12>(s, distances, count, &mut keys),
-            _ => sorted::<S, 16>(s, distances, count, &mut keys),
+            0 => true,
+            1 => sorted::<S, 1>(s, k, count, distances, ids, found),
+            2 => sorted::<S, 2>(s, k, count, distances, ids, found),
+            3 => sorted::<S, 3>(s, k, count, distances, ids, found),
+            4 => sorted::<S, 4>(s, k, count, distances, ids, found),
+            5 | 6 => sorted::<S, 6>(s, k, count, distances, ids, found),
+            7 | 8 => sorted::<S, 8>(s, k, count, distances, ids, found),
+            9..=12 => sorted::<S, 12>(s, k, count, distances, ids, found),
+            _ => sorted::<S, 16>(s, k, count, distances, ids, found),
         }
-        in_place(k, &keys[..count], distances, ids, found)
     }
 }
 
-/// Fetches the nearest `k` in the order of their keys and puts right what the keys leave undecided.
+/// Writes the `k` nearest of at most sixteen candidates into `found`, in order, without leaving registers. False, and
+/// nothing done, where there are more or where keys leave the order undecided.
 #[inline(always)]
+pub(in crate::neighbor) fn few_in_order<S: Simd>(
+    s: S,
+    k: usize,
+    candidates: &Candidates,
+    found: &mut Vec<Neighbor>,
+) -> bool {
+    let count = candidates.count;
+    if count > LANES || candidates.ids.len() < LANES {
+        return false;
+    }
+    let (distance, id) = (s.load(lanes_at(&candidates.distances, 0)), s.load_u(lanes_at(&candidates.ids, 0)));
+    let place = s.load_u(&PLACES[0]);
+    let bits = s.splat_u(!(LANES as u32 - 1));
+    let key = s.select_u(there(count), (s.to_bits(distance) & bits) | place, s.splat_u(u32::MAX));
+    let key = sort_lanes(s, key);
+    // Each beside the next one; those beyond the last count as NaN, which equals nothing.
+    let next = s.permute(s.from_bits(key), s.add_u(place, s.splat_u(1)));
+    let [this, next] = [key, s.to_bits(next)].map(|key| s.from_bits(key & bits));
+    if s.eq(this, next) & !(1 << (LANES - 1)) != 0 {
+        return false;
+    }
+    let (mut distances, mut ids) = ([0.0; LANES], [0; LANES]);
+    s.store(s.permute(distance, key), &mut distances);
+    s.store_u(s.to_bits(s.permute(s.from_bits(id), key)), &mut ids);
+    let pairs: [Neighbor; LANES] = core::array::from_fn(|i| Neighbor { id: ids[i], distance_squared: distances[i] });
+    found.clear();
+    found.extend_from_slice(&pairs);
+    found.truncate(k.min(count));
+    true
+}
+
+/// Fetches the nearest `k` in the order of their keys and puts right what the keys leave undecided.
+#[inline(never)]
 fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut Vec<Neighbor>) -> bool {
     // Those that the keys can not tell from the last one belong to the choice.
     let mut chosen = k;
@@ -110,15 +142,22 @@ fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut 
     true
 }
 
-/// Sorts the keys of `N` vectors of distances.
+/// Sorts the keys of `N` vectors of distances and fetches what they stand for.
 #[inline(always)]
-fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: &mut [u32; MOST]) {
-    let last = s.splat(f32::INFINITY);
+fn sorted<S: Simd, const N: usize>(
+    s: S,
+    k: usize,
+    count: usize,
+    distances: &[f32],
+    ids: &[u32],
+    found: &mut Vec<Neighbor>,
+) -> bool {
+    let last = s.splat_u(u32::MAX);
     let mut lanes = [last; N];
     for (i, lanes) in lanes.iter_mut().enumerate() {
         if i * LANES < count {
             let key = (s.to_bits(s.load(lanes_at(distances, i * LANES))) & s.splat_u(!PLACE)) | s.load_u(&PLACES[i]);
-            *lanes = s.select(there(count - i * LANES), s.from_bits(key), last);
+            *lanes = s.select_u(there(count - i * LANES), key, last);
         }
     }
     for x in &mut lanes {
@@ -133,9 +172,9 @@ fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: 
             for i in 0..run {
                 let mirror = begin + 2 * run - 1 - i;
                 if mirror < N {
-                    let (low, high) = (lanes[begin + i], s.swap_lanes::<15>(lanes[mirror]));
-                    lanes[begin + i] = s.min(low, high);
-                    lanes[mirror] = s.swap_lanes::<15>(s.max(low, high));
+                    let (low, high) = (lanes[begin + i], s.swap_lanes_u::<15>(lanes[mirror]));
+                    lanes[begin + i] = s.min_u(low, high);
+                    lanes[mirror] = s.swap_lanes_u::<15>(s.max_u(low, high));
                 }
             }
             begin += 2 * run;
@@ -145,8 +184,8 @@ fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: 
             for i in 0..N {
                 if i & apart == 0 && i + apart < N {
                     let (low, high) = (lanes[i], lanes[i + apart]);
-                    lanes[i] = s.min(low, high);
-                    lanes[i + apart] = s.max(low, high);
+                    lanes[i] = s.min_u(low, high);
+                    lanes[i + apart] = s.max_u(low, high);
                 }
             }
             apart /= 2;
@@ -156,10 +195,11 @@ fn sorted<S: Simd, const N: usize>(s: S, distances: &[f32], count: usize, keys: 
         }
         run *= 2;
     }
-    for (i, x) in lanes.iter().enumerate() {
-        let to = &mut keys[i * LANES..(i + 1) * LANES];
-        s.store_u(s.to_bits(*x), to.try_into().expect("sixteen"));
+    let mut keys = [[0; LANES]; N];
+    for (x, to) in lanes.iter().zip(&mut keys) {
+        s.store_u(*x, to);
     }
+    in_place(k, &keys.as_flattened()[..count], distances, ids, found)
 }
 
 /// Where each lane of each vector is in the buffer.
@@ -175,14 +215,14 @@ static PLACES: [[u32; LANES]; MOST / LANES] = {
 
 /// Compares lanes with their partners `i ^ D`; those in the mask take the lesser.
 #[inline(always)]
-fn compare<S: Simd, const D: usize>(s: S, x: S::F, lesser: Mask) -> S::F {
-    let partner = s.swap_lanes::<D>(x);
-    s.select(lesser, s.min(x, partner), s.max(x, partner))
+fn compare<S: Simd, const D: usize>(s: S, x: S::U, lesser: Mask) -> S::U {
+    let partner = s.swap_lanes_u::<D>(x);
+    s.select_u(lesser, s.min_u(x, partner), s.max_u(x, partner))
 }
 
 /// Sorts the lanes of a vector.
 #[inline(always)]
-fn sort_lanes<S: Simd>(s: S, x: S::F) -> S::F {
+pub(in crate::neighbor) fn sort_lanes<S: Simd>(s: S, x: S::U) -> S::U {
     let x = compare::<S, 1>(s, x, 0x5555);
     let x = compare::<S, 1>(s, compare::<S, 3>(s, x, 0x3333), 0x5555);
     let x = compare::<S, 1>(s, compare::<S, 2>(s, compare::<S, 7>(s, x, 0x0f0f), 0x3333), 0x5555);
@@ -192,7 +232,7 @@ fn sort_lanes<S: Simd>(s: S, x: S::F) -> S::F {
 
 /// Sorts the lanes of a vector that ascends to some lane and descends from there, or the other way round.
 #[inline(always)]
-fn merge_lanes<S: Simd>(s: S, x: S::F) -> S::F {
+fn merge_lanes<S: Simd>(s: S, x: S::U) -> S::U {
     let x = compare::<S, 4>(s, compare::<S, 8>(s, x, 0x00ff), 0x0f0f);
     compare::<S, 1>(s, compare::<S, 2>(s, x, 0x3333), 0x5555)
 }

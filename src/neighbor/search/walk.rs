@@ -17,6 +17,9 @@ pub(in crate::neighbor) trait Collect<S: Simd> {
     fn node(&mut self);
     /// Looks at the leaves of a bottom node, whose squared distances are `boxes`.
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F);
+    /// The walk is over.
+    #[inline(always)]
+    fn end<V: View>(&mut self, _s: S, _view: &V, _target: &Target<S>) {}
 }
 
 const LANE_BITS: u32 = LANES as u32 - 1;
@@ -49,19 +52,19 @@ pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V,
     let (mut level, mut node) = (top, root);
     loop {
         collect.node();
-        let boxes = view.box_distances(s, target, node);
         let (mut left, mut key);
         if level == 0 {
+            let boxes = view.box_distances(s, target, node);
             collect.bottom(s, view, target, node, boxes);
             if top == 0 {
-                return;
+                return collect.end(s, view, target);
             }
             level = 1;
             left = s.load_u(&open[1]);
             key = next[1];
         } else {
             // The keys of a new node stay in a register: a detour through memory would hold up the next load.
-            left = keys(s, boxes);
+            left = keys(s, view.box_distances(s, target, node));
             key = s.reduce_min_u(left);
             first[level] = view.first_child(level, node);
         }
@@ -82,7 +85,7 @@ pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V,
             }
             level += 1;
             if level > top {
-                return;
+                return collect.end(s, view, target);
             }
             left = s.load_u(&open[level]);
             key = next[level];
