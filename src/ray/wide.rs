@@ -8,8 +8,8 @@
 //! `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|` (two products and the
 //! sum of the constant term, the sum with the face's, which is fused or has a product more), below 5 ULP of
 //! `(1 + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1); an accepted hit lies within 8 ULP of
-//! `1 + |o|` of its exact bounds; the slack is 16. Distances that tie with the
-//! limit are kept, since the comparison is `<=`.
+//! `1 + |o|` of its exact bounds; the slack is at least 16 of them
+//! ([`hit_slack_near`]). Distances that tie with the limit are kept, since the comparison is `<=`.
 //!
 //! A query waits for memory and for mispredicted branches more than for arithmetic. So the code is written
 //! for short chains from one node's rows to the next node's address, and few branches that depend on the ray.

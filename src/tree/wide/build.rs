@@ -44,7 +44,8 @@ impl WideTree {
             let share = ids.len() as f64 / set.len() as f64;
             parts.push(match keys {
                 2 => tree.linear(set, &ids, params, &|done| step(progress, share * done))?,
-                _ => tree.segmented(set, &ids, keys - 1, params, &|done| step(progress, share * done))?,
+                // Motion of several pieces: each piece on its own.
+                _ => tree.in_parts(set, &ids, keys - 1, |part| part, params, &|done| step(progress, share * done))?,
             });
         }
         tree.root = tree.join(parts)?;
@@ -104,7 +105,32 @@ impl WideTree {
         Ok(part)
     }
 
-    /// Builds a tree for each of equal parts of the shutter.
+    /// Builds a tree for each of equal parts of the shutter, and `segment_of` a part is the key segment that its leaf
+    /// blocks are written for.
+    fn in_parts<S: WideSource>(
+        &mut self,
+        set: &S,
+        ids: &[u32],
+        parts: usize,
+        segment_of: impl Fn(usize) -> usize,
+        params: &BuildParams,
+        step: Step<'_>,
+    ) -> Result<Part, BuildError> {
+        let mut written = Vec::with_capacity(parts);
+        for i in 0..parts {
+            let plan = plan_tree(set, ids, part_of_shutter(i, parts), segment_of(i), params);
+            let before = self.arena.len();
+            written.push(self.write_plan(set, &plan, &[])?);
+            if i == 0 {
+                // The others will be about as large; growing step by step would hold most of it twice.
+                self.arena.reserve((self.arena.len() - before) * (parts - 1) / 50 * 51);
+            }
+            step(1.0 / parts as f64)?;
+        }
+        self.over_time(written)
+    }
+
+    /// Builds copies for equal parts of the shutter over primitives that move linearly.
     fn copies<S: WideSource>(
         &mut self,
         set: &S,
@@ -113,36 +139,7 @@ impl WideTree {
         params: &BuildParams,
         step: Step<'_>,
     ) -> Result<Part, BuildError> {
-        let mut parts = Vec::with_capacity(copies);
-        for i in 0..copies {
-            let plan = plan_tree(set, ids, part_of_shutter(i, copies), 0, params);
-            let before = self.arena.len();
-            parts.push(self.write_plan(set, &plan, &[])?);
-            if i == 0 {
-                // The others will be about as large; growing step by step would hold most of it twice.
-                self.arena.reserve((self.arena.len() - before) * (copies - 1) / 50 * 51);
-            }
-            step(1.0 / copies as f64)?;
-        }
-        self.over_time(parts)
-    }
-
-    /// Builds primitives whose motion has `segments` pieces, each piece on its own.
-    fn segmented<S: WideSource>(
-        &mut self,
-        set: &S,
-        ids: &[u32],
-        segments: usize,
-        params: &BuildParams,
-        step: Step<'_>,
-    ) -> Result<Part, BuildError> {
-        let mut parts = Vec::with_capacity(segments);
-        for segment in 0..segments {
-            let plan = plan_tree(set, ids, part_of_shutter(segment, segments), segment, params);
-            parts.push(self.write_plan(set, &plan, &[])?);
-            step(1.0 / segments as f64)?;
-        }
-        self.over_time(parts)
+        self.in_parts(set, ids, copies, |_| 0, params, step)
     }
 
     /// Puts a time node above trees for equal parts of the shutter.
@@ -169,7 +166,7 @@ impl WideTree {
             if node.count as usize > PRICES.most {
                 // Too large for a block: only grafts are.
                 let at = grafts.binary_search_by_key(&node.first, |g| g.0);
-                return Ok(at.map_or(ChildRef::NOTHING, |i| grafts[i].1));
+                return Ok(grafts[at.expect("only a graft is larger than a block")].1);
             }
             leaf(arena, set, &plan.references, node, plan.segment)
         };
