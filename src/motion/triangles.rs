@@ -156,6 +156,10 @@ impl Triangles {
         if keys == 1 {
             return self.vertices(id).map(|v| self.position(v, 0));
         }
+        if t == 0.0 {
+            // As interpolated, without interpolating.
+            return self.vertices(id).map(|v| self.position(v, 0));
+        }
         let at = KeyTime::new(t, keys);
         let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
         self.vertices(id).map(|v| at.position(self.position(v, a), self.position(v, b)))

@@ -49,7 +49,9 @@ impl WideSource for Triangles {
             // differently, by at most 2 per segment.
             n => (4 + 26 * (n - 1)) as f32 * ULP,
         };
-        Some(Ends { begin: self.corners(id, over.begin()), end: self.corners(id, over.end()), slack })
+        let begin = self.corners(id, over.begin());
+        let end = if slack == 0.0 { begin } else { self.corners(id, over.end()) };
+        Some(Ends { begin, end, slack })
     }
 
     fn expect(&self, id: u32) {

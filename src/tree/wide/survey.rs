@@ -1,10 +1,10 @@
 //! Walks a finished tree once: how deep it is, what it holds, and in which leaf block each triangle is.
 
 use super::build::WideTree;
-use super::layout::{ChildRef, Ids, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::layout::{CORNER_ROWS, ChildRef, Ids, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS};
 use super::leaf::WideSource;
 use crate::parallel;
-use crate::simd::LANES;
+use crate::simd::{LANES, huge_vec};
 use crate::tree::Statistics;
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -24,7 +24,15 @@ struct Visit {
     at: ChildRef,
     depth: u32,
     /// The part of the time node next above.
-    part: usize,
+    part: u32,
+}
+
+/// A leaf block and how many primitives it has, for the key segment of its part of the shutter.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Leaf {
+    at: u32,
+    count: u32,
+    segment: u32,
 }
 
 /// What is found in a subtree.
@@ -32,13 +40,16 @@ struct Visit {
 struct Found {
     depth: u32,
     nodes: usize,
-    /// Leaf blocks and how many primitives they have; below time nodes perhaps some of them several times.
-    leaves: Vec<(u32, u32)>,
+    /// Below time nodes perhaps some of them several times.
+    leaves: Vec<Leaf>,
     time_nodes: usize,
 }
 
 /// Subtrees that are walked in parallel, at least, where there are so many.
 const SUBTREES: usize = 128;
+
+/// So many leaf blocks ahead their ids are asked for.
+const SOON: usize = 8;
 
 impl WideTree {
     /// The children of a block: of a node its sixteen, of a time node its parts, of a leaf none.
@@ -66,24 +77,21 @@ impl WideTree {
         (LANES - 1) * self.survey.depth as usize + LANES
     }
 
-    /// Counts, and says for each piece of a primitive's motion in which leaf block it is: of several in the first, so
-    /// that it does not matter who walks where.
+    /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
     pub(super) fn surveyed<S: WideSource>(&self, set: &S) -> (Survey, Vec<u32>) {
-        let mut blocks = Vec::new();
-        parallel::fill(&mut blocks, set.pieces(), |_| AtomicU32::new(ChildRef::NOTHING.0));
         let mut top = Found::default();
         let mut visits = vec![Visit { at: self.root, depth: 0, part: 0 }];
         visits.retain(|visit| visit.at != ChildRef::NOTHING);
         // Level by level, until there are enough of them.
         while visits.len() < SUBTREES && visits.iter().any(|visit| !visit.at.kind().is_leaf()) {
             let mut below = Vec::new();
-            visits.into_iter().for_each(|visit| self.visit(set, visit, &blocks, &mut top, &mut below));
+            visits.into_iter().for_each(|visit| self.visit::<S>(visit, &mut top, &mut below));
             visits = below;
         }
         let mut found = parallel::map(visits.len(), |i| {
             let (mut found, mut stack) = (Found::default(), vec![visits[i]]);
             while let Some(visit) = stack.pop() {
-                self.visit(set, visit, &blocks, &mut found, &mut stack);
+                self.visit::<S>(visit, &mut found, &mut stack);
             }
             found
         });
@@ -96,41 +104,68 @@ impl WideTree {
             leaves.sort_unstable();
             leaves.dedup();
         }
-        let references = leaves.iter().map(|&(_, count)| count as usize).sum();
+        let references = leaves.iter().map(|leaf| leaf.count as usize).sum();
         let survey = Survey { depth, nodes, leaves: leaves.len(), references };
-        (survey, blocks.into_iter().map(AtomicU32::into_inner).collect())
+        (survey, self.blocks_of(set, &leaves, references))
     }
 
-    fn visit<S: WideSource>(
-        &self,
-        set: &S,
-        Visit { at, depth, part }: Visit,
-        blocks: &[AtomicU32],
-        found: &mut Found,
-        below: &mut Vec<Visit>,
-    ) {
+    fn visit<S: WideSource>(&self, Visit { at, depth, part }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         let kind = at.kind();
-        if !kind.is_leaf() {
-            found.nodes += 1;
-            found.time_nodes += usize::from(kind == Kind::Time);
-            let children = self.children(at).iter().enumerate().filter(|&(_, &child)| child != ChildRef::NOTHING.0);
-            below.extend(children.map(|(i, &child)| {
-                let part = if kind == Kind::Time { i } else { part };
-                Visit { at: ChildRef(child), depth: depth + 1, part }
-            }));
+        if kind.is_leaf() {
+            let count = self.ids::<S>(at).map_or(0, <[u32]>::len) as u32;
+            // Only motion of several pieces is in blocks of its own for each of them.
+            let segment = if kind == Kind::OwnLeaf { part } else { 0 };
+            found.depth = found.depth.max(depth);
+            found.leaves.push(Leaf { at: at.0, count, segment });
             return;
         }
-        let ids = self.ids::<S>(at).unwrap_or(&[]);
-        found.depth = found.depth.max(depth);
-        found.leaves.push((at.0, ids.len() as u32));
-        if blocks.is_empty() {
-            return;
+        found.nodes += 1;
+        found.time_nodes += usize::from(kind == Kind::Time);
+        for (i, &child) in self.children(at).iter().enumerate() {
+            if child != ChildRef::NOTHING.0 {
+                let part = if kind == Kind::Time { i as u32 } else { part };
+                self.expect_ids(child);
+                below.push(Visit { at: ChildRef(child), depth: depth + 1, part });
+            }
         }
-        // Only motion of several pieces is in blocks of its own for each of them.
-        let segment = if kind == Kind::OwnLeaf { part } else { 0 };
-        for &id in ids {
-            blocks[set.piece(id, segment)].fetch_min(at.0, Ordering::Relaxed);
-        }
+    }
+
+    /// Asks for the ids of a leaf block, or for what says where they are: of large trees they come from memory.
+    fn expect_ids(&self, block: u32) {
+        let block = ChildRef(block);
+        let rows = match block.kind() {
+            Kind::Leaf | Kind::OwnLeaf => 2 * CORNER_ROWS,
+            Kind::StillLeaf => CORNER_ROWS,
+            Kind::SharedLeaf => 2 * VERTEX_ROWS,
+            Kind::SharedStillLeaf => VERTEX_ROWS,
+            Kind::Node | Kind::StillNode | Kind::Time => return,
+        };
+        self.arena.prefetch(block.at() + rows * block.len(), 2);
+    }
+
+    /// A leaf block for each piece of motion: of several the first, so that it does not matter who looks where.
+    fn blocks_of<S: WideSource>(&self, set: &S, leaves: &[Leaf], references: usize) -> Vec<u32> {
+        let pieces = set.pieces();
+        let mut blocks = huge_vec(pieces);
+        parallel::fill(&mut blocks, pieces, |_| AtomicU32::new(ChildRef::NOTHING.0));
+        let several = references > pieces;
+        parallel::chunks(if pieces > 0 { leaves.len() } else { 0 }, |range| {
+            let leaves = &leaves[range];
+            for (i, leaf) in leaves.iter().enumerate() {
+                if let Some(soon) = leaves.get(i + SOON) {
+                    self.expect_ids(soon.at);
+                }
+                for &id in self.ids::<S>(ChildRef(leaf.at)).unwrap_or(&[]) {
+                    let block = &blocks[set.piece(id, leaf.segment as usize)];
+                    if several {
+                        block.fetch_min(leaf.at, Ordering::Relaxed);
+                    } else {
+                        block.store(leaf.at, Ordering::Relaxed);
+                    }
+                }
+            }
+        });
+        blocks.into_iter().map(AtomicU32::into_inner).collect()
     }
 
     /// The figures of the tree.
