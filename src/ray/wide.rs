@@ -9,7 +9,7 @@
 //! sum of the constant term, the sum with the face's, which is fused or has a product more), below 5 ULP of
 //! `(1 + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1); an accepted hit lies within 8 ULP of
 //! `1 + |o|` of its exact bounds; the slack is at least 16 of them
-//! ([`hit_slack_near`]). Distances that tie with the limit are kept, since the comparison is `<=`.
+//! ([`hit_slack`](super::triangle::hit_slack)). Distances that tie with the limit are kept, since the comparison is `<=`.
 //!
 //! A query waits for memory and for mispredicted branches more than for arithmetic. So the code is written
 //! for short chains from one node's rows to the next node's address, and few branches that depend on the ray.
@@ -19,9 +19,8 @@ use super::collect::Collect;
 use super::filter::Filter;
 use super::observer::Observer;
 use super::query::Walk;
-use super::query_ray::{TreeRay, seldom};
-use super::triangle::hit_slack_near;
-use crate::motion::{KeyTime, ULP};
+use super::query_ray::TreeRay;
+use crate::motion::KeyTime;
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
 use glam::Vec3A;
@@ -52,36 +51,17 @@ struct Slabs {
 impl Slabs {
     #[inline(always)]
     fn new(ray: &TreeRay) -> Slabs {
-        let slack = hit_slack_near(ray.origin);
         let inverse = ray.inverse;
-        let at_origin = -Vec3A::from(ray.origin) * inverse;
-        let pad = inverse.abs() * slack;
-        let mut slabs = Slabs {
+        let at_origin = -Vec3A::from(ray.origin) * inverse + ray.behind;
+        let pad = inverse.abs() * ray.slack;
+        Slabs {
             near: [backward(ray.world.dir.x), backward(ray.world.dir.y), backward(ray.world.dir.z)],
             inverse,
             near_offset: at_origin - pad,
             far_offset: at_origin + pad,
-            shift: 0.0,
-            begin: ray.t_min,
-        };
-        // Minus zero is below zero as well.
-        if ray.t_min.is_sign_negative() {
-            seldom();
-            slabs.shift_to_begin(ray);
+            shift: ray.behind,
+            begin: ray.t_min + ray.behind,
         }
-        slabs
-    }
-
-    /// Counts distances from where the ray begins, behind its origin.
-    #[inline(always)]
-    fn shift_to_begin(&mut self, ray: &TreeRay) {
-        // Nothing is hit farther back than this, and rounding a sum with it is an ULP of as much.
-        let reach = 2.0 * (1.0 + ray.origin.abs().max_element());
-        let pad = self.inverse.abs() * (8.0 * ULP * reach);
-        self.shift = (-ray.t_min).min(reach);
-        self.begin = 0.0;
-        self.near_offset += self.shift - pad;
-        self.far_offset += self.shift + pad;
     }
 
     /// A limit for distances, as boxes are compared with it.
@@ -101,12 +81,15 @@ fn backward(component: f32) -> usize {
 pub(crate) struct Wide<'a, S> {
     pub tree: &'a WideTree,
     pub simd: S,
+    /// What waits on the way. It is there before the ray is looked at: the call that a deep tree needs for it would
+    /// push the ray out of registers.
+    pub stack: Stack<'a, u64>,
 }
 
 impl<S: Simd> Walk for Wide<'_, S> {
     #[inline(always)]
     fn walk<G: WideSource>(
-        &self,
+        self,
         set: &G,
         ray: &TreeRay,
         filter: &impl Filter,
@@ -117,9 +100,8 @@ impl<S: Simd> Walk for Wide<'_, S> {
             return;
         }
         let scene = Scene { arena: &self.tree.arena, set, filter, ahead: self.tree.arena.len() > AHEAD };
-        let mut memory = StackOf::new();
         let forms = Forms::new(ray);
-        let mut journey = Journey::new(self.tree.root, memory.stack(self.tree.waiting()));
+        let mut journey = Journey::new(self.tree.root, self.stack);
         while scene.advance(self.simd, ray, &forms, &mut journey, collect, observer) {}
     }
 }
@@ -371,7 +353,7 @@ mod tests {
         let frame = Frame { origin: DVec3::ZERO, scale: 1.0 };
         for (o, d) in [(0.3f32, 0.9f32), (-7.0, -1e-3), (1e4, 1e-20), (0.0, -0.0), (0.1, -1.0)] {
             let ray = Ray::new(Vec3::new(0.0, o, 0.0), Vec3::new(1.0, d, 0.0));
-            let ray = TreeRay::new(&ray, frame).unwrap();
+            let ray = TreeRay::new(&ray, &frame).unwrap();
             let slabs = Slabs::new(&ray);
             let (low, high) = (-0.25f32, 0.5f32);
             let (near, far) = if slabs.near[1] == 0 { (low, high) } else { (high, low) };
