@@ -102,8 +102,8 @@ impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
         if tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &tree.arena, set, filter: &Everything };
-        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
+        let scene = Scene { arena: &tree.arena, set, filter: &Everything, ahead: false };
+        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, &set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {

@@ -9,7 +9,7 @@
 //! sum of the constant term, the sum with the face's, which is fused or has a product more), below 5 ULP of
 //! `(1 + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1); an accepted hit lies within 8 ULP of
 //! `1 + |o|` of its exact bounds; the slack is at least 16 of them
-//! ([`hit_slack_near`]). Distances that tie with the limit are kept, since the comparison is `<=`.
+//! ([`hit_slack`](super::triangle::hit_slack)). Distances that tie with the limit are kept, since the comparison is `<=`.
 //!
 //! A query waits for memory and for mispredicted branches more than for arithmetic. So the code is written
 //! for short chains from one node's rows to the next node's address, and few branches that depend on the ray.
@@ -20,7 +20,6 @@ use super::filter::Filter;
 use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;
-use super::triangle::hit_slack_near;
 use crate::motion::KeyTime;
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
@@ -28,6 +27,10 @@ use glam::Vec3A;
 
 /// Places on the stack that are there without asking the heap: enough for a tree of eleven levels.
 const STACK: usize = 192;
+
+/// Words of a tree from which on the blocks that a ray will visit are asked for ahead of time: then they are often not
+/// in the cache, and what lies in the cache only pays for the asking.
+const AHEAD: usize = 8 << 20;
 
 /// Memory for the stack of one ray.
 pub(super) type StackOf = StackMemory<u64, STACK>;
@@ -39,21 +42,32 @@ struct Slabs {
     inverse: Vec3A,
     near_offset: Vec3A,
     far_offset: Vec3A,
+    /// What distances along the ray are greater by here, so that none that counts is below zero; 0 for nearly all rays.
+    shift: f32,
+    /// Where the ray begins, shifted.
+    begin: f32,
 }
 
 impl Slabs {
     #[inline(always)]
     fn new(ray: &TreeRay) -> Slabs {
-        let slack = hit_slack_near(ray.origin);
         let inverse = ray.inverse;
-        let at_origin = -Vec3A::from(ray.origin) * inverse;
-        let pad = inverse.abs() * slack;
+        let at_origin = -Vec3A::from(ray.origin) * inverse + ray.behind;
+        let pad = inverse.abs() * ray.slack;
         Slabs {
             near: [backward(ray.world.dir.x), backward(ray.world.dir.y), backward(ray.world.dir.z)],
             inverse,
             near_offset: at_origin - pad,
             far_offset: at_origin + pad,
+            shift: ray.behind,
+            begin: ray.t_min + ray.behind,
         }
+    }
+
+    /// A limit for distances, as boxes are compared with it.
+    #[inline(always)]
+    fn limit(&self, limit: f32) -> f32 {
+        limit + self.shift
     }
 }
 
@@ -67,12 +81,15 @@ fn backward(component: f32) -> usize {
 pub(crate) struct Wide<'a, S> {
     pub tree: &'a WideTree,
     pub simd: S,
+    /// What waits on the way. It is there before the ray is looked at: the call that a deep tree needs for it would
+    /// push the ray out of registers.
+    pub stack: Stack<'a, u64>,
 }
 
 impl<S: Simd> Walk for Wide<'_, S> {
     #[inline(always)]
     fn walk<G: WideSource>(
-        &self,
+        self,
         set: &G,
         ray: &TreeRay,
         filter: &impl Filter,
@@ -82,10 +99,9 @@ impl<S: Simd> Walk for Wide<'_, S> {
         if self.tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &self.tree.arena, set, filter };
-        let mut memory = StackOf::new();
+        let scene = Scene { arena: &self.tree.arena, set, filter, ahead: self.tree.arena.len() > AHEAD };
         let forms = Forms::new(ray);
-        let mut journey = Journey::new(self.tree.root, memory.stack(self.tree.waiting()));
+        let mut journey = Journey::new(self.tree.root, self.stack);
         while scene.advance(self.simd, ray, &forms, &mut journey, collect, observer) {}
     }
 }
@@ -133,6 +149,8 @@ pub(super) struct Scene<'a, G, F> {
     pub arena: &'a Arena,
     pub set: &'a G,
     pub filter: &'a F,
+    /// Whether all blocks that a ray will visit are asked for as soon as they are known.
+    pub ahead: bool,
 }
 
 impl<G: WideSource, F: Filter> Scene<'_, G, F> {
@@ -188,7 +206,7 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         }
         // What begins beyond the limit is of no interest any more. Distances below zero were stored as
         // zero, so the bits order like the numbers.
-        let limit = u64::from(collect.limit().max(0.0).to_bits());
+        let limit = u64::from(slabs.limit(collect.limit()).max(0.0).to_bits());
         loop {
             match stack.pop() {
                 Some(entry) if entry >> 32 <= limit => {
@@ -226,9 +244,11 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
             face_distance::<S, ROWS, 1>(s, block, slabs.near[1] ^ LANES, time, slabs.inverse.y, slabs.far_offset.y),
             face_distance::<S, ROWS, 2>(s, block, slabs.near[2] ^ LANES, time, slabs.inverse.z, slabs.far_offset.z),
         ];
-        let enter = s.max(s.max(near[0], near[1]), s.max(near[2], s.splat(ray.t_min)));
-        let leave = s.min(s.min(far[0], far[1]), s.min(far[2], s.splat(collect.limit())));
-        let mask = s.le(enter, leave);
+        // All that count are above zero, where integers order like numbers.
+        let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(slabs.begin)));
+        let limit = s.splat(slabs.limit(collect.limit()));
+        let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
+        let mask = s.le_signed(enter, leave);
         if mask == 0 {
             return None;
         }
@@ -236,6 +256,9 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         let lane = Mask::BITS - 1 - mask.leading_zeros();
         let first = ChildRef(children[lane as usize % LANES].to_bits());
         let others = mask ^ (1 << lane);
+        if self.ahead {
+            self.expect(children, mask);
+        }
         if !C::ORDERED {
             stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
             return Some(first);
@@ -243,7 +266,17 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         if others == 0 {
             return Some(first);
         }
-        Some(push_hits::<S>(s, mask, s.max(enter, s.splat(0.0)), children, stack))
+        Some(push_hits::<S>(s, mask, enter, children, stack))
+    }
+
+    /// Asks for the blocks of some children of a node.
+    #[inline(always)]
+    fn expect(&self, children: &Lanes<f32>, mut mask: Mask) {
+        while mask != 0 {
+            let lane = mask.trailing_zeros() as usize % LANES;
+            mask &= mask - 1;
+            self.arena.prefetch_block(ChildRef(children[lane].to_bits()).at());
+        }
     }
 }
 
@@ -320,7 +353,7 @@ mod tests {
         let frame = Frame { origin: DVec3::ZERO, scale: 1.0 };
         for (o, d) in [(0.3f32, 0.9f32), (-7.0, -1e-3), (1e4, 1e-20), (0.0, -0.0), (0.1, -1.0)] {
             let ray = Ray::new(Vec3::new(0.0, o, 0.0), Vec3::new(1.0, d, 0.0));
-            let ray = TreeRay::new(&ray, frame).unwrap();
+            let ray = TreeRay::new(&ray, &frame).unwrap();
             let slabs = Slabs::new(&ray);
             let (low, high) = (-0.25f32, 0.5f32);
             let (near, far) = if slabs.near[1] == 0 { (low, high) } else { (high, low) };
