@@ -18,12 +18,17 @@ use glam::{DVec3, Vec3};
 pub struct Triangles {
     frame: Frame,
     meshes: Vec<Rebased>,
-    /// The mesh of each triangle.
-    mesh_of: Vec<u32>,
+    /// Number of triangles.
+    len: usize,
+    /// The mesh of every [`BLOCK`]-th triangle, and of the last.
+    mesh_at: Vec<u32>,
     always_active: bool,
     /// Empty once leaf blocks hold them.
     vertices: Vertices,
 }
+
+/// Which mesh a triangle is of is kept for one in so many; mostly that says it of those up to the next as well.
+const BLOCK: usize = 32;
 
 /// The vertices of all triangles.
 #[derive(Default)]
@@ -65,7 +70,7 @@ impl Triangles {
         let frame = Frame::around(swept);
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
-        let mut mesh_of = Vec::with_capacity(total);
+        let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
         let (mut rebased, mut pieces) = (Vec::with_capacity(meshes.len()), 0);
         for (i, mesh) in meshes.iter().enumerate() {
             let (first, place) = (corners.len() as u32, positions.len());
@@ -80,13 +85,16 @@ impl Triangles {
                 positions.truncate(place + vertices);
             }
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(|v| place as u32 + v));
-            mesh_of.resize(corners.len(), i as u32);
+            mesh_at.resize(corners.len().div_ceil(BLOCK), i as u32);
             let stride = if keys == 1 { 0 } else { vertices };
             rebased.push(Rebased { first, first_piece: pieces, keys, stride, active: mesh.active, mask: mesh.mask });
             pieces += mesh.len() * segments(keys);
         }
+        // The mesh of the last triangle, for the triangles of the last block.
+        mesh_at.push(meshes.iter().rposition(|mesh| !mesh.is_empty()).unwrap_or(0) as u32);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
-        Ok(Triangles { frame, meshes: rebased, mesh_of, always_active, vertices: Vertices { positions, corners } })
+        let vertices = Vertices { positions, corners };
+        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, vertices })
     }
 
     /// Drops the vertices: from now on there are names, masks and times, but no corners and no bounds.
@@ -94,8 +102,21 @@ impl Triangles {
         self.vertices = Vertices::default();
     }
 
+    /// The number of a triangle's mesh.
+    #[inline]
+    fn mesh_of(&self, id: u32) -> usize {
+        let block = id as usize / BLOCK;
+        let (first, last) = (self.mesh_at[block] as usize, self.mesh_at[block + 1] as usize);
+        if first == last {
+            return first;
+        }
+        // The last of those that begin at the triangle or before: empty ones begin where the next one does.
+        first + self.meshes[first..=last].partition_point(|mesh| mesh.first <= id) - 1
+    }
+
+    #[inline]
     fn mesh(&self, id: u32) -> &Rebased {
-        &self.meshes[self.mesh_of[id as usize] as usize]
+        &self.meshes[self.mesh_of(id)]
     }
 
     /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
@@ -156,13 +177,26 @@ impl Triangles {
         if keys == 1 {
             return self.vertices(id).map(|v| self.position(v, 0));
         }
-        if t == 0.0 {
-            // As interpolated, without interpolating.
-            return self.vertices(id).map(|v| self.position(v, 0));
-        }
         let at = KeyTime::new(t, keys);
         let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
         self.vertices(id).map(|v| at.position(self.position(v, a), self.position(v, b)))
+    }
+
+    /// The corners at both ends of an interval, up to the signs of zeros.
+    #[inline]
+    pub(crate) fn ends(&self, id: u32, over: TimeInterval) -> [[Vec3; 3]; 2] {
+        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let vertices = self.vertices(id);
+        let at = |t: f32| match (keys, t) {
+            (1, _) | (_, 0.0) => vertices.map(|v| self.position(v, 0)),
+            (2, 1.0) => vertices.map(|v| self.position(v, stride)),
+            _ => {
+                let at = KeyTime::new(t, keys);
+                let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
+                vertices.map(|v| at.position(self.position(v, a), self.position(v, b)))
+            }
+        };
+        [at(over.begin()), at(over.end())]
     }
 
     /// Asks for the numbers of a triangle's vertices.
@@ -207,7 +241,7 @@ fn box_of(corners: [Vec3; 3]) -> Box3 {
 
 impl PrimitiveSet for Triangles {
     fn len(&self) -> usize {
-        self.mesh_of.len()
+        self.len
     }
 
     fn active(&self, id: u32) -> TimeInterval {
@@ -224,8 +258,8 @@ impl PrimitiveSet for Triangles {
             let still = box_of(self.corners_at_key(id, 0));
             return LinearBox3 { begin: still, end: still };
         }
-        let mut bounds =
-            LinearBox3 { begin: box_of(self.corners(id, over.begin())), end: box_of(self.corners(id, over.end())) };
+        let [begin, end] = self.ends(id, over);
+        let mut bounds = LinearBox3 { begin: box_of(begin), end: box_of(end) };
         let segments = (keys - 1) as f32;
         let inner = if keys > 2 { inner_keys(over, keys) } else { 0..0 };
         if !inner.is_empty() {
@@ -279,8 +313,8 @@ impl PrimitiveSet for Triangles {
     #[inline]
     fn name(&self, id: u32) -> (u32, u32) {
         // Asked for each hit; of a single mesh nothing has to be fetched.
-        let mesh = if self.meshes.len() == 1 { 0 } else { self.mesh_of[id as usize] };
-        (mesh, id - self.meshes[mesh as usize].first)
+        let mesh = if self.meshes.len() == 1 { 0 } else { self.mesh_of(id) };
+        (mesh as u32, id - self.meshes[mesh].first)
     }
 
     fn frame(&self) -> Frame {
@@ -291,7 +325,7 @@ impl PrimitiveSet for Triangles {
         self.vertices.positions.capacity() * size_of::<Vec3>()
             + self.vertices.corners.capacity() * size_of::<[u32; 3]>()
             + self.meshes.capacity() * size_of::<Rebased>()
-            + self.mesh_of.capacity() * size_of::<u32>()
+            + self.mesh_at.capacity() * size_of::<u32>()
     }
 }
 
@@ -362,5 +396,18 @@ mod tests {
         let set = Triangles::new(&[still, empty, moved]).unwrap();
         assert_eq!((set.len(), set.keys(2), set.keys(3)), (5, 1, 2));
         assert_eq!((set.name(2), set.name(3), set.name(4)), ((0, 2), (2, 0), (2, 1)));
+        // Meshes that begin and end anywhere, many of them in a block, with empty ones before, between and behind.
+        let mut state = 3;
+        let meshes: Vec<TriangleMesh> = (0..200)
+            .map(|i| {
+                let most = if i % 50 < 30 { 4 } else { 90 };
+                let n = (next(&mut state) * most as f32) as usize;
+                let n = if i % 7 == 0 || i > 195 { 0 } else { n };
+                TriangleMesh::fixed(vec![[0, 1, 2]; n], corners.clone())
+            })
+            .collect();
+        let set = Triangles::new(&meshes).unwrap();
+        let names = meshes.iter().enumerate().flat_map(|(i, mesh)| (0..mesh.len()).map(move |t| (i as u32, t as u32)));
+        assert!(names.eq((0..set.len() as u32).map(|id| set.name(id))));
     }
 }

@@ -136,7 +136,8 @@ fn write_waves(
             let size = |of: &[u32]| of.iter().map(|&size| f64::from(size)).sum::<f64>();
             let nodes_above = (n / 4 + 1) * NODE_ROWS * LANES;
             let expected = words as f64 * (size(sizes) / size(&sizes[..done.len()]));
-            arena.reserve((expected * 1.015) as usize + nodes_above);
+            let spare = if n > done.len() { 1.015 } else { 1.0 };
+            arena.reserve((expected * spare) as usize + nodes_above);
         }
         let placed;
         (placed, written) = parallel::both(

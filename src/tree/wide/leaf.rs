@@ -49,8 +49,7 @@ impl WideSource for Triangles {
             // differently, by at most 2 per segment.
             n => (4 + 26 * (n - 1)) as f32 * ULP,
         };
-        let begin = self.corners(id, over.begin());
-        let end = if slack == 0.0 { begin } else { self.corners(id, over.end()) };
+        let [begin, end] = Triangles::ends(self, id, over);
         Some(Ends { begin, end, slack })
     }
 
@@ -122,6 +121,7 @@ impl Shared {
     fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
         for (corners, &id) in shared.corners.iter_mut().zip(ids) {
+            let stride = set.stride(id) as u32;
             for (i, vertex) in set.vertices(id).into_iter().enumerate() {
                 let known = shared.vertices[..shared.count].iter().position(|&v| v == vertex);
                 let place = match known {
@@ -129,7 +129,7 @@ impl Shared {
                     None if shared.count == LANES => return None,
                     None => {
                         shared.vertices[shared.count] = vertex;
-                        shared.strides[shared.count] = set.stride(id) as u32;
+                        shared.strides[shared.count] = stride;
                         shared.count += 1;
                         shared.count - 1
                     }
