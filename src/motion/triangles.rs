@@ -1,4 +1,7 @@
 //! Triangle meshes in tree space: all vertices of all meshes in one place.
+//!
+//! What a build needs (where the vertices are) and what answers need (which mesh a triangle is of, when that exists, who
+//! sees it) are apart: leaf blocks of the wide layout hold all corners, and then the vertices go.
 
 use super::separate::{INSTANTS, Instant, stays_clear};
 use super::{Aabb, Box3, Frame, KeyTime, LinearBox3, PrimitiveSet, TimeInterval, TriangleMesh, ULP};
@@ -15,18 +18,27 @@ use glam::{DVec3, Vec3};
 pub struct Triangles {
     frame: Frame,
     meshes: Vec<Rebased>,
+    /// The mesh of each triangle.
+    mesh_of: Vec<u32>,
+    always_active: bool,
+    /// Empty once leaf blocks hold them.
+    vertices: Vertices,
+}
+
+/// The vertices of all triangles.
+#[derive(Default)]
+struct Vertices {
     /// The positions of all meshes: mesh by mesh, in each key by key.
     positions: Vec<Vec3>,
     /// The corners of each triangle, as places of their first keys in `positions`.
     corners: Vec<[u32; 3]>,
-    /// The mesh of each triangle.
-    mesh_of: Vec<u32>,
-    always_active: bool,
 }
 
 struct Rebased {
     /// Id of the first triangle.
     first: u32,
+    /// Number of the first piece of its motion, see [`Triangles::piece`].
+    first_piece: usize,
     /// Number of keys.
     keys: usize,
     /// How far apart successive keys of a vertex are in the positions; 0 where there is one only.
@@ -54,7 +66,7 @@ impl Triangles {
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
         let mut mesh_of = Vec::with_capacity(total);
-        let mut rebased = Vec::with_capacity(meshes.len());
+        let (mut rebased, mut pieces) = (Vec::with_capacity(meshes.len()), 0);
         for (i, mesh) in meshes.iter().enumerate() {
             let (first, place) = (corners.len() as u32, positions.len());
             let (mut keys, vertices) = (mesh.keys.len(), mesh.keys.vertices(0));
@@ -70,11 +82,16 @@ impl Triangles {
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(|v| place as u32 + v));
             mesh_of.resize(corners.len(), i as u32);
             let stride = if keys == 1 { 0 } else { vertices };
-            rebased.push(Rebased { first, keys, stride, active: mesh.active, mask: mesh.mask });
+            rebased.push(Rebased { first, first_piece: pieces, keys, stride, active: mesh.active, mask: mesh.mask });
+            pieces += mesh.len() * segments(keys);
         }
-        positions.shrink_to_fit();
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
-        Ok(Triangles { frame, meshes: rebased, positions, corners, mesh_of, always_active })
+        Ok(Triangles { frame, meshes: rebased, mesh_of, always_active, vertices: Vertices { positions, corners } })
+    }
+
+    /// Drops the vertices: from now on there are names, masks and times, but no corners and no bounds.
+    pub(crate) fn drop_vertices(&mut self) {
+        self.vertices = Vertices::default();
     }
 
     fn mesh(&self, id: u32) -> &Rebased {
@@ -89,14 +106,27 @@ impl Triangles {
     /// The id of a triangle of a mesh, if there is such a triangle.
     pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
         let first = self.meshes.get(mesh as usize)?.first;
-        let end = self.meshes.get(mesh as usize + 1).map_or(self.corners.len() as u32, |next| next.first);
+        let end = self.meshes.get(mesh as usize + 1).map_or(self.len() as u32, |next| next.first);
         first.checked_add(triangle).filter(|&id| id < end)
+    }
+
+    /// Numbers the pieces of the triangles' motion, in each of which it is linear: one between two successive keys, and
+    /// one of what stands still.
+    #[inline]
+    pub(crate) fn piece(&self, id: u32, segment: usize) -> usize {
+        let mesh = self.mesh(id);
+        mesh.first_piece + (id - mesh.first) as usize * segments(mesh.keys) + segment
+    }
+
+    /// Number of pieces of all triangles.
+    pub(crate) fn pieces(&self) -> usize {
+        self.len().checked_sub(1).map_or(0, |last| self.piece(last as u32, segments(self.keys(last as u32))))
     }
 
     /// The vertices of a triangle: numbers that no other vertex of any mesh has.
     #[inline]
     pub(crate) fn vertices(&self, id: u32) -> [u32; 3] {
-        self.corners[id as usize]
+        self.vertices.corners[id as usize]
     }
 
     /// How far apart successive keys of a triangle's vertices are, for [`Triangles::position`]; 0 where it stands
@@ -109,7 +139,7 @@ impl Triangles {
     /// The position of a vertex at key `n` of its mesh, where `offset` is `n` times the stride.
     #[inline]
     pub(crate) fn position(&self, vertex: u32, offset: usize) -> Vec3 {
-        self.positions[vertex as usize + offset]
+        self.vertices.positions[vertex as usize + offset]
     }
 
     /// The corners at one key.
@@ -126,6 +156,10 @@ impl Triangles {
         if keys == 1 {
             return self.vertices(id).map(|v| self.position(v, 0));
         }
+        if t == 0.0 {
+            // As interpolated, without interpolating.
+            return self.vertices(id).map(|v| self.position(v, 0));
+        }
         let at = KeyTime::new(t, keys);
         let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
         self.vertices(id).map(|v| at.position(self.position(v, a), self.position(v, b)))
@@ -134,7 +168,7 @@ impl Triangles {
     /// Asks for the numbers of a triangle's vertices.
     #[inline]
     pub(crate) fn prefetch_corners(&self, id: u32) {
-        prefetch(&self.corners[id as usize]);
+        prefetch(&self.vertices.corners[id as usize]);
     }
 
     /// Asks for the vertices of a triangle at the first two keys.
@@ -142,8 +176,8 @@ impl Triangles {
     pub(crate) fn prefetch_positions(&self, id: u32) {
         let stride = self.stride(id);
         for vertex in self.vertices(id) {
-            prefetch(&self.positions[vertex as usize]);
-            prefetch(&self.positions[vertex as usize + stride]);
+            prefetch(&self.vertices.positions[vertex as usize]);
+            prefetch(&self.vertices.positions[vertex as usize + stride]);
         }
     }
 
@@ -162,13 +196,18 @@ impl Triangles {
     }
 }
 
+/// Number of linear pieces of a motion of so many keys.
+fn segments(keys: usize) -> usize {
+    (keys - 1).max(1)
+}
+
 fn box_of(corners: [Vec3; 3]) -> Box3 {
     corners.into_iter().fold(Box3::EMPTY, Box3::include)
 }
 
 impl PrimitiveSet for Triangles {
     fn len(&self) -> usize {
-        self.corners.len()
+        self.mesh_of.len()
     }
 
     fn active(&self, id: u32) -> TimeInterval {
@@ -249,8 +288,9 @@ impl PrimitiveSet for Triangles {
     }
 
     fn bytes(&self) -> usize {
-        self.positions.capacity() * size_of::<Vec3>()
-            + self.corners.capacity() * size_of::<[u32; 3]>()
+        self.vertices.positions.capacity() * size_of::<Vec3>()
+            + self.vertices.corners.capacity() * size_of::<[u32; 3]>()
+            + self.meshes.capacity() * size_of::<Rebased>()
             + self.mesh_of.capacity() * size_of::<u32>()
     }
 }
