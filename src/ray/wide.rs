@@ -25,8 +25,8 @@ use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at}
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
 use glam::Vec3A;
 
-/// Places on the stack that are there without asking the heap: enough for a tree of eleven levels.
-const STACK: usize = 192;
+/// Places on the stack that are there without asking the heap: enough for a tree of ten levels.
+const STACK: usize = 352;
 
 /// Words of a tree from which on the blocks that a ray will visit are asked for ahead of time: then they are often not
 /// in the cache, and what lies in the cache only pays for the asking.
@@ -46,6 +46,8 @@ struct Slabs {
     shift: f32,
     /// Where the ray begins, shifted.
     begin: f32,
+    /// When it looks.
+    time: f32,
 }
 
 impl Slabs {
@@ -61,6 +63,7 @@ impl Slabs {
             far_offset: at_origin + pad,
             shift: ray.behind,
             begin: ray.t_min + ray.behind,
+            time: ray.time,
         }
     }
 
@@ -156,13 +159,13 @@ pub(super) struct Scene<'a, G, F> {
 impl<G: WideSource, F: Filter> Scene<'_, G, F> {
     /// Visits the next block of a journey, and offers the hits found in it to `collect`. False at the journey's end.
     #[inline(always)]
-    pub fn advance<S: Simd>(
+    pub fn advance<S: Simd, C: Collect>(
         &self,
         s: S,
         ray: &TreeRay,
         forms: &Forms,
         journey: &mut Journey<'_>,
-        collect: &mut impl Collect,
+        collect: &mut C,
         observer: &mut impl Observer,
     ) -> bool {
         let at = journey.at;
@@ -170,19 +173,23 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         let end = match at.kind() {
             Kind::Node => {
                 observer.node();
-                if let Some(next) = self.step::<S, NODE_ROWS, _>(s, at, ray, slabs, collect, stack) {
-                    journey.at = next;
-                    return true;
+                match self.step::<S, NODE_ROWS, _>(s, at, slabs, collect, stack, observer) {
+                    Some(next) => {
+                        journey.at = next;
+                        return true;
+                    }
+                    None => false,
                 }
-                false
             }
             Kind::StillNode => {
                 observer.node();
-                if let Some(next) = self.step::<S, STILL_NODE_ROWS, _>(s, at, ray, slabs, collect, stack) {
-                    journey.at = next;
-                    return true;
+                match self.step::<S, STILL_NODE_ROWS, _>(s, at, slabs, collect, stack, observer) {
+                    Some(next) => {
+                        journey.at = next;
+                        return true;
+                    }
+                    None => false,
                 }
-                false
             }
             Kind::Time => {
                 let words = &self.arena.ints()[at.at()..];
@@ -221,18 +228,67 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
 
     /// Tests the sixteen boxes of a node, pushes all that are met but one, and returns that: the nearest, or any where
     /// order does not matter.
+    ///
+    /// Where it does not, a node of the same kind on top of the stack is tested as well: its rows are fetched and its
+    /// masks made while those of the first are.
     #[inline(always)]
     fn step<S: Simd, const ROWS: usize, C: Collect>(
         &self,
         s: S,
         node: ChildRef,
-        ray: &TreeRay,
         slabs: &Slabs,
         collect: &C,
         stack: &mut Stack<'_, u64>,
+        observer: &mut impl Observer,
     ) -> Option<ChildRef> {
+        if !C::ORDERED
+            && let Some(top) = stack.top()
+            && let top = ChildRef(top as u32)
+            && top.kind() == node.kind()
+        {
+            stack.pop();
+            observer.node();
+            let a = self.meet::<S, ROWS, C>(s, node, slabs, collect);
+            let b = self.meet::<S, ROWS, C>(s, top, slabs, collect);
+            for (mask, _, children) in [b, a] {
+                if self.ahead {
+                    self.expect(children, mask);
+                }
+                stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), mask), mask.count_ones() as usize);
+            }
+            return None;
+        }
+        let (mask, enter, children) = self.meet::<S, ROWS, C>(s, node, slabs, collect);
+        if mask == 0 {
+            return None;
+        }
+        let lane = Mask::BITS - 1 - mask.leading_zeros();
+        let first = ChildRef(children[lane as usize % LANES].to_bits());
+        let others = mask ^ (1 << lane);
+        if self.ahead {
+            self.expect(children, mask);
+        }
+        if !C::ORDERED {
+            stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
+            return Some(first);
+        }
+        if others == 0 {
+            return Some(first);
+        }
+        Some(push_hits::<S>(s, mask, enter, children, stack))
+    }
+
+    /// The boxes of a node that are met, where, and its children.
+    #[inline(always)]
+    fn meet<S: Simd, const ROWS: usize, C: Collect>(
+        &self,
+        s: S,
+        node: ChildRef,
+        slabs: &Slabs,
+        collect: &C,
+    ) -> (Mask, S::F, &Lanes<f32>) {
         let block = self.arena.block(node.at());
-        let time = s.splat(ray.time);
+        let time = s.splat(slabs.time);
         // Written out: closures would be compiled without the instruction set.
         let near = [
             face_distance::<S, ROWS, 0>(s, block, slabs.near[0], time, slabs.inverse.x, slabs.near_offset.x),
@@ -248,25 +304,7 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(slabs.begin)));
         let limit = s.splat(slabs.limit(collect.limit()));
         let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
-        let mask = s.le_signed(enter, leave);
-        if mask == 0 {
-            return None;
-        }
-        let children = lanes_at(block, (ROWS - 1) * LANES);
-        let lane = Mask::BITS - 1 - mask.leading_zeros();
-        let first = ChildRef(children[lane as usize % LANES].to_bits());
-        let others = mask ^ (1 << lane);
-        if self.ahead {
-            self.expect(children, mask);
-        }
-        if !C::ORDERED {
-            stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
-            return Some(first);
-        }
-        if others == 0 {
-            return Some(first);
-        }
-        Some(push_hits::<S>(s, mask, enter, children, stack))
+        (s.le_signed(enter, leave), enter, lanes_at(block, (ROWS - 1) * LANES))
     }
 
     /// Asks for the blocks of some children of a node.

@@ -72,9 +72,15 @@ impl WideTree {
     }
 
     /// How many blocks can wait on a query's stack, and room for one more node's children to be written at once.
+    ///
+    /// What waits are children of visited nodes, families for short. Depths never fall from the stack's bottom to
+    /// its top, and of each depth there are two families at most. For a step takes the two topmost entries away, or
+    /// one, and puts their children there. Where both were of the topmost family, its children's depth is new. Where
+    /// one was the last of its family, the other lies in the family below; the deeper of the two has its children
+    /// on top, and if both were equally deep, there was nothing deeper.
     #[inline(always)]
     pub fn waiting(&self) -> usize {
-        (LANES - 1) * self.survey.depth as usize + LANES
+        2 * LANES * self.survey.depth as usize + LANES
     }
 
     /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
