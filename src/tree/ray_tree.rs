@@ -294,7 +294,7 @@ impl RayTree {
     ///
     /// Takes O(n log n) time for `n` triangles; it runs in parallel with the feature `rayon`, and the tree is the
     /// same for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished
-    /// tree and its triangles (45 to 70 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
+    /// tree and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
     /// divided by time, and the tree itself beyond 300 where there are separate trees for parts of the shutter
     /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the scenes of
     /// [`scene`](crate::scene) at full size.
