@@ -10,9 +10,12 @@
 //! `(1 + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1); an accepted hit lies within 8 ULP of
 //! `1 + |o|` of its exact bounds; the slack is at least 16 of them
 //! ([`hit_slack`](super::triangle::hit_slack)). Distances that tie with the limit are kept, since the comparison is `<=`.
+//! A ray that begins behind its origin counts distances from its begin, so that none that matters is below zero and
+//! integers order like numbers: three more roundings, of sums with that begin, for which its slack is larger.
 //!
-//! A query waits for memory and for mispredicted branches more than for arithmetic. So the code is written
-//! for short chains from one node's rows to the next node's address, and few branches that depend on the ray.
+//! A query waits for the chain from one node's rows to the next node's address (some forty cycles, whatever else is done
+//! beside it), for memory and for mispredicted branches, more than for arithmetic. So the code is written for short
+//! chains, for knowing early what will be read, and for few branches that depend on the ray.
 
 use super::blocks::{Between, LeafRay};
 use super::collect::Collect;

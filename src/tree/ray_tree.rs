@@ -7,7 +7,7 @@ use crate::error::BuildError;
 use crate::motion::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
 use crate::ray::{
     AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
-    Query, Ray, Visible,
+    Query, Ray, Visible, look_alike,
 };
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
@@ -232,7 +232,7 @@ impl<G: Geometry> RayTree<G> {
     fn batch<A: Asks>(&self, rays: &[Ray], answers: &mut Vec<A::Answer>, one: impl Fn(&Ray) -> A::Answer + Sync) {
         let large = self.statistics.bytes > CACHED;
         batch(rays, answers, A::NOTHING, |rays, answers| match &self.layout {
-            Layout::Wide(tree) if large => {
+            Layout::Wide(tree) if large && !look_alike(rays) => {
                 dispatch(self.simd, Batch::<G, A> { tree, set: &self.geometry, rays, answers });
             }
             _ => {
