@@ -243,11 +243,17 @@ impl Kernel for Count<'_> {
         let mut total = NeighborWork::default();
         let mut search = KNearest::within(8, f32::MAX, 1.0, self.candidates, &KeepAll, &mut total);
         let mut before = NeighborWork::default();
-        for ((layer, time), work) in self.layers.iter().zip(self.work) {
-            walk_all(s, layer, (self.point, *time), &mut search);
-            let now = *search.observed();
-            *work = NeighborWork { nodes: now.nodes - before.nodes, blocks: now.blocks - before.blocks };
-            before = now;
+        loop {
+            for ((layer, time), work) in self.layers.iter().zip(&mut *self.work) {
+                walk_all(s, layer, (self.point, *time), &mut search);
+                let now = *search.observed();
+                work.nodes += now.nodes - before.nodes;
+                work.blocks += now.blocks - before.blocks;
+                before = now;
+            }
+            if !search.again() {
+                break;
+            }
         }
     }
 }
