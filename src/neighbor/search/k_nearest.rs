@@ -233,7 +233,9 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         let share = self.wanted() / (LANES * view.leaf_blocks()) as f32;
         let ball = V::BALL * (share * share.sqrt()).sqrt() * self.scale * s.lane(view.box_sizes(s, target, node), lane);
         let threshold = near + ball;
-        if near > 4.0 * ball {
+        if near == f32::INFINITY {
+            // Nothing is here at this time; another layer may have more.
+        } else if near > 4.0 * ball {
             // Only the edge of the ball would be among the points.
             self.guesses = 0;
         } else if threshold < self.threshold {
@@ -347,7 +349,8 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
         if self.origin == Origin::Caller {
             let few = self.k <= MOST_COLUMNS;
             let much_less_than_leaf = few && self.k < LANES * view.leaf_blocks() / 2;
-            if self.guesses > 0 && !much_less_than_leaf {
+            // What was found before may lie beyond the ball and must not count as found within it.
+            if self.guesses > 0 && self.candidates.count == 0 && !much_less_than_leaf {
                 self.guess(s, view, target, node, boxes);
             }
             if few && self.origin == Origin::Caller {
