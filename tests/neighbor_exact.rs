@@ -194,7 +194,7 @@ fn many_keys_are_met_exactly() {
 fn every_point_is_in_exactly_one_place_at_every_crossing() {
     let mut rng = Rng(21);
     let count = 3000;
-    let points: Vec<_> = (0..count).map(|_| mbkd::MovingPoint::new(rng.vec(), rng.vec())).collect();
+    let points: Vec<_> = (0..count).map(|_| MovingPoint::new(rng.vec(), rng.vec())).collect();
     for structure in [PointStructure::Mbkd, PointStructure::CutFast] {
         let params = PointParams { structure, max_references: 16.0, ..PointParams::default() };
         let tree = PointTree::build(&points, &params).unwrap();
