@@ -4,6 +4,7 @@ mod common;
 
 use common::{Random, difference, grid, random_ray, soup, variants};
 use core::ops::ControlFlow;
+use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     Aabb, BuildError, BuildParams, Intersection, LinearBounds, MovingSphere, Primitive, Ray, RayTree, TimeInterval,
@@ -53,9 +54,10 @@ fn nothing_and_next_to_nothing() {
         }
         let none = RayTree::of_primitives(Vec::<MovingSphere>::new(), &params).unwrap();
         assert_eq!(none.closest_hit(&ray), None);
-        let tree = RayTree::build(&[TriangleMesh::fixed(vec![[0, 1, 2]], corners())], &params).unwrap();
+        let meshes = [TriangleMesh::fixed(vec![[0, 1, 2]], corners())];
+        let (tree, oracle) = (RayTree::build(&meshes, &params).unwrap(), BruteForce::new(&meshes).unwrap());
         assert_eq!(tree.closest_hit(&ray).unwrap().t, 1.0);
-        assert_eq!(difference(&tree, &ray), None);
+        assert_eq!(difference(&tree, &oracle, &ray), None);
     }
 }
 
@@ -80,13 +82,14 @@ fn rays_that_mean_nothing_hit_nothing() {
         good.at_time(f32::INFINITY),
     ];
     let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![corners(), corners()]);
+    let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
     for params in variants() {
         let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
         assert!(tree.any_hit(&good));
         for ray in &bad {
             assert_eq!((tree.closest_hit(ray), tree.any_hit(ray)), (None, false), "{ray:?}");
             assert_eq!(tree.all_hits(ray, |_| ControlFlow::Break(())), ControlFlow::Continue(()));
-            assert_eq!(tree.brute_force().closest_hit(ray), None);
+            assert_eq!(oracle.closest_hit(ray), None);
         }
         // Odd, but meaningful: these must answer like brute force.
         for ray in [
@@ -97,7 +100,7 @@ fn rays_that_mean_nothing_hit_nothing() {
             good.between(1.0, 1.0),
             Ray { origin: DVec3::new(0.2, 0.2, -1e9), ..good },
         ] {
-            assert_eq!(difference(&tree, &ray), None, "{params:?}");
+            assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
         }
     }
 }
@@ -113,13 +116,14 @@ fn hits_of_another_tree_have_no_corners() {
 
 /// Whatever the scene, the tree is whole and a few rays agree with brute force.
 fn survives(mesh: TriangleMesh, reach: f32) {
+    let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
     for params in variants() {
         let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
         let s = tree.statistics();
         assert!(s.references <= (mesh.len() as f32 * params.max_references) as usize && s.depth <= 60, "{s:?}");
         let mut random = Random(4);
         for _ in 0..30 {
-            assert_eq!(difference(&tree, &random_ray(&mut random, reach)), None, "{params:?}");
+            assert_eq!(difference(&tree, &oracle, &random_ray(&mut random, reach)), None, "{params:?}");
         }
     }
 }
@@ -163,14 +167,16 @@ fn flat_scenes() {
             indices.extend([[a, a + 1, a + 21], [a + 1, a + 22, a + 21]]);
         }
     }
+    let meshes = [TriangleMesh::fixed(indices, vertices)];
+    let oracle = BruteForce::new(&meshes).unwrap();
     for params in variants() {
-        let tree = RayTree::build(&[TriangleMesh::fixed(indices.clone(), vertices.clone())], &params).unwrap();
+        let tree = RayTree::build(&meshes, &params).unwrap();
         for x in 0..=20i8 {
             for y in 0..=20i8 {
                 let from = grid(x, y, 5);
                 for dir in [Vec3::NEG_Z, Vec3::new(-0.0, 0.0, -2.0), Vec3::new(0.0, 1.0, -5.0), Vec3::X] {
-                    assert_eq!(difference(&tree, &Ray::new(from, dir)), None, "{params:?}");
-                    assert_eq!(difference(&tree, &Ray::new(grid(x, y, 0), dir)), None, "{params:?}");
+                    assert_eq!(difference(&tree, &oracle, &Ray::new(from, dir)), None, "{params:?}");
+                    assert_eq!(difference(&tree, &oracle, &Ray::new(grid(x, y, 0), dir)), None, "{params:?}");
                 }
             }
         }
@@ -185,6 +191,7 @@ fn huge_tiny_and_far_away() {
         let place = |p: Vec3| p.as_dvec3() * scale + DVec3::splat(away);
         let keys: Vec<Vec<DVec3>> = keys.iter().map(|key| key.iter().map(|&p| place(p)).collect()).collect();
         let mesh = TriangleMesh::new(mesh.indices.clone(), keys);
+        let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
         for params in variants() {
             let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
             assert_eq!(tree.validate(), Ok(()));
@@ -192,7 +199,7 @@ fn huge_tiny_and_far_away() {
             for _ in 0..300 {
                 let ray = random_ray(&mut random, 1.0);
                 let ray = Ray { origin: ray.origin * scale + DVec3::splat(away), ..ray };
-                assert_eq!(difference(&tree, &ray), None, "{params:?} at scale {scale}");
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?} at scale {scale}");
                 hits += u32::from(tree.any_hit(&ray));
             }
             assert!(hits > 50 || scale < 1e-9, "{hits} hits at scale {scale}, {away}");
@@ -203,6 +210,7 @@ fn huge_tiny_and_far_away() {
 #[test]
 fn origins_far_outside() {
     let mesh = soup(500, 2, 0.5, 0.5, 8);
+    let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
     for params in variants() {
         let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
         let mut random = Random(6);
@@ -210,7 +218,7 @@ fn origins_far_outside() {
             for _ in 0..100 {
                 let origin = random.vec() * distance;
                 let ray = Ray::new(origin, random.vec() - origin).at_time(random.unit());
-                assert_eq!(difference(&tree, &ray), None, "{params:?}");
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
             }
         }
     }

@@ -4,6 +4,7 @@
 mod common;
 
 use common::{Random, difference, grid, random_ray, soup, variants};
+use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     Aabb, BuildParams, Intersection, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree, TimeInterval,
@@ -85,11 +86,12 @@ proptest! {
 
     #[test]
     fn soups_on_a_grid(meshes in prop::collection::vec(grid_mesh(), 1..4), rays in prop::collection::vec(grid_ray(), 24)) {
+        let oracle = BruteForce::new(&meshes).unwrap();
         for params in variants() {
             let tree = RayTree::build(&meshes, &eager(params.clone())).unwrap();
             prop_assert_eq!(tree.validate(), Ok(()), "{:?}", params);
             for ray in &rays {
-                prop_assert_eq!(difference(&tree, ray), None, "{:?}", params);
+                prop_assert_eq!(difference(&tree, &oracle, ray), None, "{:?}", params);
             }
         }
     }
@@ -97,10 +99,11 @@ proptest! {
     #[test]
     fn at_every_crossing_time(mesh in grid_mesh(), ray in grid_ray()) {
         let times = crossing_times(&mesh);
+        let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
         for params in variants() {
             let tree = RayTree::build(std::slice::from_ref(&mesh), &eager(params.clone())).unwrap();
             for &time in times.iter().chain(&[0.0, 1.0]) {
-                prop_assert_eq!(difference(&tree, &ray.at_time(time)), None, "{:?}", params);
+                prop_assert_eq!(difference(&tree, &oracle, &ray.at_time(time)), None, "{:?}", params);
             }
         }
     }
@@ -108,13 +111,14 @@ proptest! {
     #[test]
     fn loose_soups(seed: u64, n in 1usize..300, keys in 1usize..5, size in 0.01f32..1.0, motion in 0.0f32..2.0) {
         let mesh = soup(n, keys, size, motion, seed);
+        let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
         let mut random = Random(seed ^ 1);
         let rays: Vec<Ray> = (0..40).map(|_| random_ray(&mut random, 2.0)).collect();
         for params in variants() {
             let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
             prop_assert_eq!(tree.validate(), Ok(()), "{:?}", params);
             for ray in &rays {
-                prop_assert_eq!(difference(&tree, ray), None, "{:?}", params);
+                prop_assert_eq!(difference(&tree, &oracle, ray), None, "{:?}", params);
             }
         }
     }
@@ -142,6 +146,7 @@ fn moving_spheres() {
     for ball in balls.iter().take(50) {
         check_primitive(ball, 300).unwrap();
     }
+    let oracle = BruteForce::of_primitives(balls.clone()).unwrap();
     for params in variants() {
         let tree = RayTree::of_primitives(balls.clone(), &params).unwrap();
         let mut random = Random(8);
@@ -154,7 +159,7 @@ fn moving_spheres() {
                 let aside = to.cross(random.vec().as_dvec3()).normalize_or_zero() * radius;
                 ray.dir = (to + aside).as_vec3();
             }
-            assert_eq!(difference(&tree, &ray), None, "{params:?}");
+            assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
         }
         assert_eq!(tree.primitives().len(), balls.len());
     }
@@ -209,11 +214,12 @@ fn the_callers_own_primitives() {
         })
         .collect();
     check_primitive(&bricks[0], 2000).unwrap();
+    let oracle = BruteForce::of_primitives(bricks.clone()).unwrap();
     for params in variants() {
         let tree = RayTree::of_primitives(bricks.clone(), &params).unwrap();
         let mut random = Random(18);
         for _ in 0..5000 {
-            assert_eq!(difference(&tree, &random_ray(&mut random, 5.0)), None, "{params:?}");
+            assert_eq!(difference(&tree, &oracle, &random_ray(&mut random, 5.0)), None, "{params:?}");
         }
     }
 }
@@ -221,15 +227,16 @@ fn the_callers_own_primitives() {
 #[test]
 fn masks_and_filters_equal_brute_force() {
     let meshes: Vec<TriangleMesh> = (0..4).map(|i| soup(150, 2, 0.3, 0.5, 50 + i).with_mask(1 << i)).collect();
+    let oracle = BruteForce::new(&meshes).unwrap();
     for params in variants() {
         let tree = RayTree::build(&meshes, &params).unwrap();
         let mut random = Random(3);
         for i in 0..4000u32 {
             let ray = random_ray(&mut random, 1.5);
             let (mask, odd) = (i % 16, |hit: &mbkd::Hit| hit.primitive % 2 == 1);
-            let oracle = tree.brute_force().closest_hit_filtered(&ray, mask, odd);
-            assert_eq!(tree.closest_hit_filtered(&ray, mask, odd), oracle, "{params:?} {ray:?}");
-            assert_eq!(tree.any_hit_filtered(&ray, mask, odd), oracle.is_some());
+            let expected = oracle.closest_hit_filtered(&ray, mask, odd);
+            assert_eq!(tree.closest_hit_filtered(&ray, mask, odd), expected, "{params:?} {ray:?}");
+            assert_eq!(tree.any_hit_filtered(&ray, mask, odd), expected.is_some());
             let mut best = None::<mbkd::Hit>;
             let _ = tree.all_hits_filtered(&ray, mask, odd, |hit| {
                 if best.is_none_or(|b| (hit.t, hit.mesh, hit.primitive) < (b.t, b.mesh, b.primitive)) {
@@ -237,8 +244,27 @@ fn masks_and_filters_equal_brute_force() {
                 }
                 core::ops::ControlFlow::Continue(())
             });
-            assert_eq!(best, oracle);
+            assert_eq!(best, expected);
         }
+    }
+}
+
+#[test]
+fn rays_that_begin_behind_their_origin() {
+    let mut random = Random(31);
+    let meshes = [soup(300, 2, 0.2, 0.3, 7), soup(300, 1, 0.2, 0.0, 8)];
+    let oracle = BruteForce::new(&meshes).unwrap();
+    for params in [BuildParams::default(), BuildParams::default().with_policy(Policy::Mbkd)] {
+        let tree = RayTree::build(&meshes, &params).unwrap();
+        let mut behind = 0;
+        for i in 0..4000 {
+            let begin = [-0.0, -0.3, -3.0, -1e6, f32::MIN, f32::NEG_INFINITY][i % 6];
+            let end = [f32::INFINITY, 0.5, 0.0, -0.0, -0.1, -2.0, f32::MIN][i % 7].max(begin);
+            let ray = random_ray(&mut random, 0.5).between(begin, end);
+            assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
+            behind += usize::from(tree.closest_hit(&ray).is_some_and(|hit| hit.t < 0.0));
+        }
+        assert!(behind > 100, "{behind}");
     }
 }
 

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Random, bits};
+use mbkd::baseline::BruteForce;
 use mbkd::{BuildParams, Policy, Ray, RayTree, scene};
 use std::thread;
 
@@ -16,11 +17,12 @@ fn full_size_equals_brute_force() {
         (0..1000).map(|_| scene.camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect();
     let paper = BuildParams { max_references: 3.0, ..BuildParams::default().with_policy(Policy::Mbkd) };
     let trees = [paper, BuildParams::default()].map(|params| RayTree::build(&scene.meshes, &params).unwrap());
+    let oracle = BruteForce::new(&scene.meshes).unwrap();
     drop(scene);
     let check = |rays: &[Ray]| {
         let mut hits = 0;
         for ray in rays {
-            let expected = trees[0].brute_force().closest_hit(ray);
+            let expected = oracle.closest_hit(ray);
             for tree in &trees {
                 let got = tree.closest_hit(ray);
                 assert_eq!(got.map(bits), expected.map(bits), "{ray:?}: {got:?}, not {expected:?}");

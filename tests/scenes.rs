@@ -4,6 +4,7 @@
 mod common;
 
 use common::{Random, all_hits, bits, variants};
+use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Geometry, Hit, MovingSphere, Ray, RayTree, scene};
 use std::thread;
@@ -33,9 +34,9 @@ fn rays(seed: u64, camera: &scene::Camera, low: Vec3, high: Vec3) -> Vec<Ray> {
 }
 
 /// Answers of brute force, on two threads.
-fn oracle<G: Geometry>(tree: &RayTree<G>, rays: &[Ray]) -> Vec<Option<Hit>> {
+fn answers<G: Geometry>(oracle: &BruteForce<G>, rays: &[Ray]) -> Vec<Option<Hit>> {
     let half = rays.len() / 2;
-    let ask = |rays: &[Ray]| rays.iter().map(|ray| tree.brute_force().closest_hit(ray)).collect::<Vec<_>>();
+    let ask = |rays: &[Ray]| rays.iter().map(|ray| oracle.closest_hit(ray)).collect::<Vec<_>>();
     thread::scope(|scope| {
         let second = scope.spawn(|| ask(&rays[half..]));
         let mut all = ask(&rays[..half]);
@@ -44,16 +45,13 @@ fn oracle<G: Geometry>(tree: &RayTree<G>, rays: &[Ray]) -> Vec<Option<Hit>> {
     })
 }
 
-fn check<G: Geometry>(name: &str, rays: &[Ray], build: impl Fn(&BuildParams) -> RayTree<G>) {
-    let mut expected = Vec::new();
+fn check<G: Geometry>(name: &str, rays: &[Ray], oracle: &BruteForce<G>, build: impl Fn(&BuildParams) -> RayTree<G>) {
+    let expected = answers(oracle, rays);
+    let hits = expected.iter().flatten().count();
+    assert!(hits > rays.len() / 50, "only {hits} rays hit {name}");
     for (i, params) in variants().iter().enumerate() {
         let tree = build(params);
         assert!(tree.statistics().primitives >= PRIMITIVES, "{name} has {}", tree.statistics().primitives);
-        if expected.is_empty() {
-            expected = oracle(&tree, rays);
-            let hits = expected.iter().flatten().count();
-            assert!(hits > rays.len() / 50, "only {hits} rays hit {name}");
-        }
         // Each policy once with all rays, the other variants of the paper's with some.
         let step = if params == &BuildParams::default().with_policy(params.policy) { 1 } else { 10 };
         for (ray, expected) in rays.iter().zip(&expected).skip(if step == 1 { 0 } else { i }).step_by(step) {
@@ -62,7 +60,7 @@ fn check<G: Geometry>(name: &str, rays: &[Ray], build: impl Fn(&BuildParams) -> 
             assert_eq!(tree.any_hit(ray), expected.is_some(), "{name} {params:?} {ray:?}");
         }
         for ray in rays.iter().step_by(500) {
-            let (got, expected) = (all_hits(&tree, ray), tree.brute_force().all_hits(ray));
+            let (got, expected) = (all_hits(&tree, ray), oracle.all_hits(ray));
             assert!(got.iter().copied().map(bits).eq(expected.iter().copied().map(bits)), "{name} {params:?} {ray:?}");
         }
     }
@@ -87,7 +85,8 @@ fn check_scene(name: &str) {
         }
     }
     let rays = rays(name.len() as u64, &scene.camera, low, high);
-    check(name, &rays, |params| RayTree::build(&scene.meshes, params).unwrap());
+    let oracle = BruteForce::new(&scene.meshes).unwrap();
+    check(name, &rays, &oracle, |params| RayTree::build(&scene.meshes, params).unwrap());
 }
 
 #[test]
@@ -148,7 +147,8 @@ fn flake() {
         .map(|s| MovingSphere::new(s.centers.iter().map(|c| (c.as_dvec3(), f64::from(s.radius))).collect()))
         .collect();
     let rays = rays(6, &camera, Vec3::splat(-1.6), Vec3::splat(1.6));
-    check("flake", &rays, |params| RayTree::of_primitives(spheres.clone(), params).unwrap());
+    let oracle = BruteForce::of_primitives(spheres.clone()).unwrap();
+    check("flake", &rays, &oracle, |params| RayTree::of_primitives(spheres.clone(), params).unwrap());
 }
 
 #[test]

@@ -1,32 +1,51 @@
 //! The oracle: every primitive, one after the other, through the same kernel.
 
+use crate::error::BuildError;
+use crate::motion::{Primitive, Shapes, TriangleMesh, Triangles};
 use crate::ray::{Everything, Filter, Hit, Ray, TreeRay, Visible};
 use crate::tree::Geometry;
 
-/// Answers ray queries by testing every primitive ([`RayTree::brute_force`](crate::RayTree::brute_force)).
+/// Answers ray queries by testing every primitive.
 ///
-/// Any other way to answer must agree with this one bit for bit. O(n) per ray.
+/// Any other way to answer must agree with this one bit for bit. It has its own copy of what it tests and knows
+/// nothing of trees. O(n) per ray.
 ///
 /// ```
-/// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
-/// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
-/// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+/// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, baseline::BruteForce, glam::Vec3};
+/// let meshes = [TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y])];
+/// let tree = RayTree::build(&meshes, &BuildParams::default())?;
 /// let ray = Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z);
-/// assert_eq!(tree.closest_hit(&ray), tree.brute_force().closest_hit(&ray));
+/// assert_eq!(tree.closest_hit(&ray), BruteForce::new(&meshes)?.closest_hit(&ray));
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
-pub struct BruteForce<'a, G> {
-    geometry: &'a G,
+pub struct BruteForce<G = Triangles> {
+    geometry: G,
 }
 
-impl<'a, G: Geometry> BruteForce<'a, G> {
-    pub(crate) fn new(geometry: &'a G) -> BruteForce<'a, G> {
-        BruteForce { geometry }
+impl BruteForce {
+    /// Takes triangle meshes.
+    ///
+    /// # Errors
+    /// What is wrong with a mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
+    pub fn new(meshes: &[TriangleMesh]) -> Result<BruteForce, BuildError> {
+        Ok(BruteForce { geometry: Triangles::new(meshes)? })
     }
+}
 
+impl<P: Primitive> BruteForce<Shapes<P>> {
+    /// Takes the caller's own primitives.
+    ///
+    /// # Errors
+    /// As [`RayTree::of_primitives`](crate::RayTree::of_primitives) reports them.
+    pub fn of_primitives(primitives: Vec<P>) -> Result<BruteForce<Shapes<P>>, BuildError> {
+        Ok(BruteForce { geometry: Shapes::new(primitives)? })
+    }
+}
+
+impl<G: Geometry> BruteForce<G> {
     /// All accepted hits in the order of ids.
     fn visit(&self, ray: &Ray, filter: &impl Filter, mut visitor: impl FnMut(Hit)) {
-        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return };
+        let Some(ray) = TreeRay::new(ray, &self.geometry.frame()) else { return };
         for id in 0..self.geometry.len() as u32 {
             if self.geometry.active(id).contains(ray.time)
                 && filter.sees(|| self.geometry.mask(id))

@@ -95,7 +95,7 @@ pub struct BuildParams {
     /// the tree does not depend on the number of threads; where it runs out there is a leaf. Default 8.
     pub max_references: f32,
     /// [`Policy::Wide`] only: references per primitive that cutting long triangles into parts may make, in [1, 8].
-    /// They are made only where the expected cost of a ray falls enough; memory grows with them. Default 1.5.
+    /// They are made only where the expected cost of a ray falls enough; memory grows with them. Default 1.58.
     pub wide_references: f32,
     /// [`Policy::Wide`] only: bytes per primitive that the tree may take, at least 128. More lets those parts of a scene
     /// in which neighbours part company fast have more separate trees for parts of the shutter; what the rest of the
@@ -119,7 +119,7 @@ impl Default for BuildParams {
             empty_factor: 0.8,
             max_depth: None,
             max_references: 8.0,
-            wide_references: 1.5,
+            wide_references: 1.58,
             bytes_per_primitive: 1024.0,
             division: Division::Automatic,
         }

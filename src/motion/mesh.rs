@@ -148,6 +148,11 @@ impl TriangleMesh {
 
     /// The box of some vertices at one key, if they are fine.
     fn validate_positions(&self, mesh: usize, key: usize, of: Range<usize>) -> Result<Aabb, BuildError> {
+        if let Keys::F32(keys) = &self.keys
+            && let Some(swept) = box_of_fine(&keys[key][of.clone()])
+        {
+            return Ok(swept);
+        }
         let mut swept = Aabb::EMPTY;
         for vertex in of {
             let p = self.keys.position(key, vertex);
@@ -161,6 +166,19 @@ impl TriangleMesh {
         }
         Ok(swept)
     }
+}
+
+/// The box of positions, if they are all fine; which one is not is left to others.
+fn box_of_fine(positions: &[Vec3]) -> Option<Aabb> {
+    let (mut min, mut max, mut sum) = (Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::ZERO);
+    for &p in positions {
+        (min, max) = (min.min(p), max.max(p));
+        // Stays zero unless something is not finite, which minima may lose.
+        sum += p * 0.0;
+    }
+    let swept = Aabb { min: min.as_dvec3(), max: max.as_dvec3() };
+    let fine = sum == Vec3::ZERO && swept.min.abs().max(swept.max.abs()).max_element() <= MAX_COORDINATE;
+    (fine && !positions.is_empty()).then_some(swept)
 }
 
 #[cfg(test)]

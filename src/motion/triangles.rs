@@ -1,4 +1,7 @@
 //! Triangle meshes in tree space: all vertices of all meshes in one place.
+//!
+//! What a build needs (where the vertices are) and what answers need (which mesh a triangle is of, when that exists, who
+//! sees it) are apart: leaf blocks of the wide layout hold all corners, and then the vertices go.
 
 use super::separate::{INSTANTS, Instant, stays_clear};
 use super::{Aabb, Box3, Frame, KeyTime, LinearBox3, PrimitiveSet, TimeInterval, TriangleMesh, ULP};
@@ -15,18 +18,32 @@ use glam::{DVec3, Vec3};
 pub struct Triangles {
     frame: Frame,
     meshes: Vec<Rebased>,
+    /// Number of triangles.
+    len: usize,
+    /// The mesh of every [`BLOCK`]-th triangle, and of the last.
+    mesh_at: Vec<u32>,
+    always_active: bool,
+    /// Empty once leaf blocks hold them.
+    vertices: Vertices,
+}
+
+/// Which mesh a triangle is of is kept for one in so many; mostly that says it of those up to the next as well.
+const BLOCK: usize = 32;
+
+/// The vertices of all triangles.
+#[derive(Default)]
+struct Vertices {
     /// The positions of all meshes: mesh by mesh, in each key by key.
     positions: Vec<Vec3>,
     /// The corners of each triangle, as places of their first keys in `positions`.
     corners: Vec<[u32; 3]>,
-    /// The mesh of each triangle.
-    mesh_of: Vec<u32>,
-    always_active: bool,
 }
 
 struct Rebased {
     /// Id of the first triangle.
     first: u32,
+    /// Number of the first piece of its motion, see [`Triangles::piece`].
+    first_piece: usize,
     /// Number of keys.
     keys: usize,
     /// How far apart successive keys of a vertex are in the positions; 0 where there is one only.
@@ -53,8 +70,8 @@ impl Triangles {
         let frame = Frame::around(swept);
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
-        let mut mesh_of = Vec::with_capacity(total);
-        let mut rebased = Vec::with_capacity(meshes.len());
+        let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
+        let (mut rebased, mut pieces) = (Vec::with_capacity(meshes.len()), 0);
         for (i, mesh) in meshes.iter().enumerate() {
             let (first, place) = (corners.len() as u32, positions.len());
             let (mut keys, vertices) = (mesh.keys.len(), mesh.keys.vertices(0));
@@ -68,17 +85,38 @@ impl Triangles {
                 positions.truncate(place + vertices);
             }
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(|v| place as u32 + v));
-            mesh_of.resize(corners.len(), i as u32);
+            mesh_at.resize(corners.len().div_ceil(BLOCK), i as u32);
             let stride = if keys == 1 { 0 } else { vertices };
-            rebased.push(Rebased { first, keys, stride, active: mesh.active, mask: mesh.mask });
+            rebased.push(Rebased { first, first_piece: pieces, keys, stride, active: mesh.active, mask: mesh.mask });
+            pieces += mesh.len() * segments(keys);
         }
-        positions.shrink_to_fit();
+        // The mesh of the last triangle, for the triangles of the last block.
+        mesh_at.push(meshes.iter().rposition(|mesh| !mesh.is_empty()).unwrap_or(0) as u32);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
-        Ok(Triangles { frame, meshes: rebased, positions, corners, mesh_of, always_active })
+        let vertices = Vertices { positions, corners };
+        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, vertices })
     }
 
+    /// Drops the vertices: from now on there are names, masks and times, but no corners and no bounds.
+    pub(crate) fn drop_vertices(&mut self) {
+        self.vertices = Vertices::default();
+    }
+
+    /// The number of a triangle's mesh.
+    #[inline]
+    fn mesh_of(&self, id: u32) -> usize {
+        let block = id as usize / BLOCK;
+        let (first, last) = (self.mesh_at[block] as usize, self.mesh_at[block + 1] as usize);
+        if first == last {
+            return first;
+        }
+        // The last of those that begin at the triangle or before: empty ones begin where the next one does.
+        first + self.meshes[first..=last].partition_point(|mesh| mesh.first <= id) - 1
+    }
+
+    #[inline]
     fn mesh(&self, id: u32) -> &Rebased {
-        &self.meshes[self.mesh_of[id as usize] as usize]
+        &self.meshes[self.mesh_of(id)]
     }
 
     /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
@@ -89,14 +127,27 @@ impl Triangles {
     /// The id of a triangle of a mesh, if there is such a triangle.
     pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
         let first = self.meshes.get(mesh as usize)?.first;
-        let end = self.meshes.get(mesh as usize + 1).map_or(self.corners.len() as u32, |next| next.first);
+        let end = self.meshes.get(mesh as usize + 1).map_or(self.len() as u32, |next| next.first);
         first.checked_add(triangle).filter(|&id| id < end)
+    }
+
+    /// Numbers the pieces of the triangles' motion, in each of which it is linear: one between two successive keys, and
+    /// one of what stands still.
+    #[inline]
+    pub(crate) fn piece(&self, id: u32, segment: usize) -> usize {
+        let mesh = self.mesh(id);
+        mesh.first_piece + (id - mesh.first) as usize * segments(mesh.keys) + segment
+    }
+
+    /// Number of pieces of all triangles.
+    pub(crate) fn pieces(&self) -> usize {
+        self.len().checked_sub(1).map_or(0, |last| self.piece(last as u32, segments(self.keys(last as u32))))
     }
 
     /// The vertices of a triangle: numbers that no other vertex of any mesh has.
     #[inline]
     pub(crate) fn vertices(&self, id: u32) -> [u32; 3] {
-        self.corners[id as usize]
+        self.vertices.corners[id as usize]
     }
 
     /// How far apart successive keys of a triangle's vertices are, for [`Triangles::position`]; 0 where it stands
@@ -109,7 +160,7 @@ impl Triangles {
     /// The position of a vertex at key `n` of its mesh, where `offset` is `n` times the stride.
     #[inline]
     pub(crate) fn position(&self, vertex: u32, offset: usize) -> Vec3 {
-        self.positions[vertex as usize + offset]
+        self.vertices.positions[vertex as usize + offset]
     }
 
     /// The corners at one key.
@@ -131,10 +182,27 @@ impl Triangles {
         self.vertices(id).map(|v| at.position(self.position(v, a), self.position(v, b)))
     }
 
+    /// The corners at both ends of an interval, up to the signs of zeros.
+    #[inline]
+    pub(crate) fn ends(&self, id: u32, over: TimeInterval) -> [[Vec3; 3]; 2] {
+        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let vertices = self.vertices(id);
+        let at = |t: f32| match (keys, t) {
+            (1, _) | (_, 0.0) => vertices.map(|v| self.position(v, 0)),
+            (2, 1.0) => vertices.map(|v| self.position(v, stride)),
+            _ => {
+                let at = KeyTime::new(t, keys);
+                let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
+                vertices.map(|v| at.position(self.position(v, a), self.position(v, b)))
+            }
+        };
+        [at(over.begin()), at(over.end())]
+    }
+
     /// Asks for the numbers of a triangle's vertices.
     #[inline]
     pub(crate) fn prefetch_corners(&self, id: u32) {
-        prefetch(&self.corners[id as usize]);
+        prefetch(&self.vertices.corners[id as usize]);
     }
 
     /// Asks for the vertices of a triangle at the first two keys.
@@ -142,8 +210,8 @@ impl Triangles {
     pub(crate) fn prefetch_positions(&self, id: u32) {
         let stride = self.stride(id);
         for vertex in self.vertices(id) {
-            prefetch(&self.positions[vertex as usize]);
-            prefetch(&self.positions[vertex as usize + stride]);
+            prefetch(&self.vertices.positions[vertex as usize]);
+            prefetch(&self.vertices.positions[vertex as usize + stride]);
         }
     }
 
@@ -162,13 +230,18 @@ impl Triangles {
     }
 }
 
+/// Number of linear pieces of a motion of so many keys.
+fn segments(keys: usize) -> usize {
+    (keys - 1).max(1)
+}
+
 fn box_of(corners: [Vec3; 3]) -> Box3 {
     corners.into_iter().fold(Box3::EMPTY, Box3::include)
 }
 
 impl PrimitiveSet for Triangles {
     fn len(&self) -> usize {
-        self.corners.len()
+        self.len
     }
 
     fn active(&self, id: u32) -> TimeInterval {
@@ -185,8 +258,8 @@ impl PrimitiveSet for Triangles {
             let still = box_of(self.corners_at_key(id, 0));
             return LinearBox3 { begin: still, end: still };
         }
-        let mut bounds =
-            LinearBox3 { begin: box_of(self.corners(id, over.begin())), end: box_of(self.corners(id, over.end())) };
+        let [begin, end] = self.ends(id, over);
+        let mut bounds = LinearBox3 { begin: box_of(begin), end: box_of(end) };
         let segments = (keys - 1) as f32;
         let inner = if keys > 2 { inner_keys(over, keys) } else { 0..0 };
         if !inner.is_empty() {
@@ -240,8 +313,8 @@ impl PrimitiveSet for Triangles {
     #[inline]
     fn name(&self, id: u32) -> (u32, u32) {
         // Asked for each hit; of a single mesh nothing has to be fetched.
-        let mesh = if self.meshes.len() == 1 { 0 } else { self.mesh_of[id as usize] };
-        (mesh, id - self.meshes[mesh as usize].first)
+        let mesh = if self.meshes.len() == 1 { 0 } else { self.mesh_of(id) };
+        (mesh as u32, id - self.meshes[mesh].first)
     }
 
     fn frame(&self) -> Frame {
@@ -249,9 +322,10 @@ impl PrimitiveSet for Triangles {
     }
 
     fn bytes(&self) -> usize {
-        self.positions.capacity() * size_of::<Vec3>()
-            + self.corners.capacity() * size_of::<[u32; 3]>()
-            + self.mesh_of.capacity() * size_of::<u32>()
+        self.vertices.positions.capacity() * size_of::<Vec3>()
+            + self.vertices.corners.capacity() * size_of::<[u32; 3]>()
+            + self.meshes.capacity() * size_of::<Rebased>()
+            + self.mesh_at.capacity() * size_of::<u32>()
     }
 }
 
@@ -322,5 +396,18 @@ mod tests {
         let set = Triangles::new(&[still, empty, moved]).unwrap();
         assert_eq!((set.len(), set.keys(2), set.keys(3)), (5, 1, 2));
         assert_eq!((set.name(2), set.name(3), set.name(4)), ((0, 2), (2, 0), (2, 1)));
+        // Meshes that begin and end anywhere, many of them in a block, with empty ones before, between and behind.
+        let mut state = 3;
+        let meshes: Vec<TriangleMesh> = (0..200)
+            .map(|i| {
+                let most = if i % 50 < 30 { 4 } else { 90 };
+                let n = (next(&mut state) * most as f32) as usize;
+                let n = if i % 7 == 0 || i > 195 { 0 } else { n };
+                TriangleMesh::fixed(vec![[0, 1, 2]; n], corners.clone())
+            })
+            .collect();
+        let set = Triangles::new(&meshes).unwrap();
+        let names = meshes.iter().enumerate().flat_map(|(i, mesh)| (0..mesh.len()).map(move |t| (i as u32, t as u32)));
+        assert!(names.eq((0..set.len() as u32).map(|id| set.name(id))));
     }
 }

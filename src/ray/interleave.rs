@@ -3,7 +3,8 @@
 //! The picture: a waiter who serves several tables. A ray that needs a block which is not in the cache would
 //! wait for it as long as dozens of tests take; so the block is asked for, and the other rays of the
 //! group take their turns until it has come. Answers do not depend on it. On a tree that fits the cache it only
-//! costs, so small trees are asked ray by ray.
+//! costs, so small trees are asked ray by ray; and so are rays that look the same way, since each finds what it needs
+//! where the one before it has been.
 
 use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
@@ -15,6 +16,21 @@ use crate::tree::wide::{ChildRef, WideSource, WideTree};
 
 /// Rays on their way at the same time.
 const GROUP: usize = 8;
+
+/// Whether most rays look nearly the same way as the one before them, as the rays of a camera do.
+pub(crate) fn look_alike(rays: &[Ray]) -> bool {
+    const SAMPLES: usize = 16;
+    /// The cosine of a few degrees.
+    const NEARLY: f32 = 0.99;
+    let step = rays.len().div_ceil(SAMPLES).max(1);
+    let (mut alike, mut pairs) = (0, 0);
+    for pair in rays.windows(2).step_by(step) {
+        let [a, b] = [pair[0].dir.normalize_or_zero(), pair[1].dir.normalize_or_zero()];
+        alike += usize::from(a.dot(b) > NEARLY);
+        pairs += 1;
+    }
+    2 * alike > pairs
+}
 
 /// What a batch asks of each of its rays.
 pub(crate) trait Asks {
@@ -102,8 +118,8 @@ impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
         if tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &tree.arena, set, filter: &Everything };
-        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
+        let scene = Scene { arena: &tree.arena, set, filter: &Everything, ahead: false };
+        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, &set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
@@ -135,5 +151,23 @@ impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn rays_of_a_camera_look_alike_and_scattered_ones_do_not() {
+        let camera = |i: usize| Ray::new(Vec3::ZERO, Vec3::new(i as f32 * 1e-3, 1.0, 2.0));
+        let scattered = |i: usize| Ray::new(Vec3::ZERO, Vec3::new((i * 31 % 17) as f32 - 8.0, (i % 3) as f32, 1.0));
+        for count in [2, 9, 256] {
+            assert!(look_alike(&(0..count).map(camera).collect::<Vec<_>>()));
+            assert!(!look_alike(&(0..count).map(scattered).collect::<Vec<_>>()));
+        }
+        assert!(!look_alike(&[]) && !look_alike(&[camera(0)]));
+        assert!(!look_alike(&[Ray { dir: Vec3::NAN, ..camera(0) }; 4]));
     }
 }

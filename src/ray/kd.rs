@@ -68,11 +68,11 @@ impl Axes {
     }
 }
 
-impl Walk for KdTree {
+impl Walk for &KdTree {
     /// Front to back; a primitive in several leaves is offered several times.
     #[inline(always)]
     fn walk<S: WideSource>(
-        &self,
+        self,
         set: &S,
         ray: &TreeRay,
         filter: &impl Filter,

@@ -5,7 +5,7 @@ use super::filter::Filter;
 use super::hit::Hit;
 use super::observer::Observer;
 use super::query_ray::{Ray, TreeRay};
-use super::wide::Wide;
+use super::wide::{StackOf, Wide};
 use crate::motion::PrimitiveSet;
 use crate::simd::{Kernel, Simd};
 use crate::tree::wide::{WideSource, WideTree};
@@ -15,7 +15,7 @@ use core::ops::ControlFlow;
 pub(crate) trait Walk {
     /// Offers every hit that may matter to `collect`.
     fn walk<G: WideSource>(
-        &self,
+        self,
         set: &G,
         ray: &TreeRay,
         filter: &impl Filter,
@@ -32,7 +32,7 @@ pub(crate) trait Query {
     /// What it asks for.
     type Answer;
     /// Asks it.
-    fn ask(self, layout: &impl Walk) -> Self::Answer;
+    fn ask(self, layout: impl Walk) -> Self::Answer;
 }
 
 /// A ray, what it is asked of and who looks on.
@@ -50,9 +50,9 @@ impl<G: WideSource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> 
     type Answer = Option<Hit>;
 
     #[inline(always)]
-    fn ask(self, layout: &impl Walk) -> Option<Hit> {
+    fn ask(self, layout: impl Walk) -> Option<Hit> {
         let Asked { set, ray, filter, observer } = self.0;
-        let ray = TreeRay::new(ray, set.frame())?;
+        let ray = TreeRay::new(ray, &set.frame())?;
         let accept = |found: &Found| filter.accepts(|| answer(set, &ray, found));
         let mut collect = Closest { t_max: ray.t_max, best: None, accept };
         layout.walk(set, &ray, filter, &mut collect, observer);
@@ -67,9 +67,9 @@ impl<G: WideSource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
     type Answer = bool;
 
     #[inline(always)]
-    fn ask(self, layout: &impl Walk) -> bool {
+    fn ask(self, layout: impl Walk) -> bool {
         let Asked { set, ray, filter, observer } = self.0;
-        let Some(ray) = TreeRay::new(ray, set.frame()) else { return false };
+        let Some(ray) = TreeRay::new(ray, &set.frame()) else { return false };
         let accept = |found: &Found| filter.accepts(|| answer(set, &ray, found));
         let mut collect = Any { t_max: ray.t_max, found: false, accept };
         layout.walk(set, &ray, filter, &mut collect, observer);
@@ -93,9 +93,9 @@ where
     type Answer = ControlFlow<()>;
 
     #[inline(always)]
-    fn ask(mut self, layout: &impl Walk) -> ControlFlow<()> {
+    fn ask(mut self, layout: impl Walk) -> ControlFlow<()> {
         let Asked { set, ray, filter, observer } = self.asked;
-        let Some(ray) = TreeRay::new(ray, set.frame()) else { return ControlFlow::Continue(()) };
+        let Some(ray) = TreeRay::new(ray, &set.frame()) else { return ControlFlow::Continue(()) };
         let mut collect = All::new(ray.t_max, |found: &Found| {
             let hit = answer(set, &ray, found);
             if filter.accepts(|| hit) { (self.visitor)(hit) } else { ControlFlow::Continue(()) }
@@ -122,6 +122,8 @@ impl<Q: Query> Kernel for OfWide<'_, Q> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Q::Answer {
-        self.query.ask(&Wide { tree: self.tree, simd: s })
+        let mut memory = StackOf::new();
+        let stack = memory.stack(self.tree.waiting());
+        self.query.ask(Wide { tree: self.tree, simd: s, stack })
     }
 }

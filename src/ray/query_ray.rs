@@ -2,8 +2,8 @@
 
 use super::Hit;
 use super::hit::SetHit;
-use super::triangle::Sheared;
-use crate::motion::Frame;
+use super::triangle::{Sheared, hit_slack};
+use crate::motion::{Frame, ULP};
 use glam::{DVec3, Vec3, Vec3A};
 
 /// A ray with a time: `origin + t * dir` for `t` in `[t_min, t_max]`, seeing the scene as it is at `time`.
@@ -65,6 +65,10 @@ pub(crate) struct TreeRay {
     pub time: f32,
     /// The direction as the triangle test wants it.
     pub shear: Sheared,
+    /// [`hit_slack`] of the ray, or somewhat more.
+    pub slack: f32,
+    /// How far behind its origin the ray begins; 0 for one that begins before it.
+    pub behind: f32,
     /// World `t` per tree `t`, a power of two.
     t_scale: f64,
     /// The ray as it was asked.
@@ -73,6 +77,9 @@ pub(crate) struct TreeRay {
 
 /// Farther origins than this (in scene sizes) see nothing: f32 could no longer tell where they look.
 const FARTHEST: f32 = 4294967296.0;
+
+/// Origins up to here have the slack of this distance, instead of one of their own.
+const NEAR: f32 = 3.0;
 
 /// Smaller components of a direction are taken as this where it is divided by: over any distance within reach the
 /// ray then strays by less than a thousandth of the slack.
@@ -85,14 +92,35 @@ const MODERATE: core::ops::RangeInclusive<u32> = 64..=190;
 impl TreeRay {
     /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
     ///
-    /// Every query begins with this, and nothing of a query can begin before it is done. So nothing here branches on
-    /// what differs from ray to ray, the direction is looked at as integers, which are compared in one cycle and
-    /// need no trip through memory to be chosen from, and its reciprocals do not wait for its scaling.
+    /// Every query begins with this, and nothing of a query can begin before it is done. So the usual ray is told by one
+    /// branch, after which nothing depends on what differs from ray to ray; the direction is looked at as integers, which
+    /// are compared in one cycle and need no trip through memory to be chosen from; and its reciprocals do not
+    /// wait for its scaling. All others are left to a function of their own, since a call among this code would push
+    /// what is in registers out of them, whether it is made or not.
     #[inline(always)]
-    pub fn new(ray: &Ray, frame: Frame) -> Option<TreeRay> {
+    pub fn new(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
         let origin = frame.point(ray.origin);
-        // Without the sign, bits order like numbers; infinity and NaN come last.
-        let longest = magnitude(ray.dir.x).max(magnitude(ray.dir.y)).max(magnitude(ray.dir.z));
+        let field = longest(ray.dir) >> 23;
+        // Bits order like numbers, after all numbers come infinity and NaN, and after these what has a sign.
+        let (begin, end) = (ray.t_min.to_bits(), ray.t_max.to_bits());
+        let usual = MODERATE.contains(&field)
+            & Vec3A::from(origin).abs().cmple(Vec3A::splat(NEAR)).all()
+            & (begin <= end)
+            & (end <= f32::INFINITY.to_bits())
+            & (ray.time.to_bits() <= 1f32.to_bits());
+        if !usual {
+            return TreeRay::unusual(ray, frame);
+        }
+        const SLACK: f32 = 16.0 * ULP * (1.0 + NEAR);
+        Some(TreeRay::scaled(ray, origin, frame.scale, Direction { dir: ray.dir, field, more: 0 }, SLACK))
+    }
+
+    /// The same for rays of any kind.
+    #[cold]
+    #[inline(never)]
+    fn unusual(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
+        let origin = frame.point(ray.origin);
+        let longest = longest(ray.dir);
         // NaN fails every one of these comparisons.
         let fine = (longest.wrapping_sub(1) < f32::MAX.to_bits())
             & Vec3A::from(origin).abs().cmple(Vec3A::splat(FARTHEST)).all()
@@ -102,23 +130,35 @@ impl TreeRay {
         if !fine {
             return None;
         }
-        let field = longest >> 23;
-        let (mut dir, mut field, mut more) = (ray.dir, field, 0);
-        if !MODERATE.contains(&field) {
-            seldom();
-            more = (f64::from(f32::from_bits(longest)).to_bits() >> 52) as i32 - 1023;
-            dir = (dir.as_dvec3() * power_of_two(-more)).as_vec3();
-            field = 127;
+        let mut dir = Direction { dir: ray.dir, field: longest >> 23, more: 0 };
+        if !MODERATE.contains(&dir.field) {
+            let more = (f64::from(f32::from_bits(longest)).to_bits() >> 52) as i32 - 1023;
+            dir = Direction { dir: (ray.dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more };
         }
+        let mut of = TreeRay::scaled(ray, origin, frame.scale, dir, hit_slack(origin));
+        // Minus zero is below zero as well.
+        if of.t_min.is_sign_negative() {
+            // Nothing is hit farther back than this, and rounding a sum with it is an ULP of as much.
+            let reach = 2.0 * (1.0 + origin.abs().max_element());
+            of.slack += 8.0 * ULP * reach;
+            of.t_min = of.t_min.max(-reach);
+            of.behind = -of.t_min;
+        }
+        Some(of)
+    }
+
+    #[inline(always)]
+    fn scaled(ray: &Ray, origin: Vec3, scale: f64, of: Direction, slack: f32) -> TreeRay {
+        let Direction { dir, field, more } = of;
         // 2^-exponent of the longest component, and 2^exponent.
         let (shrink, grow) = (f32::from_bits((254 - field) << 23), f32::from_bits(field << 23));
         let d = Vec3A::from(dir);
         let inverse = ((Vec3A::ONE / d).abs() * grow).min(Vec3A::splat(1.0 / LEAST_COMPONENT)).copysign(d);
         let mut shear = Sheared::new(dir);
         shear.dz *= shrink;
-        let t_per_world = frame.scale * power_of_two(field as i32 - 127 + more);
+        let t_per_world = scale * power_of_two(field as i32 - 127 + more);
         let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
-        Some(TreeRay {
+        TreeRay {
             origin,
             dir: dir * shrink,
             inverse,
@@ -126,9 +166,11 @@ impl TreeRay {
             t_max: inward(ray.t_max),
             time: ray.time,
             shear,
+            slack,
+            behind: 0.0,
             t_scale: inverse_of_power(t_per_world),
             world: *ray,
-        })
+        }
     }
 
     /// A world `t` in tree space.
@@ -143,11 +185,20 @@ impl TreeRay {
     }
 }
 
-/// Says that a branch is hardly ever taken: the compiler then neither computes both sides nor lets the unlikely one
-/// decide where values are kept.
-#[cold]
-#[inline(never)]
-pub(super) fn seldom() {}
+/// A direction to be scaled: the exponent field of its longest component, and the power of two by which it
+/// was shrunk before.
+struct Direction {
+    dir: Vec3,
+    field: u32,
+    more: i32,
+}
+
+/// The bits of the longest component of a direction, without the sign: they order like numbers, and after all
+/// numbers come infinity and NaN.
+#[inline(always)]
+fn longest(dir: Vec3) -> u32 {
+    magnitude(dir.x).max(magnitude(dir.y)).max(magnitude(dir.z))
+}
 
 /// The bits of a number without its sign.
 #[inline(always)]
@@ -176,7 +227,7 @@ mod tests {
         let frame = Frame { origin: DVec3::new(1.0, 2.0, 3.0), scale: 0.25 };
         for length in [1e-42f32, 1e-30, 0.3, 1.0, 7.0, 1e38] {
             let ray = Ray::new(DVec3::new(5.0, 2.0, 3.0), Vec3::new(0.1, -1.0, 0.25) * length).between(0.5, 2.0);
-            let tree = TreeRay::new(&ray, frame).unwrap();
+            let tree = TreeRay::new(&ray, &frame).unwrap();
             assert_eq!(tree.origin, Vec3::X);
             let longest = tree.dir.abs().max_element();
             assert!((1.0..2.0).contains(&longest), "{longest}");
@@ -189,7 +240,7 @@ mod tests {
     fn rays_that_mean_nothing_are_refused() {
         let frame = Frame { origin: DVec3::ZERO, scale: 1.0 };
         let good = Ray::new(Vec3::ZERO, Vec3::X);
-        assert!(TreeRay::new(&good, frame).is_some());
+        assert!(TreeRay::new(&good, &frame).is_some());
         let bad = [
             Ray { dir: Vec3::ZERO, ..good },
             Ray { dir: Vec3::new(0.0, f32::NAN, 1.0), ..good },
@@ -203,7 +254,7 @@ mod tests {
             good.at_time(f32::NAN),
         ];
         for ray in bad {
-            assert!(TreeRay::new(&ray, frame).is_none(), "{ray:?}");
+            assert!(TreeRay::new(&ray, &frame).is_none(), "{ray:?}");
         }
     }
 }

@@ -19,10 +19,10 @@
 //! triangle cut into parts: the hit has the same barycentrics as a true point of some part.
 
 use super::hit::SetHit;
-use super::query_ray::{TreeRay, seldom};
+use super::query_ray::TreeRay;
 use crate::motion::ULP;
 use core::hint::select_unpredictable;
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 
 /// The shear that turns a ray into an axis.
 #[derive(Clone, Copy, Debug)]
@@ -128,18 +128,6 @@ pub(crate) fn hit_slack(origin: Vec3) -> f32 {
     16.0 * ULP * (1.0 + origin.abs().max_element())
 }
 
-/// [`hit_slack`] or somewhat more: an origin that is not far away need not be searched for its greatest component.
-#[inline(always)]
-pub(crate) fn hit_slack_near(origin: Vec3) -> f32 {
-    const NEAR: f32 = 3.0;
-    let mut slack = 16.0 * ULP * (1.0 + NEAR);
-    if !Vec3A::from(origin).abs().cmple(Vec3A::splat(NEAR)).all() {
-        seldom();
-        slack = hit_slack(origin);
-    }
-    slack
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -148,7 +136,7 @@ mod tests {
     use glam::DVec3;
 
     fn tree_ray(origin: Vec3, dir: Vec3) -> TreeRay {
-        TreeRay::new(&Ray::new(origin, dir), Frame { origin: DVec3::ZERO, scale: 1.0 }).unwrap()
+        TreeRay::new(&Ray::new(origin, dir), &Frame { origin: DVec3::ZERO, scale: 1.0 }).unwrap()
     }
 
     #[test]

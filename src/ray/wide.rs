@@ -9,10 +9,13 @@
 //! sum of the constant term, the sum with the face's, which is fused or has a product more), below 5 ULP of
 //! `(1 + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1); an accepted hit lies within 8 ULP of
 //! `1 + |o|` of its exact bounds; the slack is at least 16 of them
-//! ([`hit_slack_near`]). Distances that tie with the limit are kept, since the comparison is `<=`.
+//! ([`hit_slack`](super::triangle::hit_slack)). Distances that tie with the limit are kept, since the comparison is `<=`.
+//! A ray that begins behind its origin counts distances from its begin, so that none that matters is below zero and
+//! integers order like numbers: three more roundings, of sums with that begin, for which its slack is larger.
 //!
-//! A query waits for memory and for mispredicted branches more than for arithmetic. So the code is written
-//! for short chains from one node's rows to the next node's address, and few branches that depend on the ray.
+//! A query waits for the chain from one node's rows to the next node's address (some forty cycles, whatever else is done
+//! beside it), for memory and for mispredicted branches, more than for arithmetic. So the code is written for short
+//! chains, for knowing early what will be read, and for few branches that depend on the ray.
 
 use super::blocks::{Between, LeafRay};
 use super::collect::Collect;
@@ -20,14 +23,17 @@ use super::filter::Filter;
 use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;
-use super::triangle::hit_slack_near;
 use crate::motion::KeyTime;
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
 use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
 use glam::Vec3A;
 
-/// Places on the stack that are there without asking the heap: enough for a tree of eleven levels.
-const STACK: usize = 192;
+/// Places on the stack that are there without asking the heap: enough for a tree of ten levels.
+const STACK: usize = 352;
+
+/// Words of a tree from which on the blocks that a ray will visit are asked for ahead of time: then they are often not
+/// in the cache, and what lies in the cache only pays for the asking.
+const AHEAD: usize = 8 << 20;
 
 /// Memory for the stack of one ray.
 pub(super) type StackOf = StackMemory<u64, STACK>;
@@ -39,21 +45,35 @@ struct Slabs {
     inverse: Vec3A,
     near_offset: Vec3A,
     far_offset: Vec3A,
+    /// What distances along the ray are greater by here, so that none that counts is below zero; 0 for nearly all rays.
+    shift: f32,
+    /// Where the ray begins, shifted.
+    begin: f32,
+    /// When it looks.
+    time: f32,
 }
 
 impl Slabs {
     #[inline(always)]
     fn new(ray: &TreeRay) -> Slabs {
-        let slack = hit_slack_near(ray.origin);
         let inverse = ray.inverse;
-        let at_origin = -Vec3A::from(ray.origin) * inverse;
-        let pad = inverse.abs() * slack;
+        let at_origin = -Vec3A::from(ray.origin) * inverse + ray.behind;
+        let pad = inverse.abs() * ray.slack;
         Slabs {
             near: [backward(ray.world.dir.x), backward(ray.world.dir.y), backward(ray.world.dir.z)],
             inverse,
             near_offset: at_origin - pad,
             far_offset: at_origin + pad,
+            shift: ray.behind,
+            begin: ray.t_min + ray.behind,
+            time: ray.time,
         }
+    }
+
+    /// A limit for distances, as boxes are compared with it.
+    #[inline(always)]
+    fn limit(&self, limit: f32) -> f32 {
+        limit + self.shift
     }
 }
 
@@ -67,12 +87,15 @@ fn backward(component: f32) -> usize {
 pub(crate) struct Wide<'a, S> {
     pub tree: &'a WideTree,
     pub simd: S,
+    /// What waits on the way. It is there before the ray is looked at: the call that a deep tree needs for it would
+    /// push the ray out of registers.
+    pub stack: Stack<'a, u64>,
 }
 
 impl<S: Simd> Walk for Wide<'_, S> {
     #[inline(always)]
     fn walk<G: WideSource>(
-        &self,
+        self,
         set: &G,
         ray: &TreeRay,
         filter: &impl Filter,
@@ -82,10 +105,9 @@ impl<S: Simd> Walk for Wide<'_, S> {
         if self.tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &self.tree.arena, set, filter };
-        let mut memory = StackOf::new();
+        let scene = Scene { arena: &self.tree.arena, set, filter, ahead: self.tree.arena.len() > AHEAD };
         let forms = Forms::new(ray);
-        let mut journey = Journey::new(self.tree.root, memory.stack(self.tree.waiting()));
+        let mut journey = Journey::new(self.tree.root, self.stack);
         while scene.advance(self.simd, ray, &forms, &mut journey, collect, observer) {}
     }
 }
@@ -133,18 +155,20 @@ pub(super) struct Scene<'a, G, F> {
     pub arena: &'a Arena,
     pub set: &'a G,
     pub filter: &'a F,
+    /// Whether all blocks that a ray will visit are asked for as soon as they are known.
+    pub ahead: bool,
 }
 
 impl<G: WideSource, F: Filter> Scene<'_, G, F> {
     /// Visits the next block of a journey, and offers the hits found in it to `collect`. False at the journey's end.
     #[inline(always)]
-    pub fn advance<S: Simd>(
+    pub fn advance<S: Simd, C: Collect>(
         &self,
         s: S,
         ray: &TreeRay,
         forms: &Forms,
         journey: &mut Journey<'_>,
-        collect: &mut impl Collect,
+        collect: &mut C,
         observer: &mut impl Observer,
     ) -> bool {
         let at = journey.at;
@@ -152,19 +176,23 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         let end = match at.kind() {
             Kind::Node => {
                 observer.node();
-                if let Some(next) = self.step::<S, NODE_ROWS, _>(s, at, ray, slabs, collect, stack) {
-                    journey.at = next;
-                    return true;
+                match self.step::<S, NODE_ROWS, _>(s, at, slabs, collect, stack, observer) {
+                    Some(next) => {
+                        journey.at = next;
+                        return true;
+                    }
+                    None => false,
                 }
-                false
             }
             Kind::StillNode => {
                 observer.node();
-                if let Some(next) = self.step::<S, STILL_NODE_ROWS, _>(s, at, ray, slabs, collect, stack) {
-                    journey.at = next;
-                    return true;
+                match self.step::<S, STILL_NODE_ROWS, _>(s, at, slabs, collect, stack, observer) {
+                    Some(next) => {
+                        journey.at = next;
+                        return true;
+                    }
+                    None => false,
                 }
-                false
             }
             Kind::Time => {
                 let words = &self.arena.ints()[at.at()..];
@@ -188,7 +216,7 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
         }
         // What begins beyond the limit is of no interest any more. Distances below zero were stored as
         // zero, so the bits order like the numbers.
-        let limit = u64::from(collect.limit().max(0.0).to_bits());
+        let limit = u64::from(slabs.limit(collect.limit()).max(0.0).to_bits());
         loop {
             match stack.pop() {
                 Some(entry) if entry >> 32 <= limit => {
@@ -203,18 +231,67 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
 
     /// Tests the sixteen boxes of a node, pushes all that are met but one, and returns that: the nearest, or any where
     /// order does not matter.
+    ///
+    /// Where it does not, a node of the same kind on top of the stack is tested as well: its rows are fetched and its
+    /// masks made while those of the first are.
     #[inline(always)]
     fn step<S: Simd, const ROWS: usize, C: Collect>(
         &self,
         s: S,
         node: ChildRef,
-        ray: &TreeRay,
         slabs: &Slabs,
         collect: &C,
         stack: &mut Stack<'_, u64>,
+        observer: &mut impl Observer,
     ) -> Option<ChildRef> {
+        if !C::ORDERED
+            && let Some(top) = stack.top()
+            && let top = ChildRef(top as u32)
+            && top.kind() == node.kind()
+        {
+            stack.pop();
+            observer.node();
+            let a = self.meet::<S, ROWS, C>(s, node, slabs, collect);
+            let b = self.meet::<S, ROWS, C>(s, top, slabs, collect);
+            for (mask, _, children) in [b, a] {
+                if self.ahead {
+                    self.expect(children, mask);
+                }
+                stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), mask), mask.count_ones() as usize);
+            }
+            return None;
+        }
+        let (mask, enter, children) = self.meet::<S, ROWS, C>(s, node, slabs, collect);
+        if mask == 0 {
+            return None;
+        }
+        let lane = Mask::BITS - 1 - mask.leading_zeros();
+        let first = ChildRef(children[lane as usize % LANES].to_bits());
+        let others = mask ^ (1 << lane);
+        if self.ahead {
+            self.expect(children, mask);
+        }
+        if !C::ORDERED {
+            stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
+            return Some(first);
+        }
+        if others == 0 {
+            return Some(first);
+        }
+        Some(push_hits::<S>(s, mask, enter, children, stack))
+    }
+
+    /// The boxes of a node that are met, where, and its children.
+    #[inline(always)]
+    fn meet<S: Simd, const ROWS: usize, C: Collect>(
+        &self,
+        s: S,
+        node: ChildRef,
+        slabs: &Slabs,
+        collect: &C,
+    ) -> (Mask, S::F, &Lanes<f32>) {
         let block = self.arena.block(node.at());
-        let time = s.splat(ray.time);
+        let time = s.splat(slabs.time);
         // Written out: closures would be compiled without the instruction set.
         let near = [
             face_distance::<S, ROWS, 0>(s, block, slabs.near[0], time, slabs.inverse.x, slabs.near_offset.x),
@@ -226,24 +303,21 @@ impl<G: WideSource, F: Filter> Scene<'_, G, F> {
             face_distance::<S, ROWS, 1>(s, block, slabs.near[1] ^ LANES, time, slabs.inverse.y, slabs.far_offset.y),
             face_distance::<S, ROWS, 2>(s, block, slabs.near[2] ^ LANES, time, slabs.inverse.z, slabs.far_offset.z),
         ];
-        let enter = s.max(s.max(near[0], near[1]), s.max(near[2], s.splat(ray.t_min)));
-        let leave = s.min(s.min(far[0], far[1]), s.min(far[2], s.splat(collect.limit())));
-        let mask = s.le(enter, leave);
-        if mask == 0 {
-            return None;
+        // All that count are above zero, where integers order like numbers.
+        let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(slabs.begin)));
+        let limit = s.splat(slabs.limit(collect.limit()));
+        let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
+        (s.le_signed(enter, leave), enter, lanes_at(block, (ROWS - 1) * LANES))
+    }
+
+    /// Asks for the blocks of some children of a node.
+    #[inline(always)]
+    fn expect(&self, children: &Lanes<f32>, mut mask: Mask) {
+        while mask != 0 {
+            let lane = mask.trailing_zeros() as usize % LANES;
+            mask &= mask - 1;
+            self.arena.prefetch_block(ChildRef(children[lane].to_bits()).at());
         }
-        let children = lanes_at(block, (ROWS - 1) * LANES);
-        let lane = Mask::BITS - 1 - mask.leading_zeros();
-        let first = ChildRef(children[lane as usize % LANES].to_bits());
-        let others = mask ^ (1 << lane);
-        if !C::ORDERED {
-            stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
-            return Some(first);
-        }
-        if others == 0 {
-            return Some(first);
-        }
-        Some(push_hits::<S>(s, mask, s.max(enter, s.splat(0.0)), children, stack))
     }
 }
 
@@ -320,7 +394,7 @@ mod tests {
         let frame = Frame { origin: DVec3::ZERO, scale: 1.0 };
         for (o, d) in [(0.3f32, 0.9f32), (-7.0, -1e-3), (1e4, 1e-20), (0.0, -0.0), (0.1, -1.0)] {
             let ray = Ray::new(Vec3::new(0.0, o, 0.0), Vec3::new(1.0, d, 0.0));
-            let ray = TreeRay::new(&ray, frame).unwrap();
+            let ray = TreeRay::new(&ray, &frame).unwrap();
             let slabs = Slabs::new(&ray);
             let (low, high) = (-0.25f32, 0.5f32);
             let (near, far) = if slabs.near[1] == 0 { (low, high) } else { (high, low) };

@@ -110,6 +110,13 @@ impl Arena {
         }
     }
 
+    /// Asks for the lines of a block without looking at how many there are: a dozen, as many as most have. A hint.
+    #[inline(always)]
+    pub(crate) fn prefetch_block(&self, at: usize) {
+        let block: &[Line; 12] = self.lines[at / LANES..at / LANES + 12].try_into().expect("a slice of a dozen");
+        prefetch(block);
+    }
+
     /// All words as floats, to be written.
     #[inline(always)]
     pub(crate) fn floats_mut(&mut self) -> &mut [f32] {

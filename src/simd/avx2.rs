@@ -213,6 +213,24 @@ impl Simd for Avx2 {
         F(intrinsic!(_mm256_max_ps(a.0, b.0)), intrinsic!(_mm256_max_ps(a.1, b.1)))
     }
     #[inline(always)]
+    fn max_signed(self, a: F, b: F) -> F {
+        let (a, b) = (self.to_bits(a), self.to_bits(b));
+        let max = U(intrinsic!(_mm256_max_epi32(a.0, b.0)), intrinsic!(_mm256_max_epi32(a.1, b.1)));
+        self.from_bits(max)
+    }
+    #[inline(always)]
+    fn min_signed(self, a: F, b: F) -> F {
+        let (a, b) = (self.to_bits(a), self.to_bits(b));
+        let min = U(intrinsic!(_mm256_min_epi32(a.0, b.0)), intrinsic!(_mm256_min_epi32(a.1, b.1)));
+        self.from_bits(min)
+    }
+    #[inline(always)]
+    fn le_signed(self, a: F, b: F) -> Mask {
+        let (a, b) = (self.to_bits(a), self.to_bits(b));
+        let gt = U(intrinsic!(_mm256_cmpgt_epi32(a.0, b.0)), intrinsic!(_mm256_cmpgt_epi32(a.1, b.1)));
+        !gt.sign_mask()
+    }
+    #[inline(always)]
     fn max_with_zero(self, a: F, b: F) -> F {
         self.max(self.max(a, b), self.splat(0.0))
     }

@@ -136,6 +136,21 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_max_ps(a.0, b.0)))
     }
     #[inline(always)]
+    fn max_signed(self, a: F, b: F) -> F {
+        let [a, b] = [intrinsic!(_mm512_castps_si512(a.0)), intrinsic!(_mm512_castps_si512(b.0))];
+        F(intrinsic!(_mm512_castsi512_ps(_mm512_max_epi32(a, b))))
+    }
+    #[inline(always)]
+    fn min_signed(self, a: F, b: F) -> F {
+        let [a, b] = [intrinsic!(_mm512_castps_si512(a.0)), intrinsic!(_mm512_castps_si512(b.0))];
+        F(intrinsic!(_mm512_castsi512_ps(_mm512_min_epi32(a, b))))
+    }
+    #[inline(always)]
+    fn le_signed(self, a: F, b: F) -> Mask {
+        let [a, b] = [intrinsic!(_mm512_castps_si512(a.0)), intrinsic!(_mm512_castps_si512(b.0))];
+        intrinsic!(_mm512_cmple_epi32_mask(a, b))
+    }
+    #[inline(always)]
     fn max_with_zero(self, a: F, b: F) -> F {
         // As signed integers positive floats keep their order, and all others are below zero or zero: a quarter
         // of the latency.

@@ -102,6 +102,13 @@ pub(crate) trait Simd: Copy {
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
     /// `if a > b { a } else { b }`: the second operand where either is NaN.
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The greater of the bits as signed integers: a quarter of the latency of `max`. Of numbers it is the greater one
+    /// where one of them is above zero; otherwise one or the other.
+    fn max_signed(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The lesser likewise: below zero where one of the numbers is, otherwise the lesser number.
+    fn min_signed(self, a: Self::F, b: Self::F) -> Self::F;
+    /// Lanes where `a <= b` likewise: of numbers of which one is above zero it says what `le` says.
+    fn le_signed(self, a: Self::F, b: Self::F) -> Mask;
     /// The greatest of `a`, `b` and +0; none of them may be NaN.
     fn max_with_zero(self, a: Self::F, b: Self::F) -> Self::F;
     /// Lanes where `a < b`; false for NaN.

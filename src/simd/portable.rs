@@ -138,6 +138,18 @@ impl Simd for Portable {
         F(zip(&a.0, &b.0, |a, b| if a > b { a } else { b }))
     }
     #[inline]
+    fn max_signed(self, a: F, b: F) -> F {
+        F(zip(&a.0, &b.0, |a, b| if a.to_bits() as i32 > b.to_bits() as i32 { a } else { b }))
+    }
+    #[inline]
+    fn min_signed(self, a: F, b: F) -> F {
+        F(zip(&a.0, &b.0, |a, b| if (a.to_bits() as i32) < b.to_bits() as i32 { a } else { b }))
+    }
+    #[inline]
+    fn le_signed(self, a: F, b: F) -> Mask {
+        mask(&a.0, &b.0, |a, b| a.to_bits() as i32 <= b.to_bits() as i32)
+    }
+    #[inline]
     fn max_with_zero(self, a: F, b: F) -> F {
         self.max(self.max(a, b), self.splat(0.0))
     }

@@ -67,6 +67,16 @@ impl<T: Copy> Stack<'_, T> {
         self.len = 0;
     }
 
+    /// The top item.
+    #[inline(always)]
+    pub(crate) fn top(&self) -> Option<T> {
+        if self.len == 0 {
+            return None;
+        }
+        // SAFETY: as in `pop`.
+        Some(unsafe { self.items.get_unchecked(self.len - 1).assume_init() })
+    }
+
     /// Takes the top item.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<T> {
@@ -119,6 +129,7 @@ mod tests {
         stack.push(1);
         stack.push_ranked(3, |i| ([2, 0, 1][i], 10 + i as u64));
         stack.push_first([7, 8, 9], 2);
+        assert_eq!(stack.top(), Some(8));
         let out: Vec<u64> = core::iter::from_fn(|| stack.pop()).collect();
         assert_eq!(out, [8, 7, 10, 12, 11, 1]);
     }

@@ -75,6 +75,8 @@ impl Kernel for All {
                 out_u(s.add_u(ua, ub)),
                 out_u(s.min_u(ua, ub)),
                 out_u(s.max_u(ua, ub)),
+                out_u(s.to_bits(s.max_signed(a, b))),
+                out_u(s.to_bits(s.min_signed(a, b))),
                 out_f(s.max_with_zero(s.load(&finite), s.load(&finite_b))),
                 out_u(ua & ub),
                 out_u(ua | ub),
@@ -82,7 +84,7 @@ impl Kernel for All {
                 out_u(s.load_u(&self.a.map(f32::to_bits))),
                 out_u(s.splat_u(self.b[5].to_bits())),
             ],
-            masks: vec![s.lt(a, b), s.le(a, b), s.eq(a, b), s.eq(a, a), s.lt_u(ua, ub)],
+            masks: vec![s.lt(a, b), s.le(a, b), s.le_signed(a, b), s.eq(a, b), s.eq(a, a), s.lt_u(ua, ub)],
             scalars: vec![s.reduce_min_u(ua)],
             packed: vec![
                 out_f(s.compress(a, self.mask))[..n].to_vec(),

@@ -2,13 +2,12 @@
 
 use super::wide::{WideSource, WideTree};
 use super::{KdTree, Statistics, TreeBox, ValidationError};
-use crate::baseline::BruteForce;
 use crate::build::{BuildParams, Callback, Policy, Progress, build_kd};
 use crate::error::BuildError;
 use crate::motion::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
 use crate::ray::{
     AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
-    Query, Ray, Visible,
+    Query, Ray, Visible, look_alike,
 };
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
@@ -32,7 +31,7 @@ impl<S: WideSource> Geometry for S {}
 ///
 /// Built once of triangle meshes ([`RayTree::build`]) or of the caller's own primitives
 /// ([`RayTree::of_primitives`]). Queries take `&self` and may run on any number of threads. Every answer is that of
-/// testing all primitives one after the other ([`RayTree::brute_force`]), bit for bit, whatever the
+/// testing all primitives one after the other ([`BruteForce`](crate::baseline::BruteForce)), bit for bit, whatever the
 /// parameters of the build.
 ///
 /// ```
@@ -66,11 +65,12 @@ enum Layout {
 }
 
 impl<G: Geometry> RayTree<G> {
-    fn of(geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
+    fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
         params.validate()?;
         let (layout, statistics) = match params.policy {
             Policy::Wide => {
                 let tree = WideTree::build(&geometry, params, progress)?;
+                geometry.written();
                 let statistics = tree.statistics(&geometry);
                 (Layout::Wide(tree), statistics)
             }
@@ -232,7 +232,7 @@ impl<G: Geometry> RayTree<G> {
     fn batch<A: Asks>(&self, rays: &[Ray], answers: &mut Vec<A::Answer>, one: impl Fn(&Ray) -> A::Answer + Sync) {
         let large = self.statistics.bytes > CACHED;
         batch(rays, answers, A::NOTHING, |rays, answers| match &self.layout {
-            Layout::Wide(tree) if large => {
+            Layout::Wide(tree) if large && !look_alike(rays) => {
                 dispatch(self.simd, Batch::<G, A> { tree, set: &self.geometry, rays, answers });
             }
             _ => {
@@ -241,11 +241,6 @@ impl<G: Geometry> RayTree<G> {
                 }
             }
         });
-    }
-
-    /// The same queries answered by testing every primitive: the reference for all others.
-    pub fn brute_force(&self) -> BruteForce<'_, G> {
-        BruteForce::new(&self.geometry)
     }
 
     /// Checks that the tree is whole: links, depth, and that at sampled times, among them all at which something
@@ -299,7 +294,7 @@ impl RayTree {
     ///
     /// Takes O(n log n) time for `n` triangles; it runs in parallel with the feature `rayon`, and the tree is the
     /// same for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished
-    /// tree and its triangles (55 to 90 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
+    /// tree and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
     /// divided by time, and the tree itself beyond 300 where there are separate trees for parts of the shutter
     /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the scenes of
     /// [`scene`](crate::scene) at full size.
@@ -325,7 +320,13 @@ impl RayTree {
     /// that is not of this tree.
     pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
         match self.geometry.id(hit.mesh, hit.primitive) {
-            Some(id) => self.geometry.corners(id, time).map(|p| self.geometry.frame().to_world(p)),
+            Some(id) => {
+                let corners = match &self.layout {
+                    Layout::Wide(tree) => tree.corners(&self.geometry, id, time),
+                    Layout::Kd(_) => self.geometry.corners(id, time),
+                };
+                corners.map(|p| self.geometry.frame().to_world(p))
+            }
             None => [DVec3::NAN; 3],
         }
     }

@@ -3,6 +3,7 @@
 #![allow(dead_code)] // each test file uses its part
 
 use core::ops::ControlFlow;
+use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Geometry, Hit, Policy, Ray, RayTree, TriangleMesh};
 
@@ -86,8 +87,8 @@ pub fn all_hits<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Vec<Hit> {
 }
 
 /// What differs between the tree's answers to a ray and brute force, if anything.
-pub fn difference<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Option<String> {
-    let oracle = tree.brute_force().all_hits(ray);
+pub fn difference<G: Geometry>(tree: &RayTree<G>, oracle: &BruteForce<G>, ray: &Ray) -> Option<String> {
+    let oracle = oracle.all_hits(ray);
     let closest = oracle.iter().copied().reduce(|a, b| if b.t < a.t { b } else { a });
     let same = |a: &Option<Hit>, b: &Option<Hit>| a.map(bits) == b.map(bits);
     let got = tree.closest_hit(ray);

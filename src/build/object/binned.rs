@@ -53,8 +53,7 @@ pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
 /// Builds over references, which are reordered. Nodes of at most `leaf` references are not split on.
 pub(crate) fn build_binary(references: &mut [Reference], leaf: usize) -> BinaryTree {
     let n = references.len();
-    // Leaves are about half full; with one reference each there are 2 n - 1 nodes.
-    let mut nodes = huge_vec(4 * n / (leaf.max(1) + 1) + 1);
+    let mut nodes = huge_vec(most_nodes(n, leaf));
     if n > 0 {
         let simd = SimdLevel::best();
         let (bounds, centres) = dispatch(simd, Summary(references));
@@ -72,6 +71,12 @@ pub(crate) fn build_binary(references: &mut [Reference], leaf: usize) -> BinaryT
         builder.subtree(references, Task { first: 0, depth: 0, bounds, centres }, &mut nodes, &mut Table::new());
     }
     nodes
+}
+
+/// Room for the nodes over so many references: leaves are about half full, and with one reference each there are 2 n - 1
+/// nodes.
+fn most_nodes(references: usize, leaf: usize) -> usize {
+    4 * references / (leaf.max(1) + 1) + 1
 }
 
 /// References among which a place is looked for; of more, evenly spaced ones are taken.
@@ -159,8 +164,8 @@ impl Builder {
         let (low_references, high_references) = references.split_at_mut(middle);
         let (left, right);
         #[cfg(feature = "rayon")]
-        if n > self.alone {
-            let mut apart = Vec::new();
+        if low_references.len().min(high_references.len()) > self.alone / 4 && n > self.alone {
+            let mut apart = huge_vec(most_nodes(high_references.len(), self.leaf));
             (left, right) = rayon::join(
                 || self.subtree(low_references, low, nodes, table),
                 || self.subtree(high_references, high, &mut apart, &mut Table::new()),

@@ -12,6 +12,7 @@ use super::layout::ChildRef;
 use super::leaf::WideSource;
 use super::plan::{PRICES, Plan, part_of_shutter, plan_tree};
 use super::segments::Segments;
+use super::survey::Survey;
 use crate::build::object::{BinaryNode, Graft, Reference};
 use crate::build::{BuildParams, Division, Progress};
 use crate::error::BuildError;
@@ -23,8 +24,9 @@ use crate::simd::{Arena, LANES};
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
-    /// Depth of the deepest leaf; the root has depth 0.
-    pub depth: u32,
+    /// A leaf block in which each piece of a primitive's motion is, see [`WideSource::piece`].
+    pub(super) blocks: Vec<u32>,
+    pub(super) survey: Survey,
 }
 
 /// A subtree that is written: where it is over the whole shutter, and its root.
@@ -37,7 +39,8 @@ impl WideTree {
     /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each plan and each
     /// written group.
     pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
-        let mut tree = WideTree { arena: Arena::default(), root: ChildRef::NOTHING, depth: 0 };
+        let (arena, blocks, survey) = (Arena::default(), Vec::new(), Survey::default());
+        let mut tree = WideTree { arena, root: ChildRef::NOTHING, blocks, survey };
         let groups = groups(set);
         let mut parts = Vec::new();
         for (keys, ids) in groups {
@@ -49,9 +52,9 @@ impl WideTree {
             });
         }
         tree.root = tree.join(parts)?;
-        tree.depth = tree.deepest();
         tree.arena.align();
         tree.arena.settle();
+        (tree.survey, tree.blocks) = tree.surveyed(set);
         Ok(tree)
     }
 

@@ -37,7 +37,7 @@ const PIECES: usize = 256;
 const LEAST_PIECE: usize = 512;
 
 /// References of a piece that are looked at.
-const LOOK: u32 = 128;
+const LOOK: u32 = 64;
 
 /// Dividing a piece pays where boxes made for each half of the shutter have less than this part of the area.
 const CALM: f32 = 0.87;

@@ -117,21 +117,27 @@ struct Apart {
     tops: Vec<ChildRef>,
 }
 
-/// Writes `n` tasks apart, wave by wave, and puts each in place with `put`.
+/// Writes tasks apart, wave by wave, and puts each in place with `put`. `sizes` says how large they are, relative to each
+/// other.
 fn write_waves(
     arena: &mut Arena,
-    n: usize,
+    sizes: &[u32],
     write: impl Fn(usize) -> Result<Apart, BuildError> + Sync,
     mut put: impl FnMut(&mut Arena, &Apart) -> Result<(), BuildError> + Send,
 ) -> Result<(), BuildError> {
+    let n = sizes.len();
     let wave = |begin: usize| parallel::map(WAVE.min(n - begin), |i| write(begin + i));
     let mut written = wave(0);
     for begin in (0..n).step_by(WAVE) {
         let done = written.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
         if begin == 0 {
-            // All waves will take about as much per task.
+            // All waves will take about as much for their sizes.
             let words: usize = done.iter().map(|apart| apart.arena.len() + LANES).sum();
-            arena.reserve((words as f64 * (n as f64 / done.len() as f64) * 1.02) as usize + LANES);
+            let size = |of: &[u32]| of.iter().map(|&size| f64::from(size)).sum::<f64>();
+            let nodes_above = (n / 4 + 1) * NODE_ROWS * LANES;
+            let expected = words as f64 * (size(sizes) / size(&sizes[..done.len()]));
+            let spare = if n > done.len() { 1.015 } else { 1.0 };
+            arena.reserve((expected * spare) as usize + nodes_above);
         }
         let placed;
         (placed, written) = parallel::both(
@@ -156,7 +162,7 @@ pub(super) fn write_blocks(
         let tops = tops.collect::<Result<Vec<ChildRef>, BuildError>>()?;
         Ok(Apart { arena: apart, nodes: Vec::new(), tops })
     };
-    write_waves(arena, n.div_ceil(BLOCKS), write, |arena, apart| {
+    write_waves(arena, &vec![1; n.div_ceil(BLOCKS)], write, |arena, apart| {
         let by = arena.append(&apart.arena);
         for block in &apart.tops {
             all.push(block.moved(by).ok_or(BuildError::TooLargeTree)?);
@@ -187,9 +193,10 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         let mut roots = Vec::new();
         self.find_apart(0, &mut roots);
         let mut done = Vec::with_capacity(roots.len());
+        let sizes: Vec<u32> = roots.iter().map(|&root| self.binary[root as usize].count).collect();
         write_waves(
             arena,
-            roots.len(),
+            &sizes,
             |i| self.write_apart(roots[i]),
             |arena, apart| {
                 done.push(self.put(arena, apart)?);

@@ -19,6 +19,17 @@ pub(crate) trait WideSource: PrimitiveSet {
     fn expect(&self, _: u32) {}
     /// Asks for the vertices of a primitive that was expected some time ago.
     fn expect_vertices(&self, _: u32) {}
+    /// Number of linear pieces of all motions, for each of which it is kept in which leaf block it is; none where
+    /// nobody asks. Known from [`WideSource::piece`].
+    fn pieces(&self) -> usize {
+        0
+    }
+    /// The piece of a primitive's motion in a key segment.
+    fn piece(&self, id: u32, _: usize) -> usize {
+        id as usize
+    }
+    /// Drops what leaf blocks hold now.
+    fn written(&mut self) {}
     /// Writes a leaf block for the key segment that begins at key `segment`; nothing where the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef>;
 }
@@ -38,7 +49,8 @@ impl WideSource for Triangles {
             // differently, by at most 2 per segment.
             n => (4 + 26 * (n - 1)) as f32 * ULP,
         };
-        Some(Ends { begin: self.corners(id, over.begin()), end: self.corners(id, over.end()), slack })
+        let [begin, end] = Triangles::ends(self, id, over);
+        Some(Ends { begin, end, slack })
     }
 
     fn expect(&self, id: u32) {
@@ -47,6 +59,19 @@ impl WideSource for Triangles {
 
     fn expect_vertices(&self, id: u32) {
         self.prefetch_positions(id);
+    }
+
+    fn pieces(&self) -> usize {
+        Triangles::pieces(self)
+    }
+
+    #[inline]
+    fn piece(&self, id: u32, segment: usize) -> usize {
+        Triangles::piece(self, id, segment)
+    }
+
+    fn written(&mut self) {
+        self.drop_vertices();
     }
 
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef> {
@@ -96,6 +121,7 @@ impl Shared {
     fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
         for (corners, &id) in shared.corners.iter_mut().zip(ids) {
+            let stride = set.stride(id) as u32;
             for (i, vertex) in set.vertices(id).into_iter().enumerate() {
                 let known = shared.vertices[..shared.count].iter().position(|&v| v == vertex);
                 let place = match known {
@@ -103,7 +129,7 @@ impl Shared {
                     None if shared.count == LANES => return None,
                     None => {
                         shared.vertices[shared.count] = vertex;
-                        shared.strides[shared.count] = set.stride(id) as u32;
+                        shared.strides[shared.count] = stride;
                         shared.count += 1;
                         shared.count - 1
                     }

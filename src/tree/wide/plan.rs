@@ -8,7 +8,7 @@
 use super::leaf::WideSource;
 use crate::build::BuildParams;
 use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, neighbourhoods};
-use crate::motion::TimeInterval;
+use crate::motion::{Box3, TimeInterval};
 use crate::parallel;
 use crate::simd::huge_vec;
 
@@ -17,7 +17,7 @@ use crate::simd::huge_vec;
 pub(super) const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
 
 /// References at which the binary tree stops; the collapse joins its leaves again.
-const BINARY_LEAF: usize = 6;
+const BINARY_LEAF: usize = 8;
 
 /// Cuts are taken where they cost less than this part: they also take memory.
 const WORTH_CUTS: f32 = 0.95;
@@ -65,21 +65,17 @@ pub(super) fn plan_tree<S: WideSource>(
     segment: usize,
     params: &BuildParams,
 ) -> Plan {
-    let mut references = references(set, ids, over);
     let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
-    let worth = budget > 1.0
-        && hollowness(set, &references, over) >= HOLLOW
-        && cuts_pay(set, &references, over, segment, budget);
+    let hollow = budget > 1.0 && hollowness(set, ids, over) >= HOLLOW;
+    // Room for parts from the start: memory that is not touched costs nothing.
+    let most = if hollow { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
+    let mut references = huge_vec(most);
+    parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
+    let worth = hollow && cuts_pay(set, &references, over, segment, budget);
     if worth {
         cut(&mut references, |id| set.ends(id, over), budget);
     }
     Plan { primitives: ids.len(), ..plan_with(references, over, segment, worth) }
-}
-
-fn references<S: WideSource>(set: &S, ids: &[u32], over: TimeInterval) -> Vec<Reference> {
-    let mut references = huge_vec(ids.len());
-    parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
-    references
 }
 
 /// Whether cuts pay in a few samples of neighbouring references.
@@ -108,12 +104,12 @@ fn plan_with(mut references: Vec<Reference>, over: TimeInterval, segment: usize,
 }
 
 /// Half-areas of the boxes, summed, per area of the triangles in them; 0 for what cannot be cut.
-fn hollowness<S: WideSource>(set: &S, references: &[Reference], over: TimeInterval) -> f64 {
+fn hollowness<S: WideSource>(set: &S, ids: &[u32], over: TimeInterval) -> f64 {
     let (mut boxes, mut triangles) = (0.0, 0.0);
-    // A few thousand tell.
-    for r in references.iter().step_by(references.len() / 4096 + 1) {
-        let Some(ends) = set.ends(r.id(), over) else { return 0.0 };
-        boxes += f64::from(r.bounds().begin.half_area());
+    // A thousand or two tell.
+    for &id in ids.iter().step_by(ids.len() / 2048 + 1) {
+        let Some(ends) = set.ends(id, over) else { return 0.0 };
+        boxes += f64::from(ends.begin.into_iter().fold(Box3::EMPTY, Box3::include).half_area());
         triangles += f64::from(ends.area());
     }
     if triangles > 0.0 { boxes / triangles } else { 0.0 }

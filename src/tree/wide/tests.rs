@@ -1,8 +1,9 @@
 //! The wide layout against brute force over the same triangle test. (Whole queries are tested with
 //! [`RayTree`](crate::RayTree) in `tests/`.)
 
+use crate::baseline::BruteForce;
 use crate::simd::SimdLevel;
-use crate::{BuildParams, Counters, Division, Policy, Ray, RayTree, TriangleMesh, scene};
+use crate::{BuildParams, Counters, Division, Policy, Ray, RayTree, TimeInterval, TriangleMesh, scene};
 use glam::Vec3;
 
 fn random(state: &mut u64) -> f32 {
@@ -40,12 +41,13 @@ fn closest_hits_equal_brute_force_on_every_level() {
         for level in SimdLevel::available() {
             let params = BuildParams::default().with_policy(Policy::Wide);
             let tree = RayTree::build(some, &params).unwrap().with_simd(level);
+            let oracle = BruteForce::new(some).unwrap();
             let mut hits = 0;
             for _ in 0..1500 {
                 let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
                 let time = (random(&mut state) * 1.2).clamp(-1.0, 1.0) * 0.5 + 0.5;
                 let ray = Ray::new(origin, dir).at_time(time);
-                let expected = tree.brute_force().closest_hit(&ray);
+                let expected = oracle.closest_hit(&ray);
                 hits += usize::from(expected.is_some());
                 assert_eq!(tree.closest_hit(&ray), expected, "{level}, {ray:?}");
             }
@@ -98,11 +100,12 @@ fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
         let tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
         assert!(tree.statistics().references_per_primitive() > least, "{:?}", tree.statistics());
         tree.validate().unwrap();
+        let oracle = BruteForce::new(&meshes).unwrap();
         for _ in 0..200 {
             let (origin, target) = (point(&mut state) * 3.0, point(&mut state) * 0.5);
             let ray = Ray::new(origin, target - origin).at_time(random(&mut state) * 0.5 + 0.5);
-            assert_eq!(tree.closest_hit(&ray), tree.brute_force().closest_hit(&ray), "{ray:?}");
-            assert_eq!(tree.any_hit(&ray), tree.brute_force().any_hit(&ray), "{ray:?}");
+            assert_eq!(tree.closest_hit(&ray), oracle.closest_hit(&ray), "{ray:?}");
+            assert_eq!(tree.any_hit(&ray), oracle.any_hit(&ray), "{ray:?}");
         }
     }
 }
@@ -176,6 +179,7 @@ fn divisions_by_hand_answer_like_brute_force() {
     let mut state = 23;
     let meshes =
         [soup(600, 1, 0.1, 0.0, &mut state), soup(600, 2, 0.1, 0.3, &mut state), soup(300, 3, 0.1, 0.2, &mut state)];
+    let oracle = BruteForce::new(&meshes).unwrap();
     for division in [
         Division::Whole,
         Division::Segments(2),
@@ -196,7 +200,7 @@ fn divisions_by_hand_answer_like_brute_force() {
         for _ in 0..300 {
             let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
             let ray = Ray::new(origin, dir).at_time(random(&mut state) * 0.5 + 0.5);
-            assert_eq!(tree.closest_hit(&ray), tree.brute_force().closest_hit(&ray), "{division:?} {ray:?}");
+            assert_eq!(tree.closest_hit(&ray), oracle.closest_hit(&ray), "{division:?} {ray:?}");
         }
     }
 }
@@ -223,4 +227,36 @@ fn boxes_hold_all_triangles_at_their_time() {
     tree.boxes(1.5, |_| seen += 1);
     RayTree::build(&scene.meshes, &BuildParams::paper()).unwrap().boxes(0.5, |_| seen += 1);
     assert_eq!(seen, 0);
+}
+
+#[test]
+fn corners_come_back_from_leaf_blocks_as_they_were_given() {
+    let mut state = 5;
+    let mut meshes = vec![
+        soup(40, 1, 0.3, 0.0, &mut state),
+        TriangleMesh::fixed(vec![], vec![]),
+        soup(300, 2, 0.1, 0.3, &mut state),
+        soup(100, 4, 0.1, 0.2, &mut state),
+        soup(60, 1, 0.1, 0.0, &mut state),
+        soup(50, 3, 0.1, 0.2, &mut state).with_active(TimeInterval::new(0.2, 0.4).unwrap()),
+    ];
+    // Shared vertices, still and moving, and cut needles.
+    meshes.extend(scene::hall(3000).meshes);
+    meshes.extend(scene::needles(2000, 0.05).meshes);
+    let listed = RayTree::build(&meshes, &BuildParams::paper()).unwrap();
+    for division in [Division::Automatic, Division::Segments(3), Division::Copies(2)] {
+        let tree = RayTree::build(&meshes, &BuildParams { division, ..BuildParams::default() }).unwrap();
+        tree.validate().unwrap();
+        for (mesh, of) in meshes.iter().enumerate() {
+            for primitive in 0..of.len() {
+                let hit = crate::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: mesh as u32, primitive: primitive as u32 };
+                for time in [0.0, 0.1, 1.0 / 3.0, 0.5, 0.77, 1.0] {
+                    let bits = |tree: &RayTree| tree.vertices(&hit, time).map(|p| p.to_array().map(f64::to_bits));
+                    assert_eq!(bits(&tree), bits(&listed), "{mesh} {primitive} at {time}, {division:?}");
+                }
+            }
+        }
+        let beyond = crate::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive: 40 };
+        assert!(tree.vertices(&beyond, 0.5).iter().all(|p| p.is_nan()));
+    }
 }

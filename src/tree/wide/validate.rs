@@ -52,6 +52,15 @@ impl WideTree {
                 return Err(ValidationError::Missing { primitive: id as u32, time, node: 0 });
             }
         }
+        // It is known of each piece of a motion in which leaf block it is.
+        for id in (0..set.len() as u32).filter(|_| !S::LISTS) {
+            for segment in 0..set.keys(id).max(2) - 1 {
+                let leaf = self.blocks.get(set.piece(id, segment)).map(|&leaf| ChildRef(leaf));
+                if !leaf.and_then(|leaf| self.ids::<S>(leaf)).is_some_and(|ids| ids.contains(&id)) {
+                    return Err(ValidationError::References { node: 0 });
+                }
+            }
+        }
         Ok(())
     }
 }
