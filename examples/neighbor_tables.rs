@@ -117,7 +117,7 @@ fn k_nearest(tree: &PointTree, at: &[(Vec3, f32)], k: usize, buffer: &mut Neighb
         black_box(if k == 1 {
             tree.query(*q, *t).nearest().map_or(0, |n| n.id)
         } else {
-            tree.query(*q, *t).nearest_n_into(k, buffer)[0].id
+            tree.query(*q, *t).nearest_n_into(k, buffer).first().map_or(0, |n| n.id)
         });
     }
 }

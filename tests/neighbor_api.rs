@@ -292,11 +292,11 @@ fn counted_work_is_what_it_was() {
 }
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
-    ("uniform", PointStructure::Automatic, (4764, 6770)),
-    ("coherent", PointStructure::Linear, (5011, 7039)),
-    ("random", PointStructure::Slabs(4), (5091, 7360)),
-    ("fast few", PointStructure::Mbkd, (175389, 285490)),
-    ("short lives", PointStructure::LifeLevels(2), (8199, 27997)),
+    ("uniform", PointStructure::Automatic, (5172, 7718)),
+    ("coherent", PointStructure::Linear, (6222, 8651)),
+    ("random", PointStructure::Slabs(4), (5664, 8325)),
+    ("fast few", PointStructure::Mbkd, (174563, 268115)),
+    ("short lives", PointStructure::LifeLevels(2), (9445, 22144)),
 ];
 
 #[test]

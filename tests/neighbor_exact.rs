@@ -4,8 +4,8 @@ mod neighbor_support;
 
 use core::ops::ControlFlow;
 use mbkd::{
-    Neighbor, NeighborBuffer, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree, SimdLevel,
-    TimeInterval, glam::Vec3,
+    MovingPoint, Neighbor, NeighborBuffer, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree,
+    SimdLevel, TimeInterval, glam::Vec3,
 };
 use neighbor_support::{Cloud, KINDS, Rng, cloud};
 
@@ -194,7 +194,7 @@ fn many_keys_are_met_exactly() {
 fn every_point_is_in_exactly_one_place_at_every_crossing() {
     let mut rng = Rng(21);
     let count = 3000;
-    let points: Vec<_> = (0..count).map(|_| mbkd::MovingPoint::new(rng.vec(), rng.vec())).collect();
+    let points: Vec<_> = (0..count).map(|_| MovingPoint::new(rng.vec(), rng.vec())).collect();
     for structure in [PointStructure::Mbkd, PointStructure::CutFast] {
         let params = PointParams { structure, max_references: 16.0, ..PointParams::default() };
         let tree = PointTree::build(&points, &params).unwrap();
@@ -225,5 +225,32 @@ fn a_set_that_stands_still_has_the_static_structure() {
         let stats = build(&cloud, structure, SimdLevel::best()).stats().clone();
         assert_eq!((stats.layers.len(), stats.layers[0].kind), (1, PointLayerKind::Static), "{stats}");
         assert_eq!(stats.references_per_point(), 1.0);
+    }
+}
+
+/// Still points are in leaves of 32, where a search for eight looks first; moving ones in leaves of 16, where it guesses.
+#[test]
+fn a_guess_does_not_count_what_another_layer_has_found() {
+    let mut rng = Rng(31);
+    let mut point = |i: u32| {
+        let p = rng.vec();
+        if i < 6000 { MovingPoint::fixed(p) } else { MovingPoint::new(p, p + rng.vec() * 1e-3) }
+    };
+    let points: Vec<MovingPoint> = (0..9000).map(&mut point).collect();
+    for simd in SimdLevel::available() {
+        let tree = PointTree::build(&points, &PointParams { simd, ..PointParams::default() }).unwrap();
+        assert_eq!(tree.stats().layers.len(), 2);
+        let keep = |id: u32| id >= 6000 || id % 1500 == 7;
+        for _ in 0..300 {
+            let (q, time) = (rng.vec(), rng.unit());
+            let all = tree.query(q, time).filter(keep).radius(f32::INFINITY).collect_sorted();
+            for k in [8, 10, 11, 40] {
+                assert_eq!(
+                    tree.query(q, time).filter(keep).nearest_n(k),
+                    &all[..k],
+                    "{simd}, q {q}, time {time}, k {k}"
+                );
+            }
+        }
     }
 }

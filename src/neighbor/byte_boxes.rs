@@ -11,7 +11,7 @@
 //! rounding to nearest never takes a sum below a float that it exceeds. So `lo <= p <= hi` holds in floats for every
 //! point, which is all that the proof in `view` asks of a box.
 
-use super::view::{Boxes, outside};
+use super::view::{Boxes, diagonal, outside};
 use crate::simd::{LANES, Lanes, Simd};
 
 /// Sixteen boxes on the grid of their node. An absent one has its lower faces at 255 and its upper ones at 0:
@@ -96,6 +96,12 @@ impl ByteBoxes {
     #[inline(always)]
     pub(super) fn distances<S: Simd>(&self, s: S, point: &[S::F; 3]) -> S::F {
         outside(s, point, self.faces(s, &self.lo), self.faces(s, &self.hi))
+    }
+
+    /// Squared diagonals of the boxes.
+    #[inline(always)]
+    pub(super) fn sizes<S: Simd>(&self, s: S) -> S::F {
+        diagonal::<S>(self.faces(s, &self.lo), self.faces(s, &self.hi))
     }
 
     #[inline(always)]

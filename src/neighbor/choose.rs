@@ -73,12 +73,14 @@ const BLOCK_PRICE: f64 = 0.7;
 /// What a search costs besides, in nodes: setting out and putting the found ones in order.
 const SEARCH_PRICE: f64 = 6.0;
 
-/// A visit in a tree of this many bytes costs twice what it costs in a tiny one: searches at times of their own
-/// find less and less in the caches the more trees they are spread over.
-const FAR_BYTES: f64 = 95e6;
+/// What a search costs besides when all it touches comes from memory, in nodes: some eight nodes of twelve cache lines
+/// and eight blocks of seven, each line about as dear as a node in the cache. Whatever a search visits beyond that
+/// lies beside it and is asked for ahead, so this does not grow with the work.
+const COLD: f64 = 150.0;
 
-/// A visit of which nothing is in the caches costs this much more than one of which everything is.
-const MOST_FAR: f64 = 16.0;
+/// Bytes of a structure of which half is found in no cache, by searches that follow each other through space at times of
+/// their own: the more trees they are spread over, the less one finds of what the one before has fetched.
+const HALF_COLD: f64 = 430e6;
 
 /// Bytes of a reference with its share of nodes.
 const REFERENCE_BYTES: f64 = 32.0;
@@ -202,9 +204,8 @@ fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> (
         let inside = |m: &Mover| Some(Mover { alive: m.life.intersect(part.interval)?, ..*m });
         let inside: Vec<Mover> = movers.iter().filter(|m| keep(m)).filter_map(inside).collect();
         let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, plan, *keys)).sum();
-        let far = references as f64 * scale * REFERENCE_BYTES / FAR_BYTES;
         let layer = [Layer::Moving(vec![part_tree(inside, part, plan)])];
-        (layer, part.interval, 1.0 + far / (1.0 + far / MOST_FAR), references)
+        (layer, part.interval, references)
     };
     let groups = match fast {
         Some(fast) => vec![group(plan, &|m| !m.cut), group(fast, &|m| m.cut)],
@@ -222,10 +223,14 @@ fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> (
         let mut work = vec![NeighborWork::default(); groups.len()];
         let layers: Vec<_> = groups.iter().map(|g| (&g.0[..], time(&g.1))).collect();
         dispatch(simd, Count { layers: &layers, point, candidates: &mut candidates, work: &mut work });
-        let priced = work.iter().zip(&groups).map(|(w, g)| (w.nodes as f64 + BLOCK_PRICE * w.blocks as f64) * g.2);
-        total += priced.sum::<f64>();
+        total += work.iter().map(|w| w.nodes as f64 + BLOCK_PRICE * w.blocks as f64).sum::<f64>();
     }
-    (SEARCH_PRICE + total / SEARCHES as f64, groups.iter().map(|g| g.3).sum())
+    // The whole tree is deeper than that of the sample, and each life level makes one more way down.
+    let deeper = f64::from((*scale as u64).max(1).ilog2()) / f64::from(LANES.ilog2());
+    let ways = deeper * plan.life_levels as f64;
+    let references: usize = groups.iter().map(|g| g.2).sum();
+    let bytes = references as f64 * scale * REFERENCE_BYTES;
+    (SEARCH_PRICE + COLD * bytes / (bytes + HALF_COLD) + ways + total / SEARCHES as f64, references)
 }
 
 /// One search, layer after layer, each at its own time; counts the work in each.
@@ -243,11 +248,17 @@ impl Kernel for Count<'_> {
         let mut total = NeighborWork::default();
         let mut search = KNearest::within(8, f32::MAX, 1.0, self.candidates, &KeepAll, &mut total);
         let mut before = NeighborWork::default();
-        for ((layer, time), work) in self.layers.iter().zip(self.work) {
-            walk_all(s, layer, (self.point, *time), &mut search);
-            let now = *search.observed();
-            *work = NeighborWork { nodes: now.nodes - before.nodes, blocks: now.blocks - before.blocks };
-            before = now;
+        loop {
+            for ((layer, time), work) in self.layers.iter().zip(&mut *self.work) {
+                walk_all(s, layer, (self.point, *time), &mut search);
+                let now = *search.observed();
+                work.nodes += now.nodes - before.nodes;
+                work.blocks += now.blocks - before.blocks;
+                before = now;
+            }
+            if !search.again() {
+                break;
+            }
         }
     }
 }

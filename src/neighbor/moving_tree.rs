@@ -10,7 +10,7 @@ use super::hull::{Hull, LinearBoxes, Span};
 use super::mover::{Mover, Part, phase};
 use super::order::{Item, join, order_with_time};
 use super::static_tree::Shape;
-use super::view::{Target, View, outside, rows, squared};
+use super::view::{FAR, Target, View, diagonal, outside, rows, squared};
 use crate::motion::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
@@ -328,6 +328,8 @@ fn line<S: Simd>(s: S, at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3], phase: S::
 }
 
 impl<const TIMED: bool> View for MovingView<'_, TIMED> {
+    const BALL: f32 = if TIMED { 0.36 } else { 0.14 };
+
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
         (self.tree.levels - 1, self.tree.nodes.len() - 1)
@@ -359,6 +361,12 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         if TIMED { counting(s, &self.tree.node_times[node], target.time, distances) } else { distances }
     }
     #[inline(always)]
+    fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
+        let boxes = &self.tree.nodes[node];
+        let lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
+        diagonal::<S>(lo, line(s, &boxes.hi, &boxes.hi_slope, target.phase))
+    }
+    #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
         let Block { open, close, .. } = &self.tree.blocks[block];
         let base = rows(s, if self.at.from_end { close } else { open });
@@ -378,6 +386,10 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         if let Some(block) = self.tree.blocks.get(block) {
             prefetch(block);
         }
+    }
+    #[inline(always)]
+    fn far(&self) -> bool {
+        self.tree.blocks.len() > FAR / size_of::<Block>()
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {

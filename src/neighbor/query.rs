@@ -275,7 +275,12 @@ impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, K, O> {
     fn run<S: Simd>(self, s: S) -> bool {
         let NearestN { query: q, k, candidates, found, observe } = self;
         let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
-        walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);
+        loop {
+            walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);
+            if !search.again() {
+                break;
+            }
+        }
         few_in_order(s, k, candidates, found)
     }
 }

@@ -8,7 +8,7 @@
 use super::approach::{Boxed, Flight};
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
-use super::view::{Boxes, MAX_LEVELS, Target, View, outside, rows, squared};
+use super::view::{Boxes, FAR, MAX_LEVELS, Target, View, diagonal, outside, rows, squared};
 use crate::motion::TimeInterval;
 use crate::simd::{LANES, Lanes, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
@@ -205,6 +205,8 @@ fn fill<N: FromBoxes>(
 }
 
 impl View for &StaticTree {
+    const BALL: f32 = 0.18;
+
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
         (self.shape.levels - 1, self.shape.nodes() - 1)
@@ -234,6 +236,14 @@ impl View for &StaticTree {
         outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
     }
     #[inline(always)]
+    fn box_sizes<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> S::F {
+        if let Some(node) = self.lower.get(node) {
+            return node.sizes(s);
+        }
+        let node = &self.upper[node - self.lower.len()];
+        diagonal::<S>(rows(s, &node.lo), rows(s, &node.hi))
+    }
+    #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
         let [x, y, z] = rows(s, &self.blocks[block].at);
         squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
@@ -250,6 +260,10 @@ impl View for &StaticTree {
         if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
             blocks.iter().for_each(prefetch);
         }
+    }
+    #[inline(always)]
+    fn far(&self) -> bool {
+        self.blocks.len() > FAR / size_of::<PointBlock>()
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {

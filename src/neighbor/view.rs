@@ -17,6 +17,9 @@ use glam::Vec3;
 /// Most levels of nodes a tree can have: 16^8 leaves are more than 2^32 points fill.
 pub(super) const MAX_LEVELS: usize = 9;
 
+/// Bytes of leaves above which a search finds most of them in no cache.
+pub(super) const FAR: usize = 32 << 20;
+
 /// Coordinates of the query point in all lanes, and the query's time as the tree wants it.
 #[derive(Clone, Copy)]
 pub(super) struct Target<S: Simd> {
@@ -43,6 +46,10 @@ impl<S: Simd> Target<S> {
 /// Nodes are numbered over the whole tree, blocks too. Level 0 holds the bottom nodes, whose lanes
 /// are leaves; a leaf is [`View::leaf_blocks`] consecutive blocks of sixteen points.
 pub(super) trait View: Copy {
+    /// Squared radius of a ball that holds as many points as a leaf does, in squared diagonals of the leaf's box: a
+    /// guess. It is about a fifth in space and on surfaces alike; boxes that have to hold moving points the whole time
+    /// are larger than what is in them, and leaves in which few points exist at a time hold less.
+    const BALL: f32;
     /// Level and number of the root node.
     fn root(&self) -> (usize, usize);
     /// Node behind lane 0 of a node above level 0; lane i leads to the i-th after it.
@@ -55,12 +62,16 @@ pub(super) trait View: Copy {
     fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S>;
     /// Squared distances to the child boxes; infinite where there is no child at this time.
     fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
+    /// Squared diagonals of the child boxes.
+    fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
     /// Squared distances to the points; infinite where there is no point at this time.
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
     /// A node that will soon be tested, probably.
     fn expect_node(&self, node: usize);
     /// A leaf that will soon be tested, probably.
     fn expect_leaf(&self, block: usize);
+    /// Whether most leaves have to come from memory, so that it pays to ask for each as soon as it is found.
+    fn far(&self) -> bool;
     /// Ids of a block's points.
     fn ids(&self, block: usize) -> &Lanes<u32>;
 }
@@ -75,6 +86,12 @@ pub(super) fn squared<S: Simd>(x: S::F, y: S::F, z: S::F) -> S::F {
 #[inline(always)]
 pub(super) fn outside<S: Simd>(s: S, point: &[S::F; 3], lo: [S::F; 3], hi: [S::F; 3]) -> S::F {
     squared::<S>(gap(s, point[0], lo[0], hi[0]), gap(s, point[1], lo[1], hi[1]), gap(s, point[2], lo[2], hi[2]))
+}
+
+/// Squared diagonals of boxes.
+#[inline(always)]
+pub(super) fn diagonal<S: Simd>(lo: [S::F; 3], hi: [S::F; 3]) -> S::F {
+    squared::<S>(hi[0] - lo[0], hi[1] - lo[1], hi[2] - lo[2])
 }
 
 /// How far a coordinate is outside intervals. (No closure, here and in the trees: a closure can not be told to

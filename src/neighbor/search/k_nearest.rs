@@ -4,6 +4,11 @@
 //! threshold are only appended, sixteen at a time; whenever there are more than about 2k, the threshold
 //! is lowered until between k and 1.5k remain, by counting. The threshold never falls below the k-th
 //! least distance seen, so what is dropped can not be an answer. One sort at the end puts them in order.
+//!
+//! The first threshold is guessed from the size of the leaf at the query: a ball that should hold a few more than k
+//! points. All leaves that it touches are known before the first of them has come from memory, and nothing has to
+//! wait for a distance. Where the ball turns out to hold fewer than k points, the search begins anew with a larger
+//! one. Where k is much less than a leaf holds, a look at the nearest leaves tells more than a guess.
 
 use super::candidates::{Candidates, append};
 use super::sort::sort_lanes;
@@ -11,15 +16,44 @@ use super::waiting::Waiting;
 use super::walk::{Collect, keys, unpack};
 use super::{Keep, Observe, kept};
 use crate::neighbor::view::{Target, View};
-use crate::simd::{LANES, Simd, lanes_at};
+use crate::simd::{LANES, Mask, Simd, lanes_at};
+
+/// How often a threshold is guessed before the search goes on without.
+const GUESSES: u32 = 3;
+
+/// The largest k for which it is guessed: beyond, there may well be fewer points than are wanted, and a guess too small
+/// costs much.
+const MOST_GUESSED: usize = 1 << 12;
+
+/// The largest k for which a threshold comes from the minima of sixteen columns: it is tight where k is well below
+/// their number.
+const MOST_COLUMNS: usize = 10;
+
+/// Where a threshold comes from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Origin {
+    /// From the caller, and it may be far away.
+    Caller,
+    /// It is a guess: fewer than k points may lie within it.
+    Guess,
+    /// From k points that lie within it, or from the caller and nearer than the guess.
+    Known,
+}
 
 /// The search for k nearest.
 pub(in crate::neighbor) struct KNearest<'a, K, O> {
     k: usize,
-    /// What is farther than this can not be an answer.
+    /// What is farther than this is no answer.
     threshold: f32,
+    /// Where the threshold comes from.
+    origin: Origin,
     cull: f32,
+    /// The caller's bound.
+    bound: f32,
     shrink: f32,
+    /// How often a threshold may still be guessed, and a factor on the next guess.
+    guesses: u32,
+    scale: f32,
     candidates: &'a mut Candidates,
     waiting: Waiting,
     keep: &'a K,
@@ -39,7 +73,48 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     ) -> Self {
         candidates.count = 0;
         let waiting = Waiting::new();
-        KNearest { k, threshold: bound, cull: bound * shrink, shrink, candidates, waiting, keep, observe }
+        KNearest {
+            k,
+            threshold: bound,
+            origin: Origin::Caller,
+            cull: bound * shrink,
+            bound,
+            shrink,
+            guesses: if k <= MOST_GUESSED { GUESSES } else { 0 },
+            scale: 1.0,
+            candidates,
+            waiting,
+            keep,
+            observe,
+        }
+    }
+
+    /// Whether the guess was too small: then the walk through all layers has to be repeated.
+    #[inline(always)]
+    pub(in crate::neighbor) fn again(&mut self) -> bool {
+        let again = self.origin == Origin::Guess && self.candidates.count < self.k;
+        if again {
+            self.guesses -= 1;
+            self.scale = scaled(self.scale, 1.5 * self.wanted(), self.candidates.count as f32);
+            self.candidates.count = 0;
+            self.origin = Origin::Caller;
+            self.lower_to(self.bound);
+        }
+        again
+    }
+
+    /// Sets the threshold.
+    #[inline(always)]
+    fn lower_to(&mut self, threshold: f32) {
+        self.threshold = threshold;
+        self.cull = threshold * self.shrink;
+    }
+
+    /// Points that a ball should hold: so many that fewer than k are seldom in it.
+    #[inline(always)]
+    fn wanted(&self) -> f32 {
+        let k = self.k as f32;
+        k + 1.5 * k.sqrt()
     }
 
     /// The observer.
@@ -96,14 +171,30 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     fn tighten<S: Simd>(&mut self, s: S, guess: f32) {
         let count = self.candidates.count;
         self.candidates.distances[count..count + LANES].fill(f32::INFINITY);
-        match self.lower(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess) {
+        let threshold = match self.lower(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess) {
             Some(threshold) => {
-                self.threshold = threshold;
                 self.candidates.retain(s, threshold);
+                threshold
             }
-            None => self.threshold = self.candidates.retain_exactly(self.k),
+            None => self.candidates.retain_exactly(self.k),
+        };
+        self.lower_to(threshold);
+        self.origin = Origin::Known;
+    }
+
+    /// A threshold for the first time without a guess, from at least k candidates.
+    #[inline(always)]
+    fn settle<S: Simd>(&mut self, s: S) {
+        let whole = self.candidates.count / LANES * LANES;
+        let mut sum = s.splat(0.0);
+        for at in (0..whole).step_by(LANES) {
+            sum = sum + s.load(lanes_at(&self.candidates.distances, at));
         }
-        self.cull = self.threshold * self.shrink;
+        let mut columns = [0.0; LANES];
+        s.store(sum, &mut columns);
+        // More than half of the distances are below their mean.
+        let mean = self::sum(&columns) / whole as f32;
+        self.tighten(s, scaled(mean, self.aim(), 0.6 * whole as f32));
     }
 
     /// Looks at the leaves on the list.
@@ -125,17 +216,51 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             }
         }
         *count = end;
-        if end > self.limit() {
+        if self.origin == Origin::Caller {
+            if end >= self.k {
+                self.settle(s);
+            }
+        } else if end > self.limit() {
             self.tighten(s, self.threshold * 0.75);
         }
     }
 
-    /// The first bottom node: the distances of all its points, a threshold from them, and only then ids.
+    /// A threshold from the size of the nearest leaf. Points grow with its 3/2th power in space and with the threshold
+    /// itself on a surface; the exponent lies in between.
     #[inline(always)]
-    fn seed<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, lanes: u16) {
-        let begin = self.candidates.count;
+    fn guess<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
+        let (lane, near) = unpack(s.reduce_min_u(keys(s, boxes)));
+        let share = self.wanted() / (LANES * view.leaf_blocks()) as f32;
+        let ball = V::BALL * (share * share.sqrt()).sqrt() * self.scale * s.lane(view.box_sizes(s, target, node), lane);
+        let threshold = near + ball;
+        if near == f32::INFINITY {
+            // Nothing is here at this time; another layer may have more.
+        } else if near > 4.0 * ball {
+            // Only the edge of the ball would be among the points.
+            self.guesses = 0;
+        } else if threshold < self.threshold {
+            self.lower_to(threshold);
+            self.origin = Origin::Guess;
+        } else {
+            self.origin = Origin::Known;
+        }
+    }
+
+    /// Looks at the nearest leaves first: their distances, a threshold from them, and only then ids.
+    #[inline(always)]
+    fn seed<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, boxes: S::F) -> Mask {
         let blocks = view.leaf_blocks();
-        let (mut least, mut count) = (s.splat(f32::MAX), begin);
+        // As many leaves as hold three times what is wanted, and one more: with a threshold from them few of the others
+        // are needed.
+        let (mut lanes, mut left) = (0, keys(s, boxes));
+        for _ in 0..(3 * self.k).div_ceil(LANES * blocks) + 1 {
+            let (lane, _) = unpack(s.reduce_min_u(left));
+            lanes |= 1 << lane;
+            left = s.select_u(1 << lane, s.splat_u(u32::MAX), left);
+        }
+        lanes &= s.le(boxes, s.splat(self.cull));
+        self.candidates.reserve(LANES * LANES * blocks);
+        let mut least = s.splat(f32::MAX);
         let (mut rest, mut end) = (lanes, 0);
         while rest != 0 {
             let leaf = first + rest.trailing_zeros() as usize * blocks;
@@ -147,28 +272,14 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                 let distance = s.select(under, distance, s.splat(f32::INFINITY));
                 self.candidates.write(s, end, distance);
                 least = s.min(distance, least);
-                count += under.count_ones() as usize;
                 end += LANES;
             }
         }
-        let mut threshold = self.threshold;
-        if self.k <= MOST_COLUMNS {
-            // As many points as columns are at or below the k-th least of the columns' minima.
-            let mut columns = [0; LANES];
-            s.store_u(sort_lanes(s, s.to_bits(least)), &mut columns);
-            let kth = f32::from_bits(columns[self.k - 1]);
-            threshold = if kth < threshold { kth } else { threshold };
-        } else if count > self.limit() && begin == 0 {
-            // About a dozen points are under the mean of sixteen columns' minima.
-            let mut column = [0.0; LANES];
-            s.store(least, &mut column);
-            let mean = sum(&column) * (1.0 / LANES as f32);
-            let guess = scaled(mean, self.aim(), 12.0);
-            let guess = if guess < threshold { guess } else { middle(0.0, threshold) };
-            if let Some(lower) = self.lower(s, &self.candidates.raw[..end], guess) {
-                threshold = lower;
-            }
-        }
+        // As many points as columns are at or below the k-th least of the columns' minima.
+        let mut columns = [0; LANES];
+        s.store_u(sort_lanes(s, s.to_bits(least)), &mut columns);
+        let kth = f32::from_bits(columns[self.k - 1]);
+        let threshold = if kth < self.threshold { kth } else { self.threshold };
         // In place: what is written never overtakes what is read.
         let limit = s.splat(threshold);
         let (mut rest, mut from) = (lanes, 0);
@@ -187,18 +298,12 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         if self.candidates.count > self.limit() {
             self.tighten(s, middle(0.0, threshold));
         } else if self.candidates.count >= self.k {
-            self.threshold = threshold;
-            self.cull = threshold * self.shrink;
+            self.lower_to(threshold);
+            self.origin = Origin::Known;
         }
+        lanes
     }
 }
-
-/// The largest k for which the first threshold comes from the minima of sixteen columns: it is tight where k is well
-/// below their number.
-const MOST_COLUMNS: usize = 10;
-
-/// Leaves that are worth picking out one by one, nearest first.
-const MOST_SORTED: usize = 6;
 
 /// Sum by halves, so that it needs no chain of additions.
 #[inline(always)]
@@ -240,32 +345,20 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
     #[inline(always)]
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let first = view.first_block(node);
-        let within = s.le(boxes, s.splat(self.cull));
-        if self.candidates.count >= self.k {
-            self.waiting.add(s, view, first, within);
-            if self.waiting.many() {
-                self.look(s, view, target);
+        let mut found = 0;
+        if self.origin == Origin::Caller {
+            let few = self.k <= MOST_COLUMNS;
+            let much_less_than_leaf = few && self.k < LANES * view.leaf_blocks() / 2;
+            // What was found before may lie beyond the ball and must not count as found within it.
+            if self.guesses > 0 && self.candidates.count == 0 && !much_less_than_leaf {
+                self.guess(s, view, target, node, boxes);
             }
-            return;
+            if few && self.origin == Origin::Caller {
+                found = self.seed(s, view, target, first, boxes);
+            }
         }
-        self.candidates.reserve(LANES * LANES * view.leaf_blocks());
-        // As many of the nearest leaves as hold three times what is wanted, and one more where that is little; with
-        // a threshold from them few of the others are needed.
-        let few = self.k <= MOST_COLUMNS;
-        let enough = (3 * self.k.min(1 << 20)).div_ceil(LANES * view.leaf_blocks()) + usize::from(few);
-        if enough > MOST_SORTED {
-            return self.seed(s, view, target, first, within);
-        }
-        let (mut chosen, mut left) = (0, keys(s, boxes));
-        for _ in 0..enough {
-            let (lane, _) = unpack(s.reduce_min_u(left));
-            chosen |= 1 << lane;
-            left = s.select_u(1 << lane, s.splat_u(u32::MAX), left);
-        }
-        self.seed(s, view, target, first, chosen & within);
-        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & within & !chosen);
-        // A threshold from columns is tight enough for the rest of the walk.
-        if !few || self.candidates.count < self.k || self.waiting.many() {
+        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);
+        if self.waiting.many() || self.origin == Origin::Caller {
             self.look(s, view, target);
         }
     }

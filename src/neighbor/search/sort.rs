@@ -93,7 +93,7 @@ pub(in crate::neighbor) fn few_in_order<S: Simd>(
     let key = sort_lanes(s, key);
     // Each beside the next one; those beyond the last count as NaN, which equals nothing.
     let next = s.permute(s.from_bits(key), s.add_u(place, s.splat_u(1)));
-    let [this, next] = [key, s.to_bits(next)].map(|key| s.from_bits(key & bits));
+    let (this, next) = (s.from_bits(key & bits), s.from_bits(s.to_bits(next) & bits));
     if s.eq(this, next) & !(1 << (LANES - 1)) != 0 {
         return false;
     }

@@ -3,7 +3,8 @@
 //! Looking at each leaf as soon as it is found means a loop of unforeseeable length in every bottom node, and each
 //! wrong guess of the processor where it ends throws away the loads that were under way. A list is filled without a
 //! branch and gone through in one loop, so that the leaves come from memory all at once. This is worth more than
-//! the few leaves that a bound lowered in between would have spared.
+//! the few leaves that a bound lowered in between would have spared. Leaves of big trees are asked for as they are
+//! listed.
 
 use crate::neighbor::view::View;
 use crate::simd::{LANES, Mask, Simd};
@@ -46,7 +47,13 @@ impl Waiting {
         let to: &mut [u32; LANES] = (&mut self.leaves[self.count..self.count + LANES]).try_into().expect("sixteen");
         let blocks = s.add_u(s.splat_u(first as u32), s.load_u(&OFFSETS[view.leaf_blocks() - 1]));
         s.store_u(s.compress_u(blocks, lanes), to);
+        let begin = self.count;
         self.count += lanes.count_ones() as usize;
+        if view.far() {
+            for &leaf in &self.leaves[begin..self.count] {
+                view.expect_leaf(leaf as usize);
+            }
+        }
     }
 
     /// Whether it is time to look at them.
