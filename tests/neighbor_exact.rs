@@ -217,6 +217,27 @@ fn a_million_points_in_one_place() {
     assert_eq!(tree.count_within(Vec3::ONE, 0.5, 0.0), 1_000_000);
 }
 
+/// Enough points that boxes in bytes have nodes with such boxes below them, the last of which is not full.
+#[test]
+fn a_search_without_a_bound_finds_every_point_of_a_large_set() {
+    let count = 4_300_000;
+    let mut rng = Rng(5);
+    let points: Vec<Vec3> = (0..count).map(|_| Vec3::new(rng.unit(), rng.unit(), rng.unit())).collect();
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    for q in [Vec3::splat(0.5), Vec3::splat(-3.0), Vec3::new(0.9, 0.9, 7.0)] {
+        assert_eq!(tree.count_within(q, 0.5, f32::INFINITY), count);
+        assert_eq!(tree.count_within(q, 0.5, 20.0), count);
+        let distance = |p: &Vec3| {
+            let d = *p - q;
+            (d.x * d.x + d.y * d.y) + d.z * d.z
+        };
+        let nearest = points.iter().map(distance).fold(f32::INFINITY, f32::min);
+        assert_eq!(tree.nearest(q, 0.5).map(|n| n.distance_squared), Some(nearest));
+    }
+    let all = tree.nearest_n(Vec3::splat(0.5), 0.5, count + 1);
+    assert_eq!(all.len(), count);
+}
+
 #[test]
 fn a_set_that_stands_still_has_the_static_structure() {
     let mut rng = Rng(5);

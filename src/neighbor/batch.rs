@@ -6,6 +6,7 @@
 //! number of threads can change an answer.
 
 use super::query::{NeighborBuffer, NeighborQuery};
+use super::view::NEAR;
 use super::{Neighbor, PointTree};
 use crate::motion::Position;
 use glam::Vec3;
@@ -57,17 +58,17 @@ const RUN: usize = 512;
 impl PointTree {
     /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
     pub fn nearest_batch<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<Option<Neighbor>> {
+        let order = self.order(queries);
+        let runs = in_runs(&order, |places| {
+            let one = |&place: &usize| {
+                let (point, time) = queries[place];
+                self.query(point, time).nearest()
+            };
+            places.iter().map(one).collect::<Vec<_>>()
+        });
         let mut found = vec![None; queries.len()];
-        let answer = |query: NeighborQuery<'_>, _: &mut NeighborBuffer, out: &mut Vec<Neighbor>| {
-            out.extend(query.nearest());
-        };
-        let (order, runs) = self.run(queries, answer);
-        for (places, run) in order.chunks(RUN).zip(&runs) {
-            let mut next = 0;
-            for (place, &end) in places.iter().zip(&run.ends) {
-                found[place.1] = run.found[next..end].first().copied();
-                next = end;
-            }
+        for (&place, neighbor) in order.iter().zip(runs.into_iter().flatten()) {
+            found[place] = neighbor;
         }
         found
     }
@@ -85,14 +86,23 @@ impl PointTree {
     }
 
     fn lists<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> NeighborLists {
-        let (order, runs) = self.run(queries, answer);
+        let order = self.order(queries);
+        let runs = in_runs(&order, |places| {
+            let mut buffer = NeighborBuffer::new();
+            let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(places.len()) };
+            for &place in places {
+                let (point, time) = queries[place];
+                answer(self.query(point, time), &mut buffer, &mut run.found);
+                run.ends.push(run.found.len());
+            }
+            run
+        });
         // Where each query's list is: its run, and its place there.
         let mut begin = vec![0; queries.len() + 1];
         let mut source = vec![(0u32, 0usize); queries.len()];
         for (number, (places, run)) in order.chunks(RUN).zip(&runs).enumerate() {
             let mut next = 0;
-            for (place, &end) in places.iter().zip(&run.ends) {
-                let query = place.1;
+            for (&query, &end) in places.iter().zip(&run.ends) {
                 source[query] = (number as u32, next);
                 begin[query + 1] = end - next;
                 next = end;
@@ -108,29 +118,25 @@ impl PointTree {
         NeighborLists { begin, neighbors }
     }
 
-    /// Answers all queries in Morton order; returns the order and the answers of each run of it.
-    fn run<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> (Vec<(u64, usize)>, Vec<Run>) {
+    /// The order in which queries are answered. In a tree that fits a near cache any order will do.
+    fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
+        if self.stats().bytes() <= NEAR {
+            return (0..queries.len()).collect();
+        }
         let places: Vec<Vec3> = queries.iter().map(|(point, _)| point.relative(self.origin)).collect();
-        let order = morton_order(&places);
-        let one = |places: &[(u64, usize)]| {
-            let mut buffer = NeighborBuffer::new();
-            let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(places.len()) };
-            for &(_, index) in places {
-                let (point, time) = queries[index];
-                answer(self.query(point, time), &mut buffer, &mut run.found);
-                run.ends.push(run.found.len());
-            }
-            run
-        };
-        #[cfg(feature = "rayon")]
-        let runs = {
-            use rayon::prelude::*;
-            order.par_chunks(RUN).map(one).collect()
-        };
-        #[cfg(not(feature = "rayon"))]
-        let runs = order.chunks(RUN).map(one).collect();
-        (order, runs)
+        morton_order(&places)
     }
+}
+
+/// Answers runs of the order, in parallel; the results in the order of the runs.
+fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        order.par_chunks(RUN).map(one).collect()
+    }
+    #[cfg(not(feature = "rayon"))]
+    order.chunks(RUN).map(one).collect()
 }
 
 /// What is done with one query of a batch: its results are appended.
@@ -144,8 +150,8 @@ struct Run {
     ends: Vec<usize>,
 }
 
-/// Morton code and index of each place, sorted.
-fn morton_order(places: &[Vec3]) -> Vec<(u64, usize)> {
+/// The indices of places along a Morton curve.
+fn morton_order(places: &[Vec3]) -> Vec<usize> {
     let finite = places.iter().copied().filter(|p| p.is_finite());
     let (lo, hi) = finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
     let cells = (1u32 << 21) as f32;
@@ -155,9 +161,12 @@ fn morton_order(places: &[Vec3]) -> Vec<(u64, usize)> {
         let cell = (p - lo) * scale;
         spread(cell.x as u32) | spread(cell.y as u32) << 1 | spread(cell.z as u32) << 2
     };
-    let mut order: Vec<(u64, usize)> = places.iter().enumerate().map(|(index, &p)| (code(p), index)).collect();
+    // Index and code in one integer, which is sorted in a third of the time of a pair: the index takes the place of the
+    // lowest bits of the code, as many as it needs.
+    let low = (1u64 << (usize::BITS - places.len().leading_zeros())) - 1;
+    let mut order: Vec<u64> = (0..).zip(places).map(|(index, &p)| (code(p) & !low) | index).collect();
     order.sort_unstable();
-    order
+    order.into_iter().map(|key| (key & low) as usize).collect()
 }
 
 /// The low 21 bits of `x`, two zero bits after each.

@@ -12,7 +12,7 @@
 //! point, which is all that the proof in `view` asks of a box.
 
 use super::view::{Boxes, diagonal, outside};
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// Sixteen boxes on the grid of their node. An absent one has its lower faces at 255 and its upper ones at 0:
 /// searches see it as a box like any other, and find nothing behind it.
@@ -86,15 +86,18 @@ impl ByteBoxes {
         faces
     }
 
-    /// The box around all sixteen.
+    /// The box around all sixteen; an absent one where none of them is there.
     pub(super) fn hull(&self) -> ([f32; 3], [f32; 3]) {
+        if self.present() == [false; LANES] {
+            return ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        }
         let most = |axis: usize| self.hi[axis].iter().copied().fold(0, u8::max);
         (self.corner, core::array::from_fn(|axis| face(self.corner[axis], self.step[axis], most(axis))))
     }
 
-    /// Squared distances of the boxes from a point.
+    /// Squared distances of the boxes from a point, and which of them hold it.
     #[inline(always)]
-    pub(super) fn distances<S: Simd>(&self, s: S, point: &[S::F; 3]) -> S::F {
+    pub(super) fn outside<S: Simd>(&self, s: S, point: &[S::F; 3]) -> (S::F, Mask) {
         outside(s, point, self.faces(s, &self.lo), self.faces(s, &self.hi))
     }
 
@@ -141,7 +144,7 @@ mod tests {
         #[inline(always)]
         fn run<S: Simd>(self, s: S) -> Lanes<f32> {
             let mut to = [0.0; LANES];
-            s.store(self.0.distances(s, &self.1.map(|x| s.splat(x))), &mut to);
+            s.store(self.0.outside(s, &self.1.map(|x| s.splat(x))).0, &mut to);
             to
         }
     }
@@ -182,6 +185,7 @@ mod tests {
                 }
             }
             let (hull_lo, hull_hi) = bytes.hull();
+            assert!(present > 0 || hull_lo > hull_hi, "round {round}");
             assert!(present == 0 || (0..3).all(|axis| hull_lo[axis] <= corner[axis] && far[axis] <= hull_hi[axis]));
             // What searches see is what was checked above, fused or not.
             let point = core::array::from_fn(|_| offset + (next(&mut state) * 3.0 - 1.0) * size);

@@ -4,9 +4,10 @@
 //! them one after the other with the same candidates and the same bound.
 
 use super::moving_tree::{MovingTree, MovingView};
-use super::search::Observe;
+use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
 use super::search::walk::{Collect, walk};
+use super::search::{Keep, Observe};
 use super::static_tree::StaticTree;
 use super::view::View;
 use crate::simd::Simd;
@@ -62,6 +63,23 @@ pub(super) fn walk_all<S: Simd, C: Collect<S>>(s: S, layers: &[Layer], (point, t
             LayerView::Still(view) => walk(s, &view, &view.target(s, point), collect),
             LayerView::Moving(view) => walk(s, &view, &view.target(s, point), collect),
             LayerView::Timed(view) => walk(s, &view, &view.target(s, point), collect),
+        }
+    }
+}
+
+/// Looks for the nearest point in all layers.
+#[inline(always)]
+pub(super) fn nearest_in_all<S: Simd, K: Keep, O: Observe>(
+    s: S,
+    layers: &[Layer],
+    (point, time): (Vec3, f32),
+    best: &mut Best<'_, S, K, O>,
+) {
+    for layer in layers {
+        match layer.at(time) {
+            LayerView::Still(view) => best.search(s, &view, &view.target(s, point)),
+            LayerView::Moving(view) => best.search(s, &view, &view.target(s, point)),
+            LayerView::Timed(view) => best.search(s, &view, &view.target(s, point)),
         }
     }
 }

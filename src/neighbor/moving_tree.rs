@@ -10,7 +10,7 @@ use super::hull::{Hull, LinearBoxes, Span};
 use super::mover::{Mover, Part, phase};
 use super::order::{Item, join, order_with_time};
 use super::static_tree::Shape;
-use super::view::{FAR, Target, View, diagonal, outside, rows, squared};
+use super::view::{Target, View, diagonal, outside, rows, squared};
 use crate::motion::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
@@ -313,11 +313,10 @@ pub(super) struct MovingView<'a, const TIMED: bool> {
     time: f32,
 }
 
-/// Distances where the lane counts at the time, infinity elsewhere.
+/// Lanes that count at the time.
 #[inline(always)]
-fn counting<S: Simd>(s: S, times: &Times, time: S::F, distances: S::F) -> S::F {
-    let alive: Mask = s.le(s.load(&times.begin), time) & s.lt(time, s.load(&times.end));
-    s.select(alive, distances, s.splat(f32::INFINITY))
+fn counting<S: Simd>(s: S, times: &Times, time: S::F) -> Mask {
+    s.le(s.load(&times.begin), time) & s.lt(time, s.load(&times.end))
 }
 
 /// Three rows of lines at a phase.
@@ -352,13 +351,17 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         Target { point, step: s.splat(self.at.s), phase: s.splat(self.phase), time: s.splat(self.time) }
     }
     #[inline(always)]
-    fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
+    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
         let boxes = &self.tree.nodes[node];
         // Not fused: then every instruction set visits the same nodes, and approximate answers agree too.
         let lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
         let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
-        let distances = outside(s, &target.point, lo, hi);
-        if TIMED { counting(s, &self.tree.node_times[node], target.time, distances) } else { distances }
+        let (distances, holding) = outside(s, &target.point, lo, hi);
+        if !TIMED {
+            return (distances, holding);
+        }
+        let counting = counting(s, &self.tree.node_times[node], target.time);
+        (s.select(counting, distances, s.splat(f32::INFINITY)), holding & counting)
     }
     #[inline(always)]
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
@@ -375,7 +378,11 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         let y = (base[1] + (by - ay) * target.step) - target.point[1];
         let z = (base[2] + (bz - az) * target.step) - target.point[2];
         let distances = squared::<S>(x, y, z);
-        if TIMED { counting(s, &self.tree.block_times[block], target.time, distances) } else { distances }
+        if !TIMED {
+            return distances;
+        }
+        let counting = counting(s, &self.tree.block_times[block], target.time);
+        s.select(counting, distances, s.splat(f32::INFINITY))
     }
     #[inline(always)]
     fn expect_node(&self, node: usize) {
@@ -388,8 +395,8 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         }
     }
     #[inline(always)]
-    fn far(&self) -> bool {
-        self.tree.blocks.len() > FAR / size_of::<Block>()
+    fn leaf_bytes(&self) -> usize {
+        self.tree.blocks.len() * size_of::<Block>()
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {

@@ -1,7 +1,7 @@
 //! Queries as callers see them: where, when, how far, which points, and then what to do with them.
 
 use super::iter::WithinIter;
-use super::layer::{walk_all, within_all};
+use super::layer::{nearest_in_all, walk_all, within_all};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
@@ -255,7 +255,7 @@ impl<K: Keep> Kernel for Nearest<'_, '_, K> {
         let q = self.0;
         let observe = &mut ();
         let mut best = Best::within(s, q.bound, q.shrink, &q.keep, observe);
-        walk_all(s, &q.tree.layers, (q.point, q.time), &mut best);
+        nearest_in_all(s, &q.tree.layers, (q.point, q.time), &mut best);
         best.finish(s)
     }
 }

@@ -8,9 +8,9 @@
 use super::approach::{Boxed, Flight};
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
-use super::view::{Boxes, FAR, MAX_LEVELS, Target, View, diagonal, outside, rows, squared};
+use super::view::{Boxes, MAX_LEVELS, Target, View, diagonal, outside, rows, squared};
 use crate::motion::TimeInterval;
-use crate::simd::{LANES, Lanes, PointBlock, Simd, huge_vec_of, prefetch};
+use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 
 /// Points that stand still, in a complete 16-ary tree.
@@ -41,7 +41,7 @@ impl Shape {
     /// the root, with fewer levels first.
     pub(super) fn of(count: usize) -> Shape {
         let (one, two) = (Shape::with_leaf(count, 1), Shape::with_leaf(count, 2));
-        if two.levels < one.levels { two } else { one }
+        if two.levels < one.levels { two.filled() } else { one.filled() }
     }
 
     /// The shape with a given number of blocks per leaf.
@@ -54,6 +54,27 @@ impl Shape {
             shape.levels += 1;
         }
         shape
+    }
+
+    /// The same with all sixteen children below each node of boxes in bytes, which can not say that a child is absent,
+    /// only that it is far away: a search without a bound goes there, and has to find an empty node.
+    fn filled(self) -> Shape {
+        let mut wide: Lanes<usize> = core::array::from_fn(|level| self.wide(level));
+        for level in (1..self.levels).rev() {
+            if wide[level] > MOST_PLAIN {
+                wide[level - 1] = wide[level] * LANES;
+            }
+        }
+        let mut begin = [0; MAX_LEVELS + 1];
+        for level in 0..self.levels {
+            begin[level + 1] = begin[level] + wide[level];
+        }
+        Shape { begin, ..self }
+    }
+
+    /// Number of nodes of a level; 0 above the last.
+    fn wide(&self, level: usize) -> usize {
+        if level < self.levels { self.begin[level + 1] - self.begin[level] } else { 0 }
     }
 
     /// Points per leaf.
@@ -83,7 +104,7 @@ impl StaticTree {
             *to = item;
         }
         order(memory, shape.leaf());
-        let small = (0..shape.levels).find(|&level| shape.begin[level + 1] - shape.begin[level] <= MOST_PLAIN);
+        let small = (0..shape.levels).find(|&level| shape.wide(level) <= MOST_PLAIN);
         let plain = shape.begin[small.unwrap_or(shape.levels)];
         let mut tree = StaticTree {
             lower: huge_vec_of(ByteBoxes::NONE, plain),
@@ -176,7 +197,7 @@ fn fill<N: FromBoxes>(
         let half = nodes.len() / 2;
         let (nodes, more_nodes) = nodes.split_at_mut(half);
         let (blocks, more_blocks) = blocks.split_at_mut(half * share);
-        let left = half * share * LANES;
+        let left = (half * share * LANES).min(count);
         return super::order::join(
             || fill(left, blocks, nodes, leaf_blocks, id_of),
             || fill(count - left, more_blocks, more_nodes, leaf_blocks, id_of),
@@ -228,9 +249,9 @@ impl View for &StaticTree {
         Target::still(s, q)
     }
     #[inline(always)]
-    fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
+    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
         if let Some(node) = self.lower.get(node) {
-            return node.distances(s, &target.point);
+            return node.outside(s, &target.point);
         }
         let node = &self.upper[node - self.lower.len()];
         outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
@@ -262,8 +283,8 @@ impl View for &StaticTree {
         }
     }
     #[inline(always)]
-    fn far(&self) -> bool {
-        self.blocks.len() > FAR / size_of::<PointBlock>()
+    fn leaf_bytes(&self) -> usize {
+        self.blocks.len() * size_of::<PointBlock>()
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
@@ -307,5 +328,24 @@ impl Boxed for StaticTree {
         let at = block.at.map(|row| row[lane]);
         let id = block.id[lane];
         (id != u32::MAX).then_some(Flight { id, open: at, close: at, life: TimeInterval::FULL })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn children_of_bytes_are_all_there() {
+        for count in [0, 16, 70_000, 4_194_304, 4_194_305, 5_000_000, 10_000_000, 70_000_000, 300_000_001] {
+            let shape = Shape::of(count);
+            assert!(shape.wide(0) * LANES * shape.leaf() >= count);
+            for level in 1..shape.levels {
+                let (children, lanes) = (shape.wide(level - 1), shape.wide(level) * LANES);
+                assert!(children <= lanes && lanes < children + LANES, "{count} points, level {level}");
+                assert!(shape.wide(level) <= MOST_PLAIN || children == lanes, "{count} points, level {level}");
+            }
+            assert_eq!(shape.wide(shape.levels - 1), 1);
+        }
     }
 }

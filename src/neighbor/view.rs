@@ -11,7 +11,7 @@
 //! so is every square and every sum. The computed distance of a box is never above that of a point
 //! in it, and culling what is *strictly* farther than the bound keeps ties too.
 
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
 
 /// Most levels of nodes a tree can have: 16^8 leaves are more than 2^32 points fill.
@@ -19,6 +19,9 @@ pub(super) const MAX_LEVELS: usize = 9;
 
 /// Bytes of leaves above which a search finds most of them in no cache.
 pub(super) const FAR: usize = 32 << 20;
+
+/// Bytes of leaves up to which a search finds most of them in a near cache.
+pub(super) const NEAR: usize = 2 << 20;
 
 /// Coordinates of the query point in all lanes, and the query's time as the tree wants it.
 #[derive(Clone, Copy)]
@@ -60,8 +63,14 @@ pub(super) trait View: Copy {
     fn leaf_blocks(&self) -> usize;
     /// The query in all lanes.
     fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S>;
-    /// Squared distances to the child boxes; infinite where there is no child at this time.
-    fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
+    /// Squared distances to the child boxes, infinite where there is no child at this time; and which of them hold the
+    /// point, which is known much sooner.
+    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask);
+    /// The distances alone.
+    #[inline(always)]
+    fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
+        self.boxes(s, target, node).0
+    }
     /// Squared diagonals of the child boxes.
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
     /// Squared distances to the points; infinite where there is no point at this time.
@@ -70,8 +79,8 @@ pub(super) trait View: Copy {
     fn expect_node(&self, node: usize);
     /// A leaf that will soon be tested, probably.
     fn expect_leaf(&self, block: usize);
-    /// Whether most leaves have to come from memory, so that it pays to ask for each as soon as it is found.
-    fn far(&self) -> bool;
+    /// Bytes of all leaves: tells how far away most of them are, and so whether it pays to ask for them early.
+    fn leaf_bytes(&self) -> usize;
     /// Ids of a block's points.
     fn ids(&self, block: usize) -> &Lanes<u32>;
 }
@@ -82,10 +91,14 @@ pub(super) fn squared<S: Simd>(x: S::F, y: S::F, z: S::F) -> S::F {
     (x * x + y * y) + z * z
 }
 
-/// Squared distance of boxes from a point.
+/// Squared distance of boxes from a point, and which of them hold it.
 #[inline(always)]
-pub(super) fn outside<S: Simd>(s: S, point: &[S::F; 3], lo: [S::F; 3], hi: [S::F; 3]) -> S::F {
-    squared::<S>(gap(s, point[0], lo[0], hi[0]), gap(s, point[1], lo[1], hi[1]), gap(s, point[2], lo[2], hi[2]))
+pub(super) fn outside<S: Simd>(s: S, point: &[S::F; 3], lo: [S::F; 3], hi: [S::F; 3]) -> (S::F, Mask) {
+    let x = gap(s, point[0], lo[0], hi[0]);
+    let y = gap(s, point[1], lo[1], hi[1]);
+    let z = gap(s, point[2], lo[2], hi[2]);
+    let widest = s.max_signed(s.max_signed(x, y), z);
+    (squared::<S>(x, y, z), s.le_signed(widest, s.splat(0.0)))
 }
 
 /// Squared diagonals of boxes.

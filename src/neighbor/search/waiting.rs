@@ -6,7 +6,7 @@
 //! the few leaves that a bound lowered in between would have spared. Leaves of big trees are asked for as they are
 //! listed.
 
-use crate::neighbor::view::View;
+use crate::neighbor::view::{FAR, View};
 use crate::simd::{LANES, Mask, Simd};
 
 /// Most leaves on a list.
@@ -49,7 +49,7 @@ impl Waiting {
         s.store_u(s.compress_u(blocks, lanes), to);
         let begin = self.count;
         self.count += lanes.count_ones() as usize;
-        if view.far() {
+        if view.leaf_bytes() > FAR {
             for &leaf in &self.leaves[begin..self.count] {
                 view.expect_leaf(leaf as usize);
             }

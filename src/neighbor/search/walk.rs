@@ -64,8 +64,10 @@ pub(in crate::neighbor) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V,
             key = next[1];
         } else {
             // The keys of a new node stay in a register: a detour through memory would hold up the next load.
-            left = keys(s, view.box_distances(s, target, node));
-            key = s.reduce_min_u(left);
+            let (boxes, holding) = view.boxes(s, target, node);
+            left = keys(s, boxes);
+            // A box that holds the point is at distance 0, and the first of them has the least key.
+            key = if holding != 0 { holding.trailing_zeros() } else { s.reduce_min_u(left) };
             first[level] = view.first_child(level, node);
         }
         loop {
