@@ -1,9 +1,9 @@
 //! Many queries at once: in parallel, neighbours in space one after the other, results in the caller's
 //! order.
 //!
-//! Queries are sorted along a Morton curve, so that one finds in the cache what the last one read, and
-//! cut into runs for the threads. Each query is answered on its own, so neither the order nor the
-//! number of threads can change an answer.
+//! Queries are sorted along a Morton curve, so that one finds in the cache what the last one read (not where the
+//! cache holds the whole tree anyway), and cut into runs for the threads. Each query is answered on its own, so
+//! neither the order nor the number of threads can change an answer.
 
 use super::query::{NeighborBuffer, NeighborQuery};
 use super::view::NEAR;

@@ -1,7 +1,7 @@
 //! The searches, each written once for every tree that can be viewed at a time.
 //!
-//! [`nearest`] and [`k_nearest`] walk best-first through [`walk`]; [`radius`] needs no order and goes
-//! by masks alone. None of them allocates; results go to buffers of the caller.
+//! [`k_nearest`] walks best-first through [`walk`], [`nearest`] does so in a loop of its own; [`radius`] needs no order
+//! and goes by masks alone. None of them allocates; results go to buffers of the caller.
 
 pub(super) mod candidates;
 pub(super) mod k_nearest;
