@@ -125,6 +125,11 @@ impl Triangles {
         self.mesh(id).keys
     }
 
+    /// Whether no mesh has more than two keys.
+    pub(crate) fn linear(&self) -> bool {
+        self.meshes.iter().all(|mesh| mesh.keys <= 2)
+    }
+
     /// The id of a triangle of a mesh, if there is such a triangle.
     pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
         let first = self.meshes.get(mesh as usize)?.first;

@@ -318,7 +318,14 @@ const CENTRES: Lanes<u32> = [6, 7, 14, 14, 6, 7, 14, 14, 6, 7, 14, 14, 6, 7, 14,
 const SIGNS: Lanes<f32> = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0];
 
 /// Bounds of references and the box of their centres.
-pub(super) struct Summary<'a>(pub &'a [Reference]);
+pub(super) fn summary(simd: SimdLevel, references: &[Reference]) -> (LinearBox3, Box3) {
+    let parts = parallel::chunks(references.len(), |of| dispatch(simd, Summary(&references[of])));
+    let nothing = (LinearBox3::EMPTY, Box3::EMPTY);
+    parts.into_iter().reduce(|a, b| (a.0.union(b.0), a.1.union(b.1))).unwrap_or(nothing)
+}
+
+/// The same by one thread.
+struct Summary<'a>(&'a [Reference]);
 
 impl Kernel for Summary<'_> {
     type Output = (LinearBox3, Box3);
