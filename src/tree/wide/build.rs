@@ -8,7 +8,7 @@
 
 use super::divide::{Region, params_of_copies, primitives, regions};
 use super::emit::{Nodes, set_children, write_blocks, write_node, write_time};
-use super::layout::ChildRef;
+use super::layout::{ChildRef, Kind};
 use super::leaf::WideSource;
 use super::plan::{PRICES, Plan, part_of_shutter, plan_tree};
 use super::segments::Segments;
@@ -58,6 +58,11 @@ impl WideTree {
         tree.arena.settle();
         (tree.survey, tree.blocks) = tree.surveyed(set);
         Ok(tree)
+    }
+
+    /// Whether all of it is divided in time, so that rays at different times walk different trees.
+    pub fn divided(&self) -> bool {
+        self.root.kind() == Kind::Time
     }
 
     /// Builds primitives that stand still or move linearly.
