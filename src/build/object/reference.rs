@@ -82,6 +82,11 @@ impl Packed {
         ])
     }
 
+    /// The least of each lane.
+    pub fn least(self, other: Packed) -> Packed {
+        Packed(core::array::from_fn(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] }))
+    }
+
     /// Four lanes from lane `i`.
     #[inline(always)]
     pub fn four(&self, i: usize) -> Vec4 {
