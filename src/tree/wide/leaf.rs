@@ -47,6 +47,7 @@ impl WideSource for Triangles {
         Triangles::linear(self)
     }
 
+    #[inline(always)]
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
         let slack = match Triangles::keys(self, id) {
             1 => 0.0,
