@@ -15,6 +15,18 @@ pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     (0..n).map(&f).collect()
 }
 
+/// `f` of each item, in order.
+pub(crate) fn each<I: Send, T: Send>(items: &mut [I], f: impl Fn(&mut I) -> T + Sync) -> Vec<T> {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        if items.len() > 1 && rayon::current_num_threads() > 1 {
+            return items.par_iter_mut().with_max_len(1).map(&f).collect();
+        }
+    }
+    items.iter_mut().map(f).collect()
+}
+
 /// Does both, at the same time where there are threads for it.
 pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
     #[cfg(feature = "rayon")]

@@ -5,11 +5,12 @@
 //! is its exact mean over the interval. Below a depth that sane input never reaches, halves by count
 //! take over, so that the depth is bounded whatever the input is.
 
-use super::bins::{Parted, Partition, Table, find_split, summary};
+use super::bins::{Table, find_split, summary};
+use super::partition::{Parted, partition};
 use super::reference::Reference;
 use crate::motion::{Box3, LinearBox3};
 use crate::parallel;
-use crate::simd::{SimdLevel, dispatch, huge_vec};
+use crate::simd::{SimdLevel, huge_vec};
 use glam::Vec3;
 
 /// A node of the binary tree, in preorder: the left child follows its parent.
@@ -127,7 +128,7 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
     let (_, mut centres) = summary(simd, references);
     while references.len() > most.max(1) {
         let Some(split) = find_split(simd, references, centres, &mut table) else { break };
-        let Parted { middle, low, high } = dispatch(simd, Partition { references, split: &split });
+        let Parted { middle, low, high } = partition(simd, references, &split);
         let sides = references.split_at_mut(middle);
         (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
     }
@@ -204,7 +205,7 @@ impl Builder {
             && task.depth < SAH_DEPTH
             && let Some(split) = find_split(self.simd, references, task.centres, table)
         {
-            let Parted { middle, low, high } = dispatch(self.simd, Partition { references, split: &split });
+            let Parted { middle, low, high } = partition(self.simd, references, &split);
             return (side(0, split.low, low), side(middle, split.high, high), middle);
         }
         let middle = references.len() / 2;

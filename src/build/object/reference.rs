@@ -93,6 +93,11 @@ impl Packed {
         ])
     }
 
+    /// The least of each lane.
+    pub fn least(self, other: Packed) -> Packed {
+        Packed(core::array::from_fn(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] }))
+    }
+
     /// The bounds of a point that is at `begin` first and at `end` last.
     #[inline(always)]
     pub fn point(begin: Vec3, end: Vec3) -> Packed {

@@ -84,33 +84,47 @@ impl WideTree {
 
     /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
     pub(super) fn surveyed<S: WideSource>(&self, set: &S) -> (Survey, Vec<u32>) {
-        let mut top = Found::default();
+        let pieces = set.pieces();
+        let nowhere = || {
+            let mut blocks = huge_vec(pieces);
+            parallel::fill(&mut blocks, pieces, |_| AtomicU32::new(ChildRef::NOTHING.0));
+            blocks
+        };
+        let (found, blocks) = parallel::both(|| self.walked(), nowhere);
+        let references = self.find_blocks(set, &found, &blocks);
+        let survey = Survey { depth: found.depth, nodes: found.nodes, leaves: found.leaves.len(), references };
+        (survey, blocks.into_iter().map(AtomicU32::into_inner).collect())
+    }
+
+    /// All nodes counted, all leaf blocks noted.
+    fn walked(&self) -> Found {
+        let mut all = Found::default();
         let mut visits = Vec::new();
-        self.meet(Visit { at: self.root, depth: 0, part: 0 }, &mut top, &mut visits);
+        self.meet(Visit { at: self.root, depth: 0, part: 0 }, &mut all, &mut visits);
         // Level by level, until there are enough of them.
         while visits.len() < SUBTREES && !visits.is_empty() {
             let mut below = Vec::new();
-            visits.into_iter().for_each(|visit| self.visit(visit, &mut top, &mut below));
+            visits.into_iter().for_each(|visit| self.visit(visit, &mut all, &mut below));
             visits = below;
         }
-        let mut found = parallel::map(visits.len(), |i| {
+        let found = parallel::map(visits.len(), |i| {
             let (mut found, mut stack) = (Found::default(), vec![visits[i]]);
             while let Some(visit) = stack.pop() {
                 self.visit(visit, &mut found, &mut stack);
             }
             found
         });
-        found.push(top);
-        let depth = found.iter().map(|f| f.depth).max().unwrap_or(0);
-        let nodes = found.iter().map(|f| f.nodes).sum();
-        let time_nodes: usize = found.iter().map(|f| f.time_nodes).sum();
-        let mut leaves = found.into_iter().map(|f| f.leaves).collect::<Vec<_>>().concat();
-        if time_nodes > 0 {
-            leaves.sort_unstable();
-            leaves.dedup();
+        for found in found {
+            all.depth = all.depth.max(found.depth);
+            all.nodes += found.nodes;
+            all.time_nodes += found.time_nodes;
+            all.leaves.extend(found.leaves);
         }
-        let (blocks, references) = self.blocks_of(set, &leaves, self.cut || time_nodes > 0);
-        (Survey { depth, nodes, leaves: leaves.len(), references }, blocks)
+        if all.time_nodes > 0 {
+            all.leaves.sort_unstable();
+            all.leaves.dedup();
+        }
+        all
     }
 
     /// Counts a node and meets its children.
@@ -160,14 +174,12 @@ impl WideTree {
         self.arena.prefetch(block.at() + rows * block.len(), 2);
     }
 
-    /// A leaf block for each piece of motion, and how many primitives there are in all blocks together. Where `several`
-    /// blocks may have one piece it is the first, so that it does not matter who looks where.
-    fn blocks_of<S: WideSource>(&self, set: &S, leaves: &[Leaf], several: bool) -> (Vec<u32>, usize) {
-        let pieces = set.pieces();
-        let mut blocks = huge_vec(pieces);
-        parallel::fill(&mut blocks, pieces, |_| AtomicU32::new(ChildRef::NOTHING.0));
-        let references = parallel::chunks(leaves.len(), |range| {
-            let leaves = &leaves[range];
+    /// Writes down a leaf block for each piece of motion, and returns how many primitives there are in all blocks
+    /// together. Of several blocks that may have one piece it is the first, so that it does not matter who looks where.
+    fn find_blocks<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> usize {
+        let several = self.cut || found.time_nodes > 0;
+        let references = parallel::chunks(found.leaves.len(), |range| {
+            let leaves = &found.leaves[range];
             let mut references = 0;
             for (i, leaf) in leaves.iter().enumerate() {
                 if let Some(soon) = leaves.get(i + SOON) {
@@ -175,7 +187,7 @@ impl WideTree {
                 }
                 let ids = self.ids::<S>(ChildRef(leaf.at)).unwrap_or(&[]);
                 references += ids.len();
-                for &id in if pieces > 0 { ids } else { &[] } {
+                for &id in if blocks.is_empty() { &[] } else { ids } {
                     let block = &blocks[set.piece(id, leaf.segment as usize)];
                     if several {
                         block.fetch_min(leaf.at, Ordering::Relaxed);
@@ -186,7 +198,7 @@ impl WideTree {
             }
             references
         });
-        (blocks.into_iter().map(AtomicU32::into_inner).collect(), references.into_iter().sum())
+        references.into_iter().sum()
     }
 
     /// The figures of the tree.
