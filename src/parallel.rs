@@ -1,5 +1,6 @@
 //! Doing the same for many things, on several threads where there are some.
 
+use crate::simd::huge_vec;
 use core::ops::Range;
 
 /// `f(0)`, `f(1)`, … `f(n - 1)` in order; which thread does what changes nothing.
@@ -12,6 +13,18 @@ pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
         }
     }
     (0..n).map(&f).collect()
+}
+
+/// `f` of each item, in order.
+pub(crate) fn each<I: Send, T: Send>(items: &mut [I], f: impl Fn(&mut I) -> T + Sync) -> Vec<T> {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        if items.len() > 1 && rayon::current_num_threads() > 1 {
+            return items.par_iter_mut().with_max_len(1).map(&f).collect();
+        }
+    }
+    items.iter_mut().map(f).collect()
 }
 
 /// Does both, at the same time where there are threads for it.
@@ -57,4 +70,17 @@ pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T
         }
     }
     items.extend((0..n).map(f));
+}
+
+/// All parts, one behind the other.
+pub(crate) fn concat<T: Copy + Send + Sync>(parts: &[Vec<T>]) -> Vec<T> {
+    let mut total = 0;
+    let ends: Vec<usize> = parts.iter().map(|part| (total += part.len(), total).1).collect();
+    let mut all = huge_vec(total);
+    fill(&mut all, total, |i| {
+        let part = ends.partition_point(|&end| end <= i);
+        let begin = if part > 0 { ends[part - 1] } else { 0 };
+        parts[part][i - begin]
+    });
+    all
 }

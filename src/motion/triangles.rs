@@ -103,7 +103,7 @@ impl Triangles {
     }
 
     /// The number of a triangle's mesh.
-    #[inline]
+    #[inline(always)]
     fn mesh_of(&self, id: u32) -> usize {
         let block = id as usize / BLOCK;
         let (first, last) = (self.mesh_at[block] as usize, self.mesh_at[block + 1] as usize);
@@ -114,14 +114,20 @@ impl Triangles {
         first + self.meshes[first..=last].partition_point(|mesh| mesh.first <= id) - 1
     }
 
-    #[inline]
+    #[inline(always)]
     fn mesh(&self, id: u32) -> &Rebased {
         &self.meshes[self.mesh_of(id)]
     }
 
     /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
+    #[inline(always)]
     pub(crate) fn keys(&self, id: u32) -> usize {
         self.mesh(id).keys
+    }
+
+    /// Whether no mesh has more than two keys.
+    pub(crate) fn linear(&self) -> bool {
+        self.meshes.iter().all(|mesh| mesh.keys <= 2)
     }
 
     /// The id of a triangle of a mesh, if there is such a triangle.
@@ -145,26 +151,26 @@ impl Triangles {
     }
 
     /// The vertices of a triangle: numbers that no other vertex of any mesh has.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn vertices(&self, id: u32) -> [u32; 3] {
         self.vertices.corners[id as usize]
     }
 
     /// How far apart successive keys of a triangle's vertices are, for [`Triangles::position`]; 0 where it stands
     /// still.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn stride(&self, id: u32) -> usize {
         self.mesh(id).stride
     }
 
     /// The position of a vertex at key `n` of its mesh, where `offset` is `n` times the stride.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn position(&self, vertex: u32, offset: usize) -> Vec3 {
         self.vertices.positions[vertex as usize + offset]
     }
 
     /// The corners at one key.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
         let offset = key * self.stride(id);
         self.vertices(id).map(|v| self.position(v, offset))
@@ -183,7 +189,7 @@ impl Triangles {
     }
 
     /// The corners at both ends of an interval, up to the signs of zeros.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn ends(&self, id: u32, over: TimeInterval) -> [[Vec3; 3]; 2] {
         let &Rebased { keys, stride, .. } = self.mesh(id);
         let vertices = self.vertices(id);

@@ -3,8 +3,8 @@
 //! The picture: a waiter who serves several tables. A ray that needs a block which is not in the cache would
 //! wait for it as long as dozens of tests take; so the block is asked for, and the other rays of the
 //! group take their turns until it has come. Answers do not depend on it. On a tree that fits the cache it only
-//! costs, so small trees are asked ray by ray; and so are rays that look the same way, since each finds what it needs
-//! where the one before it has been.
+//! costs, so small trees are asked ray by ray; and so are rays of which each finds what it needs where the one before it
+//! has been.
 
 use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
@@ -17,19 +17,27 @@ use crate::tree::wide::{ChildRef, WideSource, WideTree};
 /// Rays on their way at the same time.
 const GROUP: usize = 8;
 
-/// Whether most rays look nearly the same way as the one before them, as the rays of a camera do.
-pub(crate) fn look_alike(rays: &[Ray]) -> bool {
+/// Whether most rays find what they need where the one before them has been: those that look nearly the same way, as
+/// the rays of a camera do, and those that begin near it, unless the tree is divided in time and they look at other times.
+/// `scale` makes a distance one in tree space.
+pub(crate) fn follow_each_other(rays: &[Ray], scale: f64, divided: bool) -> bool {
     const SAMPLES: usize = 16;
     /// The cosine of a few degrees.
-    const NEARLY: f32 = 0.99;
+    const SAME_WAY: f32 = 0.99;
+    /// In tree space, where a scene is two across.
+    const NEAR: f64 = 0.4;
+    const SAME_TIME: f32 = 1.0 / 16.0;
     let step = rays.len().div_ceil(SAMPLES).max(1);
-    let (mut alike, mut pairs) = (0, 0);
+    let (mut following, mut pairs) = (0, 0);
     for pair in rays.windows(2).step_by(step) {
-        let [a, b] = [pair[0].dir.normalize_or_zero(), pair[1].dir.normalize_or_zero()];
-        alike += usize::from(a.dot(b) > NEARLY);
+        let [a, b] = [pair[0], pair[1]];
+        let same_way = a.dir.normalize_or_zero().dot(b.dir.normalize_or_zero()) > SAME_WAY;
+        let near = (a.origin - b.origin).length() * scale < NEAR;
+        let same_tree = !divided || (a.time - b.time).abs() < SAME_TIME;
+        following += usize::from(same_way | (near & same_tree));
         pairs += 1;
     }
-    2 * alike > pairs
+    2 * following > pairs
 }
 
 /// What a batch asks of each of its rays.
@@ -160,14 +168,23 @@ mod tests {
     use glam::Vec3;
 
     #[test]
-    fn rays_of_a_camera_look_alike_and_scattered_ones_do_not() {
-        let camera = |i: usize| Ray::new(Vec3::ZERO, Vec3::new(i as f32 * 1e-3, 1.0, 2.0));
-        let scattered = |i: usize| Ray::new(Vec3::ZERO, Vec3::new((i * 31 % 17) as f32 - 8.0, (i % 3) as f32, 1.0));
+    fn rays_follow_each_other_from_a_camera_and_from_near_places_but_not_through_a_tree_divided_in_time() {
+        let camera = |i: usize| Ray::new(Vec3::ZERO, Vec3::new(i as f32 * 1e-3, 1.0, 2.0)).at_time((i % 2) as f32);
+        let any_way = |i: usize| Vec3::new((i * 31 % 17) as f32 - 8.0, (i % 3) as f32, 1.0);
+        let near = |i: usize| Ray::new(Vec3::splat(i as f32 * 1e-3), any_way(i)).at_time((i % 2) as f32);
+        let scattered = |i: usize| Ray { origin: any_way(i * 7).as_dvec3(), ..near(i) };
         for count in [2, 9, 256] {
-            assert!(look_alike(&(0..count).map(camera).collect::<Vec<_>>()));
-            assert!(!look_alike(&(0..count).map(scattered).collect::<Vec<_>>()));
+            let follow = |ray: &dyn Fn(usize) -> Ray, divided: bool| {
+                let rays: Vec<Ray> = (0..count).map(ray).collect();
+                follow_each_other(&rays, 1.0, divided)
+            };
+            assert!(follow(&camera, false) && follow(&camera, true));
+            assert!(follow(&near, false) && !follow(&near, true));
+            assert!(follow(&|i| near(i).at_time(0.5), true));
+            assert!(!follow(&scattered, false) && !follow(&scattered, true));
         }
-        assert!(!look_alike(&[]) && !look_alike(&[camera(0)]));
-        assert!(!look_alike(&[Ray { dir: Vec3::NAN, ..camera(0) }; 4]));
+        assert!(!follow_each_other(&[], 1.0, false) && !follow_each_other(&[camera(0)], 1.0, false));
+        let nowhere = Ray { dir: Vec3::NAN, origin: Vec3::NAN.as_dvec3(), ..camera(0) };
+        assert!(!follow_each_other(&[nowhere; 4], 1.0, false));
     }
 }

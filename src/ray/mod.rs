@@ -15,7 +15,7 @@ mod wide;
 pub(crate) use filter::{Everything, Filter, Visible};
 pub(crate) use hit::SetHit;
 pub use hit::{Hit, Intersection};
-pub(crate) use interleave::{Anys, Asks, Batch, Closests, look_alike};
+pub(crate) use interleave::{Anys, Asks, Batch, Closests, follow_each_other};
 pub use observer::{Counters, Observer};
 pub(crate) use query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
 pub use query_ray::Ray;

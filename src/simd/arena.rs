@@ -57,6 +57,12 @@ impl Arena {
         at
     }
 
+    /// Forgets all words and keeps the memory.
+    pub(crate) fn clear(&mut self) {
+        self.lines.clear();
+        self.words = 0;
+    }
+
     /// Words in use.
     pub(crate) fn len(&self) -> usize {
         self.words

@@ -7,7 +7,7 @@ use crate::error::BuildError;
 use crate::motion::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
 use crate::ray::{
     AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
-    Query, Ray, Visible, look_alike,
+    Query, Ray, Visible, follow_each_other,
 };
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
@@ -207,8 +207,8 @@ impl<G: Geometry> RayTree<G> {
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order;
     /// a caller that keeps it allocates nothing.
     ///
-    /// Where the tree is larger than the processor's caches, this is also faster per thread than asking ray by ray:
-    /// several rays are on their way by turns while memory is fetched.
+    /// Where the tree is larger than the processor's caches and the rays have little in common, this is also faster per
+    /// thread than asking ray by ray: several rays are on their way by turns while memory is fetched.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -231,8 +231,9 @@ impl<G: Geometry> RayTree<G> {
 
     fn batch<A: Asks>(&self, rays: &[Ray], answers: &mut Vec<A::Answer>, one: impl Fn(&Ray) -> A::Answer + Sync) {
         let large = self.statistics.bytes > CACHED;
+        let scale = self.geometry.frame().scale;
         batch(rays, answers, A::NOTHING, |rays, answers| match &self.layout {
-            Layout::Wide(tree) if large && !look_alike(rays) => {
+            Layout::Wide(tree) if large && !follow_each_other(rays, scale, tree.divided()) => {
                 dispatch(self.simd, Batch::<G, A> { tree, set: &self.geometry, rays, answers });
             }
             _ => {
@@ -356,7 +357,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
 }
 
 /// Trees up to this many bytes mostly stay in the caches, where taking turns costs more than it gains.
-const CACHED: usize = 32 << 20;
+const CACHED: usize = 64 << 20;
 
 /// Rays per task of a batch.
 #[cfg(feature = "rayon")]

@@ -5,11 +5,12 @@
 //! is its exact mean over the interval. Below a depth that sane input never reaches, halves by count
 //! take over, so that the depth is bounded whatever the input is.
 
-use super::bins::{Parted, Partition, Summary, Table, find_split};
+use super::bins::{Table, find_split, summary};
+use super::partition::{Parted, partition};
 use super::reference::Reference;
 use crate::motion::{Box3, LinearBox3};
 use crate::parallel;
-use crate::simd::{SimdLevel, dispatch, huge_vec};
+use crate::simd::{SimdLevel, huge_vec};
 use glam::Vec3;
 
 /// A node of the binary tree, in preorder: the left child follows its parent.
@@ -27,16 +28,22 @@ pub(crate) struct BinaryNode {
     pub moving: bool,
 }
 
+impl BinaryNode {
+    /// A node over so many references, nothing known below.
+    fn new(task: &Task, count: usize) -> BinaryNode {
+        BinaryNode { bounds: task.bounds, first: task.first, count: count as u32, right: 0, moving: false }
+    }
+}
+
 /// A finished binary tree; node 0 is the root. Empty without references.
 pub(crate) type BinaryTree = Vec<BinaryNode>;
 
 /// Depth from which on references are halved by count.
 const SAH_DEPTH: u32 = 44;
 
-/// References below which a subtree is built by one thread. Above it, finished subtrees are copied together,
-/// so it also grows with the whole.
-#[cfg(feature = "rayon")]
+/// Subtrees of so many references, or the whole's among so many per thread, are built by one thread.
 const PARALLEL: usize = 4096;
+const PIECES: usize = 32;
 
 /// Mean over the interval of half the surface area of a linearly changing box.
 ///
@@ -53,24 +60,21 @@ pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
 /// Builds over references, which are reordered. Nodes of at most `leaf` references are not split on.
 pub(crate) fn build_binary(references: &mut [Reference], leaf: usize) -> BinaryTree {
     let n = references.len();
-    let mut nodes = huge_vec(most_nodes(n, leaf));
-    if n > 0 {
-        let simd = SimdLevel::best();
-        let (bounds, centres) = dispatch(simd, Summary(references));
-        #[cfg(feature = "rayon")]
-        let alone = match rayon::current_num_threads() {
-            1 => usize::MAX,
-            threads => PARALLEL.max(n / (8 * threads)),
-        };
-        let builder = Builder {
-            simd,
-            leaf: leaf.max(1),
-            #[cfg(feature = "rayon")]
-            alone,
-        };
-        builder.subtree(references, Task { first: 0, depth: 0, bounds, centres }, &mut nodes, &mut Table::new());
+    if n == 0 {
+        return BinaryTree::new();
     }
-    nodes
+    let simd = SimdLevel::best();
+    let (bounds, centres) = summary(simd, references);
+    let alone = match parallel::threads() {
+        1 => usize::MAX,
+        threads => PARALLEL.max(n / (PIECES * threads)),
+    };
+    let builder = Builder { simd, leaf: leaf.max(1), alone };
+    let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, bounds, centres });
+    match pieces.len() {
+        1 => pieces.remove(0),
+        _ => parallel::concat(&pieces),
+    }
 }
 
 /// Room for the nodes over so many references: leaves are about half full, and with one reference each there are 2 n - 1
@@ -80,7 +84,7 @@ fn most_nodes(references: usize, leaf: usize) -> usize {
 }
 
 /// References among which a place is looked for; of more, evenly spaced ones are taken.
-const LOOKED_AT: usize = 16384;
+const LOOKED_AT: usize = 4096;
 
 /// Neighbours around evenly spaced references, about `most` each: samples of what the tree over all will have in
 /// some places.
@@ -93,10 +97,10 @@ pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize
     let places: Vec<Box3> = (0..count)
         .map(|i| {
             let at = (2 * i + 1) * few.len() / (2 * count);
-            dispatch(SimdLevel::best(), Summary(isolate(&mut few, at, most / step))).1
+            summary(SimdLevel::best(), isolate(&mut few, at, most / step)).1
         })
         .collect();
-    let chunk = LOOKED_AT.max(references.len() / 64);
+    let chunk = 16384.max(references.len() / 64);
     let found = parallel::map(references.len().div_ceil(chunk), |task| {
         let mut found = vec![Vec::new(); count];
         for r in &references[task * chunk..references.len().min((task + 1) * chunk)] {
@@ -121,10 +125,10 @@ pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize
 fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut [Reference] {
     let simd = SimdLevel::best();
     let mut table = Table::new();
-    let (_, mut centres) = dispatch(simd, Summary(references));
+    let (_, mut centres) = summary(simd, references);
     while references.len() > most.max(1) {
         let Some(split) = find_split(simd, references, centres, &mut table) else { break };
-        let Parted { middle, low, high } = dispatch(simd, Partition { references, split: &split });
+        let Parted { middle, low, high } = partition(simd, references, &split);
         let sides = references.split_at_mut(middle);
         (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
     }
@@ -135,7 +139,6 @@ struct Builder {
     simd: SimdLevel,
     leaf: usize,
     /// Up to this many references a subtree is built by one thread. It never changes the tree.
-    #[cfg(feature = "rayon")]
     alone: usize,
 }
 
@@ -151,10 +154,30 @@ struct Task {
 }
 
 impl Builder {
+    /// A subtree in pieces, to be put one behind the other.
+    fn pieces(&self, references: &mut [Reference], task: Task) -> Vec<BinaryTree> {
+        let n = references.len();
+        if n <= self.alone.max(self.leaf) {
+            let mut nodes = huge_vec(most_nodes(n, self.leaf));
+            self.subtree(references, task, &mut nodes, &mut Table::new());
+            return vec![nodes];
+        }
+        let (low, high, middle) = self.divide(references, &task, &mut Table::new());
+        let (low_references, high_references) = references.split_at_mut(middle);
+        let (left, right) = parallel::both(|| self.pieces(low_references, low), || self.pieces(high_references, high));
+        let mut node = BinaryNode::new(&task, n);
+        node.right = 1 + left.iter().map(Vec::len).sum::<usize>() as u32;
+        node.moving = left[0][0].moving | right[0][0].moving;
+        let mut pieces = vec![vec![node]];
+        pieces.extend(left);
+        pieces.extend(right);
+        pieces
+    }
+
     /// Returns whether anything in the subtree moves.
     fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
         let (at, n) = (nodes.len(), references.len());
-        nodes.push(BinaryNode { bounds: task.bounds, first: task.first, count: n as u32, right: 0, moving: false });
+        nodes.push(BinaryNode::new(&task, n));
         if n <= self.leaf {
             let moving = references.iter().any(Reference::moving);
             nodes[at].moving = moving;
@@ -162,22 +185,9 @@ impl Builder {
         }
         let (low, high, middle) = self.divide(references, &task, table);
         let (low_references, high_references) = references.split_at_mut(middle);
-        let (left, right);
-        #[cfg(feature = "rayon")]
-        if low_references.len().min(high_references.len()) > self.alone / 4 && n > self.alone {
-            let mut apart = huge_vec(most_nodes(high_references.len(), self.leaf));
-            (left, right) = rayon::join(
-                || self.subtree(low_references, low, nodes, table),
-                || self.subtree(high_references, high, &mut apart, &mut Table::new()),
-            );
-            nodes[at].right = (nodes.len() - at) as u32;
-            nodes[at].moving = left | right;
-            nodes.extend(apart);
-            return left | right;
-        }
-        left = self.subtree(low_references, low, nodes, table);
+        let left = self.subtree(low_references, low, nodes, table);
         nodes[at].right = (nodes.len() - at) as u32;
-        right = self.subtree(high_references, high, nodes, table);
+        let right = self.subtree(high_references, high, nodes, table);
         nodes[at].moving = left | right;
         left | right
     }
@@ -195,12 +205,12 @@ impl Builder {
             && task.depth < SAH_DEPTH
             && let Some(split) = find_split(self.simd, references, task.centres, table)
         {
-            let Parted { middle, low, high } = dispatch(self.simd, Partition { references, split: &split });
+            let Parted { middle, low, high } = partition(self.simd, references, &split);
             return (side(0, split.low, low), side(middle, split.high, high), middle);
         }
         let middle = references.len() / 2;
         let of = |begin: usize, references: &[Reference]| {
-            let (bounds, centres) = dispatch(self.simd, Summary(references));
+            let (bounds, centres) = summary(self.simd, references);
             side(begin, bounds, centres)
         };
         (of(0, &references[..middle]), of(middle, &references[middle..]), middle)

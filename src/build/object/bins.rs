@@ -1,4 +1,4 @@
-//! Binned SAH: where to part references, and the parting itself, in sixteen lanes.
+//! Binned SAH: where to part references, in sixteen lanes.
 //!
 //! The inner loops of a build. A reference is one register; a bin is another, united with it by one
 //! minimum. Nothing is fused, so every instruction set makes the same tree.
@@ -7,7 +7,7 @@ use super::reference::{Packed, Reference};
 use crate::motion::{Box3, LinearBox3};
 use crate::parallel;
 use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch};
-use glam::{Vec3, Vec4};
+use glam::Vec4;
 
 /// Most bins per axis.
 pub(super) const BINS: usize = 32;
@@ -139,17 +139,33 @@ impl Kernel for Count<'_> {
     }
 }
 
-/// References from which on a node is counted by several threads.
-const PARALLEL: usize = 1 << 15;
+/// References from which on a node is counted and parted by several threads.
+pub(super) const PARALLEL: usize = 1 << 15;
+
+/// A node that several threads count is counted in so many chunks.
+const CHUNKS: usize = 32;
 
 /// A partition of references by the bins of their centres.
 pub(super) struct Split {
-    axis: usize,
+    pub axis: usize,
     binning: Binning,
     /// First bin of the high side.
     plane: usize,
     pub low: LinearBox3,
     pub high: LinearBox3,
+    /// How many references are on the low side.
+    pub middle: usize,
+    /// The same in successive chunks of so many references each; nothing where one thread counted.
+    pub chunk: usize,
+    pub lows: Vec<usize>,
+}
+
+impl Split {
+    /// Whether a reference with this centre on the axis is on the low side.
+    #[inline(always)]
+    pub fn is_low(&self, centre: f32) -> bool {
+        self.binning.rounded_on(self.axis, centre) < ROUND + self.plane as f32
+    }
 }
 
 /// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide. `centres` is the box
@@ -157,24 +173,27 @@ pub(super) struct Split {
 pub(super) fn find_split(simd: SimdLevel, references: &[Reference], centres: Box3, table: &mut Table) -> Option<Split> {
     let bins = bins_for(references.len());
     let binning = Binning::new(centres, bins);
-    let threads = parallel::threads();
-    if references.len() < PARALLEL || threads == 1 {
+    let (mut chunk, mut chunks) = (references.len(), Vec::new());
+    if references.len() < PARALLEL || parallel::threads() == 1 {
         dispatch(simd, Count { references, binning, bins, axes: &mut table.axes });
     } else {
         // Minima and sums, added up in order: who counts what changes nothing.
-        let chunk = references.len().div_ceil(threads);
-        let counted = parallel::map(threads, |i| {
+        chunk = references.len().div_ceil(CHUNKS);
+        chunks = parallel::map(references.len().div_ceil(chunk), |i| {
             let mut axes = Box::new([Bins::EMPTY; 3]);
-            let references = references.chunks(chunk).nth(i).unwrap_or(&[]);
+            let references = &references[i * chunk..references.len().min((i + 1) * chunk)];
             dispatch(simd, Count { references, binning, bins, axes: &mut axes });
             axes
         });
         for (axis, sum) in table.axes.iter_mut().enumerate() {
             sum.clear(bins);
-            counted.iter().for_each(|axes| sum.add(&axes[axis]));
+            chunks.iter().for_each(|axes| sum.add(&axes[axis]));
         }
     }
-    dispatch(simd, Choose { binning, bins, table })
+    let split = dispatch(simd, Choose { binning, bins, table })?;
+    let below = |axes: &[Bins; 3]| axes[split.axis].counts[..split.plane].iter().sum::<u32>() as usize;
+    let lows = chunks.iter().map(|axes| below(axes)).collect();
+    Some(Split { middle: below(&table.axes), chunk, lows, ..split })
 }
 
 /// Chooses the cheapest plane between counted bins.
@@ -205,7 +224,8 @@ impl Kernel for Choose<'_> {
             return None;
         }
         let (low, high) = table.axes[axis].bounds[..bins].split_at(plane);
-        Some(Split { axis, binning, plane, low: union(s, low), high: union(s, high) })
+        let (low, high) = (union(s, low), union(s, high));
+        Some(Split { axis, binning, plane, low, high, middle: 0, chunk: 0, lows: Vec::new() })
     }
 }
 
@@ -267,58 +287,15 @@ fn sweep<S: Simd>(s: S, bins: &[Packed], counts: &[u32], terms: &mut [Packed; BI
     best
 }
 
-/// Both sides of a parting: how many are low, and the boxes of the centres.
-pub(super) struct Parted {
-    pub middle: usize,
-    pub low: Box3,
-    pub high: Box3,
-}
-
-/// Moves the low side of a split to the front; the order depends on nothing but the input.
-pub(super) struct Partition<'a> {
-    pub references: &'a mut [Reference],
-    pub split: &'a Split,
-}
-
-impl Kernel for Partition<'_> {
-    type Output = Parted;
-
-    /// Every reference is exchanged with the first high one, whether it is low or not: without branches that
-    /// nobody could predict. The centres' least coordinates, and those of the negated centres, are in the low
-    /// half of the lanes for the low side and in the high half for the high side.
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Parted {
-        let Partition { references, split: &Split { axis, binning, plane, .. } } = self;
-        let (lane, plane) = (Reference::CENTRE[axis], ROUND + plane as f32);
-        let centre = s.load_u(&CENTRES);
-        let signs = s.load(&SIGNS);
-        let mut centres = s.splat(f32::INFINITY);
-        let mut middle = 0;
-        for i in 0..references.len() {
-            let lanes = s.load(&references[i].0.0);
-            let low = binning.rounded_on(axis, references[i].0.0[lane]) < plane;
-            let side = HALF ^ u16::from(low).wrapping_sub(1);
-            centres = s.select(side, s.min(centres, s.permute(lanes, centre) * signs), centres);
-            // As registers: the compiler would move references in halves, through the stack.
-            let other = s.load(&references[middle].0.0);
-            s.store(other, &mut references[i].0.0);
-            s.store(lanes, &mut references[middle].0.0);
-            middle += usize::from(low);
-        }
-        let mut packed = Packed::EMPTY;
-        s.store(centres, &mut packed.0);
-        let at = |i: usize| Vec3::new(packed.0[i], packed.0[i + 1], packed.0[i + 2]);
-        let boxed = |i: usize| Box3 { min: at(i), max: -at(i + 4) };
-        Parted { middle, low: boxed(0), high: boxed(8) }
-    }
-}
-
-/// Twice the centre and the negated centre, four lanes each.
-const CENTRES: Lanes<u32> = [6, 7, 14, 14, 6, 7, 14, 14, 6, 7, 14, 14, 6, 7, 14, 14];
-const SIGNS: Lanes<f32> = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0];
-
 /// Bounds of references and the box of their centres.
-pub(super) struct Summary<'a>(pub &'a [Reference]);
+pub(super) fn summary(simd: SimdLevel, references: &[Reference]) -> (LinearBox3, Box3) {
+    let parts = parallel::chunks(references.len(), |of| dispatch(simd, Summary(&references[of])));
+    let nothing = (LinearBox3::EMPTY, Box3::EMPTY);
+    parts.into_iter().reduce(|a, b| (a.0.union(b.0), a.1.union(b.1))).unwrap_or(nothing)
+}
+
+/// The same by one thread.
+struct Summary<'a>(&'a [Reference]);
 
 impl Kernel for Summary<'_> {
     type Output = (LinearBox3, Box3);

@@ -6,6 +6,7 @@ mod binned;
 mod bins;
 mod collapse;
 mod graft;
+mod partition;
 mod reference;
 mod spatial;
 

@@ -22,13 +22,24 @@ impl Reference {
     /// A reference with linear bounds over the build's interval.
     #[inline]
     pub fn new(bounds: LinearBox3, id: u32) -> Reference {
-        let mut packed = Packed::new(&bounds);
-        let centre = (bounds.begin.min + bounds.end.max) + (bounds.begin.max + bounds.end.min);
-        for (lane, x) in Reference::CENTRE.into_iter().zip(centre.to_array()) {
-            packed.0[lane] = x;
+        Reference::of(Packed::new(&bounds), id)
+    }
+
+    /// The same of packed bounds.
+    #[inline]
+    pub(super) fn of(mut packed: Packed, id: u32) -> Reference {
+        let p = &mut packed.0;
+        for (axis, lane) in Reference::CENTRE.into_iter().enumerate() {
+            p[lane] = (p[LOW + axis] - p[HIGH + 3 + axis]) + (p[LOW + 3 + axis] - p[HIGH + axis]);
         }
-        packed.0[ID] = f32::from_bits(id);
+        p[ID] = f32::from_bits(id);
         Reference(packed)
+    }
+
+    /// Its bounds; the spare lanes hold something else.
+    #[inline]
+    pub(super) fn packed(&self) -> &Packed {
+        &self.0
     }
 
     /// The primitive, or what else the caller builds over.
@@ -80,6 +91,23 @@ impl Packed {
             low0.x, low0.y, low0.z, low1.x, low1.y, low1.z, 0.0, 0.0, high0.x, high0.y, high0.z, high1.x, high1.y,
             high1.z, 0.0, 0.0,
         ])
+    }
+
+    /// The least of each lane.
+    pub fn least(self, other: Packed) -> Packed {
+        Packed(core::array::from_fn(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] }))
+    }
+
+    /// The bounds of a point that is at `begin` first and at `end` last.
+    #[inline(always)]
+    pub fn point(begin: Vec3, end: Vec3) -> Packed {
+        Packed::new(&LinearBox3 { begin: Box3 { min: begin, max: begin }, end: Box3 { min: end, max: end } })
+    }
+
+    /// Whether nothing was united with [`Packed::EMPTY`].
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.0[LOW] == f32::INFINITY
     }
 
     /// Four lanes from lane `i`.

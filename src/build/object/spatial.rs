@@ -7,9 +7,10 @@
 //! *move*, cutting does not pay, so only references are cut whose motion is small beside their length.
 
 use super::binned::mean_half_area;
-use super::reference::Reference;
+use super::reference::{Packed, Reference};
 use crate::motion::{LinearBox3, ULP};
 use crate::parallel;
+use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch};
 use glam::Vec3;
 
 /// A triangle's corners at the begin and the end of the build's interval, linear in between up to `slack`.
@@ -21,6 +22,7 @@ pub(crate) struct Ends {
 
 impl Ends {
     /// The area at the begin.
+    #[inline(always)]
     pub fn area(&self) -> f32 {
         let [a, b, c] = self.begin;
         0.5 * (b - a).cross(c - a).length()
@@ -29,9 +31,6 @@ impl Ends {
 
 /// Most parts of one reference.
 const BINS: usize = 8;
-
-/// References per task.
-const CHUNK: usize = 4096;
 
 /// Only references whose motion is at most this part of their length are cut.
 const STEADY: f32 = 0.6;
@@ -76,62 +75,100 @@ impl Planes {
 /// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
 pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
     let n = references.len();
-    let mut areas = Vec::new();
-    parallel::fill(&mut areas, n, |i| mean_half_area(&references[i].bounds()));
-    let total = areas.iter().map(|&area| f64::from(area)).sum::<f64>();
-    let mut least = (f64::from(PRICE) * total / n.max(1) as f64) as f32;
-    let worth = |i: usize| {
-        // A gain is at most the area, and nothing is cut for less than twice the least.
-        let steady = areas[i] >= 2.0 * least && Planes::across(&references[i].bounds(), BINS).is_some();
-        let own = if steady { ends(references[i].id())?.area() } else { return None };
-        let gain = areas[i] - FULL * own;
-        (gain > 0.0 && gain >= 2.0 * least).then_some((i as u32, gain))
-    };
-    let gains = parallel::map(n.div_ceil(CHUNK), |task| {
-        (task * CHUNK..n.min((task + 1) * CHUNK)).filter_map(worth).collect::<Vec<(u32, f32)>>()
-    });
-    let gains = gains.concat();
-    // The greatest m for which m (m - 1) <= gain / least.
-    let parts = |gain: f32, least: f32| match gain < 2.0 * least {
-        true => 1,
-        false => ((0.25 + gain / least).sqrt() + 0.5).min(BINS as f32) as usize,
-    };
-    let more = (n as f64 * f64::from(budget)) as usize - n;
-    // What some of them say is nearly right; all of them keep the budget.
-    for (step, by) in [(8, 1.05), (1, 1.02)] {
-        let made = |least| gains.iter().step_by(step).map(|&(_, gain)| step * (parts(gain, least) - 1)).sum::<usize>();
-        while made(least) > more {
-            least = least * by + f32::MIN_POSITIVE;
-        }
-    }
-    let tasks = parallel::map(gains.len().div_ceil(CHUNK), |task| {
-        let mut out = Vec::new();
-        for &(i, gain) in &gains[task * CHUNK..gains.len().min((task + 1) * CHUNK)] {
+    let (gains, total) = gains(references, &ends);
+    let least = (f64::from(PRICE) * total / n.max(1) as f64) as f32;
+    let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
+    let simd = SimdLevel::best();
+    let tasks = parallel::chunks(gains.len(), |range| {
+        let gains = &gains[range];
+        let most = gains.iter().map(|&(_, gain)| parts(gain, least)).sum();
+        let (mut made, mut counts) = (Vec::with_capacity(most), Vec::with_capacity(gains.len()));
+        for &(i, gain) in gains {
             let (r, m) = (&references[i as usize], parts(gain, least));
-            let bounds = r.bounds();
-            let (Some(planes), Some(ends)) = (Planes::across(&bounds, m).filter(|_| m > 1), ends(r.id())) else {
+            let (Some(planes), Some(ends)) = (Planes::across(&r.bounds(), m).filter(|_| m > 1), ends(r.id())) else {
                 continue;
             };
-            let mut cut = [LinearBox3::EMPTY; BINS];
-            chop(&ends, &bounds, planes, 0, m - 1, &mut cut);
-            let held = cut[..m].iter().filter(|part| !(part.begin.is_empty() && part.end.is_empty()));
-            out.extend(held.map(|part| (i, *part)));
+            let mut boxes = [Packed::EMPTY; BINS];
+            dispatch(simd, Chop { ends: &ends, whole: r.packed(), planes, parts: &mut boxes[..m] });
+            let before = made.len();
+            made.extend(boxes[..m].iter().filter(|b| !b.is_empty()).map(|&b| Reference::of(b, r.id())));
+            counts.push((i, made.len() - before));
         }
-        out
+        (made, counts)
     });
-    let mut last = u32::MAX;
-    for (i, part) in tasks.into_iter().flatten() {
-        let part = Reference::new(part, references[i as usize].id());
-        if i == last {
-            references.push(part);
-        } else {
-            references[i as usize] = part;
+    for (made, counts) in tasks {
+        let mut rest = &made[..];
+        for (i, count) in counts {
+            let (parts, others) = rest.split_at(count);
+            if let Some((first, more)) = parts.split_first() {
+                references[i as usize] = *first;
+                references.extend_from_slice(more);
+            }
+            rest = others;
         }
-        last = i;
     }
 }
 
-/// Linear bounds of the parts of a moving triangle between successive planes, for bins `first..=last`.
+/// What cutting each reference would save altogether, of those for which it saves anything, and the area of all.
+fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync)) -> (Vec<(u32, f32)>, f64) {
+    let tasks = parallel::chunks(references.len(), |range| {
+        let (mut gains, mut total) = (Vec::new(), 0.0);
+        for i in range {
+            let bounds = references[i].bounds();
+            let area = mean_half_area(&bounds);
+            total += f64::from(area);
+            if Planes::across(&bounds, BINS).is_some()
+                && let Some(ends) = ends(references[i].id())
+            {
+                let gain = area - FULL * ends.area();
+                if gain > 0.0 {
+                    gains.push((i as u32, gain));
+                }
+            }
+        }
+        (gains, total)
+    });
+    let (mut all, mut total) = (Vec::new(), 0.0);
+    for (gains, area) in tasks {
+        all.extend(gains);
+        total += area;
+    }
+    (all, total)
+}
+
+/// What must be gained altogether for an `m`-th part, when a part must save `least`.
+fn worth(m: usize, least: f32) -> f32 {
+    (m * (m - 1)) as f32 * least
+}
+
+/// Number of parts for a gain.
+fn parts(gain: f32, least: f32) -> usize {
+    (2..=BINS).take_while(|&m| gain >= worth(m, least)).count() + 1
+}
+
+/// The smallest saving of a part, at least `least`, for which at most `most` parts are added.
+///
+/// Gains are counted in classes, the upper bits of a float, which are 3 percent wide; from then on all of a class
+/// count as one.
+fn raised(gains: &[(u32, f32)], least: f32, most: usize) -> f32 {
+    const BITS: u32 = 18;
+    let class = |x: f32| (x.to_bits() >> BITS) as usize;
+    let mut above = vec![0usize; class(f32::INFINITY) + 1];
+    for &(_, gain) in gains {
+        above[class(gain)] += 1;
+    }
+    for c in (1..above.len()).rev() {
+        above[c - 1] += above[c];
+    }
+    let made = |least: f32| (2..=BINS).map(|m| above[class(worth(m, least))]).sum::<usize>();
+    let mut raised = least;
+    while made(raised) > most {
+        raised = f32::from_bits((class(raised) as u32 + 1) << BITS);
+    }
+    raised
+}
+
+/// Cuts a moving triangle at successive planes: linear bounds of the parts between them.
 ///
 /// Proof that each part is held at every time. The part between two planes is a convex polygon; its corners
 /// are corners of the triangle, or points where an edge meets a plane.
@@ -146,64 +183,78 @@ pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<
 ///
 /// The points are computed with three roundings at sizes of at most 2 (8 ULP cover them), and the kernel's
 /// corners stray from the lines by `slack`.
-fn chop(corners: &Ends, whole: &LinearBox3, planes: Planes, first: usize, last: usize, parts: &mut [LinearBox3; BINS]) {
-    let a = planes.axis;
-    for i in 0..3 {
-        let (p, q) = (corners.begin[i], corners.end[i]);
-        let (low, high) = (p[a].min(q[a]), p[a].max(q[a]));
-        for (k, part) in parts.iter_mut().enumerate().take(last + 1).skip(first) {
-            let above = k == first || high >= planes.plane(k);
-            let below = k == last || low <= planes.plane(k + 1);
-            if above && below {
-                include(part, p, q);
+struct Chop<'a> {
+    ends: &'a Ends,
+    /// What holds the triangle, or the part of it that is to be cut.
+    whole: &'a Packed,
+    planes: Planes,
+    /// Empty bounds, one for each part.
+    parts: &'a mut [Packed],
+}
+
+impl Kernel for Chop<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Chop { ends, whole, planes, parts } = self;
+        let (a, last) = (planes.axis, parts.len() - 1);
+        // No branches: which part holds what, nobody could predict.
+        let nothing = s.splat(f32::INFINITY);
+        let mut corners = [nothing; 3];
+        for (i, corner) in corners.iter_mut().enumerate() {
+            *corner = s.load(&Packed::point(ends.begin[i], ends.end[i]).0);
+        }
+        for i in 0..3 {
+            let j = (i + 1) % 3;
+            let (from, to) = (corners[i], corners[j]);
+            let along = to - from;
+            let (p0, p1) = (ends.begin[i][a], ends.end[i][a]);
+            let (q0, q1) = (ends.begin[j][a], ends.end[j][a]);
+            let (low, high) = (p0.min(p1), p0.max(p1));
+            for (k, part) in parts.iter_mut().enumerate() {
+                let above = k == 0 || high >= planes.plane(k);
+                let below = k == last || low <= planes.plane(k + 1);
+                let held = s.select(all_if(above & below), from, nothing);
+                s.store(s.min(s.load(&part.0), held), &mut part.0);
+            }
+            for k in 1..=last {
+                let plane = planes.plane(k);
+                let (p0, p1, q0, q1) = (p0 - plane, p1 - plane, q0 - plane, q1 - plane);
+                let at_begin = s.select(all_if(apart(p0, q0)), from + along * s.splat(crossing(p0, q0)), nothing);
+                let at_end = s.select(all_if(apart(p1, q1)), from + along * s.splat(crossing(p1, q1)), nothing);
+                let p_passes = s.select(all_if(apart(p0, p1)), from, nothing);
+                let q_passes = s.select(all_if(apart(q0, q1)), to, nothing);
+                let met = s.min(s.min(at_begin, at_end), s.min(p_passes, q_passes));
+                for part in &mut parts[k - 1..=k] {
+                    s.store(s.min(s.load(&part.0), met), &mut part.0);
+                }
             }
         }
-        let j = (i + 1) % 3;
-        let (p2, q2) = (corners.begin[j], corners.end[j]);
-        let (low, high) = (low.min(p2[a]).min(q2[a]), high.max(p2[a]).max(q2[a]));
-        for k in first + 1..=last {
-            let plane = planes.plane(k);
-            if plane < low || plane > high {
-                continue;
-            }
-            let (p_begin, p_end) = (p[a] - plane, q[a] - plane);
-            let (q_begin, q_end) = (p2[a] - plane, q2[a] - plane);
-            let mut met = LinearBox3::EMPTY;
-            let mut meet = |u: f32| include(&mut met, p + (p2 - p) * u, q + (q2 - q) * u);
-            if apart(p_begin, q_begin) {
-                meet(crossing(p_begin, q_begin));
-            }
-            if apart(p_end, q_end) {
-                meet(crossing(p_end, q_end));
-            }
-            if apart(p_begin, p_end) {
-                meet(0.0);
-            }
-            if apart(q_begin, q_end) {
-                meet(1.0);
-            }
-            parts[k - 1] = parts[k - 1].union(met);
-            parts[k] = parts[k].union(met);
-        }
-    }
-    for part in &mut parts[first..=last] {
-        if !part.begin.is_empty() {
-            let pad = corners.slack + 8.0 * ULP;
-            *part = LinearBox3 { begin: part.begin.pad(pad), end: part.end.pad(pad) }.tighter(*whole);
+        // Toward the outside is down in every lane. Of each face the whole's is taken where it is tighter on average.
+        let (pad, whole, other) = (s.splat(ends.slack + 8.0 * ULP), s.load(&whole.0), s.load_u(&OTHER_END));
+        let mean = whole + s.permute(whole, other);
+        for part in parts {
+            let own = s.load(&part.0) - pad;
+            let looser = s.lt(own + s.permute(own, other), mean);
+            s.store(s.select(looser, whole, own), &mut part.0);
         }
     }
 }
 
+/// The lane of the same face at the other end of the interval.
+const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14, 15];
+
+/// All lanes, or none.
 #[inline(always)]
-fn include(part: &mut LinearBox3, begin: Vec3, end: Vec3) {
-    part.begin = part.begin.include(begin);
-    part.end = part.end.include(end);
+fn all_if(condition: bool) -> Mask {
+    Mask::from(condition).wrapping_neg()
 }
 
 /// Whether two distances are on different sides of a plane, or on it.
 #[inline(always)]
 fn apart(x: f32, y: f32) -> bool {
-    (x <= 0.0 && y >= 0.0) || (x >= 0.0 && y <= 0.0)
+    (x.min(y) <= 0.0) & (x.max(y) >= 0.0)
 }
 
 /// Where a line between two such distances meets the plane.
@@ -277,8 +328,11 @@ mod tests {
                 continue;
             }
             let planes = Planes { axis, low: middle.min[axis], width };
-            let mut parts = [LinearBox3::EMPTY; BINS];
-            chop(&corners, &bounds, planes, 0, BINS - 1, &mut parts);
+            let mut parts = [Packed::EMPTY; BINS];
+            let whole = Packed::new(&bounds);
+            let level = SimdLevel::available()[round / 4 % SimdLevel::available().len()];
+            dispatch(level, Chop { ends: &corners, whole: &whole, planes, parts: &mut parts });
+            let parts = parts.map(|part| part.bounds());
             for step in 0..=8 {
                 let t = step as f32 / 8.0;
                 let now: [Vec3; 3] = core::array::from_fn(|i| begin[i] + (end[i] - begin[i]) * t);

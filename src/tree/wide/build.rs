@@ -8,7 +8,7 @@
 
 use super::divide::{Region, params_of_copies, primitives, regions};
 use super::emit::{Nodes, set_children, write_blocks, write_node, write_time};
-use super::layout::ChildRef;
+use super::layout::{ChildRef, Kind};
 use super::leaf::WideSource;
 use super::plan::{PRICES, Plan, part_of_shutter, plan_tree};
 use super::segments::Segments;
@@ -18,12 +18,14 @@ use crate::build::{BuildParams, Division, Progress};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
 use crate::parallel;
-use crate::simd::{Arena, LANES};
+use crate::simd::{Arena, LANES, huge_vec};
 
 /// A built tree: the arena and where it begins.
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
+    /// Whether parts of one primitive may be in several leaf blocks.
+    pub(super) cut: bool,
     /// A leaf block in which each piece of a primitive's motion is, see [`WideSource::piece`].
     pub(super) blocks: Vec<u32>,
     pub(super) survey: Survey,
@@ -40,7 +42,7 @@ impl WideTree {
     /// written group.
     pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let (arena, blocks, survey) = (Arena::default(), Vec::new(), Survey::default());
-        let mut tree = WideTree { arena, root: ChildRef::NOTHING, blocks, survey };
+        let mut tree = WideTree { arena, root: ChildRef::NOTHING, cut: false, blocks, survey };
         let groups = groups(set);
         let mut parts = Vec::new();
         for (keys, ids) in groups {
@@ -56,6 +58,11 @@ impl WideTree {
         tree.arena.settle();
         (tree.survey, tree.blocks) = tree.surveyed(set);
         Ok(tree)
+    }
+
+    /// Whether all of it is divided in time, so that rays at different times walk different trees.
+    pub fn divided(&self) -> bool {
+        self.root.kind() == Kind::Time
     }
 
     /// Builds primitives that stand still or move linearly.
@@ -165,6 +172,7 @@ impl WideTree {
         plan: &Plan,
         grafts: &[(u32, ChildRef)],
     ) -> Result<Part, BuildError> {
+        self.cut |= plan.cut;
         let leaf = |arena: &mut Arena, node: &BinaryNode| {
             if node.count as usize > PRICES.most {
                 // Too large for a block: only grafts are.
@@ -184,6 +192,7 @@ impl WideTree {
         plan: &Plan,
         segments: &Segments,
     ) -> Result<ChildRef, BuildError> {
+        self.cut |= plan.cut;
         let clusters = &segments.clusters;
         let block = |arena: &mut Arena, i: usize| leaf(arena, set, &plan.references, &clusters[i], plan.segment);
         let blocks = write_blocks(&mut self.arena, clusters.len(), block)?;
@@ -224,6 +233,11 @@ fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
 
 /// The primitives by their number of keys, at least two, fewest keys first.
 fn groups<S: WideSource>(set: &S) -> Vec<(usize, Vec<u32>)> {
+    if set.linear() && set.len() > 0 {
+        let mut ids = huge_vec(set.len());
+        parallel::fill(&mut ids, set.len(), |id| id as u32);
+        return vec![(2, ids)];
+    }
     let parts = parallel::chunks(set.len(), |ids| {
         let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
         for id in ids {

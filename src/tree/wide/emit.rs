@@ -1,14 +1,13 @@
 //! Writes nodes into the arena.
 //!
-//! Subtrees up to a fixed size are written by any thread, each into an arena of its own that stays in the
-//! cache; then they are put one behind the other, and the references in their nodes moved along. The few nodes above
-//! them follow.
+//! Subtrees up to a fixed size are written apart by any thread and put one behind the other ([`super::assemble`]). The
+//! few nodes above them follow.
 
+use super::assemble::{Apart, write_in_order};
 use super::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::build::object::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
-use crate::parallel;
 use crate::simd::{Arena, LANES};
 
 /// A face at time 0 and its velocity: the line that a query evaluates as `at + velocity * t`.
@@ -82,7 +81,7 @@ pub(super) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildR
 }
 
 /// The row of a node's children.
-fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {
+pub(super) fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {
     let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
     let row = node.at() + (rows - 1) * LANES;
     &mut arena.ints_mut()[row..row + LANES]
@@ -105,71 +104,19 @@ const APART: u32 = 4096;
 /// Leaf blocks that are written together.
 const BLOCKS: usize = 512;
 
-/// Subtrees or leaf block tasks of a wave. While one wave is put in place, the next is written.
-const WAVE: usize = 32;
-
-/// Blocks written apart, not yet in their place.
-struct Apart {
-    arena: Arena,
-    /// The nodes in it.
-    nodes: Vec<ChildRef>,
-    /// What is asked for above: the root of a subtree, or leaf blocks.
-    tops: Vec<ChildRef>,
-}
-
-/// Writes tasks apart, wave by wave, and puts each in place with `put`. `sizes` says how large they are, relative to each
-/// other.
-fn write_waves(
-    arena: &mut Arena,
-    sizes: &[u32],
-    write: impl Fn(usize) -> Result<Apart, BuildError> + Sync,
-    mut put: impl FnMut(&mut Arena, &Apart) -> Result<(), BuildError> + Send,
-) -> Result<(), BuildError> {
-    let n = sizes.len();
-    let wave = |begin: usize| parallel::map(WAVE.min(n - begin), |i| write(begin + i));
-    let mut written = wave(0);
-    for begin in (0..n).step_by(WAVE) {
-        let done = written.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
-        if begin == 0 {
-            // All waves will take about as much for their sizes.
-            let words: usize = done.iter().map(|apart| apart.arena.len() + LANES).sum();
-            let size = |of: &[u32]| of.iter().map(|&size| f64::from(size)).sum::<f64>();
-            let nodes_above = (n / 4 + 1) * NODE_ROWS * LANES;
-            let expected = words as f64 * (size(sizes) / size(&sizes[..done.len()]));
-            let spare = if n > done.len() { 1.015 } else { 1.0 };
-            arena.reserve((expected * spare) as usize + nodes_above);
-        }
-        let placed;
-        (placed, written) = parallel::both(
-            || done.iter().try_for_each(|apart| put(arena, apart)),
-            || if begin + WAVE < n { wave(begin + WAVE) } else { Vec::new() },
-        );
-        placed?;
-    }
-    Ok(())
-}
-
 /// Writes a leaf block for each of `n` things and returns them in order.
 pub(super) fn write_blocks(
     arena: &mut Arena,
     n: usize,
     leaf: impl Fn(&mut Arena, usize) -> Result<ChildRef, BuildError> + Sync,
 ) -> Result<Vec<ChildRef>, BuildError> {
-    let mut all = Vec::with_capacity(n);
-    let write = |task: usize| {
-        let mut apart = Arena::default();
-        let tops = (task * BLOCKS..n.min((task + 1) * BLOCKS)).map(|i| leaf(&mut apart, i));
-        let tops = tops.collect::<Result<Vec<ChildRef>, BuildError>>()?;
-        Ok(Apart { arena: apart, nodes: Vec::new(), tops })
-    };
-    write_waves(arena, &vec![1; n.div_ceil(BLOCKS)], write, |arena, apart| {
-        let by = arena.append(&apart.arena);
-        for block in &apart.tops {
-            all.push(block.moved(by).ok_or(BuildError::TooLargeTree)?);
+    let write = |task: usize, apart: &mut Apart| {
+        for i in task * BLOCKS..n.min((task + 1) * BLOCKS) {
+            apart.tops.push(leaf(&mut apart.arena, i)?);
         }
         Ok(())
-    })?;
-    Ok(all)
+    };
+    write_in_order(arena, &vec![1; n.div_ceil(BLOCKS)], |_| true, write)
 }
 
 /// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and returns the root. The
@@ -192,17 +139,16 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         }
         let mut roots = Vec::new();
         self.find_apart(0, &mut roots);
-        let mut done = Vec::with_capacity(roots.len());
-        let sizes: Vec<u32> = roots.iter().map(|&root| self.binary[root as usize].count).collect();
-        write_waves(
-            arena,
-            &sizes,
-            |i| self.write_apart(roots[i]),
-            |arena, apart| {
-                done.push(self.put(arena, apart)?);
-                Ok(())
-            },
-        )?;
+        // What moves takes about twice as much.
+        let size = |node: &BinaryNode| node.count * (1 + u32::from(node.moving));
+        let sizes: Vec<u32> = roots.iter().map(|&root| size(&self.binary[root as usize])).collect();
+        // Time nodes are not written here: they lie in the final arena already.
+        let inside = |child: ChildRef| child.kind() != Kind::Time && (self.writes || !child.kind().is_leaf());
+        let done = write_in_order(arena, &sizes, inside, |i, apart| {
+            let root = self.node(&mut apart.arena, roots[i], &mut apart.nodes, &mut None)?;
+            apart.tops.push(root);
+            Ok(())
+        })?;
         self.node(arena, 0, &mut Vec::new(), &mut Some(done.into_iter()))
     }
 
@@ -230,12 +176,6 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
             (c.leaf && node.count as usize <= LANES, mean_half_area(&node.bounds).to_bits())
         });
         children
-    }
-
-    fn write_apart(&self, of: u32) -> Result<Apart, BuildError> {
-        let (mut arena, mut nodes) = (Arena::default(), Vec::new());
-        let root = self.node(&mut arena, of, &mut nodes, &mut None)?;
-        Ok(Apart { arena, nodes, tops: vec![root] })
     }
 
     /// Writes a node and all below it; the subtrees that `apart` has are in place already. The
@@ -268,23 +208,6 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         }
         set_children(arena, node, &refs[..children.len()]);
         Ok(node)
-    }
-
-    /// Puts blocks that were written apart into their place.
-    fn put(&self, arena: &mut Arena, done: &Apart) -> Result<ChildRef, BuildError> {
-        let by = arena.append(&done.arena);
-        let moved = |child: ChildRef| child.moved(by).ok_or(BuildError::TooLargeTree);
-        for &node in &done.nodes {
-            for word in children_mut(arena, moved(node)?) {
-                let child = ChildRef(*word);
-                // Time nodes are not written here: they lie in the final arena already.
-                let stays = child.kind() == Kind::Time || child.kind().is_leaf() && !self.writes;
-                if child != ChildRef::NOTHING && !stays {
-                    *word = moved(child)?.0;
-                }
-            }
-        }
-        moved(done.tops[0])
     }
 }
 

@@ -12,6 +12,8 @@ pub(crate) trait WideSource: PrimitiveSet {
     const LISTS: bool;
     /// Number of keys of a primitive's motion; 1 for what stands still.
     fn keys(&self, id: u32) -> usize;
+    /// Whether no motion has more than two keys.
+    fn linear(&self) -> bool;
     /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
     /// Asks for where the vertices of a primitive are; they themselves follow with
@@ -41,6 +43,11 @@ impl WideSource for Triangles {
         Triangles::keys(self, id)
     }
 
+    fn linear(&self) -> bool {
+        Triangles::linear(self)
+    }
+
+    #[inline(always)]
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
         let slack = match Triangles::keys(self, id) {
             1 => 0.0,
@@ -167,6 +174,10 @@ impl<P: Primitive> WideSource for Shapes<P> {
     fn keys(&self, id: u32) -> usize {
         let bounds = self.bounds(id, TimeInterval::FULL);
         if bounds.begin == bounds.end { 1 } else { 2 }
+    }
+
+    fn linear(&self) -> bool {
+        true
     }
 
     fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {

@@ -9,9 +9,11 @@
 //! may stand anywhere in the tree; its children may share leaf blocks.
 //!
 //! The files in the order in which data flows: a tree is planned (`plan`), it is decided what divides the shutter
-//! (`divide`, `segments`), and blocks are written (`build`, `emit`, `leaf`) as `layout` says. Then the tree is walked once (`survey`): leaf blocks are
-//! the only place where corners are kept, and whoever wants those of a triangle finds them there (`corners`).
+//! (`divide`, `segments`), and blocks are written (`build`, `emit`, `leaf`) as `layout` says and put together
+//! (`assemble`). Then the tree is walked once (`survey`): leaf blocks are the only place where corners are kept, and
+//! whoever wants those of a triangle finds them there (`corners`).
 
+mod assemble;
 mod boxes;
 mod build;
 mod corners;

@@ -27,11 +27,10 @@ struct Visit {
     part: u32,
 }
 
-/// A leaf block and how many primitives it has, for the key segment of its part of the shutter.
+/// A leaf block, and the key segment that it is of in its part of the shutter.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Leaf {
     at: u32,
-    count: u32,
     segment: u32,
 }
 
@@ -85,55 +84,81 @@ impl WideTree {
 
     /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
     pub(super) fn surveyed<S: WideSource>(&self, set: &S) -> (Survey, Vec<u32>) {
-        let mut top = Found::default();
-        let mut visits = vec![Visit { at: self.root, depth: 0, part: 0 }];
-        visits.retain(|visit| visit.at != ChildRef::NOTHING);
+        let pieces = set.pieces();
+        let nowhere = || {
+            let mut blocks = huge_vec(pieces);
+            parallel::fill(&mut blocks, pieces, |_| AtomicU32::new(ChildRef::NOTHING.0));
+            blocks
+        };
+        let (found, blocks) = parallel::both(|| self.walked(), nowhere);
+        let references = self.find_blocks(set, &found, &blocks);
+        let survey = Survey { depth: found.depth, nodes: found.nodes, leaves: found.leaves.len(), references };
+        (survey, blocks.into_iter().map(AtomicU32::into_inner).collect())
+    }
+
+    /// All nodes counted, all leaf blocks noted.
+    fn walked(&self) -> Found {
+        let mut all = Found::default();
+        let mut visits = Vec::new();
+        self.meet(Visit { at: self.root, depth: 0, part: 0 }, &mut all, &mut visits);
         // Level by level, until there are enough of them.
-        while visits.len() < SUBTREES && visits.iter().any(|visit| !visit.at.kind().is_leaf()) {
+        while visits.len() < SUBTREES && !visits.is_empty() {
             let mut below = Vec::new();
-            visits.into_iter().for_each(|visit| self.visit::<S>(visit, &mut top, &mut below));
+            visits.into_iter().for_each(|visit| self.visit(visit, &mut all, &mut below));
             visits = below;
         }
-        let mut found = parallel::map(visits.len(), |i| {
+        let found = parallel::map(visits.len(), |i| {
             let (mut found, mut stack) = (Found::default(), vec![visits[i]]);
             while let Some(visit) = stack.pop() {
-                self.visit::<S>(visit, &mut found, &mut stack);
+                self.visit(visit, &mut found, &mut stack);
             }
             found
         });
-        found.push(top);
-        let depth = found.iter().map(|f| f.depth).max().unwrap_or(0);
-        let nodes = found.iter().map(|f| f.nodes).sum();
-        let time_nodes: usize = found.iter().map(|f| f.time_nodes).sum();
-        let mut leaves = found.into_iter().map(|f| f.leaves).collect::<Vec<_>>().concat();
-        if time_nodes > 0 {
-            leaves.sort_unstable();
-            leaves.dedup();
+        for found in found {
+            all.depth = all.depth.max(found.depth);
+            all.nodes += found.nodes;
+            all.time_nodes += found.time_nodes;
+            all.leaves.extend(found.leaves);
         }
-        let references = leaves.iter().map(|leaf| leaf.count as usize).sum();
-        let survey = Survey { depth, nodes, leaves: leaves.len(), references };
-        (survey, self.blocks_of(set, &leaves, references))
+        if all.time_nodes > 0 {
+            all.leaves.sort_unstable();
+            all.leaves.dedup();
+        }
+        all
     }
 
-    fn visit<S: WideSource>(&self, Visit { at, depth, part }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
+    /// Counts a node and meets its children.
+    fn visit(&self, Visit { at, depth, part }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
+        let time = at.kind() == Kind::Time;
+        found.nodes += 1;
+        found.time_nodes += usize::from(time);
+        for (i, &child) in self.children(at).iter().enumerate() {
+            let part = if time { i as u32 } else { part };
+            self.meet(Visit { at: ChildRef(child), depth: depth + 1, part }, found, below);
+        }
+    }
+
+    /// Notes a leaf block, without looking into it, or a node that is to be visited.
+    fn meet(&self, visit: Visit, found: &mut Found, below: &mut Vec<Visit>) {
+        let Visit { at, depth, part } = visit;
+        if at == ChildRef::NOTHING {
+            return;
+        }
         let kind = at.kind();
         if kind.is_leaf() {
-            let count = self.ids::<S>(at).map_or(0, <[u32]>::len) as u32;
             // Only motion of several pieces is in blocks of its own for each of them.
             let segment = if kind == Kind::OwnLeaf { part } else { 0 };
             found.depth = found.depth.max(depth);
-            found.leaves.push(Leaf { at: at.0, count, segment });
+            found.leaves.push(Leaf { at: at.0, segment });
             return;
         }
-        found.nodes += 1;
-        found.time_nodes += usize::from(kind == Kind::Time);
-        for (i, &child) in self.children(at).iter().enumerate() {
-            if child != ChildRef::NOTHING.0 {
-                let part = if kind == Kind::Time { i as u32 } else { part };
-                self.expect_ids(child);
-                below.push(Visit { at: ChildRef(child), depth: depth + 1, part });
-            }
-        }
+        let rows = match kind {
+            Kind::Node => NODE_ROWS,
+            Kind::StillNode => STILL_NODE_ROWS,
+            _ => 1,
+        };
+        self.arena.prefetch(at.at() + (rows - 1) * LANES, 1);
+        below.push(visit);
     }
 
     /// Asks for the ids of a leaf block, or for what says where they are: of large trees they come from memory.
@@ -149,19 +174,20 @@ impl WideTree {
         self.arena.prefetch(block.at() + rows * block.len(), 2);
     }
 
-    /// A leaf block for each piece of motion: of several the first, so that it does not matter who looks where.
-    fn blocks_of<S: WideSource>(&self, set: &S, leaves: &[Leaf], references: usize) -> Vec<u32> {
-        let pieces = set.pieces();
-        let mut blocks = huge_vec(pieces);
-        parallel::fill(&mut blocks, pieces, |_| AtomicU32::new(ChildRef::NOTHING.0));
-        let several = references > pieces;
-        parallel::chunks(if pieces > 0 { leaves.len() } else { 0 }, |range| {
-            let leaves = &leaves[range];
+    /// Writes down a leaf block for each piece of motion, and returns how many primitives there are in all blocks
+    /// together. Of several blocks that may have one piece it is the first, so that it does not matter who looks where.
+    fn find_blocks<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> usize {
+        let several = self.cut || found.time_nodes > 0;
+        let references = parallel::chunks(found.leaves.len(), |range| {
+            let leaves = &found.leaves[range];
+            let mut references = 0;
             for (i, leaf) in leaves.iter().enumerate() {
                 if let Some(soon) = leaves.get(i + SOON) {
                     self.expect_ids(soon.at);
                 }
-                for &id in self.ids::<S>(ChildRef(leaf.at)).unwrap_or(&[]) {
+                let ids = self.ids::<S>(ChildRef(leaf.at)).unwrap_or(&[]);
+                references += ids.len();
+                for &id in if blocks.is_empty() { &[] } else { ids } {
                     let block = &blocks[set.piece(id, leaf.segment as usize)];
                     if several {
                         block.fetch_min(leaf.at, Ordering::Relaxed);
@@ -170,8 +196,9 @@ impl WideTree {
                     }
                 }
             }
+            references
         });
-        blocks.into_iter().map(AtomicU32::into_inner).collect()
+        references.into_iter().sum()
     }
 
     /// The figures of the tree.

@@ -1,0 +1,131 @@
+//! Puts together what several threads write.
+//!
+//! Each task is written into an arena of its own that stays in the cache. As soon as all before it are in place it is
+//! put behind them, and the references in its nodes are moved along: the order is that of the tasks, whoever wrote
+//! them. A small arena whose blocks are in place is written over by the next task.
+
+use super::emit::children_mut;
+use super::layout::{ChildRef, NODE_ROWS};
+use crate::error::BuildError;
+use crate::parallel;
+use crate::simd::{Arena, LANES};
+use core::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// So many evenly spaced tasks are written first. They tell how much room all of them take.
+const FIRST: usize = 64;
+
+/// Blocks written apart, not yet in their place.
+#[derive(Default)]
+pub(super) struct Apart {
+    pub arena: Arena,
+    /// The nodes in it.
+    pub nodes: Vec<ChildRef>,
+    /// What is asked for above: the root of a subtree, or leaf blocks.
+    pub tops: Vec<ChildRef>,
+}
+
+impl Apart {
+    fn clear(&mut self) {
+        self.arena.clear();
+        self.nodes.clear();
+        self.tops.clear();
+    }
+}
+
+/// What is written apart and waits for its turn, and what can be written over.
+struct Waiting {
+    done: Vec<Option<Apart>>,
+    spare: Vec<Apart>,
+}
+
+/// Where things are put in order.
+struct InOrder<'a> {
+    arena: &'a mut Arena,
+    next: usize,
+    tops: Vec<ChildRef>,
+}
+
+impl InOrder<'_> {
+    /// Puts in place all whose turn it is. Children that are not `inside` lie in the arena already.
+    fn put(&mut self, waiting: &Mutex<Waiting>, inside: impl Fn(ChildRef) -> bool) -> Result<(), BuildError> {
+        loop {
+            let ready = locked(waiting).done.get_mut(self.next).and_then(Option::take);
+            let Some(mut apart) = ready else { return Ok(()) };
+            let by = self.arena.append(&apart.arena);
+            let moved = |child: ChildRef| child.moved(by).ok_or(BuildError::TooLargeTree);
+            for &node in &apart.nodes {
+                for word in children_mut(self.arena, moved(node)?) {
+                    let child = ChildRef(*word);
+                    if child != ChildRef::NOTHING && inside(child) {
+                        *word = moved(child)?.0;
+                    }
+                }
+            }
+            for &top in &apart.tops {
+                self.tops.push(moved(top)?);
+            }
+            self.next += 1;
+            apart.clear();
+            locked(waiting).spare.push(apart);
+        }
+    }
+}
+
+fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What panicked elsewhere goes on doing so there.
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Writes tasks apart and puts them in place in order; returns what is asked for above. `sizes` says how large they are,
+/// relative to each other, and `inside` which children of nodes are written with them.
+///
+/// Each thread takes the next task, writes it over one that is in place already, and puts what is ready in place, unless
+/// another one is doing that: so little waits, and what is copied is still in the caches.
+pub(super) fn write_in_order(
+    arena: &mut Arena,
+    sizes: &[u32],
+    inside: impl Fn(ChildRef) -> bool + Sync,
+    write: impl Fn(usize, &mut Apart) -> Result<(), BuildError> + Sync,
+) -> Result<Vec<ChildRef>, BuildError> {
+    let n = sizes.len();
+    let step = n.div_ceil(FIRST).max(1);
+    let first = parallel::map(n.div_ceil(step), |i| {
+        let mut apart = Apart::default();
+        write(i * step, &mut apart).map(|()| apart)
+    });
+    let first = first.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
+    let words: usize = first.iter().map(|apart| apart.arena.len() + LANES).sum();
+    let size = |step: usize| sizes.iter().step_by(step).map(|&size| f64::from(size)).sum::<f64>();
+    let expected = words as f64 * (size(1) / size(step).max(1.0));
+    let nodes_above = (n / 4 + 1) * NODE_ROWS * LANES;
+    let spare = if step > 1 { 1.015 } else { 1.0 };
+    arena.reserve((expected * spare) as usize + nodes_above);
+
+    let mut done: Vec<Option<Apart>> = core::iter::repeat_with(|| None).take(n).collect();
+    done.iter_mut().step_by(step).zip(first).for_each(|(place, apart)| *place = Some(apart));
+    let waiting = Mutex::new(Waiting { done, spare: Vec::new() });
+    let in_order = Mutex::new(InOrder { arena, next: 0, tops: Vec::with_capacity(n) });
+    let next = AtomicUsize::new(0);
+    let threads = parallel::map(parallel::threads(), |_| {
+        loop {
+            let task = next.fetch_add(1, Ordering::Relaxed);
+            if task >= n {
+                return Ok(());
+            }
+            if !task.is_multiple_of(step) {
+                let spare = locked(&waiting).spare.pop();
+                let mut apart = spare.unwrap_or_default();
+                write(task, &mut apart)?;
+                locked(&waiting).done[task] = Some(apart);
+            }
+            if let Ok(mut in_order) = in_order.try_lock() {
+                in_order.put(&waiting, &inside)?;
+            }
+        }
+    });
+    threads.into_iter().collect::<Result<(), BuildError>>()?;
+    let mut in_order = in_order.into_inner().unwrap_or_else(PoisonError::into_inner);
+    in_order.put(&waiting, &inside)?;
+    Ok(in_order.tops)
+}
