@@ -207,8 +207,6 @@ pub struct Embree {
     queries: Queries,
     /// The file that was loaded.
     pub file: String,
-    // Last: the functions live in it.
-    _library: Library,
 }
 
 impl Embree {
@@ -227,14 +225,15 @@ impl Embree {
         for name in names {
             // SAFETY: loading runs the library's initializers; the user names the file or has it installed.
             match unsafe { Library::new(name) } {
-                Ok(library) => return Embree::with(library, name),
+                // Never unloaded: threads of its own may still run in its code when the last device is gone.
+                Ok(library) => return Embree::with(Box::leak(Box::new(library)), name),
                 Err(error) => why = error.to_string(),
             }
         }
         Err(why)
     }
 
-    fn with(library: Library, name: &str) -> Result<Embree, String> {
+    fn with(library: &'static Library, name: &str) -> Result<Embree, String> {
         /// The symbol as a function of the type that is expected where it is stored.
         ///
         /// # Safety
@@ -243,9 +242,8 @@ impl Embree {
             // SAFETY: the caller vouches for the type.
             unsafe { library.get::<T>(name.as_bytes()) }.map(|s| *s).map_err(|e| e.to_string())
         }
-        let l = &library;
-        // SAFETY: every field's type is that of the header's declaration; `Embree` keeps the library loaded for
-        // as long as the pointers exist.
+        let l = library;
+        // SAFETY: every field's type is that of the header's declaration; the library stays loaded.
         let functions = unsafe {
             Functions {
                 new_device: symbol(l, "rtcNewDevice")?,
@@ -294,7 +292,7 @@ impl Embree {
             }
         };
         let file = format!("{name} ({}.{}.{})", version / 10_000, version / 100 % 100, version % 100);
-        Ok(Embree { functions, queries, file, _library: library })
+        Ok(Embree { functions, queries, file })
     }
 
     /// A device with Embree's configuration string, for example `"threads=1,isa=avx2"`.

@@ -192,15 +192,18 @@ impl Triangles {
     #[inline(always)]
     pub(crate) fn ends(&self, id: u32, over: TimeInterval) -> [[Vec3; 3]; 2] {
         let &Rebased { keys, stride, .. } = self.mesh(id);
-        let vertices = self.vertices(id);
-        let at = |t: f32| match (keys, t) {
-            (1, _) | (_, 0.0) => vertices.map(|v| self.position(v, 0)),
-            (2, 1.0) => vertices.map(|v| self.position(v, stride)),
-            _ => {
-                let at = KeyTime::new(t, keys);
-                let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
-                vertices.map(|v| at.position(self.position(v, a), self.position(v, b)))
-            }
+        let [a, b, c] = self.vertices(id);
+        let key = |offset: usize| [self.position(a, offset), self.position(b, offset), self.position(c, offset)];
+        if keys == 1 {
+            return [key(0), key(0)];
+        }
+        if keys == 2 && over.begin() == 0.0 && over.end() == 1.0 {
+            return [key(0), key(stride)];
+        }
+        let at = |t: f32| {
+            let at = KeyTime::new(t, keys);
+            let (begin, end) = (at.segment * stride, (at.segment + 1) * stride);
+            [a, b, c].map(|v| at.position(self.position(v, begin), self.position(v, end)))
         };
         [at(over.begin()), at(over.end())]
     }

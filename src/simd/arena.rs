@@ -37,14 +37,23 @@ impl Arena {
         at
     }
 
+    /// Words for which there is room.
+    pub(crate) fn room(&self) -> usize {
+        (self.lines.capacity() - self.lines.len()) * LANES
+    }
+
     /// Makes room for so many more words: just that at first, at least doubling later.
     pub(crate) fn reserve(&mut self, words: usize) {
-        let lines = self.lines.len() + words.div_ceil(LANES);
-        if lines > self.lines.capacity() {
-            let mut larger = huge_vec(lines.max(2 * self.lines.len()));
-            larger.extend_from_slice(&self.lines);
-            self.lines = larger;
+        if self.room() < words {
+            self.reserve_exact(words.max(self.lines.len() * LANES));
         }
+    }
+
+    /// Makes room for so many more words and no others.
+    pub(crate) fn reserve_exact(&mut self, words: usize) {
+        let mut larger = huge_vec(self.lines.len() + words.div_ceil(LANES));
+        larger.extend_from_slice(&self.lines);
+        self.lines = larger;
     }
 
     /// Adds the lines of another arena and returns the word where they begin.

@@ -42,6 +42,9 @@ const PRICE: f32 = 0.2;
 /// random position.
 const FULL: f32 = 4.0;
 
+/// References that a thread cuts before parts are put in place.
+const AT_A_TIME: usize = 4096;
+
 /// Evenly spaced planes across a reference.
 #[derive(Clone, Copy)]
 struct Planes {
@@ -75,65 +78,80 @@ impl Planes {
 /// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
 pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
     let n = references.len();
-    let (gains, total) = gains(references, &ends);
-    let least = (f64::from(PRICE) * total / n.max(1) as f64) as f32;
+    let (gains, least) = gains(references, &ends);
     let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
-    let simd = SimdLevel::best();
-    let tasks = parallel::chunks(gains.len(), |range| {
-        let gains = &gains[range];
-        let most = gains.iter().map(|&(_, gain)| parts(gain, least)).sum();
-        let (mut made, mut counts) = (Vec::with_capacity(most), Vec::with_capacity(gains.len()));
-        for &(i, gain) in gains {
-            let (r, m) = (&references[i as usize], parts(gain, least));
-            let (Some(planes), Some(ends)) = (Planes::across(&r.bounds(), m).filter(|_| m > 1), ends(r.id())) else {
-                continue;
-            };
-            let mut boxes = [Packed::EMPTY; BINS];
-            dispatch(simd, Chop { ends: &ends, whole: r.packed(), planes, parts: &mut boxes[..m] });
-            let before = made.len();
-            made.extend(boxes[..m].iter().filter(|b| !b.is_empty()).map(|&b| Reference::of(b, r.id())));
-            counts.push((i, made.len() - before));
-        }
-        (made, counts)
-    });
-    for (made, counts) in tasks {
-        let mut rest = &made[..];
-        for (i, count) in counts {
-            let (parts, others) = rest.split_at(count);
-            if let Some((first, more)) = parts.split_first() {
-                references[i as usize] = *first;
-                references.extend_from_slice(more);
+    // Some at a time, so that parts are still in the cache when they are put in place.
+    for gains in gains.chunks(AT_A_TIME * parallel::threads()) {
+        let tasks = parallel::chunks(gains.len(), |range| parts_of(references, &gains[range], &ends, least));
+        for (made, counts) in tasks {
+            let mut rest = &made[..];
+            for (i, count) in counts {
+                let (parts, others) = rest.split_at(count);
+                if let Some((first, more)) = parts.split_first() {
+                    references[i as usize] = *first;
+                    references.extend_from_slice(more);
+                }
+                rest = others;
             }
-            rest = others;
         }
     }
 }
 
-/// What cutting each reference would save altogether, of those for which it saves anything, and the area of all.
-fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync)) -> (Vec<(u32, f32)>, f64) {
-    let tasks = parallel::chunks(references.len(), |range| {
-        let (mut gains, mut total) = (Vec::new(), 0.0);
+/// The parts of references that are cut, one behind the other, and how many there are of which.
+fn parts_of(
+    references: &[Reference],
+    gains: &[(u32, f32)],
+    ends: impl Fn(u32) -> Option<Ends>,
+    least: f32,
+) -> (Vec<Reference>, Vec<(u32, usize)>) {
+    let simd = SimdLevel::best();
+    let most = gains.iter().map(|&(_, gain)| parts(gain, least)).sum();
+    let (mut made, mut counts) = (Vec::with_capacity(most), Vec::with_capacity(gains.len()));
+    for &(i, gain) in gains {
+        let m = parts(gain, least);
+        if m == 1 {
+            continue;
+        }
+        let r = &references[i as usize];
+        let Some(planes) = Planes::across(&r.bounds(), m) else { continue };
+        let Some(ends) = ends(r.id()) else { continue };
+        let mut boxes = [Packed::EMPTY; BINS];
+        dispatch(simd, Chop { ends: &ends, whole: r.packed(), planes, parts: &mut boxes[..m] });
+        let before = made.len();
+        made.extend(boxes[..m].iter().filter(|b| !b.is_empty()).map(|&b| Reference::of(b, r.id())));
+        counts.push((i, made.len() - before));
+    }
+    (made, counts)
+}
+
+/// What cutting each reference would save altogether, of those for which it may save enough for a second part, and
+/// the least saving of a part.
+fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync)) -> (Vec<(u32, f32)>, f32) {
+    let area = |r: &Reference| f64::from(mean_half_area(&r.bounds()));
+    let areas = parallel::chunks(references.len(), |range| references[range].iter().map(area).sum::<f64>());
+    let total = areas.into_iter().fold(0.0, |a, b| a + b);
+    let least = (f64::from(PRICE) * total / references.len().max(1) as f64) as f32;
+    // More than nothing also where no reference has an area.
+    let enough = worth(2, least).max(f32::MIN_POSITIVE);
+    let gains = parallel::chunks(references.len(), |range| {
+        let mut gains = Vec::new();
         for i in range {
             let bounds = references[i].bounds();
             let area = mean_half_area(&bounds);
-            total += f64::from(area);
-            if Planes::across(&bounds, BINS).is_some()
+            // The triangle itself is only looked at where its box is large enough.
+            if area >= enough
+                && Planes::across(&bounds, BINS).is_some()
                 && let Some(ends) = ends(references[i].id())
             {
                 let gain = area - FULL * ends.area();
-                if gain > 0.0 {
+                if gain >= enough {
                     gains.push((i as u32, gain));
                 }
             }
         }
-        (gains, total)
+        gains
     });
-    let (mut all, mut total) = (Vec::new(), 0.0);
-    for (gains, area) in tasks {
-        all.extend(gains);
-        total += area;
-    }
-    (all, total)
+    (gains.concat(), least)
 }
 
 /// What must be gained altogether for an `m`-th part, when a part must save `least`.
@@ -302,6 +320,16 @@ mod tests {
                 part.min.cmpge(whole.min).all() && part.max.cmple(whole.max).all()
             }));
         }
+        // What has no area gains nothing.
+        let line = |i: u32| {
+            let at = Vec3::new(random(&mut 5u64.wrapping_add(u64::from(i))), 0.0, 0.0);
+            Ends { begin: [at, at + 0.1 * Vec3::X, at], end: [at, at + 0.1 * Vec3::X, at], slack: 0.0 }
+        };
+        let boxed = |i: u32| line(i).begin.into_iter().fold(Box3::EMPTY, Box3::include);
+        let mut lines: Vec<Reference> =
+            (0..100).map(|i| Reference::new(LinearBox3 { begin: boxed(i), end: boxed(i) }, i)).collect();
+        cut(&mut lines, |i| Some(line(i)), 3.0);
+        assert_eq!(lines.len(), 100);
         let mut uncut = references.clone();
         cut(&mut uncut, |_| None, 3.0);
         assert_eq!(uncut.len(), 1000);

@@ -12,8 +12,9 @@ use crate::simd::{Arena, LANES};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// So many evenly spaced tasks are written first. They tell how much room all of them take.
-const FIRST: usize = 64;
+/// At most so many tasks, and no more than every fourth, are written first. They tell how much room all of them take;
+/// the fewer they are, the more is put in place while it is in the cache.
+const FIRST: usize = 16;
 
 /// Blocks written apart, not yet in their place.
 #[derive(Default)]
@@ -42,8 +43,13 @@ struct Waiting {
 /// Where things are put in order.
 struct InOrder<'a> {
     arena: &'a mut Arena,
+    /// How large the tasks are, relative to each other.
+    sizes: &'a [u32],
     next: usize,
     tops: Vec<ChildRef>,
+    /// Words, and sizes, of what is in place.
+    words: usize,
+    placed: f64,
 }
 
 impl InOrder<'_> {
@@ -52,6 +58,14 @@ impl InOrder<'_> {
         loop {
             let ready = locked(waiting).done.get_mut(self.next).and_then(Option::take);
             let Some(mut apart) = ready else { return Ok(()) };
+            let words = apart.arena.len() + LANES;
+            self.words += words;
+            self.placed += f64::from(self.sizes[self.next]);
+            if self.arena.room() < words {
+                // Less was expected. By now what is in place tells what the rest takes.
+                let rest = total(&self.sizes[self.next + 1..]) * (self.words as f64 / self.placed.max(1.0));
+                self.arena.reserve_exact(words + (rest * SPARE) as usize + above(self.sizes.len()));
+            }
             let by = self.arena.append(&apart.arena);
             let moved = |child: ChildRef| child.moved(by).ok_or(BuildError::TooLargeTree);
             for &node in &apart.nodes {
@@ -72,6 +86,19 @@ impl InOrder<'_> {
     }
 }
 
+/// What is reserved, relative to what is expected.
+const SPARE: f64 = 1.015;
+
+/// The sum of sizes.
+fn total<'a>(sizes: impl IntoIterator<Item = &'a u32>) -> f64 {
+    sizes.into_iter().map(|&size| f64::from(size)).sum()
+}
+
+/// Words of the nodes above so many subtrees, at most about.
+fn above(subtrees: usize) -> usize {
+    (subtrees / 4 + 1) * NODE_ROWS * LANES
+}
+
 fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     // What panicked elsewhere goes on doing so there.
     of.lock().unwrap_or_else(PoisonError::into_inner)
@@ -89,23 +116,21 @@ pub(super) fn write_in_order(
     write: impl Fn(usize, &mut Apart) -> Result<(), BuildError> + Sync,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let n = sizes.len();
-    let step = n.div_ceil(FIRST).max(1);
+    let step = n.div_ceil(FIRST).max(4);
     let first = parallel::map(n.div_ceil(step), |i| {
         let mut apart = Apart::default();
         write(i * step, &mut apart).map(|()| apart)
     });
     let first = first.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
     let words: usize = first.iter().map(|apart| apart.arena.len() + LANES).sum();
-    let size = |step: usize| sizes.iter().step_by(step).map(|&size| f64::from(size)).sum::<f64>();
-    let expected = words as f64 * (size(1) / size(step).max(1.0));
-    let nodes_above = (n / 4 + 1) * NODE_ROWS * LANES;
-    let spare = if step > 1 { 1.015 } else { 1.0 };
-    arena.reserve((expected * spare) as usize + nodes_above);
+    let expected = words as f64 * (total(sizes) / total(sizes.iter().step_by(step)).max(1.0));
+    arena.reserve((expected * SPARE) as usize + above(n));
 
     let mut done: Vec<Option<Apart>> = core::iter::repeat_with(|| None).take(n).collect();
     done.iter_mut().step_by(step).zip(first).for_each(|(place, apart)| *place = Some(apart));
     let waiting = Mutex::new(Waiting { done, spare: Vec::new() });
-    let in_order = Mutex::new(InOrder { arena, next: 0, tops: Vec::with_capacity(n) });
+    let in_order = InOrder { arena, sizes, next: 0, tops: Vec::with_capacity(n), words: 0, placed: 0.0 };
+    let in_order = Mutex::new(in_order);
     let next = AtomicUsize::new(0);
     let threads = parallel::map(parallel::threads(), |_| {
         loop {
@@ -128,4 +153,33 @@ pub(super) fn write_in_order(
     let mut in_order = in_order.into_inner().unwrap_or_else(PoisonError::into_inner);
     in_order.put(&waiting, &inside)?;
     Ok(in_order.tops)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::layout::Kind;
+    use super::*;
+
+    #[test]
+    fn tasks_larger_than_those_written_first_follow_in_order() {
+        for n in [1, 2, 5, 64, 301] {
+            let lines = |i: usize| if i.is_multiple_of(4) { 1 } else { 1 + i };
+            let write = |i: usize, apart: &mut Apart| {
+                let at = apart.arena.grow(lines(i) * LANES);
+                apart.arena.ints_mut()[at..].fill(i as u32);
+                apart.tops.push(ChildRef::new(Kind::OwnLeaf, at, 1).ok_or(BuildError::TooLargeTree)?);
+                Ok(())
+            };
+            let mut arena = Arena::default();
+            let tops = write_in_order(&mut arena, &vec![1; n], |_| false, write).unwrap();
+            assert_eq!(tops.len(), n);
+            let mut expected = 0;
+            for (i, top) in tops.iter().enumerate() {
+                assert_eq!(top.at(), expected);
+                assert!(arena.ints()[top.at()..][..lines(i) * LANES].iter().all(|&word| word == i as u32));
+                expected += lines(i) * LANES;
+            }
+            assert_eq!(arena.len(), expected);
+        }
+    }
 }

@@ -34,7 +34,7 @@ pub(super) struct Region {
 
 /// Pieces that a plan is taken apart into, about, and the fewest references of one.
 const PIECES: usize = 256;
-const LEAST_PIECE: usize = 512;
+const LEAST_PIECE: usize = 1024;
 
 /// References of a piece that are looked at.
 const LOOK: u32 = 64;
