@@ -18,7 +18,7 @@ const TRIANGLES: usize = 3000;
 /// Side of a panel in pixels, the gap around it, and half the side in scene units.
 const PANEL: usize = 230;
 const GAP: usize = 10;
-const REACH: f32 = 2.1;
+const REACH: f32 = 2.4;
 const TIMES: [f32; 3] = [0.0, 0.5, 1.0];
 /// Boxes of the first level of nodes, of the next, and of leaf blocks.
 const COLORS: [[u8; 3]; 3] = [[190, 30, 45], [230, 140, 20], [70, 120, 190]];
