@@ -3,8 +3,8 @@
 //! The picture: a waiter who serves several tables. A ray that needs a block which is not in the cache would
 //! wait for it as long as dozens of tests take; so the block is asked for, and the other rays of the
 //! group take their turns until it has come. Answers do not depend on it. On a tree that fits the cache it only
-//! costs, so small trees are asked ray by ray; and so are rays of which each finds what it needs where the one before it
-//! has been.
+//! costs, so small trees are asked ray by ray; and so are trees most of which stands still, whose steps are short,
+//! and rays of which each finds what it needs where the one before it has been.
 
 use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
@@ -18,9 +18,9 @@ use crate::tree::wide::{ChildRef, WideSource, WideTree};
 const GROUP: usize = 8;
 
 /// Whether most rays find what they need where the one before them has been: those that look nearly the same way, as
-/// the rays of a camera do, and those that begin near it, unless the tree is divided in time and they look at other times.
-/// `scale` makes a distance one in tree space.
-pub(crate) fn follow_each_other(rays: &[Ray], scale: f64, divided: bool) -> bool {
+/// the rays of a camera do, and those that begin near it, unless the tree is divided in time and they look at other times,
+/// or they ask for any hit, in no order. `scale` makes a distance one in tree space.
+pub(crate) fn follow_each_other(rays: &[Ray], scale: f64, divided: bool, ordered: bool) -> bool {
     const SAMPLES: usize = 16;
     /// The cosine of a few degrees.
     const SAME_WAY: f32 = 0.99;
@@ -34,7 +34,7 @@ pub(crate) fn follow_each_other(rays: &[Ray], scale: f64, divided: bool) -> bool
         let same_way = a.dir.normalize_or_zero().dot(b.dir.normalize_or_zero()) > SAME_WAY;
         let near = (a.origin - b.origin).length() * scale < NEAR;
         let same_tree = !divided || (a.time - b.time).abs() < SAME_TIME;
-        following += usize::from(same_way | (near & same_tree));
+        following += usize::from(same_way | (near & same_tree & ordered));
         pairs += 1;
     }
     2 * following > pairs
@@ -48,6 +48,8 @@ pub(crate) trait Asks {
     const NOTHING: Self::Answer;
     /// What gathers it.
     type Collect: Collect;
+    /// Whether blocks are visited from near to far.
+    const ORDERED: bool = Self::Collect::ORDERED;
     /// A collector for hits up to a distance.
     fn collect(t_max: f32) -> Self::Collect;
     /// The answer, once the ray is through.
@@ -176,15 +178,20 @@ mod tests {
         for count in [2, 9, 256] {
             let follow = |ray: &dyn Fn(usize) -> Ray, divided: bool| {
                 let rays: Vec<Ray> = (0..count).map(ray).collect();
-                follow_each_other(&rays, 1.0, divided)
+                follow_each_other(&rays, 1.0, divided, true)
             };
+            let follow_anywhere = |ray: &dyn Fn(usize) -> Ray| {
+                let rays: Vec<Ray> = (0..count).map(ray).collect();
+                follow_each_other(&rays, 1.0, false, false)
+            };
+            assert!(follow_anywhere(&camera) && !follow_anywhere(&near) && !follow_anywhere(&scattered));
             assert!(follow(&camera, false) && follow(&camera, true));
             assert!(follow(&near, false) && !follow(&near, true));
             assert!(follow(&|i| near(i).at_time(0.5), true));
             assert!(!follow(&scattered, false) && !follow(&scattered, true));
         }
-        assert!(!follow_each_other(&[], 1.0, false) && !follow_each_other(&[camera(0)], 1.0, false));
+        assert!(!follow_each_other(&[], 1.0, false, true) && !follow_each_other(&[camera(0)], 1.0, false, true));
         let nowhere = Ray { dir: Vec3::NAN, origin: Vec3::NAN.as_dvec3(), ..camera(0) };
-        assert!(!follow_each_other(&[nowhere; 4], 1.0, false));
+        assert!(!follow_each_other(&[nowhere; 4], 1.0, false, true));
     }
 }

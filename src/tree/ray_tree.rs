@@ -233,7 +233,9 @@ impl<G: Geometry> RayTree<G> {
         let large = self.statistics.bytes > CACHED;
         let scale = self.geometry.frame().scale;
         batch(rays, answers, A::NOTHING, |rays, answers| match &self.layout {
-            Layout::Wide(tree) if large && !follow_each_other(rays, scale, tree.divided()) => {
+            Layout::Wide(tree)
+                if large && tree.moves() && !follow_each_other(rays, scale, tree.divided(), A::ORDERED) =>
+            {
                 dispatch(self.simd, Batch::<G, A> { tree, set: &self.geometry, rays, answers });
             }
             _ => {

@@ -14,6 +14,7 @@ pub(crate) struct Survey {
     /// Depth of the deepest leaf; the root has depth 0.
     depth: u32,
     nodes: usize,
+    moving_nodes: usize,
     leaves: usize,
     references: usize,
 }
@@ -39,6 +40,7 @@ struct Leaf {
 struct Found {
     depth: u32,
     nodes: usize,
+    moving_nodes: usize,
     /// Below time nodes perhaps some of them several times.
     leaves: Vec<Leaf>,
     time_nodes: usize,
@@ -82,6 +84,11 @@ impl WideTree {
         2 * LANES * self.survey.depth as usize + LANES
     }
 
+    /// Whether most nodes have boxes that move.
+    pub fn moves(&self) -> bool {
+        2 * self.survey.moving_nodes > self.survey.nodes
+    }
+
     /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
     pub(super) fn surveyed<S: WideSource>(&self, set: &S) -> (Survey, Vec<u32>) {
         let pieces = set.pieces();
@@ -92,7 +99,8 @@ impl WideTree {
         };
         let (found, blocks) = parallel::both(|| self.walked(), nowhere);
         let references = self.find_blocks(set, &found, &blocks);
-        let survey = Survey { depth: found.depth, nodes: found.nodes, leaves: found.leaves.len(), references };
+        let Found { depth, nodes, moving_nodes, .. } = found;
+        let survey = Survey { depth, nodes, moving_nodes, leaves: found.leaves.len(), references };
         (survey, blocks.into_iter().map(AtomicU32::into_inner).collect())
     }
 
@@ -117,6 +125,7 @@ impl WideTree {
         for found in found {
             all.depth = all.depth.max(found.depth);
             all.nodes += found.nodes;
+            all.moving_nodes += found.moving_nodes;
             all.time_nodes += found.time_nodes;
             all.leaves.extend(found.leaves);
         }
@@ -131,6 +140,7 @@ impl WideTree {
     fn visit(&self, Visit { at, depth, part }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         let time = at.kind() == Kind::Time;
         found.nodes += 1;
+        found.moving_nodes += usize::from(at.kind() == Kind::Node);
         found.time_nodes += usize::from(time);
         for (i, &child) in self.children(at).iter().enumerate() {
             let part = if time { i as u32 } else { part };
@@ -203,7 +213,7 @@ impl WideTree {
 
     /// The figures of the tree.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
-        let Survey { depth, nodes, leaves, references } = self.survey;
+        let Survey { depth, nodes, leaves, references, .. } = self.survey;
         let duplicates = references - set.len().min(references);
         Statistics {
             primitives: set.len(),
