@@ -233,7 +233,7 @@ impl Embree {
         Err(why)
     }
 
-    fn with(library: &'static Library, name: &str) -> Result<Embree, String> {
+    fn with(l: &'static Library, name: &str) -> Result<Embree, String> {
         /// The symbol as a function of the type that is expected where it is stored.
         ///
         /// # Safety
@@ -242,7 +242,6 @@ impl Embree {
             // SAFETY: the caller vouches for the type.
             unsafe { library.get::<T>(name.as_bytes()) }.map(|s| *s).map_err(|e| e.to_string())
         }
-        let l = library;
         // SAFETY: every field's type is that of the header's declaration; the library stays loaded.
         let functions = unsafe {
             Functions {

@@ -86,6 +86,9 @@ fn most_nodes(references: usize, leaf: usize) -> usize {
 /// References among which a place is looked for; of more, evenly spaced ones are taken.
 const LOOKED_AT: usize = 4096;
 
+/// References of which one task picks the neighbours of those places, at least.
+const PER_TASK: usize = 16384;
+
 /// Neighbours around evenly spaced references, about `most` each: samples of what the tree over all will have in
 /// some places.
 ///
@@ -100,7 +103,7 @@ pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize
             summary(SimdLevel::best(), isolate(&mut few, at, most / step)).1
         })
         .collect();
-    let chunk = 16384.max(references.len() / 64);
+    let chunk = PER_TASK.max(references.len() / 64);
     let found = parallel::map(references.len().div_ceil(chunk), |task| {
         let mut found = vec![Vec::new(); count];
         for r in &references[task * chunk..references.len().min((task + 1) * chunk)] {

@@ -242,7 +242,7 @@ fn union<S: Simd>(s: S, bins: &[Packed]) -> LinearBox3 {
 }
 
 /// Lanes 0 to 7, of which two mean nothing.
-const HALF: u16 = 0x00ff;
+pub(super) const HALF: u16 = 0x00ff;
 const EXTENTS: u16 = 0x3f3f;
 
 /// For the extents at the begin and at the end, d0 and d1, in each half: the lanes of (y z x) of d0 and of d1, and the

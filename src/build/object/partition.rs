@@ -5,15 +5,12 @@
 //! with the second, and so on. That touches half as much memory, and where the chunks of a node are counted, threads
 //! know which pairs are theirs.
 
-use super::bins::{PARALLEL, Split};
+use super::bins::{HALF, PARALLEL, Split};
 use super::reference::{Packed, Reference};
 use crate::motion::Box3;
 use crate::parallel;
 use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch};
 use glam::Vec3;
-
-/// Lanes 0 to 7.
-const HALF: u16 = 0x00ff;
 
 /// Both sides of a parting: how many are low, and the boxes of the centres.
 pub(super) struct Parted {

@@ -197,7 +197,8 @@ fn raised(gains: &[(u32, f32)], least: f32, most: usize) -> f32 {
 ///   meet it at the begin of the interval or when p (u = 0) or q (u = 1) comes into the plane, and likewise
 ///   ends; so u stays between the least and the greatest of those values. For a fixed u the point moves on a
 ///   line, and at any time the points are linear in u: including the extreme points at both ends of the
-///   interval includes all in between.
+///   interval includes all in between. Of these, p and q are corners, and one that comes into the plane is in both
+///   bins beside it already.
 ///
 /// The points are computed with three roundings at sizes of at most 2 (8 ULP cover them), and the kernel's
 /// corners stray from the lines by `slack`.
@@ -241,9 +242,7 @@ impl Kernel for Chop<'_> {
                 let (p0, p1, q0, q1) = (p0 - plane, p1 - plane, q0 - plane, q1 - plane);
                 let at_begin = s.select(all_if(apart(p0, q0)), from + along * s.splat(crossing(p0, q0)), nothing);
                 let at_end = s.select(all_if(apart(p1, q1)), from + along * s.splat(crossing(p1, q1)), nothing);
-                let p_passes = s.select(all_if(apart(p0, p1)), from, nothing);
-                let q_passes = s.select(all_if(apart(q0, q1)), to, nothing);
-                let met = s.min(s.min(at_begin, at_end), s.min(p_passes, q_passes));
+                let met = s.min(at_begin, at_end);
                 for part in &mut parts[k - 1..=k] {
                     s.store(s.min(s.load(&part.0), met), &mut part.0);
                 }
