@@ -3,7 +3,7 @@
 use super::{Kernel, LANES, Lanes, Mask, Rows, Simd};
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
-use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of AVX2. Private field: only [`run`] makes one.
 #[derive(Clone, Copy)]
@@ -142,6 +142,14 @@ impl Mul for F {
     #[inline(always)]
     fn mul(self, b: F) -> F {
         F(intrinsic!(_mm256_mul_ps(self.0, b.0)), intrinsic!(_mm256_mul_ps(self.1, b.1)))
+    }
+}
+
+impl Div for F {
+    type Output = F;
+    #[inline(always)]
+    fn div(self, b: F) -> F {
+        F(intrinsic!(_mm256_div_ps(self.0, b.0)), intrinsic!(_mm256_div_ps(self.1, b.1)))
     }
 }
 

@@ -3,7 +3,7 @@
 use super::{Kernel, Lanes, Mask, Rows, Simd};
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
-use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of AVX-512. Private field: only [`run`] makes one.
 #[derive(Clone, Copy)]
@@ -70,6 +70,14 @@ impl Mul for F {
     #[inline(always)]
     fn mul(self, b: F) -> F {
         F(intrinsic!(_mm512_mul_ps(self.0, b.0)))
+    }
+}
+
+impl Div for F {
+    type Output = F;
+    #[inline(always)]
+    fn div(self, b: F) -> F {
+        F(intrinsic!(_mm512_div_ps(self.0, b.0)))
     }
 }
 

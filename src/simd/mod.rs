@@ -22,7 +22,7 @@ mod portable;
 mod stack;
 
 use core::mem::MaybeUninit;
-use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 pub(crate) use arena::{Arena, huge_vec, huge_vec_of};
 pub(crate) use points::{Item, PointBlock};
@@ -79,7 +79,7 @@ impl<'a> Rows<'a> {
 #[allow(clippy::wrong_self_convention)] // `self` is the token
 pub(crate) trait Simd: Copy {
     /// Sixteen f32.
-    type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F>;
+    type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F> + Div<Output = Self::F>;
     /// Sixteen u32.
     type U: Copy + BitAnd<Output = Self::U> + BitOr<Output = Self::U>;
 

@@ -2,7 +2,7 @@
 
 use super::{LANES, Lanes, Mask, Rows, Simd};
 use core::mem::MaybeUninit;
-use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of the portable lanes; every CPU has them.
 #[derive(Clone, Copy)]
@@ -76,6 +76,14 @@ impl Mul for F {
     #[inline]
     fn mul(self, b: F) -> F {
         F(zip(&self.0, &b.0, |a, b| a * b))
+    }
+}
+
+impl Div for F {
+    type Output = F;
+    #[inline]
+    fn div(self, b: F) -> F {
+        F(zip(&self.0, &b.0, |a, b| a / b))
     }
 }
 

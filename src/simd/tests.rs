@@ -50,6 +50,7 @@ impl Kernel for All {
                 out_f(a + b),
                 out_f(a - b),
                 out_f(a * b),
+                out_f(a / b),
                 out_f(s.min(a, b)),
                 out_f(s.max(a, b)),
                 out_f(s.select(self.mask, a, b)),

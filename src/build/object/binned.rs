@@ -11,6 +11,7 @@ use super::reference::Reference;
 use crate::motion::{Box3, LinearBox3};
 use crate::parallel;
 use crate::simd::{SimdLevel, huge_vec};
+use core::ops::RangeInclusive;
 use glam::Vec3;
 
 /// A node of the binary tree, in preorder: the left child follows its parent.
@@ -57,8 +58,9 @@ pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
     (h(d0) + h(d1) + h(d0 + d1)) * (1.0 / 6.0)
 }
 
-/// Builds over references, which are reordered. Nodes of at most `leaf` references are not split on.
-pub(crate) fn build_binary(references: &mut [Reference], leaf: usize) -> BinaryTree {
+/// Builds over references, which are reordered. Nodes of at most `leaf.start` references are not split on, and those of
+/// at most `leaf.end` not where things overlap so much that splitting hardly pays (see [`CROWDED`]).
+pub(crate) fn build_binary(references: &mut [Reference], leaf: RangeInclusive<usize>) -> BinaryTree {
     let n = references.len();
     if n == 0 {
         return BinaryTree::new();
@@ -69,8 +71,8 @@ pub(crate) fn build_binary(references: &mut [Reference], leaf: usize) -> BinaryT
         1 => usize::MAX,
         threads => PARALLEL.max(n / (PIECES * threads)),
     };
-    let builder = Builder { simd, leaf: leaf.max(1), alone };
-    let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, bounds, centres });
+    let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), alone };
+    let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
     match pieces.len() {
         1 => pieces.remove(0),
         _ => parallel::concat(&pieces),
@@ -138,9 +140,14 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
     references
 }
 
+/// Where both sides of a split have this many times the area of the node, neither is likely to be split much better:
+/// parts of needles and hair. A leaf block of sixteen at once costs a query no more there.
+const CROWDED: f32 = 1.3;
+
 struct Builder {
     simd: SimdLevel,
     leaf: usize,
+    crowded_leaf: usize,
     /// Up to this many references a subtree is built by one thread. It never changes the tree.
     alone: usize,
 }
@@ -151,6 +158,8 @@ struct Task {
     /// Where its references begin among all.
     first: u32,
     depth: u32,
+    /// Whether the split that made it brought little.
+    crowded: bool,
     bounds: LinearBox3,
     /// The box of the references' centres.
     centres: Box3,
@@ -181,7 +190,7 @@ impl Builder {
     fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
         let (at, n) = (nodes.len(), references.len());
         nodes.push(BinaryNode::new(&task, n));
-        if n <= self.leaf {
+        if n <= self.leaf || task.crowded && n <= self.crowded_leaf {
             let moving = references.iter().any(Reference::moving);
             nodes[at].moving = moving;
             return moving;
@@ -197,9 +206,10 @@ impl Builder {
 
     /// Parts the references of a node; returns both sides and how many are on the low one.
     fn divide(&self, references: &mut [Reference], task: &Task, table: &mut Table) -> (Task, Task, usize) {
-        let side = |begin: usize, bounds: LinearBox3, centres: Box3| Task {
+        let side = |begin: usize, crowded: bool, bounds: LinearBox3, centres: Box3| Task {
             first: task.first + begin as u32,
             depth: task.depth + 1,
+            crowded,
             bounds,
             centres,
         };
@@ -209,12 +219,14 @@ impl Builder {
             && let Some(split) = find_split(self.simd, references, task.centres, table)
         {
             let Parted { middle, low, high } = partition(self.simd, references, &split);
-            return (side(0, split.low, low), side(middle, split.high, high), middle);
+            let areas = mean_half_area(&split.low) + mean_half_area(&split.high);
+            let crowded = areas >= CROWDED * mean_half_area(&task.bounds);
+            return (side(0, crowded, split.low, low), side(middle, crowded, split.high, high), middle);
         }
         let middle = references.len() / 2;
         let of = |begin: usize, references: &[Reference]| {
             let (bounds, centres) = summary(self.simd, references);
-            side(begin, bounds, centres)
+            side(begin, false, bounds, centres)
         };
         (of(0, &references[..middle]), of(middle, &references[middle..]), middle)
     }

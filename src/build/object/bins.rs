@@ -6,7 +6,7 @@
 use super::reference::{Packed, Reference};
 use crate::motion::{Box3, LinearBox3};
 use crate::parallel;
-use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use glam::Vec4;
 
 /// Most bins per axis.
@@ -15,8 +15,7 @@ pub(super) const BINS: usize = 32;
 /// Bins per axis for `n` references: more than a few per reference tell nothing new, and sweeping them costs.
 fn bins_for(n: usize) -> usize {
     match n {
-        0..=4 => 4,
-        5..=16 => 8,
+        0..=16 => 8,
         17..=256 => 16,
         _ => BINS,
     }
@@ -53,13 +52,6 @@ impl Binning {
     fn rounded(&self, centre: Vec4) -> Vec4 {
         let at = (centre - self.low) * self.scale - Vec4::splat(0.5);
         at.max(Vec4::ZERO).min(Vec4::splat(self.last)) + Vec4::splat(ROUND)
-    }
-
-    /// The same on one axis.
-    #[inline(always)]
-    fn rounded_on(&self, axis: usize, centre: f32) -> f32 {
-        let at = (centre - self.low[axis]) * self.scale[axis] - 0.5;
-        at.max(0.0).min(self.last) + ROUND
     }
 }
 
@@ -103,15 +95,18 @@ impl Bins {
 /// The bins of one node on all axes; kept from node to node.
 pub(super) struct Table {
     axes: [Bins; 3],
-    /// What [`sweep`] computes of each plane.
-    terms: [Packed; BINS],
+    /// What [`gather_above`] finds.
+    above: [Packed; BINS],
 }
 
 impl Table {
     pub fn new() -> Box<Table> {
-        Box::new(Table { axes: [Bins::EMPTY; 3], terms: [Packed::EMPTY; BINS] })
+        Box::new(Table { axes: [Bins::EMPTY; 3], above: [Packed::EMPTY; BINS] })
     }
 }
+
+/// References whose bins are found before they are counted: by way of memory, as taking lanes out of registers is slow.
+const BLOCK: usize = 64;
 
 /// Counts references in the bins of a table.
 struct Count<'a> {
@@ -130,11 +125,17 @@ impl Kernel for Count<'_> {
         x.clear(bins);
         y.clear(bins);
         z.clear(bins);
-        for r in references {
-            let (at, lanes) = (binning.rounded(r.centre()), s.load(&r.0.0));
-            x.put(s, lanes, at.x);
-            y.put(s, lanes, at.y);
-            z.put(s, lanes, at.z);
+        let mut places = [[0.0; 4]; BLOCK];
+        for references in references.chunks(BLOCK) {
+            for (r, at) in references.iter().zip(&mut places) {
+                *at = binning.rounded(r.centre()).to_array();
+            }
+            for (r, at) in references.iter().zip(&places) {
+                let lanes = s.load(&r.0.0);
+                x.put(s, lanes, at[0]);
+                y.put(s, lanes, at[1]);
+                z.put(s, lanes, at[2]);
+            }
         }
     }
 }
@@ -161,10 +162,30 @@ pub(super) struct Split {
 }
 
 impl Split {
-    /// Whether a reference with this centre on the axis is on the low side.
+    /// Says on which side references are.
+    pub fn sides(&self) -> Sides {
+        let Binning { low, scale, last } = self.binning;
+        let plane = ROUND + self.plane as f32;
+        Sides { lane: Reference::CENTRE[self.axis], low: low[self.axis], scale: scale[self.axis], last, plane }
+    }
+}
+
+/// What is on which side of a split, by value: loops that store references would read it again each time.
+#[derive(Clone, Copy)]
+pub(super) struct Sides {
+    lane: usize,
+    low: f32,
+    scale: f32,
+    last: f32,
+    plane: f32,
+}
+
+impl Sides {
+    /// Whether a reference is on the low side: the same computation as [`Binning::rounded`].
     #[inline(always)]
-    pub fn is_low(&self, centre: f32) -> bool {
-        self.binning.rounded_on(self.axis, centre) < ROUND + self.plane as f32
+    pub fn is_low(&self, r: &Reference) -> bool {
+        let at = (r.0.0[self.lane % LANES] - self.low) * self.scale - 0.5;
+        at.max(0.0).min(self.last) + ROUND < self.plane
     }
 }
 
@@ -209,21 +230,30 @@ impl Kernel for Choose<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<Split> {
         let Choose { binning, bins, table } = self;
-        let mut best = (f32::INFINITY, 0, 0);
-        for axis in 0..3 {
+        let Table { axes, above } = table;
+        let (mut costs, mut planes) = (s.splat(f32::INFINITY), s.splat_u(0));
+        for (axis, Bins { bounds, counts }) in axes.iter().enumerate() {
             if binning.scale[axis] > 0.0 {
-                let Bins { bounds, counts } = &table.axes[axis];
-                let (cost, plane) = sweep(s, &bounds[..bins], &counts[..bins], &mut table.terms);
-                if cost < best.0 {
-                    best = (cost, axis, plane);
+                let bounds = &bounds[..bins];
+                let all = gather_above(s, bounds, counts, above);
+                let mut below = (s.splat(f32::INFINITY), 0);
+                for first in (0..bins).step_by(AT_ONCE) {
+                    let cost = sweep(s, (bounds, counts), above, first, &mut below, all);
+                    let better = s.lt(cost, costs);
+                    costs = s.select(better, cost, costs);
+                    planes = s.select_u(better, s.splat_u((axis * BINS + first) as u32), planes);
                 }
             }
         }
-        let (cost, axis, plane) = best;
-        if cost == f32::INFINITY {
+        // Costs are not negative, so their bits are in their order; of equal ones the first plane counts.
+        let least = f32::from_bits(s.reduce_min_u(s.to_bits(costs)));
+        if least == f32::INFINITY {
             return None;
         }
-        let (low, high) = table.axes[axis].bounds[..bins].split_at(plane);
+        let place = s.select_u(s.eq(costs, s.splat(least)), s.add_u(planes, s.load_u(&PLANES)), s.splat_u(u32::MAX));
+        let place = s.reduce_min_u(place) as usize;
+        let (axis, plane) = (place / BINS, place % BINS);
+        let (low, high) = axes[axis].bounds[..bins].split_at(plane);
         let (low, high) = (union(s, low), union(s, high));
         Some(Split { axis, binning, plane, low, high, middle: 0, chunk: 0, lows: Vec::new() })
     }
@@ -250,41 +280,79 @@ const EXTENTS: u16 = 0x3f3f;
 const TURNED: Lanes<u32> = [1, 2, 0, 4, 5, 3, 6, 7, 9, 10, 8, 12, 13, 11, 14, 15];
 const CROSSED: Lanes<u32> = [4, 5, 3, 1, 2, 0, 6, 7, 12, 13, 11, 9, 10, 8, 14, 15];
 
-/// The cheapest plane of one axis: its cost (six times area times count) and the first bin above it.
-///
-/// The unions from below are in the low half of the lanes, those from above in the high half. Six times the mean
-/// half area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::mean_half_area`]), which is
-/// d0 . rot(2 d0 + d1) + d1 . rot(2 d1 + d0), where rot (x, y, z) = (y, z, x): six products in six lanes.
+/// Planes whose costs are computed together: one in each lane of both halves.
+const AT_ONCE: usize = LANES / 2;
+const PLANES: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
+
+/// What holds all bins from each one on; returns how many references there are.
 #[inline(always)]
-fn sweep<S: Simd>(s: S, bins: &[Packed], counts: &[u32], terms: &mut [Packed; BINS]) -> (f32, usize) {
-    let n = bins.len().min(BINS).min(counts.len());
+fn gather_above<S: Simd>(s: S, bins: &[Packed], counts: &[u32; BINS], above: &mut [Packed; BINS]) -> u32 {
+    let (mut sum, mut all) = (s.splat(f32::INFINITY), 0);
+    for ((bin, above), count) in bins.iter().zip(above).zip(counts).rev() {
+        sum = s.min(sum, s.load(&bin.0));
+        s.store(sum, &mut above.0);
+        all += count;
+    }
+    all
+}
+
+/// The costs (six times area times count) of the planes below the bins from `first` on, in the lanes of each half;
+/// infinite where one side is empty. `below` is what is below the first, and below the next planes afterwards.
+///
+/// What is below a plane is in the low half of the lanes, what is above it in the high half. Six times the mean
+/// half area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::mean_half_area`]), which is
+/// d0 . rot(2 d0 + d1) + d1 . rot(2 d1 + d0), where rot (x, y, z) = (y, z, x): six products in six lanes. The sums of
+/// the lanes of eight planes are formed together, and end up in one lane for each.
+#[inline(always)]
+fn sweep<S: Simd>(
+    s: S,
+    (bins, counts): (&[Packed], &[u32; BINS]),
+    above: &[Packed; BINS],
+    first: usize,
+    below: &mut (S::F, u32),
+    all: u32,
+) -> S::F {
     let (zero, turned, crossed) = (s.splat(0.0), s.load_u(&TURNED), s.load_u(&CROSSED));
-    let (mut below, mut above) = (s.splat(f32::INFINITY), s.splat(f32::INFINITY));
-    let (mut count_below, mut count_above) = (0, 0);
-    for i in 1..n {
-        below = s.min(below, s.load(&bins[i - 1].0));
-        above = s.min(above, s.load(&bins[n - i].0));
-        count_below += counts[i - 1];
-        count_above += counts[n - i];
-        let negated = s.select(HALF, below + s.swap_lanes::<8>(below), above + s.swap_lanes::<8>(above));
+    let mut areas = [zero; AT_ONCE];
+    let mut counts_below = [0.0; LANES];
+    for (j, area) in areas.iter_mut().enumerate() {
+        let (low, high) = (below.0, s.load(&above[(first + j) % BINS].0));
+        let negated = s.select(HALF, low, high) + s.swap_lanes::<8>(s.select(HALF, high, low));
         let d = s.select(EXTENTS, s.max(zero - negated, zero), zero);
         let (own, other) = (s.permute(d, turned), s.permute(d, crossed));
-        let count = s.select(HALF, s.splat(count_below as f32), s.splat(count_above as f32));
-        s.store(d * (own + other + own) * count, &mut terms[i].0);
+        *area = d * (own + other + own);
+        counts_below[j] = below.1 as f32;
+        counts_below[j + AT_ONCE] = below.1 as f32;
+        below.0 = s.min(low, s.load(&bins[first + j].0));
+        below.1 += counts[(first + j) % BINS];
     }
-    let mut best = (f32::INFINITY, 0);
-    let all = count_below + counts[n - 1];
-    count_below = 0;
-    for i in 1..n {
-        count_below += counts[i - 1];
-        let (low, high) = (&terms[i], &terms[n - i]);
-        let sum = (low.four(0) + low.four(4)) + (high.four(8) + high.four(12));
-        let cost = (sum.x + sum.y) + (sum.z + sum.w);
-        if cost < best.0 && count_below > 0 && count_below < all {
-            best = (cost, i);
-        }
-    }
-    best
+    let [a, b, c, d, e, f, g, h] = areas;
+    let (a, b, c, d) = (paired4(s, a, e), paired4(s, b, f), paired4(s, c, g), paired4(s, d, h));
+    let areas = paired1(s, paired2(s, a, c), paired2(s, b, d));
+    let counts = s.load(&counts_below);
+    let counts = s.select(HALF, counts, s.splat(all as f32) - counts);
+    let some = s.lt(zero, counts);
+    let costs = areas * counts;
+    let costs = costs + s.swap_lanes::<8>(costs);
+    s.select(some & some >> 8 & HALF, costs, s.splat(f32::INFINITY))
+}
+
+/// Sums of lanes four apart: of `a` where bit 2 of the lane is 0, elsewhere of `b`.
+#[inline(always)]
+fn paired4<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
+    s.select(0x0f0f, a, b) + s.swap_lanes::<4>(s.select(0x0f0f, b, a))
+}
+
+/// The same two apart.
+#[inline(always)]
+fn paired2<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
+    s.select(0x3333, a, b) + s.swap_lanes::<2>(s.select(0x3333, b, a))
+}
+
+/// The same one apart.
+#[inline(always)]
+fn paired1<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
+    s.select(0x5555, a, b) + s.swap_lanes::<1>(s.select(0x5555, b, a))
 }
 
 /// Bounds of references and the box of their centres.

@@ -121,7 +121,7 @@ mod tests {
                 Reference::new(LinearBox3 { begin: a, end: b }, id)
             })
             .collect();
-        let nodes = build_binary(&mut references, 4);
+        let nodes = build_binary(&mut references, 4..=4);
         let new = || Collapse::new(&nodes, PRICES, leaf_cost);
         // With the cost that they have anyway, taken as single children.
         let mut grafts = Vec::new();

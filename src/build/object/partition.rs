@@ -46,14 +46,14 @@ impl Kernel for Partition<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Packed {
         let Partition { references, split } = self;
-        let lane = Reference::CENTRE[split.axis];
+        let sides = split.sides();
         let centre = s.load_u(&CENTRES);
         let signs = s.load(&SIGNS);
         let mut centres = s.splat(f32::INFINITY);
         let mut middle = 0;
         for i in 0..references.len() {
             let lanes = s.load(&references[i].0.0);
-            let low = split.is_low(references[i].0.0[lane]);
+            let low = sides.is_low(&references[i]);
             let side = HALF ^ u16::from(low).wrapping_sub(1);
             centres = s.select(side, s.min(centres, s.permute(lanes, centre) * signs), centres);
             // As registers: the compiler would move references in halves, through the stack.
@@ -101,12 +101,12 @@ impl Wrong {
         if self.first < self.end || self.seen == references.len() {
             return centres;
         }
-        let lane = Reference::CENTRE[split.axis];
+        let sides = split.sides();
         let (centre, signs) = (s.load_u(&CENTRES), s.load(&SIGNS));
         (self.first, self.end) = (0, 0);
         let until = references.len().min(self.seen + BLOCK);
         for (i, r) in references.iter().enumerate().take(until).skip(self.seen) {
-            let is_low = split.is_low(r.0.0[lane]);
+            let is_low = sides.is_low(r);
             let side = HALF ^ u16::from(is_low).wrapping_sub(1);
             centres = s.select(side, s.min(centres, s.permute(s.load(&r.0.0), centre) * signs), centres);
             self.places[self.end % BLOCK] = i;
@@ -171,8 +171,8 @@ fn exchanged(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Pa
 /// on the wrong side.
 fn cuts(references: &[Reference], split: &Split, threads: usize) -> Vec<(usize, usize)> {
     let (n, middle, chunk) = (references.len(), split.middle, split.chunk);
-    let lane = Reference::CENTRE[split.axis];
-    let is_low = |r: &Reference| split.is_low(r.0.0[lane]);
+    let sides = split.sides();
+    let is_low = |r: &Reference| sides.is_low(r);
     // Low references before each chunk, and at the end.
     let mut low = vec![0];
     split.lows.iter().for_each(|lows| low.push(low[low.len() - 1] + lows));
@@ -235,7 +235,8 @@ mod tests {
                     let (_, centres) = summary(simd, &references);
                     let split = find_split(simd, &references, centres, &mut Table::new()).unwrap();
                     let parted = partition(simd, &mut references, &split);
-                    let side = |r: &Reference| split.is_low(r.0.0[Reference::CENTRE[split.axis]]);
+                    let sides = split.sides();
+                    let side = |r: &Reference| sides.is_low(r);
                     assert!(references[..parted.middle].iter().all(side));
                     assert!(!references[parted.middle..].iter().any(side));
                     parted

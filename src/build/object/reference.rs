@@ -1,7 +1,7 @@
 //! What a binary tree is built over: linear bounds and an id, in one cache line.
 
 use crate::motion::{Box3, LinearBox3};
-use crate::simd::{LANES, Lanes};
+use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::{Vec3, Vec4};
 
 /// One entry of a primitive in the tree being built: where it is during the build's time interval.
@@ -14,6 +14,14 @@ pub(crate) struct Reference(pub(super) Packed);
 
 /// The lane of the id.
 const ID: usize = 15;
+
+/// The lanes of the centre as a mask.
+const CENTRES: Mask = 1 << 6 | 1 << 7 | 1 << 14;
+
+/// The lane of the opposite face at the other end, for each lower face, and the lanes of what is summed for the centre.
+const OPPOSITE: Lanes<u32> = [11, 12, 13, 8, 9, 10, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+const FIRST: Lanes<u32> = [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 2, 0];
+const SECOND: Lanes<u32> = [3, 3, 3, 3, 3, 3, 3, 4, 3, 3, 3, 3, 3, 3, 5, 3];
 
 impl Reference {
     /// The lanes of the centre.
@@ -33,6 +41,17 @@ impl Reference {
             p[lane] = (p[LOW + axis] - p[HIGH + 3 + axis]) + (p[LOW + 3 + axis] - p[HIGH + axis]);
         }
         p[ID] = f32::from_bits(id);
+        Reference(packed)
+    }
+
+    /// The same of packed bounds in lanes.
+    #[inline(always)]
+    pub(super) fn of_lanes<S: Simd>(s: S, bounds: S::F, id: u32) -> Reference {
+        let across = bounds - s.permute(bounds, s.load_u(&OPPOSITE));
+        let centre = s.permute(across, s.load_u(&FIRST)) + s.permute(across, s.load_u(&SECOND));
+        let id = s.from_bits(s.splat_u(id));
+        let mut packed = Packed::EMPTY;
+        s.store(s.select(1 << ID, id, s.select(CENTRES, centre, bounds)), &mut packed.0);
         Reference(packed)
     }
 
@@ -108,12 +127,6 @@ impl Packed {
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.0[LOW] == f32::INFINITY
-    }
-
-    /// Four lanes from lane `i`.
-    #[inline(always)]
-    pub fn four(&self, i: usize) -> Vec4 {
-        Vec4::from_slice(&self.0[i..i + 4])
     }
 
     #[inline(always)]

@@ -7,10 +7,11 @@
 //! *move*, cutting does not pay, so only references are cut whose motion is small beside their length.
 
 use super::binned::mean_half_area;
+use super::bins::HALF;
 use super::reference::{Packed, Reference};
 use crate::motion::{LinearBox3, ULP};
 use crate::parallel;
-use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use glam::Vec3;
 
 /// A triangle's corners at the begin and the end of the build's interval, linear in between up to `slack`.
@@ -66,6 +67,7 @@ impl Planes {
     }
 
     /// The plane below part `k`.
+    #[cfg(test)]
     fn plane(self, k: usize) -> f32 {
         self.low + self.width * k as f32
     }
@@ -82,7 +84,9 @@ pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<
     let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
     // Some at a time, so that parts are still in the cache when they are put in place.
     for gains in gains.chunks(AT_A_TIME * parallel::threads()) {
-        let tasks = parallel::chunks(gains.len(), |range| parts_of(references, &gains[range], &ends, least));
+        let tasks = parallel::chunks(gains.len(), |range| {
+            dispatch(SimdLevel::best(), Parts { references, gains: &gains[range], ends: &ends, least })
+        });
         for (made, counts) in tasks {
             let mut rest = &made[..];
             for (i, count) in counts {
@@ -97,31 +101,40 @@ pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<
     }
 }
 
-/// The parts of references that are cut, one behind the other, and how many there are of which.
-fn parts_of(
-    references: &[Reference],
-    gains: &[(u32, f32)],
-    ends: impl Fn(u32) -> Option<Ends>,
+/// Cuts references; gives their parts, one behind the other, and how many there are of which.
+struct Parts<'a, E> {
+    references: &'a [Reference],
+    gains: &'a [(u32, f32)],
+    ends: &'a E,
     least: f32,
-) -> (Vec<Reference>, Vec<(u32, usize)>) {
-    let simd = SimdLevel::best();
-    let most = gains.iter().map(|&(_, gain)| parts(gain, least)).sum();
-    let (mut made, mut counts) = (Vec::with_capacity(most), Vec::with_capacity(gains.len()));
-    for &(i, gain) in gains {
-        let m = parts(gain, least);
-        if m == 1 {
-            continue;
+}
+
+impl<E: Fn(u32) -> Option<Ends>> Kernel for Parts<'_, E> {
+    type Output = (Vec<Reference>, Vec<(u32, usize)>);
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> (Vec<Reference>, Vec<(u32, usize)>) {
+        let Parts { references, gains, ends, least } = self;
+        let most = gains.iter().map(|&(_, gain)| parts(gain, least)).sum();
+        let (mut made, mut counts) = (Vec::with_capacity(most), Vec::with_capacity(gains.len()));
+        for &(i, gain) in gains {
+            let m = parts(gain, least);
+            if m == 1 {
+                continue;
+            }
+            let r = &references[i as usize];
+            let Some(planes) = Planes::across(&r.bounds(), m) else { continue };
+            let Some(ends) = ends(r.id()) else { continue };
+            let mut boxes = [Packed::EMPTY; BINS];
+            Chop { ends: &ends, whole: r.packed(), planes, parts: &mut boxes[..m] }.run(s);
+            let before = made.len();
+            for part in boxes[..m].iter().filter(|part| !part.is_empty()) {
+                made.push(Reference::of_lanes(s, s.load(&part.0), r.id()));
+            }
+            counts.push((i, made.len() - before));
         }
-        let r = &references[i as usize];
-        let Some(planes) = Planes::across(&r.bounds(), m) else { continue };
-        let Some(ends) = ends(r.id()) else { continue };
-        let mut boxes = [Packed::EMPTY; BINS];
-        dispatch(simd, Chop { ends: &ends, whole: r.packed(), planes, parts: &mut boxes[..m] });
-        let before = made.len();
-        made.extend(boxes[..m].iter().filter(|b| !b.is_empty()).map(|&b| Reference::of(b, r.id())));
-        counts.push((i, made.len() - before));
+        (made, counts)
     }
-    (made, counts)
 }
 
 /// What cutting each reference would save altogether, of those for which it may save enough for a second part, and
@@ -207,7 +220,7 @@ struct Chop<'a> {
     /// What holds the triangle, or the part of it that is to be cut.
     whole: &'a Packed,
     planes: Planes,
-    /// Empty bounds, one for each part.
+    /// The bounds of each part; empty where there is none.
     parts: &'a mut [Packed],
 }
 
@@ -217,68 +230,58 @@ impl Kernel for Chop<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Chop { ends, whole, planes, parts } = self;
-        let (a, last) = (planes.axis, parts.len() - 1);
-        // No branches: which part holds what, nobody could predict.
-        let nothing = s.splat(f32::INFINITY);
+        let (axis, last) = (planes.axis, parts.len().clamp(1, BINS) - 1);
+        // The planes above the parts, in both halves of the lanes.
+        let above = s.splat(planes.low) + s.splat(planes.width) * s.load(&ABOVE);
+        let (zero, nothing, never) = (s.splat(0.0), s.splat(f32::INFINITY), s.splat(f32::NAN));
         let mut corners = [nothing; 3];
-        for (i, corner) in corners.iter_mut().enumerate() {
-            *corner = s.load(&Packed::point(ends.begin[i], ends.end[i]).0);
-        }
+        // For each part: 0 where it includes the corner, otherwise NaN, which a minimum passes over.
+        let mut held = [[0.0; LANES]; 3];
+        // For each plane above a part: where the edge meets it at the begin and at the end, or NaN.
+        let mut met = [[0.0; LANES]; 3];
         for i in 0..3 {
             let j = (i + 1) % 3;
-            let (from, to) = (corners[i], corners[j]);
-            let along = to - from;
-            let (p0, p1) = (ends.begin[i][a], ends.end[i][a]);
-            let (q0, q1) = (ends.begin[j][a], ends.end[j][a]);
-            let (low, high) = (p0.min(p1), p0.max(p1));
-            for (k, part) in parts.iter_mut().enumerate() {
-                let above = k == 0 || high >= planes.plane(k);
-                let below = k == last || low <= planes.plane(k + 1);
-                let held = s.select(all_if(above & below), from, nothing);
-                s.store(s.min(s.load(&part.0), held), &mut part.0);
-            }
-            for k in 1..=last {
-                let plane = planes.plane(k);
-                let (p0, p1, q0, q1) = (p0 - plane, p1 - plane, q0 - plane, q1 - plane);
-                let at_begin = s.select(all_if(apart(p0, q0)), from + along * s.splat(crossing(p0, q0)), nothing);
-                let at_end = s.select(all_if(apart(p1, q1)), from + along * s.splat(crossing(p1, q1)), nothing);
-                let met = s.min(at_begin, at_end);
-                for part in &mut parts[k - 1..=k] {
-                    s.store(s.min(s.load(&part.0), met), &mut part.0);
-                }
-            }
+            corners[i] = s.load(&Packed::point(ends.begin[i], ends.end[i]).0);
+            let (p0, p1) = (ends.begin[i][axis], ends.end[i][axis]);
+            let (q0, q1) = (ends.begin[j][axis], ends.end[j][axis]);
+            let reaches = s.le(above, s.splat(p0.max(p1))) << 1 | 1;
+            let begins = s.le(s.splat(p0.min(p1)), above) | 1 << last;
+            s.store(s.select(reaches & begins, zero, never), &mut held[i]);
+            let p = s.select(HALF, s.splat(p0), s.splat(p1)) - above;
+            let q = s.select(HALF, s.splat(q0), s.splat(q1)) - above;
+            // Where the distances are equal, both are 0 if the edge meets the plane at all: it is met at the corner.
+            let at = s.select(s.eq(p, q), zero, p / (p - q));
+            let at = s.max(s.min(at, s.splat(1.0)), zero);
+            let apart = s.le(s.min(p, q), zero) & s.le(zero, s.max(p, q));
+            s.store(s.select(apart, at, never), &mut met[i]);
         }
+        let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
         // Toward the outside is down in every lane. Of each face the whole's is taken where it is tighter on average.
         let (pad, whole, other) = (s.splat(ends.slack + 8.0 * ULP), s.load(&whole.0), s.load_u(&OTHER_END));
         let mean = whole + s.permute(whole, other);
-        for part in parts {
-            let own = s.load(&part.0) - pad;
+        let mut below = nothing;
+        for (k, part) in parts.iter_mut().enumerate().take(BINS) {
+            let (mut own, mut above) = (below, nothing);
+            for i in 0..3 {
+                own = s.min(corners[i] + s.splat(held[i][k]), own);
+                if k < last {
+                    above = s.min(corners[i] + edges[i] * s.splat(met[i][k]), above);
+                    above = s.min(corners[i] + edges[i] * s.splat(met[i][k + BINS]), above);
+                }
+            }
+            let own = s.min(own, above) - pad;
             let looser = s.lt(own + s.permute(own, other), mean);
             s.store(s.select(looser, whole, own), &mut part.0);
+            below = above;
         }
     }
 }
 
+/// How many parts are below the plane in each lane.
+const ABOVE: Lanes<f32> = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+
 /// The lane of the same face at the other end of the interval.
 const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14, 15];
-
-/// All lanes, or none.
-#[inline(always)]
-fn all_if(condition: bool) -> Mask {
-    Mask::from(condition).wrapping_neg()
-}
-
-/// Whether two distances are on different sides of a plane, or on it.
-#[inline(always)]
-fn apart(x: f32, y: f32) -> bool {
-    (x.min(y) <= 0.0) & (x.max(y) >= 0.0)
-}
-
-/// Where a line between two such distances meets the plane.
-#[inline(always)]
-fn crossing(x: f32, y: f32) -> f32 {
-    if x == y { 0.0 } else { (x / (x - y)).clamp(0.0, 1.0) }
-}
 
 #[cfg(test)]
 mod tests {

@@ -13,7 +13,7 @@ use super::leaf::WideSource;
 use super::plan::{PRICES, Plan, part_of_shutter, plan_tree};
 use super::segments::Segments;
 use super::survey::Survey;
-use crate::build::object::{BinaryNode, Graft, Reference};
+use crate::build::object::{BinaryNode, Graft};
 use crate::build::{BuildParams, Division, Progress};
 use crate::error::BuildError;
 use crate::motion::{LinearBox3, TimeInterval};
@@ -173,15 +173,16 @@ impl WideTree {
         grafts: &[(u32, ChildRef)],
     ) -> Result<Part, BuildError> {
         self.cut |= plan.cut;
-        let leaf = |arena: &mut Arena, node: &BinaryNode| {
-            if node.count as usize > PRICES.most {
-                // Too large for a block: only grafts are.
+        let leaves = |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| {
+            // What is too large for a block is a graft; those come first.
+            let large = of.iter().take_while(|node| node.count as usize > PRICES.most).count();
+            for (node, root) in of[..large].iter().zip(&mut *blocks) {
                 let at = grafts.binary_search_by_key(&node.first, |g| g.0);
-                return Ok(grafts[at.expect("only a graft is larger than a block")].1);
+                *root = grafts[at.expect("only a graft is larger than a block")].1;
             }
-            leaf(arena, set, &plan.references, node, plan.segment)
+            leaf_blocks(arena, set, plan, &of[large..], &mut blocks[large..])
         };
-        let nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaf, writes: true };
+        let nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaves, writes: true };
         Ok(Part { bounds: plan.binary[0].bounds, root: nodes.write(&mut self.arena)? })
     }
 
@@ -194,13 +195,19 @@ impl WideTree {
     ) -> Result<ChildRef, BuildError> {
         self.cut |= plan.cut;
         let clusters = &segments.clusters;
-        let block = |arena: &mut Arena, i: usize| leaf(arena, set, &plan.references, &clusters[i], plan.segment);
-        let blocks = write_blocks(&mut self.arena, clusters.len(), block)?;
+        let leaves =
+            |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, plan, of, blocks);
+        let blocks = write_blocks(&mut self.arena, clusters, leaves)?;
         let mut parts = Vec::new();
         for tree in &segments.trees {
-            let leaf = |_: &mut Arena, node: &BinaryNode| Ok(blocks[tree.order[node.first as usize] as usize]);
+            let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
+                for (node, block) in of.iter().zip(known) {
+                    *block = blocks[tree.order[node.first as usize] as usize];
+                }
+                Ok(())
+            };
             let (binary, collapse) = (&tree.binary, &tree.collapse);
-            let nodes = Nodes { binary, collapse, over: tree.over, leaf, writes: false };
+            let nodes = Nodes { binary, collapse, over: tree.over, leaves, writes: false };
             parts.push(nodes.write(&mut self.arena)?);
         }
         write_time(&mut self.arena, &parts)
@@ -260,36 +267,40 @@ fn groups<S: WideSource>(set: &S) -> Vec<(usize, Vec<u32>)> {
     all
 }
 
-/// Writes the leaf block of a binary node.
-fn leaf<S: WideSource>(
+/// Writes leaf blocks. Of large scenes their primitives come from memory, so the next ones are asked for early.
+fn leaf_blocks<S: WideSource>(
     arena: &mut Arena,
     set: &S,
-    references: &[Reference],
-    node: &BinaryNode,
-    segment: usize,
-) -> Result<ChildRef, BuildError> {
-    expect(set, references, node);
-    let of = &references[node.first as usize..][..node.count as usize];
-    let mut ids = [0; LANES];
-    for (id, r) in ids.iter_mut().zip(of) {
-        *id = r.id();
+    plan: &Plan,
+    of: &[BinaryNode],
+    blocks: &mut [ChildRef],
+) -> Result<(), BuildError> {
+    for (i, (node, block)) in of.iter().zip(blocks).enumerate() {
+        expect(set, plan, of, i);
+        let of = plan.references(node);
+        let mut ids = [0; LANES];
+        for (id, r) in ids.iter_mut().zip(of) {
+            *id = r.id();
+        }
+        let ids = &mut ids[..of.len()];
+        // Sorted, so that a block does not depend on the order in which the build met its primitives.
+        ids.sort_unstable();
+        *block = set.write_leaf(arena, distinct(ids), plan.segment).ok_or(BuildError::TooLargeTree)?;
     }
-    let ids = &mut ids[..of.len()];
-    // Sorted, so that a block does not depend on the order in which the build met its primitives.
-    ids.sort_unstable();
-    let ids = distinct(ids);
-    set.write_leaf(arena, ids, segment).ok_or(BuildError::TooLargeTree)
+    Ok(())
 }
 
-/// Asks for the primitives behind those of a node, which are read next or soon: of large scenes they come from memory.
-pub(super) fn expect<S: WideSource>(set: &S, references: &[Reference], node: &BinaryNode) {
-    let behind = (node.first + node.count) as usize;
-    let count = node.count as usize;
-    for r in references.iter().skip(behind + LANES).take(count) {
-        set.expect(r.id());
+/// How many leaf blocks ahead the numbers of vertices are asked for; the vertices follow one block ahead.
+const AHEAD: usize = 4;
+
+/// Asks for what will be read when it is the turn of the blocks behind block `i`.
+pub(super) fn expect<S: WideSource>(set: &S, plan: &Plan, of: &[BinaryNode], i: usize) {
+    let next = if i == 0 { 0..of.len().min(AHEAD + 1) } else { i + AHEAD..of.len().min(i + AHEAD + 1) };
+    for node in of.get(next).unwrap_or_default() {
+        plan.references(node).iter().for_each(|r| set.expect(r.id()));
     }
-    for r in references.iter().skip(behind).take(count) {
-        set.expect_vertices(r.id());
+    for node in of.iter().skip(i + 1).take(1) {
+        plan.references(node).iter().for_each(|r| set.expect_vertices(r.id()));
     }
 }
 

@@ -131,7 +131,7 @@ fn look<S: WideSource>(set: &S, plan: &Plan, x: u32, areas: &mut Areas) -> Box3 
     let node = &plan.binary[x as usize];
     let middle = if node.right == 0 {
         let half = part_of_shutter(0, 2);
-        references(plan, node).iter().map(|r| part_bounds(set, r, plan, half).end).fold(Box3::EMPTY, Box3::union)
+        plan.references(node).iter().map(|r| part_bounds(set, r, plan, half).end).fold(Box3::EMPTY, Box3::union)
     } else {
         look(set, plan, x + 1, areas).union(look(set, plan, x + node.right, areas))
     };
@@ -298,14 +298,10 @@ pub(super) fn params_of_copies(params: &BuildParams, parts: usize) -> BuildParam
 
 /// The primitives below a node, sorted, each once.
 pub(super) fn primitives(plan: &Plan, of: u32) -> Vec<u32> {
-    let mut ids: Vec<u32> = references(plan, &plan.binary[of as usize]).iter().map(Reference::id).collect();
+    let mut ids: Vec<u32> = plan.references(&plan.binary[of as usize]).iter().map(Reference::id).collect();
     ids.sort_unstable();
     ids.dedup();
     ids
-}
-
-fn references<'a>(plan: &'a Plan, node: &BinaryNode) -> &'a [Reference] {
-    &plan.references[node.first as usize..][..node.count as usize]
 }
 
 /// Evenly spaced subtrees of a region to decide on; the region alone where it is small.

@@ -104,19 +104,18 @@ const APART: u32 = 4096;
 /// Leaf blocks that are written together.
 const BLOCKS: usize = 512;
 
-/// Writes a leaf block for each of `n` things and returns them in order.
+/// Writes a leaf block for each of some binary nodes and returns them in order.
 pub(super) fn write_blocks(
     arena: &mut Arena,
-    n: usize,
-    leaf: impl Fn(&mut Arena, usize) -> Result<ChildRef, BuildError> + Sync,
+    of: &[BinaryNode],
+    leaves: impl Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync,
 ) -> Result<Vec<ChildRef>, BuildError> {
+    let tasks: Vec<&[BinaryNode]> = of.chunks(BLOCKS).collect();
     let write = |task: usize, apart: &mut Apart| {
-        for i in task * BLOCKS..n.min((task + 1) * BLOCKS) {
-            apart.tops.push(leaf(&mut apart.arena, i)?);
-        }
-        Ok(())
+        apart.tops.resize(tasks[task].len(), ChildRef::NOTHING);
+        leaves(&mut apart.arena, tasks[task], &mut apart.tops)
     };
-    write_in_order(arena, &vec![1; n.div_ceil(BLOCKS)], |_| true, write)
+    write_in_order(arena, &vec![1; tasks.len()], |_| true, write)
 }
 
 /// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and returns the root. The
@@ -125,17 +124,19 @@ pub(super) struct Nodes<'a, L> {
     pub binary: &'a [BinaryNode],
     pub collapse: &'a Collapse,
     pub over: TimeInterval,
-    /// Gives the leaf block of a binary node.
-    pub leaf: L,
-    /// Whether `leaf` writes the block, or only knows one that is in the final arena already.
+    /// Gives the leaf blocks of binary nodes.
+    pub leaves: L,
+    /// Whether `leaves` writes the blocks, or only knows those that are in the final arena already.
     pub writes: bool,
 }
 
-impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Nodes<'_, L> {
+impl<L: Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync> Nodes<'_, L> {
     /// Writes the whole tree (which must not be empty).
     pub fn write(&self, arena: &mut Arena) -> Result<ChildRef, BuildError> {
         if self.collapse.is_leaf(0) {
-            return (self.leaf)(arena, &self.binary[0]);
+            let mut block = ChildRef::NOTHING;
+            (self.leaves)(arena, &self.binary[..1], core::slice::from_mut(&mut block))?;
+            return Ok(block);
         }
         let mut roots = Vec::new();
         self.find_apart(0, &mut roots);
@@ -199,9 +200,15 @@ impl<L: Fn(&mut Arena, &BinaryNode) -> Result<ChildRef, BuildError> + Sync> Node
         }
         let node = write_node(arena, &boxes[..children.len()], self.over)?;
         nodes.push(node);
-        let mut refs = [ChildRef::NOTHING; LANES];
-        for (r, child) in refs.iter_mut().zip(&children).filter(|(_, c)| c.leaf) {
-            *r = (self.leaf)(arena, &self.binary[child.node as usize])?;
+        let (mut leaves, mut blocks, mut n) = ([self.binary[of as usize]; LANES], [ChildRef::NOTHING; LANES], 0);
+        for child in children.iter().filter(|c| c.leaf) {
+            leaves[n] = self.binary[child.node as usize];
+            n += 1;
+        }
+        (self.leaves)(arena, &leaves[..n], &mut blocks[..n])?;
+        let (mut refs, mut blocks) = ([ChildRef::NOTHING; LANES], blocks.into_iter());
+        for (r, block) in refs.iter_mut().zip(&children).filter(|(_, c)| c.leaf).map(|(r, _)| r).zip(&mut blocks) {
+            *r = block;
         }
         for (r, child) in refs.iter_mut().zip(&children).filter(|(_, c)| !c.leaf) {
             *r = self.node(arena, child.node, nodes, apart)?;

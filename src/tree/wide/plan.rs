@@ -7,17 +7,18 @@
 
 use super::leaf::WideSource;
 use crate::build::BuildParams;
-use crate::build::object::{BinaryTree, Collapse, Prices, Reference, build_binary, cut, neighbourhoods};
+use crate::build::object::{BinaryNode, BinaryTree, Collapse, Prices, Reference, build_binary, cut, neighbourhoods};
 use crate::motion::{Box3, TimeInterval};
 use crate::parallel;
 use crate::simd::huge_vec;
+use core::ops::RangeInclusive;
 
 /// Prices of a query's steps, relative to each other. A primitive at .15 instead of about .07 makes smaller leaves,
 /// which costs 4 to 10 % of the speed on the scenes coherent, debris and tornado.
 pub(super) const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
 
-/// References at which the binary tree stops; the collapse joins its leaves again.
-const BINARY_LEAF: usize = 8;
+/// References at which the binary tree stops, or where they are crowded; the collapse joins its leaves again.
+const BINARY_LEAF: RangeInclusive<usize> = 8..=16;
 
 /// Cuts are taken where they cost less than this part: they also take memory.
 const WORTH_CUTS: f32 = 0.95;
@@ -27,7 +28,7 @@ const HOLLOW: f64 = 8.0;
 
 /// Cuts are decided on neighbourhoods of a sixteenth of all references together, each in these bounds.
 const CUT_SAMPLES: usize = 2;
-const CUT_SAMPLE: core::ops::RangeInclusive<usize> = 512..=4096;
+const CUT_SAMPLE: RangeInclusive<usize> = 512..=4096;
 
 /// Bytes that a reference costs in nodes and leaf blocks together, at most about.
 pub(super) const BYTES_PER_REFERENCE: f32 = 110.0;
@@ -44,6 +45,13 @@ pub(super) struct Plan {
     pub cut: bool,
     pub binary: BinaryTree,
     pub collapse: Collapse,
+}
+
+impl Plan {
+    /// The references below a binary node.
+    pub fn references(&self, node: &BinaryNode) -> &[Reference] {
+        &self.references[node.first as usize..][..node.count as usize]
+    }
 }
 
 /// Part `i` of `n` equal parts of the shutter, a little wider on both sides: queries find their part by

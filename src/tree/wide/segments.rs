@@ -37,7 +37,7 @@ impl Segments {
                     end: if part + 1 == parts { clusters[i].bounds.end } else { seams[part][i] },
                 },
                 None => {
-                    let of = references(plan, &clusters[i]).iter();
+                    let of = plan.references(&clusters[i]).iter();
                     of.fold(LinearBox3::EMPTY, |b, r| b.union(part_bounds(set, r, plan, over)))
                 }
             };
@@ -52,10 +52,6 @@ impl Segments {
     }
 }
 
-fn references<'a>(plan: &'a Plan, cluster: &BinaryNode) -> &'a [Reference] {
-    &plan.references[cluster.first as usize..][..cluster.count as usize]
-}
-
 /// The boxes of the leaf blocks where part `i` of the shutter begins; nothing where that does not say what a block
 /// does in between.
 ///
@@ -68,8 +64,8 @@ fn seam<S: WideSource>(set: &S, plan: &Plan, clusters: &[BinaryNode], i: usize, 
     }
     let mut boxes = huge_vec(clusters.len());
     parallel::fill(&mut boxes, clusters.len(), |i| {
-        expect(set, &plan.references, &clusters[i]);
-        references(plan, &clusters[i]).iter().fold(Box3::EMPTY, |b, r| {
+        expect(set, plan, clusters, i);
+        plan.references(&clusters[i]).iter().fold(Box3::EMPTY, |b, r| {
             let Some(ends) = set.ends(r.id(), over) else { return b };
             let corners = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include);
             b.union(corners.pad(ends.slack))
@@ -83,7 +79,7 @@ impl Segment {
         let n = clusters.len();
         let mut blocks = huge_vec(n);
         parallel::fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
-        let binary = build_binary(&mut blocks, 1);
+        let binary = build_binary(&mut blocks, 1..=1);
         let collapse = Collapse::new(&binary, PRICES, |node| {
             (node.count == 1).then(|| {
                 let block = &clusters[blocks[node.first as usize].id() as usize];
