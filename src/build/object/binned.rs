@@ -142,7 +142,7 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
 
 /// Where both sides of a split have this many times the area of the node, neither is likely to be split much better:
 /// parts of needles and hair. A leaf block of sixteen at once costs a query no more there.
-const CROWDED: f32 = 1.3;
+const CROWDED: f32 = 1.4;
 
 struct Builder {
     simd: SimdLevel,
