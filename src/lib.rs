@@ -40,6 +40,7 @@
 pub mod baseline;
 mod build;
 mod error;
+mod morton;
 mod motion;
 mod neighbor;
 mod parallel;

@@ -8,6 +8,7 @@
 use super::query::{NeighborBuffer, NeighborQuery};
 use super::view::NEAR;
 use super::{Neighbor, PointTree};
+use crate::morton::morton_code;
 use crate::motion::Position;
 use glam::Vec3;
 
@@ -159,7 +160,7 @@ fn morton_order(places: &[Vec3]) -> Vec<usize> {
     let code = |p: Vec3| {
         // Casts saturate, and NaN becomes 0: any place has a code.
         let cell = (p - lo) * scale;
-        spread(cell.x as u32) | spread(cell.y as u32) << 1 | spread(cell.z as u32) << 2
+        morton_code([cell.x as u32, cell.y as u32, cell.z as u32])
     };
     // Index and code in one integer, which is sorted in a third of the time of a pair: the index takes the place of the
     // lowest bits of the code, as many as it needs.
@@ -167,14 +168,4 @@ fn morton_order(places: &[Vec3]) -> Vec<usize> {
     let mut order: Vec<u64> = (0..).zip(places).map(|(index, &p)| (code(p) & !low) | index).collect();
     order.sort_unstable();
     order.into_iter().map(|key| (key & low) as usize).collect()
-}
-
-/// The low 21 bits of `x`, two zero bits after each.
-fn spread(x: u32) -> u64 {
-    let mut x = u64::from(x.min((1 << 21) - 1));
-    x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
 }

@@ -7,7 +7,7 @@ use crate::error::BuildError;
 use crate::motion::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
 use crate::ray::{
     AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
-    Query, Ray, Visible, follow_each_other,
+    Query, Ray, Space, Visible, answer_in_order, in_parallel,
 };
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
@@ -230,20 +230,26 @@ impl<G: Geometry> RayTree<G> {
     }
 
     fn batch<A: Asks>(&self, rays: &[Ray], answers: &mut Vec<A::Answer>, one: impl Fn(&Ray) -> A::Answer + Sync) {
-        let large = self.statistics.bytes > CACHED;
-        let scale = self.geometry.frame().scale;
-        batch(rays, answers, A::NOTHING, |rays, answers| match &self.layout {
-            Layout::Wide(tree)
-                if large && tree.moves() && !follow_each_other(rays, scale, tree.divided(), A::ORDERED) =>
-            {
-                dispatch(self.simd, Batch::<G, A> { tree, set: &self.geometry, rays, answers });
+        answers.clear();
+        answers.resize(rays.len(), A::NOTHING);
+        let singly = |rays: &[Ray], answers: &mut [A::Answer]| {
+            for (ray, answer) in rays.iter().zip(answers) {
+                *answer = one(ray);
             }
-            _ => {
-                for (ray, answer) in rays.iter().zip(answers) {
-                    *answer = one(ray);
-                }
+        };
+        match &self.layout {
+            Layout::Wide(tree) if self.statistics.bytes > CACHED => {
+                let space = Space { frame: self.geometry.frame(), parts: tree.parts() };
+                // Turns pay where a tree moves, and there only for the nearest hit in divided trees and for any hit in
+                // others (measured; see docs/rays.md).
+                let turns = tree.moves() && A::ORDERED == (space.parts > 1);
+                answer_in_order(rays, answers, space, singly, |rays, answers| match turns {
+                    true => dispatch(self.simd, Batch::<G, A> { tree, set: &self.geometry, rays, answers }),
+                    false => singly(rays, answers),
+                });
             }
-        });
+            _ => in_parallel(rays, answers, singly),
+        }
     }
 
     /// Checks that the tree is whole: links, depth, and that at sampled times, among them all at which something
@@ -358,25 +364,8 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     }
 }
 
-/// Trees up to this many bytes mostly stay in the caches, where taking turns costs more than it gains.
+/// Trees up to this many bytes mostly stay in the caches, where neither the order of rays nor taking turns gains much.
 const CACHED: usize = 64 << 20;
-
-/// Rays per task of a batch.
-#[cfg(feature = "rayon")]
-const CHUNK: usize = 256;
-
-/// One answer per ray, in order; `fill` answers the rays of one task.
-fn batch<T: Copy + Send>(rays: &[Ray], answers: &mut Vec<T>, nothing: T, fill: impl Fn(&[Ray], &mut [T]) + Sync) {
-    answers.clear();
-    answers.resize(rays.len(), nothing);
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        rays.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK)).for_each(|(rays, answers)| fill(rays, answers));
-    }
-    #[cfg(not(feature = "rayon"))]
-    fill(rays, answers);
-}
 
 #[cfg(test)]
 mod tests {

@@ -60,9 +60,9 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Whether all of it is divided in time, so that rays at different times walk different trees.
-    pub fn divided(&self) -> bool {
-        self.root.kind() == Kind::Time
+    /// Parts of the shutter with a hierarchy of their own for all there is; 1 where it is not divided at the top.
+    pub fn parts(&self) -> usize {
+        if self.root.kind() == Kind::Time { self.arena.ints()[self.root.at()] as usize } else { 1 }
     }
 
     /// Builds primitives that stand still or move linearly.
