@@ -2,8 +2,8 @@
 //!
 //! On a tree that no cache holds a ray is soonest through where the one before it went the same way. Rays that come like
 //! that, as from a camera or from the pixels of a tile, keep their order. All others are sorted: by the part of the
-//! shutter where the tree has one hierarchy for each, by the cell of space that they begin in, by the octant that they
-//! look into, and then along the Morton curve. Answers do not depend on it.
+//! shutter where the tree has one hierarchy for each, by the cell of space that they begin in, along the Morton curve, and
+//! by the octant that they look into. Answers do not depend on it.
 
 use super::query_ray::Ray;
 use crate::morton::morton_code;
@@ -25,8 +25,8 @@ pub(crate) struct Space {
     pub parts: usize,
 }
 
-/// Parts of the shutter that are told apart at most: five bits.
-const MOST_PARTS: usize = 32;
+/// Parts of the shutter that are told apart at most.
+const MOST_PARTS: usize = 16;
 
 /// How rays come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -102,34 +102,40 @@ fn coming(rays: &[Ray], space: Space) -> Coming {
 }
 
 /// The part of the shutter that a ray looks at. (Casts saturate, and NaN becomes 0.)
-fn part(ray: &Ray, parts: usize) -> u64 {
+fn part(ray: &Ray, parts: usize) -> usize {
     let parts = parts.clamp(1, MOST_PARTS);
-    ((ray.time * parts as f32) as u64).min(parts as u64 - 1)
+    ((ray.time * parts as f32) as usize).min(parts - 1)
 }
 
 /// The places of at most [`WINDOW`] rays in the order in which they are answered.
 fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
-    /// Bits of a coordinate, and how many of them say the cell.
-    const BITS: u32 = 8;
-    const CELL: u32 = 3;
-    const FINE: u32 = 3 * (BITS - CELL);
+    /// Bits of a coordinate of a cell.
+    const BITS: u32 = 4;
     let mut keys = Vec::with_capacity(rays.len());
     parallel::fill(&mut keys, rays.len(), |i| {
         let ray = &rays[i];
         let at = (space.frame.point(ray.origin) + 1.0) * (0.5 * (1 << BITS) as f32);
         let cell = |x: f32| (x as u32).min((1 << BITS) - 1);
-        let code = morton_code([cell(at.x), cell(at.y), cell(at.z)]);
-        let backward = |x: f32| u64::from(x.to_bits() >> 31);
+        let cell = morton_code([cell(at.x), cell(at.y), cell(at.z)]) as usize;
+        let backward = |x: f32| (x.to_bits() >> 31) as usize;
         let octant = backward(ray.dir.x) | backward(ray.dir.y) << 1 | backward(ray.dir.z) << 2;
-        let key = (part(ray, space.parts) << 3 * CELL | code >> FINE) << 3 | octant;
-        // The place makes keys different, so that there is one order only.
-        (key << FINE | code & ((1 << FINE) - 1)) << 32 | i as u64
+        (part(ray, space.parts) << (3 * BITS) | cell) << 3 | octant
     });
-    #[cfg(feature = "rayon")]
-    rayon::slice::ParallelSliceMut::par_sort_unstable(keys.as_mut_slice());
-    #[cfg(not(feature = "rayon"))]
-    keys.sort_unstable();
-    keys.into_iter().map(|key| key as u32).collect()
+    // There are few keys, so each has a place to begin at.
+    let mut begins = vec![0u32; space.parts.clamp(1, MOST_PARTS) << (3 * BITS + 3)];
+    for &key in &keys {
+        begins[key] += 1;
+    }
+    let mut sum = 0;
+    for begin in &mut begins {
+        sum += core::mem::replace(begin, sum);
+    }
+    let mut order = vec![0; rays.len()];
+    for (i, &key) in keys.iter().enumerate() {
+        order[begins[key] as usize] = i as u32;
+        begins[key] += 1;
+    }
+    order
 }
 
 #[cfg(test)]
