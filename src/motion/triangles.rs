@@ -176,6 +176,18 @@ impl Triangles {
         self.vertices(id).map(|v| self.position(v, offset))
     }
 
+    /// The corners at the key where a segment of a mesh with so many keys begins, and where it ends; at the last key
+    /// of one with fewer.
+    #[inline(always)]
+    pub(crate) fn corners_around(&self, id: u32, segment: usize) -> [[Vec3; 3]; 2] {
+        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let vertices = self.vertices(id);
+        [segment, segment + 1].map(|key| {
+            let offset = key.min(keys - 1) * stride;
+            [0, 1, 2].map(|i| self.position(vertices[i], offset))
+        })
+    }
+
     /// The corners at time `t`, exactly as queries see them.
     #[inline]
     pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {

@@ -96,16 +96,15 @@ impl WideSource for Triangles {
             _ => (Kind::OwnLeaf, 2 * CORNER_ROWS),
         };
         let at = arena.grow(rows * n + n + usize::from(kind == Kind::OwnLeaf));
+        let (first_key, last_key) = arena.floats_mut()[at..at + rows * n].split_at_mut(CORNER_ROWS * n);
         for (lane, &id) in ids.iter().enumerate() {
-            let keys = Triangles::keys(self, id);
-            let first = segment.min(keys - 1);
-            write_corners(&mut arena.floats_mut()[at..], n, lane, self.corners_at_key(id, first));
+            let [first, last] = self.corners_around(id, segment);
+            write_corners(first_key, n, lane, first);
             if kind != Kind::StillLeaf {
-                let last = (segment + 1).min(keys - 1);
-                write_corners(&mut arena.floats_mut()[at + CORNER_ROWS * n..], n, lane, self.corners_at_key(id, last));
+                write_corners(last_key, n, lane, last);
             }
-            arena.ints_mut()[at + rows * n + lane] = id;
         }
+        arena.ints_mut()[at + rows * n..][..n].copy_from_slice(ids);
         if kind == Kind::OwnLeaf {
             arena.ints_mut()[at + rows * n + n] = most as u32 - 1;
         }
@@ -127,10 +126,17 @@ impl Shared {
     /// Nothing where there are too many, or as many as corners: then each triangle has its own.
     fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
+        // A bit for each vertex that was there, so that most of those that were not need not be looked for.
+        let mut seen = 0u64;
         for (corners, &id) in shared.corners.iter_mut().zip(ids) {
             let stride = set.stride(id) as u32;
             for (i, vertex) in set.vertices(id).into_iter().enumerate() {
-                let known = shared.vertices[..shared.count].iter().position(|&v| v == vertex);
+                let bit = 1u64 << (vertex % 64);
+                let known = match seen & bit {
+                    0 => None,
+                    _ => shared.vertices[..shared.count].iter().position(|&v| v == vertex),
+                };
+                seen |= bit;
                 let place = match known {
                     Some(place) => place,
                     None if shared.count == LANES => return None,
@@ -192,11 +198,10 @@ impl<P: Primitive> WideSource for Shapes<P> {
     }
 }
 
-/// Writes the corners of one triangle into lane `lane` of rows of `n`, beginning at word `at`.
-fn write_corners(words: &mut [f32], n: usize, lane: usize, corners: [Vec3; 3]) {
-    for (i, corner) in corners.into_iter().enumerate() {
-        for axis in 0..3 {
-            words[(3 * i + axis) * n + lane] = corner[axis];
-        }
+/// Writes the corners of one triangle into lane `lane` of nine rows of `n`.
+#[inline(always)]
+fn write_corners(words: &mut [f32], n: usize, lane: usize, [a, b, c]: [Vec3; 3]) {
+    for (row, x) in words.chunks_exact_mut(n).zip([a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z]) {
+        row[lane] = x;
     }
 }
