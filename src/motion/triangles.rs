@@ -181,11 +181,13 @@ impl Triangles {
     #[inline(always)]
     pub(crate) fn corners_around(&self, id: u32, segment: usize) -> [[Vec3; 3]; 2] {
         let &Rebased { keys, stride, .. } = self.mesh(id);
-        let vertices = self.vertices(id);
-        [segment, segment + 1].map(|key| {
-            let offset = key.min(keys - 1) * stride;
-            [0, 1, 2].map(|i| self.position(vertices[i], offset))
-        })
+        let [a, b, c] = self.vertices(id);
+        // Each by itself: mapped arrays become calls.
+        let (first, last) = (segment.min(keys - 1) * stride, (segment + 1).min(keys - 1) * stride);
+        [
+            [self.position(a, first), self.position(b, first), self.position(c, first)],
+            [self.position(a, last), self.position(b, last), self.position(c, last)],
+        ]
     }
 
     /// The corners at time `t`, exactly as queries see them.
