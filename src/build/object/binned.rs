@@ -132,7 +132,7 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
     let mut table = Table::new();
     let (_, mut centres) = summary(simd, references);
     while references.len() > most.max(1) {
-        let Some(split) = find_split(simd, references, centres, &mut table) else { break };
+        let Some(split) = find_split(simd, references, centres, false, &mut table) else { break };
         let Parted { middle, low, high } = partition(simd, references, &split);
         let sides = references.split_at_mut(middle);
         (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
@@ -216,7 +216,7 @@ impl Builder {
         // Two can be parted in one way only.
         if references.len() > 2
             && task.depth < SAH_DEPTH
-            && let Some(split) = find_split(self.simd, references, task.centres, table)
+            && let Some(split) = find_split(self.simd, references, task.centres, task.crowded, table)
         {
             let Parted { middle, low, high } = partition(self.simd, references, &split);
             let areas = mean_half_area(&split.low) + mean_half_area(&split.high);

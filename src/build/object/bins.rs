@@ -47,6 +47,15 @@ impl Binning {
         }
     }
 
+    /// Makes all axes but the widest count as flat, and returns that.
+    fn keep_widest(&mut self, centres: Box3) -> usize {
+        let axis = (centres.max - centres.min).max_position();
+        for other in (0..3).filter(|&other| other != axis) {
+            self.scale[other] = 0.0;
+        }
+        axis
+    }
+
     /// [`ROUND`] plus the bin, on each axis.
     #[inline(always)]
     fn rounded(&self, centre: Vec4) -> Vec4 {
@@ -113,6 +122,8 @@ struct Count<'a> {
     references: &'a [Reference],
     binning: Binning,
     bins: usize,
+    /// The one axis on which they are, if not on all.
+    only: Option<usize>,
     axes: &'a mut [Bins; 3],
 }
 
@@ -121,27 +132,48 @@ impl Kernel for Count<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Count { references, binning, bins, axes: [x, y, z] } = self;
-        x.clear(bins);
-        y.clear(bins);
-        z.clear(bins);
+        let Count { references, binning, bins, only, axes } = self;
+        for (axis, table) in axes.iter_mut().enumerate() {
+            if only.is_none_or(|only| only == axis) {
+                table.clear(bins);
+            }
+        }
         let mut places = [[0.0; 4]; BLOCK];
         for references in references.chunks(BLOCK) {
             for (r, at) in references.iter().zip(&mut places) {
                 *at = binning.rounded(r.centre()).to_array();
             }
-            for (r, at) in references.iter().zip(&places) {
-                let lanes = s.load(&r.0.0);
-                x.put(s, lanes, at[0]);
-                y.put(s, lanes, at[1]);
-                z.put(s, lanes, at[2]);
+            let [x, y, z] = &mut *axes;
+            match only {
+                Some(0) => count_on::<S, 0>(s, references, &places, x),
+                Some(1) => count_on::<S, 1>(s, references, &places, y),
+                Some(_) => count_on::<S, 2>(s, references, &places, z),
+                None => {
+                    for (r, at) in references.iter().zip(&places) {
+                        let lanes = s.load(&r.0.0);
+                        x.put(s, lanes, at[0]);
+                        y.put(s, lanes, at[1]);
+                        z.put(s, lanes, at[2]);
+                    }
+                }
             }
         }
     }
 }
 
+/// Counts references on one axis.
+#[inline(always)]
+fn count_on<S: Simd, const AXIS: usize>(s: S, references: &[Reference], places: &[[f32; 4]; BLOCK], bins: &mut Bins) {
+    for (r, at) in references.iter().zip(places) {
+        bins.put(s, s.load(&r.0.0), at[AXIS]);
+    }
+}
+
 /// References from which on a node is counted and parted by several threads.
 pub(super) const PARALLEL: usize = 1 << 15;
+
+/// Crowded nodes of up to so many references are split across their widest axis.
+const SMALL: usize = 64;
 
 /// A node that several threads count is counted in so many chunks.
 const CHUNKS: usize = 32;
@@ -190,20 +222,28 @@ impl Sides {
 }
 
 /// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide. `centres` is the box
-/// of their centres, as [`Reference::centre`] has them.
-pub(super) fn find_split(simd: SimdLevel, references: &[Reference], centres: Box3, table: &mut Table) -> Option<Split> {
+/// of their centres, as [`Reference::centre`] has them. In small `crowded` nodes only planes across their widest axis are
+/// looked at: there any split brings little.
+pub(super) fn find_split(
+    simd: SimdLevel,
+    references: &[Reference],
+    centres: Box3,
+    crowded: bool,
+    table: &mut Table,
+) -> Option<Split> {
     let bins = bins_for(references.len());
-    let binning = Binning::new(centres, bins);
+    let mut binning = Binning::new(centres, bins);
+    let only = (crowded && references.len() <= SMALL).then(|| binning.keep_widest(centres));
     let (mut chunk, mut chunks) = (references.len(), Vec::new());
     if references.len() < PARALLEL || parallel::threads() == 1 {
-        dispatch(simd, Count { references, binning, bins, axes: &mut table.axes });
+        dispatch(simd, Count { references, binning, bins, only, axes: &mut table.axes });
     } else {
         // Minima and sums, added up in order: who counts what changes nothing.
         chunk = references.len().div_ceil(CHUNKS);
         chunks = parallel::map(references.len().div_ceil(chunk), |i| {
             let mut axes = Box::new([Bins::EMPTY; 3]);
             let references = &references[i * chunk..references.len().min((i + 1) * chunk)];
-            dispatch(simd, Count { references, binning, bins, axes: &mut axes });
+            dispatch(simd, Count { references, binning, bins, only, axes: &mut axes });
             axes
         });
         for (axis, sum) in table.axes.iter_mut().enumerate() {

@@ -233,7 +233,7 @@ mod tests {
                 let parted = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
                     let simd = SimdLevel::best();
                     let (_, centres) = summary(simd, &references);
-                    let split = find_split(simd, &references, centres, &mut Table::new()).unwrap();
+                    let split = find_split(simd, &references, centres, false, &mut Table::new()).unwrap();
                     let parted = partition(simd, &mut references, &split);
                     let sides = split.sides();
                     let side = |r: &Reference| sides.is_low(r);
