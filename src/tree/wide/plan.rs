@@ -23,6 +23,9 @@ const BINARY_LEAF: RangeInclusive<usize> = 8..=16;
 /// Cuts are taken where they cost less than this part: they also take memory.
 const WORTH_CUTS: f32 = 0.95;
 
+/// Where cuts cost so much instead of no cuts in one sample, the next is asked as well.
+const DOUBTFUL: RangeInclusive<f32> = 0.9..=1.0;
+
 /// Cuts are tried where the boxes have more than this many times the area of the triangles in them.
 const HOLLOW: f64 = 8.0;
 
@@ -97,6 +100,9 @@ fn cuts_pay<S: WideSource>(set: &S, references: &[Reference], over: TimeInterval
         cut(&mut parts, |id| set.ends(id, over), budget);
         with += cost(parts);
         without += cost(sample);
+        if !DOUBTFUL.contains(&(with / without)) {
+            break;
+        }
     }
     with < without * WORTH_CUTS
 }
