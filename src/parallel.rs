@@ -52,7 +52,7 @@ pub(crate) fn threads() -> usize {
 }
 
 /// Items per task of [`fill`] and [`chunks`].
-const CHUNK: usize = 4096;
+pub(crate) const CHUNK: usize = 4096;
 
 /// `f` of successive ranges that together are `0..n`, in order. The ranges depend on nothing but `n`.
 pub(crate) fn chunks<T: Send>(n: usize, f: impl Fn(Range<usize>) -> T + Sync) -> Vec<T> {

@@ -4,6 +4,7 @@ mod common;
 
 use common::{Random, bits};
 use mbkd::baseline::BruteForce;
+use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, Policy, Ray, RayTree, scene};
 use std::thread;
 
@@ -38,4 +39,24 @@ fn full_size_equals_brute_force() {
         check(first) + other.join().unwrap()
     });
     assert!(hits > 300, "{hits} of 1000 rays hit");
+
+    // Batches on so large a tree sort rays that come scattered, and lead some of them by turns.
+    let wide = &trees[1];
+    assert!(wide.statistics().bytes > 64 << 20, "{}", wide.statistics().bytes);
+    let scattered: Vec<Ray> = (0..5000)
+        .map(|i| {
+            let mut point = || Vec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
+            let ray = Ray::new(point(), point()).at_time(random.unit());
+            if i % 100 == 7 { Ray { origin: DVec3::NAN, ..ray } } else { ray }
+        })
+        .collect();
+    let (mut closest, mut any) = (Vec::new(), Vec::new());
+    wide.closest_hits(&scattered, &mut closest);
+    wide.any_hits(&scattered, &mut any);
+    for (ray, (hit, shadow)) in scattered.iter().zip(closest.iter().zip(&any)) {
+        assert_eq!(hit.map(bits), wide.closest_hit(ray).map(bits), "{ray:?}");
+        assert_eq!(*shadow, hit.is_some(), "{ray:?}");
+    }
+    let hits = closest.iter().flatten().count();
+    assert!((500..4900).contains(&hits), "{hits} of 5000 rays hit");
 }

@@ -4,10 +4,11 @@ use crate::clock;
 use crate::configs::{self, Config};
 use crate::ffi::Embree;
 use crate::options::{Only, Options};
-use crate::ours::Ours;
+use crate::ours::{self, Ours};
 use crate::timing::median;
 use mbkd::scene::Scene;
-use std::sync::OnceLock;
+use rayon::ThreadPool;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 /// Builds of one scene with one number of threads. Seconds are medians.
@@ -39,7 +40,7 @@ fn now(threads: usize) -> f64 {
 
 /// Measures the builds of a scene.
 pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, threads: usize) -> Result<Builds, String> {
-    let mut ours = OurBuilds { seconds: Vec::new(), bytes: f64::NAN };
+    let mut ours = OurBuilds { pool: ours::pool(threads)?, seconds: Vec::new(), bytes: f64::NAN };
     let mut theirs: Vec<(Config, Theirs, Vec<f64>)> = Vec::new();
     if embree.is_some() {
         let wanted = configs::all(&scene.meshes).into_iter().filter(|config| options.wants(config.name));
@@ -72,6 +73,8 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, thread
 
 /// Our builds so far.
 struct OurBuilds {
+    /// There before any build, as Embree's threads are.
+    pool: Arc<ThreadPool>,
     seconds: Vec<f64>,
     bytes: f64,
 }
@@ -80,7 +83,7 @@ impl OurBuilds {
     fn build(&mut self, options: &Options, scene: &Scene, threads: usize) -> Result<(), String> {
         if options.only != Some(Only::Embree) {
             let start = now(threads);
-            let tree = Ours::build(&scene.meshes, threads)?;
+            let tree = Ours::build(&scene.meshes, &self.pool)?;
             self.seconds.push(now(threads) - start);
             self.bytes = tree.bytes() as f64;
         }

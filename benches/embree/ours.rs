@@ -2,19 +2,25 @@
 
 use crate::rays::Kind;
 use mbkd::{BuildParams, Counters, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::sync::Arc;
 
-/// A tree, and the threads that may answer its batches.
+/// So many threads (0: all cores).
+pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, String> {
+    ThreadPoolBuilder::new().num_threads(threads).build().map(Arc::new).map_err(|e| e.to_string())
+}
+
+/// A tree, and the threads that built it and answer its batches.
 pub struct Ours {
     tree: RayTree,
-    pool: rayon::ThreadPool,
+    pool: Arc<ThreadPool>,
 }
 
 impl Ours {
-    /// Builds with so many threads (0: all cores). Queries and batches use one.
-    pub fn build(meshes: &[TriangleMesh], threads: usize) -> Result<Ours, String> {
-        let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|e| e.to_string());
-        let tree = pool(threads)?.install(|| RayTree::build(meshes, &BuildParams::default()));
-        Ok(Ours { tree: tree.map_err(|e| e.to_string())?, pool: pool(1)? })
+    /// Builds with the threads of a pool, which later answer batches.
+    pub fn build(meshes: &[TriangleMesh], pool: &Arc<ThreadPool>) -> Result<Ours, String> {
+        let tree = pool.install(|| RayTree::build(meshes, &BuildParams::default()));
+        Ok(Ours { tree: tree.map_err(|e| e.to_string())?, pool: Arc::clone(pool) })
     }
 
     /// The same tree, its queries held to AVX2.

@@ -6,7 +6,7 @@ use crate::configs;
 use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Packet};
 use crate::geometry::scene_size;
 use crate::options::{Isa, Mode, Only, Options};
-use crate::ours::Ours;
+use crate::ours::{self, Ours};
 use crate::rays::{Kind, Rays, generate};
 use crate::timing::{Checksum, Side, Turns, in_turns};
 use mbkd::scene::Scene;
@@ -50,7 +50,7 @@ pub fn measure(
     measured: &mut Measured,
 ) -> Result<(), String> {
     let meshes = &scene.meshes;
-    let ours = if options.only == Some(Only::Embree) { None } else { Some(Ours::build(meshes, 1)?) };
+    let ours = if options.only == Some(Only::Embree) { None } else { Some(Ours::build(meshes, &ours::pool(1)?)?) };
     let rays = match (&ours, embree) {
         (Some(ours), _) => generate(meshes, &scene.camera, options.side, |ray| ours.closest_hit(ray)),
         (None, Some(embree)) => {

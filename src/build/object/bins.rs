@@ -12,7 +12,8 @@ use glam::Vec4;
 /// Most bins per axis.
 pub(super) const BINS: usize = 32;
 
-/// Bins per axis for `n` references: more than a few per reference tell nothing new, and sweeping them costs.
+/// Bins per axis for `n` references, a multiple of [`AT_ONCE`]: more than a few per reference tell nothing new, and
+/// sweeping them costs.
 fn bins_for(n: usize) -> usize {
     match n {
         0..=16 => 8,

@@ -10,7 +10,7 @@ use super::binned::mean_half_area;
 use super::bins::HALF;
 use super::reference::{Packed, Reference};
 use crate::motion::{LinearBox3, ULP};
-use crate::parallel;
+use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use glam::Vec3;
 
@@ -42,9 +42,6 @@ const PRICE: f32 = 0.2;
 /// The area that is left when nothing can be gained, in areas of the triangle: about that of a triangle in
 /// random position.
 const FULL: f32 = 4.0;
-
-/// References that a thread cuts before parts are put in place.
-const AT_A_TIME: usize = 4096;
 
 /// Evenly spaced planes across a reference.
 #[derive(Clone, Copy)]
@@ -82,64 +79,62 @@ pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<
     let n = references.len();
     let (gains, least) = gains(references, &ends);
     let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
-    // Some at a time, so that parts are still in the cache when they are put in place.
-    for gains in gains.chunks(AT_A_TIME * parallel::threads()) {
-        let tasks = parallel::chunks(gains.len(), |range| {
-            dispatch(SimdLevel::best(), Parts { references, gains: &gains[range], ends: &ends, least })
-        });
-        for (made, counts) in tasks {
-            let mut rest = &made[..];
-            for (i, count) in counts {
-                let (parts, others) = rest.split_at(count);
-                if let Some((first, more)) = parts.split_first() {
-                    references[i as usize] = *first;
-                    references.extend_from_slice(more);
-                }
-                rest = others;
-            }
-        }
-    }
+    let mut tasks: Vec<_> = references.chunks_mut(CHUNK).zip(&gains).collect();
+    let more = parallel::each(&mut tasks, |(references, gains)| {
+        dispatch(SimdLevel::best(), Parts { references, gains, ends: &ends, least })
+    });
+    references.reserve(more.iter().map(Vec::len).sum());
+    more.iter().for_each(|more| references.extend_from_slice(more));
 }
 
-/// Cuts references; gives their parts, one behind the other, and how many there are of which.
+/// Cuts references: their first parts take their places, the others are returned.
 struct Parts<'a, E> {
-    references: &'a [Reference],
-    gains: &'a [(u32, f32)],
+    references: &'a mut [Reference],
+    gains: &'a [Gain],
     ends: &'a E,
     least: f32,
 }
 
 impl<E: Fn(u32) -> Option<Ends>> Kernel for Parts<'_, E> {
-    type Output = (Vec<Reference>, Vec<(u32, usize)>);
+    type Output = Vec<Reference>;
 
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> (Vec<Reference>, Vec<(u32, usize)>) {
+    fn run<S: Simd>(self, s: S) -> Vec<Reference> {
         let Parts { references, gains, ends, least } = self;
-        let most = gains.iter().map(|&(_, gain)| parts(gain, least)).sum();
-        let (mut made, mut counts) = (Vec::with_capacity(most), Vec::with_capacity(gains.len()));
-        for &(i, gain) in gains {
-            let m = parts(gain, least);
+        let mut more = Vec::with_capacity(gains.iter().map(|gain| parts(gain.saved, least) - 1).sum());
+        for gain in gains {
+            let m = parts(gain.saved, least);
             if m == 1 {
                 continue;
             }
-            let r = &references[i as usize];
+            let r = &mut references[gain.at as usize];
             let Some(planes) = Planes::across(&r.bounds(), m) else { continue };
             let Some(ends) = ends(r.id()) else { continue };
             let mut boxes = [Packed::EMPTY; BINS];
             Chop { ends: &ends, whole: r.packed(), planes, parts: &mut boxes[..m] }.run(s);
-            let before = made.len();
-            for part in boxes[..m].iter().filter(|part| !part.is_empty()) {
-                made.push(Reference::of_lanes(s, s.load(&part.0), r.id()));
+            let id = r.id();
+            let mut made = boxes[..m].iter().filter(|part| !part.is_empty());
+            if let Some(first) = made.next() {
+                *r = Reference::of_lanes(s, s.load(&first.0), id);
             }
-            counts.push((i, made.len() - before));
+            for part in made {
+                more.push(Reference::of_lanes(s, s.load(&part.0), id));
+            }
         }
-        (made, counts)
+        more
     }
 }
 
-/// What cutting each reference would save altogether, of those for which it may save enough for a second part, and
-/// the least saving of a part.
-fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync)) -> (Vec<(u32, f32)>, f32) {
+/// What cutting a reference into very many parts would save.
+struct Gain {
+    /// Its place in its chunk.
+    at: u32,
+    saved: f32,
+}
+
+/// What can be gained in each chunk, of references for which it may be enough for a second part, and the least saving of
+/// a part.
+fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync)) -> (Vec<Vec<Gain>>, f32) {
     let area = |r: &Reference| f64::from(mean_half_area(&r.bounds()));
     let areas = parallel::chunks(references.len(), |range| references[range].iter().map(area).sum::<f64>());
     let total = areas.into_iter().fold(0.0, |a, b| a + b);
@@ -147,24 +142,24 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
     // More than nothing also where no reference has an area.
     let enough = worth(2, least).max(f32::MIN_POSITIVE);
     let gains = parallel::chunks(references.len(), |range| {
-        let mut gains = Vec::new();
-        for i in range {
-            let bounds = references[i].bounds();
+        let mut gains = Vec::with_capacity(range.len());
+        for (at, r) in (0..).zip(&references[range]) {
+            let bounds = r.bounds();
             let area = mean_half_area(&bounds);
             // The triangle itself is only looked at where its box is large enough.
             if area >= enough
                 && Planes::across(&bounds, BINS).is_some()
-                && let Some(ends) = ends(references[i].id())
+                && let Some(ends) = ends(r.id())
             {
-                let gain = area - FULL * ends.area();
-                if gain >= enough {
-                    gains.push((i as u32, gain));
+                let saved = area - FULL * ends.area();
+                if saved >= enough {
+                    gains.push(Gain { at, saved });
                 }
             }
         }
         gains
     });
-    (gains.concat(), least)
+    (gains, least)
 }
 
 /// What must be gained altogether for an `m`-th part, when a part must save `least`.
@@ -181,12 +176,12 @@ fn parts(gain: f32, least: f32) -> usize {
 ///
 /// Gains are counted in classes, the upper bits of a float, which are 3 percent wide; from then on all of a class
 /// count as one.
-fn raised(gains: &[(u32, f32)], least: f32, most: usize) -> f32 {
+fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
     const BITS: u32 = 18;
     let class = |x: f32| (x.to_bits() >> BITS) as usize;
     let mut above = vec![0usize; class(f32::INFINITY) + 1];
-    for &(_, gain) in gains {
-        above[class(gain)] += 1;
+    for gain in gains.iter().flatten() {
+        above[class(gain.saved)] += 1;
     }
     for c in (1..above.len()).rev() {
         above[c - 1] += above[c];

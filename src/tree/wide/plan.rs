@@ -98,8 +98,9 @@ fn cuts_pay<S: WideSource>(set: &S, references: &[Reference], over: TimeInterval
         let cost = |references: Vec<Reference>| plan_with(references, over, segment, true).collapse.total();
         let mut parts = sample.clone();
         cut(&mut parts, |id| set.ends(id, over), budget);
-        with += cost(parts);
-        without += cost(sample);
+        let (cut, uncut) = parallel::both(|| cost(parts), || cost(sample));
+        with += cut;
+        without += uncut;
         if !DOUBTFUL.contains(&(with / without)) {
             break;
         }
