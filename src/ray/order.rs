@@ -121,8 +121,14 @@ fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
         let octant = backward(ray.dir.x) | backward(ray.dir.y) << 1 | backward(ray.dir.z) << 2;
         (part(ray, space.parts) << (3 * BITS) | cell) << 3 | octant
     });
-    // There are few keys, so each has a place to begin at.
-    let mut begins = vec![0u32; space.parts.clamp(1, MOST_PARTS) << (3 * BITS + 3)];
+    let different = space.parts.clamp(1, MOST_PARTS) << (3 * BITS + 3);
+    if rays.len() < different / 16 {
+        let mut order: Vec<u32> = (0..rays.len() as u32).collect();
+        order.sort_unstable_by_key(|&i| (keys[i as usize], i));
+        return order;
+    }
+    // There are few different keys, so each has a place to begin at.
+    let mut begins = vec![0u32; different];
     for &key in &keys {
         begins[key] += 1;
     }
@@ -179,15 +185,19 @@ mod tests {
 
     #[test]
     fn sorted_rays_are_all_there_and_near_each_other_one_part_after_the_other() {
-        let rays: Vec<Ray> = (0..5000).map(scattered).collect();
-        let order = sorted(&rays, DIVIDED);
-        let mut all = order.clone();
-        all.sort_unstable();
-        assert!(all.into_iter().eq(0..rays.len() as u32));
-        let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
-        assert!(in_order.is_sorted_by_key(|ray| part(ray, 4)));
-        let way = |rays: &[Ray]| rays.windows(2).map(|pair| (pair[0].origin - pair[1].origin).length()).sum::<f64>();
-        assert!(way(&in_order) < 0.3 * way(&rays), "{} instead of {}", way(&in_order), way(&rays));
+        // Few, sorted by comparisons, and many, by counting.
+        for (count, space) in [(5000, DIVIDED), (5000, SPACE), (20_000, DIVIDED)] {
+            let rays: Vec<Ray> = (0..count).map(scattered).collect();
+            let order = sorted(&rays, space);
+            let mut all = order.clone();
+            all.sort_unstable();
+            assert!(all.into_iter().eq(0..rays.len() as u32));
+            let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
+            assert!(in_order.is_sorted_by_key(|ray| part(ray, space.parts)));
+            let way =
+                |rays: &[Ray]| rays.windows(2).map(|pair| (pair[0].origin - pair[1].origin).length()).sum::<f64>();
+            assert!(way(&in_order) < 0.3 * way(&rays), "{} instead of {}", way(&in_order), way(&rays));
+        }
     }
 
     #[test]

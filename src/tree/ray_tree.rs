@@ -205,10 +205,11 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order;
-    /// a caller that keeps it allocates nothing.
+    /// a caller that keeps it allocates nothing, but for a few megabytes where rays are sorted.
     ///
-    /// Where the tree is larger than the processor's caches and the rays have little in common, this is also faster per
-    /// thread than asking ray by ray: several rays are on their way by turns while memory is fetched.
+    /// Where the tree is larger than the processor's caches and the rays come in no good order, this is also faster per
+    /// thread than asking ray by ray: they are answered sorted by place and direction, and where that pays several of
+    /// them are on their way by turns while memory is fetched.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
