@@ -22,6 +22,9 @@ use clap::Parser;
 use mbkd::BuildParams;
 use mbkd::scene;
 use measure::{Built, COLUMNS};
+use rand::SeedableRng;
+use rand::rngs::StdRng;
+use rand::seq::SliceRandom;
 
 #[derive(Parser)]
 #[command(about = "Compares the wide tree's automatic choices with all that hand settings reach")]
@@ -35,6 +38,9 @@ struct Args {
     /// Width and height of the picture in pixels.
     #[arg(long, default_value_t = 128)]
     side: u32,
+    /// Rays in random order instead of tiles of pixels.
+    #[arg(long)]
+    shuffled: bool,
     /// Timed rounds; each times the automatic tree and another one, and the median of their ratios counts.
     #[arg(long, default_value_t = 7)]
     runs: u32,
@@ -59,7 +65,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let scene = (recipe.make)((recipe.full as f32 * args.scale) as usize);
         pool.install(|| {
             let automatic = Built::new(&scene.meshes, &BuildParams::default())?;
-            let rays = rays::generate(&scene.meshes, &scene.camera, args.side, |ray| automatic.tree.closest_hit(ray));
+            let mut rays =
+                rays::generate(&scene.meshes, &scene.camera, args.side, |ray| automatic.tree.closest_hit(ray));
+            if args.shuffled {
+                let mut random = StdRng::seed_from_u64(0x5eed);
+                for kind in [&mut rays.primary, &mut rays.bounce, &mut rays.ao] {
+                    kind.shuffle(&mut random);
+                }
+            }
             choices::compare(&args, &scene, &automatic, &rays);
             if !args.no_techniques {
                 techniques.extend(techniques::switched_off(&args, &scene, &automatic, &rays)?);
