@@ -1,0 +1,1 @@
+//! What measurements of `mbkd` share: exact arithmetic, peers, timing. Never published.
