@@ -1,1 +1,3 @@
 //! What measurements of `mbkd` share: exact arithmetic, peers, timing. Never published.
+
+pub mod oracle;
