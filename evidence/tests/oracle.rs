@@ -70,7 +70,7 @@ fn positions_between_keys() {
     assert_eq!(Moving::new(1.0, 11, Given::F32, key).near, key(10));
     assert_eq!(Moving::new(0.0, 11, Given::F32, key).near, key(0));
     // The doubt: half an ulp of where it is, and what it moves in half an ulp of time.
-    let doubt = at.doubt.x / Given::F32.half_ulp();
+    let doubt = at.doubt.x / HALF_ULP_F32;
     assert!((doubt - (third + third)).abs() < 1e-3, "{doubt}");
 }
 
@@ -84,7 +84,7 @@ fn a_ray_meets_a_triangle() {
     let [u, v] = met.weights.unwrap();
     assert_eq!((u, v), (Ratio::of(Dyadic::new(0.25)), Ratio::of(Dyadic::new(0.5))));
     // t = (1 + z) / 2: the origin is off by 2^-24, the plane by z 2^-24, the direction by 2 t 2^-24.
-    let expected = (1.0 + 1.0 / 3.0 + 4.0 / 3.0) / 2.0 * Given::F32.half_ulp();
+    let expected = (1.0 + 1.0 / 3.0 + 4.0 / 3.0) / 2.0 * HALF_ULP_F32;
     assert!((met.t_doubt / expected - 1.0).abs() < 1e-6);
     // Beside it, before it, after it, parallel to it.
     assert!(!meet(&Ray::new(Vec3::new(0.75, 0.5, -1.0), Vec3::Z), triangle()).hit);
@@ -109,7 +109,9 @@ fn edges_and_corners_belong_to_the_triangle() {
 #[test]
 fn moving_triangles_are_met_where_they_are() {
     // Rises by 1 and grows by 2 per shutter.
-    let corner = |x: f64, y: f64| Moving::new(0.5, 2, Given::F32, |k| DVec3::new(x, y, 0.0) * (1 + 2 * k) as f64 + DVec3::Z * k as f64);
+    let corner = |x: f64, y: f64| {
+        Moving::new(0.5, 2, Given::F32, |k| DVec3::new(x, y, 0.0) * (1 + 2 * k) as f64 + DVec3::Z * k as f64)
+    };
     let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
     let [a, b, c] = &corners;
     let ray = ExactRay::new(&Ray::new(Vec3::new(1.0, 0.5, 4.0), Vec3::NEG_Z).at_time(0.5), Given::F32);
@@ -179,8 +181,8 @@ fn distances() {
     assert_eq!(d.squared, Dyadic::new(25.0));
     assert_eq!(d.error_of(25.0f32.next_up()), ulp32(25.0));
     // 2 |dx| (5 + 1 + 1) + 2 |dy| 3, in half ulps: the query, the point, its time.
-    let expected = (8.0 * 7.0 + 6.0 * 3.0) * Given::F32.half_ulp();
-    assert!((d.doubt / expected - 1.0).abs() < 1e-12, "{}", d.doubt / Given::F32.half_ulp());
+    let expected = (8.0 * 7.0 + 6.0 * 3.0) * HALF_ULP_F32;
+    assert!((d.doubt / expected - 1.0).abs() < 1e-12, "{}", d.doubt / HALF_ULP_F32);
 }
 
 #[test]

@@ -9,7 +9,7 @@ pub struct RayCase {
     pub scale: f64,
     /// Where the scene is, in sizes.
     pub offset: f64,
-    /// Half the width of a ground beside the small things.
+    /// Half the width of a ground beside the small things, as it is, not in sizes.
     pub ground: Option<f64>,
     /// How far away one more small thing is.
     pub outlier: Option<f64>,
@@ -21,6 +21,8 @@ pub struct RayCase {
     pub speed: f64,
     /// Keys of the motion.
     pub keys: usize,
+    /// Length of directions.
+    pub direction: f64,
     /// Whether vertices are given in f64.
     pub wide: bool,
 }
@@ -37,6 +39,7 @@ impl RayCase {
             aspect: 1.0,
             speed: 0.3,
             keys: 2,
+            direction: 1.0,
             wide: false,
         }
     }
@@ -76,6 +79,7 @@ pub fn ray_cases() -> Vec<RayCase> {
         family("aspect", &[1.0, 1e2, 1e4, 1e6, 1e8], of, |c, x| c.aspect = x),
         family("speed", &[0.0, 1.0, 1e3, 1e6], of, |c, x| c.speed = x),
         family("keys", &[1.0, 2.0, 3.0, 17.0, 257.0], of, |c, x| c.keys = x as usize),
+        family("direction length", &[1e-42, 1e-38, 1e-20, 1e20, 1e37], of, |c, x| c.direction = x),
         family("f64, offset", &[0.0, 1e6, 1e9], of, |c, x| {
             c.wide = true;
             c.offset = x;

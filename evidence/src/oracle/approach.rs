@@ -93,11 +93,11 @@ pub fn approach(
     let point = Moving::new(about as f32, keys, given, key);
     let (t0, t1) = (f64::from(times.begin()), f64::from(times.end()));
     let w = if t1 > t0 { ((about - t0) / (t1 - t0)).clamp(0.0, 1.0) } else { 0.0 };
-    let query_doubt = (from.abs() * (1.0 - w) + to.abs() * w) * given.half_ulp();
+    let query_doubt = given.doubt(from) * (1.0 - w) + given.doubt(to) * w;
     // The time is an answer here, not input: what it may be off by does not move the least distance.
     let (a, b) = (key(segment.min(keys - 1)), key((segment + 1).min(keys - 1)));
     let s = (about * segments as f64 - segment as f64).clamp(0.0, 1.0);
-    let keys_doubt = (a.abs() * (1.0 - s) + b.abs() * s) * given.half_ulp();
+    let keys_doubt = given.doubt(a) * (1.0 - s) + given.doubt(b) * s;
     let between = point.near - (from + (to - from) * w);
     let length = squared.to_f64().max(0.0).sqrt();
     let between = if between.length() > 0.0 { between.abs() / between.length() * length } else { between };

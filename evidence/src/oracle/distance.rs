@@ -19,7 +19,7 @@ impl ExactDistance {
     pub fn new(query: DVec3, given: Given, point: &Moving) -> ExactDistance {
         let between = &Vector::new(query) - &point.position;
         let squared = between.length_squared();
-        let doubt = 2.0 * between.to_dvec3().abs().dot(query.abs() * given.half_ulp() + point.doubt);
+        let doubt = 2.0 * between.to_dvec3().abs().dot(given.doubt(query) + point.doubt);
         ExactDistance { near: squared.to_f64(), squared, doubt }
     }
 

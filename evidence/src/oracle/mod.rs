@@ -20,7 +20,7 @@ mod vector;
 pub use approach::{ExactApproach, approach};
 pub use distance::ExactDistance;
 pub use dyadic::{Dyadic, Ratio};
-pub use motion::{Given, Moving, fraction};
+pub use motion::{Given, HALF_ULP_F32, HALF_ULP_F64, Moving, fraction};
 pub use plane::{crossing_times, side, side_of_axis_plane};
 pub use sphere::{SphereHit, meet_sphere};
 pub use triangle::{ExactRay, Meeting, clearly_missed, meet_triangle};

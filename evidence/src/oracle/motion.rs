@@ -6,21 +6,30 @@
 use super::{Dyadic, Vector};
 use mbkd::glam::DVec3;
 
+/// Half an ulp of f32, relative to the number (at most).
+pub const HALF_ULP_F32: f64 = f32::EPSILON as f64 / 2.0;
+
+/// Half an ulp of f64, relative to the number (at most).
+pub const HALF_ULP_F64: f64 = f64::EPSILON / 2.0;
+
 /// In which precision the caller gave a number. Half an ulp of it is what it may be off by without anyone knowing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Given {
     /// As f32.
     F32,
     /// As f64.
     F64,
+    /// As f64, but not to be trusted beyond what f32 holds relative to this place.
+    Around(DVec3),
 }
 
 impl Given {
-    /// Half an ulp, relative to the number (at most).
-    pub fn half_ulp(self) -> f64 {
+    /// How far each coordinate of a position may be off: half an ulp.
+    pub fn doubt(self, position: DVec3) -> DVec3 {
         match self {
-            Given::F32 => f64::from(f32::EPSILON) / 2.0,
-            Given::F64 => f64::EPSILON / 2.0,
+            Given::F32 => position.abs() * HALF_ULP_F32,
+            Given::F64 => position.abs() * HALF_ULP_F64,
+            Given::Around(center) => (position - center).abs() * HALF_ULP_F32 + position.abs() * HALF_ULP_F64,
         }
     }
 }
@@ -62,10 +71,9 @@ impl Moving {
             Vector(sum.map(Dyadic::stripped))
         };
         let s = s.to_f64();
-        let size = a.abs() * (1.0 - s) + b.abs() * s;
         let way = (b - a).abs() * (keys.max(2) - 1) as f64;
         let near = position.to_dvec3();
-        let doubt = size * given.half_ulp() + way * f64::from(time) * Given::F32.half_ulp();
+        let doubt = given.doubt(a) * (1.0 - s) + given.doubt(b) * s + way * f64::from(time) * HALF_ULP_F32;
         Moving { position, near, doubt }
     }
 }

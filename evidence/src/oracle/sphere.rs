@@ -4,8 +4,7 @@
 //! quotients that differ by far less than any float could tell.
 
 use super::triangle::range_margin;
-use super::{Dyadic, ExactRay, Given, Ratio, Vector, fraction};
-use core::cmp::Ordering;
+use super::{Dyadic, ExactRay, HALF_ULP_F64, Ratio, Vector, fraction};
 use mbkd::MovingSphere;
 use mbkd::glam::DVec3;
 
@@ -44,7 +43,7 @@ pub fn meet_sphere(ray: &ExactRay, sphere: &MovingSphere) -> SphereHit {
     let cc = &to_center.length_squared() - &radius.squared();
     let discriminant = &bb.squared() - &(&aa * &cc);
     let w = s.to_f64();
-    let half = Given::F64.half_ulp();
+    let half = HALF_ULP_F64;
     let moved = |a: f64, b: f64| {
         let way = (b - a).abs() * (keys.len().max(2) - 1) as f64 * f64::from(ray.ray.time);
         (a.abs() * (1.0 - w) + b.abs() * w) * half + way * half
@@ -68,17 +67,16 @@ pub fn meet_sphere(ray: &ExactRay, sphere: &MovingSphere) -> SphereHit {
     let ratio = |upper: Dyadic| Ratio::new(upper, aa.clone()).expect("a direction of some length");
     let near = [ratio(&bb - &above), ratio(&bb - &below)];
     let far = [ratio(&bb + &below), ratio(&bb + &above)];
-    let range = [f64::from(ray.ray.t_min), f64::from(ray.ray.t_max)];
     let mut margin = line;
     for t in [near, far] {
         let about = t[0].to_f64();
-        let within = t[0].cmp_float(range[0]) != Ordering::Less && t[0].cmp_float(range[1]) != Ordering::Greater;
+        let within = ray.within(&t[0]);
         // Normal . direction at the hit is half the chord.
         let slope = discriminant.to_f64().sqrt() / size;
         let out = &(ray.origin() + &ray.dir().times(&Dyadic::new(about))) - &center;
         let normal = out.to_dvec3() / size;
         let t_doubt = (normal.abs().dot(doubt_at(about)) + radius_doubt) / slope.max(f64::MIN_POSITIVE);
-        margin = margin.min(range_margin(&t[0], range, t_doubt, within));
+        margin = margin.min(range_margin(&t[0], ray.range(), t_doubt, within));
         if within {
             return SphereHit { hit: true, margin, t: Some(t), t_doubt };
         }

@@ -3,7 +3,7 @@
 //! With the corners relative to the origin, the three volumes `d . (q x q')` say on which side of each edge the ray
 //! passes. Their sum is the determinant, their shares of it are the barycentric weights.
 
-use super::{Given, Moving, Ratio, Vector};
+use super::{Given, Moving, Ratio, Vector, ulp32};
 use core::cmp::Ordering;
 use mbkd::Ray;
 use mbkd::glam::DVec3;
@@ -27,8 +27,8 @@ impl ExactRay {
             ray: *ray,
             origin: Vector::new(ray.origin),
             dir: Vector::new(ray.dir),
-            origin_doubt: ray.origin.abs() * origin.half_ulp(),
-            dir_doubt: ray.dir.as_dvec3().abs() * Given::F32.half_ulp(),
+            origin_doubt: origin.doubt(ray.origin),
+            dir_doubt: ray.dir.as_dvec3().to_array().map(|d| ulp32(d) / 2.0 * f64::from(d != 0.0)).into(),
         }
     }
 
@@ -38,6 +38,17 @@ impl ExactRay {
 
     pub(super) fn dir(&self) -> &Vector {
         &self.dir
+    }
+
+    /// The range of `t`. What is too far for f32 is no hit.
+    pub(super) fn range(&self) -> [f64; 2] {
+        [self.ray.t_min.into(), self.ray.t_max.min(f32::MAX).into()]
+    }
+
+    /// Whether a distance is in the range.
+    pub(super) fn within(&self, t: &Ratio) -> bool {
+        let [low, high] = self.range();
+        t.cmp_float(low) != Ordering::Less && t.cmp_float(high) != Ordering::Greater
     }
 
     /// How far the ray's point at `t` may be off.
@@ -109,9 +120,8 @@ pub fn meet_triangle(ray: &ExactRay, corners: [&Moving; 3]) -> Meeting {
     let det = det.to_f64().abs();
     let t_doubt = normal.abs().dot(apart) / det;
     let weight_doubts = [d.cross(edge(0, 2)), d.cross(edge(0, 1))].map(|g| g.abs().dot(apart) / det);
-    let (low, high) = (f64::from(ray.ray.t_min), f64::from(ray.ray.t_max));
-    let in_range = t.cmp_float(low) != Ordering::Less && t.cmp_float(high) != Ordering::Greater;
-    let range = range_margin(&t, [low, high], t_doubt, in_range);
+    let in_range = ray.within(&t);
+    let range = range_margin(&t, ray.range(), t_doubt, in_range);
     let hit = on_line && in_range;
     let margin = match (on_line, in_range) {
         (true, true) => line.abs().min(range),
@@ -135,9 +145,10 @@ fn line_margin(certain: [f64; 3]) -> f64 {
 /// How certain it is that `t` is within or outside a range. The ends are taken as exact.
 pub(super) fn range_margin(t: &Ratio, [low, high]: [f64; 2], doubt: f64, within: bool) -> f64 {
     let away = |end: f64| if end.is_infinite() { f64::INFINITY } else { t.error_of(end).abs() };
-    let distance = if within { away(low).min(away(high)) } else { away(if t.cmp_float(low).is_lt() { low } else { high }) };
+    let distance =
+        if within { away(low).min(away(high)) } else { away(if t.cmp_float(low).is_lt() { low } else { high }) };
     // The answer is compared with the range after rounding to f32.
-    distance / (doubt + super::ulp32(t.to_f64()) / 2.0)
+    distance / (doubt + ulp32(t.to_f64()) / 2.0)
 }
 
 /// A quick certificate in f64 that ray and triangle miss each other by more than `units` of doubt. `corners` are
