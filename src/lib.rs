@@ -21,7 +21,6 @@
 //! | `parallel` | the same for many things, on several threads |
 //! | `simd` | sixteen lanes with run-time dispatch; the only `unsafe` code |
 //! | [`baseline`] | brute force, the reference for everything |
-//! | [`scene`] | deterministic procedural scenes |
 //!
 //! The root of it is "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei).
 //!
@@ -45,7 +44,6 @@ mod motion;
 mod neighbor;
 mod parallel;
 mod ray;
-pub mod scene;
 mod simd;
 mod tree;
 
@@ -65,6 +63,15 @@ pub use neighbor::{
 pub use ray::{Counters, Hit, Intersection, Observer, Ray};
 pub use simd::SimdLevel;
 pub use tree::{Geometry, RayTree, Statistics, TreeBox, ValidationError};
+
+/// The procedural scenes of the unpublished member `scenes`, as source, so that unit tests see them with this crate's
+/// own types.
+#[cfg(test)]
+extern crate self as mbkd;
+#[cfg(test)]
+#[allow(dead_code, unused_imports)]
+#[path = "../scenes/src/lib.rs"]
+mod scene;
 
 /// The README's example, compiled as a test.
 #[cfg(doctest)]
