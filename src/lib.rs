@@ -13,13 +13,16 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `motion` | meshes, spheres, points, primitives; time intervals; linear bounds; tree space |
-//! | `build` | parameters; the paper's k-d build with duplication and propagation; object splits, cuts |
-//! | `tree` | the layouts that queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree; [`RayTree`] |
-//! | `ray` | rays, hits, the watertight triangle test, both traversals |
-//! | `neighbor` | [`PointTree`]: its structures, how one is chosen, its searches |
-//! | `parallel` | the same for many things, on several threads |
 //! | `simd` | sixteen lanes with run-time dispatch; the only `unsafe` code |
+//! | `parallel` | the same for many things, on several threads |
+//! | `geometry` | boxes, linear bounds, time intervals, tree space |
+//! | `primitive` | meshes, spheres, points, the caller's own primitives |
+//! | `mbkd` | the paper's k-d build with duplication and propagation |
+//! | `bvh` | object splits, pre-splits, collapse into wide nodes |
+//! | `time` | slices of the shutter |
+//! | `layout` | what queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree |
+//! | `ray` | [`RayTree`]: rays, hits, the watertight triangle test, both traversals |
+//! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
 //! | [`baseline`] | brute force, the reference for everything |
 //! | [`scene`] | deterministic procedural scenes |
 //!
@@ -38,33 +41,40 @@
 #![deny(unsafe_code)]
 
 pub mod baseline;
-mod build;
+mod bvh;
 mod error;
-mod morton;
-mod motion;
-mod neighbor;
+mod geometry;
+mod layout;
+mod limits;
+mod mbkd;
+pub mod motion;
 mod parallel;
+mod params;
+mod point;
+mod primitive;
+mod progress;
 mod ray;
 pub mod scene;
 mod simd;
-mod tree;
+mod time;
 
-pub use build::{BuildParams, Division, Policy};
 pub use error::{BuildError, IntervalError};
+pub use geometry::{Aabb, LinearBounds, TimeInterval};
 pub use glam;
-pub use motion::{
-    Aabb, Keys, LinearBounds, MAX_COORDINATE, MovingSphere, Primitive, PrimitiveError, Shapes, TimeInterval,
-    TriangleMesh, Triangles, check_primitive,
-};
-pub use motion::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
-pub use neighbor::{
+pub use layout::{Statistics, TreeBox, ValidationError};
+pub use limits::MAX_COORDINATE;
+pub use params::{BuildParams, Division, Policy};
+pub use point::{
     Approach, KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery,
     NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree,
     WithinIter,
 };
-pub use ray::{Counters, Hit, Intersection, Observer, Ray};
+pub use primitive::{
+    Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive, PrimitiveError, Shapes,
+    TriangleMesh, Triangles, check_primitive,
+};
+pub use ray::{Counters, Geometry, Hit, Intersection, Observer, Ray, RayTree};
 pub use simd::SimdLevel;
-pub use tree::{Geometry, RayTree, Statistics, TreeBox, ValidationError};
 
 /// The README's example, compiled as a test.
 #[cfg(doctest)]

@@ -10,9 +10,9 @@ use super::filter::Filter;
 use super::observer::Observer;
 use super::query_ray::TreeRay;
 use super::wide::Scene;
-use crate::motion::KeyTime;
+use crate::geometry::KeyTime;
+use crate::layout::{CORNER_ROWS, ChildRef, VERTEX_ROWS, WideSource, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
-use crate::tree::wide::{CORNER_ROWS, ChildRef, VERTEX_ROWS, WideSource, shared_count};
 
 impl<G: WideSource, F: Filter> Scene<'_, G, F> {
     /// Tests the triangles of a leaf block; true ends the query.

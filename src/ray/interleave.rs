@@ -10,8 +10,8 @@ use super::filter::Everything;
 use super::hit::Hit;
 use super::query_ray::{Ray, TreeRay};
 use super::wide::{Forms, Journey, Scene, StackOf};
+use crate::layout::{ChildRef, WideSource, WideTree};
 use crate::simd::{Kernel, Simd};
-use crate::tree::wide::{ChildRef, WideSource, WideTree};
 
 /// Rays on their way at the same time.
 const GROUP: usize = 8;

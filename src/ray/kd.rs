@@ -23,11 +23,10 @@ use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;
 use super::triangle::hit_slack;
-use crate::build::DEPTH_LIMIT;
-use crate::motion::ULP;
+use crate::geometry::ULP;
+use crate::layout::{KdTree, KdView, WideSource};
+use crate::params::DEPTH_LIMIT;
 use crate::simd::StackMemory;
-use crate::tree::wide::WideSource;
-use crate::tree::{KdTree, KdView};
 
 /// A subtree still to be visited, with the range of `t` in which the ray is near its cell.
 #[derive(Clone, Copy)]

@@ -10,8 +10,12 @@ mod observer;
 mod order;
 mod query;
 mod query_ray;
+mod ray_tree;
 mod triangle;
 mod wide;
+
+#[cfg(test)]
+mod wide_tests;
 
 pub(crate) use filter::{Everything, Filter, Visible};
 pub(crate) use hit::SetHit;
@@ -22,4 +26,5 @@ pub(crate) use order::{Space, answer_in_order, in_parallel};
 pub(crate) use query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
 pub use query_ray::Ray;
 pub(crate) use query_ray::TreeRay;
+pub use ray_tree::{Geometry, RayTree};
 pub(crate) use triangle::intersect_triangle;

@@ -6,8 +6,7 @@
 //! by the octant that they look into. Answers do not depend on it.
 
 use super::query_ray::Ray;
-use crate::morton::morton_code;
-use crate::motion::Frame;
+use crate::geometry::{Frame, morton_code};
 use crate::parallel;
 
 /// Rays that are sorted together: enough of them to have company everywhere, and not much memory.

@@ -6,9 +6,9 @@ use super::hit::Hit;
 use super::observer::Observer;
 use super::query_ray::{Ray, TreeRay};
 use super::wide::{StackOf, Wide};
-use crate::motion::PrimitiveSet;
+use crate::layout::{WideSource, WideTree};
+use crate::primitive::PrimitiveSet;
 use crate::simd::{Kernel, Simd};
-use crate::tree::wide::{WideSource, WideTree};
 use core::ops::ControlFlow;
 
 /// A layout that a ray can be led through.

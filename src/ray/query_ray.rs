@@ -3,7 +3,7 @@
 use super::Hit;
 use super::hit::SetHit;
 use super::triangle::{Sheared, hit_slack};
-use crate::motion::{Frame, ULP};
+use crate::geometry::{Frame, ULP};
 use glam::{DVec3, Vec3, Vec3A};
 
 /// A ray with a time: `origin + t * dir` for `t` in `[t_min, t_max]`, seeing the scene as it is at `time`.

@@ -20,7 +20,7 @@
 
 use super::hit::SetHit;
 use super::query_ray::TreeRay;
-use crate::motion::ULP;
+use crate::geometry::ULP;
 use core::hint::select_unpredictable;
 use glam::Vec3;
 
@@ -131,7 +131,7 @@ pub(crate) fn hit_slack(origin: Vec3) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::Frame;
+    use crate::geometry::Frame;
     use crate::ray::Ray;
     use glam::DVec3;
 

@@ -23,9 +23,9 @@ use super::filter::Filter;
 use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;
-use crate::motion::KeyTime;
+use crate::geometry::KeyTime;
+use crate::layout::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
-use crate::tree::wide::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
 use glam::Vec3A;
 
 /// Places on the stack that are there without asking the heap: enough for a tree of ten levels.
@@ -384,7 +384,7 @@ fn push_hits<S: Simd>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::Frame;
+    use crate::geometry::Frame;
     use crate::ray::Ray;
     use crate::ray::query_ray::LEAST_COMPONENT;
     use glam::{DVec3, Vec3};
