@@ -8,7 +8,7 @@
 //! life of the point, never for a piece of it; so the answer does not depend on the structure. Bounds
 //! are lowered by more than all rounding before they cull.
 
-use super::layer::Layer;
+use super::partition::Layer;
 use super::tree::{MAX_POINT_COORDINATE, PointTree};
 use crate::SimdLevel;
 use crate::geometry::TimeInterval;

@@ -6,7 +6,7 @@
 //! neither the order nor the number of threads can change an answer.
 
 use super::query::{NeighborBuffer, NeighborQuery};
-use super::view::NEAR;
+use super::snapshot::NEAR;
 use super::{Neighbor, PointTree};
 use crate::geometry::morton_code;
 use crate::primitive::Position;

@@ -2,12 +2,12 @@
 //! shutter into parts.
 
 use super::error::MAX_KEYS;
-use super::layer::Layer;
-use super::mover::{Mover, Part};
+use super::moving_reference::{Mover, Part};
 use super::moving_tree::MovingTree;
 use super::order::Item;
+use super::partition::Layer;
 use super::static_tree::StaticTree;
-use super::{MAX_POINT_COORDINATE, PointError, cut};
+use super::{MAX_POINT_COORDINATE, PointError, plane_splits};
 use crate::geometry::TimeInterval;
 use crate::primitive::PointSet;
 use glam::DVec3;
@@ -159,7 +159,7 @@ pub(super) fn part_tree(mut movers: Vec<Mover>, part: Part, plan: &Plan) -> Movi
         Cut::Fast => super::choose::mark_fast(&mut movers, &part),
         Cut::Everything => movers.iter_mut().for_each(|m| m.cut = true),
     }
-    cut::build(movers, part, plan.references)
+    plane_splits::build(movers, part, plan.references)
 }
 
 /// Builds a moving layer of some of the points.

@@ -11,7 +11,7 @@
 //! rounding to nearest never takes a sum below a float that it exceeds. So `lo <= p <= hi` holds in floats for every
 //! point, which is all that the proof in `view` asks of a box.
 
-use super::view::{Boxes, diagonal, outside};
+use super::snapshot::{Boxes, diagonal, outside};
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// Sixteen boxes on the grid of their node. An absent one has its lower faces at 255 and its upper ones at 0:

@@ -6,10 +6,10 @@
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
 use super::build::{Cut, Plan, part_tree, parts};
-use super::hull::Span;
-use super::layer::{Layer, walk_all};
-use super::mover::{Mover, Part};
+use super::linear_bounds::Span;
+use super::moving_reference::{Mover, Part};
 use super::order::{Item, order};
+use super::partition::{Layer, walk_all};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::{KeepAll, NeighborWork};

@@ -1,12 +1,12 @@
 //! Points within a radius as an iterator, which searches one bottom node at a time.
 
 use super::Neighbor;
-use super::layer::{Layer, LayerView};
+use super::partition::{Layer, LayerView};
 use super::query::{Gather, NeighborQuery};
 use super::search::Keep;
 use super::search::candidates::Candidates;
 use super::search::radius::{Front, leaves};
-use super::view::View;
+use super::snapshot::View;
 use crate::simd::{Kernel, Simd, dispatch};
 
 /// Iterator over the points within the radius of a query; made by [`NeighborQuery::iter`].

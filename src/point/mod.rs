@@ -6,8 +6,8 @@
 //! time intervals) or a split of the shutter keeps the boxes tight. A set that stands still has a tree
 //! without any of that.
 //!
-//! Data flows `motion::point` (input) → `order` and `select` (who lies in which leaf) → `static_tree`
-//! or `moving_tree` (layouts) → `view` (a layout at a time) → `search` (the searches) → `query`
+//! Data flows `primitive` (input) → `order` and `select` (who lies in which leaf) → `static_tree`
+//! or `moving_tree` (layouts) → `snapshot` (a layout at a time) → `search` (the searches) → `query`
 //! (what callers see).
 //!
 //! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the cutting of what
@@ -18,21 +18,21 @@ mod batch;
 mod build;
 mod byte_boxes;
 mod choose;
-mod cut;
 mod error;
-mod hull;
 mod iter;
-mod layer;
-mod mover;
+mod linear_bounds;
+mod moving_reference;
 mod moving_tree;
 mod order;
+mod partition;
+mod plane_splits;
 mod query;
 mod search;
 mod select;
+mod snapshot;
 mod static_tree;
 mod stats;
 mod tree;
-mod view;
 
 pub use approach::Approach;
 pub use batch::NeighborLists;

@@ -6,11 +6,11 @@
 //! where their first child is, because cutting leaves subtrees unevenly full.
 
 use super::approach::{Boxed, Flight};
-use super::hull::{Hull, LinearBoxes, Span};
-use super::mover::{Mover, Part, phase};
+use super::linear_bounds::{Hull, LinearBoxes, Span};
+use super::moving_reference::{Mover, Part, phase};
 use super::order::{Item, join, order_with_time};
+use super::snapshot::{Target, View, diagonal, outside, rows, squared};
 use super::static_tree::Shape;
-use super::view::{Target, View, diagonal, outside, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 use glam::Vec3;

@@ -1,15 +1,15 @@
 //! Queries as callers see them: where, when, how far, which points, and then what to do with them.
 
 use super::iter::WithinIter;
-use super::layer::{nearest_in_all, walk_all, within_all};
+use super::partition::{nearest_in_all, walk_all, within_all};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::Sink;
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepIf, NeighborWork, Observe, kept};
+use super::snapshot::View;
 use super::tree::PointTree;
-use super::view::View;
 use super::{MAX_POINT_COORDINATE, Neighbor};
 use crate::simd::{Kernel, LANES, Mask, Simd, dispatch};
 use core::ops::ControlFlow;

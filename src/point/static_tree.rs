@@ -8,7 +8,7 @@
 use super::approach::{Boxed, Flight};
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
-use super::view::{Boxes, MAX_LEVELS, Target, View, diagonal, outside, rows, squared};
+use super::snapshot::{Boxes, MAX_LEVELS, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;

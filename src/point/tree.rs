@@ -2,7 +2,7 @@
 
 use super::build::{Cut, Plan, Source, check, moving_layer, parts};
 use super::choose::{Trial, choose, mark_fast};
-use super::layer::Layer;
+use super::partition::Layer;
 use super::query::NeighborQuery;
 use super::stats::{PointLayerKind, PointLayerStats, PointStats};
 use super::{Neighbor, PointError};

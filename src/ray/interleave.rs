@@ -9,7 +9,7 @@ use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
 use super::hit::Hit;
 use super::query_ray::{Ray, TreeRay};
-use super::wide::{Forms, Journey, Scene, StackOf};
+use super::wide_traversal::{Forms, Journey, Scene, StackOf};
 use crate::layout::{ChildRef, WideSource, WideTree};
 use crate::simd::{Kernel, Simd};
 

@@ -5,7 +5,7 @@ use super::filter::Filter;
 use super::hit::Hit;
 use super::observer::Observer;
 use super::query_ray::{Ray, TreeRay};
-use super::wide::{StackOf, Wide};
+use super::wide_traversal::{StackOf, Wide};
 use crate::layout::{WideSource, WideTree};
 use crate::primitive::PrimitiveSet;
 use crate::simd::{Kernel, Simd};

@@ -15,7 +15,7 @@ use super::sort::sort_lanes;
 use super::waiting::Waiting;
 use super::walk::{Collect, keys, unpack};
 use super::{Keep, Observe, kept};
-use crate::point::view::{Target, View};
+use crate::point::snapshot::{Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 
 /// How often a threshold is guessed before the search goes on without.

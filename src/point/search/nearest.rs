@@ -8,7 +8,7 @@
 
 use super::walk::{keys, unpack};
 use super::{Keep, Observe, kept};
-use crate::point::view::{MAX_LEVELS, NEAR, Target, View};
+use crate::point::snapshot::{MAX_LEVELS, NEAR, Target, View};
 use crate::simd::{LANES, Mask, Simd};
 
 /// The best so far, lane by lane.

@@ -2,7 +2,7 @@
 
 use super::Observe;
 use super::waiting::Waiting;
-use crate::point::view::{MAX_LEVELS, Target, View};
+use crate::point::snapshot::{MAX_LEVELS, Target, View};
 use crate::simd::{Mask, Simd};
 
 use core::ops::ControlFlow;

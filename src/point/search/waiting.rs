@@ -6,7 +6,7 @@
 //! the few leaves that a bound lowered in between would have spared. Leaves of big trees are asked for as they are
 //! listed.
 
-use crate::point::view::{FAR, View};
+use crate::point::snapshot::{FAR, View};
 use crate::simd::{LANES, Mask, Simd};
 
 /// Most leaves on a list.

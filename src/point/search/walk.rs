@@ -6,7 +6,7 @@
 //! distance, so the comparison with the bound masks them away first; what is left never exceeds the
 //! distance.
 
-use crate::point::view::{MAX_LEVELS, Target, View};
+use crate::point::snapshot::{MAX_LEVELS, Target, View};
 use crate::simd::{LANES, Simd};
 
 /// What is done with the bottom nodes that a walk comes to.

@@ -1,6 +1,6 @@
 //! Points between two keys: the references of moving trees, and the part of the shutter a tree covers.
 
-use super::hull::Span;
+use super::linear_bounds::Span;
 use crate::geometry::{KeyTime, TimeInterval};
 
 /// A point on a straight way between two keys, counting during `alive` in one place of a tree.

@@ -17,9 +17,9 @@
 //! beside it), for memory and for mispredicted branches, more than for arithmetic. So the code is written for short
 //! chains, for knowing early what will be read, and for few branches that depend on the ray.
 
-use super::blocks::{Between, LeafRay};
 use super::collect::Collect;
 use super::filter::Filter;
+use super::leaf::{Between, LeafRay};
 use super::observer::Observer;
 use super::query::Walk;
 use super::query_ray::TreeRay;

@@ -7,8 +7,8 @@
 //! many references may be added, is up to the caller; the rest goes where it lies at mid-part, and its
 //! linear box takes care of the motion.
 
-use super::hull::Hull;
-use super::mover::{Mover, Part};
+use super::linear_bounds::Hull;
+use super::moving_reference::{Mover, Part};
 use super::moving_tree::{Assembly, MovingTree, magnitude};
 use super::order::{Item, widest_axis};
 use super::select::select;

@@ -9,7 +9,7 @@ use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::observer::Observer;
 use super::query_ray::TreeRay;
-use super::wide::Scene;
+use super::wide_traversal::Scene;
 use crate::geometry::KeyTime;
 use crate::layout::{CORNER_ROWS, ChildRef, VERTEX_ROWS, WideSource, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
