@@ -59,7 +59,7 @@ mod simd;
 mod time;
 
 pub use error::{BuildError, IntervalError};
-pub use geometry::{Aabb, LinearBounds, TimeInterval};
+pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
 pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::MAX_COORDINATE;
@@ -70,10 +70,10 @@ pub use point::{
     WithinIter,
 };
 pub use primitive::{
-    Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive, PrimitiveError, Shapes,
-    TriangleMesh, Triangles, check_primitive,
+    Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
+    PrimitiveError, Shapes, TriangleMesh, Triangles, check_primitive,
 };
-pub use ray::{Counters, Geometry, Hit, Intersection, Observer, Ray, RayTree};
+pub use ray::{Counters, Geometry, Hit, Observer, RayTree};
 pub use simd::SimdLevel;
 
 /// The README's example, compiled as a test.

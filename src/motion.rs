@@ -4,6 +4,6 @@
 pub use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 pub use crate::limits::MAX_COORDINATE;
 pub use crate::primitive::{
-    Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive, PrimitiveError, Shapes,
-    TriangleMesh, Triangles, check_primitive,
+    Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
+    PrimitiveError, Shapes, TriangleMesh, Triangles, check_primitive,
 };

@@ -11,6 +11,7 @@ mod interval;
 mod keys;
 mod local_space;
 mod morton;
+mod ray;
 mod separating_axes;
 
 pub use aabb::{Aabb, LinearBounds};
@@ -20,4 +21,5 @@ pub use interval::TimeInterval;
 pub(crate) use keys::KeyTime;
 pub(crate) use local_space::Frame;
 pub(crate) use morton::morton_code;
+pub use ray::Ray;
 pub(crate) use separating_axes::{INSTANTS, Instant, stays_clear};

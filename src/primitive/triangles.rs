@@ -11,7 +11,6 @@ use crate::geometry::{
     stays_clear,
 };
 use crate::parallel;
-use crate::ray::{SetHit, TreeRay, intersect_triangle};
 use crate::simd::{huge_vec, prefetch};
 use glam::{DVec3, Vec3};
 
@@ -326,11 +325,6 @@ impl PrimitiveSet for Triangles {
         }
         instants[n] = at(over.end(), cell.end);
         stays_clear(&instants[..=n], Triangles::slack(keys))
-    }
-
-    #[inline]
-    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
-        intersect_triangle(ray, self.corners(id, ray.time))
     }
 
     fn mask(&self, id: u32) -> u32 {

@@ -1,11 +1,12 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
+use super::intersect::RaySource;
 use super::{
     AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
     Query, Ray, Space, Visible, answer_in_order, in_parallel,
 };
 use crate::error::BuildError;
-use crate::layout::{KdTree, Statistics, TreeBox, ValidationError, WideSource, WideTree};
+use crate::layout::{KdTree, Statistics, TreeBox, ValidationError, WideTree};
 use crate::mbkd::build_kd;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
@@ -24,9 +25,9 @@ use glam::{DVec3, Vec3};
 /// }
 /// ```
 #[allow(private_bounds)] // that is what seals it
-pub trait Geometry: WideSource {}
+pub trait Geometry: RaySource {}
 
-impl<S: WideSource> Geometry for S {}
+impl<S: RaySource> Geometry for S {}
 
 /// Things that move, ready for rays at any time of the shutter.
 ///
