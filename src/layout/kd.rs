@@ -4,8 +4,7 @@
 //! leaf references of 12 bytes. A split plane may move; at any one time it is an ordinary plane.
 
 use super::statistics::Statistics;
-use crate::geometry::{Box3, TimeInterval};
-use crate::mbkd::Plane;
+use crate::geometry::{Box3, Plane, TimeInterval};
 use crate::primitive::PrimitiveSet;
 
 /// An inner node or a leaf.
