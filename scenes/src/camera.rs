@@ -1,7 +1,7 @@
 //! A pinhole camera that may move during the shutter.
 
+use engine::Ray;
 use glam::Vec3;
-use mbkd::Ray;
 
 /// Where a camera stands and looks at one key.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,8 +7,8 @@ use super::runner::{Part, runner};
 use super::shape::{Shape, animate};
 use super::turn::cos_sin;
 use super::{Camera, Look, Scene, View};
+use engine::TriangleMesh;
 use glam::{Mat3, Vec3};
-use mbkd::TriangleMesh;
 
 /// Columns on each side.
 const COLUMNS: usize = 7;

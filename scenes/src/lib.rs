@@ -35,8 +35,8 @@ pub use mixed::mixed;
 pub use needles::needles;
 pub use tornado::tornado;
 
+use engine::TriangleMesh;
 use glam::Vec3;
-use mbkd::TriangleMesh;
 
 /// How a mesh of a scene would like to look. The tree knows nothing of it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,8 +3,8 @@
 //! What divides the shutter well for one of them is wasted on the others, so a tree has to choose for each part.
 
 use super::{Scene, coherent, hall, tornado};
+use engine::Keys;
 use glam::Vec3;
-use mbkd::Keys;
 
 /// About as many triangles: two fifths the hall, the rest rock and tornado in equal parts.
 ///

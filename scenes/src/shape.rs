@@ -3,8 +3,8 @@
 //! Picture a stack of rings of points around some curve, neighbouring rings joined by triangles, and the
 //! ends closed by a fan to a tip. A sphere, a hair, a column, a finger are all such tubes.
 
+use engine::TriangleMesh;
 use glam::{Mat3, Vec3};
-use mbkd::TriangleMesh;
 
 /// Triangles in the making, at one instant.
 #[derive(Default)]

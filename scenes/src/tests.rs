@@ -1,8 +1,8 @@
 //! What each scene is, to the bit: anyone who changes one changes every golden count that rests on it.
 
 use super::*;
+use engine::{BuildParams, Keys, RayTree};
 use glam::DVec3;
-use mbkd::{BuildParams, Keys, RayTree};
 
 /// FNV-1a over indices and the bits of all coordinates.
 fn checksum(scene: &Scene) -> u64 {
