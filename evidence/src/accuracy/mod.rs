@@ -29,4 +29,4 @@ pub const WELL: f64 = 2.0;
 
 /// Verdicts (hit or miss, one neighbour before another) that this many units of input error can turn are not counted
 /// as wrong.
-pub const DOUBT: f64 = 8.0;
+pub const DOUBT: f64 = 4.0;

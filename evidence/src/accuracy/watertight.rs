@@ -42,7 +42,6 @@ pub struct ClosedMesh {
     /// Positions at the keys, as given.
     keys: Vec<Vec<DVec3>>,
     shape: Shape,
-    center: DVec3,
     scale: f64,
 }
 
@@ -114,9 +113,13 @@ fn closed_ball(name: &str, rings: usize, keys: usize, at: (f64, f64), given: In,
             base.push(DVec3::new(polar.sin() * turn.cos(), polar.sin() * turn.sin(), polar.cos()));
         }
     }
-    let wobble = 0.5 / rings as f64;
-    let mut keys: Vec<Vec<DVec3>> =
-        (0..keys).map(|_| base.iter().map(|p| center + (*p + random.vec() * wobble) * scale).collect()).collect();
+    // Little enough to keep the thin triangles at the poles from folding over, beside a motion of the whole.
+    let wobble = 0.1 / (rings * rings) as f64;
+    let key = |_| {
+        let (way, stretch) = (random.vec() * 0.3, 1.0 + random.vec() * 0.2);
+        base.iter().map(|p| center + ((*p + random.vec() * wobble) * stretch + way) * scale).collect()
+    };
+    let mut keys: Vec<Vec<DVec3>> = (0..keys).map(key).collect();
     let vertex = |ring: usize, i: usize| match ring {
         0 => 0,
         r if r == rings => 1,
@@ -136,7 +139,7 @@ fn closed_ball(name: &str, rings: usize, keys: usize, at: (f64, f64), given: In,
         }
     }
     let mesh = mesh_of(indices, &mut keys, given);
-    ClosedMesh { name: name.into(), meshes: vec![mesh], keys, shape: Shape::Ball, center, scale }
+    ClosedMesh { name: name.into(), meshes: vec![mesh], keys, shape: Shape::Ball, scale }
 }
 
 /// Cells of a room along each axis; a quarter of them is built in.
@@ -183,7 +186,7 @@ fn room(name: &str, keys: usize, random: &mut Random) -> ClosedMesh {
     let mut keys = maps.iter().map(|(m, v)| base.iter().map(|p| *m * *p + *v).collect()).collect();
     let mesh = mesh_of(indices, &mut keys, In::F32);
     let shape = Shape::Room(maps);
-    ClosedMesh { name: name.into(), meshes: vec![mesh], keys, shape, center: DVec3::ZERO, scale: 1.0 }
+    ClosedMesh { name: name.into(), meshes: vec![mesh], keys, shape, scale: 1.0 }
 }
 
 /// Value between two keys, in f64.
@@ -227,7 +230,8 @@ impl ClosedMesh {
         let mut rays = Vec::with_capacity(count);
         match &self.shape {
             Shape::Ball => {
-                let origin = self.center + random.vec() * (0.25 * self.scale);
+                let middle = (vertices[0] + vertices[1]) * 0.5;
+                let origin = middle + random.vec() * (0.25 * self.scale);
                 if !self.sees_all_faces(&vertices, origin) {
                     return rays;
                 }
