@@ -19,7 +19,7 @@ mod sphere;
 mod triangles;
 
 pub use bounds::{Aabb, LinearBounds};
-pub(crate) use box3::{Box3, Extent, Line, LinearBox3, ULP};
+pub(crate) use box3::{Box3, Extent, KERNEL_ULPS, Line, LinearBox3, ULP};
 pub use check::{PrimitiveError, check_primitive};
 pub(crate) use frame::Frame;
 pub use interval::TimeInterval;

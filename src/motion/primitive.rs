@@ -161,9 +161,7 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
 
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
         let hit = self.shapes[id as usize].intersect(&ray.world)?;
-        let t = ray.tree_t(hit.t);
-        // In this form NaN is no hit.
-        (ray.t_min <= t && t <= ray.t_max).then_some(SetHit { t, u: hit.u, v: hit.v })
+        ray.hit(hit.t, hit.u, hit.v)
     }
 
     fn name(&self, id: u32) -> (u32, u32) {

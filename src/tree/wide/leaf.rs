@@ -2,7 +2,7 @@
 
 use super::layout::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::build::object::Ends;
-use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles, ULP};
+use crate::motion::{Primitive, PrimitiveSet, Shapes, TimeInterval, Triangles};
 use crate::simd::{Arena, LANES, Lanes};
 use glam::Vec3;
 
@@ -49,15 +49,8 @@ impl WideSource for Triangles {
 
     #[inline(always)]
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
-        let slack = match Triangles::keys(self, id) {
-            1 => 0.0,
-            2 => 4.0 * ULP,
-            // The interval reaches 4 ULP of the shutter beyond the segment, where corners already move
-            // differently, by at most 2 per segment.
-            n => (4 + 26 * (n - 1)) as f32 * ULP,
-        };
         let [begin, end] = Triangles::ends(self, id, over);
-        Some(Ends { begin, end, slack })
+        Some(Ends { begin, end, slack: self.slack_of_line(id, over) })
     }
 
     fn expect(&self, id: u32) {
