@@ -13,15 +13,17 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `motion` | meshes, spheres, points, primitives; time intervals; linear bounds; tree space |
-//! | `build` | parameters; the paper's k-d build with duplication and propagation; object splits, cuts |
-//! | `tree` | the layouts that queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree; [`RayTree`] |
-//! | `ray` | rays, hits, the watertight triangle test, both traversals |
-//! | `neighbor` | [`PointTree`]: its structures, how one is chosen, its searches |
-//! | `parallel` | the same for many things, on several threads |
 //! | `simd` | sixteen lanes with run-time dispatch; the only `unsafe` code |
+//! | `parallel` | the same for many things, on several threads |
+//! | `geometry` | boxes, linear bounds, time intervals, tree space |
+//! | `primitive` | meshes, spheres, points, the caller's own primitives |
+//! | `mbkd` | the paper's k-d build with duplication and propagation |
+//! | `bvh` | object splits, pre-splits, collapse into wide nodes |
+//! | `time` | slices of the shutter |
+//! | `layout` | what queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree |
+//! | `ray` | [`RayTree`]: rays, hits, the watertight triangle test, both traversals |
+//! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
 //! | [`baseline`] | brute force, the reference for everything |
-//! | [`scene`] | deterministic procedural scenes |
 //!
 //! The root of it is "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei).
 //!
@@ -38,33 +40,47 @@
 #![deny(unsafe_code)]
 
 pub mod baseline;
-mod build;
+mod bvh;
 mod error;
-mod morton;
-mod motion;
-mod neighbor;
+mod geometry;
+mod layout;
+mod limits;
+mod mbkd;
+pub mod motion;
 mod parallel;
+mod params;
+mod point;
+mod primitive;
+mod progress;
 mod ray;
-pub mod scene;
 mod simd;
-mod tree;
+mod time;
 
-pub use build::{BuildParams, Division, Policy};
 pub use error::{BuildError, IntervalError};
+pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
-pub use motion::{
-    Aabb, Keys, LinearBounds, MAX_COORDINATE, MovingSphere, Primitive, PrimitiveError, Shapes, TimeInterval,
-    TriangleMesh, Triangles, check_primitive,
+pub use layout::{Statistics, TreeBox, ValidationError};
+pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
+pub use params::{BuildParams, Division, Policy};
+pub use point::{
+    Approach, KeepAll, KeepIf, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery, NeighborWork, PointError,
+    PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree, WithinIter,
 };
-pub use motion::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
-pub use neighbor::{
-    Approach, KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery,
-    NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree,
-    WithinIter,
+pub use primitive::{
+    Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
+    PrimitiveError, Shapes, TriangleMesh, Triangles, check_primitive,
 };
-pub use ray::{Counters, Hit, Intersection, Observer, Ray};
+pub use ray::{Counters, Geometry, Hit, Observer, RayTree};
 pub use simd::SimdLevel;
-pub use tree::{Geometry, RayTree, Statistics, TreeBox, ValidationError};
+
+/// The procedural scenes of the unpublished member `scenes`, as source, so that unit tests see them with this crate's
+/// own types.
+#[cfg(test)]
+extern crate self as engine;
+#[cfg(test)]
+#[allow(dead_code, unused_imports)]
+#[path = "../scenes/src/lib.rs"]
+mod scene;
 
 /// The README's example, compiled as a test.
 #[cfg(doctest)]

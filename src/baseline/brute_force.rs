@@ -1,9 +1,8 @@
 //! The oracle: every primitive, one after the other, through the same kernel.
 
 use crate::error::BuildError;
-use crate::motion::{Primitive, Shapes, TriangleMesh, Triangles};
-use crate::ray::{Everything, Filter, Hit, Ray, TreeRay, Visible};
-use crate::tree::Geometry;
+use crate::primitive::{Primitive, Shapes, TriangleMesh, Triangles};
+use crate::ray::{Everything, Filter, Geometry, Hit, Ray, TreeRay, Visible};
 
 /// Answers ray queries by testing every primitive.
 ///

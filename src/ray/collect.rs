@@ -1,7 +1,7 @@
 //! What a traversal does with the hits it finds.
 
 use super::hit::SetHit;
-use super::query_ray::TreeRay;
+use super::tree_ray::TreeRay;
 use core::ops::ControlFlow;
 use std::collections::HashSet;
 

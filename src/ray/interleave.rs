@@ -8,10 +8,13 @@
 use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
 use super::hit::Hit;
-use super::query_ray::{Ray, TreeRay};
-use super::wide::{Forms, Journey, Scene, StackOf};
+use super::intersect::RaySource;
+use super::traverser::Scene;
+use super::tree_ray::TreeRay;
+use super::wide_traversal::{Forms, Journey, StackOf};
+use crate::geometry::Ray;
+use crate::layout::{ChildRef, WideTree};
 use crate::simd::{Kernel, Simd};
-use crate::tree::wide::{ChildRef, WideSource, WideTree};
 
 /// Rays on their way at the same time.
 const GROUP: usize = 8;
@@ -29,7 +32,7 @@ pub(crate) trait Asks {
     /// A collector for a ray's hits.
     fn collect(ray: &TreeRay) -> Self::Collect;
     /// The answer, once the ray is through.
-    fn answer(collect: &Self::Collect, set: &impl WideSource) -> Self::Answer;
+    fn answer(collect: &Self::Collect, set: &impl RaySource) -> Self::Answer;
 }
 
 type Accept = fn(&Found) -> bool;
@@ -52,7 +55,7 @@ impl Asks for Closests {
     }
 
     #[inline(always)]
-    fn answer(collect: &Closest<Accept>, set: &impl WideSource) -> Option<Hit> {
+    fn answer(collect: &Closest<Accept>, set: &impl RaySource) -> Option<Hit> {
         collect.best.map(|found| found.hit.answer(set.name(found.id)))
     }
 }
@@ -71,7 +74,7 @@ impl Asks for Anys {
     }
 
     #[inline(always)]
-    fn answer(collect: &Any<Accept>, _: &impl WideSource) -> bool {
+    fn answer(collect: &Any<Accept>, _: &impl RaySource) -> bool {
         collect.found
     }
 }
@@ -95,7 +98,7 @@ struct Turn<'a, C> {
     collect: C,
 }
 
-impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
+impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
     type Output = ();
 
     #[inline(always)]

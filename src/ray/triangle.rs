@@ -14,7 +14,7 @@
 //!
 //! `t` is a weighted mean of the corners' depths with weights good to f64, so it belongs to a point of
 //! the *sheared f32* triangle. That one differs from the true triangle by the rounding of translation and
-//! shear, by some ULP of `|corner| + |origin|` ([`KERNEL_ULPS`](crate::motion::KERNEL_ULPS)). Traversals that
+//! shear, by some ULP of `|corner| + |origin|` ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)). Traversals that
 //! grow boxes by more than this therefore never cull an accepted hit, not even of a
 //! triangle cut into parts: the hit has the same barycentrics as a true point of some part.
 //!
@@ -23,7 +23,7 @@
 //! NaN, which is no sign. In f64 a product of two is at least 2^-298 and of three at most 2^306: nothing is lost.
 
 use super::hit::SetHit;
-use super::query_ray::TreeRay;
+use super::tree_ray::TreeRay;
 use core::hint::select_unpredictable;
 use glam::Vec3;
 
@@ -63,7 +63,7 @@ impl Sheared {
 
     /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
     #[inline(always)]
-    fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
+    pub fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
         let a = v - origin;
         // A branch that always goes the same way for one ray, where an index would go through memory.
         let (x, y, z) = match self.kz {
@@ -76,7 +76,7 @@ impl Sheared {
 
     /// Whether the ray may pass through the triangle of three sheared corners.
     #[inline(always)]
-    fn may_hit([a, b, c]: [[f32; 3]; 3]) -> bool {
+    pub fn may_hit([a, b, c]: [[f32; 3]; 3]) -> bool {
         // Most triangles are beside the ray, and signs in f32 say so: rounded products and their rounded
         // difference never have the wrong sign, only sometimes a zero that should not be one.
         let signs = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
@@ -115,18 +115,12 @@ impl TreeRay {
     }
 }
 
-/// Tests one triangle at the ray's time.
-#[inline]
-pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
-    let corners = corners.map(|v| ray.shear.corner(v, ray.origin));
-    if Sheared::may_hit(corners) { ray.decide(corners, ray.t_max) } else { None }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::Frame;
+    use crate::geometry::Frame;
     use crate::ray::Ray;
+    use crate::ray::intersect::intersect_triangle;
 
     fn tree_ray(origin: Vec3, dir: Vec3) -> TreeRay {
         TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD).unwrap()

@@ -1,0 +1,425 @@
+//! Binned SAH: where to part references, in sixteen lanes.
+//!
+//! The inner loops of a build. A reference is one register; a bin is another, united with it by one
+//! minimum. Nothing is fused, so every instruction set makes the same tree.
+
+use super::reference::{Packed, Reference};
+use crate::geometry::{Box3, LinearBox3};
+use crate::parallel;
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+use glam::Vec4;
+
+/// Most bins per axis.
+pub(super) const BINS: usize = 32;
+
+/// Bins per axis for `n` references, a multiple of [`AT_ONCE`]: more than a few per reference tell nothing new, and
+/// sweeping them costs.
+fn bins_for(n: usize) -> usize {
+    match n {
+        0..=16 => 8,
+        17..=256 => 16,
+        _ => BINS,
+    }
+}
+
+/// Maps a centre to a bin on each axis; monotone in each coordinate.
+#[derive(Clone, Copy)]
+pub(super) struct Binning {
+    low: Vec4,
+    scale: Vec4,
+    last: f32,
+}
+
+/// Adding it rounds a small float to the nearest integer, which is then in its low bits.
+const ROUND: f32 = 8_388_608.0;
+
+impl Binning {
+    fn new(centres: Box3, bins: usize) -> Binning {
+        // A scale that is not finite means a flat axis (or one so thin that it counts as flat).
+        let scale = |extent: f32| {
+            let scale = bins as f32 / extent;
+            if scale.is_finite() { scale } else { 0.0 }
+        };
+        let extent = centres.max - centres.min;
+        Binning {
+            low: centres.min.extend(0.0),
+            scale: Vec4::new(scale(extent.x), scale(extent.y), scale(extent.z), 0.0),
+            last: (bins - 1) as f32,
+        }
+    }
+
+    /// Makes all axes but the widest count as flat, and returns that.
+    fn keep_widest(&mut self, centres: Box3) -> usize {
+        let axis = (centres.max - centres.min).max_position();
+        for other in (0..3).filter(|&other| other != axis) {
+            self.scale[other] = 0.0;
+        }
+        axis
+    }
+
+    /// [`ROUND`] plus the bin, on each axis.
+    #[inline(always)]
+    fn rounded(&self, centre: Vec4) -> Vec4 {
+        let at = (centre - self.low) * self.scale - Vec4::splat(0.5);
+        at.max(Vec4::ZERO).min(Vec4::splat(self.last)) + Vec4::splat(ROUND)
+    }
+}
+
+/// The bins of one node on one axis.
+struct Bins {
+    bounds: [Packed; BINS],
+    counts: [u32; BINS],
+}
+
+impl Bins {
+    const EMPTY: Bins = Bins { bounds: [Packed::EMPTY; BINS], counts: [0; BINS] };
+
+    fn clear(&mut self, bins: usize) {
+        self.bounds[..bins].fill(Packed::EMPTY);
+        self.counts[..bins].fill(0);
+    }
+
+    /// Counts a reference; `at` is its bin plus [`ROUND`].
+    #[inline(always)]
+    fn put<S: Simd>(&mut self, s: S, lanes: S::F, at: f32) {
+        let bin = at.to_bits() as usize % BINS;
+        let bounds = &mut self.bounds[bin].0;
+        s.store(s.min(s.load(bounds), lanes), bounds);
+        self.counts[bin] += 1;
+    }
+
+    /// Adds what others counted of the references behind these. Of equal bounds (zeros of either sign) the last
+    /// stays, as in [`Bins::put`].
+    fn add(&mut self, others: &Bins) {
+        for (bin, other) in self.bounds.iter_mut().zip(&others.bounds) {
+            for (bound, other) in bin.0.iter_mut().zip(other.0) {
+                *bound = if *bound < other { *bound } else { other };
+            }
+        }
+        for (count, other) in self.counts.iter_mut().zip(&others.counts) {
+            *count += other;
+        }
+    }
+}
+
+/// The bins of one node on all axes; kept from node to node.
+pub(super) struct Table {
+    axes: [Bins; 3],
+    /// What [`gather_above`] finds.
+    above: [Packed; BINS],
+}
+
+impl Table {
+    pub fn new() -> Box<Table> {
+        Box::new(Table { axes: [Bins::EMPTY; 3], above: [Packed::EMPTY; BINS] })
+    }
+}
+
+/// References whose bins are found before they are counted: by way of memory, as taking lanes out of registers is slow.
+const BLOCK: usize = 64;
+
+/// Counts references in the bins of a table.
+struct Count<'a> {
+    references: &'a [Reference],
+    binning: Binning,
+    bins: usize,
+    /// The one axis on which they are, if not on all.
+    only: Option<usize>,
+    axes: &'a mut [Bins; 3],
+}
+
+impl Kernel for Count<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Count { references, binning, bins, only, axes } = self;
+        for (axis, table) in axes.iter_mut().enumerate() {
+            if only.is_none_or(|only| only == axis) {
+                table.clear(bins);
+            }
+        }
+        let mut places = [[0.0; 4]; BLOCK];
+        for references in references.chunks(BLOCK) {
+            for (r, at) in references.iter().zip(&mut places) {
+                *at = binning.rounded(r.centre()).to_array();
+            }
+            let [x, y, z] = &mut *axes;
+            match only {
+                Some(0) => count_on::<S, 0>(s, references, &places, x),
+                Some(1) => count_on::<S, 1>(s, references, &places, y),
+                Some(_) => count_on::<S, 2>(s, references, &places, z),
+                None => {
+                    for (r, at) in references.iter().zip(&places) {
+                        let lanes = s.load(&r.0.0);
+                        x.put(s, lanes, at[0]);
+                        y.put(s, lanes, at[1]);
+                        z.put(s, lanes, at[2]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Counts references on one axis.
+#[inline(always)]
+fn count_on<S: Simd, const AXIS: usize>(s: S, references: &[Reference], places: &[[f32; 4]; BLOCK], bins: &mut Bins) {
+    for (r, at) in references.iter().zip(places) {
+        bins.put(s, s.load(&r.0.0), at[AXIS]);
+    }
+}
+
+/// References from which on a node is counted and parted by several threads.
+pub(super) const PARALLEL: usize = 1 << 15;
+
+/// Crowded nodes of up to so many references are split across their widest axis.
+const SMALL: usize = 64;
+
+/// A node that several threads count is counted in so many chunks.
+const CHUNKS: usize = 32;
+
+/// A partition of references by the bins of their centres.
+pub(super) struct Split {
+    pub axis: usize,
+    binning: Binning,
+    /// First bin of the high side.
+    plane: usize,
+    pub low: LinearBox3,
+    pub high: LinearBox3,
+    /// How many references are on the low side.
+    pub middle: usize,
+    /// The same in successive chunks of so many references each; nothing where one thread counted.
+    pub chunk: usize,
+    pub lows: Vec<usize>,
+}
+
+impl Split {
+    /// Says on which side references are.
+    pub fn sides(&self) -> Sides {
+        let Binning { low, scale, last } = self.binning;
+        let plane = ROUND + self.plane as f32;
+        Sides { lane: Reference::CENTRE[self.axis], low: low[self.axis], scale: scale[self.axis], last, plane }
+    }
+}
+
+/// What is on which side of a split, by value: loops that store references would read it again each time.
+#[derive(Clone, Copy)]
+pub(super) struct Sides {
+    lane: usize,
+    low: f32,
+    scale: f32,
+    last: f32,
+    plane: f32,
+}
+
+impl Sides {
+    /// Whether a reference is on the low side: the same computation as [`Binning::rounded`].
+    #[inline(always)]
+    pub fn is_low(&self, r: &Reference) -> bool {
+        let at = (r.0.0[self.lane % LANES] - self.low) * self.scale - 0.5;
+        at.max(0.0).min(self.last) + ROUND < self.plane
+    }
+}
+
+/// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide. `centres` is the box
+/// of their centres, as [`Reference::centre`] has them. In small `crowded` nodes only planes across their widest axis are
+/// looked at: there any split brings little.
+pub(super) fn find_split(
+    simd: SimdLevel,
+    references: &[Reference],
+    centres: Box3,
+    crowded: bool,
+    table: &mut Table,
+) -> Option<Split> {
+    let bins = bins_for(references.len());
+    let mut binning = Binning::new(centres, bins);
+    let only = (crowded && references.len() <= SMALL).then(|| binning.keep_widest(centres));
+    let (mut chunk, mut chunks) = (references.len(), Vec::new());
+    if references.len() < PARALLEL || parallel::threads() == 1 {
+        dispatch(simd, Count { references, binning, bins, only, axes: &mut table.axes });
+    } else {
+        // Minima and sums, added up in order: who counts what changes nothing.
+        chunk = references.len().div_ceil(CHUNKS);
+        chunks = parallel::map(references.len().div_ceil(chunk), |i| {
+            let mut axes = Box::new([Bins::EMPTY; 3]);
+            let references = &references[i * chunk..references.len().min((i + 1) * chunk)];
+            dispatch(simd, Count { references, binning, bins, only, axes: &mut axes });
+            axes
+        });
+        for (axis, sum) in table.axes.iter_mut().enumerate() {
+            sum.clear(bins);
+            chunks.iter().for_each(|axes| sum.add(&axes[axis]));
+        }
+    }
+    let split = dispatch(simd, Choose { binning, bins, table })?;
+    let below = |axes: &[Bins; 3]| axes[split.axis].counts[..split.plane].iter().sum::<u32>() as usize;
+    let lows = chunks.iter().map(|axes| below(axes)).collect();
+    Some(Split { middle: below(&table.axes), chunk, lows, ..split })
+}
+
+/// Chooses the cheapest plane between counted bins.
+struct Choose<'a> {
+    binning: Binning,
+    bins: usize,
+    table: &'a mut Table,
+}
+
+impl Kernel for Choose<'_> {
+    type Output = Option<Split>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Option<Split> {
+        let Choose { binning, bins, table } = self;
+        let Table { axes, above } = table;
+        let (mut costs, mut planes) = (s.splat(f32::INFINITY), s.splat_u(0));
+        for (axis, Bins { bounds, counts }) in axes.iter().enumerate() {
+            if binning.scale[axis] > 0.0 {
+                let bounds = &bounds[..bins];
+                let all = gather_above(s, bounds, counts, above);
+                let mut below = (s.splat(f32::INFINITY), 0);
+                for first in (0..bins).step_by(AT_ONCE) {
+                    let cost = sweep(s, (bounds, counts), above, first, &mut below, all);
+                    let better = s.lt(cost, costs);
+                    costs = s.select(better, cost, costs);
+                    planes = s.select_u(better, s.splat_u((axis * BINS + first) as u32), planes);
+                }
+            }
+        }
+        // Costs are not negative, so their bits are in their order; of equal ones the first plane counts.
+        let least = f32::from_bits(s.reduce_min_u(s.to_bits(costs)));
+        if least == f32::INFINITY {
+            return None;
+        }
+        let place = s.select_u(s.eq(costs, s.splat(least)), s.add_u(planes, s.load_u(&PLANES)), s.splat_u(u32::MAX));
+        let place = s.reduce_min_u(place) as usize;
+        let (axis, plane) = (place / BINS, place % BINS);
+        let (low, high) = axes[axis].bounds[..bins].split_at(plane);
+        let (low, high) = (union(s, low), union(s, high));
+        Some(Split { axis, binning, plane, low, high, middle: 0, chunk: 0, lows: Vec::new() })
+    }
+}
+
+/// What holds all of some bins. (Not a closure: those are compiled without the instruction set.)
+#[inline(always)]
+fn union<S: Simd>(s: S, bins: &[Packed]) -> LinearBox3 {
+    let mut sum = s.splat(f32::INFINITY);
+    for bin in bins {
+        sum = s.min(sum, s.load(&bin.0));
+    }
+    let mut packed = Packed::EMPTY;
+    s.store(sum, &mut packed.0);
+    packed.bounds()
+}
+
+/// Lanes 0 to 7, of which two mean nothing.
+pub(super) const HALF: u16 = 0x00ff;
+const EXTENTS: u16 = 0x3f3f;
+
+/// For the extents at the begin and at the end, d0 and d1, in each half: the lanes of (y z x) of d0 and of d1, and the
+/// same exchanged.
+const TURNED: Lanes<u32> = [1, 2, 0, 4, 5, 3, 6, 7, 9, 10, 8, 12, 13, 11, 14, 15];
+const CROSSED: Lanes<u32> = [4, 5, 3, 1, 2, 0, 6, 7, 12, 13, 11, 9, 10, 8, 14, 15];
+
+/// Planes whose costs are computed together: one in each lane of both halves.
+const AT_ONCE: usize = LANES / 2;
+const PLANES: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
+
+/// What holds all bins from each one on; returns how many references there are.
+#[inline(always)]
+fn gather_above<S: Simd>(s: S, bins: &[Packed], counts: &[u32; BINS], above: &mut [Packed; BINS]) -> u32 {
+    let (mut sum, mut all) = (s.splat(f32::INFINITY), 0);
+    for ((bin, above), count) in bins.iter().zip(above).zip(counts).rev() {
+        sum = s.min(sum, s.load(&bin.0));
+        s.store(sum, &mut above.0);
+        all += count;
+    }
+    all
+}
+
+/// The costs (six times area times count) of the planes below the bins from `first` on, in the lanes of each half;
+/// infinite where one side is empty. `below` is what is below the first, and below the next planes afterwards.
+///
+/// What is below a plane is in the low half of the lanes, what is above it in the high half. Six times the mean
+/// half area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::builder::mean_half_area`]), which is
+/// d0 . rot(2 d0 + d1) + d1 . rot(2 d1 + d0), where rot (x, y, z) = (y, z, x): six products in six lanes. The sums of
+/// the lanes of eight planes are formed together, and end up in one lane for each.
+#[inline(always)]
+fn sweep<S: Simd>(
+    s: S,
+    (bins, counts): (&[Packed], &[u32; BINS]),
+    above: &[Packed; BINS],
+    first: usize,
+    below: &mut (S::F, u32),
+    all: u32,
+) -> S::F {
+    let (zero, turned, crossed) = (s.splat(0.0), s.load_u(&TURNED), s.load_u(&CROSSED));
+    let mut areas = [zero; AT_ONCE];
+    let mut counts_below = [0.0; LANES];
+    for (j, area) in areas.iter_mut().enumerate() {
+        let (low, high) = (below.0, s.load(&above[(first + j) % BINS].0));
+        let negated = s.select(HALF, low, high) + s.swap_lanes::<8>(s.select(HALF, high, low));
+        let d = s.select(EXTENTS, s.max(zero - negated, zero), zero);
+        let (own, other) = (s.permute(d, turned), s.permute(d, crossed));
+        *area = d * (own + other + own);
+        counts_below[j] = below.1 as f32;
+        counts_below[j + AT_ONCE] = below.1 as f32;
+        below.0 = s.min(low, s.load(&bins[first + j].0));
+        below.1 += counts[(first + j) % BINS];
+    }
+    let [a, b, c, d, e, f, g, h] = areas;
+    let (a, b, c, d) = (paired4(s, a, e), paired4(s, b, f), paired4(s, c, g), paired4(s, d, h));
+    let areas = paired1(s, paired2(s, a, c), paired2(s, b, d));
+    let counts = s.load(&counts_below);
+    let counts = s.select(HALF, counts, s.splat(all as f32) - counts);
+    let some = s.lt(zero, counts);
+    let costs = areas * counts;
+    let costs = costs + s.swap_lanes::<8>(costs);
+    s.select(some & some >> 8 & HALF, costs, s.splat(f32::INFINITY))
+}
+
+/// Sums of lanes four apart: of `a` where bit 2 of the lane is 0, elsewhere of `b`.
+#[inline(always)]
+fn paired4<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
+    s.select(0x0f0f, a, b) + s.swap_lanes::<4>(s.select(0x0f0f, b, a))
+}
+
+/// The same two apart.
+#[inline(always)]
+fn paired2<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
+    s.select(0x3333, a, b) + s.swap_lanes::<2>(s.select(0x3333, b, a))
+}
+
+/// The same one apart.
+#[inline(always)]
+fn paired1<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
+    s.select(0x5555, a, b) + s.swap_lanes::<1>(s.select(0x5555, b, a))
+}
+
+/// Bounds of references and the box of their centres.
+pub(super) fn summary(simd: SimdLevel, references: &[Reference]) -> (LinearBox3, Box3) {
+    let parts = parallel::chunks(references.len(), |of| dispatch(simd, Summary(&references[of])));
+    let nothing = (LinearBox3::EMPTY, Box3::EMPTY);
+    parts.into_iter().reduce(|a, b| (a.0.union(b.0), a.1.union(b.1))).unwrap_or(nothing)
+}
+
+/// The same by one thread.
+struct Summary<'a>(&'a [Reference]);
+
+impl Kernel for Summary<'_> {
+    type Output = (LinearBox3, Box3);
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> (LinearBox3, Box3) {
+        let mut bounds = s.splat(f32::INFINITY);
+        let (mut min, mut max) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
+        for r in self.0 {
+            bounds = s.min(bounds, s.load(&r.0.0));
+            min = min.min(r.centre());
+            max = max.max(r.centre());
+        }
+        let mut packed = Packed::EMPTY;
+        s.store(bounds, &mut packed.0);
+        (packed.bounds(), Box3 { min: min.truncate(), max: max.truncate() })
+    }
+}

@@ -1,0 +1,233 @@
+//! The binary tree of object splits.
+//!
+//! References are parted at one of the planes between bins of their mid-time centroids (Wald, "On fast
+//! Construction of SAH-based Bounding Volume Hierarchies", 2007). The surface area of a moving box
+//! is its exact mean over the interval. Below a depth that sane input never reaches, halves by count
+//! take over, so that the depth is bounded whatever the input is.
+
+use super::binning::{Table, find_split, summary};
+use super::partition::{Parted, partition};
+use super::reference::Reference;
+use crate::geometry::{Box3, LinearBox3};
+use crate::parallel;
+use crate::simd::{SimdLevel, concat, huge_vec};
+use core::ops::RangeInclusive;
+use glam::Vec3;
+
+/// A node of the binary tree, in preorder: the left child follows its parent.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BinaryNode {
+    /// Linear bounds of all below.
+    pub bounds: LinearBox3,
+    /// First reference below, in the order that the build leaves.
+    pub first: u32,
+    /// Number of references below.
+    pub count: u32,
+    /// Distance to the right child; 0 for a leaf.
+    pub right: u32,
+    /// Whether anything below moves.
+    pub moving: bool,
+}
+
+impl BinaryNode {
+    /// A node over so many references, nothing known below.
+    fn new(task: &Task, count: usize) -> BinaryNode {
+        BinaryNode { bounds: task.bounds, first: task.first, count: count as u32, right: 0, moving: false }
+    }
+}
+
+/// A finished binary tree; node 0 is the root. Empty without references.
+pub(crate) type BinaryTree = Vec<BinaryNode>;
+
+/// Depth from which on references are halved by count.
+const SAH_DEPTH: u32 = 44;
+
+/// Subtrees of so many references, or the whole's among so many per thread, are built by one thread.
+const PARALLEL: usize = 4096;
+const PIECES: usize = 32;
+
+/// Mean over the interval of half the surface area of a linearly changing box.
+///
+/// With h(d) = xy + yz + zx the integrand is quadratic in time, so the mean is exact:
+/// (h(d0) + h(d1) + h(d0 + d1)) / 6.
+#[inline(always)]
+pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
+    let h = |d: Vec3| d.x * d.y + d.y * d.z + d.z * d.x;
+    let d0 = (b.begin.max - b.begin.min).max(Vec3::ZERO);
+    let d1 = (b.end.max - b.end.min).max(Vec3::ZERO);
+    (h(d0) + h(d1) + h(d0 + d1)) * (1.0 / 6.0)
+}
+
+/// Builds over references, which are reordered. Nodes of at most `leaf.start` references are not split on, and those of
+/// at most `leaf.end` not where things overlap so much that splitting hardly pays (see [`CROWDED`]).
+pub(crate) fn build_binary(references: &mut [Reference], leaf: RangeInclusive<usize>) -> BinaryTree {
+    let n = references.len();
+    if n == 0 {
+        return BinaryTree::new();
+    }
+    let simd = SimdLevel::best();
+    let (bounds, centres) = summary(simd, references);
+    let alone = match parallel::threads() {
+        1 => usize::MAX,
+        threads => PARALLEL.max(n / (PIECES * threads)),
+    };
+    let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), alone };
+    let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
+    match pieces.len() {
+        1 => pieces.remove(0),
+        _ => concat(&pieces),
+    }
+}
+
+/// Room for the nodes over so many references: leaves are about half full, and with one reference each there are 2 n - 1
+/// nodes.
+fn most_nodes(references: usize, leaf: usize) -> usize {
+    4 * references / (leaf.max(1) + 1) + 1
+}
+
+/// References among which a place is looked for; of more, evenly spaced ones are taken.
+const LOOKED_AT: usize = 4096;
+
+/// References of which one task picks the neighbours of those places, at least.
+const PER_TASK: usize = 16384;
+
+/// Neighbours around evenly spaced references, about `most` each: samples of what the tree over all will have in
+/// some places.
+///
+/// Object splits of a part of the references find a box around each place; one pass over all collects what is
+/// centred in it.
+pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize) -> Vec<Vec<Reference>> {
+    let step = references.len() / LOOKED_AT + 1;
+    let mut few: Vec<Reference> = references.iter().step_by(step).copied().collect();
+    let places: Vec<Box3> = (0..count)
+        .map(|i| {
+            let at = (2 * i + 1) * few.len() / (2 * count);
+            summary(SimdLevel::best(), isolate(&mut few, at, most / step)).1
+        })
+        .collect();
+    let chunk = PER_TASK.max(references.len() / 64);
+    let found = parallel::map(references.len().div_ceil(chunk), |task| {
+        let mut found = vec![Vec::new(); count];
+        for r in &references[task * chunk..references.len().min((task + 1) * chunk)] {
+            for (place, found) in places.iter().zip(&mut found) {
+                if place.holds(r.centre().truncate()) {
+                    found.push(*r);
+                }
+            }
+        }
+        found
+    });
+    let mut all = vec![Vec::new(); count];
+    for found in found {
+        for (all, found) in all.iter_mut().zip(found) {
+            all.extend(found.into_iter().take(2 * most - all.len()));
+        }
+    }
+    all
+}
+
+/// Reorders references by object splits until at most `most` neighbours stand around place `at`, and returns them.
+fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut [Reference] {
+    let simd = SimdLevel::best();
+    let mut table = Table::new();
+    let (_, mut centres) = summary(simd, references);
+    while references.len() > most.max(1) {
+        let Some(split) = find_split(simd, references, centres, false, &mut table) else { break };
+        let Parted { middle, low, high } = partition(simd, references, &split);
+        let sides = references.split_at_mut(middle);
+        (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
+    }
+    references
+}
+
+/// Where both sides of a split have this many times the area of the node, neither is likely to be split much better:
+/// parts of needles and hair. A leaf block of sixteen at once costs a query no more there.
+const CROWDED: f32 = 1.4;
+
+struct Builder {
+    simd: SimdLevel,
+    leaf: usize,
+    crowded_leaf: usize,
+    /// Up to this many references a subtree is built by one thread. It never changes the tree.
+    alone: usize,
+}
+
+/// A subtree to be built.
+#[derive(Clone, Copy)]
+struct Task {
+    /// Where its references begin among all.
+    first: u32,
+    depth: u32,
+    /// Whether the split that made it brought little.
+    crowded: bool,
+    bounds: LinearBox3,
+    /// The box of the references' centres.
+    centres: Box3,
+}
+
+impl Builder {
+    /// A subtree in pieces, to be put one behind the other.
+    fn pieces(&self, references: &mut [Reference], task: Task) -> Vec<BinaryTree> {
+        let n = references.len();
+        if n <= self.alone.max(self.leaf) {
+            let mut nodes = huge_vec(most_nodes(n, self.leaf));
+            self.subtree(references, task, &mut nodes, &mut Table::new());
+            return vec![nodes];
+        }
+        let (low, high, middle) = self.divide(references, &task, &mut Table::new());
+        let (low_references, high_references) = references.split_at_mut(middle);
+        let (left, right) = parallel::both(|| self.pieces(low_references, low), || self.pieces(high_references, high));
+        let mut node = BinaryNode::new(&task, n);
+        node.right = 1 + left.iter().map(Vec::len).sum::<usize>() as u32;
+        node.moving = left[0][0].moving | right[0][0].moving;
+        let mut pieces = vec![vec![node]];
+        pieces.extend(left);
+        pieces.extend(right);
+        pieces
+    }
+
+    /// Returns whether anything in the subtree moves.
+    fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
+        let (at, n) = (nodes.len(), references.len());
+        nodes.push(BinaryNode::new(&task, n));
+        if n <= self.leaf || task.crowded && n <= self.crowded_leaf {
+            let moving = references.iter().any(Reference::moving);
+            nodes[at].moving = moving;
+            return moving;
+        }
+        let (low, high, middle) = self.divide(references, &task, table);
+        let (low_references, high_references) = references.split_at_mut(middle);
+        let left = self.subtree(low_references, low, nodes, table);
+        nodes[at].right = (nodes.len() - at) as u32;
+        let right = self.subtree(high_references, high, nodes, table);
+        nodes[at].moving = left | right;
+        left | right
+    }
+
+    /// Parts the references of a node; returns both sides and how many are on the low one.
+    fn divide(&self, references: &mut [Reference], task: &Task, table: &mut Table) -> (Task, Task, usize) {
+        let side = |begin: usize, crowded: bool, bounds: LinearBox3, centres: Box3| Task {
+            first: task.first + begin as u32,
+            depth: task.depth + 1,
+            crowded,
+            bounds,
+            centres,
+        };
+        // Two can be parted in one way only.
+        if references.len() > 2
+            && task.depth < SAH_DEPTH
+            && let Some(split) = find_split(self.simd, references, task.centres, task.crowded, table)
+        {
+            let Parted { middle, low, high } = partition(self.simd, references, &split);
+            let areas = mean_half_area(&split.low) + mean_half_area(&split.high);
+            let crowded = areas >= CROWDED * mean_half_area(&task.bounds);
+            return (side(0, crowded, split.low, low), side(middle, crowded, split.high, high), middle);
+        }
+        let middle = references.len() / 2;
+        let of = |begin: usize, references: &[Reference]| {
+            let (bounds, centres) = summary(self.simd, references);
+            side(begin, false, bounds, centres)
+        };
+        (of(0, &references[..middle]), of(middle, &references[middle..]), middle)
+    }
+}

@@ -1,0 +1,17 @@
+//! Object splits: a partition of the references by binned SAH, and its optimal collapse into sixteen-way
+//! nodes. The picture: a binary tree over boxes that move linearly, of which each wide node swallows the
+//! part that pays.
+
+mod binning;
+mod builder;
+mod collapse;
+mod partition;
+mod presplit;
+mod reference;
+mod replace_subtree;
+
+pub(crate) use builder::{BinaryNode, BinaryTree, build_binary, mean_half_area, neighbourhoods};
+pub(crate) use collapse::{Collapse, Prices, WideChild};
+pub(crate) use presplit::cut;
+pub(crate) use reference::Reference;
+pub(crate) use replace_subtree::Graft;

@@ -1,0 +1,371 @@
+//! Cutting references before the build: a long triangle becomes several references, each bounded by its own
+//! part (Ernst and Greiner, "Early Split Clipping for Bounding Volume Hierarchies", 2007; the shares after
+//! Karras and Aila, "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", 2013), here of
+//! triangles that move.
+//!
+//! Long triangles fill little of their boxes; their parts fill more. Where things cross planes because they
+//! *move*, cutting does not pay, so only references are cut whose motion is small beside their length.
+
+use super::binning::HALF;
+use super::builder::mean_half_area;
+use super::reference::{Packed, Reference};
+use crate::geometry::{Box3, Ends, LinearBox3, ULP};
+use crate::parallel::{self, CHUNK};
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+
+/// Most parts of one reference.
+const BINS: usize = 8;
+
+/// Only references whose motion is at most this part of their length are cut.
+const STEADY: f32 = 0.6;
+
+/// A part must save at least this times the area of an average reference: it costs memory and a test.
+const PRICE: f32 = 0.2;
+
+/// The area that is left when nothing can be gained, in areas of the triangle: about that of a triangle in
+/// random position.
+const FULL: f32 = 4.0;
+
+/// Evenly spaced planes across a reference.
+#[derive(Clone, Copy)]
+struct Planes {
+    axis: usize,
+    low: f32,
+    width: f32,
+}
+
+impl Planes {
+    /// Planes between `parts` parts of the longest axis; none where that is too short, or too fast.
+    fn across(bounds: &LinearBox3, parts: usize) -> Option<Planes> {
+        let middle = bounds.at(0.5);
+        let extent = middle.max - middle.min;
+        let axis = extent.max_position();
+        let (b, e) = (&bounds.begin, &bounds.end);
+        let motion = (e.min[axis] - b.min[axis]).abs().max((e.max[axis] - b.max[axis]).abs());
+        let width = extent[axis] / parts as f32;
+        let magnitude = middle.min[axis].abs().max(middle.max[axis].abs());
+        (width > 4.0 * ULP * magnitude && motion <= STEADY * extent[axis]).then_some(Planes {
+            axis,
+            low: middle.min[axis],
+            width,
+        })
+    }
+
+    /// The plane below part `k`.
+    #[cfg(test)]
+    fn plane(self, k: usize) -> f32 {
+        self.low + self.width * k as f32
+    }
+}
+
+/// Cuts references into parts, at most `budget` times as many as there are now, where that saves most area. The
+/// first part takes the reference's place, the others follow behind all.
+///
+/// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
+/// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
+pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
+    let n = references.len();
+    let (gains, least) = gains(references, &ends);
+    let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
+    let mut tasks: Vec<_> = references.chunks_mut(CHUNK).zip(&gains).collect();
+    let more = parallel::each(&mut tasks, |(references, gains)| {
+        dispatch(SimdLevel::best(), Parts { references, gains, ends: &ends, least })
+    });
+    references.reserve(more.iter().map(Vec::len).sum());
+    more.iter().for_each(|more| references.extend_from_slice(more));
+}
+
+/// Cuts references: their first parts take their places, the others are returned.
+struct Parts<'a, E> {
+    references: &'a mut [Reference],
+    gains: &'a [Gain],
+    ends: &'a E,
+    least: f32,
+}
+
+impl<E: Fn(u32) -> Option<Ends>> Kernel for Parts<'_, E> {
+    type Output = Vec<Reference>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Vec<Reference> {
+        let Parts { references, gains, ends, least } = self;
+        let mut more = Vec::with_capacity(gains.iter().map(|gain| parts(gain.saved, least) - 1).sum());
+        for gain in gains {
+            let m = parts(gain.saved, least);
+            if m == 1 {
+                continue;
+            }
+            let r = &mut references[gain.at as usize];
+            let Some(planes) = Planes::across(&r.bounds(), m) else { continue };
+            let Some(ends) = ends(r.id()) else { continue };
+            let mut boxes = [Packed::EMPTY; BINS];
+            Chop { ends: &ends, whole: r.packed(), planes, parts: &mut boxes[..m] }.run(s);
+            let id = r.id();
+            let mut made = boxes[..m].iter().filter(|part| !part.is_empty());
+            if let Some(first) = made.next() {
+                *r = Reference::of_lanes(s, s.load(&first.0), id);
+            }
+            for part in made {
+                more.push(Reference::of_lanes(s, s.load(&part.0), id));
+            }
+        }
+        more
+    }
+}
+
+/// What cutting a reference into very many parts would save.
+struct Gain {
+    /// Its place in its chunk.
+    at: u32,
+    saved: f32,
+}
+
+/// What can be gained in each chunk, of references for which it may be enough for a second part, and the least saving of
+/// a part.
+fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync)) -> (Vec<Vec<Gain>>, f32) {
+    let area = |r: &Reference| f64::from(mean_half_area(&r.bounds()));
+    let areas = parallel::chunks(references.len(), |range| references[range].iter().map(area).sum::<f64>());
+    let total = areas.into_iter().fold(0.0, |a, b| a + b);
+    let least = (f64::from(PRICE) * total / references.len().max(1) as f64) as f32;
+    // More than nothing also where no reference has an area.
+    let enough = worth(2, least).max(f32::MIN_POSITIVE);
+    let gains = parallel::chunks(references.len(), |range| {
+        let mut gains = Vec::with_capacity(range.len());
+        for (at, r) in (0..).zip(&references[range]) {
+            let bounds = r.bounds();
+            let area = mean_half_area(&bounds);
+            // The triangle itself is only looked at where its box is large enough.
+            if area >= enough
+                && Planes::across(&bounds, BINS).is_some()
+                && let Some(ends) = ends(r.id())
+            {
+                let saved = area - FULL * ends.area();
+                if saved >= enough {
+                    gains.push(Gain { at, saved });
+                }
+            }
+        }
+        gains
+    });
+    (gains, least)
+}
+
+/// What must be gained altogether for an `m`-th part, when a part must save `least`.
+fn worth(m: usize, least: f32) -> f32 {
+    (m * (m - 1)) as f32 * least
+}
+
+/// Number of parts for a gain.
+fn parts(gain: f32, least: f32) -> usize {
+    (2..=BINS).take_while(|&m| gain >= worth(m, least)).count() + 1
+}
+
+/// The smallest saving of a part, at least `least`, for which at most `most` parts are added.
+///
+/// Gains are counted in classes, the upper bits of a float, which are 3 percent wide; from then on all of a class
+/// count as one.
+fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
+    const BITS: u32 = 18;
+    let class = |x: f32| (x.to_bits() >> BITS) as usize;
+    let mut above = vec![0usize; class(f32::INFINITY) + 1];
+    for gain in gains.iter().flatten() {
+        above[class(gain.saved)] += 1;
+    }
+    for c in (1..above.len()).rev() {
+        above[c - 1] += above[c];
+    }
+    let made = |least: f32| (2..=BINS).map(|m| above[class(worth(m, least))]).sum::<usize>();
+    let mut raised = least;
+    while made(raised) > most {
+        raised = f32::from_bits((class(raised) as u32 + 1) << BITS);
+    }
+    raised
+}
+
+/// Cuts a moving triangle at successive planes: linear bounds of the parts between them.
+///
+/// Proof that each part is held at every time. The part between two planes is a convex polygon; its corners
+/// are corners of the triangle, or points where an edge meets a plane.
+/// - A corner moves on a line, so it is in the bins between the two it begins and ends in; all of them
+///   include it at both ends.
+/// - Let an edge p(t) q(t) meet a plane at p + u (q - p). The distances of p and q to the plane are linear in t, so
+///   u is a quotient of two linear functions, monotone while the edge meets the plane. It begins to
+///   meet it at the begin of the interval or when p (u = 0) or q (u = 1) comes into the plane, and likewise
+///   ends; so u stays between the least and the greatest of those values. For a fixed u the point moves on a
+///   line, and at any time the points are linear in u: including the extreme points at both ends of the
+///   interval includes all in between. Of these, p and q are corners, and one that comes into the plane is in both
+///   bins beside it already.
+///
+/// The points are computed with three roundings at sizes of at most twice the largest coordinate (8 ULP of it cover
+/// them), and the kernel's corners stray from the lines by `slack`.
+struct Chop<'a> {
+    ends: &'a Ends,
+    /// What holds the triangle, or the part of it that is to be cut.
+    whole: &'a Packed,
+    planes: Planes,
+    /// The bounds of each part; empty where there is none.
+    parts: &'a mut [Packed],
+}
+
+impl Kernel for Chop<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Chop { ends, whole, planes, parts } = self;
+        let (axis, last) = (planes.axis, parts.len().clamp(1, BINS) - 1);
+        // The planes above the parts, in both halves of the lanes.
+        let above = s.splat(planes.low) + s.splat(planes.width) * s.load(&ABOVE);
+        let (zero, nothing, never) = (s.splat(0.0), s.splat(f32::INFINITY), s.splat(f32::NAN));
+        let mut corners = [nothing; 3];
+        // For each part: 0 where it includes the corner, otherwise NaN, which a minimum passes over.
+        let mut held = [[0.0; LANES]; 3];
+        // For each plane above a part: where the edge meets it at the begin and at the end, or NaN.
+        let mut met = [[0.0; LANES]; 3];
+        for i in 0..3 {
+            let j = (i + 1) % 3;
+            corners[i] = s.load(&Packed::point(ends.begin[i], ends.end[i]).0);
+            let (p0, p1) = (ends.begin[i][axis], ends.end[i][axis]);
+            let (q0, q1) = (ends.begin[j][axis], ends.end[j][axis]);
+            let reaches = s.le(above, s.splat(p0.max(p1))) << 1 | 1;
+            let begins = s.le(s.splat(p0.min(p1)), above) | 1 << last;
+            s.store(s.select(reaches & begins, zero, never), &mut held[i]);
+            let p = s.select(HALF, s.splat(p0), s.splat(p1)) - above;
+            let q = s.select(HALF, s.splat(q0), s.splat(q1)) - above;
+            // Where the distances are equal, both are 0 if the edge meets the plane at all: it is met at the corner.
+            let at = s.select(s.eq(p, q), zero, p / (p - q));
+            let at = s.max(s.min(at, s.splat(1.0)), zero);
+            let apart = s.le(s.min(p, q), zero) & s.le(zero, s.max(p, q));
+            s.store(s.select(apart, at, never), &mut met[i]);
+        }
+        let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
+        // Toward the outside is down in every lane. Of each face the whole's is taken where it is tighter on average.
+        let magnitude = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include).magnitude();
+        let pad = s.splat(ends.slack + 8.0 * ULP * magnitude);
+        let (whole, other) = (s.load(&whole.0), s.load_u(&OTHER_END));
+        let mean = whole + s.permute(whole, other);
+        let mut below = nothing;
+        for (k, part) in parts.iter_mut().enumerate().take(BINS) {
+            let (mut own, mut above) = (below, nothing);
+            for i in 0..3 {
+                own = s.min(corners[i] + s.splat(held[i][k]), own);
+                if k < last {
+                    above = s.min(corners[i] + edges[i] * s.splat(met[i][k]), above);
+                    above = s.min(corners[i] + edges[i] * s.splat(met[i][k + BINS]), above);
+                }
+            }
+            let own = s.min(own, above) - pad;
+            let looser = s.lt(own + s.permute(own, other), mean);
+            s.store(s.select(looser, whole, own), &mut part.0);
+            below = above;
+        }
+    }
+}
+
+/// How many parts are below the plane in each lane.
+const ABOVE: Lanes<f32> = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+
+/// The lane of the same face at the other end of the interval.
+const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14, 15];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn random(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    #[test]
+    fn needles_are_cut_within_the_budget_and_the_longest_most() {
+        let mut state = 3;
+        let mut needles: Vec<Ends> = Vec::new();
+        for i in 0..1000 {
+            let mut point = || Vec3::new(random(&mut state), random(&mut state), random(&mut state));
+            let length = if i % 10 == 0 { 0.9 } else { 0.1 };
+            let (at, along, thick) = (point() * 0.1, point() * length, point() * 1e-3);
+            let begin = [at, at + along, at + thick];
+            needles.push(Ends { begin, end: begin, slack: 0.0 });
+        }
+        let again = |i: u32| Ends { begin: needles[i as usize].begin, end: needles[i as usize].end, slack: 0.0 };
+        let references: Vec<Reference> = (0..1000u32)
+            .map(|i| {
+                let b = needles[i as usize].begin.into_iter().fold(Box3::EMPTY, Box3::include);
+                Reference::new(LinearBox3 { begin: b, end: b }, i)
+            })
+            .collect();
+        for (budget, least) in [(1.0, 1000), (1.2, 1120), (3.0, 1300)] {
+            let mut parts = references.clone();
+            cut(&mut parts, |i| Some(again(i)), budget);
+            assert!(parts.len() as f32 <= 1000.0 * budget && parts.len() >= least, "{budget}: {}", parts.len());
+            let of = |long: bool| parts.iter().filter(|r| (r.id() % 10 == 0) == long).count();
+            assert!(budget == 1.0 || of(true) > 2 * 100 && of(false) < 2 * 900);
+            assert!(parts.iter().all(|r| {
+                let (part, whole) = (r.bounds().begin, references[r.id() as usize].bounds().begin);
+                part.min.cmpge(whole.min).all() && part.max.cmple(whole.max).all()
+            }));
+        }
+        // What has no area gains nothing.
+        let line = |i: u32| {
+            let at = Vec3::new(random(&mut 5u64.wrapping_add(u64::from(i))), 0.0, 0.0);
+            Ends { begin: [at, at + 0.1 * Vec3::X, at], end: [at, at + 0.1 * Vec3::X, at], slack: 0.0 }
+        };
+        let boxed = |i: u32| line(i).begin.into_iter().fold(Box3::EMPTY, Box3::include);
+        let mut lines: Vec<Reference> =
+            (0..100).map(|i| Reference::new(LinearBox3 { begin: boxed(i), end: boxed(i) }, i)).collect();
+        cut(&mut lines, |i| Some(line(i)), 3.0);
+        assert_eq!(lines.len(), 100);
+        let mut uncut = references.clone();
+        cut(&mut uncut, |_| None, 3.0);
+        assert_eq!(uncut.len(), 1000);
+        cut(&mut Vec::new(), |_| None, 3.0);
+    }
+
+    #[test]
+    fn every_point_of_a_moving_triangle_is_in_a_part_of_its_bin() {
+        let mut state = 17;
+        for round in 0..3000 {
+            let motion = [0.0, 0.02, 0.3, 2.0][round % 4];
+            let mut point = |scale: f32| Vec3::new(random(&mut state), random(&mut state), random(&mut state)) * scale;
+            let begin = [point(0.6), point(0.6), point(0.6)];
+            let end = begin.map(|p| (p + point(motion)).clamp(Vec3::NEG_ONE, Vec3::ONE));
+            let corners = Ends { begin, end, slack: 0.0 };
+            let bounds = LinearBox3 {
+                begin: begin.into_iter().fold(Box3::EMPTY, Box3::include),
+                end: end.into_iter().fold(Box3::EMPTY, Box3::include),
+            };
+            let middle = bounds.at(0.5);
+            let axis = round % 3;
+            let width = (middle.max[axis] - middle.min[axis]) / BINS as f32;
+            if width <= 4.0 * ULP {
+                continue;
+            }
+            let planes = Planes { axis, low: middle.min[axis], width };
+            let mut parts = [Packed::EMPTY; BINS];
+            let whole = Packed::new(&bounds);
+            let level = SimdLevel::available()[round / 4 % SimdLevel::available().len()];
+            dispatch(level, Chop { ends: &corners, whole: &whole, planes, parts: &mut parts });
+            let parts = parts.map(|part| part.bounds());
+            for step in 0..=8 {
+                let t = step as f32 / 8.0;
+                let now: [Vec3; 3] = core::array::from_fn(|i| begin[i] + (end[i] - begin[i]) * t);
+                for i in 0..=12 {
+                    for j in 0..=12 - i {
+                        let (u, v) = (i as f32 / 12.0, j as f32 / 12.0);
+                        let p = now[0] * (1.0 - u - v) + now[1] * u + now[2] * v;
+                        let held = parts.iter().enumerate().any(|(k, part)| {
+                            let b = part.at(t).pad(4.0 * ULP);
+                            let x = p[planes.axis];
+                            let inside = k == 0 || x >= planes.plane(k) - 4.0 * ULP;
+                            let inside = inside && (k + 1 == BINS || x <= planes.plane(k + 1) + 4.0 * ULP);
+                            inside && p.cmpge(b.min).all() && p.cmple(b.max).all()
+                        });
+                        assert!(held, "round {round}, t {t}, {p}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Subtrees that are built apart, put into a collapsed tree as if they were leaf blocks.
+
+use super::builder::{BinaryNode, mean_half_area};
+use super::collapse::{Collapse, Prices};
+use crate::simd::{LANES, Lanes};
+
+/// A subtree that is one child of whatever node lies above it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Graft {
+    /// Its binary node.
+    pub node: u32,
+    /// What it costs: the sum over what is visited of price times area.
+    pub cost: f32,
+}
+
+impl Collapse {
+    /// Makes subtrees single children, and decides anew for the nodes above them; all others stay as they are.
+    ///
+    /// `grafts` must be sorted by node, and none lie below another or be the root.
+    pub fn graft(&mut self, nodes: &[BinaryNode], prices: Prices, grafts: &[Graft]) {
+        if !grafts.is_empty() {
+            self.decide_above(nodes, prices, 0, grafts);
+        }
+    }
+
+    /// Decides for a node with grafts below, and returns the least costs of covering it by at most 1, 2, … 16
+    /// children. The recurrence is that of [`Collapse::new`]; the recursion is as deep as the binary tree.
+    fn decide_above(&mut self, nodes: &[BinaryNode], prices: Prices, x: u32, grafts: &[Graft]) -> Lanes<f32> {
+        if let [Graft { node, cost }] = *grafts
+            && node == x
+        {
+            self.set(x, [0; LANES], cost);
+            return [cost; LANES];
+        }
+        let node = &nodes[x as usize];
+        let (low, high) = (x + 1, x + node.right);
+        let (below_low, below_high) = grafts.split_at(grafts.partition_point(|g| g.node < high));
+        let mut side = |of: u32, grafts: &[Graft]| match grafts.is_empty() {
+            true => self.costs(nodes, of),
+            false => self.decide_above(nodes, prices, of, grafts),
+        };
+        let (l, r) = (side(low, below_low), side(high, below_high));
+        let (mut best, mut share) = ([f32::INFINITY; LANES], [0; LANES]);
+        for places in 2..=LANES {
+            for left in 1..places {
+                let cost = l[left - 1] + r[places - left - 1];
+                if cost < best[places - 1] {
+                    (best[places - 1], share[places - 1]) = (cost, left as u8);
+                }
+            }
+        }
+        let still = if node.moving { 1.0 } else { prices.still };
+        let one = prices.node * still * mean_half_area(&node.bounds) + best[LANES - 1];
+        // As one child it is a wide node, whose sixteen places are shared out.
+        share[0] = share[LANES - 1];
+        for places in 1..LANES {
+            if best[places] >= one {
+                share[places] = 0;
+            }
+        }
+        self.set(x, share, one);
+        best.map(|cost| cost.min(one))
+    }
+
+    fn set(&mut self, x: u32, left: [u8; LANES], one: f32) {
+        (self.left[x as usize], self.one[x as usize]) = (left, one);
+    }
+
+    /// The least costs of covering a subtree, as they were when it was decided for.
+    fn costs(&self, nodes: &[BinaryNode], x: u32) -> Lanes<f32> {
+        let mut children = Vec::with_capacity(LANES);
+        core::array::from_fn(|i| {
+            children.clear();
+            self.forest(nodes, x, i as u8 + 1, &mut children);
+            children.iter().map(|child| self.cost(child.node)).sum()
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bvh::builder::build_binary;
+    use crate::bvh::reference::Reference;
+    use crate::geometry::{Box3, LinearBox3};
+    use glam::Vec3;
+
+    const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
+
+    fn leaf_cost(node: &BinaryNode) -> Option<f32> {
+        (node.count as usize <= PRICES.most).then_some(PRICES.leaf + PRICES.primitive * node.count as f32)
+    }
+
+    /// The cost of the wide tree as its decisions say, and the grafts met in it.
+    fn walk(nodes: &[BinaryNode], collapse: &Collapse, x: u32, grafts: &[Graft], met: &mut Vec<u32>) -> f64 {
+        if let Some(graft) = grafts.iter().find(|g| g.node == x) {
+            met.push(x);
+            return f64::from(graft.cost);
+        }
+        let node = &nodes[x as usize];
+        let area = f64::from(mean_half_area(&node.bounds));
+        if collapse.is_leaf(x) {
+            return f64::from(leaf_cost(node).unwrap()) * area;
+        }
+        let mut children = Vec::new();
+        collapse.children(nodes, x, &mut children);
+        assert!((2..=LANES).contains(&children.len()));
+        2.0 * area + children.iter().map(|c| walk(nodes, collapse, c.node, grafts, met)).sum::<f64>()
+    }
+
+    #[test]
+    fn grafts_are_single_children_and_the_rest_is_decided_for_at_least_cost() {
+        let mut state = 9u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        let mut references: Vec<Reference> = (0..5000)
+            .map(|id| {
+                let at = Vec3::new(next(), next(), next());
+                let (a, b) = (Box3 { min: at, max: at + 0.03 * next() }, Box3 { min: at, max: at + 0.05 * next() });
+                Reference::new(LinearBox3 { begin: a, end: b }, id)
+            })
+            .collect();
+        let nodes = build_binary(&mut references, 4..=4);
+        let new = || Collapse::new(&nodes, PRICES, leaf_cost);
+        // With the cost that they have anyway, taken as single children.
+        let mut grafts = Vec::new();
+        let mut x = 0;
+        while (x as usize) < nodes.len() {
+            let node = &nodes[x as usize];
+            let skip = if node.right == 0 { 1 } else { skipped(&nodes, x) };
+            if (100..400).contains(&node.count) {
+                grafts.push(Graft { node: x, cost: new().cost(x) });
+                x += skip;
+            } else {
+                x += 1;
+            }
+        }
+        assert!(grafts.len() > 8);
+        let mut free = new();
+        let before = free.total();
+        free.graft(&nodes, PRICES, &[]);
+        assert_eq!(free.total(), before);
+        for some in [&grafts[..1], &grafts[3..5], &grafts[..]] {
+            let mut collapse = new();
+            collapse.graft(&nodes, PRICES, some);
+            let mut met = Vec::new();
+            let cost = walk(&nodes, &collapse, 0, some, &mut met);
+            met.sort_unstable();
+            assert_eq!(met, some.iter().map(|g| g.node).collect::<Vec<_>>());
+            assert!((cost / f64::from(collapse.total()) - 1.0).abs() < 1e-4, "{cost} {}", collapse.total());
+            // Nothing gained, and lost no more than a level of nodes over the grafts.
+            assert!(collapse.total() >= before * 0.9999 && collapse.total() < before * 1.3, "{}", collapse.total());
+        }
+    }
+
+    /// Number of nodes of a subtree.
+    fn skipped(nodes: &[BinaryNode], x: u32) -> u32 {
+        let node = &nodes[x as usize];
+        if node.right == 0 { 1 } else { node.right + skipped(nodes, x + node.right) }
+    }
+}

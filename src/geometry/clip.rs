@@ -1,0 +1,98 @@
+//! Clipping a triangle to a box: the "perfect splits" of k-d construction.
+
+use super::box3::{Box3, ULP};
+use glam::Vec3;
+
+/// Bounds of the part of a triangle inside `cell`; empty where they do not meet.
+///
+/// Sutherland and Hodgman's clipping against the six faces in turn: at most nine corners. New corners
+/// are put exactly on their face; their other coordinates carry the rounding of one interpolation
+/// (three operations at sizes of at most twice the triangle's largest coordinate), so the result is padded by 8 ULP of
+/// that inside the cell.
+pub(crate) fn clip_triangle(corners: [Vec3; 3], cell: Box3) -> Box3 {
+    let whole = corners.into_iter().fold(Box3::EMPTY, Box3::include);
+    let bounds = whole.intersection(cell);
+    if bounds.is_empty() || (bounds.min == whole.min && bounds.max == whole.max) {
+        return bounds;
+    }
+    let mut polygon = [Vec3::ZERO; 9];
+    polygon[..3].copy_from_slice(&corners);
+    let mut n = 3;
+    for axis in 0..3 {
+        for (sign, face) in [(1.0, cell.min[axis]), (-1.0, cell.max[axis])] {
+            if sign * whole_end(whole, axis, sign) >= sign * face {
+                continue;
+            }
+            let mut kept = [Vec3::ZERO; 9];
+            let mut m = 0;
+            for i in 0..n {
+                let (p, q) = (polygon[i], polygon[(i + 1) % n]);
+                let (dp, dq) = (sign * (p[axis] - face), sign * (q[axis] - face));
+                if dp >= 0.0 && m < 9 {
+                    kept[m] = p;
+                    m += 1;
+                }
+                if (dp >= 0.0) != (dq >= 0.0) && m < 9 {
+                    let mut cut = p + (q - p) * (dp / (dp - dq));
+                    cut[axis] = face;
+                    kept[m] = cut;
+                    m += 1;
+                }
+            }
+            (polygon, n) = (kept, m);
+            if n == 0 {
+                return Box3::EMPTY;
+            }
+        }
+    }
+    polygon[..n].iter().fold(Box3::EMPTY, |b, &p| b.include(p)).pad(8.0 * ULP * whole.magnitude()).intersection(bounds)
+}
+
+/// The extreme of the box on the side that a face of this sign cuts off.
+fn whole_end(whole: Box3, axis: usize, sign: f32) -> f32 {
+    if sign > 0.0 { whole.min[axis] } else { whole.max[axis] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_diagonal_triangle_leaves_a_corner_of_the_cell() {
+        let cell = Box3 { min: Vec3::ZERO, max: Vec3::ONE };
+        let corners = [Vec3::new(0.8, 0.0, 0.5), Vec3::new(0.0, 0.8, 0.5), Vec3::new(-3.0, -3.0, 0.5)];
+        let part = clip_triangle(corners, Box3 { min: Vec3::new(0.5, 0.0, 0.0), ..cell });
+        assert!((part.max.y - 0.3).abs() < 1e-5 && part.max.x == 0.8, "{part:?}");
+        let past = [Vec3::new(2.0, 0.5, 0.5), Vec3::new(0.5, 2.0, 0.5), Vec3::new(2.0, 2.0, 0.5)];
+        assert!(clip_triangle(past, cell).is_empty(), "the boxes overlap, the triangle does not");
+        assert_eq!(clip_triangle([Vec3::splat(0.5); 3], cell).min, Vec3::splat(0.5));
+    }
+
+    #[test]
+    fn every_sampled_point_inside_the_cell_is_kept() {
+        let mut state = 3u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        let mut inside = 0;
+        for _ in 0..2000 {
+            let mut point = || Vec3::new(next(), next(), next());
+            let (corners, a, b) = ([point(), point(), point()], point(), point());
+            let cell = Box3 { min: a.min(b), max: a.max(b) };
+            let part = clip_triangle(corners, cell);
+            for i in 0..=16 {
+                for j in 0..=16 - i {
+                    let (u, v) = (i as f32 / 16.0, j as f32 / 16.0);
+                    let p = corners[0] * (1.0 - u - v) + corners[1] * u + corners[2] * v;
+                    if p.cmpge(cell.min).all() && p.cmple(cell.max).all() {
+                        inside += 1;
+                        let grown = part.pad(2.0 * ULP);
+                        assert!(p.cmpge(grown.min).all() && p.cmple(grown.max).all(), "{p} {part:?} {cell:?}");
+                    }
+                }
+            }
+        }
+        assert!(inside > 1000);
+    }
+}

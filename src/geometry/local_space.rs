@@ -1,0 +1,171 @@
+//! Tree space: world coordinates scaled by a power of two so that the farthest vertex has coordinates of about 1,
+//! and moved where that costs nothing.
+//!
+//! Coordinates given in f32 keep every bit. They are moved along an axis only where all of them lie within a factor of
+//! two of each other: then the difference of any two is exact (Sterbenz, "Floating-point computation", 1974). They are
+//! scaled down only as far as the smallest of them stays a normal number. Coordinates given in f64 are moved to the
+//! centre of what they span and rounded there.
+
+use super::aabb::Aabb;
+use crate::limits::MAX_COORDINATE;
+use glam::{DVec3, Vec3};
+
+/// The map from world to tree space: `(x - origin) * scale`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Frame {
+    /// World position of the tree's zero.
+    pub origin: DVec3,
+    /// A power of two.
+    pub scale: f64,
+    /// No coordinate of a vertex is larger in tree space: 1, except where huge and tiny coordinates together leave no
+    /// room for scaling.
+    pub reach: f32,
+    /// Everything at every time, in world space.
+    pub bounds: Aabb,
+}
+
+impl Frame {
+    /// Tree space is world space, up to a distance of 1 from zero.
+    pub const WORLD: Frame =
+        Frame { origin: DVec3::ZERO, scale: 1.0, reach: 1.0, bounds: Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE } };
+
+    /// The frame of coordinates in f64 with these bounds (within [`MAX_COORDINATE`]).
+    pub fn around(swept: Aabb) -> Frame {
+        if swept.min.cmpgt(swept.max).any() {
+            return Frame::WORLD;
+        }
+        // Rounded to f32 where that moves it little, so that coordinates on a coarse grid stay on it.
+        let centre = swept.min * 0.5 + swept.max * 0.5;
+        let rounded = centre.as_vec3().as_dvec3();
+        let size = (swept.max - swept.min).max_element();
+        let origin = if (rounded - centre).abs().max_element() * 64.0 <= size { rounded } else { centre };
+        Frame::scaled(swept, origin, f64::INFINITY)
+    }
+
+    /// The frame of coordinates in f32 with these bounds, none of which is nearer to zero than `least` unless it is
+    /// zero. Maps all of them exactly.
+    pub fn exact(swept: Aabb, least: f64) -> Frame {
+        if swept.min.cmpgt(swept.max).any() {
+            return Frame::WORLD;
+        }
+        let (mut origin, mut least) = (DVec3::ZERO, least);
+        for axis in 0..3 {
+            let (low, high) = (swept.min[axis], swept.max[axis]);
+            let nearest = low.max(-high);
+            if nearest > 0.0 && low.abs().max(high.abs()) <= 2.0 * nearest {
+                origin[axis] = f64::from((low * 0.5 + high * 0.5) as f32);
+                // Differences are multiples of the spacing of f32 there.
+                least = least.min(nearest * f64::from(f32::EPSILON) * 0.5);
+            }
+        }
+        Frame::scaled(swept, origin, least)
+    }
+
+    /// Scaled so that the farthest coordinate is at most 1, or as near to that as `least` stays normal in f32.
+    fn scaled(swept: Aabb, origin: DVec3, least: f64) -> Frame {
+        let reach = (swept.max - origin).max(origin - swept.min).max_element();
+        debug_assert!(reach <= 4.0 * MAX_COORDINATE);
+        let (exponent, fraction) = (exponent(reach), reach.to_bits() << 12);
+        let to_one = if reach > 0.0 { (exponent + i64::from(fraction != 0)).max(LEAST_EXPONENT) } else { 0 };
+        let exact = (self::exponent(least) - i64::from(f32::MIN_EXP - 1)).max(0);
+        let scale = f64::from_bits(((1023 - to_one.min(exact)) as u64) << 52);
+        Frame { origin, scale, reach: ((reach * scale) as f32).next_up().max(1.0), bounds: swept }
+    }
+
+    /// A world point in tree space, rounded to nearest.
+    #[inline(always)]
+    pub fn point(self, p: DVec3) -> Vec3 {
+        ((p - self.origin) * self.scale).as_vec3()
+    }
+
+    /// A tree-space point in world space.
+    #[inline]
+    pub fn to_world(self, p: Vec3) -> DVec3 {
+        p.as_dvec3() / self.scale + self.origin
+    }
+
+    /// A world box in tree space, faces rounded outward.
+    ///
+    /// `p - origin` is rounded once in f64, the scaling is exact, and the conversion to f32 is corrected
+    /// outward by a whole f32 step, 2^29 times the f64 rounding.
+    pub fn outward(self, b: Aabb) -> (Vec3, Vec3) {
+        let low = self.point(b.min);
+        let high = self.point(b.max);
+        (low.map(f32::next_down), high.map(f32::next_up))
+    }
+}
+
+/// Smaller scenes are scaled like those of this exponent, the least of f32.
+const LEAST_EXPONENT: i64 = -149;
+
+/// `e` of a positive normal number in `[2^e, 2^(e + 1))`.
+fn exponent(x: f64) -> i64 {
+    (x.to_bits() >> 52) as i64 - 1023
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_of_any_size_fill_the_unit_cube() {
+        for size in [1e-40, 1e-28, 1e-9, 0.7, 1.0, 1.5, 4096.0, 3e29] {
+            for at in [0.0, 0.3, -1e6 * size, 1e10 * size] {
+                if at + size == at || size < f64::abs(at) * 1e-12 || f64::abs(at) > MAX_COORDINATE {
+                    continue;
+                }
+                let b = Aabb { min: DVec3::splat(at), max: DVec3::splat(at + size) };
+                let frame = Frame::around(b);
+                let (low, high) = (frame.point(b.min), frame.point(b.max));
+                assert!(low.abs().max_element() <= 1.0 && high.abs().max_element() <= 1.0, "{size} {at}");
+                assert!(high.max_element() > 0.2, "{size} {at}: {high}");
+                let (low, high) = frame.outward(b);
+                let back = Aabb { min: frame.to_world(low), max: frame.to_world(high) };
+                assert!(back.contains(b.min) && back.contains(b.max));
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_and_nothing_have_a_frame_too() {
+        let p = DVec3::new(5.0, -3.0, 1e20);
+        let frame = Frame::around(Aabb { min: p, max: p });
+        assert!(frame.point(p).is_finite());
+        assert_eq!(Frame::around(Aabb::EMPTY).scale, 1.0);
+        let zero = Aabb { min: DVec3::ZERO, max: DVec3::ZERO };
+        for frame in [Frame::around(zero), Frame::exact(zero, f64::INFINITY)] {
+            assert_eq!((frame.scale, frame.point(DVec3::ZERO)), (1.0, Vec3::ZERO));
+        }
+    }
+
+    #[test]
+    fn numbers_in_f32_keep_every_bit() {
+        let mut state = 1u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 32) as u32
+        };
+        for round in 0..20_000 {
+            // All magnitudes together, magnitudes near each other, and what lies within a factor of two.
+            let number = |bits: u32| match round % 3 {
+                0 => f32::from_bits(bits),
+                1 => f32::from_bits(bits & 0x83ff_ffff | 0x2c00_0000),
+                _ => f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000 ^ (round as u32 % 16) << 26),
+            };
+            let points: [Vec3; 4] = core::array::from_fn(|_| Vec3::from([0; 3].map(|_| number(next()))));
+            let fine = |x: f32| x.is_finite() && f64::from(x).abs() <= MAX_COORDINATE;
+            if !points.iter().all(|p| p.to_array().into_iter().all(fine)) {
+                continue;
+            }
+            let bounds = Aabb::of_points(points.map(|p| p.as_dvec3()));
+            let least = points.iter().flat_map(|p| p.to_array()).filter(|&x| x != 0.0);
+            let least = least.fold(f64::INFINITY, |a, x| a.min(f64::from(x.abs())));
+            let frame = Frame::exact(bounds, least);
+            for p in points {
+                let inside = frame.point(p.as_dvec3());
+                assert_eq!(frame.to_world(inside), p.as_dvec3(), "{points:?} {frame:?}");
+                assert!(inside.abs().max_element() <= frame.reach);
+            }
+        }
+    }
+}

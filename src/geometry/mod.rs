@@ -1,0 +1,29 @@
+//! Shapes of space and time that everything above shares: boxes, boxes that move linearly, time intervals, keys,
+//! the local space of a tree, clipping, separating axes, Morton codes.
+//!
+//! The shutter is the normalized time range `[0, 1]` of one build. Positions are given at `n` keys
+//! spaced evenly over it (one key: nothing moves) and are linear between keys.
+
+mod aabb;
+mod box3;
+mod clip;
+mod ends;
+mod interval;
+mod keys;
+mod local_space;
+mod morton;
+mod plane;
+mod ray;
+mod separating_axes;
+
+pub use aabb::{Aabb, LinearBounds};
+pub(crate) use box3::{Box3, Extent, KERNEL_ULPS, Line, LinearBox3, ULP};
+pub(crate) use clip::clip_triangle;
+pub(crate) use ends::Ends;
+pub use interval::TimeInterval;
+pub(crate) use keys::KeyTime;
+pub(crate) use local_space::Frame;
+pub(crate) use morton::morton_code;
+pub(crate) use plane::Plane;
+pub use ray::Ray;
+pub(crate) use separating_axes::{INSTANTS, Instant, stays_clear};

@@ -1,0 +1,102 @@
+//! Whether a moving triangle stays clear of a cell that its box reaches into: separating directions.
+//!
+//! A diagonal triangle has a large box and touches few of the cells that the box overlaps. Clipping says so at one
+//! instant; a direction that separates triangle and cell at both ends of a linear motion says so for all times
+//! between: seen along a fixed direction `n` every corner moves linearly, and so does the farthest point of the
+//! cell, because which of its corners that is depends on the signs of `n` alone. Their difference is linear, and
+//! positive in between if it is at both ends.
+//!
+//! The directions tried are those of the separating axis theorem for a triangle and a box, taken half way:
+//! the triangle's normal and the products of its edges with the axes (the axes themselves are the
+//! bounding box). Any direction proves what it proves, so its own rounding does not matter.
+
+use super::box3::{Box3, ULP};
+use glam::Vec3;
+
+/// Instants that can be looked at; motion with more keys in the interval is not looked at.
+pub(crate) const INSTANTS: usize = 6;
+
+/// A triangle and a cell at one instant.
+#[derive(Clone, Copy)]
+pub(crate) struct Instant {
+    pub corners: [Vec3; 3],
+    pub cell: Box3,
+}
+
+/// Whether the triangle stays clear of the cell at the instants and at all times between successive
+/// ones, if both move linearly there up to `slack` per coordinate.
+///
+/// Where no coordinate is larger than `m`, an inner product of differences errs by less than 16 ULP of `m` times the sum of
+/// the direction's components; the margin of 64 covers the two that are compared, the rounding of a moving cell, and the
+/// kernel's own rounding that grows with the triangle ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)).
+pub(crate) fn stays_clear(instants: &[Instant], slack: f32) -> bool {
+    let Some(middle) = instants.get(instants.len() / 2) else { return false };
+    let [a, b, c] = middle.corners;
+    let edges = [b - a, c - b, a - c];
+    let largest = |i: &Instant| i.corners.into_iter().fold(i.cell, Box3::include).magnitude();
+    let magnitude = instants.iter().map(largest).fold(0.0, f32::max);
+    let clear = |n: Vec3| {
+        let size = n.abs();
+        let margin = size.element_sum() * (slack + 64.0 * ULP * magnitude);
+        let (mut above, mut below) = (true, true);
+        for Instant { corners, cell } in instants {
+            let center = (cell.min + cell.max) * 0.5;
+            let reach = size.dot((cell.max - cell.min) * 0.5) + margin;
+            let at = corners.map(|p| n.dot(p - center));
+            above &= at[0].min(at[1]).min(at[2]) > reach;
+            below &= at[0].max(at[1]).max(at[2]) < -reach;
+        }
+        above || below
+    };
+    clear(edges[0].cross(edges[1]))
+        || edges.into_iter().any(|e| {
+            // e x X, e x Y, e x Z.
+            clear(Vec3::new(0.0, e.z, -e.y)) || clear(Vec3::new(-e.z, 0.0, e.x)) || clear(Vec3::new(e.y, -e.x, 0.0))
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::clip::clip_triangle;
+
+    fn next(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    fn point(state: &mut u64) -> Vec3 {
+        Vec3::new(next(state), next(state), next(state))
+    }
+
+    #[test]
+    fn what_is_called_clear_never_touches_and_diagonals_are_found() {
+        let mut state = 1;
+        let (mut clear, mut boxes) = (0, 0);
+        for _ in 0..20_000 {
+            let [a, b, c] = core::array::from_fn(|_| point(&mut state));
+            let motion = point(&mut state) * 0.2;
+            let low = point(&mut state);
+            let cell = Box3 { min: low, max: low + Vec3::splat(0.3) };
+            let drift = point(&mut state) * 0.1;
+            let moved = Box3 { min: cell.min + drift, max: cell.max + drift };
+            let end = [a + motion, b + motion * 0.5, c - motion];
+            let instants = [Instant { corners: [a, b, c], cell }, Instant { corners: end, cell: moved }];
+            let sampled = (0..=32).any(|i| {
+                let w = i as f32 / 32.0;
+                let corners = core::array::from_fn(|k| instants[0].corners[k].lerp(end[k], w));
+                let cell = Box3 { min: cell.min + drift * w, max: cell.max + drift * w };
+                !clip_triangle(corners, cell).is_empty()
+            });
+            let overlap =
+                |i: Instant| !i.corners.into_iter().fold(Box3::EMPTY, Box3::include).intersection(i.cell).is_empty();
+            let found = stays_clear(&instants, 0.0);
+            assert!(!(found && sampled), "{a} {b} {c} {cell:?}");
+            if instants.into_iter().any(overlap) && !sampled {
+                boxes += 1;
+                clear += u32::from(found);
+            }
+        }
+        assert!(boxes > 500 && clear * 10 > boxes * 7, "{clear} of {boxes} found");
+    }
+}

@@ -1,0 +1,155 @@
+//! Checking a finished tree: is it a tree, and is everything in it at every time?
+//!
+//! Used after builds in the tests, and for those who change the builder.
+
+use super::kd::{KdTree, KdView};
+use crate::geometry::{Box3, TimeInterval, ULP};
+use crate::limits::DEPTH_LIMIT;
+use crate::primitive::PrimitiveSet;
+use core::fmt;
+
+/// What is wrong with a tree ([`RayTree::validate`](crate::RayTree::validate)). It would be a defect of this crate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum ValidationError {
+    /// A node is reached twice, never, or points outside the tree.
+    Links {
+        /// The node.
+        node: usize,
+    },
+    /// The tree is deeper than it says or than a traversal can follow.
+    Depth {
+        /// Depth of a leaf.
+        depth: usize,
+    },
+    /// A leaf's references lie outside the array, overlap another leaf's, or name no primitive.
+    References {
+        /// The leaf.
+        node: usize,
+    },
+    /// A primitive is in a leaf's cell at some time without a reference that counts then.
+    Missing {
+        /// The primitive's id.
+        primitive: u32,
+        /// The time.
+        time: f32,
+        /// The leaf.
+        node: usize,
+    },
+}
+
+impl fmt::Display for ValidationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            ValidationError::Links { node } => write!(f, "node {node} is not linked exactly once"),
+            ValidationError::Depth { depth } => write!(f, "a leaf at depth {depth} is too deep"),
+            ValidationError::References { node } => write!(f, "the references of leaf {node} are not its own"),
+            ValidationError::Missing { primitive, time, node } => {
+                write!(f, "leaf {node} misses primitive {primitive} at time {time}")
+            }
+        }
+    }
+}
+
+impl std::error::Error for ValidationError {}
+
+/// Cells are shrunk by this before anything is missed in them: what only touches a face, give or take the rounding of
+/// clipping, may be on its other side.
+const MARGIN: f32 = 128.0 * ULP;
+/// Times per primitive that are looked at, besides begin, middle and end.
+const TIMES: usize = 24;
+
+impl KdTree {
+    /// Checks links, depth, references, and at a number of times per primitive (among them those at which its
+    /// references begin and end) that every leaf whose cell it is in has it.
+    pub fn validate(&self, set: &impl PrimitiveSet) -> Result<(), ValidationError> {
+        self.validate_links(set.len())?;
+        let mut changes: Vec<(u32, f32)> = Vec::with_capacity(2 * self.references.len());
+        for r in &self.references {
+            changes.extend([r.begin, r.end, r.end.next_down()].map(|t| (r.id, t.min(1.0))));
+        }
+        changes.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        changes.dedup();
+        let mut rest = changes.as_slice();
+        for id in 0..set.len() as u32 {
+            let active = set.active(id);
+            let own = rest.iter().position(|&(of, _)| of != id).unwrap_or(rest.len());
+            let (mine, others) = rest.split_at(own);
+            rest = others;
+            let step = mine.len().div_ceil(TIMES).max(1);
+            let middle = active.begin() + 0.5 * active.duration();
+            let times = mine.iter().step_by(step).map(|&(_, t)| t).chain([active.begin(), middle, active.end()]);
+            for time in times.filter(|&t| active.contains(t)) {
+                self.find_missing(set, id, time)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn validate_links(&self, primitives: usize) -> Result<(), ValidationError> {
+        let mut reached = vec![false; self.nodes.len()];
+        let mut owned = vec![false; self.references.len()];
+        let mut stack = vec![(0usize, 0usize)];
+        while let Some((node, depth)) = stack.pop() {
+            match reached.get_mut(node) {
+                Some(seen) if !*seen => *seen = true,
+                _ => return Err(ValidationError::Links { node }),
+            }
+            match self.nodes[node].view() {
+                KdView::Inner { right, plane } => {
+                    if right as usize <= node + 1 || !plane.position.is_finite() || !plane.velocity.is_finite() {
+                        return Err(ValidationError::Links { node });
+                    }
+                    stack.extend([(right as usize, depth + 1), (node + 1, depth + 1)]);
+                }
+                KdView::Leaf { first, count } => {
+                    if depth > self.depth as usize || depth > DEPTH_LIMIT {
+                        return Err(ValidationError::Depth { depth });
+                    }
+                    let wrong = ValidationError::References { node };
+                    let range = first as usize..first as usize + count as usize;
+                    let own = owned.get_mut(range.clone()).ok_or(wrong)?;
+                    let fine = self.references[range].iter().all(|r| (r.id as usize) < primitives && r.begin < r.end);
+                    if own.iter().any(|&o| o) || !fine {
+                        return Err(wrong);
+                    }
+                    own.fill(true);
+                }
+            }
+        }
+        match reached.iter().position(|&seen| !seen) {
+            Some(node) => Err(ValidationError::Links { node }),
+            None => Ok(()),
+        }
+    }
+
+    /// Descends to all leaves that the primitive reaches into at one time.
+    fn find_missing(&self, set: &impl PrimitiveSet, id: u32, time: f32) -> Result<(), ValidationError> {
+        let Some(instant) = TimeInterval::half_open(time, time.next_up()) else { return Ok(()) };
+        let bounds = set.bounds(id, instant).begin;
+        let mut stack = vec![(0usize, self.root)];
+        while let Some((node, cell)) = stack.pop() {
+            let shrunk = cell.pad(-MARGIN);
+            if bounds.intersection(shrunk).is_empty() {
+                continue;
+            }
+            match self.nodes[node].view() {
+                KdView::Inner { plane, right } => {
+                    let at = plane.at(time) as f32;
+                    let (mut below, mut above): (Box3, Box3) = (cell, cell);
+                    below.max[plane.axis] = below.max[plane.axis].min(at);
+                    above.min[plane.axis] = above.min[plane.axis].max(at);
+                    stack.extend([(right as usize, above), (node + 1, below)]);
+                }
+                KdView::Leaf { first, count } => {
+                    let references = &self.references[first as usize..][..count as usize];
+                    let there = references.iter().any(|r| r.id == id && r.lives_at(time));
+                    if !there && !set.clipped(id, time, shrunk).is_empty() {
+                        return Err(ValidationError::Missing { primitive: id, time, node });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}

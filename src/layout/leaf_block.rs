@@ -1,0 +1,153 @@
+//! Writes leaf blocks: what a set of primitives stores of itself in the arena.
+
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
+use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
+use crate::simd::{Arena, LANES, Lanes};
+use glam::Vec3;
+
+/// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
+pub(crate) trait WideSource: PrimitiveSet {
+    /// Whether leaf blocks may be lists of ids.
+    const LISTS: bool;
+    /// Number of linear pieces of all motions, for each of which it is kept in which leaf block it is; none where
+    /// nobody asks. Known from [`WideSource::piece`].
+    fn pieces(&self) -> usize {
+        0
+    }
+    /// The piece of a primitive's motion in a key segment.
+    fn piece(&self, id: u32, _: usize) -> usize {
+        id as usize
+    }
+    /// Drops what leaf blocks hold now.
+    fn written(&mut self) {}
+    /// Writes a leaf block for the key segment that begins at key `segment`; nothing where the arena is full.
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef>;
+}
+
+impl WideSource for Triangles {
+    const LISTS: bool = false;
+
+    fn pieces(&self) -> usize {
+        Triangles::pieces(self)
+    }
+
+    #[inline]
+    fn piece(&self, id: u32, segment: usize) -> usize {
+        Triangles::piece(self, id, segment)
+    }
+
+    fn written(&mut self) {
+        self.drop_vertices();
+    }
+
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef> {
+        let most = ids.iter().map(|&id| Triangles::keys(self, id)).max().unwrap_or(1);
+        let n = ids.len();
+        arena.align();
+        if most <= 2
+            && let Some(shared) = Shared::of(self, ids)
+        {
+            return shared.write(self, arena, ids, most);
+        }
+        let (kind, rows) = match most {
+            1 => (Kind::StillLeaf, CORNER_ROWS),
+            2 => (Kind::Leaf, 2 * CORNER_ROWS),
+            _ => (Kind::OwnLeaf, 2 * CORNER_ROWS),
+        };
+        let at = arena.grow(rows * n + n + usize::from(kind == Kind::OwnLeaf));
+        let (first_key, last_key) = arena.floats_mut()[at..at + rows * n].split_at_mut(CORNER_ROWS * n);
+        for (lane, &id) in ids.iter().enumerate() {
+            let [first, last] = self.corners_around(id, segment);
+            write_corners(first_key, n, lane, first);
+            if kind != Kind::StillLeaf {
+                write_corners(last_key, n, lane, last);
+            }
+        }
+        arena.ints_mut()[at + rows * n..][..n].copy_from_slice(ids);
+        if kind == Kind::OwnLeaf {
+            arena.ints_mut()[at + rows * n + n] = most as u32 - 1;
+        }
+        ChildRef::new(kind, at, n)
+    }
+}
+
+/// The different vertices of a few triangles.
+struct Shared {
+    /// Their numbers, and how far apart their keys are.
+    vertices: Lanes<u32>,
+    strides: Lanes<u32>,
+    count: usize,
+    /// The vertices of each triangle, four bits each.
+    corners: Lanes<u32>,
+}
+
+impl Shared {
+    /// Nothing where there are too many, or as many as corners: then each triangle has its own.
+    fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
+        let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
+        // A bit for each vertex that was there, so that most of those that were not need not be looked for.
+        let mut seen = 0u64;
+        for (corners, &id) in shared.corners.iter_mut().zip(ids) {
+            let stride = set.stride(id) as u32;
+            for (i, vertex) in set.vertices(id).into_iter().enumerate() {
+                let bit = 1u64 << (vertex % 64);
+                let known = match seen & bit {
+                    0 => None,
+                    _ => shared.vertices[..shared.count].iter().position(|&v| v == vertex),
+                };
+                seen |= bit;
+                let place = match known {
+                    Some(place) => place,
+                    None if shared.count == LANES => return None,
+                    None => {
+                        shared.vertices[shared.count] = vertex;
+                        shared.strides[shared.count] = stride;
+                        shared.count += 1;
+                        shared.count - 1
+                    }
+                };
+                *corners |= (place as u32) << (4 * i);
+            }
+        }
+        (shared.count < 3 * ids.len()).then_some(shared)
+    }
+
+    /// Writes the block, of one or two keys.
+    fn write(&self, set: &Triangles, arena: &mut Arena, ids: &[u32], keys: usize) -> Option<ChildRef> {
+        let (v, n) = (self.count, ids.len());
+        let row = keys * VERTEX_ROWS * v;
+        let at = arena.grow(row + 2 * n);
+        for (key, words) in arena.floats_mut()[at..at + row].chunks_exact_mut(VERTEX_ROWS * v).enumerate() {
+            for lane in 0..v {
+                let position = set.position(self.vertices[lane], key * self.strides[lane] as usize);
+                for axis in 0..3 {
+                    words[axis * v + lane] = position[axis];
+                }
+            }
+        }
+        let words = &mut arena.ints_mut()[at + row..];
+        words[..n].copy_from_slice(&self.corners[..n]);
+        words[0] |= (n as u32 - 1) << 12;
+        words[n..2 * n].copy_from_slice(ids);
+        ChildRef::new(if keys == 1 { Kind::SharedStillLeaf } else { Kind::SharedLeaf }, at, v)
+    }
+}
+
+impl<P: Primitive> WideSource for Shapes<P> {
+    const LISTS: bool = true;
+
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: usize) -> Option<ChildRef> {
+        arena.align();
+        let at = arena.grow(ids.len());
+        arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);
+        ChildRef::new(Kind::OwnLeaf, at, ids.len())
+    }
+}
+
+/// Writes the corners of one triangle into lane `lane` of nine rows of `n`.
+#[inline(always)]
+fn write_corners(words: &mut [f32], n: usize, lane: usize, [a, b, c]: [Vec3; 3]) {
+    for (row, x) in words.chunks_exact_mut(n).zip([a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z]) {
+        row[lane] = x;
+    }
+}

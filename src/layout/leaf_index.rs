@@ -1,0 +1,186 @@
+//! Walks a finished tree once: how deep it is, what it holds, and in which leaf block each triangle is.
+
+use super::leaf_block::WideSource;
+use super::statistics::Statistics;
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS};
+use super::wide_tree::{Survey, WideTree};
+use crate::parallel;
+use crate::simd::{LANES, huge_vec};
+use core::sync::atomic::{AtomicU32, Ordering};
+
+/// A block to be visited.
+#[derive(Clone, Copy)]
+struct Visit {
+    at: ChildRef,
+    depth: u32,
+    /// The part of the time node next above.
+    part: u32,
+}
+
+/// A leaf block, and the key segment that it is of in its part of the shutter.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Leaf {
+    at: u32,
+    segment: u32,
+}
+
+/// What is found in a subtree.
+#[derive(Default)]
+struct Found {
+    depth: u32,
+    nodes: usize,
+    moving_nodes: usize,
+    /// Below time nodes perhaps some of them several times.
+    leaves: Vec<Leaf>,
+    time_nodes: usize,
+}
+
+/// Subtrees that are walked in parallel, at least, where there are so many.
+const SUBTREES: usize = 128;
+
+/// So many leaf blocks ahead their ids are asked for.
+const SOON: usize = 8;
+
+impl WideTree {
+    /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
+    pub(crate) fn surveyed<S: WideSource>(&self, set: &S) -> (Survey, Vec<u32>) {
+        let pieces = set.pieces();
+        let nowhere = || {
+            let mut blocks = huge_vec(pieces);
+            parallel::fill(&mut blocks, pieces, |_| AtomicU32::new(ChildRef::NOTHING.0));
+            blocks
+        };
+        let (found, blocks) = parallel::both(|| self.walked(), nowhere);
+        let references = self.find_blocks(set, &found, &blocks);
+        let Found { depth, nodes, moving_nodes, .. } = found;
+        let survey = Survey { depth, nodes, moving_nodes, leaves: found.leaves.len(), references };
+        (survey, blocks.into_iter().map(AtomicU32::into_inner).collect())
+    }
+
+    /// All nodes counted, all leaf blocks noted.
+    fn walked(&self) -> Found {
+        let mut all = Found::default();
+        let mut visits = Vec::new();
+        self.meet(Visit { at: self.root, depth: 0, part: 0 }, &mut all, &mut visits);
+        // Level by level, until there are enough of them.
+        while visits.len() < SUBTREES && !visits.is_empty() {
+            let mut below = Vec::new();
+            visits.into_iter().for_each(|visit| self.visit(visit, &mut all, &mut below));
+            visits = below;
+        }
+        let found = parallel::map(visits.len(), |i| {
+            let (mut found, mut stack) = (Found::default(), vec![visits[i]]);
+            while let Some(visit) = stack.pop() {
+                self.visit(visit, &mut found, &mut stack);
+            }
+            found
+        });
+        for found in found {
+            all.depth = all.depth.max(found.depth);
+            all.nodes += found.nodes;
+            all.moving_nodes += found.moving_nodes;
+            all.time_nodes += found.time_nodes;
+            all.leaves.extend(found.leaves);
+        }
+        if all.time_nodes > 0 {
+            all.leaves.sort_unstable();
+            all.leaves.dedup();
+        }
+        all
+    }
+
+    /// Counts a node and meets its children.
+    fn visit(&self, Visit { at, depth, part }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
+        let time = at.kind() == Kind::Time;
+        found.nodes += 1;
+        found.moving_nodes += usize::from(at.kind() == Kind::Node);
+        found.time_nodes += usize::from(time);
+        for (i, &child) in self.children(at).iter().enumerate() {
+            let part = if time { i as u32 } else { part };
+            self.meet(Visit { at: ChildRef(child), depth: depth + 1, part }, found, below);
+        }
+    }
+
+    /// Notes a leaf block, without looking into it, or a node that is to be visited.
+    fn meet(&self, visit: Visit, found: &mut Found, below: &mut Vec<Visit>) {
+        let Visit { at, depth, part } = visit;
+        if at == ChildRef::NOTHING {
+            return;
+        }
+        let kind = at.kind();
+        if kind.is_leaf() {
+            // Only motion of several pieces is in blocks of its own for each of them.
+            let segment = if kind == Kind::OwnLeaf { part } else { 0 };
+            found.depth = found.depth.max(depth);
+            found.leaves.push(Leaf { at: at.0, segment });
+            return;
+        }
+        let rows = match kind {
+            Kind::Node => NODE_ROWS,
+            Kind::StillNode => STILL_NODE_ROWS,
+            _ => 1,
+        };
+        self.arena.prefetch(at.at() + (rows - 1) * LANES, 1);
+        below.push(visit);
+    }
+
+    /// Asks for the ids of a leaf block, or for what says where they are: of large trees they come from memory.
+    fn expect_ids(&self, block: u32) {
+        let block = ChildRef(block);
+        let rows = match block.kind() {
+            Kind::Leaf | Kind::OwnLeaf => 2 * CORNER_ROWS,
+            Kind::StillLeaf => CORNER_ROWS,
+            Kind::SharedLeaf => 2 * VERTEX_ROWS,
+            Kind::SharedStillLeaf => VERTEX_ROWS,
+            Kind::Node | Kind::StillNode | Kind::Time => return,
+        };
+        self.arena.prefetch(block.at() + rows * block.len(), 2);
+    }
+
+    /// Writes down a leaf block for each piece of motion, and returns how many primitives there are in all blocks
+    /// together. Of several blocks that may have one piece it is the first, so that it does not matter who looks where.
+    fn find_blocks<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> usize {
+        let several = self.cut || found.time_nodes > 0;
+        let references = parallel::chunks(found.leaves.len(), |range| {
+            let leaves = &found.leaves[range];
+            let mut references = 0;
+            for (i, leaf) in leaves.iter().enumerate() {
+                if let Some(soon) = leaves.get(i + SOON) {
+                    self.expect_ids(soon.at);
+                }
+                let ids = self.ids::<S>(ChildRef(leaf.at)).unwrap_or(&[]);
+                references += ids.len();
+                for &id in if blocks.is_empty() { &[] } else { ids } {
+                    let block = &blocks[set.piece(id, leaf.segment as usize)];
+                    if several {
+                        block.fetch_min(leaf.at, Ordering::Relaxed);
+                    } else {
+                        block.store(leaf.at, Ordering::Relaxed);
+                    }
+                }
+            }
+            references
+        });
+        references.into_iter().sum()
+    }
+
+    /// The figures of the tree.
+    pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
+        let Survey { depth, nodes, leaves, references, .. } = self.survey;
+        let duplicates = references - set.len().min(references);
+        Statistics {
+            primitives: set.len(),
+            nodes,
+            leaves,
+            empty_leaves: 0,
+            depth,
+            references,
+            duplicates: duplicates as f64 / references.max(1) as f64,
+            timed: 0.0,
+            duplication_time: 0.0,
+            propagation_time: 0.0,
+            bytes: self.arena.bytes(),
+            primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>(),
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! The layouts that queries walk, what they hold in numbers, and their validation: the paper's k-d tree, and the wide
+//! tree.
+//!
+//! The wide tree has sixteen-way nodes with boxes that move linearly, and leaf blocks of up to sixteen
+//! primitives, all in one arena. The picture to have in mind: a node is twelve rows of sixteen floats (lower and upper
+//! faces at time 0, and how fast each moves) and a row of references to its children; one SIMD step tests a ray against
+//! all sixteen boxes at the ray's own time. Where nothing moves the six velocity rows are left out. A leaf
+//! block holds its triangles' corners in rows too, at both ends of their motion, and is tested in one
+//! step; where triangles share vertices it holds each vertex once. A time node picks one child by the ray's time, and
+//! may stand anywhere in the tree; its children may share leaf blocks.
+//!
+//! A draft (`crate::time`) is written as `wide_node` and `leaf_block` say (`wide_builder`, `write`) and put together
+//! (`serialize`). Then the tree is walked once (`leaf_index`): leaf blocks are the only place where corners are kept, and
+//! whoever wants those of a triangle finds them there (`corners`).
+
+mod corners;
+mod kd;
+mod kd_validate;
+mod leaf_block;
+mod leaf_index;
+mod serialize;
+mod statistics;
+mod tree_box;
+mod wide_builder;
+mod wide_node;
+mod wide_tree;
+mod wide_validate;
+mod write;
+
+pub(crate) use kd::{KdNode, KdReference, KdTree, KdView};
+pub use kd_validate::ValidationError;
+pub(crate) use leaf_block::WideSource;
+pub(crate) use statistics::BuildTimes;
+pub use statistics::Statistics;
+pub use tree_box::TreeBox;
+pub(crate) use wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};
+pub(crate) use wide_tree::WideTree;

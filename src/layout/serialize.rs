@@ -1,0 +1,184 @@
+//! Puts together what several threads write.
+//!
+//! Each task is written into an arena of its own that stays in the cache. As soon as all before it are in place it is
+//! put behind them, and the references in its nodes are moved along: the order is that of the tasks, whoever wrote
+//! them. A small arena whose blocks are in place is written over by the next task.
+
+use super::wide_node::{ChildRef, NODE_ROWS, children_mut};
+use crate::error::BuildError;
+use crate::parallel;
+use crate::simd::{Arena, LANES};
+use core::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// At most so many tasks, and no more than every fourth, are written first. They tell how much room all of them take;
+/// the fewer they are, the more is put in place while it is in the cache.
+const FIRST: usize = 16;
+
+/// Blocks written apart, not yet in their place.
+#[derive(Default)]
+pub(crate) struct Apart {
+    pub arena: Arena,
+    /// The nodes in it.
+    pub nodes: Vec<ChildRef>,
+    /// What is asked for above: the root of a subtree, or leaf blocks.
+    pub tops: Vec<ChildRef>,
+}
+
+impl Apart {
+    fn clear(&mut self) {
+        self.arena.clear();
+        self.nodes.clear();
+        self.tops.clear();
+    }
+}
+
+/// What is written apart and waits for its turn, and what can be written over.
+struct Waiting {
+    done: Vec<Option<Apart>>,
+    spare: Vec<Apart>,
+}
+
+/// Where things are put in order.
+struct InOrder<'a> {
+    arena: &'a mut Arena,
+    /// How large the tasks are, relative to each other.
+    sizes: &'a [u32],
+    next: usize,
+    tops: Vec<ChildRef>,
+    /// Words, and sizes, of what is in place.
+    words: usize,
+    placed: f64,
+}
+
+impl InOrder<'_> {
+    /// Puts in place all whose turn it is. Children that are not `inside` lie in the arena already.
+    fn put(&mut self, waiting: &Mutex<Waiting>, inside: impl Fn(ChildRef) -> bool) -> Result<(), BuildError> {
+        loop {
+            let ready = locked(waiting).done.get_mut(self.next).and_then(Option::take);
+            let Some(mut apart) = ready else { return Ok(()) };
+            let words = apart.arena.len() + LANES;
+            self.words += words;
+            self.placed += f64::from(self.sizes[self.next]);
+            if self.arena.room() < words {
+                // Less was expected. By now what is in place tells what the rest takes.
+                let rest = total(&self.sizes[self.next + 1..]) * (self.words as f64 / self.placed.max(1.0));
+                self.arena.reserve_exact(words + (rest * SPARE) as usize + above(self.sizes.len()));
+            }
+            let by = self.arena.append(&apart.arena);
+            let moved = |child: ChildRef| child.moved(by).ok_or(BuildError::TooLargeTree);
+            for &node in &apart.nodes {
+                for word in children_mut(self.arena, moved(node)?) {
+                    let child = ChildRef(*word);
+                    if child != ChildRef::NOTHING && inside(child) {
+                        *word = moved(child)?.0;
+                    }
+                }
+            }
+            for &top in &apart.tops {
+                self.tops.push(moved(top)?);
+            }
+            self.next += 1;
+            apart.clear();
+            locked(waiting).spare.push(apart);
+        }
+    }
+}
+
+/// What is reserved, relative to what is expected.
+const SPARE: f64 = 1.015;
+
+/// The sum of sizes.
+fn total<'a>(sizes: impl IntoIterator<Item = &'a u32>) -> f64 {
+    sizes.into_iter().map(|&size| f64::from(size)).sum()
+}
+
+/// Words of the nodes above so many subtrees, at most about.
+fn above(subtrees: usize) -> usize {
+    (subtrees / 4 + 1) * NODE_ROWS * LANES
+}
+
+fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What panicked elsewhere goes on doing so there.
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Writes tasks apart and puts them in place in order; returns what is asked for above. `sizes` says how large they are,
+/// relative to each other, and `inside` which children of nodes are written with them.
+///
+/// Each thread takes the next task, writes it over one that is in place already, and puts what is ready in place, unless
+/// another one is doing that: so little waits, and what is copied is still in the caches.
+pub(crate) fn write_in_order(
+    arena: &mut Arena,
+    sizes: &[u32],
+    inside: impl Fn(ChildRef) -> bool + Sync,
+    write: impl Fn(usize, &mut Apart) -> Result<(), BuildError> + Sync,
+) -> Result<Vec<ChildRef>, BuildError> {
+    let n = sizes.len();
+    let step = n.div_ceil(FIRST).max(4);
+    let first = parallel::map(n.div_ceil(step), |i| {
+        let mut apart = Apart::default();
+        write(i * step, &mut apart).map(|()| apart)
+    });
+    let first = first.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
+    let words: usize = first.iter().map(|apart| apart.arena.len() + LANES).sum();
+    let expected = words as f64 * (total(sizes) / total(sizes.iter().step_by(step)).max(1.0));
+    arena.reserve((expected * SPARE) as usize + above(n));
+
+    let mut done: Vec<Option<Apart>> = core::iter::repeat_with(|| None).take(n).collect();
+    done.iter_mut().step_by(step).zip(first).for_each(|(place, apart)| *place = Some(apart));
+    let waiting = Mutex::new(Waiting { done, spare: Vec::new() });
+    let in_order = InOrder { arena, sizes, next: 0, tops: Vec::with_capacity(n), words: 0, placed: 0.0 };
+    let in_order = Mutex::new(in_order);
+    let next = AtomicUsize::new(0);
+    let threads = parallel::map(parallel::threads(), |_| {
+        loop {
+            let task = next.fetch_add(1, Ordering::Relaxed);
+            if task >= n {
+                return Ok(());
+            }
+            if !task.is_multiple_of(step) {
+                let spare = locked(&waiting).spare.pop();
+                let mut apart = spare.unwrap_or_default();
+                write(task, &mut apart)?;
+                locked(&waiting).done[task] = Some(apart);
+            }
+            if let Ok(mut in_order) = in_order.try_lock() {
+                in_order.put(&waiting, &inside)?;
+            }
+        }
+    });
+    threads.into_iter().collect::<Result<(), BuildError>>()?;
+    let mut in_order = in_order.into_inner().unwrap_or_else(PoisonError::into_inner);
+    in_order.put(&waiting, &inside)?;
+    Ok(in_order.tops)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::wide_node::Kind;
+
+    #[test]
+    fn tasks_larger_than_those_written_first_follow_in_order() {
+        for n in [1, 2, 5, 64, 301] {
+            let lines = |i: usize| if i.is_multiple_of(4) { 1 } else { 1 + i };
+            let write = |i: usize, apart: &mut Apart| {
+                let at = apart.arena.grow(lines(i) * LANES);
+                apart.arena.ints_mut()[at..].fill(i as u32);
+                apart.tops.push(ChildRef::new(Kind::OwnLeaf, at, 1).ok_or(BuildError::TooLargeTree)?);
+                Ok(())
+            };
+            let mut arena = Arena::default();
+            let tops = write_in_order(&mut arena, &vec![1; n], |_| false, write).unwrap();
+            assert_eq!(tops.len(), n);
+            let mut expected = 0;
+            for (i, top) in tops.iter().enumerate() {
+                assert_eq!(top.at(), expected);
+                assert!(arena.ints()[top.at()..][..lines(i) * LANES].iter().all(|&word| word == i as u32));
+                expected += lines(i) * LANES;
+            }
+            assert_eq!(arena.len(), expected);
+        }
+    }
+}

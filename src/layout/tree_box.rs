@@ -1,0 +1,54 @@
+//! The boxes of a finished tree at one time, for whoever wants to see them.
+
+use super::wide_node::{ChildRef, Kind};
+use super::wide_tree::WideTree;
+use crate::geometry::{Aabb, Frame, KeyTime};
+use crate::simd::LANES;
+use glam::Vec3;
+
+/// The box around a node or leaf block of a [`RayTree`](crate::RayTree) at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TreeBox {
+    /// How many nodes lie above it; at least 1, since the root has no box.
+    pub level: u32,
+    /// Whether it is around a leaf block.
+    pub leaf: bool,
+    /// Where it is, in world space.
+    pub bounds: Aabb,
+}
+
+impl WideTree {
+    /// Calls `visitor` with every box that a ray of that time might be tested against.
+    pub fn boxes(&self, time: f32, frame: Frame, visitor: &mut impl FnMut(TreeBox)) {
+        let mut stack = vec![(self.root, 1)];
+        while let Some((at, level)) = stack.pop() {
+            let children = self.children(at);
+            if at == ChildRef::NOTHING || children.is_empty() {
+                continue;
+            }
+            if at.kind() == Kind::Time {
+                stack.push((ChildRef(children[KeyTime::new(time, children.len() + 1).segment]), level));
+                continue;
+            }
+            for (lane, &child) in children.iter().enumerate() {
+                let child = ChildRef(child);
+                if child == ChildRef::NOTHING {
+                    continue;
+                }
+                let [min, max] = self.lane_box(at, lane, time).map(|p| frame.to_world(p));
+                visitor(TreeBox { level, leaf: child.kind().is_leaf(), bounds: Aabb { min, max } });
+                stack.push((child, level + 1));
+            }
+        }
+    }
+
+    /// Both corners of a node's box at a time, in tree space.
+    fn lane_box(&self, node: ChildRef, lane: usize, time: f32) -> [Vec3; 2] {
+        let words = &self.arena.floats()[node.at()..];
+        let face = |row: usize| {
+            let at = words[row * LANES + lane];
+            if node.kind() == Kind::Node { at + words[(row + 6) * LANES + lane] * time } else { at }
+        };
+        [Vec3::new(face(0), face(2), face(4)), Vec3::new(face(1), face(3), face(5))]
+    }
+}

@@ -1,0 +1,288 @@
+//! From primitives to the wide layout.
+//!
+//! Primitives are grouped by how they move. What stands still or moves linearly becomes one group; meshes
+//! with more keys get a time node with one tree per key segment. Every group is first planned: the binary
+//! tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees divide the shutter
+//! ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in which they are
+//! children like leaf blocks.
+
+use super::leaf_block::WideSource;
+use super::wide_node::ChildRef;
+use super::wide_tree::{Survey, WideTree};
+use super::write::{Nodes, set_children, write_blocks, write_node, write_time};
+use crate::bvh::{BinaryNode, Graft};
+use crate::error::BuildError;
+use crate::geometry::{LinearBox3, TimeInterval};
+use crate::parallel;
+use crate::params::{BuildParams, Division};
+use crate::progress::Progress;
+use crate::simd::{Arena, LANES, huge_vec};
+use crate::time::{
+    PRICES, Plan, Region, Segments, expect, params_of_copies, part_of_shutter, plan_tree, primitives, regions,
+};
+
+/// A subtree that is written: where it is over the whole shutter, and its root.
+struct Part {
+    bounds: LinearBox3,
+    root: ChildRef,
+}
+
+impl WideTree {
+    /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each plan and each
+    /// written group.
+    pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
+        let (arena, blocks, survey) = (Arena::default(), Vec::new(), Survey::default());
+        let mut tree = WideTree { arena, root: ChildRef::NOTHING, cut: false, blocks, survey };
+        let groups = groups(set);
+        let mut parts = Vec::new();
+        for (keys, ids) in groups {
+            let share = ids.len() as f64 / set.len() as f64;
+            parts.push(match keys {
+                2 => tree.linear(set, &ids, params, &|done| step(progress, share * done))?,
+                // Motion of several pieces: each piece on its own.
+                _ => tree.in_parts(set, &ids, keys - 1, |part| part, params, &|done| step(progress, share * done))?,
+            });
+        }
+        tree.root = tree.join(parts)?;
+        tree.arena.align();
+        tree.arena.settle();
+        (tree.survey, tree.blocks) = tree.surveyed(set);
+        Ok(tree)
+    }
+
+    /// Builds primitives that stand still or move linearly.
+    fn linear<S: WideSource>(
+        &mut self,
+        set: &S,
+        ids: &[u32],
+        params: &BuildParams,
+        step: Step<'_>,
+    ) -> Result<Part, BuildError> {
+        if let Division::Copies(copies) = params.division {
+            return self.copies(set, ids, copies, params, step);
+        }
+        let mut plan = plan_tree(set, ids, TimeInterval::FULL, 0, params);
+        step(0.5)?;
+        let regions = regions(set, &plan, params);
+        step(0.25)?;
+        if let [Region { node: 0, division: Division::Copies(copies), .. }] = regions[..] {
+            // The plan goes before the copies come: one at a time takes less memory.
+            drop(plan);
+            let params = params_of_copies(params, copies);
+            return self.copies(set, ids, copies, &params, &|done| step(0.25 * done));
+        }
+        let all = plan.references.len() as f64;
+        let (mut grafts, mut roots) = (Vec::new(), Vec::new());
+        for region in regions {
+            let node = plan.binary[region.node as usize];
+            let root = match region.division {
+                Division::Copies(copies) => {
+                    let params = params_of_copies(params, copies);
+                    self.copies(set, &primitives(&plan, region.node), copies, &params, &|_| step(0.0))?.root
+                }
+                Division::Segments(parts) => {
+                    let segments = Segments::build(set, &plan, region.node, parts);
+                    self.write_segments(set, &plan, &segments)?
+                }
+                Division::Automatic | Division::Whole => continue,
+            };
+            step(0.25 * f64::from(node.count) / all)?;
+            if region.node == 0 {
+                return Ok(Part { bounds: node.bounds, root });
+            }
+            grafts.push(Graft { node: region.node, cost: region.cost });
+            roots.push((node.first, root));
+        }
+        plan.collapse.graft(&plan.binary, PRICES, &grafts);
+        let part = self.write_plan(set, &plan, &roots)?;
+        let written = grafts.iter().map(|g| f64::from(plan.binary[g.node as usize].count)).sum::<f64>();
+        step(0.25 * (1.0 - written / all))?;
+        Ok(part)
+    }
+
+    /// Builds a tree for each of equal parts of the shutter, and `segment_of` a part is the key segment that its leaf
+    /// blocks are written for.
+    fn in_parts<S: WideSource>(
+        &mut self,
+        set: &S,
+        ids: &[u32],
+        parts: usize,
+        segment_of: impl Fn(usize) -> usize,
+        params: &BuildParams,
+        step: Step<'_>,
+    ) -> Result<Part, BuildError> {
+        let mut written = Vec::with_capacity(parts);
+        for i in 0..parts {
+            let plan = plan_tree(set, ids, part_of_shutter(i, parts), segment_of(i), params);
+            let before = self.arena.len();
+            written.push(self.write_plan(set, &plan, &[])?);
+            if i == 0 {
+                // The others will be about as large; growing step by step would hold most of it twice.
+                self.arena.reserve((self.arena.len() - before) * (parts - 1) / 50 * 51);
+            }
+            step(1.0 / parts as f64)?;
+        }
+        self.over_time(written)
+    }
+
+    /// Builds copies for equal parts of the shutter over primitives that move linearly.
+    fn copies<S: WideSource>(
+        &mut self,
+        set: &S,
+        ids: &[u32],
+        copies: usize,
+        params: &BuildParams,
+        step: Step<'_>,
+    ) -> Result<Part, BuildError> {
+        self.in_parts(set, ids, copies, |_| 0, params, step)
+    }
+
+    /// Puts a time node above trees for equal parts of the shutter.
+    fn over_time(&mut self, mut parts: Vec<Part>) -> Result<Part, BuildError> {
+        if parts.len() == 1 {
+            return Ok(parts.remove(0));
+        }
+        // A line over a part says nothing outside it, so above the time node there are swept boxes.
+        let swept = parts.iter().map(|p| p.bounds.swept()).reduce(|a, b| a.union(b));
+        let roots: Vec<ChildRef> = parts.iter().map(|p| p.root).collect();
+        let root = write_time(&mut self.arena, &roots)?;
+        let bounds = swept.map_or(LinearBox3::EMPTY, |b| LinearBox3 { begin: b, end: b });
+        Ok(Part { bounds, root })
+    }
+
+    /// Writes what is planned; `grafts` are subtrees that are written already, with their first references, in order.
+    fn write_plan<S: WideSource>(
+        &mut self,
+        set: &S,
+        plan: &Plan,
+        grafts: &[(u32, ChildRef)],
+    ) -> Result<Part, BuildError> {
+        self.cut |= plan.cut;
+        let leaves = |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| {
+            // What is too large for a block is a graft; those come first.
+            let large = of.iter().take_while(|node| node.count as usize > PRICES.most).count();
+            for (node, root) in of[..large].iter().zip(&mut *blocks) {
+                let at = grafts.binary_search_by_key(&node.first, |g| g.0);
+                *root = grafts[at.expect("only a graft is larger than a block")].1;
+            }
+            leaf_blocks(arena, set, plan, &of[large..], &mut blocks[large..])
+        };
+        let nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaves, writes: true };
+        Ok(Part { bounds: plan.binary[0].bounds, root: nodes.write(&mut self.arena)? })
+    }
+
+    /// Writes the leaf blocks once and the nodes above them for each segment.
+    fn write_segments<S: WideSource>(
+        &mut self,
+        set: &S,
+        plan: &Plan,
+        segments: &Segments,
+    ) -> Result<ChildRef, BuildError> {
+        self.cut |= plan.cut;
+        let clusters = &segments.clusters;
+        let leaves =
+            |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, plan, of, blocks);
+        let blocks = write_blocks(&mut self.arena, clusters, leaves)?;
+        let mut parts = Vec::new();
+        for tree in &segments.trees {
+            let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
+                for (node, block) in of.iter().zip(known) {
+                    *block = blocks[tree.order[node.first as usize] as usize];
+                }
+                Ok(())
+            };
+            let (binary, collapse) = (&tree.binary, &tree.collapse);
+            let nodes = Nodes { binary, collapse, over: tree.over, leaves, writes: false };
+            parts.push(nodes.write(&mut self.arena)?);
+        }
+        write_time(&mut self.arena, &parts)
+    }
+
+    /// Puts a node above several trees.
+    fn join(&mut self, mut parts: Vec<Part>) -> Result<ChildRef, BuildError> {
+        while parts.len() > 1 {
+            let mut joined = Vec::new();
+            for some in parts.chunks(LANES) {
+                let boxes: Vec<LinearBox3> = some.iter().map(|p| p.bounds).collect();
+                let root = write_node(&mut self.arena, &boxes, TimeInterval::FULL)?;
+                let refs: Vec<ChildRef> = some.iter().map(|p| p.root).collect();
+                set_children(&mut self.arena, root, &refs);
+                joined.push(Part { bounds: boxes.into_iter().fold(LinearBox3::EMPTY, LinearBox3::union), root });
+            }
+            parts = joined;
+        }
+        Ok(parts.first().map_or(ChildRef::NOTHING, |p| p.root))
+    }
+}
+
+/// Says that a fraction of a group is done; an error where the build was cancelled.
+pub(crate) type Step<'a> = &'a dyn Fn(f64) -> Result<(), BuildError>;
+
+fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
+    progress.finished(done);
+    if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
+}
+
+/// The primitives by their number of keys, at least two, fewest keys first.
+fn groups<S: WideSource>(set: &S) -> Vec<(usize, Vec<u32>)> {
+    if set.linear() && set.len() > 0 {
+        let mut ids = huge_vec(set.len());
+        parallel::fill(&mut ids, set.len(), |id| id as u32);
+        return vec![(2, ids)];
+    }
+    let parts = parallel::chunks(set.len(), |ids| {
+        let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
+        for id in ids {
+            let keys = set.keys(id as u32).max(2);
+            match groups.iter_mut().find(|g| g.0 == keys) {
+                Some(group) => group.1.push(id as u32),
+                None => groups.push((keys, vec![id as u32])),
+            }
+        }
+        groups
+    });
+    let mut all: Vec<(usize, Vec<u32>)> = Vec::new();
+    for (keys, ids) in parts.into_iter().flatten() {
+        match all.iter_mut().find(|g| g.0 == keys) {
+            Some(group) => group.1.extend(ids),
+            None => all.push((keys, ids)),
+        }
+    }
+    all.sort_by_key(|g| g.0);
+    all
+}
+
+/// Writes leaf blocks. Of large scenes their primitives come from memory, so the next ones are asked for early.
+fn leaf_blocks<S: WideSource>(
+    arena: &mut Arena,
+    set: &S,
+    plan: &Plan,
+    of: &[BinaryNode],
+    blocks: &mut [ChildRef],
+) -> Result<(), BuildError> {
+    for (i, (node, block)) in of.iter().zip(blocks).enumerate() {
+        expect(set, plan, of, i);
+        let of = plan.references(node);
+        let mut ids = [0; LANES];
+        for (id, r) in ids.iter_mut().zip(of) {
+            *id = r.id();
+        }
+        let ids = &mut ids[..of.len()];
+        // Sorted, so that a block does not depend on the order in which the build met its primitives.
+        ids.sort_unstable();
+        *block = set.write_leaf(arena, distinct(ids), plan.segment).ok_or(BuildError::TooLargeTree)?;
+    }
+    Ok(())
+}
+
+/// The sorted ids without repetitions: parts of one primitive may meet in a leaf block again.
+fn distinct(ids: &mut [u32]) -> &[u32] {
+    let mut n = 0;
+    for i in 0..ids.len() {
+        if n == 0 || ids[i] != ids[n - 1] {
+            ids[n] = ids[i];
+            n += 1;
+        }
+    }
+    &ids[..n]
+}

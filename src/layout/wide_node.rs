@@ -1,0 +1,184 @@
+//! How nodes and leaf blocks lie in the arena. All begin on a cache line.
+//!
+//! | block | words |
+//! |---|---|
+//! | moving node | rows of 16: lower x, upper x, lower y .. upper z, velocities of the same six, children |
+//! | still node | rows of 16: lower x, upper x, lower y .. upper z, children |
+//! | time node | number of equal time ranges, then one child each |
+//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the begin, the same at the end, ids |
+//! | still leaf of n | rows of n: corners, ids |
+//! | moving leaf of v shared vertices | rows of v: x y z at the begin, the same at the end; rows of n: corners, ids |
+//! | still leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
+//! | own leaf of n, of triangles | as a moving leaf, for one segment between keys; behind it the number of segments |
+//! | own leaf of n, of other primitives | n ids |
+//!
+//! In blocks with shared vertices, a word of the row of corners numbers the three vertices of a triangle in its
+//! lowest bits, four each; the next four bits of the first word are n - 1.
+
+use crate::simd::{Arena, LANES};
+
+/// Rows of a node with moving boxes, and of one with still boxes; the last row holds the children.
+pub(crate) const NODE_ROWS: usize = 13;
+pub(crate) const STILL_NODE_ROWS: usize = 7;
+
+/// Rows before the ids in a leaf block.
+pub(crate) const CORNER_ROWS: usize = 9;
+
+/// Rows of one key's positions in a leaf block with shared vertices.
+pub(crate) const VERTEX_ROWS: usize = 3;
+
+/// What a reference to a child points at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Sixteen children in boxes that move.
+    Node,
+    /// Sixteen children in boxes that stand still.
+    StillNode,
+    /// A child for each part of the shutter.
+    Time,
+    /// Corners of triangles that move linearly.
+    Leaf,
+    /// Corners of triangles that stand still.
+    StillLeaf,
+    /// Vertices that move linearly, and triangles between them.
+    SharedLeaf,
+    /// Vertices that stand still, and triangles between them.
+    SharedStillLeaf,
+    /// What the set of primitives has of its own: triangles with more keys, or a list of ids.
+    OwnLeaf,
+}
+
+impl Kind {
+    pub fn is_leaf(self) -> bool {
+        !matches!(self, Kind::Node | Kind::StillNode | Kind::Time)
+    }
+}
+
+/// Where the ids of a leaf block lie.
+pub(crate) struct Ids {
+    /// The first, counted from the block's begin.
+    pub first: usize,
+    pub count: usize,
+}
+
+impl Ids {
+    /// Of a block that begins at `words[0]`; `lists` says what the set's own leaves are. Nothing where the block is
+    /// not a whole leaf.
+    pub fn of(leaf: ChildRef, words: &[u32], lists: bool) -> Option<Ids> {
+        let len = leaf.len();
+        let direct = |rows: usize| Ids { first: rows * len, count: len };
+        let shared = |rows: usize| {
+            let corners = rows * len;
+            let count = shared_count(*words.get(corners)?);
+            Some(Ids { first: corners + count, count })
+        };
+        let ids = match leaf.kind() {
+            Kind::Node | Kind::StillNode | Kind::Time => return None,
+            Kind::Leaf => direct(2 * CORNER_ROWS),
+            Kind::StillLeaf => direct(CORNER_ROWS),
+            Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
+            Kind::SharedStillLeaf => shared(VERTEX_ROWS)?,
+            Kind::OwnLeaf => direct(if lists { 0 } else { 2 * CORNER_ROWS }),
+        };
+        (ids.first + ids.count <= words.len()).then_some(ids)
+    }
+}
+
+/// Number of triangles, from the first word of the corners of a block with shared vertices.
+#[inline(always)]
+pub(crate) fn shared_count(first_corners: u32) -> usize {
+    (first_corners >> 12 & 15) as usize + 1
+}
+
+/// A reference to a child: 25 bits of cache line, 4 bits of leaf length, 3 bits of kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ChildRef(pub u32);
+
+/// Bits that number cache lines: an arena holds at most 2 GiB.
+const LINE_BITS: u32 = 25;
+
+impl ChildRef {
+    /// No child; never visited.
+    pub const NOTHING: ChildRef = ChildRef(u32::MAX);
+
+    /// A reference to a block at word `at`, which must begin a line; nothing where that is beyond what 25
+    /// bits can number.
+    pub fn new(kind: Kind, at: usize, len: usize) -> Option<ChildRef> {
+        debug_assert!(at.is_multiple_of(LANES) && (1..=LANES).contains(&len));
+        let line = u32::try_from(at / LANES).ok().filter(|&l| l < (1 << LINE_BITS) - 1)?;
+        Some(ChildRef(line << 7 | (len as u32 - 1) << 3 | kind as u32))
+    }
+
+    /// The same block after it was moved by so many words (whole lines); nothing where that is beyond what can be
+    /// numbered.
+    pub fn moved(self, by: usize) -> Option<ChildRef> {
+        let line = u32::try_from(by / LANES).ok()?.checked_add(self.0 >> 7).filter(|&l| l < (1 << LINE_BITS) - 1)?;
+        Some(ChildRef(line << 7 | self.0 & 127))
+    }
+
+    /// The first word of the block.
+    #[inline(always)]
+    pub fn at(self) -> usize {
+        (self.0 >> 7) as usize * LANES
+    }
+
+    /// Number of primitives of a leaf block, or of vertices of one that shares them.
+    #[inline(always)]
+    pub fn len(self) -> usize {
+        (self.0 >> 3 & 15) as usize + 1
+    }
+
+    /// Number of cache lines of the block, except those of ids, which are rarely read.
+    #[inline(always)]
+    pub fn lines(self) -> usize {
+        let rows = match self.kind() {
+            Kind::Node => return NODE_ROWS,
+            Kind::StillNode => return STILL_NODE_ROWS,
+            Kind::Time => return 1,
+            Kind::Leaf | Kind::OwnLeaf => 2 * CORNER_ROWS,
+            Kind::StillLeaf => CORNER_ROWS,
+            Kind::SharedLeaf => 2 * VERTEX_ROWS + 1,
+            Kind::SharedStillLeaf => VERTEX_ROWS + 1,
+        };
+        (rows * self.len()).div_ceil(LANES)
+    }
+
+    #[inline(always)]
+    pub fn kind(self) -> Kind {
+        match self.0 & 7 {
+            0 => Kind::Node,
+            1 => Kind::StillNode,
+            2 => Kind::Time,
+            3 => Kind::Leaf,
+            4 => Kind::StillLeaf,
+            5 => Kind::SharedLeaf,
+            6 => Kind::SharedStillLeaf,
+            _ => Kind::OwnLeaf,
+        }
+    }
+}
+
+/// The row of a node's children.
+pub(crate) fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {
+    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
+    let row = node.at() + (rows - 1) * LANES;
+    &mut arena.ints_mut()[row..row + LANES]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn references_keep_what_they_are_given_and_refuse_what_does_not_fit() {
+        use Kind::*;
+        for kind in [Node, StillNode, Time, Leaf, StillLeaf, SharedLeaf, SharedStillLeaf, OwnLeaf] {
+            for (at, len) in [(0, 1), (16, 16), (((1 << 25) - 2) * 16, 7)] {
+                let r = ChildRef::new(kind, at, len).unwrap();
+                assert_eq!((r.kind(), r.at(), r.len()), (kind, at, len));
+                assert_ne!(r, ChildRef::NOTHING);
+            }
+        }
+        assert_eq!(ChildRef::new(Leaf, ((1 << 25) - 1) * 16, 1), None);
+    }
+}

@@ -1,0 +1,267 @@
+//! Writes nodes into the arena.
+//!
+//! Subtrees up to a fixed size are written apart by any thread and put one behind the other ([`super::serialize`]). The
+//! few nodes above them follow.
+
+use super::serialize::{Apart, write_in_order};
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, children_mut};
+use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
+use crate::error::BuildError;
+use crate::geometry::{KERNEL_ULPS, LinearBox3, TimeInterval, ULP};
+use crate::simd::{Arena, LANES};
+
+/// A face at time 0 and its velocity: the line that a query evaluates as `at + velocity * t`.
+#[derive(Clone, Copy)]
+struct Face {
+    at: f32,
+    velocity: f32,
+}
+
+/// The line through a bound at both ends of an interval, moved toward `side` (+1 up, -1 down) until the
+/// *computed* `at + velocity * t` holds the bound at every time of the interval.
+///
+/// Proof: the computed value differs from `at + velocity * t` by at most two roundings of sizes below
+/// |at| + |velocity| (one where it is fused), that is by less than 2^-23 (|at| + |velocity|); `at` is moved by
+/// twice that and then by one float. Both the bound and the line are linear in t, so it is
+/// enough that the line lies beyond the bound at both ends; this is arranged in f64, whose own rounding
+/// (2^-53) vanishes beside the float step. A face that does not move is moved by `pad` and rounded outward.
+fn face(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64) -> Face {
+    let outward = |x: f64| {
+        let at = x as f32;
+        // Beyond zero as far as what is padded is.
+        if side * (f64::from(at) - x) >= 0.0 {
+            at
+        } else if side > 0.0 {
+            at.next_up()
+        } else {
+            at.next_down()
+        }
+    };
+    if begin == end {
+        return Face { at: outward(f64::from(begin) + side * pad), velocity: 0.0 };
+    }
+    let (t0, t1) = (f64::from(over.begin()), f64::from(over.end()));
+    let (b0, b1) = (f64::from(begin), f64::from(end));
+    let velocity = if t1 > t0 { ((b1 - b0) / (t1 - t0)) as f32 } else { 0.0 };
+    let v = f64::from(velocity);
+    let line = side * (side * (b0 - v * t0)).max(side * (b1 - v * t1));
+    let slack = f64::from(f32::EPSILON) * 2.0 * (line.abs() + v.abs());
+    let at = (line + side * (slack + pad)) as f32;
+    Face { at: if side > 0.0 { at.next_up() } else { at.next_down() }, velocity }
+}
+
+/// How far the faces of a box are moved outward, so that a ray that hits something in it meets it: by that part of the
+/// kernel's rounding that grows with the coordinates of what is hit. The other part, which grows with those of the origin, is
+/// the ray's. Sums and products of f32 are exact in f64 here.
+fn kernel_pad(b: &LinearBox3) -> f64 {
+    f64::from(KERNEL_ULPS * ULP) * f64::from(b.begin.magnitude().max(b.end.magnitude()))
+}
+
+/// Bounds that no ray meets, for the lanes without a child: from far on one side to far on the other. Scaled by the
+/// reciprocal of any direction it stays finite.
+const NOWHERE: f32 = 1e30;
+
+/// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
+pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInterval) -> Result<ChildRef, BuildError> {
+    let moving = boxes.iter().any(|b| b.begin != b.end);
+    let rows = if moving { NODE_ROWS } else { STILL_NODE_ROWS };
+    arena.align();
+    let at = arena.grow(rows * LANES);
+    let kind = if moving { Kind::Node } else { Kind::StillNode };
+    let node = ChildRef::new(kind, at, 1).ok_or(BuildError::TooLargeTree)?;
+    let words = &mut arena.floats_mut()[at..at + rows * LANES];
+    for lane in 0..LANES {
+        let pad = boxes.get(lane).map_or(0.0, kernel_pad);
+        for axis in 0..3 {
+            let (low, high) = match boxes.get(lane) {
+                Some(b) => (
+                    face(b.begin.min[axis], b.end.min[axis], over, -1.0, pad),
+                    face(b.begin.max[axis], b.end.max[axis], over, 1.0, pad),
+                ),
+                None => (Face { at: NOWHERE, velocity: 0.0 }, Face { at: -NOWHERE, velocity: 0.0 }),
+            };
+            let row = 2 * axis;
+            words[row * LANES + lane] = low.at;
+            words[(row + 1) * LANES + lane] = high.at;
+            if moving {
+                words[(row + 6) * LANES + lane] = low.velocity;
+                words[(row + 7) * LANES + lane] = high.velocity;
+            }
+        }
+    }
+    Ok(node)
+}
+
+/// Fills in the children of a node.
+pub(crate) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildRef]) {
+    let all = children.iter().chain(core::iter::repeat(&ChildRef::NOTHING));
+    for (word, child) in children_mut(arena, node).iter_mut().zip(all) {
+        *word = child.0;
+    }
+}
+
+/// Writes a time node over equal parts of the shutter.
+pub(crate) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildRef, BuildError> {
+    arena.align();
+    let at = arena.grow(1 + parts.len());
+    arena.ints_mut()[at] = parts.len() as u32;
+    for (i, part) in parts.iter().enumerate() {
+        arena.ints_mut()[at + 1 + i] = part.0;
+    }
+    ChildRef::new(Kind::Time, at, 1).ok_or(BuildError::TooLargeTree)
+}
+
+/// References below which a subtree is written apart. Fixed, so that the arena does not depend on threads.
+const APART: u32 = 4096;
+
+/// Leaf blocks that are written together.
+const BLOCKS: usize = 512;
+
+/// Writes a leaf block for each of some binary nodes and returns them in order.
+pub(crate) fn write_blocks(
+    arena: &mut Arena,
+    of: &[BinaryNode],
+    leaves: impl Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync,
+) -> Result<Vec<ChildRef>, BuildError> {
+    let tasks: Vec<&[BinaryNode]> = of.chunks(BLOCKS).collect();
+    let write = |task: usize, apart: &mut Apart| {
+        apart.tops.resize(tasks[task].len(), ChildRef::NOTHING);
+        leaves(&mut apart.arena, tasks[task], &mut apart.tops)
+    };
+    write_in_order(arena, &vec![1; tasks.len()], |_| true, write)
+}
+
+/// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and returns the root. The
+/// nodes above the subtrees that are written apart come last.
+pub(crate) struct Nodes<'a, L> {
+    pub binary: &'a [BinaryNode],
+    pub collapse: &'a Collapse,
+    pub over: TimeInterval,
+    /// Gives the leaf blocks of binary nodes.
+    pub leaves: L,
+    /// Whether `leaves` writes the blocks, or only knows those that are in the final arena already.
+    pub writes: bool,
+}
+
+impl<L: Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync> Nodes<'_, L> {
+    /// Writes the whole tree (which must not be empty).
+    pub fn write(&self, arena: &mut Arena) -> Result<ChildRef, BuildError> {
+        if self.collapse.is_leaf(0) {
+            let mut block = ChildRef::NOTHING;
+            (self.leaves)(arena, &self.binary[..1], core::slice::from_mut(&mut block))?;
+            return Ok(block);
+        }
+        let mut roots = Vec::new();
+        self.find_apart(0, &mut roots);
+        // What moves takes about twice as much.
+        let size = |node: &BinaryNode| node.count * (1 + u32::from(node.moving));
+        let sizes: Vec<u32> = roots.iter().map(|&root| size(&self.binary[root as usize])).collect();
+        // Time nodes are not written here: they lie in the final arena already.
+        let inside = |child: ChildRef| child.kind() != Kind::Time && (self.writes || !child.kind().is_leaf());
+        let done = write_in_order(arena, &sizes, inside, |i, apart| {
+            let root = self.node(&mut apart.arena, roots[i], &mut apart.nodes, &mut None)?;
+            apart.tops.push(root);
+            Ok(())
+        })?;
+        self.node(arena, 0, &mut Vec::new(), &mut Some(done.into_iter()))
+    }
+
+    /// The subtrees to be written apart, in the order in which [`Nodes::node`] comes by.
+    fn find_apart(&self, of: u32, roots: &mut Vec<u32>) {
+        if self.binary[of as usize].count <= APART {
+            roots.push(of);
+            return;
+        }
+        for child in self.children(of).iter().filter(|c| !c.leaf) {
+            self.find_apart(child.node, roots);
+        }
+    }
+
+    /// The children of a node in the order of its lanes.
+    ///
+    /// Queries that take any hit visit the highest lane first. So leaf blocks come last, the largest at the very
+    /// end: those most likely end such a query soonest.
+    fn children(&self, of: u32) -> Vec<WideChild> {
+        let mut children = Vec::with_capacity(LANES);
+        self.collapse.children(self.binary, of, &mut children);
+        children.sort_by_cached_key(|c| {
+            let node = &self.binary[c.node as usize];
+            // What is too large for a block is a tree that was written before.
+            (c.leaf && node.count as usize <= LANES, mean_half_area(&node.bounds).to_bits())
+        });
+        children
+    }
+
+    /// Writes a node and all below it; the subtrees that `apart` has are in place already. The
+    /// recursion is as deep as the wide tree, which the binary build bounds.
+    fn node(
+        &self,
+        arena: &mut Arena,
+        of: u32,
+        nodes: &mut Vec<ChildRef>,
+        apart: &mut Option<std::vec::IntoIter<ChildRef>>,
+    ) -> Result<ChildRef, BuildError> {
+        if self.binary[of as usize].count <= APART
+            && let Some(done) = apart.as_mut().and_then(Iterator::next)
+        {
+            return Ok(done);
+        }
+        let children = self.children(of);
+        let mut boxes = [LinearBox3::EMPTY; LANES];
+        for (b, child) in boxes.iter_mut().zip(&children) {
+            *b = self.binary[child.node as usize].bounds;
+        }
+        let node = write_node(arena, &boxes[..children.len()], self.over)?;
+        nodes.push(node);
+        let (mut leaves, mut blocks, mut n) = ([self.binary[of as usize]; LANES], [ChildRef::NOTHING; LANES], 0);
+        for child in children.iter().filter(|c| c.leaf) {
+            leaves[n] = self.binary[child.node as usize];
+            n += 1;
+        }
+        (self.leaves)(arena, &leaves[..n], &mut blocks[..n])?;
+        let (mut refs, mut blocks) = ([ChildRef::NOTHING; LANES], blocks.into_iter());
+        for (r, block) in refs.iter_mut().zip(&children).filter(|(_, c)| c.leaf).map(|(r, _)| r).zip(&mut blocks) {
+            *r = block;
+        }
+        for (r, child) in refs.iter_mut().zip(&children).filter(|(_, c)| !c.leaf) {
+            *r = self.node(arena, child.node, nodes, apart)?;
+        }
+        set_children(arena, node, &refs[..children.len()]);
+        Ok(node)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faces_lie_beyond_their_bounds_as_the_query_computes_them() {
+        let mut state = 1u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        for i in 0..100_000 {
+            let scale = if i % 3 == 0 { 1e-4 } else { 1.0 };
+            let (a, b) = (next().abs() * scale + 0.5 * next().abs(), next().abs());
+            let Some(over) = TimeInterval::half_open(a.min(b), a.max(b)) else { continue };
+            let (begin, end) = (next(), next() * scale);
+            for side in [-1.0f32, 1.0] {
+                let f = face(begin, end, over, f64::from(side), 0.0);
+                for j in 0..=8 {
+                    let t = (over.begin() + over.duration() * (j as f32 / 8.0)).min(over.end());
+                    let w = f64::from(t - over.begin()) / f64::from(over.end() - over.begin()).max(1e-30);
+                    let bound = f64::from(begin) + (f64::from(end) - f64::from(begin)) * w.min(1.0);
+                    for computed in [f.velocity.mul_add(t, f.at), f.velocity * t + f.at] {
+                        // The bound itself is computed with an error of f64 and of t - begin in f32.
+                        let slack = 2.0 * f64::from(f32::EPSILON) * f64::from((end - begin).abs()) * w;
+                        assert!(f64::from(side) * (f64::from(computed) - bound) >= -slack, "{over:?} {t} {side}");
+                    }
+                }
+            }
+        }
+        let still = face(0.1, 0.1, TimeInterval::FULL, 1.0, 0.0);
+        assert_eq!((still.at, still.velocity), (0.1, 0.0));
+    }
+}

@@ -1,0 +1,196 @@
+//! Handing references to the children of a split plane: the paper's duplication (section 3.1.1) and
+//! propagation (section 3.1.2).
+//!
+//! A node under construction has Normal references, which lie in its cell at mid-shutter and choose its plane,
+//! and BP references, which come into the cell at another time only. Both are classified against the plane
+//! with the same code ([`classify`]); what is called duplication for the first is called propagation
+//! for the second.
+
+use super::classify::classify;
+use super::reference::{Reference, Source};
+use crate::geometry::{Box3, LinearBox3, Plane, TimeInterval};
+use crate::primitive::PrimitiveSet;
+
+/// The references of a node under construction.
+#[derive(Debug, Default)]
+pub(crate) struct References {
+    /// In the cell at mid-shutter.
+    pub normal: Vec<Reference>,
+    /// In the cell at another time: the paper's virtual BP node.
+    pub bp: Vec<Reference>,
+}
+
+impl References {
+    pub fn len(&self) -> usize {
+        self.normal.len() + self.bp.len()
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = &Reference> {
+        self.normal.iter().chain(&self.bp)
+    }
+}
+
+/// The two children of a node while references are handed to them.
+pub(crate) struct Children<'a, S> {
+    source: &'a Source<'a, S>,
+    plane: Plane,
+    /// Cells at shutter open and close: left, right.
+    pub cells: [LinearBox3; 2],
+    pub references: [References; 2],
+}
+
+impl<'a, S: PrimitiveSet> Children<'a, S> {
+    pub fn new(source: &'a Source<'a, S>, plane: Plane, cell: LinearBox3) -> Children<'a, S> {
+        // A moving plane may leave the parent's cell at other times. Taking the plane for the child's face all
+        // the same keeps the cell a superset of the true one, which is all that is asked of it.
+        let (open, close) = (plane.position, plane.position + plane.velocity);
+        let (mut left, mut right) = (cell, cell);
+        left.begin.max[plane.axis] = open;
+        left.end.max[plane.axis] = close;
+        right.begin.min[plane.axis] = open;
+        right.end.min[plane.axis] = close;
+        Children { source, plane, cells: [left, right], references: Default::default() }
+    }
+
+    /// Duplication: a Normal reference that crosses the plane goes to the Normal node of the side where it is at
+    /// mid-shutter and, duplicated, to the BP node of the other (the paper's four cases from the left and four
+    /// from the right). One that lies across the plane at mid-shutter goes to both Normal nodes, one that never
+    /// crosses to one.
+    pub fn duplicate(&mut self, reference: &Reference) {
+        self.assign(reference, reference.votes);
+    }
+
+    /// Propagation: a BP reference that does not cross this plane becomes a Normal reference of the one child, or
+    /// of both if it lies across the plane throughout; one that crosses becomes Normal where it is at
+    /// mid-shutter, or at the time of its interval that comes nearest, and stays BP on the other side: with the
+    /// mirrored ones, six cases.
+    pub fn propagate(&mut self, reference: &Reference, propagated_vote: bool) {
+        self.assign(reference, propagated_vote);
+    }
+
+    fn assign(&mut self, reference: &Reference, votes: bool) {
+        let sides = classify(reference.bounds.along(self.plane.axis, reference.interval), self.plane);
+        let both = sides.left.is_some() && sides.right.is_some();
+        for (side, interval) in [sides.left, sides.right].into_iter().enumerate() {
+            let Some(interval) = interval else { continue };
+            let home = Reference::home(reference.interval, self.source.plane_time);
+            let normal = !both || interval.contains(home);
+            let Some(child) = self.narrowed(reference, side, interval, both, normal && votes) else { continue };
+            let lists = &mut self.references[side];
+            if normal { lists.normal.push(child) } else { lists.bp.push(child) }
+        }
+    }
+
+    /// The reference as the child sees it; nothing if the primitive never touches the child's cell.
+    fn narrowed(
+        &self,
+        reference: &Reference,
+        side: usize,
+        interval: TimeInterval,
+        cut: bool,
+        votes: bool,
+    ) -> Option<Reference> {
+        let mut child = Reference { interval, votes, ..*reference };
+        if interval != reference.interval {
+            child.bounds = self.source.bounds(child.id, interval);
+        }
+        let cell = self.cells[side];
+        if cut && self.source.misses(&child, over(cell, interval)) {
+            return None;
+        }
+        // The part changes where the plane cuts it, when it is looked at at another time, and when the reference
+        // begins to vote.
+        let home = |i| Reference::home(i, self.source.plane_time);
+        if votes && (cut || !reference.votes || home(interval) != home(reference.interval)) {
+            child.part = self.source.part(&child, cell);
+        }
+        Some(child)
+    }
+}
+
+/// A cell given at shutter open and close, as it is at the begin and end of an interval.
+fn over(cell: LinearBox3, interval: TimeInterval) -> LinearBox3 {
+    if cell.begin == cell.end {
+        return cell;
+    }
+    let at = |t: f32| -> Box3 { cell.at(t) };
+    LinearBox3 { begin: at(interval.begin()), end: at(interval.end()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::primitive::{TriangleMesh, Triangles};
+    use glam::Vec3;
+
+    /// What became of the reference on each side: Normal or BP, and its interval.
+    type Sides = [Option<(&'static str, f32, f32)>; 2];
+
+    fn sides(children: &Children<Triangles>) -> Sides {
+        [0, 1].map(|side| {
+            let References { normal, bp } = &children.references[side];
+            assert!(normal.len() + bp.len() <= 1);
+            let seen = |kind, r: &Reference| (kind, r.interval.begin(), r.interval.end());
+            normal.first().map(|r| seen("Normal", r)).or(bp.first().map(|r| seen("BP", r)))
+        })
+    }
+
+    fn assert_sides(got: Sides, expected: Sides, what: &str) {
+        for (g, e) in got.iter().zip(&expected) {
+            match (g, e) {
+                (None, None) => {}
+                (Some(g), Some(e)) => {
+                    assert!(g.0 == e.0 && (g.1 - e.1).abs() < 1e-5 && (g.2 - e.2).abs() < 1e-5, "{what}: {got:?}")
+                }
+                _ => panic!("{what}: {got:?} instead of {expected:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn duplication_and_the_six_cases_of_propagation() {
+        for sign in [1.0f32, -1.0] {
+            // x in [-1, -0.8] at shutter open, [0.2, 0.4] at shutter close; y from -1 to 1 throughout.
+            let at = |x: f32| {
+                [Vec3::new(x, -1.0, 0.0), Vec3::new(x + 0.2, 1.0, 0.0), Vec3::new(x, 1.0, 0.5)]
+                    .map(|p| Vec3::new(p.x * sign, p.y, p.z))
+            };
+            // Two still points keep tree space equal to the world.
+            let frame = [Vec3::NEG_ONE, Vec3::ONE];
+            let key = |x: f32| at(x).into_iter().chain(frame).collect::<Vec<Vec3>>();
+            let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![key(-1.0), key(0.2)]);
+            let set = Triangles::new(&[mesh]).unwrap();
+            let source = Source { set: &set, swept: false, plane_time: 0.5 };
+            let cube = Box3 { min: Vec3::NEG_ONE, max: Vec3::ONE };
+            let root = LinearBox3 { begin: cube, end: cube };
+            let reference = source.reference(0);
+            let plane = |axis: usize, position: f32| {
+                let position = if axis == 0 { position * sign } else { position };
+                Plane { axis, position, velocity: 0.0 }
+            };
+            let order = |sides: Sides| if sign > 0.0 { sides } else { [sides[1], sides[0]] };
+
+            // Left at mid-shutter, across from 2/3, past at 5/6 + ...: Normal on the left, BP on the right.
+            let mut top = Children::new(&source, plane(0, 0.0), root);
+            top.duplicate(&reference);
+            let cross = [Some(("Normal", 0.0, 5.0 / 6.0)), Some(("BP", 2.0 / 3.0, 1.0))];
+            assert_sides(order(sides(&top)), cross, "duplication");
+            let right = usize::from(sign > 0.0);
+            let bp = top.references[right].bp[0];
+            let cell = top.cells[right];
+            let propagated = |axis, position| {
+                let mut children = Children::new(&source, plane(axis, position), cell);
+                children.propagate(&bp, true);
+                children
+            };
+            // Does not cross: the one child, or the other, or both throughout.
+            let one = Some(("Normal", 2.0 / 3.0, 1.0));
+            assert_sides(order(sides(&propagated(0, 0.9))), [one, None], "stays before the plane");
+            assert_sides(order(sides(&propagated(0, -0.5))), [None, one], "stays beyond the plane");
+            assert_sides(sides(&propagated(1, 0.0)), [one, one], "lies across the plane");
+            // Crosses: Normal on the side where it is when nearest to mid-shutter, BP on the other.
+            let later = [one, Some(("BP", 11.0 / 12.0, 1.0))];
+            assert_sides(order(sides(&propagated(0, 0.3))), later, "comes to cross the plane");
+        }
+    }
+}

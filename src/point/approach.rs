@@ -1,0 +1,250 @@
+//! Closest approach: the point that comes nearest to a query that itself moves, and when.
+//!
+//! The picture to have in mind: seen from the query every point flies past on a straight line, so its
+//! squared distance is a parabola in time; a box has a lower bound over the whole interval. Boxes are
+//! visited in the order of these bounds until none can beat the best point.
+//!
+//! The parabola is computed in f64 from the f32 positions, for each segment between keys and the whole
+//! life of the point, never for a piece of it; so the answer does not depend on the structure. Bounds
+//! are lowered by more than all rounding before they cull.
+
+use super::over_interval::{Boxed, Flight};
+use super::partition::Layer;
+use super::tree::PointTree;
+use crate::geometry::TimeInterval;
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::primitive::Position;
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+use core::cmp::Reverse;
+use glam::{DVec3, Vec3};
+use std::collections::BinaryHeap;
+
+/// The closest approach of a point to a moving query.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Approach {
+    /// The point's id.
+    pub id: u32,
+    /// When it is nearest; the first such time.
+    pub time: f32,
+    /// The squared distance at that time.
+    pub distance_squared: f32,
+}
+
+impl Approach {
+    /// Order of answers: nearer first, then earlier, then the lower id.
+    fn key(&self) -> (u32, u32, u32) {
+        (self.distance_squared.to_bits(), self.time.to_bits(), self.id)
+    }
+}
+
+/// A query on its way: positions at the begin and the end of the interval.
+struct Way {
+    from: DVec3,
+    to: DVec3,
+    times: [f64; 2],
+}
+
+/// [`Way::bounds`] of a node, compiled for an instruction set.
+struct Bounds<'a, T> {
+    way: &'a Way,
+    tree: &'a T,
+    node: usize,
+}
+
+impl<T: Boxed> Kernel for Bounds<'_, T> {
+    type Output = Lanes<f32>;
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> Lanes<f32> {
+        self.way.bounds(self.tree, self.node)
+    }
+}
+
+/// The greater; one instruction, which takes no care of NaN.
+#[inline(always)]
+fn greater(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The lesser, likewise.
+#[inline(always)]
+fn lesser(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// Equal parts of an interval over which a box is bounded one by one.
+const STEPS: usize = 4;
+
+impl Way {
+    fn at(&self, time: f64) -> DVec3 {
+        let length = self.times[1] - self.times[0];
+        let w = if length > 0.0 { (time - self.times[0]) / length } else { 0.0 };
+        self.from + (self.to - self.from) * w
+    }
+
+    /// The closest approach of a point on its flight through a segment.
+    fn approach(&self, flight: &Flight, keys: usize, segment: usize) -> Option<Approach> {
+        let segments = (keys.max(2) - 1) as f64;
+        let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
+        let begin = self.times[0].max(ends[0]).max(flight.life.begin().into());
+        let end = self.times[1].min(ends[1]).min(flight.life.end().into());
+        if begin > end {
+            return None;
+        }
+        let [open, close] = [flight.open, flight.close].map(|p| Vec3::from_array(p).as_dvec3());
+        let apart = |time: f64| open + (close - open) * (time * segments - segment as f64) - self.at(time);
+        let (first, last) = (apart(begin), apart(end));
+        let passing = last - first;
+        let square = passing.length_squared();
+        let w = if square > 0.0 { (-first.dot(passing) / square).clamp(0.0, 1.0) } else { 0.0 };
+        let nearest = first + passing * w;
+        let time = (begin + (end - begin) * w) as f32;
+        Some(Approach { id: flight.id, time, distance_squared: nearest.length_squared() as f32 })
+    }
+
+    /// Squared distances that no point of each lane's box falls below during the interval; NaN where nothing counts.
+    ///
+    /// Over each step both the box and the query move linearly, so the gap along an axis is least at an
+    /// end of the step. The slack covers f64 rounding and that of f32 phases (2^-23 of all segments).
+    /// (Plain loops over lanes, which the compiler makes vectors of, with the same bits on every instruction set.)
+    #[inline(always)]
+    fn bounds<T: Boxed>(&self, tree: &T, node: usize) -> Lanes<f32> {
+        let (keys, segment, part) = tree.part();
+        let segments = (keys.max(2) - 1) as f64;
+        let [mut begin, mut end] = tree.times(node);
+        let first = self.times[0].max(part[0]);
+        let last = self.times[1].min(part[1]);
+        for lane in 0..LANES {
+            begin[lane] = greater(begin[lane], first);
+            end[lane] = lesser(end[lane], last);
+        }
+        let length = self.times[1] - self.times[0];
+        let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
+        let (from, way) = (self.from.to_array(), (self.to - self.from).to_array());
+        let most = self.from.abs().max(self.to.abs()).max_element();
+        let mut least = [f64::INFINITY; LANES];
+        let (mut low_before, mut high_before) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+        for step in 0..=STEPS {
+            let fraction = step as f64 / STEPS as f64;
+            let (mut passed, mut phase) = ([0.0; LANES], [0.0; LANES]);
+            for lane in 0..LANES {
+                let time = begin[lane] + (end[lane] - begin[lane]) * fraction;
+                passed[lane] = (time - self.times[0]) * rate;
+                phase[lane] = lesser(greater(time * segments - segment as f64, 0.0), 1.0);
+            }
+            let [lo, hi] = tree.faces(node, &phase);
+            let (mut at, mut size) = ([[0.0; LANES]; 3], [0.0; LANES]);
+            for axis in 0..3 {
+                for lane in 0..LANES {
+                    at[axis][lane] = from[axis] + way[axis] * passed[lane];
+                    let faces = greater(lo[axis][lane].abs(), hi[axis][lane].abs());
+                    size[lane] = greater(size[lane], greater(faces, at[axis][lane].abs()));
+                }
+            }
+            let mut square = [0.0; LANES];
+            for axis in 0..3 {
+                for lane in 0..LANES {
+                    let slack = size[lane] * (segments * 1e-6 + 1e-12) + most * 1e-12;
+                    let low = lo[axis][lane] - at[axis][lane] - slack;
+                    let high = at[axis][lane] - hi[axis][lane] - slack;
+                    let below = lesser(low_before[axis][lane], low);
+                    let above = lesser(high_before[axis][lane], high);
+                    let outside = greater(greater(below, above), 0.0);
+                    square[lane] += outside * outside;
+                    (low_before[axis][lane], high_before[axis][lane]) = (low, high);
+                }
+            }
+            if step > 0 {
+                for lane in 0..LANES {
+                    least[lane] = lesser(square[lane], least[lane]);
+                }
+            }
+        }
+        core::array::from_fn(|lane| if begin[lane] <= end[lane] { least[lane] as f32 } else { f32::NAN })
+    }
+
+    /// Improves `best` by the points of a tree.
+    fn search<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, best: &mut Option<Approach>) {
+        let (keys, segment, _) = tree.part();
+        let worse = |bound: f32, best: &Option<Approach>| best.is_some_and(|b| bound > b.distance_squared);
+        let (top, root) = tree.top();
+        let mut open = BinaryHeap::from([Reverse((0, top, root))]);
+        while let Some(Reverse((bits, level, node))) = open.pop() {
+            if worse(f32::from_bits(bits), best) {
+                return;
+            }
+            let (first, stride) = tree.behind(level, node);
+            let bounds = dispatch(simd, Bounds { way: self, tree, node });
+            // Nearest leaves first: the others then seldom need a look.
+            let mut lanes: [usize; LANES] = core::array::from_fn(|lane| lane);
+            if level == 0 {
+                lanes.sort_unstable_by_key(|&lane| bounds[lane].to_bits());
+            }
+            for lane in lanes {
+                let bound = bounds[lane];
+                if bound.is_nan() || worse(bound, best) {
+                    continue;
+                }
+                let child = first + lane * stride;
+                if level > 0 {
+                    open.push(Reverse((bound.to_bits(), level - 1, child)));
+                    continue;
+                }
+                for flight in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
+                    let Some(flight) = tree.flight(flight.0, flight.1) else { continue };
+                    let Some(found) = self.approach(&flight, keys, segment) else { continue };
+                    if best.is_none_or(|b| found.key() < b.key()) && keep(flight.id) {
+                        *best = Some(found);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl PointTree {
+    /// The point that comes nearest to a query moving on a straight way from `from` at the begin of
+    /// `interval` to `to` at its end, and when.
+    ///
+    /// Times are continuous here and lives count with both ends, because the nearest moment may be the
+    /// last. Ties go to the earlier time, then to the lower id. Finds nothing for ways that are not finite
+    /// or farther from the origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16
+    /// microseconds among points that move little, some dozen where they cross far.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y * 3.0)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let up = tree.closest_approach(Vec3::ZERO, Vec3::Y * 2.0, TimeInterval::FULL).unwrap();
+    /// assert_eq!(up.id, 0);
+    /// assert!((up.time - 0.25).abs() < 1e-6 && (up.distance_squared - 0.5).abs() < 1e-6);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn closest_approach<Q: Position>(&self, from: Q, to: Q, interval: TimeInterval) -> Option<Approach> {
+        self.closest_approach_if(from, to, interval, |_| true)
+    }
+
+    /// The same among the points whose id the predicate returns true for. It must be pure.
+    pub fn closest_approach_if<Q: Position>(
+        &self,
+        from: Q,
+        to: Q,
+        interval: TimeInterval,
+        keep: impl Fn(u32) -> bool,
+    ) -> Option<Approach> {
+        let [from, to] = [from, to].map(|p| p.relative(self.origin).as_dvec3());
+        // Also false for NaN.
+        let valid = |p: DVec3| p.abs().cmple(DVec3::splat(MAX_POINT_COORDINATE)).all();
+        if !valid(from) || !valid(to) {
+            return None;
+        }
+        let way = Way { from, to, times: [interval.begin().into(), interval.end().into()] };
+        let mut best = None;
+        for layer in &self.layers {
+            match layer {
+                Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut best),
+                Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut best)),
+            }
+        }
+        best
+    }
+}

@@ -1,0 +1,172 @@
+//! Many queries at once: in parallel, neighbours in space one after the other, results in the caller's
+//! order.
+//!
+//! Queries are sorted along a Morton curve, so that one finds in the cache what the last one read (not where the
+//! cache holds the whole tree anyway), and cut into runs for the threads. Each query is answered on its own, so
+//! neither the order nor the number of threads can change an answer.
+
+use super::neighbor::Neighbor;
+use super::query::{NeighborBuffer, NeighborQuery};
+use super::snapshot::NEAR;
+use super::tree::PointTree;
+use crate::geometry::morton_code;
+use crate::primitive::Position;
+use glam::Vec3;
+
+/// Neighbours of many queries: one list for each, in the order of the queries.
+///
+/// ```
+/// use mbkd::{PointParams, PointTree};
+/// let points = [[0.0f32; 3], [1.0; 3], [2.0; 3]];
+/// let tree = PointTree::build(&points, &PointParams::default())?;
+/// let queries: Vec<_> = points.iter().map(|p| (*p, 0.5)).collect();
+/// let lists = tree.nearest_n_batch(&queries, 2);
+/// assert_eq!(lists.len(), 3);
+/// assert_eq!(lists.get(2).iter().map(|n| n.id).collect::<Vec<_>>(), [2, 1]);
+/// # Ok::<(), mbkd::PointError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeighborLists {
+    /// Begin of each list, and the end of the last.
+    begin: Vec<usize>,
+    neighbors: Vec<Neighbor>,
+}
+
+impl NeighborLists {
+    /// Number of lists.
+    pub fn len(&self) -> usize {
+        self.begin.len() - 1
+    }
+
+    /// Whether there is no list.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The neighbours of a query. Panics where `query` is not less than [`NeighborLists::len`].
+    pub fn get(&self, query: usize) -> &[Neighbor] {
+        &self.neighbors[self.begin[query]..self.begin[query + 1]]
+    }
+
+    /// The lists in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[Neighbor]> {
+        self.begin.windows(2).map(|ends| &self.neighbors[ends[0]..ends[1]])
+    }
+}
+
+/// Queries that one thread answers in a row.
+const RUN: usize = 512;
+
+impl PointTree {
+    /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
+    pub fn nearest_batch<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<Option<Neighbor>> {
+        let order = self.order(queries);
+        let runs = in_runs(&order, |places| {
+            let one = |&place: &usize| {
+                let (point, time) = queries[place];
+                self.query(point, time).nearest()
+            };
+            places.iter().map(one).collect::<Vec<_>>()
+        });
+        let mut found = vec![None; queries.len()];
+        for (&place, neighbor) in order.iter().zip(runs.into_iter().flatten()) {
+            found[place] = neighbor;
+        }
+        found
+    }
+
+    /// The `k` nearest points of each query, as [`PointTree::nearest_n`] gives them.
+    pub fn nearest_n_batch<Q: Position>(&self, queries: &[(Q, f32)], k: usize) -> NeighborLists {
+        self.lists(queries, |query, buffer, out| out.extend_from_slice(query.nearest_n_into(k, buffer)))
+    }
+
+    /// The points within `radius` of each query, in order of (distance, id).
+    pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborLists {
+        self.lists(queries, |query, buffer, out| {
+            out.extend_from_slice(query.radius(radius).collect_sorted_into(buffer));
+        })
+    }
+
+    fn lists<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> NeighborLists {
+        let order = self.order(queries);
+        let runs = in_runs(&order, |places| {
+            let mut buffer = NeighborBuffer::new();
+            let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(places.len()) };
+            for &place in places {
+                let (point, time) = queries[place];
+                answer(self.query(point, time), &mut buffer, &mut run.found);
+                run.ends.push(run.found.len());
+            }
+            run
+        });
+        // Where each query's list is: its run, and its place there.
+        let mut begin = vec![0; queries.len() + 1];
+        let mut source = vec![(0u32, 0usize); queries.len()];
+        for (number, (places, run)) in order.chunks(RUN).zip(&runs).enumerate() {
+            let mut next = 0;
+            for (&query, &end) in places.iter().zip(&run.ends) {
+                source[query] = (number as u32, next);
+                begin[query + 1] = end - next;
+                next = end;
+            }
+        }
+        for i in 0..queries.len() {
+            begin[i + 1] += begin[i];
+        }
+        let mut neighbors = Vec::with_capacity(begin[queries.len()]);
+        for (ends, &(run, from)) in begin.windows(2).zip(&source) {
+            neighbors.extend_from_slice(&runs[run as usize].found[from..from + (ends[1] - ends[0])]);
+        }
+        NeighborLists { begin, neighbors }
+    }
+
+    /// The order in which queries are answered. In a tree that fits a near cache any order will do.
+    fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
+        if self.stats().bytes() <= NEAR {
+            return (0..queries.len()).collect();
+        }
+        let places: Vec<Vec3> = queries.iter().map(|(point, _)| point.relative(self.origin)).collect();
+        morton_order(&places)
+    }
+}
+
+/// Answers runs of the order, in parallel; the results in the order of the runs.
+fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        order.par_chunks(RUN).map(one).collect()
+    }
+    #[cfg(not(feature = "rayon"))]
+    order.chunks(RUN).map(one).collect()
+}
+
+/// What is done with one query of a batch: its results are appended.
+trait Answer: Fn(NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync {}
+impl<F: Fn(NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync> Answer for F {}
+
+/// Answers of a run of queries, one behind the other.
+struct Run {
+    found: Vec<Neighbor>,
+    /// End of each query's answers.
+    ends: Vec<usize>,
+}
+
+/// The indices of places along a Morton curve.
+fn morton_order(places: &[Vec3]) -> Vec<usize> {
+    let finite = places.iter().copied().filter(|p| p.is_finite());
+    let (lo, hi) = finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    let cells = (1u32 << 21) as f32;
+    let scale = (cells - 1.0) / (hi - lo).max(Vec3::splat(f32::MIN_POSITIVE));
+    let code = |p: Vec3| {
+        // Casts saturate, and NaN becomes 0: any place has a code.
+        let cell = (p - lo) * scale;
+        morton_code([cell.x as u32, cell.y as u32, cell.z as u32])
+    };
+    // Index and code in one integer, which is sorted in a third of the time of a pair: the index takes the place of the
+    // lowest bits of the code, as many as it needs.
+    let low = (1u64 << (usize::BITS - places.len().leading_zeros())) - 1;
+    let mut order: Vec<u64> = (0..).zip(places).map(|(index, &p)| (code(p) & !low) | index).collect();
+    order.sort_unstable();
+    order.into_iter().map(|key| (key & low) as usize).collect()
+}

@@ -1,0 +1,219 @@
+//! Choosing a structure by its cost: small builds, sample queries, counted work.
+//!
+//! What pays depends on how far points move relative to their neighbours, on how many do, and on how
+//! long they live; no formula over these was as good as trying. So compact parts of the set are built
+//! in each structure that comes into question, and a few hundred searches among them are counted in
+//! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
+
+use super::build::{Cut, Plan, part_tree, parts};
+use super::fast::{mark_fast, places};
+use super::moving_reference::Mover;
+use super::order::order;
+use super::partition::{Layer, walk_all};
+use super::search::candidates::Candidates;
+use super::search::k_nearest::KNearest;
+use super::search::{KeepAll, NeighborWork};
+use crate::geometry::{KeyTime, TimeInterval};
+use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
+use glam::Vec3;
+
+/// Points of each sample, samples, and searches in each of them.
+const SAMPLE: usize = 1 << 15;
+const SAMPLES: usize = 2;
+const SEARCHES: usize = 192;
+
+/// Price of a block in nodes: a node has twelve rows and leads on, a block has six and does not.
+const BLOCK_PRICE: f64 = 0.7;
+
+/// What a search costs besides, in nodes: setting out and putting the found ones in order.
+const SEARCH_PRICE: f64 = 6.0;
+
+/// What a search costs besides when all it touches comes from memory, in nodes: some eight nodes of twelve cache lines
+/// and eight blocks of seven, each line about as dear as a node in the cache. Whatever a search visits beyond that
+/// lies beside it and is asked for ahead, so this does not grow with the work.
+const COLD: f64 = 150.0;
+
+/// Bytes of a structure of which half is found in no cache, by searches that follow each other through space at times of
+/// their own: the more trees they are spread over, the less one finds of what the one before has fetched.
+const HALF_COLD: f64 = 430e6;
+
+/// Bytes of a reference with its share of nodes.
+const REFERENCE_BYTES: f64 = 32.0;
+
+/// A structure must be this much cheaper than a smaller one to be taken.
+const GAIN: f64 = 0.93;
+
+/// What was tried and what it costs per search, in node visits of a small tree.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Trial {
+    pub(super) plan: Plan,
+    /// Plan of the fast points where they have a layer of their own.
+    pub(super) fast: Option<Plan>,
+    pub(super) cost: f64,
+    /// References of the sampled points: what it takes in memory.
+    references: usize,
+}
+
+/// Movers of a segment that stand for the whole set.
+struct Sample {
+    movers: Vec<Mover>,
+    keys: usize,
+    segment: usize,
+    /// Points of the set for each of the sample.
+    scale: f64,
+}
+
+/// The cheapest structure for movers, which are all those of one segment, and all that was tried.
+pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, simd: SimdLevel) -> (Trial, Vec<Trial>) {
+    let simple = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: most };
+    if movers.is_empty() {
+        let trial = Trial { plan: simple, fast: None, cost: 0.0, references: 0 };
+        return (trial.clone(), vec![trial]);
+    }
+    let samples = samples(movers, keys, segment);
+    let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
+    let fast: usize = samples.iter().map(|s| s.movers.iter().filter(|m| m.cut).count()).sum();
+    let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.movers.len()).sum::<usize>();
+    let trial = |plan: &Plan, fast: Option<&Plan>| {
+        let all = samples.iter().map(|s| work(s, plan, fast, simd));
+        let (cost, references) = all.fold((0.0, 0), |sum, (cost, n)| (sum.0 + cost, sum.1 + n));
+        Trial { plan: *plan, fast: fast.copied(), cost: cost / samples.len() as f64, references }
+    };
+    let mut others = vec![];
+    if mortal && keys <= 2 {
+        others.extend([2, 3].map(|life_levels| Plan { life_levels, ..simple }));
+    }
+    if few {
+        others.push(Plan { cut: Cut::Fast, references: most.min(1.5), ..simple });
+    }
+    let mut trials = vec![trial(&simple, None)];
+    trials.extend(others.iter().map(|plan| trial(plan, None)));
+    let finer = [2, 4, 8, 16, 32].map(|parts| Plan { parts, ..simple });
+    let affordable = |plan: &&Plan| {
+        let total: usize = movers.iter().map(|m| references(m.life, plan, keys)).sum();
+        total as f64 <= f64::from(most) * movers.len() as f64
+    };
+    // Finer parts until twice finer does not help any more.
+    let mut refine = |fixed: Option<&Plan>| {
+        let mut before = f64::INFINITY;
+        for plan in finer.iter().filter(affordable) {
+            let (slow, fast) = fixed.map_or((plan, None), |slow| (slow, Some(plan)));
+            let next = trial(slow, fast);
+            let cost = next.cost;
+            trials.push(next);
+            if cost > before * 0.98 {
+                break;
+            }
+            before = cost;
+        }
+    };
+    refine(None);
+    if few {
+        refine(Some(&simple));
+    }
+    // Of those that cost about the least, the smallest; of equally small ones the first, the simplest.
+    let least = trials.iter().map(|t| t.cost).fold(f64::INFINITY, f64::min);
+    let cheap = trials.iter().filter(|t| t.cost * GAIN <= least);
+    let best = cheap.min_by_key(|t| t.references).unwrap_or(&trials[0]).clone();
+    (best, trials)
+}
+
+/// In how many trees of a segment a point counts.
+fn references(life: TimeInterval, plan: &Plan, keys: usize) -> usize {
+    if keys > 2 {
+        return plan.parts;
+    }
+    let at = |t: f32| ((t * plan.parts as f32) as usize).min(plan.parts - 1);
+    at(life.end()) - at(life.begin()) + 1
+}
+
+/// Compact parts of the set, far from each other, fast movers marked.
+fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Sample> {
+    let part = parts(keys, 1)[segment];
+    let sample = |mut chosen: Vec<Mover>| {
+        mark_fast(&mut chosen, &part);
+        let scale = movers.len() as f64 / chosen.len().max(1) as f64;
+        Sample { movers: chosen, keys, segment, scale }
+    };
+    if movers.len() <= 2 * SAMPLE {
+        return vec![sample(movers.to_vec())];
+    }
+    let mut items = places(movers, &part);
+    order(&mut items, SAMPLE);
+    let runs = items.len() / SAMPLE;
+    (0..SAMPLES)
+        .map(|i| {
+            let run = (2 * i + 1) * runs / (2 * SAMPLES);
+            let items = &items[run * SAMPLE..(run + 1) * SAMPLE];
+            sample(items.iter().map(|item| movers[item.index as usize]).collect())
+        })
+        .collect()
+}
+
+/// Counted and priced work of searches for eight neighbours, each layer in the middle part of its plan,
+/// and the references it takes.
+fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> (f64, usize) {
+    let Sample { movers, keys, segment, scale } = sample;
+    let group = |plan: &Plan, keep: &dyn Fn(&Mover) -> bool| {
+        let part = parts(*keys, plan.parts)[segment * plan.parts + plan.parts / 2];
+        let inside = |m: &Mover| Some(Mover { alive: m.life.intersect(part.interval)?, ..*m });
+        let inside: Vec<Mover> = movers.iter().filter(|m| keep(m)).filter_map(inside).collect();
+        let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, plan, *keys)).sum();
+        let layer = [Layer::Moving(vec![part_tree(inside, part, plan)])];
+        (layer, part.interval, references)
+    };
+    let groups = match fast {
+        Some(fast) => vec![group(plan, &|m| !m.cut), group(fast, &|m| m.cut)],
+        None => vec![group(plan, &|_| true)],
+    };
+    let mut candidates = Candidates::default();
+    let mut total = 0.0;
+    for i in 0..SEARCHES {
+        let m = &movers[i * movers.len() / SEARCHES];
+        // Times in an order that has nothing to do with the places, each in the part that was built.
+        let fraction = ((i * 89) % SEARCHES) as f32 / SEARCHES as f32;
+        let time = |interval: &TimeInterval| interval.begin() + interval.duration() * fraction;
+        let at = KeyTime::new(time(&groups[0].1), *keys);
+        let point = at.position(Vec3::from_array(m.open), Vec3::from_array(m.close));
+        let mut work = vec![NeighborWork::default(); groups.len()];
+        let layers: Vec<_> = groups.iter().map(|g| (&g.0[..], time(&g.1))).collect();
+        dispatch(simd, Count { layers: &layers, point, candidates: &mut candidates, work: &mut work });
+        total += work.iter().map(|w| w.nodes as f64 + BLOCK_PRICE * w.blocks as f64).sum::<f64>();
+    }
+    // The whole tree is deeper than that of the sample, and each life level makes one more way down.
+    let deeper = f64::from((*scale as u64).max(1).ilog2()) / f64::from(LANES.ilog2());
+    let ways = deeper * plan.life_levels as f64;
+    let references: usize = groups.iter().map(|g| g.2).sum();
+    let bytes = references as f64 * scale * REFERENCE_BYTES;
+    (SEARCH_PRICE + COLD * bytes / (bytes + HALF_COLD) + ways + total / SEARCHES as f64, references)
+}
+
+/// One search, layer after layer, each at its own time; counts the work in each.
+struct Count<'a> {
+    layers: &'a [(&'a [Layer], f32)],
+    point: Vec3,
+    candidates: &'a mut Candidates,
+    work: &'a mut [NeighborWork],
+}
+
+impl Kernel for Count<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let mut total = NeighborWork::default();
+        let mut search = KNearest::within(8, f32::MAX, 1.0, self.candidates, &KeepAll, &mut total);
+        let mut before = NeighborWork::default();
+        loop {
+            for ((layer, time), work) in self.layers.iter().zip(&mut *self.work) {
+                walk_all(s, layer, (self.point, *time), &mut search);
+                let now = *search.observed();
+                work.nodes += now.nodes - before.nodes;
+                work.blocks += now.blocks - before.blocks;
+                before = now;
+            }
+            if !search.again() {
+                break;
+            }
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! What can be wrong with a set of points.
+
+use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
+use core::fmt;
+
+/// Why a point tree could not be built. Nothing here panics on bad input: it returns this.
+///
+/// ```
+/// use mbkd::{PointError, PointParams, PointTree};
+/// let error = PointTree::build(&[[0.0f32, 0.0, 0.0], [1.0, f32::NAN, 0.0]], &PointParams::default()).unwrap_err();
+/// assert_eq!(error, PointError::NonFinite { point: 1, key: 0 });
+/// println!("{error}");
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum PointError {
+    /// A coordinate is NaN or infinite.
+    NonFinite {
+        /// The point.
+        point: usize,
+        /// The key.
+        key: usize,
+    },
+    /// A coordinate is farther from zero (for f64 input, from the set's centre) than
+    /// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE).
+    TooLarge {
+        /// The point.
+        point: usize,
+        /// The key.
+        key: usize,
+    },
+    /// Arrays that belong together differ in length.
+    Length {
+        /// Which array.
+        name: &'static str,
+        /// Length of the first array.
+        expected: usize,
+        /// Length of this array.
+        found: usize,
+    },
+    /// There are points but no positions: no key was given.
+    NoKeys,
+    /// More keys than a tree can tell apart.
+    TooManyKeys {
+        /// How many there were.
+        found: usize,
+    },
+    /// An id is `u32::MAX`, which stands for "no point".
+    ReservedId {
+        /// The point.
+        point: usize,
+    },
+    /// More points than 32-bit ids can name.
+    TooManyPoints {
+        /// How many there were.
+        found: usize,
+    },
+    /// A parameter is outside its range.
+    Parameter {
+        /// The field of [`PointParams`](crate::PointParams).
+        name: &'static str,
+        /// What it has to be.
+        expected: &'static str,
+    },
+}
+
+impl fmt::Display for PointError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            PointError::NonFinite { point, key } => {
+                write!(f, "point {point} has a coordinate that is not finite at key {key}; remove or mend it")
+            }
+            PointError::TooLarge { point, key } => {
+                let most = MAX_POINT_COORDINATE;
+                write!(f, "point {point} is farther than {most:e} from the origin at key {key}; scale the set down")
+            }
+            PointError::Length { name, expected, found } => {
+                write!(f, "`{name}` has {found} elements where {expected} are needed, one for each point")
+            }
+            PointError::NoKeys => f.write_str("no key was given; give the positions for at least one time"),
+            PointError::TooManyKeys { found } => {
+                write!(f, "{found} keys are more than {MAX_KEYS}; split the shutter")
+            }
+            PointError::ReservedId { point } => {
+                write!(f, "the id of point {point} is {}, which is reserved; use smaller ids", u32::MAX)
+            }
+            PointError::TooManyPoints { found } => {
+                write!(f, "{found} points are more than {} that one tree can hold; split the set", u32::MAX)
+            }
+            PointError::Parameter { name, expected } => write!(f, "`{name}` must be {expected}"),
+        }
+    }
+}
+
+impl core::error::Error for PointError {}

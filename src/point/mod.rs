@@ -1,0 +1,49 @@
+//! Exact neighbours of a point at a time, among points that move or live for a while.
+//!
+//! The picture to have in mind: a pyramid of 16-wide nodes over leaves of sixteen points. One vector
+//! instruction tests sixteen boxes or sixteen points. Where points move, boxes move with them, linearly
+//! in time; where points cross each other's cells, the paper's rule (cut them where they cross, with
+//! time intervals) or a split of the shutter keeps the boxes tight. A set that stands still has a tree
+//! without any of that.
+//!
+//! Data flows `primitive` (input) → `order` and `select` (who lies in which leaf) → `static_tree`
+//! or `moving_tree` (layouts) → `snapshot` (a layout at a time) → `search` (the searches) → `query`
+//! (what callers see).
+//!
+//! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the cutting of what
+//! crosses planes; the rest is ours and measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
+
+mod approach;
+mod batch;
+mod build;
+mod byte_boxes;
+mod choose;
+mod error;
+mod fast;
+mod iter;
+mod linear_bounds;
+mod moving_reference;
+mod moving_tree;
+mod neighbor;
+mod order;
+mod over_interval;
+mod partition;
+mod plane_splits;
+mod query;
+mod search;
+mod select;
+mod snapshot;
+mod static_tree;
+mod stats;
+mod tree;
+mod tree_queries;
+
+pub use approach::Approach;
+pub use batch::NeighborLists;
+pub use error::PointError;
+pub use iter::WithinIter;
+pub use neighbor::Neighbor;
+pub use query::{NeighborBuffer, NeighborQuery};
+pub use search::{KeepAll, KeepIf, NeighborWork};
+pub use stats::{PointLayerKind, PointLayerStats, PointStats};
+pub use tree::{PointParams, PointStructure, PointTree};

@@ -1,0 +1,75 @@
+//! Points between two keys: the references of moving trees, and the part of the shutter a tree covers.
+
+use super::linear_bounds::Span;
+use crate::geometry::{KeyTime, TimeInterval};
+
+/// A point on a straight way between two keys, counting during `alive` in one place of a tree.
+///
+/// Where the way is cut at planes, several references of one point have intervals that meet but do
+/// not overlap.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Mover {
+    pub(super) open: [f32; 3],
+    pub(super) close: [f32; 3],
+    pub(super) alive: TimeInterval,
+    /// The whole life of the point, of which `alive` is a part.
+    pub(super) life: TimeInterval,
+    pub(super) id: u32,
+    /// Whether it may be cut where it crosses planes.
+    pub(super) cut: bool,
+}
+
+/// The part of the shutter that a moving tree answers for: within one segment between two keys.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part {
+    /// Number of keys of the set.
+    pub(super) keys: usize,
+    /// Index of the earlier key.
+    pub(super) segment: usize,
+    /// When.
+    pub(super) interval: TimeInterval,
+}
+
+impl Part {
+    /// Where time `t` lies in the segment, in [0, 1], in the very rounding that queries use. It never
+    /// decreases as `t` grows, so what holds between the phases of two times holds at all times between.
+    pub(super) fn phase(&self, t: f32) -> f32 {
+        phase(KeyTime::new(t.min(1.0), self.keys), self.segment)
+    }
+
+    /// The middle.
+    pub(super) fn middle(&self) -> f32 {
+        0.5 * (self.interval.begin() + self.interval.end())
+    }
+}
+
+/// Phase within `segment` of a time that lies in it, or at its ends.
+pub(super) fn phase(at: KeyTime, segment: usize) -> f32 {
+    match at.segment.cmp(&segment) {
+        core::cmp::Ordering::Less => 0.0,
+        core::cmp::Ordering::Equal => {
+            if at.from_end {
+                at.s + 1.0
+            } else {
+                at.s
+            }
+        }
+        core::cmp::Ordering::Greater => 1.0,
+    }
+}
+
+impl Mover {
+    /// Coordinate at a phase, in f64 without noticeable rounding.
+    pub(super) fn at(&self, axis: usize, phase: f64) -> f64 {
+        let (open, close) = (f64::from(self.open[axis]), f64::from(self.close[axis]));
+        open + (close - open) * phase
+    }
+
+    /// Positions at both ends of the life, for hulls.
+    pub(super) fn span(&self, part: &Part) -> Span {
+        let times = [self.alive.begin(), self.alive.end_bound()];
+        let range = [f64::from(part.phase(times[0])), f64::from(part.phase(times[1]))];
+        let ends = core::array::from_fn(|axis| [self.at(axis, range[0]), self.at(axis, range[1])]);
+        Span { lo: ends, hi: ends, range, times }
+    }
+}

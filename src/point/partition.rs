@@ -1,0 +1,105 @@
+//! Layers: a tree that stands still, or moving trees side by side in time.
+//!
+//! A set may be divided among layers, what stands still apart from what moves; a search goes through
+//! them one after the other with the same candidates and the same bound.
+
+use super::moving_tree::{MovingTree, MovingView};
+use super::search::nearest::Best;
+use super::search::radius::{Sink, within};
+use super::search::walk::{Collect, walk};
+use super::search::{Keep, Observe};
+use super::snapshot::View;
+use super::static_tree::StaticTree;
+use crate::simd::Simd;
+use core::ops::ControlFlow;
+use glam::Vec3;
+
+/// Points that one structure holds.
+#[derive(Clone)]
+pub(super) enum Layer {
+    /// Nothing moves, everything lives throughout.
+    Still(StaticTree),
+    /// One tree for each part of the shutter, in order, without a gap.
+    Moving(Vec<MovingTree>),
+}
+
+/// A layer at a time.
+pub(super) enum LayerView<'a> {
+    Still(&'a StaticTree),
+    /// Everything counts throughout the part.
+    Moving(MovingView<'a, false>),
+    /// References have intervals.
+    Timed(MovingView<'a, true>),
+}
+
+impl Layer {
+    /// The layer at a time in [0, 1].
+    #[inline(always)]
+    pub(super) fn at(&self, time: f32) -> LayerView<'_> {
+        match self {
+            Layer::Still(tree) => LayerView::Still(tree),
+            Layer::Moving(parts) => {
+                let last = parts.len() - 1;
+                let tree = &parts[parts.partition_point(|p| p.part().interval.end_bound() <= time).min(last)];
+                if tree.timed() { LayerView::Timed(tree.at(time)) } else { LayerView::Moving(tree.at(time)) }
+            }
+        }
+    }
+
+    /// Bytes allocated.
+    pub(super) fn bytes(&self) -> usize {
+        match self {
+            Layer::Still(tree) => tree.bytes(),
+            Layer::Moving(parts) => parts.iter().map(MovingTree::bytes).sum(),
+        }
+    }
+}
+
+/// Walks through all layers, nearest boxes first.
+#[inline(always)]
+pub(super) fn walk_all<S: Simd, C: Collect<S>>(s: S, layers: &[Layer], (point, time): (Vec3, f32), collect: &mut C) {
+    for layer in layers {
+        match layer.at(time) {
+            LayerView::Still(view) => walk(s, &view, &view.target(s, point), collect),
+            LayerView::Moving(view) => walk(s, &view, &view.target(s, point), collect),
+            LayerView::Timed(view) => walk(s, &view, &view.target(s, point), collect),
+        }
+    }
+}
+
+/// Looks for the nearest point in all layers.
+#[inline(always)]
+pub(super) fn nearest_in_all<S: Simd, K: Keep, O: Observe>(
+    s: S,
+    layers: &[Layer],
+    (point, time): (Vec3, f32),
+    best: &mut Best<'_, S, K, O>,
+) {
+    for layer in layers {
+        match layer.at(time) {
+            LayerView::Still(view) => best.search(s, &view, &view.target(s, point)),
+            LayerView::Moving(view) => best.search(s, &view, &view.target(s, point)),
+            LayerView::Timed(view) => best.search(s, &view, &view.target(s, point)),
+        }
+    }
+}
+
+/// Hands every point of all layers within the bound to the sink.
+#[inline(always)]
+pub(super) fn within_all<S: Simd, T: Sink<S>, O: Observe>(
+    s: S,
+    layers: &[Layer],
+    (point, time): (Vec3, f32),
+    bound: f32,
+    sink: &mut T,
+    observe: &mut O,
+) -> ControlFlow<()> {
+    for layer in layers {
+        match layer.at(time) {
+            LayerView::Still(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
+            LayerView::Moving(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
+            LayerView::Timed(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
+        }
+    }
+    ControlFlow::Continue(())
+}

@@ -1,0 +1,110 @@
+//! Candidates of a search in rows, so that sixteen are appended or dropped at a time.
+
+use crate::point::neighbor::Neighbor;
+use crate::simd::{LANES, Mask, Simd, lanes_at};
+
+/// Memory for candidates: distances and ids apart, with a vector of room at the end.
+#[derive(Clone, Debug, Default)]
+pub(in crate::point) struct Candidates {
+    pub(in crate::point) distances: Vec<f32>,
+    pub(in crate::point) ids: Vec<u32>,
+    pub(in crate::point) count: usize,
+    /// Distances of a search's first leaves, before there is a threshold.
+    pub(super) raw: Vec<f32>,
+    pub(in crate::point) packed: Vec<u64>,
+}
+
+impl Candidates {
+    /// Makes room for `more` candidates and a vector.
+    #[inline(always)]
+    pub(in crate::point) fn reserve(&mut self, more: usize) {
+        if self.count + more + LANES > self.distances.len() {
+            self.grow(more);
+        }
+    }
+
+    #[cold]
+    fn grow(&mut self, more: usize) {
+        let size = (2 * (self.count + more + LANES)).next_multiple_of(LANES);
+        self.distances.resize(size, 0.0);
+        self.ids.resize(size, 0);
+        self.raw.resize(size, 0.0);
+    }
+
+    /// Appends the lanes of a mask; there must be room.
+    #[inline(always)]
+    pub(in crate::point) fn push<S: Simd>(&mut self, s: S, distance: S::F, id: S::U, mask: u16) {
+        self.count = append(s, &mut self.distances, &mut self.ids, self.count, (distance, id), mask);
+    }
+
+    /// Overwrites sixteen distances.
+    #[inline(always)]
+    pub(super) fn write<S: Simd>(&mut self, s: S, at: usize, distance: S::F) {
+        let to: &mut [f32; LANES] = (&mut self.raw[at..at + LANES]).try_into().expect("sixteen");
+        s.store(distance, to);
+    }
+
+    /// Drops everything above the threshold. What follows the last candidate up to a whole vector is above it.
+    #[inline(always)]
+    pub(super) fn retain<S: Simd>(&mut self, s: S, threshold: f32) {
+        let count = core::mem::take(&mut self.count);
+        for at in (0..count).step_by(LANES) {
+            let distance = s.load(lanes_at(&self.distances, at));
+            let id = s.load_u(lanes_at(&self.ids, at));
+            self.push(s, distance, id, s.le(distance, s.splat(threshold)));
+        }
+    }
+
+    /// Keeps the k least pairs and returns the greatest distance among them. For sets with so many
+    /// equal distances that no threshold tells them apart.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn retain_exactly(&mut self, k: usize) -> f32 {
+        let pairs = self.distances.iter().zip(&self.ids).take(self.count);
+        self.packed.clear();
+        self.packed.extend(pairs.map(|(&distance, &id)| pack(distance, id)));
+        let (_, &mut last, _) = self.packed.select_nth_unstable(k - 1);
+        for (i, &key) in self.packed[..k].iter().enumerate() {
+            let pair = unpack(key);
+            (self.distances[i], self.ids[i]) = (pair.distance_squared, pair.id);
+        }
+        self.count = k;
+        unpack(last).distance_squared
+    }
+}
+
+/// Writes the lanes of a mask from place `end` on and returns the new end. (With the end apart from the buffers it
+/// stays in a register.)
+#[inline(always)]
+pub(super) fn append<S: Simd>(
+    s: S,
+    distances: &mut [f32],
+    ids: &mut [u32],
+    end: usize,
+    (distance, id): (S::F, S::U),
+    mask: Mask,
+) -> usize {
+    let to: &mut [f32; LANES] = (&mut distances[end..end + LANES]).try_into().expect("sixteen");
+    s.store(s.compress(distance, mask), to);
+    let to: &mut [u32; LANES] = (&mut ids[end..end + LANES]).try_into().expect("sixteen");
+    s.store_u(s.compress_u(id, mask), to);
+    end + mask.count_ones() as usize
+}
+
+/// The first `count` lanes; all where there are more than that many.
+#[inline(always)]
+pub(in crate::point) fn there(count: usize) -> Mask {
+    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
+}
+
+/// A distance and an id as one number that sorts like the pair.
+#[inline(always)]
+pub(in crate::point) fn pack(distance: f32, id: u32) -> u64 {
+    u64::from(distance.to_bits()) << 32 | u64::from(id)
+}
+
+/// The pair behind such a number.
+#[inline(always)]
+pub(in crate::point) fn unpack(key: u64) -> Neighbor {
+    Neighbor { id: key as u32, distance_squared: f32::from_bits((key >> 32) as u32) }
+}

@@ -1,0 +1,372 @@
+//! The k nearest points: collect first, select at the end.
+//!
+//! A sorted list of the k best costs a search more than the distances do. So candidates under a
+//! threshold are only appended, sixteen at a time; whenever there are more than about 2k, the threshold
+//! is lowered until between k and 1.5k remain, by counting. The threshold never falls below the k-th
+//! least distance seen, so what is dropped can not be an answer. One sort at the end puts them in order.
+//!
+//! The first threshold is guessed from the size of the leaf at the query: a ball that should hold a few more than k
+//! points. All leaves that it touches are known before the first of them has come from memory, and nothing has to
+//! wait for a distance. Where the ball turns out to hold fewer than k points, the search begins anew with a larger
+//! one. Where k is much less than a leaf holds, a look at the nearest leaves tells more than a guess.
+
+use super::candidates::{Candidates, append};
+use super::sort::sort_lanes;
+use super::waiting::Waiting;
+use super::walk::{Collect, keys, unpack};
+use super::{Keep, Observe, kept};
+use crate::point::snapshot::{Target, View};
+use crate::simd::{LANES, Mask, Simd, lanes_at};
+
+/// How often a threshold is guessed before the search goes on without.
+const GUESSES: u32 = 3;
+
+/// The largest k for which it is guessed: beyond, there may well be fewer points than are wanted, and a guess too small
+/// costs much.
+const MOST_GUESSED: usize = 1 << 12;
+
+/// The largest k for which a threshold comes from the minima of sixteen columns: it is tight where k is well below
+/// their number.
+const MOST_COLUMNS: usize = 10;
+
+/// Where a threshold comes from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Origin {
+    /// From the caller, and it may be far away.
+    Caller,
+    /// It is a guess: fewer than k points may lie within it.
+    Guess,
+    /// From k points that lie within it, or from the caller and nearer than the guess.
+    Known,
+}
+
+/// The search for k nearest.
+pub(in crate::point) struct KNearest<'a, K, O> {
+    k: usize,
+    /// What is farther than this is no answer.
+    threshold: f32,
+    /// Where the threshold comes from.
+    origin: Origin,
+    cull: f32,
+    /// The caller's bound.
+    bound: f32,
+    shrink: f32,
+    /// How often a threshold may still be guessed, and a factor on the next guess.
+    guesses: u32,
+    scale: f32,
+    candidates: &'a mut Candidates,
+    waiting: Waiting,
+    keep: &'a K,
+    observe: &'a mut O,
+}
+
+impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
+    /// Nothing found yet; what lies at `bound` itself still counts. `k` must not be 0.
+    #[inline(always)]
+    pub(in crate::point) fn within(
+        k: usize,
+        bound: f32,
+        shrink: f32,
+        candidates: &'a mut Candidates,
+        keep: &'a K,
+        observe: &'a mut O,
+    ) -> Self {
+        candidates.count = 0;
+        let waiting = Waiting::new();
+        KNearest {
+            k,
+            threshold: bound,
+            origin: Origin::Caller,
+            cull: bound * shrink,
+            bound,
+            shrink,
+            guesses: if k <= MOST_GUESSED { GUESSES } else { 0 },
+            scale: 1.0,
+            candidates,
+            waiting,
+            keep,
+            observe,
+        }
+    }
+
+    /// Whether the guess was too small: then the walk through all layers has to be repeated.
+    #[inline(always)]
+    pub(in crate::point) fn again(&mut self) -> bool {
+        let again = self.origin == Origin::Guess && self.candidates.count < self.k;
+        if again {
+            self.guesses -= 1;
+            self.scale = scaled(self.scale, 1.5 * self.wanted(), self.candidates.count as f32);
+            self.candidates.count = 0;
+            self.origin = Origin::Caller;
+            self.lower_to(self.bound);
+        }
+        again
+    }
+
+    /// Sets the threshold.
+    #[inline(always)]
+    fn lower_to(&mut self, threshold: f32) {
+        self.threshold = threshold;
+        self.cull = threshold * self.shrink;
+    }
+
+    /// Points that a ball should hold: so many that fewer than k are seldom in it.
+    #[inline(always)]
+    fn wanted(&self) -> f32 {
+        let k = self.k as f32;
+        k + 1.5 * k.sqrt()
+    }
+
+    /// The observer.
+    pub(in crate::point) fn observed(&self) -> &O {
+        self.observe
+    }
+
+    /// Candidates above which the threshold is lowered.
+    #[inline(always)]
+    fn limit(&self) -> usize {
+        self.k.saturating_mul(2).saturating_add(8)
+    }
+
+    /// Candidates that a new threshold should have under it.
+    #[inline(always)]
+    fn aim(&self) -> f32 {
+        (self.k + self.k / 4 + 2) as f32
+    }
+
+    /// A threshold that has between k and about 1.5k of the distances under it, found by counting from a
+    /// guess; nothing where equal distances prevent it. There are a multiple of [`LANES`] distances.
+    #[inline(always)]
+    fn lower<S: Simd>(&self, s: S, distances: &[f32], guess: f32) -> Option<f32> {
+        let most = self.k + self.k / 2 + 4;
+        let aim = self.aim();
+        // `low` has fewer than k under it, `high` too many.
+        let (mut low, mut high) = (-1.0f32, self.threshold);
+        let mut threshold = guess;
+        let mut found = None;
+        for _ in 0..12 {
+            let mut under = 0;
+            let limit = s.splat(threshold);
+            for at in (0..distances.len()).step_by(LANES) {
+                under += s.le(s.load(lanes_at(distances, at)), limit).count_ones() as usize;
+            }
+            if under < self.k {
+                low = threshold;
+            } else {
+                high = threshold;
+                found = (under <= self.limit()).then_some(threshold);
+                if under <= most {
+                    break;
+                }
+            }
+            let next = scaled(threshold, aim, under as f32);
+            let between = next > low && next < high;
+            threshold = if between { next } else { middle(low, high) };
+        }
+        found
+    }
+
+    /// Lowers the threshold until at most about 1.5k candidates are under it.
+    #[inline(always)]
+    fn tighten<S: Simd>(&mut self, s: S, guess: f32) {
+        let count = self.candidates.count;
+        self.candidates.distances[count..count + LANES].fill(f32::INFINITY);
+        let threshold = match self.lower(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess) {
+            Some(threshold) => {
+                self.candidates.retain(s, threshold);
+                threshold
+            }
+            None => self.candidates.retain_exactly(self.k),
+        };
+        self.lower_to(threshold);
+        self.origin = Origin::Known;
+    }
+
+    /// A threshold for the first time without a guess, from at least k candidates.
+    #[inline(always)]
+    fn settle<S: Simd>(&mut self, s: S) {
+        let whole = self.candidates.count / LANES * LANES;
+        let mut sum = s.splat(0.0);
+        for at in (0..whole).step_by(LANES) {
+            sum = sum + s.load(lanes_at(&self.candidates.distances, at));
+        }
+        let mut columns = [0.0; LANES];
+        s.store(sum, &mut columns);
+        // More than half of the distances are below their mean.
+        let mean = self::sum(&columns) / whole as f32;
+        self.tighten(s, scaled(mean, self.aim(), 0.6 * whole as f32));
+    }
+
+    /// Looks at the leaves on the list.
+    #[inline(always)]
+    fn look<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        let leaves = self.waiting.take();
+        let blocks = view.leaf_blocks();
+        self.candidates.reserve(leaves.len() * blocks * LANES);
+        let limit = s.splat(self.threshold);
+        let Candidates { distances, ids, count, .. } = &mut *self.candidates;
+        let mut end = *count;
+        for &leaf in leaves {
+            for block in leaf as usize..leaf as usize + blocks {
+                self.observe.block();
+                let distance = view.point_distances(s, target, block);
+                let names = view.ids(block);
+                let under = kept(self.keep, names, s.le(distance, limit));
+                end = append(s, distances, ids, end, (distance, s.load_u(names)), under);
+            }
+        }
+        *count = end;
+        if self.origin == Origin::Caller {
+            if end >= self.k {
+                self.settle(s);
+            }
+        } else if end > self.limit() {
+            self.tighten(s, self.threshold * 0.75);
+        }
+    }
+
+    /// A threshold from the size of the nearest leaf. Points grow with its 3/2th power in space and with the threshold
+    /// itself on a surface; the exponent lies in between.
+    #[inline(always)]
+    fn guess<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
+        let (lane, near) = unpack(s.reduce_min_u(keys(s, boxes)));
+        let share = self.wanted() / (LANES * view.leaf_blocks()) as f32;
+        let ball = V::BALL * (share * share.sqrt()).sqrt() * self.scale * s.lane(view.box_sizes(s, target, node), lane);
+        let threshold = near + ball;
+        if near == f32::INFINITY {
+            // Nothing is here at this time; another layer may have more.
+        } else if near > 4.0 * ball {
+            // Only the edge of the ball would be among the points.
+            self.guesses = 0;
+        } else if threshold < self.threshold {
+            self.lower_to(threshold);
+            self.origin = Origin::Guess;
+        } else {
+            self.origin = Origin::Known;
+        }
+    }
+
+    /// Looks at the nearest leaves first: their distances, a threshold from them, and only then ids.
+    #[inline(always)]
+    fn seed<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, boxes: S::F) -> Mask {
+        let blocks = view.leaf_blocks();
+        // As many leaves as hold three times what is wanted, and one more: with a threshold from them few of the others
+        // are needed.
+        let (mut lanes, mut left) = (0, keys(s, boxes));
+        for _ in 0..(3 * self.k).div_ceil(LANES * blocks) + 1 {
+            let (lane, _) = unpack(s.reduce_min_u(left));
+            lanes |= 1 << lane;
+            left = s.select_u(1 << lane, s.splat_u(u32::MAX), left);
+        }
+        lanes &= s.le(boxes, s.splat(self.cull));
+        self.candidates.reserve(LANES * LANES * blocks);
+        let mut least = s.splat(f32::MAX);
+        let (mut rest, mut end) = (lanes, 0);
+        while rest != 0 {
+            let leaf = first + rest.trailing_zeros() as usize * blocks;
+            rest &= rest - 1;
+            for block in leaf..leaf + blocks {
+                self.observe.block();
+                let distance = view.point_distances(s, target, block);
+                let under = kept(self.keep, view.ids(block), s.le(distance, s.splat(self.threshold)));
+                let distance = s.select(under, distance, s.splat(f32::INFINITY));
+                self.candidates.write(s, end, distance);
+                least = s.min(distance, least);
+                end += LANES;
+            }
+        }
+        // As many points as columns are at or below the k-th least of the columns' minima.
+        let mut columns = [0; LANES];
+        s.store_u(sort_lanes(s, s.to_bits(least)), &mut columns);
+        let kth = f32::from_bits(columns[self.k - 1]);
+        let threshold = if kth < self.threshold { kth } else { self.threshold };
+        // In place: what is written never overtakes what is read.
+        let limit = s.splat(threshold);
+        let (mut rest, mut from) = (lanes, 0);
+        let Candidates { distances, ids, raw, count, .. } = &mut *self.candidates;
+        let mut end = *count;
+        while rest != 0 {
+            let leaf = first + rest.trailing_zeros() as usize * blocks;
+            rest &= rest - 1;
+            for block in leaf..leaf + blocks {
+                let distance = s.load(lanes_at(raw, from));
+                from += LANES;
+                end = append(s, distances, ids, end, (distance, s.load_u(view.ids(block))), s.le(distance, limit));
+            }
+        }
+        *count = end;
+        if self.candidates.count > self.limit() {
+            self.tighten(s, middle(0.0, threshold));
+        } else if self.candidates.count >= self.k {
+            self.lower_to(threshold);
+            self.origin = Origin::Known;
+        }
+        lanes
+    }
+}
+
+/// Sum by halves, so that it needs no chain of additions.
+#[inline(always)]
+fn sum(x: &[f32; LANES]) -> f32 {
+    let eight: [f32; 8] = core::array::from_fn(|i| x[i] + x[i + 8]);
+    let four: [f32; 4] = core::array::from_fn(|i| eight[i] + eight[i + 4]);
+    (four[0] + four[2]) + (four[1] + four[3])
+}
+
+/// `threshold · (wanted / found)^(3/4)`, roughly, within factors of eight: points grow with the cube of the
+/// distance, which gives 2/3, but what was counted lies more to one side of the query than to the other. Bits
+/// of floats stand in for logarithms; it is only a guess anyway.
+#[inline(always)]
+fn scaled(threshold: f32, wanted: f32, found: f32) -> f32 {
+    let more = wanted.to_bits() as i32 - found.max(0.125).to_bits() as i32;
+    let by = (more / 4 * 3).clamp(-3 << 23, 3 << 23);
+    // Thresholds whose bits leave the range of floats are refused by whoever asks.
+    f32::from_bits(threshold.to_bits().saturating_add_signed(by))
+}
+
+/// Half-way between two floats, counted in floats.
+#[inline(always)]
+fn middle(low: f32, high: f32) -> f32 {
+    let low = low.max(0.0).to_bits();
+    f32::from_bits(low + (high.to_bits() - low) / 2)
+}
+
+impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
+    #[inline(always)]
+    fn cull(&self) -> f32 {
+        self.cull
+    }
+
+    #[inline(always)]
+    fn node(&mut self) {
+        self.observe.node();
+    }
+
+    #[inline(always)]
+    fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
+        let first = view.first_block(node);
+        let mut found = 0;
+        if self.origin == Origin::Caller {
+            let few = self.k <= MOST_COLUMNS;
+            let much_less_than_leaf = few && self.k < LANES * view.leaf_blocks() / 2;
+            // What was found before may lie beyond the ball and must not count as found within it.
+            if self.guesses > 0 && self.candidates.count == 0 && !much_less_than_leaf {
+                self.guess(s, view, target, node, boxes);
+            }
+            if few && self.origin == Origin::Caller {
+                found = self.seed(s, view, target, first, boxes);
+            }
+        }
+        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);
+        if self.waiting.many() || self.origin == Origin::Caller {
+            self.look(s, view, target);
+        }
+    }
+
+    #[inline(always)]
+    fn end<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        if !self.waiting.is_empty() {
+            self.look(s, view, target);
+        }
+    }
+}

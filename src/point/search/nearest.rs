@@ -1,0 +1,179 @@
+//! The nearest point.
+//!
+//! Down to the nearest leaf first; its bound leaves few others. They are known by masks: the rest of the bottom node,
+//! then what is left of the nodes above it.
+//!
+//! What comes next hangs on the bound, so it is what the search waits for: it is kept apart from the ids, which are
+//! needed at the end only, and in all lanes, where it is compared with boxes.
+
+use super::walk::{keys, unpack};
+use super::{Keep, Observe, kept};
+use crate::limits::MAX_LEVELS;
+use crate::point::snapshot::{NEAR, Target, View};
+use crate::simd::{LANES, Mask, Simd};
+
+/// The best so far, lane by lane.
+pub(in crate::point) struct Best<'a, S: Simd, K, O> {
+    distance: S::F,
+    id: S::U,
+    /// The least distance, in all lanes.
+    least: S::F,
+    /// The same, made less where answers may be approximate: boxes farther away than this hold nothing of interest.
+    cull: S::F,
+    shrink: S::F,
+    keep: &'a K,
+    observe: &'a mut O,
+}
+
+impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
+    /// Nothing found yet; what lies at `bound` itself still counts.
+    #[inline(always)]
+    pub(in crate::point) fn within(s: S, bound: f32, shrink: f32, keep: &'a K, observe: &'a mut O) -> Self {
+        let (bound, shrink) = (s.splat(bound), s.splat(shrink));
+        let id = s.splat_u(u32::MAX);
+        Best { distance: bound, id, least: bound, cull: bound * shrink, shrink, keep, observe }
+    }
+
+    /// Id and squared distance of the nearest, lowest id first.
+    #[inline(always)]
+    pub(in crate::point) fn finish(self, s: S) -> Option<(u32, f32)> {
+        let nearest = s.eq(self.distance, self.least);
+        let id = s.reduce_min_u(s.select_u(nearest, self.id, s.splat_u(u32::MAX)));
+        (id != u32::MAX).then_some((id, s.lane(self.least, 0)))
+    }
+
+    /// Looks at the points of a leaf; their distances go into `least` at once, into the best with their ids later.
+    #[inline(always)]
+    fn leaf<V: View>(&mut self, s: S, view: &V, target: &Target<S>, least: &mut S::U, leaf: usize) {
+        for block in leaf..leaf + view.leaf_blocks() {
+            self.observe.block();
+            let distance = view.point_distances(s, target, block);
+            let ids = view.ids(block);
+            let id = s.load_u(ids);
+            let nearer = s.lt(distance, self.distance);
+            let tied = s.eq(distance, self.distance) & s.lt_u(id, self.id);
+            let take = kept(self.keep, ids, nearer | tied);
+            let near = if K::ASKS { s.select(take, distance, s.splat(f32::INFINITY)) } else { distance };
+            // The bits of distances are in their order, and NaN, where there is no point, is above all of them.
+            *least = s.min_u(*least, s.to_bits(near));
+            self.distance = s.select(take, distance, self.distance);
+            self.id = s.select_u(take, id, self.id);
+        }
+    }
+
+    /// Brings the least distance into all lanes.
+    #[inline(always)]
+    fn tighten(&mut self, s: S, least: S::U) {
+        let least = s.min_u(least, s.swap_lanes_u::<8>(least));
+        let least = s.min_u(least, s.swap_lanes_u::<4>(least));
+        let least = s.min_u(least, s.swap_lanes_u::<2>(least));
+        let least = s.min_u(least, s.swap_lanes_u::<1>(least));
+        self.least = s.from_bits(least);
+        self.cull = self.least * self.shrink;
+    }
+
+    /// Looks at the nearest leaf of a bottom node; returns its lane. Where leaves are not in a near cache the next two
+    /// are asked for, while this one is waited for.
+    #[inline(always)]
+    fn nearest_leaf<V: View>(
+        &mut self,
+        s: S,
+        view: &V,
+        target: &Target<S>,
+        first: usize,
+        (boxes, holding): (S::F, Mask),
+    ) -> usize {
+        let nearest = nearest_lane(s, boxes, holding);
+        let shift = shift(view);
+        if view.leaf_bytes() > NEAR {
+            let others = s.select(1 << nearest, s.splat(f32::INFINITY), boxes);
+            let second = nearest_lane(s, others, 0);
+            view.expect_leaf(first + (second << shift));
+            let third = nearest_lane(s, s.select(1 << second, s.splat(f32::INFINITY), others), 0);
+            view.expect_leaf(first + (third << shift));
+        }
+        let mut least = s.to_bits(self.least);
+        self.leaf(s, view, target, &mut least, first + (nearest << shift));
+        self.tighten(s, least);
+        nearest
+    }
+
+    /// Looks at some leaves of a bottom node.
+    #[inline(always)]
+    fn leaves<V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, lanes: Mask) {
+        let mut least = s.to_bits(self.least);
+        let mut rest = lanes;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            self.leaf(s, view, target, &mut least, first + (lane << shift(view)));
+        }
+        self.tighten(s, least);
+    }
+
+    /// Looks at all points of a tree that may be nearer than the best so far.
+    #[inline(always)]
+    pub(in crate::point) fn search<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+        let (top, root) = view.root();
+        // Distances of children not visited yet, infinite for the others, and the node behind lane 0.
+        let mut open = [[f32::INFINITY; LANES]; MAX_LEVELS];
+        let mut first = [0; MAX_LEVELS];
+        let (mut level, mut node) = (top, root);
+        let mut found_leaf = false;
+        loop {
+            self.observe.node();
+            let (mut left, mut holding) = view.boxes(s, target, node);
+            if level == 0 {
+                let first = view.first_block(node);
+                let mut rest = s.le(left, self.cull);
+                if !found_leaf && rest != 0 {
+                    found_leaf = true;
+                    let seen = self.nearest_leaf(s, view, target, first, (left, holding));
+                    rest = s.le(left, self.cull) & !(1 << seen);
+                }
+                if rest != 0 {
+                    self.leaves(s, view, target, first, rest);
+                }
+                level = 1;
+                if level > top {
+                    return;
+                }
+                left = s.load(&open[1]);
+                holding = 0;
+            } else {
+                first[level] = view.first_child(level, node);
+            }
+            // A child that holds the point is within any bound.
+            if holding == 0 {
+                while s.le(left, self.cull) == 0 {
+                    level += 1;
+                    if level > top {
+                        return;
+                    }
+                    left = s.load(&open[level]);
+                }
+            }
+            let lane = nearest_lane(s, left, holding);
+            left = s.select(1 << lane, s.splat(f32::INFINITY), left);
+            s.store(left, &mut open[level]);
+            node = first[level] + lane;
+            if level == 1 && view.leaf_bytes() > NEAR {
+                view.expect_node(first[level] + nearest_lane(s, left, 0));
+            }
+            level -= 1;
+        }
+    }
+}
+
+/// A box that holds the point, or where there is none the nearest one. A mask is known long before the least of sixteen
+/// numbers is, and few points lie between the boxes of nodes.
+#[inline(always)]
+fn nearest_lane<S: Simd>(s: S, boxes: S::F, holding: Mask) -> usize {
+    if holding != 0 { holding.trailing_zeros() as usize } else { unpack(s.reduce_min_u(keys(s, boxes))).0 }
+}
+
+/// Binary logarithm of the number of blocks per leaf, which is 1 or 2.
+#[inline(always)]
+fn shift<V: View>(view: &V) -> usize {
+    view.leaf_blocks() >> 1
+}

@@ -1,0 +1,352 @@
+//! The complete tree over points that stand still.
+//!
+//! The picture to have in mind: leaves of 16 or 32 points in a row, nodes of sixteen boxes above
+//! them, and nothing else, no pointers and no time. Children of the j-th node of a level are the
+//! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
+//! fills the levels better.
+
+use super::byte_boxes::ByteBoxes;
+use super::order::{Item, include, order};
+use super::over_interval::{Boxed, Flight};
+use super::snapshot::{Boxes, Target, View, diagonal, outside, rows, squared};
+use crate::geometry::TimeInterval;
+use crate::limits::MAX_LEVELS;
+use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
+use glam::Vec3;
+
+/// Points that stand still, in a complete 16-ary tree.
+#[derive(Clone)]
+pub(super) struct StaticTree {
+    /// The lower levels, which have many nodes.
+    lower: Vec<ByteBoxes>,
+    /// The other levels.
+    upper: Vec<Boxes>,
+    /// As many as all bottom nodes have lanes for.
+    blocks: Vec<PointBlock>,
+    shape: Shape,
+}
+
+/// Sizes of a complete tree.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shape {
+    /// Blocks per leaf.
+    pub(super) leaf_blocks: usize,
+    /// Number of levels of nodes, at least one.
+    pub(super) levels: usize,
+    /// Number of the first node of each level; behind the last level, the number of nodes.
+    pub(super) begin: [usize; MAX_LEVELS + 1],
+}
+
+impl Shape {
+    /// The shape of the tree over `count` points: the leaf size that leaves fewer lanes empty near
+    /// the root, with fewer levels first.
+    pub(super) fn of(count: usize) -> Shape {
+        let (one, two) = (Shape::with_leaf(count, 1), Shape::with_leaf(count, 2));
+        if two.levels < one.levels { two.filled() } else { one.filled() }
+    }
+
+    /// The shape with a given number of blocks per leaf.
+    pub(super) fn with_leaf(count: usize, leaf_blocks: usize) -> Shape {
+        let mut shape = Shape { leaf_blocks, levels: 0, begin: [0; MAX_LEVELS + 1] };
+        let mut wide = count.div_ceil(leaf_blocks * LANES).max(1);
+        while shape.levels == 0 || wide > 1 {
+            wide = wide.div_ceil(LANES);
+            shape.begin[shape.levels + 1] = shape.begin[shape.levels] + wide;
+            shape.levels += 1;
+        }
+        shape
+    }
+
+    /// The same with all sixteen children below each node of boxes in bytes, which can not say that a child is absent,
+    /// only that it is far away: a search without a bound goes there, and has to find an empty node.
+    fn filled(self) -> Shape {
+        let mut wide: Lanes<usize> = core::array::from_fn(|level| self.wide(level));
+        for level in (1..self.levels).rev() {
+            if wide[level] > MOST_PLAIN {
+                wide[level - 1] = wide[level] * LANES;
+            }
+        }
+        let mut begin = [0; MAX_LEVELS + 1];
+        for level in 0..self.levels {
+            begin[level + 1] = begin[level] + wide[level];
+        }
+        Shape { begin, ..self }
+    }
+
+    /// Number of nodes of a level; 0 above the last.
+    fn wide(&self, level: usize) -> usize {
+        if level < self.levels { self.begin[level + 1] - self.begin[level] } else { 0 }
+    }
+
+    /// Points per leaf.
+    pub(super) fn leaf(&self) -> usize {
+        self.leaf_blocks * LANES
+    }
+
+    /// Number of nodes.
+    pub(super) fn nodes(&self) -> usize {
+        self.begin[self.levels]
+    }
+}
+
+impl StaticTree {
+    /// Builds the tree over `count` items. `id_of` turns an item's index into the id that answers carry.
+    ///
+    /// Items are ordered in the memory of the blocks that they end up in, so that building takes none besides.
+    pub(super) fn build(
+        count: usize,
+        items: impl Iterator<Item = Item>,
+        id_of: impl Fn(u32) -> u32 + Sync,
+    ) -> StaticTree {
+        let shape = Shape::of(count);
+        let mut blocks = huge_vec_of(PointBlock::EMPTY, shape.begin[1] * LANES * shape.leaf_blocks);
+        let memory = &mut PointBlock::items(&mut blocks)[..count];
+        for (to, item) in memory.iter_mut().zip(items) {
+            *to = item;
+        }
+        order(memory, shape.leaf());
+        let small = (0..shape.levels).find(|&level| shape.wide(level) <= MOST_PLAIN);
+        let plain = shape.begin[small.unwrap_or(shape.levels)];
+        let mut tree = StaticTree {
+            lower: huge_vec_of(ByteBoxes::NONE, plain),
+            upper: huge_vec_of(Boxes::NONE, shape.nodes() - plain),
+            blocks,
+            shape,
+        };
+        if plain > 0 {
+            fill(count, &mut tree.blocks, &mut tree.lower[..shape.begin[1]], shape.leaf_blocks, &id_of);
+        } else {
+            fill(count, &mut tree.blocks, &mut tree.upper[..shape.begin[1]], shape.leaf_blocks, &id_of);
+        }
+        for level in 1..shape.levels {
+            for node in shape.begin[level]..shape.begin[level + 1] {
+                let first = View::first_child(&&tree, level, node);
+                let mut boxes = Boxes::NONE;
+                for (lane, child) in (first..shape.begin[level]).take(LANES).enumerate() {
+                    let (lo, hi) = tree.hull(child);
+                    boxes.include(lane, lo, hi);
+                }
+                match tree.lower.get_mut(node) {
+                    Some(node) => *node = ByteBoxes::around(&boxes),
+                    None => tree.upper[node - plain] = boxes,
+                }
+            }
+        }
+        tree
+    }
+
+    /// The box around all children of a node.
+    fn hull(&self, node: usize) -> ([f32; 3], [f32; 3]) {
+        match self.lower.get(node) {
+            Some(node) => node.hull(),
+            None => self.upper[node - self.lower.len()].hull(),
+        }
+    }
+
+    /// Bytes allocated.
+    pub(super) fn bytes(&self) -> usize {
+        self.lower.capacity() * size_of::<ByteBoxes>()
+            + self.upper.capacity() * size_of::<Boxes>()
+            + self.blocks.capacity() * size_of::<PointBlock>()
+    }
+
+    /// Number of nodes.
+    pub(super) fn node_count(&self) -> usize {
+        self.shape.nodes()
+    }
+
+    /// Number of levels of nodes.
+    pub(super) fn levels(&self) -> usize {
+        self.shape.levels
+    }
+}
+
+/// A level of more nodes than this has its boxes in bytes. Fewer stay in the nearest caches anyway, where a third of
+/// the size is worth less than the few cycles that it takes to read bytes.
+const MOST_PLAIN: usize = 1024;
+
+/// A node that can be made of sixteen boxes.
+trait FromBoxes: Send {
+    fn of(boxes: Boxes) -> Self;
+}
+
+impl FromBoxes for Boxes {
+    fn of(boxes: Boxes) -> Boxes {
+        boxes
+    }
+}
+
+impl FromBoxes for ByteBoxes {
+    fn of(boxes: Boxes) -> ByteBoxes {
+        ByteBoxes::around(&boxes)
+    }
+}
+
+/// Nodes that one thread fills at a time.
+const SHARE: usize = 64;
+
+/// Turns the first `count` items in the memory of blocks into rows, and writes bottom nodes.
+fn fill<N: FromBoxes>(
+    count: usize,
+    blocks: &mut [PointBlock],
+    nodes: &mut [N],
+    leaf_blocks: usize,
+    id_of: &(impl Fn(u32) -> u32 + Sync),
+) {
+    let share = LANES * leaf_blocks;
+    if nodes.len() > SHARE {
+        let half = nodes.len() / 2;
+        let (nodes, more_nodes) = nodes.split_at_mut(half);
+        let (blocks, more_blocks) = blocks.split_at_mut(half * share);
+        let left = (half * share * LANES).min(count);
+        return super::order::join(
+            || fill(left, blocks, nodes, leaf_blocks, id_of),
+            || fill(count - left, more_blocks, more_nodes, leaf_blocks, id_of),
+        );
+    }
+    for (i, (node, blocks)) in nodes.iter_mut().zip(blocks.chunks_mut(share)).enumerate() {
+        let mut boxes = Boxes::NONE;
+        for (number, block) in blocks.iter_mut().enumerate() {
+            let before = (i * share + number) * LANES;
+            let (items, count) = block.take_items(count.saturating_sub(before));
+            *block = PointBlock::EMPTY;
+            let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+            for (lane, item) in items[..count].iter().enumerate() {
+                for axis in 0..3 {
+                    block.at[axis][lane] = item.at[axis];
+                }
+                block.id[lane] = id_of(item.index);
+            }
+            for item in &items[..count] {
+                include(&mut lo, &mut hi, item.at);
+            }
+            boxes.include(number / leaf_blocks, lo, hi);
+        }
+        *node = N::of(boxes);
+    }
+}
+
+impl View for &StaticTree {
+    const BALL: f32 = 0.18;
+
+    #[inline(always)]
+    fn root(&self) -> (usize, usize) {
+        (self.shape.levels - 1, self.shape.nodes() - 1)
+    }
+    #[inline(always)]
+    fn first_child(&self, level: usize, node: usize) -> usize {
+        self.shape.begin[level - 1] + (node - self.shape.begin[level]) * LANES
+    }
+    #[inline(always)]
+    fn first_block(&self, node: usize) -> usize {
+        node * LANES * self.shape.leaf_blocks
+    }
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        self.shape.leaf_blocks
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        Target::still(s, q)
+    }
+    #[inline(always)]
+    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
+        if let Some(node) = self.lower.get(node) {
+            return node.outside(s, &target.point);
+        }
+        let node = &self.upper[node - self.lower.len()];
+        outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
+    }
+    #[inline(always)]
+    fn box_sizes<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> S::F {
+        if let Some(node) = self.lower.get(node) {
+            return node.sizes(s);
+        }
+        let node = &self.upper[node - self.lower.len()];
+        diagonal::<S>(rows(s, &node.lo), rows(s, &node.hi))
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        let [x, y, z] = rows(s, &self.blocks[block].at);
+        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
+    }
+    #[inline(always)]
+    fn expect_node(&self, node: usize) {
+        match self.lower.get(node) {
+            Some(node) => prefetch(node),
+            None => prefetch(&self.upper[node - self.lower.len()]),
+        }
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
+            blocks.iter().for_each(prefetch);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.blocks.len() * size_of::<PointBlock>()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+}
+
+impl Boxed for StaticTree {
+    fn part(&self) -> (usize, usize, [f64; 2]) {
+        (1, 0, [0.0, 1.0])
+    }
+    fn top(&self) -> (usize, usize) {
+        View::root(&self)
+    }
+    fn behind(&self, level: usize, node: usize) -> (usize, usize) {
+        if level == 0 { (self.first_block(node), self.shape.leaf_blocks) } else { (self.first_child(level, node), 1) }
+    }
+    #[inline(always)]
+    fn times(&self, node: usize) -> [Lanes<f64>; 2] {
+        let begin = match self.lower.get(node) {
+            Some(node) => node.present().map(|there| if there { 0.0 } else { f64::INFINITY }),
+            None => {
+                self.upper[node - self.lower.len()].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY })
+            }
+        };
+        [begin, [1.0; LANES]]
+    }
+    #[inline(always)]
+    fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        let [lo, hi] = match self.lower.get(node) {
+            Some(node) => node.all_faces(),
+            None => {
+                let node = &self.upper[node - self.lower.len()];
+                [node.lo, node.hi]
+            }
+        };
+        [lo.map(|row| row.map(f64::from)), hi.map(|row| row.map(f64::from))]
+    }
+    fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
+        let block = &self.blocks[block];
+        let at = block.at.map(|row| row[lane]);
+        let id = block.id[lane];
+        (id != u32::MAX).then_some(Flight { id, open: at, close: at, life: TimeInterval::FULL })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn children_of_bytes_are_all_there() {
+        for count in [0, 16, 70_000, 4_194_304, 4_194_305, 5_000_000, 10_000_000, 70_000_000, 300_000_001] {
+            let shape = Shape::of(count);
+            assert!(shape.wide(0) * LANES * shape.leaf() >= count);
+            for level in 1..shape.levels {
+                let (children, lanes) = (shape.wide(level - 1), shape.wide(level) * LANES);
+                assert!(children <= lanes && lanes < children + LANES, "{count} points, level {level}");
+                assert!(shape.wide(level) <= MOST_PLAIN || children == lanes, "{count} points, level {level}");
+            }
+            assert_eq!(shape.wide(shape.levels - 1), 1);
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! The tree that callers build and ask.
+
+use super::build::{Cut, Plan, Source, check, moving_layer, parts};
+use super::choose::{Trial, choose};
+use super::error::PointError;
+use super::fast::mark_fast;
+use super::partition::Layer;
+use super::stats::{PointLayerKind, PointLayerStats, PointStats};
+use crate::limits::MAX_SLABS;
+use crate::primitive::PointSet;
+use crate::simd::SimdLevel;
+use glam::DVec3;
+
+/// Which structure moving points are put into. Answers do not depend on it.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[non_exhaustive]
+pub enum PointStructure {
+    /// Whatever costs least, by small builds and counted work.
+    #[default]
+    Automatic,
+    /// Linear boxes over the whole shutter, nothing cut: best for coherent or small motion.
+    Linear,
+    /// Linear boxes in this many trees side by side in time (at least 1): best for far incoherent motion.
+    Slabs(usize),
+    /// Linear boxes; points that move far relative to their neighbours are cut at planes.
+    CutFast,
+    /// The paper's rule for everything: cut at each plane that is crossed, with time intervals.
+    Mbkd,
+    /// Linear boxes; this many binary levels on top separate points by when they live.
+    LifeLevels(usize),
+}
+
+/// How a point tree is built.
+///
+/// ```
+/// use mbkd::{PointParams, PointStructure};
+/// let params = PointParams { structure: PointStructure::Slabs(4), ..PointParams::default() };
+/// # let _ = params;
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointParams {
+    /// The structure of what moves. Default: automatic. What stands still throughout has the static
+    /// structure in any case where the whole set does.
+    pub structure: PointStructure,
+    /// Most references per point, for cutting and for parts of the shutter; at least 1, default 8. A
+    /// reference takes 32 to 48 bytes. Forced slabs are built as asked.
+    pub max_references: f32,
+    /// Instruction set of the queries; answers do not depend on it. Default: the widest of this CPU.
+    pub simd: SimdLevel,
+}
+
+impl Default for PointParams {
+    fn default() -> Self {
+        PointParams { structure: PointStructure::Automatic, max_references: 8.0, simd: SimdLevel::best() }
+    }
+}
+
+impl PointParams {
+    /// An error for the first field that is out of range.
+    pub fn validate(&self) -> Result<(), PointError> {
+        if !(self.max_references >= 1.0 && self.max_references <= 1024.0) {
+            return Err(PointError::Parameter { name: "max_references", expected: "from 1 to 1024" });
+        }
+        match self.structure {
+            PointStructure::Slabs(n) if n == 0 || n > MAX_SLABS => {
+                Err(PointError::Parameter { name: "structure", expected: "Slabs with 1 to 1024 of them" })
+            }
+            PointStructure::LifeLevels(n) if n > 4 => {
+                Err(PointError::Parameter { name: "structure", expected: "LifeLevels with at most 4 of them" })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Points in a tree that answers neighbour queries exactly at any time of the shutter.
+///
+/// Every answer equals that of comparing all points: the position of a point at time t is interpolated
+/// in f32 from the nearer key, the squared distance is `(dx·dx + dy·dy) + dz·dz` in f32, and neighbours
+/// are ordered by it, ties by id. Thread count and instruction set make no difference.
+///
+/// Queries at a time outside [0, 1], with a point that is not finite or farther from the origin than
+/// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE), or with a negative or NaN radius find nothing. Differences of coordinates
+/// below about 1e-19 have squares that f32 rounds to zero: such points count as equally far.
+///
+/// ```
+/// use mbkd::{PointParams, PointTree};
+/// let points = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
+/// let tree = PointTree::build(&points, &PointParams::default())?;
+/// let found = tree.nearest_n([0.9f32, 0.0, 0.0], 0.0, 2);
+/// assert_eq!([found[0].id, found[1].id], [1, 0]);
+/// # Ok::<(), mbkd::PointError>(())
+/// ```
+#[derive(Clone)]
+pub struct PointTree {
+    pub(super) origin: DVec3,
+    pub(super) simd: SimdLevel,
+    pub(super) layers: Vec<Layer>,
+    stats: PointStats,
+    len: usize,
+}
+
+/// A set is divided into what stands still and what does not where at least this share does.
+const APART: f64 = 0.5;
+
+impl PointTree {
+    /// Builds the tree of a set of points: a slice, array or vector of positions (`Vec3`, `DVec3`,
+    /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
+    /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
+    ///
+    /// O(n log n) time; 17 bytes per point that stands still and one more while building, from 32 per point that
+    /// moves and about twice that while building. Errors: coordinates that are not finite or too large, arrays of
+    /// different length, parameters out of range. An empty set is a tree that finds nothing.
+    pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
+        params.validate()?;
+        let origin = check(points)?;
+        let source = Source { points, origin };
+        let len = points.len();
+        let mut tree = PointTree { origin, simd: params.simd, layers: Vec::new(), stats: PointStats::default(), len };
+        let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
+        let count = still.iter().filter(|&&s| s).count();
+        if count == len {
+            tree.add(Layer::Still(source.still_tree(len, 0..len)), PointLayerKind::Static, len, "nothing moves".into());
+            return Ok(tree);
+        }
+        let apart = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
+        if apart {
+            let why = format!("{count} of {len} points stand still throughout");
+            let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i])));
+            tree.add(layer, PointLayerKind::Static, count, why);
+        }
+        let moving = (0..len).filter(|&i| !(apart && still[i]));
+        let (plan, why) = match forced(params) {
+            Some(plan) => (plan, "asked for".to_string()),
+            None => {
+                // The middle segment stands for all of them.
+                let segment = (points.keys().max(2) - 1) / 2;
+                let part = parts(points.keys(), 1)[segment];
+                let mut movers = source.movers(&part, moving.clone(), |i| i as u32);
+                let (choice, trials) = choose(&movers, points.keys(), segment, params.max_references, params.simd);
+                let why = explain(&trials, &choice);
+                if let Some(plan) = choice.fast {
+                    mark_fast(&mut movers, &part);
+                    let mut fast = vec![false; len];
+                    movers.iter().filter(|m| m.cut).for_each(|m| fast[m.id as usize] = true);
+                    let slow = moving.clone().filter(|&i| !fast[i]);
+                    tree.add(moving_layer(&source, slow.clone(), &choice.plan), kind(&choice.plan), slow.count(), why);
+                    let fast = moving.filter(|&i| fast[i]);
+                    let why = "fast points, apart from the others".to_string();
+                    tree.add(moving_layer(&source, fast.clone(), &plan), kind(&plan), fast.count(), why);
+                    return Ok(tree);
+                }
+                (choice.plan, why)
+            }
+        };
+        tree.add(moving_layer(&source, moving.clone(), &plan), kind(&plan), moving.count(), why);
+        Ok(tree)
+    }
+
+    fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {
+        let bytes = layer.bytes();
+        let (references, nodes, levels) = match &layer {
+            Layer::Still(tree) => (points, tree.node_count(), tree.levels()),
+            Layer::Moving(parts) => (
+                parts.iter().map(|p| p.references()).sum(),
+                parts.iter().map(|p| p.node_count()).sum(),
+                parts.iter().map(|p| p.levels()).max().unwrap_or(0),
+            ),
+        };
+        self.stats.layers.push(PointLayerStats { kind, points, references, nodes, levels, bytes, why });
+        self.layers.push(layer);
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// What the tree consists of, and why.
+    pub fn stats(&self) -> &PointStats {
+        &self.stats
+    }
+
+    /// The position in the caller's coordinates that the tree keeps f32 positions relative to: zero for
+    /// f32 input, the middle of the set for f64 input.
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+}
+
+impl core::fmt::Debug for PointTree {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("PointTree").field("len", &self.len).field("stats", &self.stats).finish_non_exhaustive()
+    }
+}
+
+/// The layer that a plan makes.
+fn kind(plan: &Plan) -> PointLayerKind {
+    match plan.cut {
+        Cut::Nothing => PointLayerKind::Linear { parts: plan.parts, life_levels: plan.life_levels },
+        Cut::Fast => PointLayerKind::CutFast,
+        Cut::Everything => PointLayerKind::Mbkd,
+    }
+}
+
+/// The plan that was asked for; nothing where the choice is automatic.
+fn forced(params: &PointParams) -> Option<Plan> {
+    let plan = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: params.max_references };
+    match params.structure {
+        PointStructure::Automatic => None,
+        PointStructure::Linear => Some(plan),
+        PointStructure::Slabs(parts) => Some(Plan { parts, ..plan }),
+        PointStructure::CutFast => Some(Plan { cut: Cut::Fast, references: params.max_references.min(1.5), ..plan }),
+        PointStructure::Mbkd => Some(Plan { cut: Cut::Everything, ..plan }),
+        PointStructure::LifeLevels(life_levels) => Some(Plan { life_levels, ..plan }),
+    }
+}
+
+/// What was tried, in words.
+fn explain(trials: &[Trial], best: &Trial) -> String {
+    let plan = |plan: &Plan| match (plan.cut, plan.parts, plan.life_levels) {
+        (Cut::Fast, ..) => "fast points cut".to_string(),
+        (Cut::Everything, ..) => "all cut".to_string(),
+        (_, 1, 0) => "one linear tree".to_string(),
+        (_, 1, levels) => format!("{levels} life levels"),
+        (_, parts, _) => format!("{parts} parts"),
+    };
+    let name = |trial: &Trial| match &trial.fast {
+        Some(fast) => format!("fast points apart in {}", plan(fast)),
+        None => plan(&trial.plan),
+    };
+    let costs: Vec<String> = trials.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
+    format!("{} costs least in trial searches ({})", name(best), costs.join(", "))
+}

@@ -1,0 +1,215 @@
+//! A test helper for those who implement [`Primitive`]: does it keep the trait's contract?
+
+use super::custom::Primitive;
+use crate::geometry::{Aabb, Ray, TimeInterval};
+use crate::limits::MAX_COORDINATE;
+use core::fmt;
+use glam::{DVec3, Vec3};
+
+/// How a primitive breaks the contract of [`Primitive`].
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum PrimitiveError {
+    /// Bounds over an interval are NaN, infinite, inverted or too large.
+    BadBounds {
+        /// The interval.
+        over: TimeInterval,
+    },
+    /// A reported hit lies outside the bounds over an interval that contains the ray's time.
+    OutsideBounds {
+        /// The interval.
+        over: TimeInterval,
+        /// The ray.
+        ray: Ray,
+        /// The hit's distance.
+        t: f32,
+        /// How far outside the point is.
+        by: f64,
+    },
+    /// A reported hit lies outside the range of the ray.
+    OutsideRange {
+        /// The ray.
+        ray: Ray,
+        /// The hit's distance.
+        t: f32,
+    },
+    /// The same ray got two different answers.
+    Impure {
+        /// The ray.
+        ray: Ray,
+    },
+}
+
+impl fmt::Display for PrimitiveError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let between = |over: &TimeInterval| format!("[{}, {}]", over.begin(), over.end());
+        match self {
+            PrimitiveError::BadBounds { over } => {
+                write!(f, "the bounds over {} are NaN, infinite, inverted or too large", between(over))
+            }
+            PrimitiveError::OutsideBounds { over, ray, t, by } => write!(
+                f,
+                "the hit at t = {t} of {ray:?} lies {by:e} outside the bounds over {}: pad the bounds",
+                between(over)
+            ),
+            PrimitiveError::OutsideRange { ray, t } => write!(f, "the hit at t = {t} is outside the range of {ray:?}"),
+            PrimitiveError::Impure { ray } => write!(f, "{ray:?} got two different answers"),
+        }
+    }
+}
+
+impl std::error::Error for PrimitiveError {}
+
+/// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths.
+///
+/// Rays are drawn from a fixed sequence around the primitive's swept box, many of them aimed at its faces and edges,
+/// where padding matters. Passing is no proof, failing is one: the error says which ray. The rounding of `t` to f32 is
+/// the tree's business and allowed for.
+///
+/// ```
+/// use mbkd::{MovingSphere, check_primitive, glam::DVec3};
+/// let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X, 0.5)]);
+/// check_primitive(&ball, 1000)?;
+/// # Ok::<(), mbkd::PrimitiveError>(())
+/// ```
+pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(), PrimitiveError> {
+    let active = primitive.active();
+    let mut random = Random(0x9e37_79b9_7f4a_7c15);
+    let swept = primitive.bounds(active).swept();
+    check_bounds(swept, active)?;
+    let size = (swept.max - swept.min).max_element().max(f64::MIN_POSITIVE);
+    for _ in 0..samples {
+        let (a, b) = (random.in_interval(active), random.in_interval(active));
+        // Every fourth interval is only a few floats long.
+        let b = if random.next() < 0.25 { a + f32::EPSILON } else { b };
+        let Some(over) = TimeInterval::half_open(a.min(b), a.max(b)).and_then(|i| i.intersect(active)) else {
+            continue;
+        };
+        let bounds = primitive.bounds(over);
+        check_bounds(bounds.begin, over)?;
+        check_bounds(bounds.end, over)?;
+        let time = random.in_interval(over);
+        if !over.contains(time) {
+            continue;
+        }
+        let w = if over.duration() > 0.0 { f64::from(time - over.begin()) / f64::from(over.duration()) } else { 0.0 };
+        let now = bounds.at(w);
+        let target = random.in_box(now);
+        let origin = swept.min * 0.5 + swept.max * 0.5 + random.in_cube() * size * 2.0;
+        let dir = ((target - origin) / size).as_vec3();
+        if dir == Vec3::ZERO {
+            continue;
+        }
+        let ray = Ray::new(origin, dir).at_time(time);
+        let hit = primitive.intersect(&ray);
+        if primitive.intersect(&ray) != hit {
+            return Err(PrimitiveError::Impure { ray });
+        }
+        let Some(hit) = hit.filter(|hit| !hit.t.is_nan()) else { continue };
+        if hit.t < ray.t_min || hit.t > ray.t_max {
+            return Err(PrimitiveError::OutsideRange { ray, t: hit.t });
+        }
+        // t is rounded to f32, and the fraction of the interval in f64.
+        let allowed =
+            2.0 * f64::from(f32::EPSILON) * (f64::from(hit.t) * dir.as_dvec3().abs().max_element() + size * 1e-9);
+        let p = ray.point(hit.t);
+        let by = (now.min - p).max(p - now.max).max_element();
+        if by > allowed {
+            return Err(PrimitiveError::OutsideBounds { over, ray, t: hit.t, by });
+        }
+    }
+    Ok(())
+}
+
+fn check_bounds(b: Aabb, over: TimeInterval) -> Result<(), PrimitiveError> {
+    let large = b.min.abs().max(b.max.abs());
+    let fine = b.min.cmple(b.max).all() && large.cmple(DVec3::splat(MAX_COORDINATE)).all();
+    if fine { Ok(()) } else { Err(PrimitiveError::BadBounds { over }) }
+}
+
+/// A small fixed sequence (splitmix64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// A time of the interval, often its begin or end.
+    fn in_interval(&mut self, over: TimeInterval) -> f32 {
+        match (self.next() * 8.0) as u32 {
+            0 => over.begin(),
+            1 => over.end(),
+            _ => over.begin() + over.duration() * self.next() as f32,
+        }
+    }
+
+    fn in_cube(&mut self) -> DVec3 {
+        DVec3::new(self.next(), self.next(), self.next()) * 2.0 - 1.0
+    }
+
+    /// A point of the box, half of the time on a face or near it.
+    fn in_box(&mut self, b: Aabb) -> DVec3 {
+        let mut w = self.in_cube() * 0.5 + 0.5;
+        if self.next() < 0.5 {
+            let axis = (self.next() * 3.0) as usize;
+            w[axis.min(2)] = if self.next() < 0.5 { 1e-7 } else { 1.0 - 1e-7 };
+        }
+        b.min + (b.max - b.min) * w
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::LinearBounds;
+    use crate::primitive::Intersection;
+    use crate::primitive::sphere::MovingSphere;
+
+    /// A sphere with its bounds or answers spoiled.
+    struct Spoiled(MovingSphere, fn(LinearBounds) -> LinearBounds, fn(&Ray, f32) -> f32);
+
+    impl Primitive for Spoiled {
+        fn bounds(&self, over: TimeInterval) -> LinearBounds {
+            self.1(self.0.bounds(over))
+        }
+        fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+            self.0.intersect(ray).map(|hit| Intersection { t: self.2(ray, hit.t), ..hit })
+        }
+    }
+
+    #[test]
+    fn good_primitives_pass_and_each_way_to_be_wrong_is_found() {
+        let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X * 3.0, 0.5), (DVec3::Y * 9.0, 2.0)]);
+        assert_eq!(check_primitive(&ball, 20_000), Ok(()));
+        let far = MovingSphere::new(vec![(DVec3::splat(1e9), 1.0), (DVec3::splat(1e9 + 3.0), 0.1)]);
+        assert_eq!(check_primitive(&far, 20_000), Ok(()));
+        let keep: fn(&Ray, f32) -> f32 = |_, t| t;
+        let check = |bounds, t| check_primitive(&Spoiled(ball.clone(), bounds, t), 20_000);
+        assert!(matches!(
+            check(|b| LinearBounds { begin: b.begin.pad(-1e-4), end: b.end.pad(-1e-4) }, keep),
+            Err(PrimitiveError::OutsideBounds { .. })
+        ));
+        // Right at both ends, but not in between: the middle key forgotten.
+        let forgetful = MovingSphere::new(vec![ball.keys[0], ball.keys[2]]);
+        struct Forgetful(MovingSphere, MovingSphere);
+        impl Primitive for Forgetful {
+            fn bounds(&self, over: TimeInterval) -> LinearBounds {
+                self.0.bounds(over)
+            }
+            fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+                self.1.intersect(ray)
+            }
+        }
+        assert!(check_primitive(&Forgetful(forgetful, ball.clone()), 20_000).is_err());
+        assert!(matches!(
+            check(|b| LinearBounds { begin: b.end, end: Aabb::EMPTY }, keep),
+            Err(PrimitiveError::BadBounds { .. })
+        ));
+        assert!(matches!(check(|b| b, |_, t| -t), Err(PrimitiveError::OutsideRange { .. })));
+    }
+}

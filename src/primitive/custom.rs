@@ -1,0 +1,206 @@
+//! What a tree asks of the things in it.
+//!
+//! [`Primitive`] is what a caller implements for a moving shape of his own. Inside the crate a tree sees
+//! a whole set of primitives through [`PrimitiveSet`], in tree space: rebased triangle meshes are one,
+//! a list of [`Primitive`]s is another.
+
+use crate::error::BuildError;
+use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
+use crate::limits::MAX_COORDINATE;
+
+/// A moving shape that a [`RayTree`](crate::RayTree) can hold.
+///
+/// The contract, which [`check_primitive`](crate::check_primitive) tests on samples:
+/// - [`bounds`](Primitive::bounds) hold, at every time of the interval, every point that
+///   [`intersect`](Primitive::intersect) can report at that time, *including its own rounding*: pad them by
+///   the error of the intersection arithmetic.
+/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`](crate::MAX_COORDINATE).
+/// - [`intersect`](Primitive::intersect) is pure: the same ray gives the same answer, however often and on
+///   whichever thread it is asked.
+///
+/// ```
+/// use mbkd::glam::{DVec3, Vec3};
+/// use mbkd::{Aabb, BuildParams, Intersection, LinearBounds, Primitive, Ray, RayTree, TimeInterval};
+///
+/// /// A horizontal unit square that rises from z = 0 to z = 1.
+/// struct Lift;
+/// impl Primitive for Lift {
+///     fn bounds(&self, over: TimeInterval) -> LinearBounds {
+///         let at = |t: f32| {
+///             let z = f64::from(t);
+///             Aabb { min: DVec3::new(0.0, 0.0, z), max: DVec3::new(1.0, 1.0, z) }.pad(1e-6)
+///         };
+///         LinearBounds { begin: at(over.begin()), end: at(over.end()) }
+///     }
+///     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+///         let t = (f64::from(ray.time) - ray.origin.z) / f64::from(ray.dir.z);
+///         let p = ray.origin + ray.dir.as_dvec3() * t;
+///         let inside = p.x >= 0.0 && p.x <= 1.0 && p.y >= 0.0 && p.y <= 1.0;
+///         inside.then_some(Intersection { t: t as f32, u: p.x as f32, v: p.y as f32 })
+///     }
+/// }
+/// let tree = RayTree::of_primitives(vec![Lift], &BuildParams::default())?;
+/// let ray = Ray::new(DVec3::new(0.5, 0.5, 3.0), Vec3::NEG_Z).at_time(0.25);
+/// assert_eq!(tree.closest_hit(&ray).unwrap().t, 2.75);
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
+pub trait Primitive: Send + Sync {
+    /// Linear bounds over a part of the shutter, in world coordinates.
+    fn bounds(&self, over: TimeInterval) -> LinearBounds;
+
+    /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`.
+    ///
+    /// An answer outside that range counts as none.
+    fn intersect(&self, ray: &Ray) -> Option<Intersection>;
+
+    /// When the primitive exists. The default is the whole shutter.
+    fn active(&self) -> TimeInterval {
+        TimeInterval::FULL
+    }
+}
+
+/// Where a ray meets a primitive, as a [`Primitive`] reports it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intersection {
+    /// Distance in units of the ray's direction: the point is `origin + t * dir`.
+    pub t: f32,
+    /// First surface parameter, handed through to [`Hit::u`](crate::Hit::u).
+    pub u: f32,
+    /// Second surface parameter, handed through to [`Hit::v`](crate::Hit::v).
+    pub v: f32,
+}
+
+/// A set of primitives in tree space, as builders and queries see it.
+pub(crate) trait PrimitiveSet: Send + Sync {
+    /// Number of primitives; ids run from 0.
+    fn len(&self) -> usize;
+    /// When a primitive exists.
+    fn active(&self, id: u32) -> TimeInterval;
+    /// Whether all primitives exist throughout the shutter.
+    fn always_active(&self) -> bool;
+    /// Linear bounds over an interval, holding whatever a ray is found to hit before the rounding that
+    /// grows with the ray's distance, for which every traversal keeps slack.
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
+    /// Bounds of the part inside `cell` at one instant, for choosing planes; empty where there is none.
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
+    /// Whether the primitive certainly stays clear of a cell during the whole interval, by more than the kernel's
+    /// rounding, although its bounds do not: `cell` is the cell at the begin and end of the interval,
+    /// linear in between. `false` is always right.
+    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+        let _ = (id, over, cell);
+        false
+    }
+    /// Number of keys of a primitive's motion; 1 for what stands still.
+    fn keys(&self, id: u32) -> usize;
+    /// Whether no motion has more than two keys.
+    fn linear(&self) -> bool;
+    /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
+    /// Asks for where the vertices of a primitive are; they themselves follow with
+    /// [`PrimitiveSet::expect_vertices`]. Hints for what will be read soon.
+    fn expect(&self, _: u32) {}
+    /// Asks for the vertices of a primitive that was expected some time ago.
+    fn expect_vertices(&self, _: u32) {}
+    /// The visibility mask.
+    fn mask(&self, id: u32) -> u32 {
+        let _ = id;
+        u32::MAX
+    }
+    /// Mesh and primitive as the caller numbers them.
+    fn name(&self, id: u32) -> (u32, u32);
+    /// The map between world and tree space.
+    fn frame(&self) -> Frame;
+    /// Bytes allocated.
+    fn bytes(&self) -> usize;
+}
+
+/// The caller's own primitives, as a [`RayTree`](crate::RayTree) holds them.
+pub struct Shapes<P> {
+    shapes: Vec<P>,
+    frame: Frame,
+    always_active: bool,
+}
+
+impl<P: Primitive> Shapes<P> {
+    /// Takes the shapes after checking their bounds over the whole time they exist.
+    pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
+        if shapes.len() >= u32::MAX as usize {
+            return Err(BuildError::TooManyPrimitives { found: shapes.len() });
+        }
+        let mut swept = Aabb::EMPTY;
+        for (primitive, shape) in shapes.iter().enumerate() {
+            let bounds = shape.bounds(shape.active());
+            for b in [bounds.begin, bounds.end] {
+                // Comparisons in this form also refuse NaN.
+                let fine = b.min.cmple(b.max).all()
+                    && b.min.abs().max(b.max.abs()).cmple(glam::DVec3::splat(MAX_COORDINATE)).all();
+                if !fine {
+                    return Err(BuildError::BadBounds { primitive });
+                }
+            }
+            swept = swept.union(bounds.swept());
+        }
+        let always_active = shapes.iter().all(|s| s.active() == TimeInterval::FULL);
+        Ok(Shapes { frame: Frame::around(swept), shapes, always_active })
+    }
+
+    /// The shapes as they were given.
+    pub(crate) fn shapes(&self) -> &[P] {
+        &self.shapes
+    }
+}
+
+impl<P: Primitive> PrimitiveSet for Shapes<P> {
+    fn len(&self) -> usize {
+        self.shapes.len()
+    }
+
+    fn active(&self, id: u32) -> TimeInterval {
+        self.shapes[id as usize].active()
+    }
+
+    fn always_active(&self) -> bool {
+        self.always_active
+    }
+
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
+        let bounds = self.shapes[id as usize].bounds(over);
+        let outward = |b: Aabb| {
+            let (min, max) = self.frame.outward(b);
+            Box3 { min, max }
+        };
+        LinearBox3 { begin: outward(bounds.begin), end: outward(bounds.end) }
+    }
+
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
+        match TimeInterval::half_open(time, time.next_up()) {
+            Some(instant) => self.bounds(id, instant).begin.intersection(cell),
+            None => Box3::EMPTY,
+        }
+    }
+
+    fn keys(&self, id: u32) -> usize {
+        let bounds = self.bounds(id, TimeInterval::FULL);
+        if bounds.begin == bounds.end { 1 } else { 2 }
+    }
+
+    fn linear(&self) -> bool {
+        true
+    }
+
+    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
+        None
+    }
+
+    fn name(&self, id: u32) -> (u32, u32) {
+        (0, id)
+    }
+
+    fn frame(&self) -> Frame {
+        self.frame
+    }
+
+    fn bytes(&self) -> usize {
+        self.shapes.capacity() * size_of::<P>()
+    }
+}

@@ -1,0 +1,227 @@
+//! Triangle meshes whose vertices move.
+
+use crate::error::BuildError;
+use crate::geometry::{Aabb, TimeInterval};
+use crate::limits::MAX_COORDINATE;
+use crate::parallel;
+use core::ops::Range;
+use glam::{DVec3, Vec3};
+
+/// Vertex positions at each key: the outer list runs over keys, the inner over vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Keys {
+    /// Single precision.
+    F32(Vec<Vec<Vec3>>),
+    /// Double precision, for scenes far from zero; the tree keeps what f32 can hold relative to the
+    /// scene's centre. (Where a tree is built of meshes of both kinds, relative to zero, so that single precision
+    /// keeps its bits.)
+    F64(Vec<Vec<DVec3>>),
+}
+
+impl Keys {
+    /// Number of keys.
+    pub fn len(&self) -> usize {
+        match self {
+            Keys::F32(keys) => keys.len(),
+            Keys::F64(keys) => keys.len(),
+        }
+    }
+
+    /// Whether there is no key.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Number of vertices of one key.
+    pub(crate) fn vertices(&self, key: usize) -> usize {
+        match self {
+            Keys::F32(keys) => keys[key].len(),
+            Keys::F64(keys) => keys[key].len(),
+        }
+    }
+
+    /// A vertex at one key in double precision.
+    #[inline(always)]
+    pub(crate) fn position(&self, key: usize, vertex: usize) -> DVec3 {
+        match self {
+            Keys::F32(keys) => keys[key][vertex].as_dvec3(),
+            Keys::F64(keys) => keys[key][vertex],
+        }
+    }
+}
+
+impl From<Vec<Vec<Vec3>>> for Keys {
+    fn from(keys: Vec<Vec<Vec3>>) -> Self {
+        Keys::F32(keys)
+    }
+}
+
+impl From<Vec<Vec<DVec3>>> for Keys {
+    fn from(keys: Vec<Vec<DVec3>>) -> Self {
+        Keys::F64(keys)
+    }
+}
+
+/// An indexed triangle mesh with vertex positions at one or more keys, spaced evenly over the shutter.
+///
+/// One key: nothing moves. Two: every vertex moves on a straight line (the paper's case). More:
+/// piecewise linear. What is wrong with a mesh is reported when a tree is built of it.
+///
+/// ```
+/// use mbkd::{TimeInterval, TriangleMesh, glam::Vec3};
+/// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+/// let close = open.iter().map(|p| p + Vec3::Z).collect();
+/// let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])
+///     .with_active(TimeInterval::new(0.0, 0.5)?); // gone in the second half
+/// assert_eq!((mesh.len(), mesh.keys.len()), (1, 2));
+/// # Ok::<(), mbkd::IntervalError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct TriangleMesh {
+    /// Three vertex indices per triangle.
+    pub indices: Vec<[u32; 3]>,
+    /// Vertex positions at the keys, all keys of equal length.
+    pub keys: Keys,
+    /// When the mesh exists; keys span the whole shutter all the same.
+    pub active: TimeInterval,
+    /// Visibility: a masked query sees the mesh where its mask and this one share a bit.
+    pub mask: u32,
+}
+
+impl TriangleMesh {
+    /// A mesh from indices and its positions at each key (`Vec<Vec<Vec3>>` or `Vec<Vec<DVec3>>`).
+    pub fn new(indices: Vec<[u32; 3]>, keys: impl Into<Keys>) -> TriangleMesh {
+        TriangleMesh { indices, keys: keys.into(), active: TimeInterval::FULL, mask: u32::MAX }
+    }
+
+    /// A mesh that does not move.
+    pub fn fixed(indices: Vec<[u32; 3]>, positions: Vec<Vec3>) -> TriangleMesh {
+        TriangleMesh::new(indices, vec![positions])
+    }
+
+    /// The mesh, existing in `active` only.
+    pub fn with_active(self, active: TimeInterval) -> TriangleMesh {
+        TriangleMesh { active, ..self }
+    }
+
+    /// The mesh with a visibility mask.
+    pub fn with_mask(self, mask: u32) -> TriangleMesh {
+        TriangleMesh { mask, ..self }
+    }
+
+    /// Number of triangles.
+    pub fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    /// Whether there are no triangles.
+    pub fn is_empty(&self) -> bool {
+        self.indices.is_empty()
+    }
+
+    /// Everything a build demands of a mesh; `mesh` is its number in errors. Returns the swept box.
+    pub(crate) fn validate(&self, mesh: usize) -> Result<Aabb, BuildError> {
+        if self.keys.is_empty() {
+            return Err(BuildError::NoKeys { mesh });
+        }
+        let vertices = self.keys.vertices(0);
+        let mut swept = Aabb::EMPTY;
+        for key in 0..self.keys.len() {
+            let found = self.keys.vertices(key);
+            if found != vertices {
+                return Err(BuildError::KeyLength { mesh, key, expected: vertices, found });
+            }
+            let parts = parallel::chunks(vertices, |of| self.validate_positions(mesh, key, of));
+            for part in parts {
+                swept = swept.union(part?);
+            }
+        }
+        let parts = parallel::chunks(self.indices.len(), |of| {
+            let outside = |corners: &[u32; 3]| corners.iter().find(|&&i| i as usize >= vertices).copied();
+            let first = of.start;
+            let mut wrong = self.indices[of].iter().enumerate().filter_map(|(i, corners)| Some((i, outside(corners)?)));
+            wrong.next().map(|(i, index)| BuildError::IndexOutOfRange { mesh, triangle: first + i, index, vertices })
+        });
+        match parts.into_iter().flatten().next() {
+            Some(error) => Err(error),
+            None => Ok(swept),
+        }
+    }
+
+    /// The least magnitude of a coordinate that is not zero, of positions in single precision; infinite where there is
+    /// none.
+    pub(crate) fn least_magnitude(&self) -> f64 {
+        let Keys::F32(keys) = &self.keys else { return f64::INFINITY };
+        // As integers, of which zero becomes the greatest.
+        let of =
+            |p: &Vec3| [p.x, p.y, p.z].map(|x| (x.to_bits() << 1).wrapping_sub(1)).into_iter().fold(u32::MAX, u32::min);
+        let mut least = u32::MAX;
+        for key in keys {
+            let parts = parallel::chunks(key.len(), |range| key[range].iter().map(of).fold(u32::MAX, u32::min));
+            least = parts.into_iter().fold(least, u32::min);
+        }
+        if least == u32::MAX { f64::INFINITY } else { f64::from(f32::from_bits(least.wrapping_add(1) >> 1)) }
+    }
+
+    /// The box of some vertices at one key, if they are fine.
+    fn validate_positions(&self, mesh: usize, key: usize, of: Range<usize>) -> Result<Aabb, BuildError> {
+        if let Keys::F32(keys) = &self.keys
+            && let Some(swept) = box_of_fine(&keys[key][of.clone()])
+        {
+            return Ok(swept);
+        }
+        let mut swept = Aabb::EMPTY;
+        for vertex in of {
+            let p = self.keys.position(key, vertex);
+            if !p.is_finite() {
+                return Err(BuildError::NonFinite { mesh, key, vertex });
+            }
+            if p.abs().max_element() > MAX_COORDINATE {
+                return Err(BuildError::TooLarge { mesh, key, vertex });
+            }
+            swept = Aabb { min: swept.min.min(p), max: swept.max.max(p) };
+        }
+        Ok(swept)
+    }
+}
+
+/// The box of positions, if they are all fine; which one is not is left to others.
+fn box_of_fine(positions: &[Vec3]) -> Option<Aabb> {
+    let (mut min, mut max, mut sum) = (Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::ZERO);
+    for &p in positions {
+        (min, max) = (min.min(p), max.max(p));
+        // Stays zero unless something is not finite, which minima may lose.
+        sum += p * 0.0;
+    }
+    let swept = Aabb { min: min.as_dvec3(), max: max.as_dvec3() };
+    let fine = sum == Vec3::ZERO && swept.min.abs().max(swept.max.abs()).max_element() <= MAX_COORDINATE;
+    (fine && !positions.is_empty()).then_some(swept)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wrong_with_a_mesh_is_named() {
+        let square = || vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
+        let check = |mesh: TriangleMesh| mesh.validate(3).unwrap_err();
+        assert_eq!(check(TriangleMesh::new(vec![], Vec::<Vec<Vec3>>::new())), BuildError::NoKeys { mesh: 3 });
+        assert_eq!(
+            check(TriangleMesh::new(vec![], vec![square(), vec![]])),
+            BuildError::KeyLength { mesh: 3, key: 1, expected: 4, found: 0 }
+        );
+        assert_eq!(
+            check(TriangleMesh::fixed(vec![[0, 1, 2], [0, 4, 1]], square())),
+            BuildError::IndexOutOfRange { mesh: 3, triangle: 1, index: 4, vertices: 4 }
+        );
+        let mut bad = square();
+        bad[1].y = f32::INFINITY;
+        assert_eq!(
+            check(TriangleMesh::new(vec![[0, 1, 2]], vec![square(), bad])),
+            BuildError::NonFinite { mesh: 3, key: 1, vertex: 1 }
+        );
+        let far = vec![vec![DVec3::splat(1e31)]];
+        assert_eq!(check(TriangleMesh::new(vec![], far)), BuildError::TooLarge { mesh: 3, key: 0, vertex: 0 });
+    }
+}

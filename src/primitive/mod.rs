@@ -1,0 +1,16 @@
+//! What moves: triangle meshes, spheres, the caller's own primitives, points.
+
+mod check;
+mod custom;
+mod mesh;
+mod points;
+mod sphere;
+mod triangles;
+
+pub use check::{PrimitiveError, check_primitive};
+pub(crate) use custom::PrimitiveSet;
+pub use custom::{Intersection, Primitive, Shapes};
+pub use mesh::{Keys, TriangleMesh};
+pub use points::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
+pub use sphere::MovingSphere;
+pub use triangles::Triangles;

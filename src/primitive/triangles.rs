@@ -1,0 +1,494 @@
+//! Triangle meshes in tree space: all vertices of all meshes in one place.
+//!
+//! What a build needs (where the vertices are) and what answers need (which mesh a triangle is of, when that exists, who
+//! sees it) are apart: leaf blocks of the wide layout hold all corners, and then the vertices go.
+
+use super::custom::PrimitiveSet;
+use super::mesh::{Keys, TriangleMesh};
+use crate::error::BuildError;
+use crate::geometry::{
+    Aabb, Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBounds, LinearBox3, TimeInterval, ULP, clip_triangle,
+    stays_clear,
+};
+use crate::parallel;
+use crate::simd::{huge_vec, prefetch};
+use glam::{DVec3, Vec3};
+
+/// The triangles of several meshes, as a [`RayTree`](crate::RayTree) holds them, in one tree space.
+///
+/// A triangle's id counts through the meshes in their order, so that the lowest id is the lowest
+/// (mesh, triangle).
+pub struct Triangles {
+    frame: Frame,
+    meshes: Vec<Rebased>,
+    /// Number of triangles.
+    len: usize,
+    /// The mesh of every [`BLOCK`]-th triangle, and of the last.
+    mesh_at: Vec<u32>,
+    always_active: bool,
+    /// Empty once leaf blocks hold them.
+    vertices: Vertices,
+}
+
+/// Which mesh a triangle is of is kept for one in so many; mostly that says it of those up to the next as well.
+const BLOCK: usize = 32;
+
+/// The vertices of all triangles.
+#[derive(Default)]
+struct Vertices {
+    /// The positions of all meshes: mesh by mesh, in each key by key.
+    positions: Vec<Vec3>,
+    /// The corners of each triangle, as places of their first keys in `positions`.
+    corners: Vec<[u32; 3]>,
+}
+
+struct Rebased {
+    /// Id of the first triangle.
+    first: u32,
+    /// Number of the first piece of its motion, see [`Triangles::piece`].
+    first_piece: usize,
+    /// Number of keys.
+    keys: usize,
+    /// How far apart successive keys of a vertex are in the positions; 0 where there is one only.
+    stride: usize,
+    active: TimeInterval,
+    mask: u32,
+}
+
+impl Triangles {
+    /// Checks the meshes and copies them into tree space.
+    pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
+        let mut swept = Aabb::EMPTY;
+        for (i, mesh) in meshes.iter().enumerate() {
+            swept = swept.union(mesh.validate(i)?);
+        }
+        let total: usize = meshes.iter().map(TriangleMesh::len).sum();
+        if total >= u32::MAX as usize {
+            return Err(BuildError::TooManyPrimitives { found: total });
+        }
+        let found: usize = meshes.iter().map(|mesh| mesh.keys.len() * mesh.keys.vertices(0)).sum();
+        if found >= u32::MAX as usize {
+            return Err(BuildError::TooManyPositions { found });
+        }
+        let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
+        let frame = if meshes.iter().any(single) {
+            Frame::exact(swept, meshes.iter().map(TriangleMesh::least_magnitude).fold(f64::INFINITY, f64::min))
+        } else {
+            Frame::around(swept)
+        };
+        let mut positions = huge_vec(found);
+        let mut corners = huge_vec(total);
+        let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
+        let (mut rebased, mut pieces) = (Vec::with_capacity(meshes.len()), 0);
+        for (i, mesh) in meshes.iter().enumerate() {
+            let (first, place) = (corners.len() as u32, positions.len());
+            let (mut keys, vertices) = (mesh.keys.len(), mesh.keys.vertices(0));
+            for key in 0..keys {
+                parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(key, v)));
+            }
+            // Keys that all say the same are one key: what stands still pays nothing for motion.
+            let (key0, others) = positions[place..].split_at(vertices);
+            if others.chunks(vertices.max(1)).all(|key| key == key0) {
+                keys = 1;
+                positions.truncate(place + vertices);
+            }
+            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(|v| place as u32 + v));
+            mesh_at.resize(corners.len().div_ceil(BLOCK), i as u32);
+            let stride = if keys == 1 { 0 } else { vertices };
+            rebased.push(Rebased { first, first_piece: pieces, keys, stride, active: mesh.active, mask: mesh.mask });
+            pieces += mesh.len() * segments(keys);
+        }
+        // The mesh of the last triangle, for the triangles of the last block.
+        mesh_at.push(meshes.iter().rposition(|mesh| !mesh.is_empty()).unwrap_or(0) as u32);
+        let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
+        let vertices = Vertices { positions, corners };
+        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, vertices })
+    }
+
+    /// Drops the vertices: from now on there are names, masks and times, but no corners and no bounds.
+    pub(crate) fn drop_vertices(&mut self) {
+        self.vertices = Vertices::default();
+    }
+
+    /// The number of a triangle's mesh.
+    #[inline(always)]
+    fn mesh_of(&self, id: u32) -> usize {
+        let block = id as usize / BLOCK;
+        let (first, last) = (self.mesh_at[block] as usize, self.mesh_at[block + 1] as usize);
+        if first == last {
+            return first;
+        }
+        // The last of those that begin at the triangle or before: empty ones begin where the next one does.
+        first + self.meshes[first..=last].partition_point(|mesh| mesh.first <= id) - 1
+    }
+
+    #[inline(always)]
+    fn mesh(&self, id: u32) -> &Rebased {
+        &self.meshes[self.mesh_of(id)]
+    }
+
+    /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
+    #[inline(always)]
+    pub(crate) fn keys(&self, id: u32) -> usize {
+        self.mesh(id).keys
+    }
+
+    /// Whether no mesh has more than two keys.
+    pub(crate) fn linear(&self) -> bool {
+        self.meshes.iter().all(|mesh| mesh.keys <= 2)
+    }
+
+    /// The id of a triangle of a mesh, if there is such a triangle.
+    pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
+        let first = self.meshes.get(mesh as usize)?.first;
+        let end = self.meshes.get(mesh as usize + 1).map_or(self.len() as u32, |next| next.first);
+        first.checked_add(triangle).filter(|&id| id < end)
+    }
+
+    /// Numbers the pieces of the triangles' motion, in each of which it is linear: one between two successive keys, and
+    /// one of what stands still.
+    #[inline]
+    pub(crate) fn piece(&self, id: u32, segment: usize) -> usize {
+        let mesh = self.mesh(id);
+        mesh.first_piece + (id - mesh.first) as usize * segments(mesh.keys) + segment
+    }
+
+    /// Number of pieces of all triangles.
+    pub(crate) fn pieces(&self) -> usize {
+        self.len().checked_sub(1).map_or(0, |last| self.piece(last as u32, segments(self.keys(last as u32))))
+    }
+
+    /// The vertices of a triangle: numbers that no other vertex of any mesh has.
+    #[inline(always)]
+    pub(crate) fn vertices(&self, id: u32) -> [u32; 3] {
+        self.vertices.corners[id as usize]
+    }
+
+    /// How far apart successive keys of a triangle's vertices are, for [`Triangles::position`]; 0 where it stands
+    /// still.
+    #[inline(always)]
+    pub(crate) fn stride(&self, id: u32) -> usize {
+        self.mesh(id).stride
+    }
+
+    /// The position of a vertex at key `n` of its mesh, where `offset` is `n` times the stride.
+    #[inline(always)]
+    pub(crate) fn position(&self, vertex: u32, offset: usize) -> Vec3 {
+        self.vertices.positions[vertex as usize + offset]
+    }
+
+    /// The corners at one key.
+    #[inline(always)]
+    pub(crate) fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
+        let offset = key * self.stride(id);
+        self.vertices(id).map(|v| self.position(v, offset))
+    }
+
+    /// The corners at the key where a segment of a mesh with so many keys begins, and where it ends; at the last key
+    /// of one with fewer.
+    #[inline(always)]
+    pub(crate) fn corners_around(&self, id: u32, segment: usize) -> [[Vec3; 3]; 2] {
+        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let [a, b, c] = self.vertices(id);
+        // Each by itself: mapped arrays become calls.
+        let (first, last) = (segment.min(keys - 1) * stride, (segment + 1).min(keys - 1) * stride);
+        [
+            [self.position(a, first), self.position(b, first), self.position(c, first)],
+            [self.position(a, last), self.position(b, last), self.position(c, last)],
+        ]
+    }
+
+    /// The corners at time `t`, exactly as queries see them.
+    #[inline]
+    pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
+        let &Rebased { keys, stride, .. } = self.mesh(id);
+        if keys == 1 {
+            return self.vertices(id).map(|v| self.position(v, 0));
+        }
+        let at = KeyTime::new(t, keys);
+        let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
+        self.vertices(id).map(|v| at.position(self.position(v, a), self.position(v, b)))
+    }
+
+    /// The corners at both ends of an interval, up to the signs of zeros.
+    #[inline(always)]
+    pub(crate) fn ends(&self, id: u32, over: TimeInterval) -> [[Vec3; 3]; 2] {
+        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let [a, b, c] = self.vertices(id);
+        let key = |offset: usize| [self.position(a, offset), self.position(b, offset), self.position(c, offset)];
+        if keys == 1 {
+            return [key(0), key(0)];
+        }
+        if keys == 2 && over.begin() == 0.0 && over.end() == 1.0 {
+            return [key(0), key(stride)];
+        }
+        let at = |t: f32| {
+            let at = KeyTime::new(t, keys);
+            let (begin, end) = (at.segment * stride, (at.segment + 1) * stride);
+            [a, b, c].map(|v| at.position(self.position(v, begin), self.position(v, end)))
+        };
+        [at(over.begin()), at(over.end())]
+    }
+
+    /// Asks for the numbers of a triangle's vertices.
+    #[inline]
+    pub(crate) fn prefetch_corners(&self, id: u32) {
+        prefetch(&self.vertices.corners[id as usize]);
+    }
+
+    /// Asks for the vertices of a triangle at the first two keys.
+    #[inline]
+    pub(crate) fn prefetch_positions(&self, id: u32) {
+        let stride = self.stride(id);
+        for vertex in self.vertices(id) {
+            prefetch(&self.vertices.positions[vertex as usize]);
+            prefetch(&self.vertices.positions[vertex as usize + stride]);
+        }
+    }
+
+    /// How far a kernel's vertex may lie from the exactly interpolated one, where no coordinate of the vertex is larger
+    /// than `magnitude` at the keys around its time.
+    ///
+    /// Counted in ULP of the magnitude: `b - a` is rounded at a size of at most 2 (error 2), then scaled
+    /// by at most 1/2 (1 ULP) and rounded (1 ULP), then the sum is rounded (1 ULP): 3. With `n - 1 > 1`
+    /// segments, `t * (n - 1)` is rounded too: at most (n - 1) ULP of a segment in time, and the vertex moves
+    /// by at most 2 per segment. One ULP more covers the rounding of this bound and of a box that it is added to. (Where
+    /// numbers are denormal, sums are exact and a product errs by half the least number: queries keep more than that
+    /// whatever the magnitude is.)
+    fn slack(keys: usize, magnitude: f32) -> f32 {
+        let ulps = match keys {
+            1 => 0,
+            2 => 4,
+            n => 4 + 2 * (n - 1),
+        };
+        ulps as f32 * ULP * magnitude
+    }
+
+    /// How far a kernel's vertex may lie from the line between [`Triangles::ends`], over an interval of one segment that
+    /// may reach 4 ULP of the shutter beyond it. There corners already move differently, by at most twice their
+    /// magnitude per segment, at either end.
+    #[inline(always)]
+    pub(crate) fn slack_of_line(&self, id: u32, over: TimeInterval) -> f32 {
+        match self.keys(id) {
+            1 => 0.0,
+            2 => Triangles::slack(2, self.magnitude(id, over)),
+            n => (4 + 26 * (n - 1)) as f32 * ULP * self.magnitude(id, over),
+        }
+    }
+
+    /// The largest magnitude of a coordinate of a triangle's corners at the keys around every time of an interval, and
+    /// around the times that rounding may take for those.
+    fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
+        let keys = self.keys(id);
+        let segments = (keys - 1) as f32;
+        let first = ((over.begin() - ROUNDED_TIME).max(0.0) * segments) as usize;
+        let last = (((over.end() + ROUNDED_TIME) * segments).ceil() as usize).min(keys - 1);
+        let at = |key: usize| box_of(self.corners_at_key(id, key)).magnitude();
+        (first..=last).map(at).fold(0.0, f32::max)
+    }
+}
+
+/// Times of the shutter whose products with a number of segments are rounded to the same are nearer than this.
+const ROUNDED_TIME: f32 = 4.0 * ULP;
+
+/// Number of linear pieces of a motion of so many keys.
+fn segments(keys: usize) -> usize {
+    (keys - 1).max(1)
+}
+
+fn box_of(corners: [Vec3; 3]) -> Box3 {
+    corners.into_iter().fold(Box3::EMPTY, Box3::include)
+}
+
+impl PrimitiveSet for Triangles {
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    fn active(&self, id: u32) -> TimeInterval {
+        self.mesh(id).active
+    }
+
+    fn always_active(&self) -> bool {
+        self.always_active
+    }
+
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
+        let keys = self.keys(id);
+        if keys == 1 {
+            let still = box_of(self.corners_at_key(id, 0));
+            return LinearBox3 { begin: still, end: still };
+        }
+        let [begin, end] = self.ends(id, over);
+        let mut bounds = LinearBox3 { begin: box_of(begin), end: box_of(end) };
+        let segments = (keys - 1) as f32;
+        let inner = if keys > 2 { inner_keys(over, keys) } else { 0..0 };
+        if !inner.is_empty() {
+            let mut wide = widen(bounds);
+            for key in inner {
+                let w = (key as f64 / f64::from(segments) - f64::from(over.begin())) / f64::from(over.duration());
+                wide.include(w, world_box(box_of(self.corners_at_key(id, key))));
+            }
+            bounds = narrow(wide);
+        }
+        // Of two keys, a part of the shutter lies between both; its own ends may be nearer to zero.
+        let whole = keys == 2 && over == TimeInterval::FULL;
+        let magnitude = if whole { bounds.swept().magnitude() } else { self.magnitude(id, over) };
+        let slack = Triangles::slack(keys, magnitude);
+        LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
+    }
+
+    fn keys(&self, id: u32) -> usize {
+        Triangles::keys(self, id)
+    }
+
+    fn linear(&self) -> bool {
+        Triangles::linear(self)
+    }
+
+    #[inline(always)]
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+        let [begin, end] = Triangles::ends(self, id, over);
+        Some(Ends { begin, end, slack: self.slack_of_line(id, over) })
+    }
+
+    fn expect(&self, id: u32) {
+        self.prefetch_corners(id);
+    }
+
+    fn expect_vertices(&self, id: u32) {
+        self.prefetch_positions(id);
+    }
+
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
+        clip_triangle(self.corners(id, time), cell)
+    }
+
+    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+        let keys = self.keys(id);
+        let at = |t: f32, cell: Box3| Instant { corners: self.corners(id, t), cell };
+        if keys == 1 && cell.begin == cell.end {
+            return stays_clear(&[at(0.0, cell.begin)], 0.0);
+        }
+        // Both ends and the keys between.
+        let mut instants = [at(over.begin(), cell.begin); INSTANTS];
+        let mut n = 1;
+        let segments = (keys - 1) as f32;
+        for key in inner_keys(over, keys) {
+            if n == INSTANTS - 1 {
+                return false;
+            }
+            let t = key as f32 / segments;
+            let w = (t - over.begin()) / over.duration();
+            instants[n] = at(t, cell.at(w));
+            n += 1;
+        }
+        instants[n] = at(over.end(), cell.end);
+        stays_clear(&instants[..=n], Triangles::slack(keys, self.magnitude(id, over)))
+    }
+
+    fn mask(&self, id: u32) -> u32 {
+        self.mesh(id).mask
+    }
+
+    #[inline]
+    fn name(&self, id: u32) -> (u32, u32) {
+        // Asked for each hit; of a single mesh nothing has to be fetched.
+        let mesh = if self.meshes.len() == 1 { 0 } else { self.mesh_of(id) };
+        (mesh as u32, id - self.meshes[mesh].first)
+    }
+
+    fn frame(&self) -> Frame {
+        self.frame
+    }
+
+    fn bytes(&self) -> usize {
+        self.vertices.positions.capacity() * size_of::<Vec3>()
+            + self.vertices.corners.capacity() * size_of::<[u32; 3]>()
+            + self.meshes.capacity() * size_of::<Rebased>()
+            + self.mesh_at.capacity() * size_of::<u32>()
+    }
+}
+
+/// The keys strictly inside an interval (and perhaps one at its end).
+fn inner_keys(over: TimeInterval, keys: usize) -> core::ops::Range<usize> {
+    let segments = (keys - 1) as f32;
+    let first = (over.begin() * segments).floor() as usize + 1;
+    first..((over.end() * segments).ceil() as usize).min(keys - 1)
+}
+
+fn world_box(b: Box3) -> Aabb {
+    Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() }
+}
+
+fn widen(b: LinearBox3) -> LinearBounds {
+    LinearBounds { begin: world_box(b.begin), end: world_box(b.end) }
+}
+
+/// Back to f32, faces rounded outward.
+fn narrow(b: LinearBounds) -> LinearBox3 {
+    let down = |p: DVec3| p.as_vec3().map(f32::next_down);
+    let up = |p: DVec3| p.as_vec3().map(f32::next_up);
+    LinearBox3 {
+        begin: Box3 { min: down(b.begin.min), max: up(b.begin.max) },
+        end: Box3 { min: down(b.end.min), max: up(b.end.max) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn next(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 24) as f32
+    }
+
+    #[test]
+    fn bounds_hold_the_kernels_corners_at_every_time() {
+        let mut state = 11;
+        for keys in [1usize, 2, 3, 4, 9] {
+            let positions = (0..keys)
+                .map(|_| (0..3).map(|_| Vec3::new(next(&mut state), next(&mut state), next(&mut state))).collect())
+                .collect::<Vec<Vec<Vec3>>>();
+            let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], positions)]).unwrap();
+            for _ in 0..200 {
+                let (a, b) = (next(&mut state), next(&mut state));
+                let over = TimeInterval::half_open(a.min(b), a.max(b) + 1e-3).unwrap();
+                let bounds = set.bounds(0, over);
+                for i in 0..=64 {
+                    let t = over.begin() + over.duration() * (i as f32 / 64.0);
+                    let w = (t - over.begin()) / over.duration();
+                    let now = bounds.at(w.clamp(0.0, 1.0));
+                    for p in set.corners(0, t.min(over.end())) {
+                        assert!(p.cmpge(now.min).all() && p.cmple(now.max).all(), "{keys} keys, {over:?}, t {t}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn equal_keys_are_one_key_and_ids_count_through_the_meshes() {
+        let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+        let still = TriangleMesh::new(vec![[0, 1, 2]; 3], vec![corners.clone(), corners.clone()]);
+        let empty = TriangleMesh::fixed(vec![], vec![]);
+        let moved = TriangleMesh::new(vec![[0, 1, 2]; 2], vec![corners.clone(), vec![Vec3::ONE; 3]]);
+        let set = Triangles::new(&[still, empty, moved]).unwrap();
+        assert_eq!((set.len(), set.keys(2), set.keys(3)), (5, 1, 2));
+        assert_eq!((set.name(2), set.name(3), set.name(4)), ((0, 2), (2, 0), (2, 1)));
+        // Meshes that begin and end anywhere, many of them in a block, with empty ones before, between and behind.
+        let mut state = 3;
+        let meshes: Vec<TriangleMesh> = (0..200)
+            .map(|i| {
+                let most = if i % 50 < 30 { 4 } else { 90 };
+                let n = (next(&mut state) * most as f32) as usize;
+                let n = if i % 7 == 0 || i > 195 { 0 } else { n };
+                TriangleMesh::fixed(vec![[0, 1, 2]; n], corners.clone())
+            })
+            .collect();
+        let set = Triangles::new(&meshes).unwrap();
+        let names = meshes.iter().enumerate().flat_map(|(i, mesh)| (0..mesh.len()).map(move |t| (i as u32, t as u32)));
+        assert!(names.eq((0..set.len() as u32).map(|id| set.name(id))));
+    }
+}

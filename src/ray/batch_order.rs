@@ -1,0 +1,225 @@
+//! The order in which the rays of a large batch are answered.
+//!
+//! On a tree that no cache holds a ray is soonest through where the one before it went the same way. Rays that come like
+//! that, as from a camera or from the pixels of a tile, keep their order. All others are sorted: by the part of the
+//! shutter where the tree has one hierarchy for each, by the cell of space that they begin in, along the Morton curve, and
+//! by the octant that they look into. Answers do not depend on it.
+
+use crate::geometry::{Aabb, Ray, morton_code};
+use crate::parallel;
+use glam::DVec3;
+
+/// Rays that are sorted together: enough of them to have company everywhere, and not much memory.
+const WINDOW: usize = 1 << 16;
+
+/// Rays per task.
+#[cfg(feature = "rayon")]
+const CHUNK: usize = 256;
+
+/// The space that rays are sorted in.
+#[derive(Clone, Copy)]
+pub(crate) struct Space {
+    centre: DVec3,
+    /// Makes distances from the centre at most 1 in the scene.
+    scale: f64,
+    /// Equal parts of the shutter with a hierarchy each.
+    pub parts: usize,
+}
+
+impl Space {
+    /// Around a scene with these bounds.
+    pub fn new(bounds: Aabb, parts: usize) -> Space {
+        let half = bounds.max * 0.5 - bounds.min * 0.5;
+        let scale = half.max_element().max(f64::MIN_POSITIVE).recip();
+        Space { centre: bounds.min + half, scale, parts }
+    }
+}
+
+/// Parts of the shutter that are told apart at most.
+const MOST_PARTS: usize = 16;
+
+/// How rays come.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Coming {
+    /// Most look the same way as the one before, as from a camera.
+    Together,
+    /// Most begin near the one before, in the same part of the shutter.
+    Near,
+    /// Anyhow.
+    Scattered,
+}
+
+/// Answers a large batch: rays that come together by `singly`, all others by `led`, those that are scattered in
+/// an order of their own.
+pub(crate) fn answer_in_order<T: Copy + Send>(
+    rays: &[Ray],
+    answers: &mut [T],
+    space: Space,
+    singly: impl Fn(&[Ray], &mut [T]) + Sync,
+    led: impl Fn(&[Ray], &mut [T]) + Sync,
+) {
+    for (rays, answers) in rays.chunks(WINDOW).zip(answers.chunks_mut(WINDOW)) {
+        match coming(rays, space) {
+            Coming::Together => in_parallel(rays, answers, &singly),
+            Coming::Near => in_parallel(rays, answers, &led),
+            Coming::Scattered => {
+                let order = sorted(rays, space);
+                let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
+                let mut found = answers.to_vec();
+                in_parallel(&in_order, &mut found, &led);
+                for (&i, answer) in order.iter().zip(found) {
+                    answers[i as usize] = answer;
+                }
+            }
+        }
+    }
+}
+
+/// Answers rays in the order in which they are; `fill` those of one task.
+pub(crate) fn in_parallel<T: Send>(rays: &[Ray], answers: &mut [T], fill: impl Fn(&[Ray], &mut [T]) + Sync) {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        rays.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK)).for_each(|(rays, answers)| fill(rays, answers));
+    }
+    #[cfg(not(feature = "rayon"))]
+    fill(rays, answers);
+}
+
+/// Looks at some pairs of successive rays.
+fn coming(rays: &[Ray], space: Space) -> Coming {
+    const SAMPLES: usize = 64;
+    /// The cosine of a few degrees.
+    const SAME_WAY: f32 = 0.99;
+    /// Where a scene is two across.
+    const NEAR: f64 = 0.4;
+    let step = rays.len().div_ceil(SAMPLES).max(1);
+    let (mut together, mut near, mut pairs) = (0, 0, 0);
+    for pair in rays.windows(2).step_by(step) {
+        let [a, b] = [pair[0], pair[1]];
+        let close = (a.origin - b.origin).length() * space.scale < NEAR;
+        together += usize::from(a.dir.normalize_or_zero().dot(b.dir.normalize_or_zero()) > SAME_WAY);
+        near += usize::from(close && part(&a, space.parts) == part(&b, space.parts));
+        pairs += 1;
+    }
+    if 2 * together > pairs {
+        Coming::Together
+    } else if 2 * near > pairs {
+        Coming::Near
+    } else {
+        Coming::Scattered
+    }
+}
+
+/// The part of the shutter that a ray looks at. (Casts saturate, and NaN becomes 0.)
+fn part(ray: &Ray, parts: usize) -> usize {
+    let parts = parts.clamp(1, MOST_PARTS);
+    ((ray.time * parts as f32) as usize).min(parts - 1)
+}
+
+/// The places of at most [`WINDOW`] rays in the order in which they are answered.
+fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
+    /// Bits of a coordinate of a cell.
+    const BITS: u32 = 4;
+    let mut keys = Vec::with_capacity(rays.len());
+    parallel::fill(&mut keys, rays.len(), |i| {
+        let ray = &rays[i];
+        let at = ((ray.origin - space.centre) * space.scale + 1.0) * (0.5 * f64::from(1 << BITS));
+        let cell = |x: f64| (x as u32).min((1 << BITS) - 1);
+        let cell = morton_code([cell(at.x), cell(at.y), cell(at.z)]) as usize;
+        let backward = |x: f32| (x.to_bits() >> 31) as usize;
+        let octant = backward(ray.dir.x) | backward(ray.dir.y) << 1 | backward(ray.dir.z) << 2;
+        (part(ray, space.parts) << (3 * BITS) | cell) << 3 | octant
+    });
+    let different = space.parts.clamp(1, MOST_PARTS) << (3 * BITS + 3);
+    if rays.len() < different / 16 {
+        let mut order: Vec<u32> = (0..rays.len() as u32).collect();
+        order.sort_unstable_by_key(|&i| (keys[i as usize], i));
+        return order;
+    }
+    // There are few different keys, so each has a place to begin at.
+    let mut begins = vec![0u32; different];
+    for &key in &keys {
+        begins[key] += 1;
+    }
+    let mut sum = 0;
+    for begin in &mut begins {
+        sum += core::mem::replace(begin, sum);
+    }
+    let mut order = vec![0; rays.len()];
+    for (i, &key) in keys.iter().enumerate() {
+        order[begins[key] as usize] = i as u32;
+        begins[key] += 1;
+    }
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    const SPACE: Space = Space { centre: DVec3::ZERO, scale: 1.0, parts: 1 };
+    const DIVIDED: Space = Space { parts: 4, ..SPACE };
+
+    fn camera(i: usize) -> Ray {
+        Ray::new(Vec3::ZERO, Vec3::new(i as f32 * 1e-3, 1.0, 2.0)).at_time((i % 2) as f32)
+    }
+
+    fn near(i: usize) -> Ray {
+        let any_way = Vec3::new((i * 31 % 17) as f32 - 8.0, (i % 3) as f32, 1.0);
+        Ray::new(Vec3::splat(i as f32 * 1e-3), any_way).at_time((i % 2) as f32)
+    }
+
+    fn scattered(i: usize) -> Ray {
+        let at = |by: usize| (i * by % 97) as f64 / 48.5 - 1.0;
+        Ray { origin: DVec3::new(at(31), at(57), at(89)), ..near(i) }
+    }
+
+    #[test]
+    fn rays_of_a_camera_come_together_and_those_of_a_tile_near_unless_the_tree_is_divided_in_time() {
+        for count in [2, 9, 256] {
+            let come =
+                |ray: &dyn Fn(usize) -> Ray, space: Space| coming(&(0..count).map(ray).collect::<Vec<_>>(), space);
+            assert_eq!((come(&camera, SPACE), come(&camera, DIVIDED)), (Coming::Together, Coming::Together));
+            assert_eq!((come(&near, SPACE), come(&near, DIVIDED)), (Coming::Near, Coming::Scattered));
+            assert_eq!(come(&|i| near(i).at_time(0.5), DIVIDED), Coming::Near);
+            assert_eq!((come(&scattered, SPACE), come(&scattered, DIVIDED)), (Coming::Scattered, Coming::Scattered));
+        }
+        let nowhere = Ray { dir: Vec3::NAN, origin: DVec3::NAN, time: f32::NAN, ..camera(0) };
+        for few in [&[][..], &[camera(0)], &[nowhere; 4]] {
+            assert_ne!(coming(few, SPACE), Coming::Together);
+            assert!(sorted(few, DIVIDED).into_iter().eq(0..few.len() as u32));
+        }
+    }
+
+    #[test]
+    fn sorted_rays_are_all_there_and_near_each_other_one_part_after_the_other() {
+        // Few, sorted by comparisons, and many, by counting.
+        for (count, space) in [(5000, DIVIDED), (5000, SPACE), (20_000, DIVIDED)] {
+            let rays: Vec<Ray> = (0..count).map(scattered).collect();
+            let order = sorted(&rays, space);
+            let mut all = order.clone();
+            all.sort_unstable();
+            assert!(all.into_iter().eq(0..rays.len() as u32));
+            let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
+            assert!(in_order.is_sorted_by_key(|ray| part(ray, space.parts)));
+            let way =
+                |rays: &[Ray]| rays.windows(2).map(|pair| (pair[0].origin - pair[1].origin).length()).sum::<f64>();
+            assert!(way(&in_order) < 0.3 * way(&rays), "{} instead of {}", way(&in_order), way(&rays));
+        }
+    }
+
+    #[test]
+    fn every_ray_gets_its_own_answer_whatever_the_order() {
+        for rays in [near, scattered] {
+            let rays: Vec<Ray> = (0..WINDOW + 700).map(|i| rays(i).between(0.0, i as f32)).collect();
+            let mut answers = vec![-1.0; rays.len()];
+            let end = |rays: &[Ray], answers: &mut [f32]| {
+                rays.iter().zip(answers).for_each(|(ray, answer)| *answer = ray.t_max);
+            };
+            answer_in_order(&rays, &mut answers, SPACE, end, end);
+            assert!(answers.iter().enumerate().all(|(i, &answer)| answer == i as f32));
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! What a ray hits of one primitive of a set.
+
+use super::hit::SetHit;
+use super::tree_ray::TreeRay;
+use super::triangle::Sheared;
+use crate::layout::WideSource;
+use crate::primitive::{Primitive, Shapes, Triangles};
+use glam::Vec3;
+
+/// A set of primitives that rays can be tested against one by one.
+pub(crate) trait RaySource: WideSource {
+    /// The hit at the ray's time within its range.
+    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit>;
+}
+
+impl RaySource for Triangles {
+    #[inline]
+    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
+        intersect_triangle(ray, self.corners(id, ray.time))
+    }
+}
+
+impl<P: Primitive> RaySource for Shapes<P> {
+    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
+        let hit = self.shapes()[id as usize].intersect(&ray.world)?;
+        ray.hit(hit.t, hit.u, hit.v)
+    }
+}
+
+/// Tests one triangle at the ray's time.
+#[inline]
+pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
+    let corners = corners.map(|v| ray.shear.corner(v, ray.origin));
+    if Sheared::may_hit(corners) { ray.decide(corners, ray.t_max) } else { None }
+}

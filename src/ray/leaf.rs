@@ -1,0 +1,291 @@
+//! Leaf blocks: one ray against up to sixteen triangles at a time.
+//!
+//! The picture: the corners of all triangles of a block are brought to the ray's time, moved to its origin and
+//! sheared onto its direction, exactly as [`super::triangle`] does it for one; the signs of the edge functions rule
+//! most of them out, and the few that are left are decided one by one in f64. Whatever begins here with two
+//! operations fused would no longer be the same answer as brute force, so nothing is.
+
+use super::collect::{Collect, Found};
+use super::filter::Filter;
+use super::intersect::RaySource;
+use super::observer::Observer;
+use super::traverser::Scene;
+use super::tree_ray::TreeRay;
+use crate::geometry::KeyTime;
+use crate::layout::{CORNER_ROWS, ChildRef, VERTEX_ROWS, shared_count};
+use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
+
+impl<G: RaySource, F: Filter> Scene<'_, G, F> {
+    /// Tests the triangles of a leaf block; true ends the query.
+    #[inline(always)]
+    pub(super) fn leaf<S: Simd, const MOVING: bool>(
+        &self,
+        s: S,
+        leaf: ChildRef,
+        ray: &TreeRay,
+        of: &LeafRay,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) -> bool {
+        let n = leaf.len();
+        observer.leaf();
+        observer.primitive_tests(n);
+        let block = &self.arena.floats()[leaf.at()..];
+        let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
+        let rows = Rows::new(block, n, count);
+        let of = of.read();
+        let between = if MOVING { of.between } else { Between::NEVER };
+        let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
+        let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, kz, oz);
+        let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, kx, ox);
+        let [ya, yb, yc] = corners::<S, MOVING>(s, &rows, between, ky, oy);
+        // Sheared exactly as by `Sheared::corner`.
+        let (sx, sy) = (s.splat(of.sx), s.splat(of.sy));
+        let a = (xa - sx * za, ya - sy * za);
+        let b = (xb - sx * zb, yb - sy * zb);
+        let c = (xc - sx * zc, yc - sy * zc);
+        let mut inside = maybe_inside(s, a, b, c) & ((1u32 << n) - 1) as Mask;
+        if inside == 0 {
+            return false;
+        }
+        let mut lanes = [[0.0; LANES]; 9];
+        for (value, to) in [a.0, a.1, za, b.0, b.1, zb, c.0, c.1, zc].into_iter().zip(&mut lanes) {
+            s.store(value, to);
+        }
+        while inside != 0 {
+            let i = inside.trailing_zeros() as usize % LANES;
+            inside &= inside - 1;
+            let corners = [
+                [lanes[0][i], lanes[1][i], lanes[2][i]],
+                [lanes[3][i], lanes[4][i], lanes[5][i]],
+                [lanes[6][i], lanes[7][i], lanes[8][i]],
+            ];
+            if self.offer(corners, leaf.at() + count * n + i, ray, collect) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Tests the triangles of a leaf block that share vertices; true ends the query.
+    #[inline(always)]
+    pub(super) fn shared<S: Simd, const MOVING: bool>(
+        &self,
+        s: S,
+        leaf: ChildRef,
+        ray: &TreeRay,
+        of: &LeafRay,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) -> bool {
+        let block = &self.arena.floats()[leaf.at()..];
+        let count = if MOVING { 2 * VERTEX_ROWS } else { VERTEX_ROWS };
+        let rows = Rows::new(block, leaf.len(), count);
+        let at = leaf.at() + count * leaf.len();
+        let words = lanes_at(self.arena.ints(), at);
+        let n = shared_count(words[0]);
+        observer.leaf();
+        observer.primitive_tests(n);
+        let of = of.read();
+        let between = if MOVING { of.between } else { Between::NEVER };
+        let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
+        let z = vertices::<S, MOVING>(s, &rows, between, kz, oz);
+        let x = vertices::<S, MOVING>(s, &rows, between, kx, ox) - s.splat(of.sx) * z;
+        let y = vertices::<S, MOVING>(s, &rows, between, ky, oy) - s.splat(of.sy) * z;
+        let first = s.load_u(words);
+        let (second, third) = (s.shift_right::<4>(first), s.shift_right::<8>(first));
+        let a = (s.permute(x, first), s.permute(y, first));
+        let b = (s.permute(x, second), s.permute(y, second));
+        let c = (s.permute(x, third), s.permute(y, third));
+        let mut inside = maybe_inside(s, a, b, c) & ((1u32 << n) - 1) as Mask;
+        if inside == 0 {
+            return false;
+        }
+        let mut lanes = [[0.0; LANES]; 3];
+        s.store(x, &mut lanes[0]);
+        s.store(y, &mut lanes[1]);
+        s.store(z, &mut lanes[2]);
+        while inside != 0 {
+            let i = inside.trailing_zeros() as usize % LANES;
+            inside &= inside - 1;
+            let corners = words[i];
+            let (a, b, c) = (corners as usize & 15, (corners >> 4) as usize & 15, (corners >> 8) as usize & 15);
+            let corners = [
+                [lanes[0][a], lanes[1][a], lanes[2][a]],
+                [lanes[0][b], lanes[1][b], lanes[2][b]],
+                [lanes[0][c], lanes[1][c], lanes[2][c]],
+            ];
+            if self.offer(corners, at + n + i, ray, collect) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Decides about a triangle of sheared corners, whose id is at word `id`; true ends the query.
+    #[inline(always)]
+    fn offer(&self, corners: [[f32; 3]; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
+        let Some(hit) = ray.decide(corners, collect.limit()) else { return false };
+        let id = self.arena.ints()[id];
+        self.sees(id, ray) && collect.offer(Found { hit, id })
+    }
+
+    /// Asks the primitives of a list themselves; true ends the query.
+    #[inline(always)]
+    pub(super) fn list(
+        &self,
+        leaf: ChildRef,
+        ray: &TreeRay,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) -> bool {
+        observer.leaf();
+        observer.primitive_tests(leaf.len());
+        for &id in &self.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
+            if self.sees(id, ray)
+                && let Some(hit) = self.set.intersect(id, ray)
+                && hit.t <= collect.limit()
+                && collect.offer(Found { hit, id })
+            {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Whether a primitive exists at the ray's time and the query sees it. Asked of hits only, so that boxes and
+    /// leaf blocks need not know.
+    #[inline(always)]
+    fn sees(&self, id: u32, ray: &TreeRay) -> bool {
+        (self.set.always_active() || self.set.active(id).contains(ray.time)) && self.filter.sees(|| self.set.mask(id))
+    }
+}
+
+/// Lanes whose triangles the signs of the edge functions in f32 do not rule out (see [`super::triangle`]).
+#[inline(always)]
+fn maybe_inside<S: Simd>(s: S, a: (S::F, S::F), b: (S::F, S::F), c: (S::F, S::F)) -> Mask {
+    let u = c.0 * b.1 - c.1 * b.0;
+    let v = a.0 * c.1 - a.1 * c.0;
+    let w = b.0 * a.1 - b.1 * a.0;
+    let zero = s.splat(0.0);
+    let least = s.min(u, s.min(v, w));
+    let greatest = s.max(u, s.max(v, w));
+    !(s.lt(least, zero) & s.lt(zero, greatest))
+}
+
+/// One coordinate of the three corners of a block's triangles at the ray's time, exactly as `KeyTime::position`
+/// computes it, less the origin.
+#[inline(always)]
+fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: f32) -> [S::F; 3] {
+    let origin = s.splat(origin);
+    let (base, other) = between.rows(CORNER_ROWS);
+    let [a, b, c] = s.load_thirds(rows, base + axis);
+    if !MOVING {
+        return [a - origin, b - origin, c - origin];
+    }
+    let [a2, b2, c2] = s.load_thirds(rows, other + axis);
+    let f = s.splat(between.fraction);
+    [a + (a2 - a) * f - origin, b + (b2 - b) * f - origin, c + (c2 - c) * f - origin]
+}
+
+/// One coordinate of a block's shared vertices, likewise.
+#[inline(always)]
+fn vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: f32) -> S::F {
+    let origin = s.splat(origin);
+    let (base, other) = between.rows(VERTEX_ROWS);
+    let at = s.load_row(rows, base + axis);
+    if !MOVING {
+        return at - origin;
+    }
+    at + (s.load_row(rows, other + axis) - at) * s.splat(between.fraction) - origin
+}
+
+/// What leaf blocks need of a ray, in memory.
+#[derive(Clone, Copy)]
+pub(super) struct LeafRay {
+    /// The axes `kx`, `ky` and `kz` of the shear, and the ray's origin along them.
+    axes: [usize; 3],
+    origin: [f32; 3],
+    /// The slopes of the shear.
+    sx: f32,
+    sy: f32,
+    /// The ray's time between keys; with two of them, unless a block says otherwise.
+    between: Between,
+}
+
+impl LeafRay {
+    #[inline(always)]
+    pub(super) fn new(ray: &TreeRay) -> LeafRay {
+        let (o, k) = ([ray.origin.x, ray.origin.y, ray.origin.z, 0.0], &ray.shear);
+        LeafRay {
+            axes: [k.kx, k.ky, k.kz],
+            origin: [o[k.kx & 3], o[k.ky & 3], o[k.kz & 3]],
+            sx: k.sx,
+            sy: k.sy,
+            between: Between::new(KeyTime::new(ray.time, 2)),
+        }
+    }
+
+    /// The same ray with another time between keys.
+    #[inline(always)]
+    pub(super) fn between(&self, between: Between) -> LeafRay {
+        LeafRay { between, ..*self }
+    }
+
+    /// The ray for one leaf block. What the black box hides is not prepared for blocks that may never be met.
+    #[inline(always)]
+    pub(super) fn read(&self) -> LeafRay {
+        *core::hint::black_box(self)
+    }
+}
+
+/// A time between two keys, as leaf blocks use it: from the nearer key towards the other.
+///
+/// `b + s (b - a)` with negative `s` is `b + (-s) (a - b)` bit for bit, since changing both signs of a
+/// product changes nothing. So both halves of a segment read two rows, in one order or the other.
+#[derive(Clone, Copy)]
+pub(super) struct Between {
+    /// Whether the later key is the nearer.
+    from_end: bool,
+    /// How far to go, in [0, 1/2].
+    fraction: f32,
+}
+
+impl Between {
+    /// For what stands still.
+    const NEVER: Between = Between { from_end: false, fraction: 0.0 };
+
+    #[inline(always)]
+    pub(super) fn new(keys: KeyTime) -> Between {
+        Between { from_end: keys.from_end, fraction: if keys.from_end { -keys.s } else { keys.s } }
+    }
+
+    /// First row at the nearer key, and at the other, where a key has so many rows.
+    #[inline(always)]
+    fn rows(self, per_key: usize) -> (usize, usize) {
+        let base = per_key * usize::from(self.from_end);
+        (base, per_key - base)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn leaf_blocks_interpolate_as_keys_do() {
+        let mut state = 3u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        for _ in 0..10_000 {
+            let (a, b) = (Vec3::new(next(), next(), next()), Vec3::new(next(), next(), next()));
+            let keys = KeyTime::new(next().abs(), 2);
+            let between = Between::new(keys);
+            let (at, other) = if between.rows(9) == (0, 9) { (a, b) } else { (b, a) };
+            assert_eq!(at + (other - at) * between.fraction, keys.position(a, b));
+        }
+    }
+}

@@ -1,0 +1,411 @@
+//! The tree that rays are asked of: primitives and one layout over them.
+
+use super::intersect::RaySource;
+use super::{
+    AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
+    Query, Ray, Space, Visible, answer_in_order, in_parallel,
+};
+use crate::error::BuildError;
+use crate::layout::{KdTree, Statistics, TreeBox, ValidationError, WideTree};
+use crate::mbkd::build_kd;
+use crate::params::{BuildParams, Policy};
+use crate::primitive::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
+use crate::progress::{Callback, Progress};
+use crate::simd::{SimdLevel, dispatch};
+use core::ops::ControlFlow;
+use glam::{DVec3, Vec3};
+
+/// What a [`RayTree`] is made of: [`Triangles`] or [`Shapes`]. Sealed; a bound for
+/// code that is generic over both.
+///
+/// ```
+/// use mbkd::{Geometry, Ray, RayTree};
+/// fn in_shadow<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> bool {
+///     tree.any_hit(ray)
+/// }
+/// ```
+#[allow(private_bounds)] // that is what seals it
+pub trait Geometry: RaySource {}
+
+impl<S: RaySource> Geometry for S {}
+
+/// Things that move, ready for rays at any time of the shutter.
+///
+/// Built once of triangle meshes ([`RayTree::build`]) or of the caller's own primitives
+/// ([`RayTree::of_primitives`]). Queries take `&self` and may run on any number of threads. Every answer is that of
+/// testing all primitives one after the other ([`BruteForce`](crate::baseline::BruteForce)), bit for bit, whatever the
+/// parameters of the build.
+///
+/// ```
+/// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+/// let open = vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+/// let close = open.iter().map(|p| p + Vec3::Z).collect();
+/// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
+/// let ray = Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z).at_time(0.5);
+/// let hit = tree.closest_hit(&ray).unwrap();
+/// assert_eq!((hit.mesh, hit.primitive, hit.t), (0, 0, 4.5));
+/// assert_eq!(tree.normal(&hit, ray.time), Vec3::Z);
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
+pub struct RayTree<G = Triangles> {
+    geometry: G,
+    layout: Layout,
+    statistics: Statistics,
+    simd: SimdLevel,
+}
+
+impl<G> core::fmt::Debug for RayTree<G> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("RayTree").field("statistics", &self.statistics).finish_non_exhaustive()
+    }
+}
+
+/// The arrays that queries walk.
+enum Layout {
+    Wide(WideTree),
+    Kd(KdTree),
+}
+
+impl<G: Geometry> RayTree<G> {
+    fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
+        params.validate()?;
+        let (layout, statistics) = match params.policy {
+            Policy::Wide => {
+                let tree = WideTree::build(&geometry, params, progress)?;
+                geometry.written();
+                let statistics = tree.statistics(&geometry);
+                (Layout::Wide(tree), statistics)
+            }
+            Policy::Mbkd | Policy::ClassicKd => {
+                let (tree, times) = build_kd(&geometry, params, progress)?;
+                let statistics = tree.statistics(&geometry).with_times(times);
+                (Layout::Kd(tree), statistics)
+            }
+        };
+        Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best() })
+    }
+
+    /// Asks the layout; the one place that knows the layouts apart.
+    #[inline(always)]
+    fn ask<Q: Query>(&self, query: Q) -> Q::Answer {
+        match &self.layout {
+            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
+            Layout::Kd(tree) => query.ask(tree),
+        }
+    }
+
+    #[inline(always)]
+    fn closest(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> Option<Hit> {
+        self.ask(ClosestQuery(Asked { set: &self.geometry, ray, filter, observer }))
+    }
+
+    #[inline(always)]
+    fn any(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> bool {
+        self.ask(AnyQuery(Asked { set: &self.geometry, ray, filter, observer }))
+    }
+
+    #[inline(always)]
+    fn all(
+        &self,
+        ray: &Ray,
+        filter: &impl Filter,
+        observer: &mut impl Observer,
+        visitor: impl FnMut(Hit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        self.ask(AllQuery { asked: Asked { set: &self.geometry, ray, filter, observer }, visitor })
+    }
+
+    /// The nearest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        self.closest(ray, &Everything, &mut ())
+    }
+
+    /// Whether the ray hits anything: for shadows. Stops at the first hit found.
+    pub fn any_hit(&self, ray: &Ray) -> bool {
+        self.any(ray, &Everything, &mut ())
+    }
+
+    /// Calls `visitor` with every primitive that the ray hits, each once (with its nearest hit), in no particular
+    /// order, until it breaks. Returns what the visitor said last.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z, Vec3::X + Vec3::Z, Vec3::Y + Vec3::Z];
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [3, 4, 5]], positions);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// let mut hits = Vec::new();
+    /// let _ = tree.all_hits(&Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z), |hit| {
+    ///     hits.push(hit.t);
+    ///     ControlFlow::Continue(())
+    /// });
+    /// hits.sort_by(f32::total_cmp);
+    /// assert_eq!(hits, [1.0, 2.0]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn all_hits(&self, ray: &Ray, visitor: impl FnMut(Hit) -> ControlFlow<()>) -> ControlFlow<()> {
+        self.all(ray, &Everything, &mut (), visitor)
+    }
+
+    /// [`RayTree::closest_hit`], telling `observer` what it does.
+    pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
+        self.closest(ray, &Everything, observer)
+    }
+
+    /// [`RayTree::any_hit`], telling `observer` what it does.
+    pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
+        self.any(ray, &Everything, observer)
+    }
+
+    /// [`RayTree::all_hits`], telling `observer` what it does.
+    pub fn all_hits_observed(
+        &self,
+        ray: &Ray,
+        observer: &mut impl Observer,
+        visitor: impl FnMut(Hit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        self.all(ray, &Everything, observer, visitor)
+    }
+
+    /// [`RayTree::closest_hit`] among the hits that `accept` accepts on meshes whose
+    /// [`mask`](TriangleMesh::mask) shares a bit with `mask` (the caller's own primitives have all bits).
+    ///
+    /// `accept` must be pure: it may be asked several times about the same hit, and not about all hits.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let glass = TriangleMesh::fixed(vec![[0, 1, 2]], at(1.0)).with_mask(0b01);
+    /// let wall = TriangleMesh::fixed(vec![[0, 1, 2]], at(2.0)).with_mask(0b10);
+    /// let tree = RayTree::build(&[glass, wall], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b11, |_| true).unwrap().mesh, 0);
+    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b10, |_| true).unwrap().mesh, 1);
+    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b11, |hit| hit.t > 1.5).unwrap().mesh, 1);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
+        self.closest(ray, &Visible { mask, accept }, &mut ())
+    }
+
+    /// [`RayTree::any_hit`] among the hits that mask and filter let through
+    /// (see [`RayTree::closest_hit_filtered`]).
+    pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
+        self.any(ray, &Visible { mask, accept }, &mut ())
+    }
+
+    /// [`RayTree::all_hits`] among the hits that mask and filter let through
+    /// (see [`RayTree::closest_hit_filtered`]).
+    pub fn all_hits_filtered(
+        &self,
+        ray: &Ray,
+        mask: u32,
+        accept: impl Fn(&Hit) -> bool,
+        visitor: impl FnMut(Hit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        self.all(ray, &Visible { mask, accept }, &mut (), visitor)
+    }
+
+    /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order;
+    /// a caller that keeps it allocates nothing, but for a few megabytes where rays are sorted.
+    ///
+    /// Where the tree is larger than the processor's caches and the rays come in no good order, this is also faster per
+    /// thread than asking ray by ray: they are answered sorted by place and direction, and where that pays several of
+    /// them are on their way by turns while memory is fetched.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// let ray = |x: f32| Ray::new(Vec3::new(x, 0.2, 1.0), Vec3::NEG_Z);
+    /// let mut hits = Vec::new();
+    /// tree.closest_hits(&[ray(0.2), ray(5.0)], &mut hits);
+    /// assert_eq!(hits.iter().map(Option::is_some).collect::<Vec<_>>(), [true, false]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
+        self.batch::<Closests>(rays, hits, |ray| self.closest_hit(ray));
+    }
+
+    /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
+        self.batch::<Anys>(rays, hits, |ray| self.any_hit(ray));
+    }
+
+    fn batch<A: Asks>(&self, rays: &[Ray], answers: &mut Vec<A::Answer>, one: impl Fn(&Ray) -> A::Answer + Sync) {
+        answers.clear();
+        answers.resize(rays.len(), A::NOTHING);
+        let singly = |rays: &[Ray], answers: &mut [A::Answer]| {
+            for (ray, answer) in rays.iter().zip(answers) {
+                *answer = one(ray);
+            }
+        };
+        match &self.layout {
+            Layout::Wide(tree) if self.statistics.bytes > CACHED => {
+                let space = Space::new(self.geometry.frame().bounds, tree.parts());
+                // Turns pay where a tree moves, and there only for the nearest hit in divided trees and for any hit in
+                // others (measured; see docs/rays.md).
+                let turns = tree.moves() && A::ORDERED == (space.parts > 1);
+                answer_in_order(rays, answers, space, singly, |rays, answers| match turns {
+                    true => dispatch(self.simd, Batch::<G, A> { tree, set: &self.geometry, rays, answers }),
+                    false => singly(rays, answers),
+                });
+            }
+            _ => in_parallel(rays, answers, singly),
+        }
+    }
+
+    /// Checks that the tree is whole: links, depth, and that at sampled times, among them all at which something
+    /// changes, each primitive is found wherever it is (in the k-d layout; in the wide one, that it is in some
+    /// leaf block). For tests; takes far longer than the build.
+    ///
+    /// # Errors
+    /// The first thing found wrong, which would be a defect of this crate.
+    pub fn validate(&self) -> Result<(), ValidationError> {
+        match &self.layout {
+            Layout::Kd(tree) => tree.validate(&self.geometry),
+            Layout::Wide(tree) => tree.validate(&self.geometry),
+        }
+    }
+
+    /// Calls `visitor` with the boxes of all nodes and leaf blocks as they are at a time of the shutter, parents before
+    /// children: to draw a tree, or to see why it is slow. They are as wide as queries take them, up to a few roundings.
+    /// Nothing for the k-d policies, whose nodes have no boxes, and for a time outside [0, 1]. Takes time in
+    /// proportion to the tree's size.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::Vec3};
+    /// // A thousand triangles in a row.
+    /// let positions = (0..1000).flat_map(|i| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|p| p + Vec3::X * i as f32)).collect();
+    /// let mesh = TriangleMesh::fixed((0..1000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), positions);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// let mut leaves = 0;
+    /// tree.boxes(0.5, |b| leaves += usize::from(b.leaf));
+    /// assert!(leaves > 1000 / 16);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn boxes(&self, time: f32, mut visitor: impl FnMut(TreeBox)) {
+        if let Layout::Wide(tree) = &self.layout
+            && (0.0..=1.0).contains(&time)
+        {
+            tree.boxes(time, self.geometry.frame(), &mut visitor);
+        }
+    }
+
+    /// The tree with its queries on another instruction set of this CPU, for tests and measurements. Answers do not
+    /// change. The default is the widest there is.
+    pub fn with_simd(self, simd: SimdLevel) -> RayTree<G> {
+        RayTree { simd, ..self }
+    }
+
+    /// What the build made, in numbers.
+    pub fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+}
+
+impl RayTree {
+    /// Builds a tree of triangle meshes.
+    ///
+    /// Takes O(n log n) time for `n` triangles; it runs in parallel with the feature `rayon`, and the tree is the
+    /// same for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished
+    /// tree and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
+    /// divided by time, and the tree itself beyond 300 where there are separate trees for parts of the shutter
+    /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the procedural
+    /// scenes (`scenes/`) at full size.
+    ///
+    /// # Errors
+    /// What is wrong with a mesh or a parameter, and where: see [`BuildError`]. No triangles at all is fine: nothing
+    /// is ever hit. Triangles without area are kept and never hit.
+    pub fn build(meshes: &[TriangleMesh], params: &BuildParams) -> Result<RayTree, BuildError> {
+        RayTree::of(Triangles::new(meshes)?, params, &Progress::new(None))
+    }
+
+    /// [`RayTree::build`] that calls `progress` with the finished fraction (0 to 1) now and then, from any of its
+    /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
+    pub fn build_with_progress(
+        meshes: &[TriangleMesh],
+        params: &BuildParams,
+        progress: Callback<'_>,
+    ) -> Result<RayTree, BuildError> {
+        RayTree::of(Triangles::new(meshes)?, params, &Progress::new(Some(progress)))
+    }
+
+    /// The corners of the triangle that was hit, at any time, exactly where queries see them. NaN for a hit
+    /// that is not of this tree.
+    pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
+        match self.geometry.id(hit.mesh, hit.primitive) {
+            Some(id) => {
+                let corners = match &self.layout {
+                    Layout::Wide(tree) => tree.corners(&self.geometry, id, time),
+                    Layout::Kd(_) => self.geometry.corners(id, time),
+                };
+                corners.map(|p| self.geometry.frame().to_world(p))
+            }
+            None => [DVec3::NAN; 3],
+        }
+    }
+
+    /// The unit normal of the triangle that was hit, at any time: the corners run counter-clockwise as
+    /// seen from where it points. Zero for a triangle without area and for a hit that is not of this tree.
+    pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
+        let [a, b, c] = self.vertices(hit, time);
+        (b - a).cross(c - a).normalize_or_zero().as_vec3()
+    }
+}
+
+impl<P: Primitive> RayTree<Shapes<P>> {
+    /// Builds a tree of the caller's own primitives; a hit's [`primitive`](Hit::primitive) is the index into
+    /// `primitives`, its mesh is 0. Cost as [`RayTree::build`].
+    ///
+    /// # Errors
+    /// [`BuildError::BadBounds`] for a primitive whose bounds are not finite, and parameters out of range.
+    pub fn of_primitives(primitives: Vec<P>, params: &BuildParams) -> Result<RayTree<Shapes<P>>, BuildError> {
+        RayTree::of(Shapes::new(primitives)?, params, &Progress::new(None))
+    }
+
+    /// The primitives as they were given.
+    pub fn primitives(&self) -> &[P] {
+        self.geometry.shapes()
+    }
+}
+
+/// Trees up to this many bytes mostly stay in the caches, where neither the order of rays nor taking turns gains much.
+const CACHED: usize = 64 << 20;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene;
+
+    /// Batches of small trees are asked ray by ray, so the turns are tested here on their own.
+    #[test]
+    fn rays_led_by_turns_get_the_answers_of_single_rays() {
+        let hall = (scene::find("hall").expect("a scene of the catalogue").make)(4000);
+        let nothing = RayTree::build(&[], &BuildParams::default()).expect("an empty tree");
+        let full = RayTree::build(&hall.meshes, &BuildParams::default()).expect("a tree");
+        for tree in [full, nothing] {
+            for level in SimdLevel::available() {
+                // Fewer rays than a group, just as many, and more; some of them mean nothing.
+                for count in [0, 1, 7, 8, 9, 500] {
+                    let rays: Vec<Ray> = (0..count)
+                        .map(|i| {
+                            let at = |by: usize| (i * by % 97) as f32 / 97.0;
+                            let ray = hall.camera.ray(at(31), at(57), 1.0, at(13));
+                            if i % 10 == 3 { Ray { dir: Vec3::NAN, ..ray } } else { ray }
+                        })
+                        .collect();
+                    let Layout::Wide(wide) = &tree.layout else { panic!("the default is wide") };
+                    let (set, rays) = (&tree.geometry, rays.as_slice());
+                    let (mut hits, mut shadows) = (vec![None; count], vec![false; count]);
+                    dispatch(level, Batch::<_, Closests> { tree: wide, set, rays, answers: &mut hits });
+                    dispatch(level, Batch::<_, Anys> { tree: wide, set, rays, answers: &mut shadows });
+                    for ((ray, hit), shadow) in rays.iter().zip(hits).zip(shadows) {
+                        assert_eq!(hit, tree.closest_hit(ray), "{level}, {count} rays");
+                        assert_eq!(shadow, hit.is_some());
+                    }
+                }
+            }
+        }
+    }
+}

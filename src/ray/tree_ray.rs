@@ -1,0 +1,280 @@
+//! The ray of a query in tree space.
+
+use super::hit::SetHit;
+use super::triangle::Sheared;
+use crate::geometry::{Frame, KERNEL_ULPS, Ray, ULP};
+use glam::{DVec3, Vec3, Vec3A};
+
+/// A ray in tree space: origin rebased and led to the scene, direction scaled by a power of two so that its largest
+/// component lies in [1, 2), and `t` scaled to match.
+pub(crate) struct TreeRay {
+    pub origin: Vec3,
+    /// One over each component of the direction, where components smaller than [`LEAST_COMPONENT`] count as that.
+    pub inverse: Vec3A,
+    /// The range of answers.
+    pub t_min: f32,
+    pub t_max: f32,
+    /// The same as distances from the origin in tree space, rounded outward where that is inexact.
+    pub begin: f32,
+    pub end: f32,
+    pub time: f32,
+    /// The direction as the triangle test wants it.
+    pub shear: Sheared,
+    /// How much boxes must be larger than they are, per axis: [`KERNEL_ULPS`] of the origin's largest coordinate, or
+    /// somewhat more.
+    pub slack: f32,
+    /// How far behind its origin the ray begins; 0 for one that begins before it.
+    pub behind: f32,
+    /// How far the origin was led along the ray, in tree space.
+    advance: f64,
+    /// World `t` per tree `t`, a power of two.
+    t_scale: f64,
+    /// The ray as it was asked.
+    pub world: Ray,
+}
+
+/// Farther origins than this (in scene sizes) see nothing: their rays would be off by more than about 2^-20 of the scene.
+const FARTHEST: f64 = 4294967296.0;
+
+/// Origins up to here (in scene sizes) are not led to the scene.
+const NEAR: f32 = 3.0;
+
+/// Smaller components of a direction are taken as this where it is divided by: over the way to a hit the ray
+/// then strays by less than an ULP of it.
+pub(crate) const LEAST_COMPONENT: f32 = ULP;
+
+/// Slack whatever the origin is: more than products of denormal numbers lose.
+const LEAST_SLACK: f32 = 7.5e-37;
+
+/// Exponent fields of a longest component with which reciprocals and slopes neither overflow nor lose bits, whatever
+/// the other components are.
+const MODERATE: core::ops::RangeInclusive<u32> = 64..=190;
+
+impl TreeRay {
+    /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
+    ///
+    /// Every query begins with this, and nothing of a query can begin before it is done. So the usual ray is told by one
+    /// branch, after which nothing depends on what differs from ray to ray; the direction is looked at as integers, which
+    /// are compared in one cycle and need no trip through memory to be chosen from; and its reciprocals do not
+    /// wait for its scaling. All others are left to a function of their own, since a call among this code would push
+    /// what is in registers out of them, whether it is made or not.
+    #[inline(always)]
+    pub fn new(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
+        let origin = frame.point(ray.origin);
+        let field = longest(ray.dir) >> 23;
+        let away = Vec3A::from(origin).abs();
+        // Bits order like numbers, after all numbers come infinity and NaN, and after these what has a sign.
+        let (begin, end) = (ray.t_min.to_bits(), ray.t_max.to_bits());
+        let usual = MODERATE.contains(&field)
+            & away.cmple(Vec3A::splat(NEAR * frame.reach)).all()
+            & (begin <= end)
+            & (end <= f32::INFINITY.to_bits())
+            & (ray.time.to_bits() <= 1f32.to_bits());
+        if !usual {
+            return TreeRay::unusual(ray, frame);
+        }
+        let dir = Direction { dir: ray.dir, field, more: 0 };
+        Some(TreeRay::scaled(ray, origin, slack(away.max_element()), frame.scale, dir))
+    }
+
+    /// The same for rays of any kind.
+    #[cold]
+    #[inline(never)]
+    fn unusual(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
+        let reach = f64::from(frame.reach);
+        let from = (ray.origin - frame.origin) * frame.scale;
+        let longest = longest(ray.dir);
+        // NaN fails every one of these comparisons.
+        let fine = (longest.wrapping_sub(1) < f32::MAX.to_bits())
+            & from.abs().cmple(DVec3::splat(FARTHEST * reach)).all()
+            & (ray.t_min <= ray.t_max)
+            & (0.0 <= ray.time)
+            & (ray.time <= 1.0);
+        if !fine {
+            return None;
+        }
+        let mut dir = Direction { dir: ray.dir, field: longest >> 23, more: 0 };
+        if !MODERATE.contains(&dir.field) {
+            let more = (f64::from(f32::from_bits(longest)).to_bits() >> 52) as i32 - 1023;
+            dir = Direction { dir: (ray.dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more };
+        }
+        // Minus zero is below zero as well.
+        let line = ray.t_min.is_sign_negative();
+        let away = from.abs().max_element();
+        let (mut origin, mut advance, mut lost) = (from, 0.0, 0.0);
+        if away > f64::from(NEAR) * reach {
+            let step = dir.dir.as_dvec3() * power_of_two(127 - dir.field as i32);
+            advance = way_to_scene(from, step, 1.001 * reach, line)?;
+            origin = from + step * advance;
+            // The origin in f64 was rounded three times, and so is what the caller's own primitives compute with it.
+            lost = (16.0 * f64::EPSILON * away) as f32;
+        }
+        let origin = origin.as_vec3();
+        let mut of = TreeRay::scaled(ray, origin, slack(origin.abs().max_element()) + lost, frame.scale, dir);
+        of.advance = advance;
+        // A step outward for the rounding of `t`, and one for that of the distance.
+        let t_per_world = inverse_of_power(of.t_scale);
+        let distance = |t: f32| (f64::from(t) * t_per_world - advance) as f32;
+        of.begin = distance(ray.t_min.next_down()).next_down();
+        of.end = distance(ray.t_max.next_up()).next_up();
+        if !line {
+            of.begin = of.begin.max(0.0);
+        } else if of.begin < 0.0 {
+            // Nothing is hit farther back than this, and rounding a sum with it is an ULP of as much.
+            let back = 2.0 * (frame.reach + origin.abs().max_element());
+            of.slack += 8.0 * ULP * back;
+            of.begin = of.begin.max(-back);
+            of.behind = -of.begin;
+        }
+        Some(of)
+    }
+
+    #[inline(always)]
+    fn scaled(ray: &Ray, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay {
+        let Direction { dir, field, more } = of;
+        // 2^-exponent of the longest component, and 2^exponent.
+        let (shrink, grow) = (f32::from_bits((254 - field) << 23), f32::from_bits(field << 23));
+        let d = Vec3A::from(dir);
+        let inverse = ((Vec3A::ONE / d).abs() * grow).min(Vec3A::splat(1.0 / LEAST_COMPONENT)).copysign(d);
+        let mut shear = Sheared::new(dir);
+        shear.dz *= shrink;
+        let t_per_world = scale * power_of_two(field as i32 - 127 + more);
+        let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
+        TreeRay {
+            origin,
+            inverse,
+            t_min: ray.t_min,
+            t_max: ray.t_max.min(f32::MAX),
+            begin: inward(ray.t_min),
+            end: inward(ray.t_max),
+            time: ray.time,
+            shear,
+            slack,
+            behind: 0.0,
+            advance: 0.0,
+            t_scale: inverse_of_power(t_per_world),
+            world: *ray,
+        }
+    }
+
+    /// The answer's `t` at a distance in tree space: rounded once. (Zero is added last, so that there is no -0.)
+    #[inline(always)]
+    pub fn answer_at(&self, distance: f64) -> f32 {
+        ((distance + self.advance) * self.t_scale) as f32 + 0.0
+    }
+
+    /// A distance in tree space beyond which no answer is as near as `t`, up to the rounding of a distance, for which
+    /// there is slack.
+    #[inline(always)]
+    pub fn reach(&self, t: f32) -> f32 {
+        (f64::from(t.next_up()) * inverse_of_power(self.t_scale) - self.advance) as f32
+    }
+
+    /// What a primitive of the caller's answers, if that is within the range.
+    #[inline(always)]
+    pub fn hit(&self, t: f32, u: f32, v: f32) -> Option<SetHit> {
+        // In this form NaN is no hit.
+        (self.t_min <= t && t <= self.t_max).then(|| SetHit { t: t + 0.0, reach: self.reach(t), u, v })
+    }
+}
+
+/// [`KERNEL_ULPS`] of an origin whose largest coordinate this is.
+#[inline(always)]
+fn slack(away: f32) -> f32 {
+    KERNEL_ULPS * ULP * away + LEAST_SLACK
+}
+
+/// How far along a ray the cube of this half size about zero begins, or a little less; nothing where the ray misses it,
+/// or, unless it is a `line`, has it behind.
+///
+/// The product of a direction in f32 and the result, which has 29 bits, is exact in f64.
+fn way_to_scene(origin: DVec3, dir: DVec3, half: f64, line: bool) -> Option<f64> {
+    let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..3 {
+        let (o, d) = (origin[axis], dir[axis]);
+        if d == 0.0 {
+            if o.abs() > half {
+                return None;
+            }
+            continue;
+        }
+        let (a, b) = ((-half - o) / d, (half - o) / d);
+        near = near.max(a.min(b));
+        far = far.min(a.max(b));
+    }
+    let met = near <= far && (line || far >= 0.0);
+    met.then(|| f64::from_bits(near.to_bits() & !0xff_ffff))
+}
+
+/// A direction to be scaled: the exponent field of its longest component, and the power of two by which it
+/// was shrunk before.
+struct Direction {
+    dir: Vec3,
+    field: u32,
+    more: i32,
+}
+
+/// The bits of the longest component of a direction, without the sign: they order like numbers, and after all
+/// numbers come infinity and NaN.
+#[inline(always)]
+fn longest(dir: Vec3) -> u32 {
+    magnitude(dir.x).max(magnitude(dir.y)).max(magnitude(dir.z))
+}
+
+/// The bits of a number without its sign.
+#[inline(always)]
+fn magnitude(x: f32) -> u32 {
+    x.to_bits() & 0x7fff_ffff
+}
+
+/// 2^e for the exponents of f32 and of frames, all normal in f64.
+#[inline(always)]
+fn power_of_two(e: i32) -> f64 {
+    f64::from_bits(((e + 1023) as u64) << 52)
+}
+
+/// 1 / x of a normal power of two.
+#[inline(always)]
+fn inverse_of_power(x: f64) -> f64 {
+    f64::from_bits((2046 << 52) - x.to_bits())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn scaling_a_ray_is_exact() {
+        let frame = Frame { origin: DVec3::new(1.0, 2.0, 3.0), scale: 0.25, ..Frame::WORLD };
+        for length in [1e-42f32, 1e-30, 0.3, 1.0, 7.0, 1e38] {
+            let ray = Ray::new(DVec3::new(5.0, 2.0, 3.0), Vec3::new(0.1, -1.0, 0.25) * length).between(0.5, 2.0);
+            let tree = TreeRay::new(&ray, &frame).unwrap();
+            assert_eq!(tree.origin, Vec3::X);
+            assert!((1.0..2.0).contains(&tree.shear.dz.abs()), "{}", tree.shear.dz);
+            assert_eq!(tree.answer_at(0.5 / tree.t_scale), 0.5, "there and back at length {length}");
+        }
+    }
+
+    #[test]
+    fn rays_that_mean_nothing_are_refused() {
+        let frame = Frame::WORLD;
+        let good = Ray::new(Vec3::ZERO, Vec3::X);
+        assert!(TreeRay::new(&good, &frame).is_some());
+        let bad = [
+            Ray { dir: Vec3::ZERO, ..good },
+            Ray { dir: Vec3::new(0.0, f32::NAN, 1.0), ..good },
+            Ray { dir: Vec3::new(f32::INFINITY, 0.0, 0.0), ..good },
+            Ray { origin: DVec3::new(f64::NAN, 0.0, 0.0), ..good },
+            Ray { origin: DVec3::new(0.0, 1e300, 0.0), ..good },
+            Ray { t_min: 2.0, t_max: 1.0, ..good },
+            Ray { t_max: f32::NAN, ..good },
+            good.at_time(-0.1),
+            good.at_time(1.1),
+            good.at_time(f32::NAN),
+        ];
+        for ray in bad {
+            assert!(TreeRay::new(&ray, &frame).is_none(), "{ray:?}");
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! The wide layout against brute force over the same triangle test. (Whole queries are tested with
+//! [`RayTree`](crate::RayTree) in `tests/`.)
+
+use crate::baseline::BruteForce;
+use crate::simd::SimdLevel;
+use crate::{BuildParams, Counters, Division, Policy, Ray, RayTree, TimeInterval, TriangleMesh, scene};
+use glam::Vec3;
+
+fn random(state: &mut u64) -> f32 {
+    *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+    (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
+}
+
+fn point(state: &mut u64) -> Vec3 {
+    Vec3::new(random(state), random(state), random(state))
+}
+
+fn soup(n: usize, keys: usize, size: f32, motion: f32, state: &mut u64) -> TriangleMesh {
+    let mut positions = vec![Vec::new(); keys];
+    for _ in 0..n {
+        let at = point(state);
+        let corners = [at, at + point(state) * size, at + point(state) * size];
+        for key in positions.iter_mut() {
+            let by = point(state) * motion;
+            key.extend(corners.map(|c| c + by));
+        }
+    }
+    TriangleMesh::new((0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), positions)
+}
+
+#[test]
+fn closest_hits_equal_brute_force_on_every_level() {
+    let mut state = 42;
+    let meshes = [
+        soup(700, 1, 0.1, 0.0, &mut state),
+        soup(700, 2, 0.1, 0.3, &mut state),
+        soup(300, 4, 0.1, 0.2, &mut state),
+        soup(300, 2, 1.0, 0.01, &mut state),
+    ];
+    for some in [&meshes[..1], &meshes[1..2], &meshes[2..3], &meshes[..]] {
+        for level in SimdLevel::available() {
+            let params = BuildParams::default().with_policy(Policy::Wide);
+            let tree = RayTree::build(some, &params).unwrap().with_simd(level);
+            let oracle = BruteForce::new(some).unwrap();
+            let mut hits = 0;
+            for _ in 0..1500 {
+                let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
+                let time = (random(&mut state) * 1.2).clamp(-1.0, 1.0) * 0.5 + 0.5;
+                let ray = Ray::new(origin, dir).at_time(time);
+                let expected = oracle.closest_hit(&ray);
+                hits += usize::from(expected.is_some());
+                assert_eq!(tree.closest_hit(&ray), expected, "{level}, {ray:?}");
+            }
+            assert!(hits > 20, "{hits}");
+        }
+    }
+}
+
+#[cfg(feature = "rayon")]
+#[test]
+fn the_tree_is_the_same_for_any_number_of_threads() {
+    let mut state = 7;
+    let meshes = [
+        soup(12_000, 1, 0.05, 0.0, &mut state),
+        soup(24_000, 2, 0.3, 0.02, &mut state),
+        soup(2_000, 3, 0.1, 0.2, &mut state),
+    ];
+    same_for_any_number_of_threads(&meshes);
+    // Some subtrees divided, others not.
+    same_for_any_number_of_threads(&scene::mixed(40_000).meshes);
+}
+
+#[cfg(feature = "rayon")]
+fn same_for_any_number_of_threads(meshes: &[TriangleMesh]) {
+    use crate::layout::WideTree;
+    use crate::primitive::Triangles;
+    use crate::progress::Progress;
+
+    let set = Triangles::new(meshes).unwrap();
+    let params = BuildParams::default();
+    let words = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let tree = pool.install(|| WideTree::build(&set, &params, &Progress::new(None)).unwrap());
+        tree.validate(&set).unwrap();
+        (tree.root, tree.arena.ints().to_vec())
+    };
+    let one = words(1);
+    for threads in [2, 3, 8] {
+        assert!(words(threads) == one, "{threads} threads make another tree");
+    }
+}
+
+#[test]
+fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
+    let mut state = 11;
+    // Long needles: cut. Loose triangles in fast random motion: copies.
+    let needles = scene::needles(30_000, 0.05).meshes;
+    let loose = vec![soup(6000, 2, 0.01, 0.6, &mut state)];
+    for (meshes, least) in [(needles, 1.3), (loose, 1.9)] {
+        let tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
+        assert!(tree.statistics().references_per_primitive() > least, "{:?}", tree.statistics());
+        tree.validate().unwrap();
+        let oracle = BruteForce::new(&meshes).unwrap();
+        for _ in 0..200 {
+            let (origin, target) = (point(&mut state) * 3.0, point(&mut state) * 0.5);
+            let ray = Ray::new(origin, target - origin).at_time(random(&mut state) * 0.5 + 0.5);
+            assert_eq!(tree.closest_hit(&ray), oracle.closest_hit(&ray), "{ray:?}");
+            assert_eq!(tree.any_hit(&ray), oracle.any_hit(&ray), "{ray:?}");
+        }
+    }
+}
+
+/// Steps and tests, weighed by their prices, of rays through a scene.
+fn work(scene: &scene::Scene, params: &BuildParams) -> f64 {
+    let tree = RayTree::build(&scene.meshes, params).unwrap().with_simd(SimdLevel::PORTABLE);
+    let (mut state, mut counters) = (5, Counters::default());
+    for _ in 0..3000 {
+        let mut unit = || random(&mut state) * 0.5 + 0.5;
+        let ray = scene.camera.ray(unit(), unit(), 1.0, unit());
+        if let Some(hit) = tree.closest_hit_observed(&ray, &mut counters) {
+            // On from there in any direction.
+            let from = ray.point(hit.t).as_vec3();
+            tree.closest_hit_observed(&Ray::new(from, point(&mut state)).at_time(ray.time), &mut counters);
+        }
+    }
+    2.0 * counters.nodes as f64 + counters.leaves as f64 + 0.07 * counters.primitive_tests as f64
+}
+
+#[test]
+fn a_choice_for_each_part_takes_less_work_than_one_for_all_of_no_more_memory() {
+    let scene = scene::mixed(160_000);
+    let of = |division| BuildParams { division, ..BuildParams::default() };
+    let bytes = |params: &BuildParams| RayTree::build(&scene.meshes, params).unwrap().statistics().bytes;
+    let (own, size) = (work(&scene, &of(Division::Automatic)), bytes(&of(Division::Automatic)));
+    let mut compared = 0;
+    for division in [
+        Division::Whole,
+        Division::Segments(2),
+        Division::Segments(4),
+        Division::Copies(2),
+        Division::Copies(3),
+        Division::Copies(4),
+    ] {
+        if bytes(&of(division)) <= size {
+            compared += 1;
+            let other = work(&scene, &of(division));
+            println!("{division:?}: {other}, {} bytes; automatic {own}, {size}", bytes(&of(division)));
+            let factor = if division == Division::Whole { 0.7 } else { 0.98 };
+            assert!(own < factor * other, "{division:?}: {own} against {other}");
+        }
+    }
+    assert!(compared >= 4, "{size} bytes");
+}
+
+#[test]
+fn the_budget_is_kept_and_more_of_it_never_makes_less() {
+    let mut state = 3;
+    let scenes = [
+        scene::mixed(60_000).meshes,
+        scene::tornado(20_000).meshes,
+        scene::needles(20_000, 0.3).meshes,
+        vec![soup(6000, 2, 0.01, 0.6, &mut state)],
+    ];
+    for (i, meshes) in scenes.iter().enumerate() {
+        let mut last = 0.0;
+        for budget in [128.0, 256.0, 400.0, 700.0, 1024.0, 2000.0, 4000.0] {
+            let params = BuildParams { bytes_per_primitive: budget, ..BuildParams::default() };
+            let statistics = RayTree::build(meshes, &params).unwrap().statistics();
+            let bytes = statistics.bytes as f32 / statistics.primitives as f32;
+            println!("scene {i}, {budget}: {bytes}");
+            assert!(bytes <= budget && bytes >= last, "scene {i}, {budget}: {bytes} after {last}");
+            last = bytes;
+        }
+    }
+}
+
+#[test]
+fn divisions_by_hand_answer_like_brute_force() {
+    let mut state = 23;
+    let meshes =
+        [soup(600, 1, 0.1, 0.0, &mut state), soup(600, 2, 0.1, 0.3, &mut state), soup(300, 3, 0.1, 0.2, &mut state)];
+    let oracle = BruteForce::new(&meshes).unwrap();
+    for division in [
+        Division::Whole,
+        Division::Segments(2),
+        Division::Segments(3),
+        Division::Segments(16),
+        Division::Copies(2),
+        Division::Copies(5),
+        Division::Copies(16),
+    ] {
+        let tree = RayTree::build(&meshes, &BuildParams { division, ..BuildParams::default() }).unwrap();
+        tree.validate().unwrap();
+        let references = tree.statistics().references;
+        match division {
+            // The mesh of three keys has a tree for each of its two pieces.
+            Division::Copies(n) => assert_eq!(references, 1200 * n + 600),
+            _ => assert_eq!(references, 1800),
+        }
+        for _ in 0..300 {
+            let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
+            let ray = Ray::new(origin, dir).at_time(random(&mut state) * 0.5 + 0.5);
+            assert_eq!(tree.closest_hit(&ray), oracle.closest_hit(&ray), "{division:?} {ray:?}");
+        }
+    }
+}
+
+#[test]
+fn boxes_hold_all_triangles_at_their_time() {
+    let scene = scene::mixed(20_000);
+    let tree = RayTree::build(&scene.meshes, &BuildParams::default()).unwrap();
+    for time in [0.0, 0.3, 0.5, 1.0] {
+        let mut top = Vec::new();
+        tree.boxes(time, |b| top.extend((b.level == 1).then_some(b.bounds)));
+        assert!((2..=16).contains(&top.len()));
+        let mut state = 77;
+        for _ in 0..500 {
+            let mesh = (random(&mut state).abs() * scene.meshes.len() as f32) as u32;
+            let triangle = (random(&mut state).abs() * scene.meshes[mesh as usize].len() as f32) as u32;
+            let hit = crate::Hit { t: 0.0, u: 0.0, v: 0.0, mesh, primitive: triangle };
+            let corners = tree.vertices(&hit, time);
+            assert!(top.iter().any(|b| corners.iter().all(|&p| b.contains(p))), "{mesh} {triangle} at {time}");
+        }
+    }
+    let mut seen = 0;
+    tree.boxes(f32::NAN, |_| seen += 1);
+    tree.boxes(1.5, |_| seen += 1);
+    RayTree::build(&scene.meshes, &BuildParams::paper()).unwrap().boxes(0.5, |_| seen += 1);
+    assert_eq!(seen, 0);
+}
+
+#[test]
+fn corners_come_back_from_leaf_blocks_as_they_were_given() {
+    let mut state = 5;
+    let mut meshes = vec![
+        soup(40, 1, 0.3, 0.0, &mut state),
+        TriangleMesh::fixed(vec![], vec![]),
+        soup(300, 2, 0.1, 0.3, &mut state),
+        soup(100, 4, 0.1, 0.2, &mut state),
+        soup(60, 1, 0.1, 0.0, &mut state),
+        soup(50, 3, 0.1, 0.2, &mut state).with_active(TimeInterval::new(0.2, 0.4).unwrap()),
+    ];
+    // Shared vertices, still and moving, and cut needles.
+    meshes.extend(scene::hall(3000).meshes);
+    meshes.extend(scene::needles(2000, 0.05).meshes);
+    let listed = RayTree::build(&meshes, &BuildParams::paper()).unwrap();
+    for division in [Division::Automatic, Division::Segments(3), Division::Copies(2)] {
+        let tree = RayTree::build(&meshes, &BuildParams { division, ..BuildParams::default() }).unwrap();
+        tree.validate().unwrap();
+        for (mesh, of) in meshes.iter().enumerate() {
+            for primitive in 0..of.len() {
+                let hit = crate::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: mesh as u32, primitive: primitive as u32 };
+                for time in [0.0, 0.1, 1.0 / 3.0, 0.5, 0.77, 1.0] {
+                    let bits = |tree: &RayTree| tree.vertices(&hit, time).map(|p| p.to_array().map(f64::to_bits));
+                    assert_eq!(bits(&tree), bits(&listed), "{mesh} {primitive} at {time}, {division:?}");
+                }
+            }
+        }
+        let beyond = crate::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive: 40 };
+        assert!(tree.vertices(&beyond, 0.5).iter().all(|p| p.is_nan()));
+    }
+}
