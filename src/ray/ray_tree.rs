@@ -350,7 +350,9 @@ const CACHED: usize = 64 << 20;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ray::interleave::Batch;
     use crate::scene;
+    use crate::simd::dispatch;
 
     /// Batches of small trees are asked ray by ray, so the turns are tested here on their own.
     #[test]
