@@ -33,6 +33,11 @@ impl KdNode {
         KdNode { a: plane.position.to_bits(), b: plane.velocity.to_bits(), link: right << 2 | plane.axis as u32 }
     }
 
+    /// Sets the right child of an inner node.
+    pub fn set_right(&mut self, right: u32) {
+        self.link = right << 2 | self.link & 3;
+    }
+
     pub fn leaf(first: u32, count: u32) -> KdNode {
         KdNode { a: first, b: count, link: 3 }
     }

@@ -16,6 +16,7 @@
 mod corners;
 mod kd;
 mod kd_validate;
+mod kd_write;
 mod leaf_block;
 mod leaf_index;
 mod serialize;
@@ -27,10 +28,10 @@ mod wide_tree;
 mod wide_validate;
 mod write;
 
-pub(crate) use kd::{KdNode, KdReference, KdTree, KdView};
+pub(crate) use kd::{KdTree, KdView};
 pub use kd_validate::ValidationError;
+pub(crate) use kd_write::build_kd;
 pub(crate) use leaf_block::WideSource;
-pub(crate) use statistics::BuildTimes;
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};

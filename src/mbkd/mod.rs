@@ -7,6 +7,8 @@ mod classify;
 mod distribute;
 mod reference;
 mod sah;
+mod times;
 
-pub(crate) use builder::build_kd;
+pub(crate) use builder::{Output, Root, Subtree, build};
 pub(crate) use classify::classify_point;
+pub(crate) use times::BuildTimes;
