@@ -25,15 +25,14 @@
 //! | `progress` | how far a build is, and cancelling it |
 //! | `geometry` | boxes, linear bounds, time intervals, rays, planes, clipping, separating axes, local space |
 //! | `primitive` | meshes, spheres, points, the caller's own primitives |
-//! | `mbkd` | the paper's k-d build: classification, duplication, propagation |
+//! | `mbkd` | the paper's k-d tree and its build: classification, duplication, propagation |
 //! | `bvh` | object splits, pre-splits, collapse into wide nodes |
 //! | `time` | slices of the shutter and how they are chosen |
-//! | `layout` | what queries of rays walk: [`Policy::Wide`] (the engine) and the paper's k-d tree |
+//! | `layout` | [`Policy::Wide`] (the engine): nodes, leaf blocks, writing them; validation and figures of both trees |
 //! | `ray` | [`RayTree`]: the watertight triangle test, both traversals, queries, batches |
 //! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
 //! | `motion` | public names: what moves and how |
 //! | `baseline` | brute force, the reference for everything |
-//! | `scene` | deterministic procedural scenes |
 //!
 //! The root of it is "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei).
 //!
@@ -63,7 +62,6 @@ pub mod point;
 mod primitive;
 mod progress;
 pub mod ray;
-pub mod scene;
 mod simd;
 mod time;
 
@@ -83,6 +81,15 @@ pub use primitive::{
 };
 pub use ray::{Counters, Geometry, Hit, Observer, RayTree};
 pub use simd::SimdLevel;
+
+/// The procedural scenes of the unpublished member `scenes`, as source, so that unit tests see them with this crate's
+/// own types.
+#[cfg(test)]
+extern crate self as engine;
+#[cfg(test)]
+#[allow(dead_code, unused_imports)]
+#[path = "../scenes/src/lib.rs"]
+mod scene;
 
 /// The README's example, compiled as a test.
 #[cfg(doctest)]

@@ -1,5 +1,4 @@
-//! The layouts that queries walk, what they hold in numbers, and their validation: the paper's k-d tree, and the wide
-//! tree.
+//! The wide layout: its nodes and leaf blocks, and how they are written. Figures and validation of both trees.
 //!
 //! The wide tree has sixteen-way nodes with boxes that move linearly, and leaf blocks of up to sixteen
 //! primitives, all in one arena. The picture to have in mind: a node is twelve rows of sixteen floats (lower and upper
@@ -14,9 +13,7 @@
 //! whoever wants those of a triangle finds them there (`corners`).
 
 mod corners;
-mod kd;
 mod kd_validate;
-mod kd_write;
 mod leaf_block;
 mod leaf_index;
 mod serialize;
@@ -28,9 +25,7 @@ mod wide_tree;
 mod wide_validate;
 mod write;
 
-pub(crate) use kd::{KdTree, KdView};
 pub use kd_validate::ValidationError;
-pub(crate) use kd_write::build_kd;
 pub(crate) use leaf_block::WideSource;
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;

@@ -9,11 +9,13 @@
 //! references.
 
 use super::distribute::{Children, References};
+use super::kd_tree::{KdNode, KdReference, KdTree};
 use super::reference::{Reference, Source};
 use super::sah::{self, best_split};
 use super::times::BuildTimes;
 use crate::error::BuildError;
-use crate::geometry::{Box3, LinearBox3, Plane, TimeInterval};
+use crate::geometry::{Box3, LinearBox3, Plane};
+use crate::limits::MAX_NODES;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
@@ -24,47 +26,12 @@ const PARALLEL_FROM: usize = 4096;
 /// Below this depth nothing is handed to other threads: merging costs a copy of the subtree per level.
 const PARALLEL_DEPTH: u32 = 8;
 
-/// What a tree is written into, in depth-first order: a node before those below it, the left subtree first.
-pub(crate) trait Output: Default + Send {
-    /// Begins an inner node; [`Output::set_right`] follows when its left subtree is complete.
-    fn begin_inner(&mut self, plane: Plane) -> usize;
-    /// The right subtree of an inner node comes next.
-    fn set_right(&mut self, inner: usize);
-    /// Adds a leaf of primitives and the times at which they count there, in any order.
-    fn leaf(&mut self, references: impl Iterator<Item = (u32, TimeInterval)>);
-    /// Appends a subtree that was written apart.
-    fn append(&mut self, subtree: Self);
-}
-
-/// A finished subtree.
-#[derive(Default)]
-pub(crate) struct Subtree<O> {
-    pub out: O,
-    pub depth: u32,
-    pub times: BuildTimes,
-}
-
-impl<O: Output> Subtree<O> {
-    /// Appends a subtree behind this one.
-    fn append(&mut self, other: Subtree<O>) {
-        self.out.append(other.out);
-        self.depth = self.depth.max(other.depth);
-        self.times.add(other.times);
-    }
-}
-
-/// A finished tree and the cell of its root: everything, at every time.
-pub(crate) struct Root<O> {
-    pub cell: Box3,
-    pub tree: Subtree<O>,
-}
-
 /// Builds a k-d tree by the policy of `params`, which must be valid.
-pub(crate) fn build<S: PrimitiveSet, O: Output>(
+pub(crate) fn build_kd<S: PrimitiveSet>(
     set: &S,
     params: &BuildParams,
     progress: &Progress,
-) -> Result<Root<O>, BuildError> {
+) -> Result<(KdTree, BuildTimes), BuildError> {
     let source = Source { set, swept: params.policy == Policy::ClassicKd, plane_time: params.plane_time };
     let mut references = References::default();
     references.normal.extend((0..set.len() as u32).map(|id| source.reference(id)));
@@ -80,12 +47,17 @@ pub(crate) fn build<S: PrimitiveSet, O: Output>(
     }
     let budget = (set.len() as f64 * f64::from(params.max_references)).min(f64::from(u32::MAX)) as u64;
     let builder = Builder { source: &source, params, max_depth: params.depth_for(set.len()), progress };
-    let mut tree = Subtree::default();
-    builder.build(Node { cell, references, depth: 0, budget, fraction: 1.0 }, &mut tree);
+    let mut out = Output::default();
+    builder.build(Node { cell, references, depth: 0, budget, fraction: 1.0 }, &mut out);
     if progress.cancelled() {
         return Err(BuildError::Cancelled);
     }
-    Ok(Root { cell: root, tree })
+    if out.nodes.len() > MAX_NODES || out.references.len() > u32::MAX as usize {
+        return Err(BuildError::TooManyReferences);
+    }
+    out.nodes.shrink_to_fit();
+    out.references.shrink_to_fit();
+    Ok((KdTree { root, nodes: out.nodes, references: out.references, depth: out.depth }, out.times))
 }
 
 /// A node about to be split or made a leaf.
@@ -100,6 +72,26 @@ struct Node {
     fraction: f64,
 }
 
+/// A finished subtree; indices count from its own begin.
+#[derive(Default)]
+struct Output {
+    nodes: Vec<KdNode>,
+    references: Vec<KdReference>,
+    depth: u32,
+    times: BuildTimes,
+}
+
+impl Output {
+    /// Appends a subtree behind this one.
+    fn append(&mut self, other: Output) {
+        let (node_base, reference_base) = (self.nodes.len() as u32, self.references.len() as u32);
+        self.nodes.extend(other.nodes.iter().map(|n| n.shifted(node_base, reference_base)));
+        self.references.extend_from_slice(&other.references);
+        self.depth = self.depth.max(other.depth);
+        self.times.add(other.times);
+    }
+}
+
 struct Builder<'a, S> {
     source: &'a Source<'a, S>,
     params: &'a BuildParams,
@@ -108,37 +100,51 @@ struct Builder<'a, S> {
 }
 
 impl<S: PrimitiveSet> Builder<'_, S> {
-    /// Appends the subtree of a node to `tree`. Recursion is bounded by the depth budget.
-    fn build<O: Output>(&self, node: Node, tree: &mut Subtree<O>) {
-        tree.depth = tree.depth.max(node.depth);
-        let Some((plane, [left, right])) = self.split(&node, &mut tree.times) else {
-            return self.leaf(&node, &mut tree.out);
+    /// Appends the subtree of a node to `out`. Recursion is bounded by the depth budget.
+    fn build(&self, node: Node, out: &mut Output) {
+        out.depth = out.depth.max(node.depth);
+        let Some((plane, [left, right])) = self.split(&node, &mut out.times) else {
+            return self.leaf(&node, out);
         };
         let large = left.references.len().min(right.references.len()) >= PARALLEL_FROM;
         let parallel = large && node.depth < PARALLEL_DEPTH;
         drop(node);
-        let inner = tree.out.begin_inner(plane);
+        let at = out.nodes.len();
+        out.nodes.push(KdNode::leaf(0, 0));
         if parallel {
-            let (left, right) = join(|| self.apart(left), || self.apart(right));
-            tree.append(left);
-            tree.out.set_right(inner);
-            tree.append(right);
+            let (left, right) = join(
+                || {
+                    let mut out = Output::default();
+                    self.build(left, &mut out);
+                    out
+                },
+                || {
+                    let mut out = Output::default();
+                    self.build(right, &mut out);
+                    out
+                },
+            );
+            out.append(left);
+            out.nodes[at] = KdNode::inner(plane, self.checked(out.nodes.len()));
+            out.append(right);
         } else {
-            self.build(left, tree);
-            tree.out.set_right(inner);
-            self.build(right, tree);
+            self.build(left, out);
+            out.nodes[at] = KdNode::inner(plane, self.checked(out.nodes.len()));
+            self.build(right, out);
         }
     }
 
-    /// The subtree of a node by itself.
-    fn apart<O: Output>(&self, node: Node) -> Subtree<O> {
-        let mut tree = Subtree::default();
-        self.build(node, &mut tree);
-        tree
+    /// A node index; where it does not fit the build is about to fail with an error.
+    fn checked(&self, index: usize) -> u32 {
+        index.min(MAX_NODES - 1) as u32
     }
 
-    fn leaf(&self, node: &Node, out: &mut impl Output) {
-        out.leaf(node.references.iter().map(|r| (r.id, r.interval)));
+    fn leaf(&self, node: &Node, out: &mut Output) {
+        let first = out.references.len() as u32;
+        out.references.extend(node.references.iter().map(|r| KdReference::new(r.id, r.interval)));
+        // In the order of ids: neighbours in memory, and independent of how the references came here.
+        out.references[first as usize..].sort_unstable_by_key(|r| (r.id, r.begin.to_bits()));
+        out.nodes.push(KdNode::leaf(first, node.references.len() as u32));
         self.progress.finished(node.fraction);
     }
 
@@ -204,7 +210,6 @@ const _: () = assert!(size_of::<Reference>() <= 88);
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::layout::build_kd;
     use crate::primitive::Triangles;
     use crate::scene;
 

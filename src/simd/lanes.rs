@@ -13,7 +13,7 @@ pub(crate) type Mask = u16;
 ///
 /// Their bounds are checked once, so that reading three of them costs one comparison.
 pub(crate) struct Rows<'a> {
-    words: &'a [f32],
+    pub(super) words: &'a [f32],
     /// Floats per row, and the mask of that many lanes.
     pub(super) n: usize,
     pub(super) mask: Mask,
