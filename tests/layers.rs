@@ -137,7 +137,7 @@ fn imports(module: &Module, code: &BTreeMap<Module, String>) -> Vec<Import> {
     let tokens = tokens(&code[module]);
     let mut imports = Vec::new();
     for (i, token) in tokens.iter().enumerate() {
-        let begins = !i.checked_sub(1).is_some_and(|before| tokens[before] == "::");
+        let begins = i.checked_sub(1).is_none_or(|before| tokens[before] != "::");
         let beside = [&module[..], std::slice::from_ref(token)].concat();
         let starts = match token.as_str() {
             "crate" | "super" => tokens.get(i + 1).is_some_and(|next| next == "::"),
