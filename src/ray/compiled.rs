@@ -9,7 +9,8 @@ use super::interleave::{Anys, Asks, Batch, Closests};
 use super::intersect::RaySource;
 use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
 use super::{Everything, Filter, Hit, Observer, Ray, Visible};
-use crate::layout::{KdTree, WideTree};
+use crate::layout::WideTree;
+use crate::mbkd::KdTree;
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
 
