@@ -32,7 +32,15 @@ fn a_small_thing_in_a_large_scene_is_hit_as_if_it_were_alone() {
                     let from = random.vec() * 0.02;
                     let ray = Ray::new(at + from, random.vec() * 0.005 - from).at_time(random.unit()).between(0.0, 2.0);
                     let expected = alone.closest_hit(&ray);
-                    assert_eq!(tree.closest_hit(&ray), expected, "{size} {params:?} {ray:?}");
+                    let got = tree.closest_hit(&ray);
+                    if at == Vec3::ZERO {
+                        assert_eq!(got, expected, "{size} {params:?} {ray:?}");
+                    } else {
+                        // Alone its coordinates are small; here they have the rounding of what the caller gave.
+                        let (t, other) = (got.map_or(-1.0, |hit| hit.t), expected.map_or(-1.0, |hit| hit.t));
+                        let allowed = 8.0 * f32::EPSILON / ray.dir.length();
+                        assert!((t - other).abs() <= allowed, "{size} {params:?} {ray:?}: {got:?} {expected:?}");
+                    }
                     hits += usize::from(expected.is_some());
                 }
                 assert!(hits > 1900);
@@ -110,9 +118,10 @@ fn rays_from_far_away_take_the_steps_of_near_ones_and_miss_nothing() {
             assert!((f64::from(line.t) + distance).abs() < 3.0 + 2.0 * allowed, "{}", line.t);
             assert!(ball.any_hit(&far) && ball.any_hit(&behind.between(f32::NEG_INFINITY, 0.0)));
         }
-        // Where `t` is too coarse to tell the near side from the far one, both are visited: ties go to the lowest id.
-        assert!(far_count.nodes as f64 <= 1.5 * near_count.nodes as f64, "{far_count:?} {near_count:?}");
-        assert!(far_count.leaves as f64 <= 2.5 * near_count.leaves as f64, "{far_count:?} {near_count:?}");
+        // From farther away `t` is too coarse to tell the near side from the far one, so both are visited.
+        let (nodes, leaves) = if power <= 20 { (1.5, 1.5) } else { (3.0, 3.0) };
+        assert!(far_count.nodes as f64 <= nodes * near_count.nodes as f64, "{power}: {far_count:?} {near_count:?}");
+        assert!(far_count.leaves as f64 <= leaves * near_count.leaves as f64, "{power}: {far_count:?} {near_count:?}");
     }
 }
 
