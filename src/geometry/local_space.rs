@@ -1,10 +1,9 @@
 //! Tree space: world coordinates scaled by a power of two so that the farthest vertex has coordinates of about 1,
 //! and moved where that costs nothing.
 //!
-//! Coordinates given in f32 keep every bit. They are moved along an axis only where all of them lie within a factor of
-//! two of each other: then the difference of any two is exact (Sterbenz, "Floating-point computation", 1974). They are
-//! scaled down only as far as the smallest of them stays a normal number. Coordinates given in f64 are moved to the
-//! centre of what they span and rounded there.
+//! Coordinates given in f32 keep every bit, if they are at least 2^-126 of the largest. They are moved along an axis only
+//! where all of them lie within a factor of two of each other: then the difference of any two is exact (Sterbenz,
+//! "Floating-point computation", 1974). Coordinates given in f64 are moved to the centre of what they span and rounded there.
 
 use super::aabb::Aabb;
 use crate::limits::MAX_COORDINATE;
@@ -17,8 +16,7 @@ pub(crate) struct Frame {
     pub origin: DVec3,
     /// A power of two.
     pub scale: f64,
-    /// No coordinate of a vertex is larger in tree space: 1, except where huge and tiny coordinates together leave no
-    /// room for scaling.
+    /// No coordinate of a vertex is larger in tree space: 1, but for rounding.
     pub reach: f32,
     /// Everything at every time, in world space.
     pub bounds: Aabb,
@@ -39,36 +37,33 @@ impl Frame {
         let rounded = centre.as_vec3().as_dvec3();
         let size = (swept.max - swept.min).max_element();
         let origin = if (rounded - centre).abs().max_element() * 64.0 <= size { rounded } else { centre };
-        Frame::scaled(swept, origin, f64::INFINITY)
+        Frame::scaled(swept, origin)
     }
 
-    /// The frame of coordinates in f32 with these bounds, none of which is nearer to zero than `least` unless it is
-    /// zero. Maps all of them exactly.
-    pub fn exact(swept: Aabb, least: f64) -> Frame {
+    /// The frame of coordinates in f32 with these bounds. Maps all of them exactly that are zero or at least 2^-126 of the
+    /// largest.
+    pub fn exact(swept: Aabb) -> Frame {
         if swept.min.cmpgt(swept.max).any() {
             return Frame::WORLD;
         }
-        let (mut origin, mut least) = (DVec3::ZERO, least);
+        let mut origin = DVec3::ZERO;
         for axis in 0..3 {
             let (low, high) = (swept.min[axis], swept.max[axis]);
             let nearest = low.max(-high);
             if nearest > 0.0 && low.abs().max(high.abs()) <= 2.0 * nearest {
                 origin[axis] = f64::from((low * 0.5 + high * 0.5) as f32);
-                // Differences are multiples of the spacing of f32 there.
-                least = least.min(nearest * f64::from(f32::EPSILON) * 0.5);
             }
         }
-        Frame::scaled(swept, origin, least)
+        Frame::scaled(swept, origin)
     }
 
-    /// Scaled so that the farthest coordinate is at most 1, or as near to that as `least` stays normal in f32.
-    fn scaled(swept: Aabb, origin: DVec3, least: f64) -> Frame {
+    /// Scaled by the power of two that makes the farthest coordinate at most 1, made of its bits.
+    fn scaled(swept: Aabb, origin: DVec3) -> Frame {
         let reach = (swept.max - origin).max(origin - swept.min).max_element();
         debug_assert!(reach <= 4.0 * MAX_COORDINATE);
         let (exponent, fraction) = (exponent(reach), reach.to_bits() << 12);
         let to_one = if reach > 0.0 { (exponent + i64::from(fraction != 0)).max(LEAST_EXPONENT) } else { 0 };
-        let exact = (self::exponent(least) - i64::from(f32::MIN_EXP - 1)).max(0);
-        let scale = f64::from_bits(((1023 - to_one.min(exact)) as u64) << 52);
+        let scale = f64::from_bits(((1023 - to_one) as u64) << 52);
         Frame { origin, scale, reach: ((reach * scale) as f32).next_up().max(1.0), bounds: swept }
     }
 
@@ -133,7 +128,7 @@ mod tests {
         assert!(frame.point(p).is_finite());
         assert_eq!(Frame::around(Aabb::EMPTY).scale, 1.0);
         let zero = Aabb { min: DVec3::ZERO, max: DVec3::ZERO };
-        for frame in [Frame::around(zero), Frame::exact(zero, f64::INFINITY)] {
+        for frame in [Frame::around(zero), Frame::exact(zero)] {
             assert_eq!((frame.scale, frame.point(DVec3::ZERO)), (1.0, Vec3::ZERO));
         }
     }
@@ -146,10 +141,9 @@ mod tests {
             (state >> 32) as u32
         };
         for round in 0..20_000 {
-            // All magnitudes together, magnitudes near each other, and what lies within a factor of two.
-            let number = |bits: u32| match round % 3 {
-                0 => f32::from_bits(bits),
-                1 => f32::from_bits(bits & 0x83ff_ffff | 0x2c00_0000),
+            // Magnitudes from 2^-63 to 2^0, and what lies within a factor of two.
+            let number = |bits: u32| match round % 2 {
+                0 => f32::from_bits(bits & 0x9fff_ffff | 0x2000_0000),
                 _ => f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000 ^ (round as u32 % 16) << 26),
             };
             let points: [Vec3; 4] = core::array::from_fn(|_| Vec3::from([0; 3].map(|_| number(next()))));
@@ -158,9 +152,7 @@ mod tests {
                 continue;
             }
             let bounds = Aabb::of_points(points.map(|p| p.as_dvec3()));
-            let least = points.iter().flat_map(|p| p.to_array()).filter(|&x| x != 0.0);
-            let least = least.fold(f64::INFINITY, |a, x| a.min(f64::from(x.abs())));
-            let frame = Frame::exact(bounds, least);
+            let frame = Frame::exact(bounds);
             for p in points {
                 let inside = frame.point(p.as_dvec3());
                 assert_eq!(frame.to_world(inside), p.as_dvec3(), "{points:?} {frame:?}");

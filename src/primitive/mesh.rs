@@ -148,21 +148,6 @@ impl TriangleMesh {
         }
     }
 
-    /// The least magnitude of a coordinate that is not zero, of positions in single precision; infinite where there is
-    /// none.
-    pub(crate) fn least_magnitude(&self) -> f64 {
-        let Keys::F32(keys) = &self.keys else { return f64::INFINITY };
-        // As integers, of which zero becomes the greatest.
-        let of =
-            |p: &Vec3| [p.x, p.y, p.z].map(|x| (x.to_bits() << 1).wrapping_sub(1)).into_iter().fold(u32::MAX, u32::min);
-        let mut least = u32::MAX;
-        for key in keys {
-            let parts = parallel::chunks(key.len(), |range| key[range].iter().map(of).fold(u32::MAX, u32::min));
-            least = parts.into_iter().fold(least, u32::min);
-        }
-        if least == u32::MAX { f64::INFINITY } else { f64::from(f32::from_bits(least.wrapping_add(1) >> 1)) }
-    }
-
     /// The box of some vertices at one key, if they are fine.
     fn validate_positions(&self, mesh: usize, key: usize, of: Range<usize>) -> Result<Aabb, BuildError> {
         if let Keys::F32(keys) = &self.keys

@@ -71,11 +71,7 @@ impl Triangles {
             return Err(BuildError::TooManyPositions { found });
         }
         let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
-        let frame = if meshes.iter().any(single) {
-            Frame::exact(swept, meshes.iter().map(TriangleMesh::least_magnitude).fold(f64::INFINITY, f64::min))
-        } else {
-            Frame::around(swept)
-        };
+        let frame = if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) };
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
         let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
