@@ -2,7 +2,7 @@
 //! shutter into parts.
 
 use super::error::MAX_KEYS;
-use super::moving_reference::{Mover, Part};
+use super::moving_reference::{Mover, Part, exact_phase};
 use super::moving_tree::MovingTree;
 use super::order::Item;
 use super::partition::Layer;
@@ -128,7 +128,11 @@ pub(super) fn parts(keys: usize, per_segment: usize) -> Vec<Part> {
     let bound = |i: usize| if i == count { 2.0 } else { boundary(i, per_segment, keys) };
     let part = |i: usize| {
         let interval = TimeInterval::half_open(bound(i), bound(i + 1))?;
-        Some(Part { keys, segment: i / per_segment, interval })
+        let segment = i / per_segment;
+        let at = |i: usize| exact_phase(bound(i), keys, segment);
+        let begin = if i.is_multiple_of(per_segment) { 0.0 } else { at(i) };
+        let end = if (i + 1).is_multiple_of(per_segment) { 1.0 } else { at(i + 1) };
+        Some(Part { keys, segment, interval, phases: [begin, end] })
     };
     (0..count).filter_map(part).collect()
 }

@@ -6,7 +6,6 @@
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
 use super::build::{Cut, Plan, part_tree, parts};
-use super::linear_bounds::Span;
 use super::moving_reference::{Mover, Part};
 use super::order::{Item, order};
 use super::partition::{Layer, walk_all};
@@ -45,8 +44,7 @@ pub(super) fn mark_fast(movers: &mut [Mover], part: &Part) {
         });
         for (lane, item) in leaf.iter().enumerate() {
             let m = &mut movers[item.index as usize];
-            let Span { range, .. } = m.span(part);
-            let far = (0..3).map(|a| (way[a][lane] - usual[a]).abs()).fold(0.0, f64::max) * (range[1] - range[0]);
+            let far = (0..3).map(|a| (way[a][lane] - usual[a]).abs()).fold(0.0, f64::max) * m.span(part).duration();
             m.cut = far > FAST * size;
         }
     }

@@ -19,7 +19,9 @@ pub(in crate::point) struct Best<'a, S: Simd, K, O> {
     least: S::F,
     /// The same, made less where answers may be approximate: boxes farther away than this hold nothing of interest.
     cull: S::F,
-    shrink: S::F,
+    /// The caller's bound, and the factor of approximate answers.
+    bound: f32,
+    shrink: f32,
     keep: &'a K,
     observe: &'a mut O,
 }
@@ -28,9 +30,8 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
     /// Nothing found yet; what lies at `bound` itself still counts.
     #[inline(always)]
     pub(in crate::point) fn within(s: S, bound: f32, shrink: f32, keep: &'a K, observe: &'a mut O) -> Self {
-        let (bound, shrink) = (s.splat(bound), s.splat(shrink));
-        let id = s.splat_u(u32::MAX);
-        Best { distance: bound, id, least: bound, cull: bound * shrink, shrink, keep, observe }
+        let (least, id) = (s.splat(bound), s.splat_u(u32::MAX));
+        Best { distance: least, id, least, cull: least, bound, shrink, keep, observe }
     }
 
     /// Id and squared distance of the nearest, lowest id first.
@@ -68,7 +69,12 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         let least = s.min_u(least, s.swap_lanes_u::<2>(least));
         let least = s.min_u(least, s.swap_lanes_u::<1>(least));
         self.least = s.from_bits(least);
-        self.cull = self.least * self.shrink;
+        self.cull = self.least;
+        if self.shrink < 1.0 {
+            // Only what was found may stand for something nearer, not the caller's bound.
+            let found = s.lt(self.least, s.splat(self.bound));
+            self.cull = s.select(found, self.least * s.splat(self.shrink), self.least);
+        }
     }
 
     /// Looks at the nearest leaf of a bottom node; returns its lane. Where leaves are not in a near cache the next two

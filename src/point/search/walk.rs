@@ -22,7 +22,8 @@ pub(in crate::point) trait Collect<S: Simd> {
     fn end<V: View>(&mut self, _s: S, _view: &V, _target: &Target<S>) {}
 }
 
-const LANE_BITS: u32 = LANES as u32 - 1;
+/// The bits of a key that say the lane.
+pub(super) const LANE_BITS: u32 = LANES as u32 - 1;
 
 /// A key is a lane that was visited or is absent.
 const DONE: u32 = u32::MAX;
