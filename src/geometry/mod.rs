@@ -7,17 +7,23 @@
 mod aabb;
 mod box3;
 mod clip;
+mod ends;
 mod interval;
 mod keys;
 mod local_space;
 mod morton;
+mod plane;
+mod ray;
 mod separating_axes;
 
 pub use aabb::{Aabb, LinearBounds};
 pub(crate) use box3::{Box3, Extent, Line, LinearBox3, ULP};
 pub(crate) use clip::clip_triangle;
+pub(crate) use ends::Ends;
 pub use interval::TimeInterval;
 pub(crate) use keys::KeyTime;
 pub(crate) use local_space::Frame;
 pub(crate) use morton::morton_code;
+pub(crate) use plane::Plane;
+pub use ray::Ray;
 pub(crate) use separating_axes::{INSTANTS, Instant, stays_clear};

@@ -1,9 +1,8 @@
 //! A test helper for those who implement [`Primitive`]: does it keep the trait's contract?
 
 use super::custom::Primitive;
-use crate::geometry::{Aabb, TimeInterval};
+use crate::geometry::{Aabb, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
-use crate::ray::Ray;
 use core::fmt;
 use glam::{DVec3, Vec3};
 
@@ -168,8 +167,8 @@ impl Random {
 mod tests {
     use super::*;
     use crate::geometry::LinearBounds;
+    use crate::primitive::Intersection;
     use crate::primitive::sphere::MovingSphere;
-    use crate::ray::Intersection;
 
     /// A sphere with its bounds or answers spoiled.
     struct Spoiled(MovingSphere, fn(LinearBounds) -> LinearBounds, fn(&Ray, f32) -> f32);

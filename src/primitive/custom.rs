@@ -5,9 +5,8 @@
 //! a list of [`Primitive`]s is another.
 
 use crate::error::BuildError;
-use crate::geometry::{Aabb, Box3, Frame, LinearBounds, LinearBox3, TimeInterval};
+use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
-use crate::ray::{Intersection, Ray, SetHit, TreeRay};
 
 /// A moving shape that a [`RayTree`](crate::RayTree) can hold.
 ///
@@ -60,6 +59,17 @@ pub trait Primitive: Send + Sync {
     }
 }
 
+/// Where a ray meets a primitive, as a [`Primitive`] reports it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intersection {
+    /// Distance in units of the ray's direction: the point is `origin + t * dir`.
+    pub t: f32,
+    /// First surface parameter, handed through to [`Hit::u`](crate::Hit::u).
+    pub u: f32,
+    /// Second surface parameter, handed through to [`Hit::v`](crate::Hit::v).
+    pub v: f32,
+}
+
 /// A set of primitives in tree space, as builders and queries see it.
 pub(crate) trait PrimitiveSet: Send + Sync {
     /// Number of primitives; ids run from 0.
@@ -68,13 +78,11 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn active(&self, id: u32) -> TimeInterval;
     /// Whether all primitives exist throughout the shutter.
     fn always_active(&self) -> bool;
-    /// Linear bounds over an interval, holding whatever `intersect` accepts before the rounding that
+    /// Linear bounds over an interval, holding whatever a ray is found to hit before the rounding that
     /// grows with the ray's distance, for which every traversal keeps slack.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
     /// Bounds of the part inside `cell` at one instant, for choosing planes; empty where there is none.
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
-    /// The hit at the ray's time within its range.
-    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit>;
     /// Whether the primitive certainly stays clear of a cell during the whole interval, by more than the kernel's
     /// rounding, although its bounds do not: `cell` is the cell at the begin and end of the interval,
     /// linear in between. `false` is always right.
@@ -82,6 +90,17 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = (id, over, cell);
         false
     }
+    /// Number of keys of a primitive's motion; 1 for what stands still.
+    fn keys(&self, id: u32) -> usize;
+    /// Whether no motion has more than two keys.
+    fn linear(&self) -> bool;
+    /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
+    /// Asks for where the vertices of a primitive are; they themselves follow with
+    /// [`PrimitiveSet::expect_vertices`]. Hints for what will be read soon.
+    fn expect(&self, _: u32) {}
+    /// Asks for the vertices of a primitive that was expected some time ago.
+    fn expect_vertices(&self, _: u32) {}
     /// The visibility mask.
     fn mask(&self, id: u32) -> u32 {
         let _ = id;
@@ -160,11 +179,17 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         }
     }
 
-    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
-        let hit = self.shapes[id as usize].intersect(&ray.world)?;
-        let t = ray.tree_t(hit.t);
-        // In this form NaN is no hit.
-        (ray.t_min <= t && t <= ray.t_max).then_some(SetHit { t, u: hit.u, v: hit.v })
+    fn keys(&self, id: u32) -> usize {
+        let bounds = self.bounds(id, TimeInterval::FULL);
+        if bounds.begin == bounds.end { 1 } else { 2 }
+    }
+
+    fn linear(&self) -> bool {
+        true
+    }
+
+    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
+        None
     }
 
     fn name(&self, id: u32) -> (u32, u32) {

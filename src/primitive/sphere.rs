@@ -1,8 +1,7 @@
 //! A moving sphere: the second kind of primitive, and a model for the caller's own.
 
-use super::custom::Primitive;
-use crate::geometry::{Aabb, LinearBounds, TimeInterval};
-use crate::ray::{Intersection, Ray};
+use super::custom::{Intersection, Primitive};
+use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 use glam::DVec3;
 
 /// A sphere whose center and radius move linearly between keys spaced evenly over the shutter.

@@ -5,8 +5,7 @@
 //! shutter where the tree has one hierarchy for each, by the cell of space that they begin in, along the Morton curve, and
 //! by the octant that they look into. Answers do not depend on it.
 
-use super::query_ray::Ray;
-use crate::geometry::{Frame, morton_code};
+use crate::geometry::{Frame, Ray, morton_code};
 use crate::parallel;
 
 /// Rays that are sorted together: enough of them to have company everywhere, and not much memory.

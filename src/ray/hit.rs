@@ -1,16 +1,5 @@
 //! What a ray hit.
 
-/// Where a ray meets a primitive, as a [`Primitive`](crate::Primitive) reports it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Intersection {
-    /// Distance in units of the ray's direction: the point is `origin + t * dir`.
-    pub t: f32,
-    /// First surface parameter, handed through to [`Hit::u`].
-    pub u: f32,
-    /// Second surface parameter, handed through to [`Hit::v`].
-    pub v: f32,
-}
-
 /// An answer of a ray query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {

@@ -8,9 +8,12 @@
 use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
 use super::hit::Hit;
-use super::query_ray::{Ray, TreeRay};
-use super::wide_traversal::{Forms, Journey, Scene, StackOf};
-use crate::layout::{ChildRef, WideSource, WideTree};
+use super::intersect::RaySource;
+use super::traverser::Scene;
+use super::tree_ray::TreeRay;
+use super::wide_traversal::{Forms, Journey, StackOf};
+use crate::geometry::Ray;
+use crate::layout::{ChildRef, WideTree};
 use crate::simd::{Kernel, Simd};
 
 /// Rays on their way at the same time.
@@ -29,7 +32,7 @@ pub(crate) trait Asks {
     /// A collector for hits up to a distance.
     fn collect(t_max: f32) -> Self::Collect;
     /// The answer, once the ray is through.
-    fn answer(collect: &Self::Collect, set: &impl WideSource, ray: &TreeRay) -> Self::Answer;
+    fn answer(collect: &Self::Collect, set: &impl RaySource, ray: &TreeRay) -> Self::Answer;
 }
 
 type Accept = fn(&Found) -> bool;
@@ -52,7 +55,7 @@ impl Asks for Closests {
     }
 
     #[inline(always)]
-    fn answer(collect: &Closest<Accept>, set: &impl WideSource, ray: &TreeRay) -> Option<Hit> {
+    fn answer(collect: &Closest<Accept>, set: &impl RaySource, ray: &TreeRay) -> Option<Hit> {
         collect.best.map(|found| ray.answer(found.hit, set.name(found.id)))
     }
 }
@@ -71,7 +74,7 @@ impl Asks for Anys {
     }
 
     #[inline(always)]
-    fn answer(collect: &Any<Accept>, _: &impl WideSource, _: &TreeRay) -> bool {
+    fn answer(collect: &Any<Accept>, _: &impl RaySource, _: &TreeRay) -> bool {
         collect.found
     }
 }
@@ -95,7 +98,7 @@ struct Turn<'a, C> {
     collect: C,
 }
 
-impl<G: WideSource, A: Asks> Kernel for Batch<'_, G, A> {
+impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
     type Output = ();
 
     #[inline(always)]

@@ -19,13 +19,14 @@
 
 use super::collect::{Collect, Found};
 use super::filter::Filter;
+use super::intersect::RaySource;
 use super::observer::Observer;
-use super::query::Walk;
-use super::query_ray::TreeRay;
+use super::tree_ray::TreeRay;
 use super::triangle::hit_slack;
+use super::walk::Walk;
 use crate::geometry::ULP;
-use crate::layout::{KdTree, KdView, WideSource};
-use crate::params::DEPTH_LIMIT;
+use crate::layout::{KdTree, KdView};
+use crate::limits::DEPTH_LIMIT;
 use crate::simd::StackMemory;
 
 /// A subtree still to be visited, with the range of `t` in which the ray is near its cell.
@@ -70,7 +71,7 @@ impl Axes {
 impl Walk for &KdTree {
     /// Front to back; a primitive in several leaves is offered several times.
     #[inline(always)]
-    fn walk<S: WideSource>(
+    fn walk<S: RaySource>(
         self,
         set: &S,
         ray: &TreeRay,

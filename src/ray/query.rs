@@ -1,28 +1,18 @@
 //! The three questions a ray can ask, of any layout.
 
-use super::collect::{All, Any, Closest, Collect, Found};
+use super::collect::{All, Any, Closest, Found};
 use super::filter::Filter;
 use super::hit::Hit;
+use super::intersect::RaySource;
 use super::observer::Observer;
-use super::query_ray::{Ray, TreeRay};
+use super::tree_ray::TreeRay;
+use super::walk::Walk;
 use super::wide_traversal::{StackOf, Wide};
-use crate::layout::{WideSource, WideTree};
+use crate::geometry::Ray;
+use crate::layout::WideTree;
 use crate::primitive::PrimitiveSet;
 use crate::simd::{Kernel, Simd};
 use core::ops::ControlFlow;
-
-/// A layout that a ray can be led through.
-pub(crate) trait Walk {
-    /// Offers every hit that may matter to `collect`.
-    fn walk<G: WideSource>(
-        self,
-        set: &G,
-        ray: &TreeRay,
-        filter: &impl Filter,
-        collect: &mut impl Collect,
-        observer: &mut impl Observer,
-    );
-}
 
 /// A question with all it needs but the layout.
 ///
@@ -46,7 +36,7 @@ pub(crate) struct Asked<'a, G, F, O> {
 /// For the nearest hit.
 pub(crate) struct ClosestQuery<'a, G, F, O>(pub Asked<'a, G, F, O>);
 
-impl<G: WideSource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
+impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
     type Answer = Option<Hit>;
 
     #[inline(always)]
@@ -63,7 +53,7 @@ impl<G: WideSource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> 
 /// For whether there is a hit.
 pub(crate) struct AnyQuery<'a, G, F, O>(pub Asked<'a, G, F, O>);
 
-impl<G: WideSource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
+impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
     type Answer = bool;
 
     #[inline(always)]
@@ -85,7 +75,7 @@ pub(crate) struct AllQuery<'a, G, F, O, V> {
 
 impl<G, F, O, V> Query for AllQuery<'_, G, F, O, V>
 where
-    G: WideSource,
+    G: RaySource,
     F: Filter,
     O: Observer,
     V: FnMut(Hit) -> ControlFlow<()>,

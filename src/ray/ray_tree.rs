@@ -1,11 +1,12 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
+use super::intersect::RaySource;
 use super::{
     AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
     Query, Ray, Space, Visible, answer_in_order, in_parallel,
 };
 use crate::error::BuildError;
-use crate::layout::{KdTree, Statistics, TreeBox, ValidationError, WideSource, WideTree};
+use crate::layout::{KdTree, Statistics, TreeBox, ValidationError, WideTree};
 use crate::mbkd::build_kd;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
@@ -24,9 +25,9 @@ use glam::{DVec3, Vec3};
 /// }
 /// ```
 #[allow(private_bounds)] // that is what seals it
-pub trait Geometry: WideSource {}
+pub trait Geometry: RaySource {}
 
-impl<S: WideSource> Geometry for S {}
+impl<S: RaySource> Geometry for S {}
 
 /// Things that move, ready for rays at any time of the shutter.
 ///
@@ -273,8 +274,11 @@ impl<G: Geometry> RayTree<G> {
     /// proportion to the tree's size.
     ///
     /// ```
-    /// use mbkd::{BuildParams, RayTree, scene};
-    /// let tree = RayTree::build(&scene::tornado(1000).meshes, &BuildParams::default())?;
+    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::Vec3};
+    /// // A thousand triangles in a row.
+    /// let positions = (0..1000).flat_map(|i| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|p| p + Vec3::X * i as f32)).collect();
+    /// let mesh = TriangleMesh::fixed((0..1000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), positions);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
     /// let mut leaves = 0;
     /// tree.boxes(0.5, |b| leaves += usize::from(b.leaf));
     /// assert!(leaves > 1000 / 16);
@@ -307,8 +311,8 @@ impl RayTree {
     /// same for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished
     /// tree and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
     /// divided by time, and the tree itself beyond 300 where there are separate trees for parts of the shutter
-    /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the scenes of
-    /// [`scene`](crate::scene) at full size.
+    /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the procedural
+    /// scenes (`scenes/`) at full size.
     ///
     /// # Errors
     /// What is wrong with a mesh or a parameter, and where: see [`BuildError`]. No triangles at all is fine: nothing

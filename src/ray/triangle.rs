@@ -19,7 +19,6 @@
 //! triangle cut into parts: the hit has the same barycentrics as a true point of some part.
 
 use super::hit::SetHit;
-use super::query_ray::TreeRay;
 use crate::geometry::ULP;
 use core::hint::select_unpredictable;
 use glam::Vec3;
@@ -60,7 +59,7 @@ impl Sheared {
 
     /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
     #[inline(always)]
-    fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
+    pub fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
         let a = v - origin;
         // A branch that always goes the same way for one ray, where an index would go through memory.
         let (x, y, z) = match self.kz {
@@ -110,13 +109,6 @@ impl Sheared {
     }
 }
 
-/// Tests one triangle at the ray's time.
-#[inline]
-pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
-    let shear = &ray.shear;
-    shear.test(corners.map(|v| shear.corner(v, ray.origin)), ray.t_min, ray.t_max)
-}
-
 /// How far, in tree space and per axis, an accepted hit can lie outside exact bounds of its primitive.
 ///
 /// Counted in ULP of `m = 1 + |o|`, which bounds every translated corner, with slopes of at most 1: the translation
@@ -133,6 +125,8 @@ mod tests {
     use super::*;
     use crate::geometry::Frame;
     use crate::ray::Ray;
+    use crate::ray::intersect::intersect_triangle;
+    use crate::ray::tree_ray::TreeRay;
     use glam::DVec3;
 
     fn tree_ray(origin: Vec3, dir: Vec3) -> TreeRay {

@@ -19,13 +19,15 @@
 
 use super::collect::Collect;
 use super::filter::Filter;
+use super::intersect::RaySource;
 use super::leaf::{Between, LeafRay};
 use super::observer::Observer;
-use super::query::Walk;
-use super::query_ray::TreeRay;
+use super::traverser::Scene;
+use super::tree_ray::TreeRay;
+use super::walk::Walk;
 use crate::geometry::KeyTime;
-use crate::layout::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideSource, WideTree};
-use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
+use crate::layout::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideTree};
+use crate::simd::{LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
 use glam::Vec3A;
 
 /// Places on the stack that are there without asking the heap: enough for a tree of ten levels.
@@ -94,7 +96,7 @@ pub(crate) struct Wide<'a, S> {
 
 impl<S: Simd> Walk for Wide<'_, S> {
     #[inline(always)]
-    fn walk<G: WideSource>(
+    fn walk<G: RaySource>(
         self,
         set: &G,
         ray: &TreeRay,
@@ -150,16 +152,7 @@ impl<'a> Journey<'a> {
     }
 }
 
-/// What does not change during a query.
-pub(super) struct Scene<'a, G, F> {
-    pub arena: &'a Arena,
-    pub set: &'a G,
-    pub filter: &'a F,
-    /// Whether all blocks that a ray will visit are asked for as soon as they are known.
-    pub ahead: bool,
-}
-
-impl<G: WideSource, F: Filter> Scene<'_, G, F> {
+impl<G: RaySource, F: Filter> Scene<'_, G, F> {
     /// Visits the next block of a journey, and offers the hits found in it to `collect`. False at the journey's end.
     #[inline(always)]
     pub fn advance<S: Simd, C: Collect>(
@@ -386,7 +379,7 @@ mod tests {
     use super::*;
     use crate::geometry::Frame;
     use crate::ray::Ray;
-    use crate::ray::query_ray::LEAST_COMPONENT;
+    use crate::ray::tree_ray::LEAST_COMPONENT;
     use glam::{DVec3, Vec3};
 
     #[test]

@@ -13,7 +13,7 @@
 use super::candidates::{Candidates, append};
 use super::sort::sort_lanes;
 use super::waiting::Waiting;
-use super::walk::{Collect, LANE_BITS, keys, unpack};
+use super::walk::{Collect, LANE_BITS, keys, smallest, unpack};
 use super::{Keep, Observe, kept};
 use crate::point::snapshot::{Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
@@ -232,7 +232,11 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     /// itself on a surface; the exponent lies in between.
     #[inline(always)]
     fn guess<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
-        let (lane, near) = unpack(s.reduce_min_u(keys(s, boxes)));
+        let (mut lane, near) = unpack(s.reduce_min_u(keys(s, boxes)));
+        let holding = s.le(boxes, s.splat(0.0));
+        if holding & holding.wrapping_sub(1) != 0 {
+            lane = smallest(s, view, target, node, holding) as usize;
+        }
         let share = self.wanted() / (LANES * view.leaf_blocks()) as f32;
         let ball = V::BALL * (share * share.sqrt()).sqrt() * self.scale * s.lane(view.box_sizes(s, target, node), lane);
         let threshold = near + ball;
@@ -346,6 +350,11 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
     #[inline(always)]
     fn node(&mut self) {
         self.observe.node();
+    }
+
+    #[inline(always)]
+    fn fresh(&self) -> bool {
+        self.origin == Origin::Caller && self.candidates.count == 0
     }
 
     #[inline(always)]

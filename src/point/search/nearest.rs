@@ -6,9 +6,10 @@
 //! What comes next hangs on the bound, so it is what the search waits for: it is kept apart from the ids, which are
 //! needed at the end only, and in all lanes, where it is compared with boxes.
 
-use super::walk::{keys, unpack};
+use super::walk::{keys, smallest, unpack};
 use super::{Keep, Observe, kept};
-use crate::point::snapshot::{MAX_LEVELS, NEAR, Target, View};
+use crate::limits::MAX_LEVELS;
+use crate::point::snapshot::{NEAR, Target, View};
 use crate::simd::{LANES, Mask, Simd};
 
 /// The best so far, lane by lane.
@@ -158,7 +159,11 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
                     left = s.load(&open[level]);
                 }
             }
-            let lane = nearest_lane(s, left, holding);
+            let lane = if holding & holding.wrapping_sub(1) != 0 && !found_leaf {
+                smallest(s, view, target, node, holding) as usize
+            } else {
+                nearest_lane(s, left, holding)
+            };
             left = s.select(1 << lane, s.splat(f32::INFINITY), left);
             s.store(left, &mut open[level]);
             node = first[level] + lane;

@@ -1,0 +1,50 @@
+//! The ray of a query.
+
+use glam::{DVec3, Vec3};
+
+/// A ray with a time: `origin + t * dir` for `t` in `[t_min, t_max]`, seeing the scene as it is at `time`.
+///
+/// The direction may have any length but zero; `t` counts in that length. A ray that means nothing (a zero,
+/// infinite or NaN direction, a NaN anywhere, `t_min > t_max`, a time outside `[0, 1]`, an origin more
+/// than 2^32 scene sizes away) hits nothing.
+///
+/// ```
+/// use mbkd::{Ray, glam::Vec3};
+/// let ray = Ray::new(Vec3::ZERO, Vec3::X).at_time(0.5).between(1e-3, 10.0);
+/// assert_eq!((ray.time, ray.t_max), (0.5, 10.0));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Where the ray begins, in double precision: it is rebased to the scene's centre before f32.
+    pub origin: DVec3,
+    /// Its direction, of any length but zero.
+    pub dir: Vec3,
+    /// Hits nearer than this do not count.
+    pub t_min: f32,
+    /// Hits farther than this do not count; infinity is fine.
+    pub t_max: f32,
+    /// When the ray looks, in the shutter `[0, 1]`.
+    pub time: f32,
+}
+
+impl Ray {
+    /// The ray from `origin` (`Vec3` or `DVec3`) along `dir`, at shutter open, without end.
+    pub fn new(origin: impl Into<DVec3>, dir: Vec3) -> Ray {
+        Ray { origin: origin.into(), dir, t_min: 0.0, t_max: f32::INFINITY, time: 0.0 }
+    }
+
+    /// The ray at another time.
+    pub fn at_time(self, time: f32) -> Ray {
+        Ray { time, ..self }
+    }
+
+    /// The ray restricted to `t_min..=t_max`.
+    pub fn between(self, t_min: f32, t_max: f32) -> Ray {
+        Ray { t_min, t_max, ..self }
+    }
+
+    /// The point at `t`, in double precision.
+    pub fn point(&self, t: f32) -> DVec3 {
+        self.origin + self.dir.as_dvec3() * f64::from(t)
+    }
+}

@@ -1,0 +1,12 @@
+//! What a traversal of the wide layout has at hand.
+
+use crate::simd::Arena;
+
+/// What does not change during a query.
+pub(super) struct Scene<'a, G, F> {
+    pub arena: &'a Arena,
+    pub set: &'a G,
+    pub filter: &'a F,
+    /// Whether all blocks that a ray will visit are asked for as soon as they are known.
+    pub ahead: bool,
+}

@@ -1,0 +1,20 @@
+//! What a layout does for a ray.
+
+use super::collect::Collect;
+use super::filter::Filter;
+use super::intersect::RaySource;
+use super::observer::Observer;
+use super::tree_ray::TreeRay;
+
+/// A layout that a ray can be led through.
+pub(crate) trait Walk {
+    /// Offers every hit that may matter to `collect`.
+    fn walk<G: RaySource>(
+        self,
+        set: &G,
+        ray: &TreeRay,
+        filter: &impl Filter,
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    );
+}

@@ -1,0 +1,10 @@
+//! Neighbours against comparing all points: every structure and instruction set, properties, the interface.
+
+#[cfg(feature = "rayon")]
+mod api;
+mod approximate;
+mod exact;
+mod fickle;
+mod outliers;
+mod property;
+mod support;
