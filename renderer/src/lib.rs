@@ -5,6 +5,7 @@
 //! `sampling`, `sky` and `materials`, and at last `film` (pictures and files), `heatmap` or `animation`.
 
 mod animation;
+mod exr;
 mod film;
 mod font;
 mod heatmap;
@@ -110,7 +111,7 @@ fn picture(options: &Options, outputs: &[PathBuf], stop: &AtomicBool) -> Result<
 fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
     let source = Source::open(options)?;
     let gif = outputs[0].with_extension("gif");
-    let mut animation = Animation::begin(gif.clone(), source.duration(options, frames)? / f64::from(frames))?;
+    let mut animation = Animation::begin(gif.clone(), source.duration(options, frames)? / f64::from(frames));
     let mut made: Option<(Stage, World)> = None;
     for frame in 0..frames {
         let (stage, world) = match (made.take(), &source) {
