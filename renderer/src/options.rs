@@ -22,23 +22,23 @@ pub struct Options {
     #[arg(long, num_args = 1.., value_name = "FILE", help_heading = "What to see")]
     pub mesh: Vec<PathBuf>,
     /// The axis of the files that points up
-    #[arg(long, default_value = "y", requires = "mesh", help_heading = "What to see")]
+    #[arg(long, default_value = "y", requires = "mesh", conflicts_with = "scene", help_heading = "What to see")]
     pub up: Axis,
     /// Without the floor that files are put on
-    #[arg(long, requires = "mesh", help_heading = "What to see")]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", help_heading = "What to see")]
     pub no_floor: bool,
 
     /// The animation of a glTF file, by name or number
-    #[arg(long, requires = "mesh", help_heading = "When (files with an animation)")]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", help_heading = "When (files with an animation)")]
     pub clip: Option<String>,
     /// Middle of the shutter, in seconds of the clip [default: the middle of the clip]
-    #[arg(long, requires = "mesh", value_name = "SECONDS", value_parser = finite, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", value_name = "SECONDS", value_parser = finite, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub time: Option<f64>,
     /// How long the shutter is open [default: 1/24 s; with --frames half a frame]
-    #[arg(long, requires = "mesh", value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub shutter: Option<f64>,
     /// At how many times inside the shutter poses are computed; motion is linear between them
-    #[arg(long, default_value_t = 5, requires = "mesh", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
+    #[arg(long, default_value_t = 5, requires = "mesh", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
     pub keys: u32,
 
     /// Eye and target at the camera's keys: x,y,z:x,y,z[;x,y,z:x,y,z...]; several make it move during the shutter
@@ -48,10 +48,10 @@ pub struct Options {
     #[arg(long, value_name = "DEGREES", value_parser = angle, help_heading = "Camera")]
     pub fov: Option<f32>,
     /// For files: direction of the camera around the vertical, degrees
-    #[arg(long, default_value_t = 30.0, requires = "mesh", value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
+    #[arg(long, default_value_t = 30.0, requires = "mesh", conflicts_with = "scene", value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
     pub azimuth: f32,
     /// For files: height of the camera, degrees above the horizon
-    #[arg(long, default_value_t = 12.0, requires = "mesh", value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
+    #[arg(long, default_value_t = 12.0, requires = "mesh", conflicts_with = "scene", value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
     pub elevation: f32,
     /// Radius of the lens in scene units; 0 is a pinhole
     #[arg(long, default_value_t = 0.0, value_parser = not_negative, allow_hyphen_values = true, help_heading = "Camera")]
@@ -268,7 +268,7 @@ mod tests {
             ("x --exposure -1", "--exposure"),
             ("x --focus 3", "--aperture"),
             ("x --time 0.5", "--mesh"),
-            ("x --scene hall --azimuth 10", "--mesh"),
+            ("x --scene hall --azimuth 10", "--scene"),
             ("x --mesh a.obj --triangles 100", "--triangles"),
             ("x --frames 3 --heatmap steps", "--heatmap"),
             ("x --scene hall --mesh a.obj", "--mesh"),
