@@ -236,7 +236,7 @@ mod tests {
                 [a, a + place(speed)]
             })
             .collect();
-        if round % 7 == 0 {
+        if round.is_multiple_of(7) {
             ways[13] = [place(1e9 * size), place(1e9 * size)];
         }
         ways
