@@ -62,12 +62,11 @@ pub use error::{BuildError, IntervalError};
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
 pub use layout::{Statistics, TreeBox, ValidationError};
-pub use limits::MAX_COORDINATE;
+pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, Policy};
 pub use point::{
-    Approach, KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery,
-    NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree,
-    WithinIter,
+    Approach, KeepAll, KeepIf, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery, NeighborWork, PointError,
+    PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree, WithinIter,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
