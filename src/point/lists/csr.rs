@@ -1,6 +1,6 @@
 //! Neighbour lists one behind the other, in memory that is used again.
 
-use super::run::Worker;
+use super::run::{Prepared, Worker};
 
 /// Neighbour lists of all points, in compressed sparse rows: the lists one behind the other, and where each begins.
 ///
@@ -25,12 +25,18 @@ pub struct NeighborCsr {
     pub(super) points: Vec<u32>,
     /// Longer than what is in use, so that nothing is cleared from question to question.
     pub(super) columns: Columns,
-    /// Where rows are rearranged.
+    /// Which columns were asked for.
+    pub(super) distances: bool,
+    pub(super) displacements: bool,
+    /// Where lists are brought into the order of ids: columns, offsets, and the row of each id.
     pub(super) spare: Columns,
+    pub(super) new_offsets: Vec<usize>,
+    pub(super) rows: Vec<u32>,
+    pub(super) prepared: Prepared,
     pub(super) workers: Vec<Worker>,
 }
 
-/// What is known of each neighbour, in columns; those not asked for are empty.
+/// What is known of each neighbour, in columns; those not asked for hold anything.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Columns {
     pub(super) ids: Vec<u32>,
@@ -79,17 +85,17 @@ impl NeighborCsr {
     /// The squared distance of each neighbour, as [`Neighbor`](crate::Neighbor) has it; empty unless asked for with
     /// [`with_distances`](super::ListQuery::with_distances).
     pub fn distances_squared(&self) -> &[f32] {
-        self.column(&self.columns.distances)
+        self.column(self.distances, &self.columns.distances)
     }
 
     /// The way from the point to each neighbour along the three axes, to the nearest image along periodic ones; empty
     /// unless asked for with [`with_displacements`](super::ListQuery::with_displacements).
     pub fn displacements(&self) -> [&[f32]; 3] {
-        [0, 1, 2].map(|axis| self.column(&self.columns.displacements[axis]))
+        [0, 1, 2].map(|axis| self.column(self.displacements, &self.columns.displacements[axis]))
     }
 
-    fn column<'a>(&self, column: &'a [f32]) -> &'a [f32] {
-        column.get(..self.neighbors()).unwrap_or(&[])
+    fn column<'a>(&self, asked: bool, column: &'a [f32]) -> &'a [f32] {
+        if asked { &column[..self.neighbors()] } else { &[] }
     }
 
     /// The ids of list `row`. Panics where `row` is not less than [`NeighborCsr::len`].
@@ -106,8 +112,9 @@ impl NeighborCsr {
     /// Bytes allocated, for the lists and for making them.
     pub fn bytes(&self) -> usize {
         let workers: usize = self.workers.iter().map(Worker::bytes).sum();
-        self.offsets.capacity() * size_of::<usize>()
-            + self.points.capacity() * size_of::<u32>()
+        (self.offsets.capacity() + self.new_offsets.capacity()) * size_of::<usize>()
+            + (self.points.capacity() + self.rows.capacity()) * size_of::<u32>()
+            + self.prepared.bytes()
             + self.columns.bytes()
             + self.spare.bytes()
             + workers

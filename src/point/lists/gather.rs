@@ -158,14 +158,19 @@ impl Candidates {
             let (lo, hi) = view.faces(s, target, node);
             let mut boxes = BoxVector::<S> { lo, hi, reach: s.splat(0.0), candidate: s.splat_u(0) };
             let present = s.le(lo[0], hi[0]);
-            let mut elsewhere = 0;
-            if torus.any {
-                (boxes.lo, boxes.hi, elsewhere) = torus.bring(s, (lo, hi), (group.lo, group.hi));
-            }
             if let Some(reach) = reach {
                 boxes.reach = s.load(&reach.nodes[node]);
             }
-            let mut near = boxes.near(s, group.lo, group.hi, group.bound) & present;
+            let mut near;
+            if torus.any {
+                let moved = torus.bring(s, (lo, hi), (group.lo, group.hi));
+                (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
+                near = boxes.near(s, group.lo, group.hi, group.bound) & present;
+                self.elsewhere |= level == 0 && near & moved.elsewhere != 0;
+                (boxes.lo, boxes.hi) = moved.widened(s);
+            } else {
+                near = boxes.near(s, group.lo, group.hi, group.bound) & present;
+            }
             if level > 0 {
                 let first = view.first_child(level, node);
                 while near != 0 {
@@ -176,7 +181,6 @@ impl Candidates {
                 }
                 continue;
             }
-            self.elsewhere |= near & elsewhere != 0;
             let (first, stride) = (view.first_block(node), view.leaf_blocks());
             for part in 0..stride {
                 let base = self.blocks.len() as u32;
@@ -229,4 +233,3 @@ impl Picks {
         4 * self.list.capacity()
     }
 }
-

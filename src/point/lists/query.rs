@@ -84,9 +84,7 @@ impl PointTree {
 }
 
 impl<'a> ListQuery<'a> {
-    /// Each pair in one list only: that of the lower id.
-    ///
-    /// Among another set it keeps the neighbours with greater ids.
+    /// Each pair in one list only: that of the lower id. (Among another set, only neighbours with greater ids.)
     pub fn pairs_once(mut self) -> Self {
         self.listing.once = true;
         self

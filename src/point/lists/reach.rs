@@ -4,11 +4,19 @@ use crate::point::snapshot::{Target, View};
 use crate::simd::{Kernel, LANES, Lanes, Simd};
 use glam::Vec3;
 
-/// Squared radii of the points of a tree at a time, and the largest behind each lane of its nodes.
+/// The largest squared radius behind each lane of the nodes of a view.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Reach {
     /// By node.
     pub(super) nodes: Vec<Lanes<f32>>,
+    /// A point for which there is no radius.
+    pub(super) missing: Option<u32>,
+}
+
+impl Reach {
+    pub(super) fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<Lanes<f32>>()
+    }
 }
 
 /// The squared radius of a point; 0 for lanes without one.
@@ -23,7 +31,7 @@ pub(super) fn squared_radius(radius: f32) -> f32 {
     (radius * radius).min(f32::MAX)
 }
 
-/// Fills a [`Reach`] for the nodes of a view. Returns nothing.
+/// Fills a [`Reach`] for the nodes of a view.
 pub(super) struct Measure<'a, V> {
     pub(super) view: V,
     pub(super) radii: &'a [f32],
@@ -36,6 +44,7 @@ impl<V: View> Kernel for Measure<'_, V> {
     fn run<S: Simd>(self, s: S) {
         let Measure { view, radii, reach } = self;
         let (top, root) = view.root();
+        reach.missing = None;
         reach.nodes.clear();
         reach.nodes.resize(root + 1, [0.0; LANES]);
         measure(s, &view, &view.target(s, Vec3::ZERO), (top, root), radii, reach);
@@ -61,7 +70,14 @@ fn measure<S: Simd, V: View>(
         } else {
             let first = view.first_block(node) + lane * view.leaf_blocks();
             let ids = (first..first + view.leaf_blocks()).flat_map(|block| *view.ids(block));
-            ids.fold(0.0f32, |most, id| most.max(bound_of(radii, id)))
+            let mut most = 0.0f32;
+            for id in ids.filter(|&id| id != u32::MAX) {
+                most = most.max(bound_of(radii, id));
+                if id as usize >= radii.len() {
+                    reach.missing = Some(id);
+                }
+            }
+            most
         };
         reach.nodes[node][lane] = below;
         most = most.max(below);

@@ -105,7 +105,7 @@ impl Near {
             let begin = lists.len;
             lists.reserve(picks.len() * LANES, listing);
             let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
-            let own = s.splat_u(if listing.other_set { u32::MAX } else { id });
+            let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
             let bounds = s.splat(bound);
             for &pick in picks {
                 let block = &candidates.blocks[pick as usize];
@@ -117,8 +117,7 @@ impl Near {
                     z = listing.torus.nearest(s, z, 2);
                 }
                 let distance = squared::<S>(x, y, z);
-                let bounds =
-                    if LARGER { s.max(bounds, s.load(&candidates.bounds[pick as usize])) } else { bounds };
+                let bounds = if LARGER { s.max(bounds, s.load(&candidates.bounds[pick as usize])) } else { bounds };
                 let ids = s.load_u(&block.id);
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
                 let hits = s.le(distance, bounds) & others;
