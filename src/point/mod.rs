@@ -11,7 +11,7 @@
 //! (what callers see).
 //!
 //! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the cutting of what
-//! crosses planes; the rest is ours and measured by `examples/neighbor_tables.rs` (docs/neighbors.md).
+//! crosses planes; the rest is ours and measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
 
 mod approach;
 mod batch;
