@@ -3,5 +3,7 @@
 #[cfg(feature = "rayon")]
 mod api;
 mod exact;
+#[cfg(feature = "rayon")]
+mod lists;
 mod property;
 mod support;

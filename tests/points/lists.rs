@@ -1,12 +1,10 @@
 //! Neighbour lists against comparing all pairs of points.
 
-mod neighbor_support;
-
+use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
     ListError, ListQuery, NeighborCsr, PointArrays, PointParams, PointStructure, PointTree, Radii, SimdLevel,
     glam::Vec3,
 };
-use neighbor_support::{Cloud, KINDS, Rng, cloud};
 
 const STRUCTURES: [PointStructure; 6] = [
     PointStructure::Automatic,
