@@ -2,14 +2,14 @@
 
 use super::csr::NeighborCsr;
 use super::error::ListError;
-use super::query::ListQuery;
+use super::question::Question;
 use crate::parallel;
 
 /// Lists that one task copies.
 const SHARE: usize = 1024;
 
 /// Brings the lists into the order of ids.
-pub(super) fn arrange(query: &ListQuery<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
+pub(super) fn arrange(query: &Question<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
     let count = query.tree.len();
     let from = &mut lists.rows;
     from.clear();
@@ -36,7 +36,7 @@ pub(super) fn arrange(query: &ListQuery<'_>, lists: &mut NeighborCsr) -> Result<
         end += length(row);
         offsets.push(end);
     }
-    lists.spare.make_room(end, &query.listing);
+    lists.spare.make_room(end, query.listing.columns());
     let places = Places { rows: &lists.rows, old: &lists.offsets, new: offsets };
     places.copy(&lists.columns.ids, &mut lists.spare.ids[..end]);
     for (asked, (to, from)) in

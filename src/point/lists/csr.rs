@@ -1,6 +1,8 @@
 //! Neighbour lists one behind the other, in memory that is used again.
 
-use super::run::{Prepared, Worker};
+use super::columns::Columns;
+use super::prepare::Prepared;
+use super::worker::Worker;
 
 /// Neighbour lists of all points, in compressed sparse rows: the lists one behind the other, and where each begins.
 ///
@@ -34,14 +36,6 @@ pub struct NeighborCsr {
     pub(super) rows: Vec<u32>,
     pub(super) prepared: Prepared,
     pub(super) workers: Vec<Worker>,
-}
-
-/// What is known of each neighbour, in columns; those not asked for hold anything.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Columns {
-    pub(super) ids: Vec<u32>,
-    pub(super) distances: Vec<f32>,
-    pub(super) displacements: [Vec<f32>; 3],
 }
 
 impl NeighborCsr {
@@ -118,18 +112,5 @@ impl NeighborCsr {
             + self.columns.bytes()
             + self.spare.bytes()
             + workers
-    }
-}
-
-impl Columns {
-    /// All columns of f32.
-    pub(super) fn floats(&mut self) -> [&mut Vec<f32>; 4] {
-        let [x, y, z] = &mut self.displacements;
-        [&mut self.distances, x, y, z]
-    }
-
-    pub(super) fn bytes(&self) -> usize {
-        let floats = self.distances.capacity() + self.displacements.iter().map(Vec::capacity).sum::<usize>();
-        (self.ids.capacity() + floats) * 4
     }
 }

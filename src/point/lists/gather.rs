@@ -1,8 +1,8 @@
 //! Candidates: the boxes that a group of leaves can reach, and the points in them.
 
 use super::group::{Group, Spots};
-use super::query::Radii;
-use super::reach::{Reach, bound_of};
+use super::radii::{Radii, bound_of};
+use super::reach::Reach;
 use super::torus::Torus;
 use crate::point::snapshot::{Target, View, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
@@ -214,6 +214,18 @@ impl Picks {
     /// The candidates whose boxes are near a point.
     #[inline(always)]
     pub(super) fn near_point<S: Simd>(&mut self, s: S, boxes: &BoxRows, at: [f32; 3], bound: f32) -> &[u32] {
+        self.near(s, boxes, (at, at), bound)
+    }
+
+    /// The candidates whose boxes are near a box.
+    #[inline(always)]
+    pub(super) fn near<S: Simd>(
+        &mut self,
+        s: S,
+        boxes: &BoxRows,
+        (lo, hi): ([f32; 3], [f32; 3]),
+        bound: f32,
+    ) -> &[u32] {
         let vectors = boxes.vectors();
         if self.list.len() < (vectors + 1) * LANES {
             self.list.resize((vectors + 1) * LANES, 0);
@@ -221,7 +233,7 @@ impl Picks {
         self.len = 0;
         for i in 0..vectors {
             let (vector, there) = boxes.vector(s, i);
-            let near = vector.near(s, at, at, bound) & there;
+            let near = vector.near(s, lo, hi, bound) & there;
             let to: &mut Lanes<u32> = (&mut self.list[self.len..self.len + LANES]).try_into().expect("sixteen");
             s.store_u(s.compress_u(vector.candidate, near), to);
             self.len += near.count_ones() as usize;

@@ -1,7 +1,6 @@
 //! The points of a group of leaves, whose lists are made together.
 
-use super::query::Radii;
-use super::reach::{bound_of, squared_radius};
+use super::radii::{Radii, bound_of, squared_radius};
 use crate::point::snapshot::{Target, View};
 use crate::simd::{LANES, Lanes, Simd};
 

@@ -6,8 +6,8 @@
 //! its own points can reach, and each point tests the boxes of these, and then the points of the few blocks that are
 //! left ([`row`]). Boxes are compared with boxes, a point with boxes, a point with points: sixteen at a time throughout.
 //!
-//! Data flows `query` (what is asked) → `gather` (candidates of a group of leaves) → `row` (the list of a point) →
-//! `run` (threads) → `csr` (the lists of all points, one behind the other).
+//! Data flows `query` (what is asked) → `prepare` (groups of leaves) → `gather` (candidates of a group) → `row` (the list
+//! of a point) → `worker` (a share of the groups) → `run` (all threads) → `csr` (all lists, one behind the other).
 //!
 //! **Why no neighbour is lost.** The proof is that of [`super::snapshot`], with a box in the place of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']` the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded once, is
@@ -15,16 +15,22 @@
 //! *strictly* farther than the bound is left out. With periodic axes, [`torus`] says what is added.
 
 mod by_id;
+mod columns;
 mod csr;
 mod error;
 mod gather;
 mod group;
+mod prepare;
 mod query;
+mod question;
+mod radii;
 mod reach;
 mod row;
 mod run;
 mod torus;
+mod worker;
 
 pub use csr::NeighborCsr;
 pub use error::ListError;
-pub use query::{ListQuery, Radii};
+pub use query::ListQuery;
+pub use radii::Radii;

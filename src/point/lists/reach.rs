@@ -1,5 +1,6 @@
 //! How far points of one set reach: the largest radius behind each lane of each node.
 
+use super::radii::bound_of;
 use crate::point::snapshot::{Target, View};
 use crate::simd::{Kernel, LANES, Lanes, Simd};
 use glam::Vec3;
@@ -17,18 +18,6 @@ impl Reach {
     pub(super) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<Lanes<f32>>()
     }
-}
-
-/// The squared radius of a point; 0 for lanes without one.
-#[inline(always)]
-pub(super) fn bound_of(radii: &[f32], id: u32) -> f32 {
-    radii.get(id as usize).map_or(0.0, |&radius| squared_radius(radius))
-}
-
-/// The squared distance up to which points count as within a radius.
-#[inline(always)]
-pub(super) fn squared_radius(radius: f32) -> f32 {
-    (radius * radius).min(f32::MAX)
 }
 
 /// Fills a [`Reach`] for the nodes of a view.

@@ -1,27 +1,12 @@
 //! The lists of the points of a block, from the candidates of its group.
 
-use super::csr::Columns;
+use super::columns::Columns;
 use super::gather::{BoxRows, Candidates, Picks};
 use super::group::Member;
-use super::query::Radii;
-use super::reach::{bound_of, squared_radius};
-use super::torus::Torus;
+use super::question::Listing;
+use super::radii::{Radii, bound_of, squared_radius};
 use crate::point::snapshot::{rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd};
-
-/// What is listed, and what is said about it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Listing<'a> {
-    pub(super) radii: Radii<'a>,
-    pub(super) torus: Torus,
-    /// Only neighbours with greater ids: each pair once.
-    pub(super) once: bool,
-    /// Whether the candidates are another set; otherwise a point is no neighbour of itself.
-    pub(super) other_set: bool,
-    pub(super) distances: bool,
-    pub(super) displacements: bool,
-    pub(super) sorted: bool,
-}
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -214,13 +199,6 @@ impl Lists {
                 }
             }
         }
-    }
-}
-
-impl Listing<'_> {
-    /// Which columns of floats are asked for, in the order of [`Columns::floats`].
-    pub(super) fn columns(&self) -> [bool; 4] {
-        [self.distances, self.displacements, self.displacements, self.displacements]
     }
 }
 
