@@ -2,8 +2,11 @@
 
 #[cfg(feature = "rayon")]
 mod api;
+mod approximate;
 mod exact;
+mod fickle;
 #[cfg(feature = "rayon")]
 mod lists;
+mod outliers;
 mod property;
 mod support;
