@@ -21,6 +21,7 @@
 //! | `bvh` | object splits, pre-splits, collapse into wide nodes |
 //! | `time` | slices of the shutter |
 //! | `layout` | what queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree |
+//! | `traverse` | the way through a layout, whatever is asked |
 //! | `ray` | [`RayTree`]: rays, hits, the watertight triangle test, both traversals |
 //! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
 //! | [`baseline`] | brute force, the reference for everything |
@@ -57,6 +58,7 @@ mod ray;
 pub mod scene;
 mod simd;
 mod time;
+mod traverse;
 
 pub use error::{BuildError, IntervalError};
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};

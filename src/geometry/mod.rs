@@ -7,6 +7,7 @@
 mod aabb;
 mod box3;
 mod clip;
+mod closest_on_triangle;
 mod interval;
 mod keys;
 mod local_space;
@@ -17,6 +18,7 @@ mod separating_axes;
 pub use aabb::{Aabb, LinearBounds};
 pub(crate) use box3::{Box3, Extent, Line, LinearBox3, ULP};
 pub(crate) use clip::clip_triangle;
+pub(crate) use closest_on_triangle::closest_on_triangle;
 pub use interval::TimeInterval;
 pub(crate) use keys::KeyTime;
 pub(crate) use local_space::Frame;
