@@ -1,6 +1,5 @@
 //! Doing the same for many things, on several threads where there are some.
 
-use crate::simd::huge_vec;
 use core::ops::Range;
 
 /// `f(0)`, `f(1)`, … `f(n - 1)` in order; which thread does what changes nothing.
@@ -70,17 +69,4 @@ pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T
         }
     }
     items.extend((0..n).map(f));
-}
-
-/// All parts, one behind the other.
-pub(crate) fn concat<T: Copy + Send + Sync>(parts: &[Vec<T>]) -> Vec<T> {
-    let mut total = 0;
-    let ends: Vec<usize> = parts.iter().map(|part| (total += part.len(), total).1).collect();
-    let mut all = huge_vec(total);
-    fill(&mut all, total, |i| {
-        let part = ends.partition_point(|&end| end <= i);
-        let begin = if part > 0 { ends[part - 1] } else { 0 };
-        parts[part][i - begin]
-    });
-    all
 }

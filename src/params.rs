@@ -1,12 +1,7 @@
 //! How a tree is built: the policy, the paper's choices as parameters, costs and budgets.
 
 use crate::error::BuildError;
-
-/// The deepest a tree may be: the traversal stack holds this many entries.
-pub(crate) const DEPTH_LIMIT: usize = 60;
-
-/// The most parts that the shutter is divided into.
-pub(crate) const MOST_PARTS: usize = 16;
+use crate::limits::{DEPTH_LIMIT, MOST_PARTS};
 
 /// What kind of tree is built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -10,7 +10,7 @@ use super::partition::{Parted, partition};
 use super::reference::Reference;
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
-use crate::simd::{SimdLevel, huge_vec};
+use crate::simd::{SimdLevel, concat, huge_vec};
 use core::ops::RangeInclusive;
 use glam::Vec3;
 
@@ -75,7 +75,7 @@ pub(crate) fn build_binary(references: &mut [Reference], leaf: RangeInclusive<us
     let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
     match pieces.len() {
         1 => pieces.remove(0),
-        _ => parallel::concat(&pieces),
+        _ => concat(&pieces),
     }
 }
 

@@ -12,6 +12,6 @@ mod replace_subtree;
 
 pub(crate) use builder::{BinaryNode, BinaryTree, build_binary, mean_half_area, neighbourhoods};
 pub(crate) use collapse::{Collapse, Prices, WideChild};
-pub(crate) use presplit::{Ends, cut};
+pub(crate) use presplit::cut;
 pub(crate) use reference::Reference;
 pub(crate) use replace_subtree::Graft;

@@ -9,26 +9,9 @@
 use super::binning::HALF;
 use super::builder::mean_half_area;
 use super::reference::{Packed, Reference};
-use crate::geometry::{LinearBox3, ULP};
+use crate::geometry::{Ends, LinearBox3, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
-use glam::Vec3;
-
-/// A triangle's corners at the begin and the end of the build's interval, linear in between up to `slack`.
-pub(crate) struct Ends {
-    pub begin: [Vec3; 3],
-    pub end: [Vec3; 3],
-    pub slack: f32,
-}
-
-impl Ends {
-    /// The area at the begin.
-    #[inline(always)]
-    pub fn area(&self) -> f32 {
-        let [a, b, c] = self.begin;
-        0.5 * (b - a).cross(c - a).length()
-    }
-}
 
 /// Most parts of one reference.
 const BINS: usize = 8;
@@ -282,6 +265,7 @@ const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14,
 mod tests {
     use super::*;
     use crate::geometry::Box3;
+    use glam::Vec3;
 
     fn random(state: &mut u64) -> f32 {
         *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);

@@ -2,8 +2,8 @@
 //!
 //! Queries never ask for them this way; normals and whoever draws a triangle do.
 
-use super::wide_builder::WideTree;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
+use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
 use crate::primitive::Triangles;
 use glam::Vec3;

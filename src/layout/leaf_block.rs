@@ -1,8 +1,6 @@
 //! Writes leaf blocks: what a set of primitives stores of itself in the arena.
 
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
-use crate::bvh::Ends;
-use crate::geometry::{TimeInterval, ULP};
 use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
 use crate::simd::{Arena, LANES, Lanes};
 use glam::Vec3;
@@ -11,17 +9,6 @@ use glam::Vec3;
 pub(crate) trait WideSource: PrimitiveSet {
     /// Whether leaf blocks may be lists of ids.
     const LISTS: bool;
-    /// Number of keys of a primitive's motion; 1 for what stands still.
-    fn keys(&self, id: u32) -> usize;
-    /// Whether no motion has more than two keys.
-    fn linear(&self) -> bool;
-    /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
-    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
-    /// Asks for where the vertices of a primitive are; they themselves follow with
-    /// [`WideSource::expect_vertices`]. Hints for what will be read soon.
-    fn expect(&self, _: u32) {}
-    /// Asks for the vertices of a primitive that was expected some time ago.
-    fn expect_vertices(&self, _: u32) {}
     /// Number of linear pieces of all motions, for each of which it is kept in which leaf block it is; none where
     /// nobody asks. Known from [`WideSource::piece`].
     fn pieces(&self) -> usize {
@@ -39,35 +26,6 @@ pub(crate) trait WideSource: PrimitiveSet {
 
 impl WideSource for Triangles {
     const LISTS: bool = false;
-
-    fn keys(&self, id: u32) -> usize {
-        Triangles::keys(self, id)
-    }
-
-    fn linear(&self) -> bool {
-        Triangles::linear(self)
-    }
-
-    #[inline(always)]
-    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
-        let slack = match Triangles::keys(self, id) {
-            1 => 0.0,
-            2 => 4.0 * ULP,
-            // The interval reaches 4 ULP of the shutter beyond the segment, where corners already move
-            // differently, by at most 2 per segment.
-            n => (4 + 26 * (n - 1)) as f32 * ULP,
-        };
-        let [begin, end] = Triangles::ends(self, id, over);
-        Some(Ends { begin, end, slack })
-    }
-
-    fn expect(&self, id: u32) {
-        self.prefetch_corners(id);
-    }
-
-    fn expect_vertices(&self, id: u32) {
-        self.prefetch_positions(id);
-    }
 
     fn pieces(&self) -> usize {
         Triangles::pieces(self)
@@ -177,19 +135,6 @@ impl Shared {
 
 impl<P: Primitive> WideSource for Shapes<P> {
     const LISTS: bool = true;
-
-    fn keys(&self, id: u32) -> usize {
-        let bounds = self.bounds(id, TimeInterval::FULL);
-        if bounds.begin == bounds.end { 1 } else { 2 }
-    }
-
-    fn linear(&self) -> bool {
-        true
-    }
-
-    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
-        None
-    }
 
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: usize) -> Option<ChildRef> {
         arena.align();

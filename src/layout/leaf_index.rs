@@ -2,22 +2,11 @@
 
 use super::leaf_block::WideSource;
 use super::statistics::Statistics;
-use super::wide_builder::WideTree;
-use super::wide_node::{CORNER_ROWS, ChildRef, Ids, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS};
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS};
+use super::wide_tree::{Survey, WideTree};
 use crate::parallel;
 use crate::simd::{LANES, huge_vec};
 use core::sync::atomic::{AtomicU32, Ordering};
-
-/// What was counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Survey {
-    /// Depth of the deepest leaf; the root has depth 0.
-    depth: u32,
-    nodes: usize,
-    moving_nodes: usize,
-    leaves: usize,
-    references: usize,
-}
 
 /// A block to be visited.
 #[derive(Clone, Copy)]
@@ -53,42 +42,6 @@ const SUBTREES: usize = 128;
 const SOON: usize = 8;
 
 impl WideTree {
-    /// The children of a block: of a node its sixteen, of a time node its parts, of a leaf none.
-    pub fn children(&self, of: ChildRef) -> &[u32] {
-        let words = self.arena.ints();
-        let row = |rows: usize| &words[of.at() + (rows - 1) * LANES..][..LANES];
-        match of.kind() {
-            Kind::Node => row(NODE_ROWS),
-            Kind::StillNode => row(STILL_NODE_ROWS),
-            Kind::Time => &words[of.at() + 1..][..words[of.at()] as usize],
-            _ => &[],
-        }
-    }
-
-    /// The primitives of a leaf block; nothing where it is not a whole one.
-    pub fn ids<S: WideSource>(&self, of: ChildRef) -> Option<&[u32]> {
-        let block = self.arena.ints().get(of.at()..)?;
-        let ids = Ids::of(of, block, S::LISTS)?;
-        Some(&block[ids.first..][..ids.count])
-    }
-
-    /// How many blocks can wait on a query's stack, and room for one more node's children to be written at once.
-    ///
-    /// What waits are children of visited nodes, families for short. Depths never fall from the stack's bottom to
-    /// its top, and of each depth there are two families at most. For a step takes the two topmost entries away, or
-    /// one, and puts their children there. Where both were of the topmost family, its children's depth is new. Where
-    /// one was the last of its family, the other lies in the family below; the deeper of the two has its children
-    /// on top, and if both were equally deep, there was nothing deeper.
-    #[inline(always)]
-    pub fn waiting(&self) -> usize {
-        2 * LANES * self.survey.depth as usize + LANES
-    }
-
-    /// Whether most nodes have boxes that move.
-    pub fn moves(&self) -> bool {
-        2 * self.survey.moving_nodes > self.survey.nodes
-    }
-
     /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
     pub(crate) fn surveyed<S: WideSource>(&self, set: &S) -> (Survey, Vec<u32>) {
         let pieces = set.pieces();

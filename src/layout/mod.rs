@@ -24,15 +24,16 @@ mod statistics;
 mod tree_box;
 mod wide_builder;
 mod wide_node;
+mod wide_tree;
 mod wide_validate;
 mod write;
 
-pub(crate) use kd::{KdNode, KdReference, KdTree, KdView, MAX_NODES};
+pub(crate) use kd::{KdNode, KdReference, KdTree, KdView};
 pub use kd_validate::ValidationError;
 pub(crate) use leaf_block::WideSource;
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub(crate) use statistics::BuildTimes;
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
-pub(crate) use wide_builder::{WideTree, expect};
 pub(crate) use wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};
+pub(crate) use wide_tree::WideTree;

@@ -4,8 +4,7 @@
 //! put behind them, and the references in its nodes are moved along: the order is that of the tasks, whoever wrote
 //! them. A small arena whose blocks are in place is written over by the next task.
 
-use super::wide_node::{ChildRef, NODE_ROWS};
-use super::write::children_mut;
+use super::wide_node::{ChildRef, NODE_ROWS, children_mut};
 use crate::error::BuildError;
 use crate::parallel;
 use crate::simd::{Arena, LANES};

@@ -1,7 +1,7 @@
 //! The boxes of a finished tree at one time, for whoever wants to see them.
 
-use super::wide_builder::WideTree;
 use super::wide_node::{ChildRef, Kind};
+use super::wide_tree::WideTree;
 use crate::geometry::{Aabb, Frame, KeyTime};
 use crate::simd::LANES;
 use glam::Vec3;

@@ -7,8 +7,8 @@
 //! children like leaf blocks.
 
 use super::leaf_block::WideSource;
-use super::leaf_index::Survey;
-use super::wide_node::{ChildRef, Kind};
+use super::wide_node::ChildRef;
+use super::wide_tree::{Survey, WideTree};
 use super::write::{Nodes, set_children, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, Graft};
 use crate::error::BuildError;
@@ -17,18 +17,9 @@ use crate::parallel;
 use crate::params::{BuildParams, Division};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
-use crate::time::{PRICES, Plan, Region, Segments, params_of_copies, part_of_shutter, plan_tree, primitives, regions};
-
-/// A built tree: the arena and where it begins.
-pub(crate) struct WideTree {
-    pub arena: Arena,
-    pub root: ChildRef,
-    /// Whether parts of one primitive may be in several leaf blocks.
-    pub(crate) cut: bool,
-    /// A leaf block in which each piece of a primitive's motion is, see [`WideSource::piece`].
-    pub(crate) blocks: Vec<u32>,
-    pub(crate) survey: Survey,
-}
+use crate::time::{
+    PRICES, Plan, Region, Segments, expect, params_of_copies, part_of_shutter, plan_tree, primitives, regions,
+};
 
 /// A subtree that is written: where it is over the whole shutter, and its root.
 struct Part {
@@ -57,11 +48,6 @@ impl WideTree {
         tree.arena.settle();
         (tree.survey, tree.blocks) = tree.surveyed(set);
         Ok(tree)
-    }
-
-    /// Parts of the shutter with a hierarchy of their own for all there is; 1 where it is not divided at the top.
-    pub fn parts(&self) -> usize {
-        if self.root.kind() == Kind::Time { self.arena.ints()[self.root.at()] as usize } else { 1 }
     }
 
     /// Builds primitives that stand still or move linearly.
@@ -287,20 +273,6 @@ fn leaf_blocks<S: WideSource>(
         *block = set.write_leaf(arena, distinct(ids), plan.segment).ok_or(BuildError::TooLargeTree)?;
     }
     Ok(())
-}
-
-/// How many leaf blocks ahead the numbers of vertices are asked for; the vertices follow one block ahead.
-const AHEAD: usize = 4;
-
-/// Asks for what will be read when it is the turn of the blocks behind block `i`.
-pub(crate) fn expect<S: WideSource>(set: &S, plan: &Plan, of: &[BinaryNode], i: usize) {
-    let next = if i == 0 { 0..of.len().min(AHEAD + 1) } else { i + AHEAD..of.len().min(i + AHEAD + 1) };
-    for node in of.get(next).unwrap_or_default() {
-        plan.references(node).iter().for_each(|r| set.expect(r.id()));
-    }
-    for node in of.iter().skip(i + 1).take(1) {
-        plan.references(node).iter().for_each(|r| set.expect_vertices(r.id()));
-    }
 }
 
 /// The sorted ids without repetitions: parts of one primitive may meet in a leaf block again.

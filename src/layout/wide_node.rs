@@ -15,7 +15,7 @@
 //! In blocks with shared vertices, a word of the row of corners numbers the three vertices of a triangle in its
 //! lowest bits, four each; the next four bits of the first word are n - 1.
 
-use crate::simd::LANES;
+use crate::simd::{Arena, LANES};
 
 /// Rows of a node with moving boxes, and of one with still boxes; the last row holds the children.
 pub(crate) const NODE_ROWS: usize = 13;
@@ -156,6 +156,13 @@ impl ChildRef {
             _ => Kind::OwnLeaf,
         }
     }
+}
+
+/// The row of a node's children.
+pub(crate) fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {
+    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
+    let row = node.at() + (rows - 1) * LANES;
+    &mut arena.ints_mut()[row..row + LANES]
 }
 
 #[cfg(test)]

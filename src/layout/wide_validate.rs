@@ -2,8 +2,8 @@
 
 use super::kd_validate::ValidationError;
 use super::leaf_block::WideSource;
-use super::wide_builder::WideTree;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
 use crate::simd::LANES;
 

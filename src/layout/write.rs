@@ -4,7 +4,7 @@
 //! few nodes above them follow.
 
 use super::serialize::{Apart, write_in_order};
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
@@ -78,13 +78,6 @@ pub(crate) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildR
     for (word, child) in children_mut(arena, node).iter_mut().zip(all) {
         *word = child.0;
     }
-}
-
-/// The row of a node's children.
-pub(crate) fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {
-    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
-    let row = node.at() + (rows - 1) * LANES;
-    &mut arena.ints_mut()[row..row + LANES]
 }
 
 /// Writes a time node over equal parts of the shutter.

@@ -8,13 +8,13 @@
 //! (the node becomes a leaf); what the plane leaves over is divided between the children by the number of their
 //! references.
 
-use super::classify::Plane;
 use super::distribute::{Children, References};
 use super::reference::{Reference, Source};
 use super::sah::{self, best_split};
 use crate::error::BuildError;
-use crate::geometry::{Box3, LinearBox3};
-use crate::layout::{BuildTimes, KdNode, KdReference, KdTree, MAX_NODES};
+use crate::geometry::{Box3, LinearBox3, Plane};
+use crate::layout::{BuildTimes, KdNode, KdReference, KdTree};
+use crate::limits::MAX_NODES;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;

@@ -6,23 +6,7 @@
 //! Repeated at every plane on the way down, with the interval that came out of the plane above, it is
 //! the paper's duplication (section 3.1.1) and propagation (section 3.1.2) alike.
 
-use crate::geometry::{Extent, Line, TimeInterval};
-
-/// A split plane that may move: `position + velocity * t` along `axis`. The paper's planes stand still.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Plane {
-    pub axis: usize,
-    pub position: f32,
-    pub velocity: f32,
-}
-
-impl Plane {
-    /// Where the plane is at time `t`, in f64 without noticeable rounding.
-    #[inline]
-    pub fn at(self, t: f32) -> f64 {
-        f64::from(self.position) + f64::from(self.velocity) * f64::from(t)
-    }
-}
+use crate::geometry::{Extent, Line, Plane, TimeInterval};
 
 /// When a thing is on which side of a plane; at least one of the two is there.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,9 +6,9 @@
 //! with the same code ([`classify`]); what is called duplication for the first is called propagation
 //! for the second.
 
-use super::classify::{Plane, classify};
+use super::classify::classify;
 use super::reference::{Reference, Source};
-use crate::geometry::{Box3, LinearBox3, TimeInterval};
+use crate::geometry::{Box3, LinearBox3, Plane, TimeInterval};
 use crate::primitive::PrimitiveSet;
 
 /// The references of a node under construction.

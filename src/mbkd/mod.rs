@@ -9,4 +9,4 @@ mod reference;
 mod sah;
 
 pub(crate) use builder::build_kd;
-pub(crate) use classify::{Plane, classify_point};
+pub(crate) use classify::classify_point;

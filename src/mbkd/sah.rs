@@ -10,9 +10,8 @@
 //! Binning was preferred to sorted events because ramps make twice the events and because
 //! references that move do not keep one sorted order during the shutter.
 
-use super::classify::Plane;
 use super::reference::Reference;
-use crate::geometry::Box3;
+use crate::geometry::{Box3, Plane};
 use crate::params::BuildParams;
 
 /// Bins per axis.

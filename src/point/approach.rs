@@ -8,12 +8,13 @@
 //! life of the point, never for a piece of it; so the answer does not depend on the structure. Bounds
 //! are lowered by more than all rounding before they cull.
 
+use super::over_interval::{Boxed, Flight};
 use super::partition::Layer;
-use super::tree::{MAX_POINT_COORDINATE, PointTree};
-use crate::SimdLevel;
+use super::tree::PointTree;
 use crate::geometry::TimeInterval;
+use crate::limits::MAX_POINT_COORDINATE;
 use crate::primitive::Position;
-use crate::simd::{Kernel, LANES, Lanes, Simd, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use core::cmp::Reverse;
 use glam::{DVec3, Vec3};
 use std::collections::BinaryHeap;
@@ -34,31 +35,6 @@ impl Approach {
     fn key(&self) -> (u32, u32, u32) {
         (self.distance_squared.to_bits(), self.time.to_bits(), self.id)
     }
-}
-
-/// A point between two keys, as a search for the closest approach sees it.
-pub(super) struct Flight {
-    pub(super) id: u32,
-    pub(super) open: [f32; 3],
-    pub(super) close: [f32; 3],
-    /// The whole life, not a piece of it.
-    pub(super) life: TimeInterval,
-}
-
-/// A tree whose boxes can be looked at over a range of times. Times are f64 within the shutter.
-pub(super) trait Boxed {
-    /// Number of keys, the segment between two of them, and the times the tree answers for.
-    fn part(&self) -> (usize, usize, [f64; 2]);
-    /// Level and number of the root.
-    fn top(&self) -> (usize, usize);
-    /// Node, or block on level 0, behind lane 0, and how many each lane leads on by.
-    fn behind(&self, level: usize, node: usize) -> (usize, usize);
-    /// When each lane counts, begin and end; where it is absent, the begin is infinite.
-    fn times(&self, node: usize) -> [Lanes<f64>; 2];
-    /// Lower and upper faces, each lane at a phase of its own.
-    fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2];
-    /// A point of a block.
-    fn flight(&self, block: usize, lane: usize) -> Option<Flight>;
 }
 
 /// A query on its way: positions at the begin and the end of the interval.

@@ -1,14 +1,16 @@
 //! From a set of points to layers: checking the input, taking apart what stands still, dividing the
 //! shutter into parts.
 
-use super::error::MAX_KEYS;
+use super::error::PointError;
+use super::fast::mark_fast;
 use super::moving_reference::{Mover, Part};
 use super::moving_tree::MovingTree;
 use super::order::Item;
 use super::partition::Layer;
+use super::plane_splits;
 use super::static_tree::StaticTree;
-use super::{MAX_POINT_COORDINATE, PointError, plane_splits};
 use crate::geometry::TimeInterval;
+use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::primitive::PointSet;
 use glam::DVec3;
 
@@ -156,7 +158,7 @@ fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
 pub(super) fn part_tree(mut movers: Vec<Mover>, part: Part, plan: &Plan) -> MovingTree {
     match plan.cut {
         Cut::Nothing => return MovingTree::complete(&movers, part, plan.life_levels),
-        Cut::Fast => super::choose::mark_fast(&mut movers, &part),
+        Cut::Fast => mark_fast(&mut movers, &part),
         Cut::Everything => movers.iter_mut().for_each(|m| m.cut = true),
     }
     plane_splits::build(movers, part, plan.references)

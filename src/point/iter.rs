@@ -1,6 +1,6 @@
 //! Points within a radius as an iterator, which searches one bottom node at a time.
 
-use super::Neighbor;
+use super::neighbor::Neighbor;
 use super::partition::{Layer, LayerView};
 use super::query::{Gather, NeighborQuery};
 use super::search::Keep;
@@ -23,6 +23,21 @@ impl<'a, K: Keep> WithinIter<'a, K> {
     pub(super) fn new(query: NeighborQuery<'a, K>) -> Self {
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
         WithinIter { query, layer, front: None, candidates: Candidates::default(), next: 0 }
+    }
+}
+
+impl<'a, K: Keep> NeighborQuery<'a, K> {
+    /// An iterator over the points within the radius, in no particular order. It searches as it goes.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
+    /// let far = tree.query([0.0f32; 3], 0.0).radius(2.0).iter().find(|n| n.distance() > 1.0);
+    /// assert_eq!(far.map(|n| n.id), Some(1));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn iter(self) -> WithinIter<'a, K> {
+        WithinIter::new(self)
     }
 }
 

@@ -5,10 +5,10 @@
 //! and leaves carry them. All leaves are on one level and hold at most sixteen references; nodes say
 //! where their first child is, because cutting leaves subtrees unevenly full.
 
-use super::approach::{Boxed, Flight};
 use super::linear_bounds::{Hull, LinearBoxes, Span};
 use super::moving_reference::{Mover, Part, phase};
 use super::order::{Item, join, order_with_time};
+use super::over_interval::{Boxed, Flight};
 use super::snapshot::{Target, View, diagonal, outside, rows, squared};
 use super::static_tree::Shape;
 use crate::geometry::{KeyTime, TimeInterval};

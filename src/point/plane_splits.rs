@@ -12,8 +12,8 @@ use super::moving_reference::{Mover, Part};
 use super::moving_tree::{Assembly, MovingTree, magnitude};
 use super::order::{Item, widest_axis};
 use super::select::select;
-use crate::geometry::{Line, TimeInterval};
-use crate::mbkd::{Plane, classify_point};
+use crate::geometry::{Line, Plane, TimeInterval};
+use crate::mbkd::classify_point;
 use crate::simd::LANES;
 
 /// Builds the tree of one part, cutting movers that may be cut, as long as there are at most

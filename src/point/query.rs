@@ -1,6 +1,6 @@
 //! Queries as callers see them: where, when, how far, which points, and then what to do with them.
 
-use super::iter::WithinIter;
+use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
@@ -10,7 +10,7 @@ use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepIf, NeighborWork, Observe, kept};
 use super::snapshot::View;
 use super::tree::PointTree;
-use super::{MAX_POINT_COORDINATE, Neighbor};
+use crate::limits::MAX_POINT_COORDINATE;
 use crate::simd::{Kernel, LANES, Mask, Simd, dispatch};
 use core::ops::ControlFlow;
 use glam::Vec3;
@@ -230,19 +230,6 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
             return ControlFlow::Continue(());
         }
         dispatch(self.tree.simd, Visiting { query: &self, visit })
-    }
-
-    /// An iterator over the points within the radius, in no particular order. It searches as it goes.
-    ///
-    /// ```
-    /// use mbkd::{PointParams, PointTree};
-    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
-    /// let far = tree.query([0.0f32; 3], 0.0).radius(2.0).iter().find(|n| n.distance() > 1.0);
-    /// assert_eq!(far.map(|n| n.id), Some(1));
-    /// # Ok::<(), mbkd::PointError>(())
-    /// ```
-    pub fn iter(self) -> WithinIter<'a, K> {
-        WithinIter::new(self)
     }
 }
 

@@ -14,9 +14,6 @@
 use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
 
-/// Most levels of nodes a tree can have: 16^8 leaves are more than 2^32 points fill.
-pub(super) const MAX_LEVELS: usize = 9;
-
 /// Bytes of leaves above which a search finds most of them in no cache.
 pub(super) const FAR: usize = 32 << 20;
 

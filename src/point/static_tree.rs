@@ -5,11 +5,12 @@
 //! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
 //! fills the levels better.
 
-use super::approach::{Boxed, Flight};
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
-use super::snapshot::{Boxes, MAX_LEVELS, Target, View, diagonal, outside, rows, squared};
+use super::over_interval::{Boxed, Flight};
+use super::snapshot::{Boxes, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
+use crate::limits::MAX_LEVELS;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 

@@ -1,18 +1,15 @@
 //! The tree that callers build and ask.
 
 use super::build::{Cut, Plan, Source, check, moving_layer, parts};
-use super::choose::{Trial, choose, mark_fast};
+use super::choose::{Trial, choose};
+use super::error::PointError;
+use super::fast::mark_fast;
 use super::partition::Layer;
-use super::query::NeighborQuery;
 use super::stats::{PointLayerKind, PointLayerStats, PointStats};
-use super::{Neighbor, PointError};
-use crate::SimdLevel;
-use crate::primitive::{PointSet, Position};
+use crate::limits::MAX_SLABS;
+use crate::primitive::PointSet;
+use crate::simd::SimdLevel;
 use glam::DVec3;
-
-/// The largest magnitude of a coordinate, relative to the tree's origin: squared distances between
-/// such points fit into f32.
-pub const MAX_POINT_COORDINATE: f64 = 1e18;
 
 /// Which structure moving points are put into. Answers do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -58,9 +55,6 @@ impl Default for PointParams {
     }
 }
 
-/// Most slabs that can be asked for.
-const MAX_SLABS: usize = 1024;
-
 impl PointParams {
     /// An error for the first field that is out of range.
     pub fn validate(&self) -> Result<(), PointError> {
@@ -86,7 +80,7 @@ impl PointParams {
 /// are ordered by it, ties by id. Thread count and instruction set make no difference.
 ///
 /// Queries at a time outside [0, 1], with a point that is not finite or farther from the origin than
-/// [`MAX_POINT_COORDINATE`], or with a negative or NaN radius find nothing. Differences of coordinates
+/// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE), or with a negative or NaN radius find nothing. Differences of coordinates
 /// below about 1e-19 have squares that f32 rounds to zero: such points count as equally far.
 ///
 /// ```
@@ -196,55 +190,6 @@ impl PointTree {
     /// f32 input, the middle of the set for f64 input.
     pub fn origin(&self) -> DVec3 {
         self.origin
-    }
-
-    /// A query at `point` and `time`, to be refined (radius, predicate, approximation) and run.
-    #[inline(always)]
-    pub fn query<Q: Position>(&self, point: Q, time: f32) -> NeighborQuery<'_> {
-        NeighborQuery::new(self, point.relative(self.origin), time)
-    }
-
-    /// The nearest point at a time; of several at the same distance the one with the lowest id.
-    ///
-    /// ```
-    /// use mbkd::{PointParams, PointTree};
-    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?;
-    /// assert_eq!(tree.nearest([0.9f32; 3], 0.5).map(|n| n.id), Some(1));
-    /// # Ok::<(), mbkd::PointError>(())
-    /// ```
-    pub fn nearest<Q: Position>(&self, point: Q, time: f32) -> Option<Neighbor> {
-        self.query(point, time).nearest()
-    }
-
-    /// The `k` nearest points at a time, in order of (distance, id); all where there are fewer.
-    ///
-    /// Allocates the result; in a loop use [`NeighborQuery::nearest_n_into`].
-    pub fn nearest_n<Q: Position>(&self, point: Q, time: f32, k: usize) -> Vec<Neighbor> {
-        self.query(point, time).nearest_n(k)
-    }
-
-    /// The `k` nearest points that are no farther than `radius`, in order of (distance, id).
-    pub fn nearest_n_within<Q: Position>(&self, point: Q, time: f32, k: usize, radius: f32) -> Vec<Neighbor> {
-        self.query(point, time).radius(radius).nearest_n(k)
-    }
-
-    /// All points no farther than `radius` (squared distance at most `radius * radius` in f32), in no
-    /// particular order.
-    ///
-    /// ```
-    /// use mbkd::{PointParams, PointTree};
-    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?;
-    /// assert_eq!(tree.within([0.0f32; 3], 0.0, 1.5).len(), 1);
-    /// assert_eq!(tree.within([0.0f32; 3], 0.0, f32::INFINITY).len(), 2);
-    /// # Ok::<(), mbkd::PointError>(())
-    /// ```
-    pub fn within<Q: Position>(&self, point: Q, time: f32, radius: f32) -> Vec<Neighbor> {
-        self.query(point, time).radius(radius).collect()
-    }
-
-    /// How many points are no farther than `radius`.
-    pub fn count_within<Q: Position>(&self, point: Q, time: f32, radius: f32) -> usize {
-        self.query(point, time).radius(radius).count()
     }
 }
 

@@ -5,7 +5,7 @@
 //! a list of [`Primitive`]s is another.
 
 use crate::error::BuildError;
-use crate::geometry::{Aabb, Box3, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
+use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 
 /// A moving shape that a [`RayTree`](crate::RayTree) can hold.
@@ -90,6 +90,17 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = (id, over, cell);
         false
     }
+    /// Number of keys of a primitive's motion; 1 for what stands still.
+    fn keys(&self, id: u32) -> usize;
+    /// Whether no motion has more than two keys.
+    fn linear(&self) -> bool;
+    /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
+    /// Asks for where the vertices of a primitive are; they themselves follow with
+    /// [`PrimitiveSet::expect_vertices`]. Hints for what will be read soon.
+    fn expect(&self, _: u32) {}
+    /// Asks for the vertices of a primitive that was expected some time ago.
+    fn expect_vertices(&self, _: u32) {}
     /// The visibility mask.
     fn mask(&self, id: u32) -> u32 {
         let _ = id;
@@ -166,6 +177,19 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
             Some(instant) => self.bounds(id, instant).begin.intersection(cell),
             None => Box3::EMPTY,
         }
+    }
+
+    fn keys(&self, id: u32) -> usize {
+        let bounds = self.bounds(id, TimeInterval::FULL);
+        if bounds.begin == bounds.end { 1 } else { 2 }
+    }
+
+    fn linear(&self) -> bool {
+        true
+    }
+
+    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
+        None
     }
 
     fn name(&self, id: u32) -> (u32, u32) {

@@ -7,7 +7,7 @@ use super::custom::PrimitiveSet;
 use super::mesh::TriangleMesh;
 use crate::error::BuildError;
 use crate::geometry::{
-    Aabb, Box3, Frame, INSTANTS, Instant, KeyTime, LinearBounds, LinearBox3, TimeInterval, ULP, clip_triangle,
+    Aabb, Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBounds, LinearBox3, TimeInterval, ULP, clip_triangle,
     stays_clear,
 };
 use crate::parallel;
@@ -298,6 +298,35 @@ impl PrimitiveSet for Triangles {
         }
         let slack = Triangles::slack(keys);
         LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
+    }
+
+    fn keys(&self, id: u32) -> usize {
+        Triangles::keys(self, id)
+    }
+
+    fn linear(&self) -> bool {
+        Triangles::linear(self)
+    }
+
+    #[inline(always)]
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+        let slack = match Triangles::keys(self, id) {
+            1 => 0.0,
+            2 => 4.0 * ULP,
+            // The interval reaches 4 ULP of the shutter beyond the segment, where corners already move
+            // differently, by at most 2 per segment.
+            n => (4 + 26 * (n - 1)) as f32 * ULP,
+        };
+        let [begin, end] = Triangles::ends(self, id, over);
+        Some(Ends { begin, end, slack })
+    }
+
+    fn expect(&self, id: u32) {
+        self.prefetch_corners(id);
+    }
+
+    fn expect_vertices(&self, id: u32) {
+        self.prefetch_positions(id);
     }
 
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {

@@ -1,5 +1,6 @@
 //! Memory in lines of 64 bytes: one AVX-512 register, one cache line.
 
+use super::huge_pages::huge_vec;
 use super::{LANES, prefetch};
 use crate::parallel;
 
@@ -157,42 +158,3 @@ impl Arena {
         unsafe { core::slice::from_raw_parts_mut(lines.as_mut_ptr().cast(), lines.len() * LANES) }
     }
 }
-
-/// A vector with room for `capacity` items on huge pages, where the system grants them: big arrays that are
-/// filled once then cost a page fault per 2 MiB instead of one per 4 KiB.
-pub(crate) fn huge_vec<T>(capacity: usize) -> Vec<T> {
-    let mut items = Vec::with_capacity(capacity);
-    advise_huge_pages(&mut items);
-    items
-}
-
-/// `count` copies of an item, on huge pages where the system grants them.
-pub(crate) fn huge_vec_of<T: Clone>(item: T, count: usize) -> Vec<T> {
-    let mut items = huge_vec(count);
-    items.resize(count, item);
-    items
-}
-
-/// Asks for huge pages for the memory of a vector that was not touched yet; a hint.
-#[cfg(target_os = "linux")]
-fn advise_huge_pages<T>(items: &mut Vec<T>) {
-    const PAGE: usize = 4096;
-    const HUGE: usize = 2 << 20;
-    const MADV_HUGEPAGE: i32 = 14;
-    unsafe extern "C" {
-        fn madvise(address: *mut core::ffi::c_void, length: usize, advice: i32) -> i32;
-    }
-    let bytes = items.capacity() * size_of::<T>();
-    if bytes < HUGE {
-        return;
-    }
-    let begin = items.as_mut_ptr().cast::<u8>();
-    let skip = begin.align_offset(PAGE);
-    // SAFETY: the range lies within the vector's own allocation, begins on a page, and `MADV_HUGEPAGE` changes
-    // only how it is mapped, never what it holds; a refusal is harmless and ignored.
-    unsafe { madvise(begin.wrapping_add(skip).cast(), bytes - skip, MADV_HUGEPAGE) };
-}
-
-/// Elsewhere the system decides.
-#[cfg(not(target_os = "linux"))]
-fn advise_huge_pages<T>(_: &mut Vec<T>) {}

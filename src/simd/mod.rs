@@ -17,6 +17,7 @@ mod arena;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod huge_pages;
 mod points;
 mod portable;
 mod stack;
@@ -24,7 +25,8 @@ mod stack;
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-pub(crate) use arena::{Arena, huge_vec, huge_vec_of};
+pub(crate) use arena::Arena;
+pub(crate) use huge_pages::{concat, huge_vec, huge_vec_of};
 pub(crate) use points::{Item, PointBlock};
 pub(crate) use stack::{Stack, StackMemory};
 

@@ -18,9 +18,10 @@ use super::draft::{BYTES_PER_REFERENCE, Plan, part_of_shutter, plan_tree};
 use super::slices::{Segments, part_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
-use crate::layout::WideSource;
+use crate::limits::MOST_PARTS;
 use crate::parallel;
-use crate::params::{BuildParams, Division, MOST_PARTS};
+use crate::params::{BuildParams, Division};
+use crate::primitive::PrimitiveSet;
 
 /// A subtree of a plan that divides the shutter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +71,7 @@ const SAMPLE: core::ops::RangeInclusive<usize> = 2048..=4096;
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a plan for the whole shutter, in the order of their nodes; none lies below another.
-pub(crate) fn regions<S: WideSource>(set: &S, plan: &Plan, params: &BuildParams) -> Vec<Region> {
+pub(crate) fn regions<S: PrimitiveSet>(set: &S, plan: &Plan, params: &BuildParams) -> Vec<Region> {
     let forced = |division| vec![Region { node: 0, division, cost: plan.collapse.total() }];
     match params.division {
         Division::Automatic => {}
@@ -96,7 +97,7 @@ struct Piece {
 }
 
 /// Takes a plan apart into pieces, in order.
-fn pieces<S: WideSource>(set: &S, plan: &Plan) -> Vec<Piece> {
+fn pieces<S: PrimitiveSet>(set: &S, plan: &Plan) -> Vec<Piece> {
     let Some(root) = plan.binary.first().filter(|root| root.moving) else { return Vec::new() };
     let most = (root.count as usize / PIECES).max(LEAST_PIECE) as u32;
     let (mut nodes, mut stack) = (Vec::new(), vec![0]);
@@ -127,7 +128,7 @@ struct Areas {
 }
 
 /// Adds up the boxes of a small subtree; returns the box at mid-shutter.
-fn look<S: WideSource>(set: &S, plan: &Plan, x: u32, areas: &mut Areas) -> Box3 {
+fn look<S: PrimitiveSet>(set: &S, plan: &Plan, x: u32, areas: &mut Areas) -> Box3 {
     let node = &plan.binary[x as usize];
     let middle = if node.right == 0 {
         let half = part_of_shutter(0, 2);
@@ -243,7 +244,7 @@ fn waiting(growth: f32) -> f32 {
 }
 
 /// Decides on a region by what its divisions would cost in samples of it.
-fn decide<S: WideSource>(set: &S, plan: &Plan, node: u32, most: Growth, params: &BuildParams) -> Option<Region> {
+fn decide<S: PrimitiveSet>(set: &S, plan: &Plan, node: u32, most: Growth, params: &BuildParams) -> Option<Region> {
     let samples = samples(plan, node);
     let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| plan.binary[x as usize].moving);
     let cost_of = |of: &[u32]| of.iter().map(|&x| plan.collapse.cost(x)).sum::<f32>();
@@ -284,7 +285,7 @@ fn decide<S: WideSource>(set: &S, plan: &Plan, node: u32, most: Growth, params: 
 }
 
 /// Mean cost of separate trees for equal parts of the shutter over the primitives of a subtree.
-fn copies_cost<S: WideSource>(set: &S, plan: &Plan, of: u32, parts: usize, params: &BuildParams) -> f32 {
+fn copies_cost<S: PrimitiveSet>(set: &S, plan: &Plan, of: u32, parts: usize, params: &BuildParams) -> f32 {
     let ids = primitives(plan, of);
     let params = params_of_copies(params, parts);
     let cost = |i: usize| plan_tree(set, &ids, part_of_shutter(i, parts), 0, &params).collapse.total();

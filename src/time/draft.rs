@@ -7,9 +7,9 @@
 
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, Prices, Reference, build_binary, cut, neighbourhoods};
 use crate::geometry::{Box3, TimeInterval};
-use crate::layout::WideSource;
 use crate::parallel;
 use crate::params::BuildParams;
+use crate::primitive::PrimitiveSet;
 use crate::simd::huge_vec;
 use core::ops::RangeInclusive;
 
@@ -69,7 +69,7 @@ pub(crate) fn part_of_shutter(i: usize, n: usize) -> TimeInterval {
 }
 
 /// Plans one tree, with cuts where they pay.
-pub(crate) fn plan_tree<S: WideSource>(
+pub(crate) fn plan_tree<S: PrimitiveSet>(
     set: &S,
     ids: &[u32],
     over: TimeInterval,
@@ -90,7 +90,13 @@ pub(crate) fn plan_tree<S: WideSource>(
 }
 
 /// Whether cuts pay in a few samples of neighbouring references.
-fn cuts_pay<S: WideSource>(set: &S, references: &[Reference], over: TimeInterval, segment: usize, budget: f32) -> bool {
+fn cuts_pay<S: PrimitiveSet>(
+    set: &S,
+    references: &[Reference],
+    over: TimeInterval,
+    segment: usize,
+    budget: f32,
+) -> bool {
     let n = references.len();
     let most = (n / (16 * CUT_SAMPLES)).clamp(*CUT_SAMPLE.start(), *CUT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
@@ -119,7 +125,7 @@ fn plan_with(mut references: Vec<Reference>, over: TimeInterval, segment: usize,
 }
 
 /// Half-areas of the boxes, summed, per area of the triangles in them; 0 for what cannot be cut.
-fn hollowness<S: WideSource>(set: &S, ids: &[u32], over: TimeInterval) -> f64 {
+fn hollowness<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> f64 {
     let (mut boxes, mut triangles) = (0.0, 0.0);
     // A thousand or two tell.
     for &id in ids.iter().step_by(ids.len() / 2048 + 1) {
@@ -128,4 +134,18 @@ fn hollowness<S: WideSource>(set: &S, ids: &[u32], over: TimeInterval) -> f64 {
         triangles += f64::from(ends.area());
     }
     if triangles > 0.0 { boxes / triangles } else { 0.0 }
+}
+
+/// How many leaf blocks ahead the numbers of vertices are asked for; the vertices follow one block ahead.
+const AHEAD: usize = 4;
+
+/// Asks for what will be read when it is the turn of the blocks behind block `i`.
+pub(crate) fn expect<S: PrimitiveSet>(set: &S, plan: &Plan, of: &[BinaryNode], i: usize) {
+    let next = if i == 0 { 0..of.len().min(AHEAD + 1) } else { i + AHEAD..of.len().min(i + AHEAD + 1) };
+    for node in of.get(next).unwrap_or_default() {
+        plan.references(node).iter().for_each(|r| set.expect(r.id()));
+    }
+    for node in of.iter().skip(i + 1).take(1) {
+        plan.references(node).iter().for_each(|r| set.expect_vertices(r.id()));
+    }
 }

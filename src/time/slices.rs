@@ -1,10 +1,10 @@
 //! Several hierarchies over the same leaf blocks, one for each part of the shutter.
 
-use super::draft::{PRICES, Plan, part_of_shutter};
+use super::draft::{PRICES, Plan, expect, part_of_shutter};
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, Reference, build_binary};
 use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
-use crate::layout::{WideSource, expect};
 use crate::parallel;
+use crate::primitive::PrimitiveSet;
 use crate::simd::huge_vec;
 
 /// The hierarchies and what they share.
@@ -25,7 +25,7 @@ pub(crate) struct Segment {
 
 impl Segments {
     /// Rebuilds the nodes above the leaf blocks of a plan's subtree for `parts` equal parts of the shutter.
-    pub fn build<S: WideSource>(set: &S, plan: &Plan, of: u32, parts: usize) -> Segments {
+    pub fn build<S: PrimitiveSet>(set: &S, plan: &Plan, of: u32, parts: usize) -> Segments {
         let clusters = plan.collapse.leaves(&plan.binary, of);
         let seams: Option<Vec<Vec<Box3>>> = (1..parts).map(|i| seam(set, plan, &clusters, i, parts)).collect();
         let trees = parallel::map(parts, |part| {
@@ -56,7 +56,7 @@ impl Segments {
 ///
 /// Corners move on lines up to their slack, so lines between the boxes at both ends of a part bound them all
 /// the time. The part before ends a little later than this one begins: the boxes hold the corners at both times.
-fn seam<S: WideSource>(set: &S, plan: &Plan, clusters: &[BinaryNode], i: usize, parts: usize) -> Option<Vec<Box3>> {
+fn seam<S: PrimitiveSet>(set: &S, plan: &Plan, clusters: &[BinaryNode], i: usize, parts: usize) -> Option<Vec<Box3>> {
     let over = part_of_shutter(i, parts).intersect(part_of_shutter(i - 1, parts))?;
     if plan.cut || set.ends(plan.references.first()?.id(), over).is_none() {
         return None;
@@ -91,7 +91,7 @@ impl Segment {
 
 /// Bounds of a plan's reference in a part of its time: what the primitive's own bounds in that part and, where it
 /// is cut to a cell, the reference's both hold.
-pub(crate) fn part_bounds<S: WideSource>(set: &S, r: &Reference, plan: &Plan, over: TimeInterval) -> LinearBox3 {
+pub(crate) fn part_bounds<S: PrimitiveSet>(set: &S, r: &Reference, plan: &Plan, over: TimeInterval) -> LinearBox3 {
     let (own, bounds) = (set.bounds(r.id(), over), r.bounds());
     if !plan.cut {
         return own;

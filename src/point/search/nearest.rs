@@ -8,7 +8,8 @@
 
 use super::walk::{keys, unpack};
 use super::{Keep, Observe, kept};
-use crate::point::snapshot::{MAX_LEVELS, NEAR, Target, View};
+use crate::limits::MAX_LEVELS;
+use crate::point::snapshot::{NEAR, Target, View};
 use crate::simd::{LANES, Mask, Simd};
 
 /// The best so far, lane by lane.

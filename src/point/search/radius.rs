@@ -2,7 +2,8 @@
 
 use super::Observe;
 use super::waiting::Waiting;
-use crate::point::snapshot::{MAX_LEVELS, Target, View};
+use crate::limits::MAX_LEVELS;
+use crate::point::snapshot::{Target, View};
 use crate::simd::{Mask, Simd};
 
 use core::ops::ControlFlow;

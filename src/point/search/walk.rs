@@ -6,7 +6,8 @@
 //! distance, so the comparison with the bound masks them away first; what is left never exceeds the
 //! distance.
 
-use crate::point::snapshot::{MAX_LEVELS, Target, View};
+use crate::limits::MAX_LEVELS;
+use crate::point::snapshot::{Target, View};
 use crate::simd::{LANES, Simd};
 
 /// What is done with the bottom nodes that a walk comes to.
