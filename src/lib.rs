@@ -70,9 +70,9 @@ pub use point::{
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
-    PrimitiveError, Shapes, TriangleMesh, Triangles, check_primitive,
+    PrimitiveError, Shapes, SurfacePoint, TriangleMesh, Triangles, check_primitive,
 };
-pub use ray::{Counters, Geometry, Hit, Observer, RayTree};
+pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree};
 pub use simd::SimdLevel;
 
 /// The procedural scenes of the unpublished member `scenes`, as source, so that unit tests see them with this crate's

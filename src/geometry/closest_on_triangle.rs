@@ -145,7 +145,9 @@ mod tests {
             assert!((found.distance_squared.sqrt() - expected).abs() <= allowed, "{near:?} {corners:?} {found:?}");
             let [a, b, c] = corners.map(|p| p.as_dvec3());
             let of_weights = a + (b - a) * found.u + (c - a) * found.v;
-            assert!((of_weights - found.point).length() <= 1e-12 * (1.0 + f64::from(size.max.abs().max_element())) * 1e3);
+            assert!(
+                (of_weights - found.point).length() <= 1e-12 * (1.0 + f64::from(size.max.abs().max_element())) * 1e3
+            );
             assert!(found.u >= 0.0 && found.v >= 0.0 && found.u + found.v <= 1.0 + 1e-12);
             inside += usize::from(found.u > 0.0 && found.v > 0.0 && found.u + found.v < 1.0);
         }

@@ -34,30 +34,23 @@ impl<S: Simd> CornerLanes<S> {
 
     /// Of triangles with corners of their own.
     #[inline(always)]
-    fn own<const MOVING: bool>(
-        s: S,
-        floats: &[f32],
-        (at, n): (usize, usize),
-        between: Between,
-    ) -> CornerLanes<S> {
+    fn own<const MOVING: bool>(s: S, floats: &[f32], (at, n): (usize, usize), between: Between) -> CornerLanes<S> {
         let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
         let rows = Rows::new(floats, n, count);
         let (base, other) = if MOVING { between.rows(CORNER_ROWS) } else { (0, 0) };
         let fraction = s.splat(between.fraction);
-        let mut corners = [[s.splat(0.0); 3]; 3];
+        let [mut first, mut second, mut third] = [[fraction; 3]; 3];
         for axis in 0..3 {
             let [a, b, c] = s.load_thirds(&rows, base + axis);
-            let at = if MOVING {
+            (first[axis], second[axis], third[axis]) = (a, b, c);
+            if MOVING {
                 let [a2, b2, c2] = s.load_thirds(&rows, other + axis);
-                [a + (a2 - a) * fraction, b + (b2 - b) * fraction, c + (c2 - c) * fraction]
-            } else {
-                [a, b, c]
-            };
-            for corner in 0..3 {
-                corners[corner][axis] = at[corner];
+                first[axis] = a + (a2 - a) * fraction;
+                second[axis] = b + (b2 - b) * fraction;
+                third[axis] = c + (c2 - c) * fraction;
             }
         }
-        CornerLanes { corners, count: n, ids: at + count * n }
+        CornerLanes { corners: [first, second, third], count: n, ids: at + count * n }
     }
 
     /// Of triangles that share vertices.
@@ -68,21 +61,18 @@ impl<S: Simd> CornerLanes<S> {
         let (base, other) = if MOVING { between.rows(VERTEX_ROWS) } else { (0, 0) };
         let words = lanes_at(arena.ints(), at + count * n);
         let triangles = shared_count(words[0]);
-        let first = s.load_u(words);
-        let (second, third) = (s.shift_right::<4>(first), s.shift_right::<8>(first));
-        let mut corners = [[s.splat(0.0); 3]; 3];
+        let places = s.load_u(words);
+        let fraction = s.splat(between.fraction);
+        let [mut first, mut second, mut third] = [[fraction; 3]; 3];
         for axis in 0..3 {
             let vertices = s.load_row(&rows, base + axis);
-            let vertices = if MOVING {
-                vertices + (s.load_row(&rows, other + axis) - vertices) * s.splat(between.fraction)
-            } else {
-                vertices
-            };
-            corners[0][axis] = s.permute(vertices, first);
-            corners[1][axis] = s.permute(vertices, second);
-            corners[2][axis] = s.permute(vertices, third);
+            let vertices =
+                if MOVING { vertices + (s.load_row(&rows, other + axis) - vertices) * fraction } else { vertices };
+            first[axis] = s.permute(vertices, places);
+            second[axis] = s.permute(vertices, s.shift_right::<4>(places));
+            third[axis] = s.permute(vertices, s.shift_right::<8>(places));
         }
-        CornerLanes { corners, count: triangles, ids: at + count * n + triangles }
+        CornerLanes { corners: [first, second, third], count: triangles, ids: at + count * n + triangles }
     }
 }
 

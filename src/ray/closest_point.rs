@@ -23,7 +23,7 @@ use super::filter::{Everything, Filter, Visible};
 use super::ray_tree::{Geometry, Layout, RayTree};
 use super::{in_parallel, observer::Observer};
 use crate::geometry::{Frame, ULP, closest_on_triangle};
-use crate::layout::{ChildRef, CornerLanes, Kind, KdTree, KdView, NODE_ROWS, WideSource, WideTree};
+use crate::layout::{ChildRef, CornerLanes, KdTree, KdView, Kind, NODE_ROWS, WideSource, WideTree};
 use crate::limits::{DEPTH_LIMIT, MAX_COORDINATE};
 use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, StackMemory, dispatch, lanes_at};

@@ -1,6 +1,7 @@
 //! Rays that carry their own time, what they hit, and the triangle test.
 
 mod batch_order;
+mod closest_point;
 mod collect;
 mod filter;
 mod hit;
@@ -22,6 +23,8 @@ mod wide_tests;
 
 pub use crate::geometry::Ray;
 pub(crate) use batch_order::{Space, answer_in_order, in_parallel};
+pub(crate) use closest_point::closest_point_of_all;
+pub use closest_point::{ClosestPoint, ClosestPointQuery};
 pub(crate) use filter::{Everything, Filter, Visible};
 pub use hit::Hit;
 pub(crate) use interleave::{Anys, Asks, Batch, Closests};

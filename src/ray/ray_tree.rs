@@ -1,5 +1,6 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
+use super::closest_point::ClosestPointSource;
 use super::intersect::RaySource;
 use super::{
     AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
@@ -25,9 +26,9 @@ use glam::{DVec3, Vec3};
 /// }
 /// ```
 #[allow(private_bounds)] // that is what seals it
-pub trait Geometry: RaySource {}
+pub trait Geometry: RaySource + ClosestPointSource {}
 
-impl<S: RaySource> Geometry for S {}
+impl<S: RaySource + ClosestPointSource> Geometry for S {}
 
 /// Things that move, ready for rays at any time of the shutter.
 ///
@@ -48,10 +49,10 @@ impl<S: RaySource> Geometry for S {}
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
 pub struct RayTree<G = Triangles> {
-    geometry: G,
-    layout: Layout,
+    pub(super) geometry: G,
+    pub(super) layout: Layout,
     statistics: Statistics,
-    simd: SimdLevel,
+    pub(super) simd: SimdLevel,
 }
 
 impl<G> core::fmt::Debug for RayTree<G> {
@@ -61,7 +62,7 @@ impl<G> core::fmt::Debug for RayTree<G> {
 }
 
 /// The arrays that queries walk.
-enum Layout {
+pub(super) enum Layout {
     Wide(WideTree),
     Kd(KdTree),
 }

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod brute_force;
+mod closest_point;
 mod common;
 mod golden;
 mod hairball;
