@@ -66,14 +66,15 @@ pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, Policy};
 pub use point::{
     Approach, KeepAll, KeepIf, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery, NeighborWork, PointError,
-    PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree, WithinIter,
+    PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree, TreePoint, WithinIter,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
     PrimitiveError, Shapes, SurfacePoint, TriangleMesh, Triangles, check_primitive,
 };
-pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree};
+pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree, TreePrimitive};
 pub use simd::SimdLevel;
+pub use traverse::Visitor;
 
 /// The procedural scenes of the unpublished member `scenes`, as source, so that unit tests see them with this crate's
 /// own types.

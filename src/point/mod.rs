@@ -37,6 +37,7 @@ mod static_tree;
 mod stats;
 mod tree;
 mod tree_queries;
+mod visit;
 
 pub use approach::Approach;
 pub use batch::NeighborLists;
@@ -47,3 +48,4 @@ pub use query::{NeighborBuffer, NeighborQuery};
 pub use search::{KeepAll, KeepIf, NeighborWork};
 pub use stats::{PointLayerKind, PointLayerStats, PointStats};
 pub use tree::{PointParams, PointStructure, PointTree};
+pub use visit::TreePoint;

@@ -15,6 +15,7 @@ mod ray_tree;
 mod traverser;
 mod tree_ray;
 mod triangle;
+mod visit;
 mod walk;
 mod wide_traversal;
 
@@ -32,3 +33,4 @@ pub use observer::{Counters, Observer};
 pub(crate) use query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
 pub use ray_tree::{Geometry, RayTree};
 pub(crate) use tree_ray::TreeRay;
+pub use visit::TreePrimitive;

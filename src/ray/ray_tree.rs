@@ -332,10 +332,10 @@ impl RayTree {
         RayTree::of(Triangles::new(meshes)?, params, &Progress::new(Some(progress)))
     }
 
-    /// The corners of the triangle that was hit, at any time, exactly where queries see them. NaN for a hit
-    /// that is not of this tree.
-    pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
-        match self.geometry.id(hit.mesh, hit.primitive) {
+    /// The corners of a triangle of a mesh at any time, exactly where queries see them. NaN where there is no such
+    /// triangle. A time outside `[0, 1]` continues the motion.
+    pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
+        match self.geometry.id(mesh, triangle) {
             Some(id) => {
                 let corners = match &self.layout {
                     Layout::Wide(tree) => tree.corners(&self.geometry, id, time),
@@ -345,6 +345,11 @@ impl RayTree {
             }
             None => [DVec3::NAN; 3],
         }
+    }
+
+    /// The corners of the triangle that was hit, at any time: see [`RayTree::triangle`].
+    pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
+        self.triangle(hit.mesh, hit.primitive, time)
     }
 
     /// The unit normal of the triangle that was hit, at any time: the corners run counter-clockwise as

@@ -1,12 +1,13 @@
 //! The nearest point in a tree equals brute force over the same kernel, bit for bit: every layout, division of the
 //! shutter, instruction set and kind of primitive.
 
+use crate::brute_force::Brick;
 use crate::common::{Random, closed_sphere, grid, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, Geometry, Intersection, LinearBounds,
-    MovingSphere, Policy, Primitive, Ray, RayTree, SimdLevel, SurfacePoint, TimeInterval, TriangleMesh,
+    BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, Geometry,
+    MovingSphere, Policy, Primitive, RayTree, SimdLevel, TimeInterval, TriangleMesh,
     check_primitive,
 };
 use proptest::prelude::*;
@@ -140,36 +141,6 @@ fn points_on_the_surface_are_at_distance_zero() {
     }
 }
 
-/// A caller's own primitive: an axis-aligned box that rises.
-#[derive(Clone)]
-struct Brick {
-    low: DVec3,
-    high: DVec3,
-    rise: f64,
-}
-
-impl Brick {
-    fn at(&self, time: f32) -> Aabb {
-        let up = DVec3::Z * self.rise * f64::from(time);
-        Aabb { min: self.low + up, max: self.high + up }
-    }
-}
-
-impl Primitive for Brick {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        LinearBounds { begin: self.at(over.begin()).pad(1e-7), end: self.at(over.end()).pad(1e-7) }
-    }
-
-    fn intersect(&self, _: &Ray) -> Option<Intersection> {
-        None
-    }
-
-    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        let Aabb { min, max } = self.at(time);
-        Some(SurfacePoint { point: point.clamp(min, max), u: 0.25, v: 0.5 })
-    }
-}
-
 #[test]
 fn spheres_and_the_callers_own_primitives() {
     let mut random = Random(17);
@@ -184,7 +155,7 @@ fn spheres_and_the_callers_own_primitives() {
     let bricks: Vec<Brick> = (0..300)
         .map(|_| {
             let low = (random.vec() * 4.0).round().as_dvec3();
-            Brick { low, high: low + DVec3::ONE, rise: f64::from(random.signed()) * 3.0 }
+            Brick::new(low, f64::from(random.signed()) * 3.0)
         })
         .collect();
     balls.iter().take(30).for_each(|ball| check_primitive(ball, 300).unwrap());
@@ -202,22 +173,6 @@ fn spheres_and_the_callers_own_primitives() {
     let ball = RayTree::of_primitives(vec![MovingSphere::fixed(DVec3::X, 2.0)], &BuildParams::default()).unwrap();
     let distance = |at: DVec3| ball.closest_point(at, 0.0, f32::INFINITY).unwrap().distance;
     assert_eq!((distance(DVec3::X * 4.0), distance(DVec3::ZERO), distance(DVec3::X)), (1.0, 1.0, 2.0));
-}
-
-#[test]
-fn primitives_without_a_nearest_point_take_no_part() {
-    struct Silent;
-    impl Primitive for Silent {
-        fn bounds(&self, _: TimeInterval) -> LinearBounds {
-            let b = Aabb { min: DVec3::ZERO, max: DVec3::ONE };
-            LinearBounds { begin: b, end: b }
-        }
-        fn intersect(&self, _: &Ray) -> Option<Intersection> {
-            None
-        }
-    }
-    let tree = RayTree::of_primitives(vec![Silent], &BuildParams::default()).unwrap();
-    assert_eq!(tree.closest_point(Vec3::ZERO, 0.5, f32::INFINITY), None);
 }
 
 #[test]
