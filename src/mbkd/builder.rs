@@ -9,11 +9,12 @@
 //! references.
 
 use super::distribute::{Children, References};
+use super::kd_tree::{KdNode, KdReference, KdTree};
 use super::reference::{Reference, Source};
 use super::sah::{self, best_split};
+use super::times::BuildTimes;
 use crate::error::BuildError;
 use crate::geometry::{Box3, LinearBox3, Plane};
-use crate::layout::{BuildTimes, KdNode, KdReference, KdTree};
 use crate::limits::MAX_NODES;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::PrimitiveSet;

@@ -39,6 +39,7 @@ mod tree;
 mod tree_queries;
 mod visit;
 
+pub use crate::primitive::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use approach::Approach;
 pub use batch::NeighborLists;
 pub use error::PointError;

@@ -19,14 +19,14 @@
 //! A distance is rounded to f32 before it is compared, so what is farther than the best by less than half a float may be
 //! equal to it, with a lower id. Culling therefore begins one float above the best.
 
-use super::filter::{Everything, Filter, Visible};
-use super::ray_tree::{Geometry, Layout, RayTree};
-use super::{in_parallel, observer::Observer};
+use super::filter::Filter;
+use super::observer::Observer;
 use crate::geometry::{Frame, ULP, closest_on_triangle};
-use crate::layout::{ChildRef, CornerLanes, KdTree, KdView, Kind, NODE_ROWS, WideSource, WideTree};
+use crate::layout::{ChildRef, CornerLanes, Kind, NODE_ROWS, WideSource, WideTree};
 use crate::limits::{DEPTH_LIMIT, MAX_COORDINATE};
+use crate::mbkd::{KdTree, KdView};
 use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
-use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, StackMemory, dispatch, lanes_at};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, lanes_at};
 use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal, children_of};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
@@ -112,6 +112,7 @@ impl<P: Primitive> ClosestPointSource for Shapes<P> {
 pub(crate) struct Query {
     point: DVec3,
     time: f32,
+    max_distance: f32,
     frame: Frame,
     /// The point in tree space.
     inside: DVec3,
@@ -121,12 +122,17 @@ pub(crate) struct Query {
 }
 
 impl Query {
-    fn new(query: &ClosestPointQuery, frame: Frame) -> Query {
+    /// Nothing for a query that means nothing.
+    fn new(query: &ClosestPointQuery, frame: Frame) -> Option<Query> {
+        if !query.is_valid() {
+            return None;
+        }
         let inside = (query.point - frame.origin) * frame.scale;
         // The difference is rounded in f64, and conversion goes to the nearest f32: a float down holds both.
         let nearest = inside.as_vec3();
         let (low, high) = (nearest.map(f32::next_down), nearest.map(f32::next_up));
-        Query { point: query.point, time: query.time, frame, inside, low, high }
+        let &ClosestPointQuery { point, time, max_distance } = query;
+        Some(Query { point, time, max_distance, frame, inside, low, high })
     }
 
     /// The nearest point of a triangle with these corners in tree space.
@@ -405,119 +411,52 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
     }
 }
 
+/// The best answer before anything was looked at.
+fn begin<'a, G, F>(set: &'a G, query: &'a Query, filter: &'a F) -> Best<'a, G, F> {
+    Best { set, filter, query, found: None, limit: query.max_distance }
+}
+
+/// The nearest point in the wide layout.
+pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
+    simd: SimdLevel,
+    tree: &WideTree,
+    set: &G,
+    query: &ClosestPointQuery,
+    filter: &impl Filter<ClosestPoint>,
+    observer: &mut impl Observer,
+) -> Option<ClosestPoint> {
+    let query = Query::new(query, set.frame())?;
+    let mut best = begin(set, &query, filter);
+    dispatch(simd, Wide { tree, best: &mut best, observer });
+    best.finish()
+}
+
+/// The nearest point in the k-d layout.
+pub(super) fn closest_point_in_kd<G: ClosestPointSource>(
+    tree: &KdTree,
+    set: &G,
+    query: &ClosestPointQuery,
+    filter: &impl Filter<ClosestPoint>,
+    observer: &mut impl Observer,
+) -> Option<ClosestPoint> {
+    let query = Query::new(query, set.frame())?;
+    let mut best = begin(set, &query, filter);
+    search_kd(tree, &mut best, observer);
+    best.finish()
+}
+
 /// The nearest point by asking every primitive of a set: what all layouts must agree with.
-pub(crate) fn closest_point_of_all<G: Geometry>(
+pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
     set: &G,
     query: &ClosestPointQuery,
     filter: &impl Filter<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    if !query.is_valid() {
-        return None;
-    }
-    let inner = Query::new(query, set.frame());
-    let mut best = Best { set, filter, query: &inner, found: None, limit: query.max_distance };
+    let query = Query::new(query, set.frame())?;
+    let mut best = begin(set, &query, filter);
     for id in 0..set.len() as u32 {
-        if let Some(candidate) = set.closest_point(id, &inner) {
+        if let Some(candidate) = set.closest_point(id, &query) {
             best.offer(candidate, id);
         }
     }
     best.finish()
-}
-
-impl<G: Geometry> RayTree<G> {
-    fn closest_point_by(
-        &self,
-        query: &ClosestPointQuery,
-        filter: &impl Filter<ClosestPoint>,
-        observer: &mut impl Observer,
-    ) -> Option<ClosestPoint> {
-        if !query.is_valid() {
-            return None;
-        }
-        let inner = Query::new(query, self.geometry.frame());
-        let mut best = Best { set: &self.geometry, filter, query: &inner, found: None, limit: query.max_distance };
-        match &self.layout {
-            Layout::Wide(tree) => dispatch(self.simd, Wide { tree, best: &mut best, observer }),
-            Layout::Kd(tree) => search_kd(tree, &mut best, observer),
-        }
-        best.finish()
-    }
-
-    /// The nearest point on anything in the tree at a time of the shutter, if it is no farther than `max_distance`
-    /// (infinity is fine): how far, where, and on which primitive; of several at the same distance (as an f32) the one
-    /// on the lowest (mesh, primitive). `point` is a `Vec3` or `DVec3` in world coordinates.
-    ///
-    /// Triangles are surfaces, those without area points and segments, and [`MovingSphere`](crate::MovingSphere)s are
-    /// surfaces too: from inside, the nearest point is on the skin. The caller's own primitives take part if they implement
-    /// [`Primitive::closest_point`].
-    ///
-    /// Answers are exact in the sense of [`BruteForce::closest_point`](crate::baseline::BruteForce::closest_point): the same
-    /// bits as from asking each primitive. The distance from a triangle is computed in f64 and rounded to f32; it is never
-    /// too small, and too large by less than 2e-8 of the triangle's longest edge.
-    ///
-    /// Returns `None` for a point that is NaN, infinite or beyond
-    /// [`MAX_COORDINATE`](crate::MAX_COORDINATE), a time outside `[0, 1]`, and a `max_distance` that is negative or NaN.
-    ///
-    /// Takes O(log n) for points near the surface; from very far away (1e19 scene sizes) nothing can be told apart and
-    /// every primitive is looked at. After Ericson, *Real-Time Collision Detection*, section 5.1.5.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
-    /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
-    /// let close = open.iter().map(|p| p + Vec3::Z).collect();
-    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
-    /// let near = tree.closest_point(Vec3::new(0.25, 0.5, 3.0), 0.5, f32::INFINITY).unwrap();
-    /// assert_eq!((near.distance, near.point), (2.5, DVec3::new(0.25, 0.5, 0.5)));
-    /// assert_eq!((near.mesh, near.primitive, near.u, near.v), (0, 0, 0.25, 0.5));
-    /// assert_eq!(tree.closest_point(Vec3::new(0.25, 0.5, 3.0), 0.5, 2.0), None);
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<ClosestPoint> {
-        let query = ClosestPointQuery { point: point.into(), time, max_distance };
-        self.closest_point_by(&query, &Everything, &mut ())
-    }
-
-    /// [`RayTree::closest_point`] among the points that `accept` accepts, on meshes whose
-    /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure: it is asked about some points
-    /// only.
-    pub fn closest_point_filtered(
-        &self,
-        query: &ClosestPointQuery,
-        mask: u32,
-        accept: impl Fn(&ClosestPoint) -> bool,
-    ) -> Option<ClosestPoint> {
-        self.closest_point_by(query, &Visible { mask, accept }, &mut ())
-    }
-
-    /// [`RayTree::closest_point`], telling `observer` what it does.
-    pub fn closest_point_observed(
-        &self,
-        query: &ClosestPointQuery,
-        observer: &mut impl Observer,
-    ) -> Option<ClosestPoint> {
-        self.closest_point_by(query, &Everything, observer)
-    }
-
-    /// [`RayTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
-    /// order.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
-    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
-    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
-    /// let queries = [1.0, 3.0].map(|z| ClosestPointQuery::new(Vec3::Z * z, 0.0).within(2.0));
-    /// let mut answers = Vec::new();
-    /// tree.closest_points(&queries, &mut answers);
-    /// assert_eq!(answers.iter().map(Option::is_some).collect::<Vec<_>>(), [true, false]);
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<ClosestPoint>>) {
-        answers.clear();
-        answers.resize(queries.len(), None);
-        in_parallel(queries, answers, |queries: &[ClosestPointQuery], answers: &mut [Option<ClosestPoint>]| {
-            for (query, answer) in queries.iter().zip(answers) {
-                *answer = self.closest_point_by(query, &Everything, &mut ());
-            }
-        });
-    }
 }

@@ -2,7 +2,8 @@
 
 use super::ray_tree::{Geometry, Layout, RayTree};
 use crate::geometry::{Aabb, Box3, Frame, KeyTime, ULP};
-use crate::layout::{ChildRef, KdTree, KdView, Kind, WideTree};
+use crate::layout::{ChildRef, Kind, WideTree};
+use crate::mbkd::{KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 use crate::traverse::{Hierarchy, Visitor, traverse};
 use core::ops::ControlFlow;

@@ -6,9 +6,8 @@ use crate::common::{Random, closed_sphere, grid, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, Geometry,
-    MovingSphere, Policy, Primitive, RayTree, SimdLevel, TimeInterval, TriangleMesh,
-    check_primitive,
+    BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, Geometry, MovingSphere, Policy, Primitive,
+    RayTree, SimdLevel, TimeInterval, TriangleMesh, check_primitive,
 };
 use proptest::prelude::*;
 
