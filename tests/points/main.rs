@@ -5,3 +5,4 @@ mod api;
 mod exact;
 mod property;
 mod support;
+mod visitors;

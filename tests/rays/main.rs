@@ -8,4 +8,5 @@ mod golden;
 mod hairball;
 mod metamorphic;
 mod scenes;
+mod visitors;
 mod watertight;
