@@ -40,7 +40,7 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     if references.len() == 0 {
         root = Box3 { min: glam::Vec3::ZERO, max: glam::Vec3::ZERO };
     }
-    let root = root.pad(1e-5);
+    let root = root.pad(1e-5 * root.magnitude());
     let cell = LinearBox3 { begin: root, end: root };
     for r in &mut references.normal {
         r.part = source.part(r, cell);
