@@ -2,7 +2,10 @@
 
 #[cfg(feature = "rayon")]
 mod api;
+mod approximate;
 mod exact;
+mod fickle;
+mod outliers;
 mod property;
 mod support;
 mod visitors;
