@@ -9,7 +9,7 @@
 use super::binning::HALF;
 use super::builder::mean_half_area;
 use super::reference::{Packed, Reference};
-use crate::geometry::{Ends, LinearBox3, ULP};
+use crate::geometry::{Box3, Ends, LinearBox3, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 
@@ -17,14 +17,14 @@ use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 const BINS: usize = 8;
 
 /// Only references whose motion is at most this part of their length are cut.
-const STEADY: f32 = 0.6;
+const MAX_MOTION_RATIO: f32 = 0.6;
 
 /// A part must save at least this times the area of an average reference: it costs memory and a test.
-const PRICE: f32 = 0.2;
+const MIN_SAVING: f32 = 0.2;
 
 /// The area that is left when nothing can be gained, in areas of the triangle: about that of a triangle in
 /// random position.
-const FULL: f32 = 4.0;
+const LEAST_AREA: f32 = 4.0;
 
 /// Evenly spaced planes across a reference.
 #[derive(Clone, Copy)]
@@ -43,7 +43,12 @@ impl Planes {
         let (b, e) = (&bounds.begin, &bounds.end);
         let motion = (e.min[axis] - b.min[axis]).abs().max((e.max[axis] - b.max[axis]).abs());
         let width = extent[axis] / parts as f32;
-        (width > 4.0 * ULP && motion <= STEADY * extent[axis]).then_some(Planes { axis, low: middle.min[axis], width })
+        let magnitude = middle.min[axis].abs().max(middle.max[axis].abs());
+        (width > 4.0 * ULP * magnitude && motion <= MAX_MOTION_RATIO * extent[axis]).then_some(Planes {
+            axis,
+            low: middle.min[axis],
+            width,
+        })
     }
 
     /// The plane below part `k`.
@@ -58,7 +63,7 @@ impl Planes {
 ///
 /// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
 /// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
-pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
+pub(crate) fn presplit(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
     let n = references.len();
     let (gains, least) = gains(references, &ends);
     let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
@@ -121,7 +126,7 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
     let area = |r: &Reference| f64::from(mean_half_area(&r.bounds()));
     let areas = parallel::chunks(references.len(), |range| references[range].iter().map(area).sum::<f64>());
     let total = areas.into_iter().fold(0.0, |a, b| a + b);
-    let least = (f64::from(PRICE) * total / references.len().max(1) as f64) as f32;
+    let least = (f64::from(MIN_SAVING) * total / references.len().max(1) as f64) as f32;
     // More than nothing also where no reference has an area.
     let enough = worth(2, least).max(f32::MIN_POSITIVE);
     let gains = parallel::chunks(references.len(), |range| {
@@ -134,7 +139,7 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
                 && Planes::across(&bounds, BINS).is_some()
                 && let Some(ends) = ends(r.id())
             {
-                let saved = area - FULL * ends.area();
+                let saved = area - LEAST_AREA * ends.area();
                 if saved >= enough {
                     gains.push(Gain { at, saved });
                 }
@@ -191,8 +196,8 @@ fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
 ///   interval includes all in between. Of these, p and q are corners, and one that comes into the plane is in both
 ///   bins beside it already.
 ///
-/// The points are computed with three roundings at sizes of at most 2 (8 ULP cover them), and the kernel's
-/// corners stray from the lines by `slack`.
+/// The points are computed with three roundings at sizes of at most twice the largest coordinate (8 ULP of it cover
+/// them), and the kernel's corners stray from the lines by `slack`.
 struct Chop<'a> {
     ends: &'a Ends,
     /// What holds the triangle, or the part of it that is to be cut.
@@ -235,7 +240,9 @@ impl Kernel for Chop<'_> {
         }
         let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
         // Toward the outside is down in every lane. Of each face the whole's is taken where it is tighter on average.
-        let (pad, whole, other) = (s.splat(ends.slack + 8.0 * ULP), s.load(&whole.0), s.load_u(&OTHER_END));
+        let magnitude = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include).magnitude();
+        let pad = s.splat(ends.slack + 8.0 * ULP * magnitude);
+        let (whole, other) = (s.load(&whole.0), s.load_u(&OTHER_END));
         let mean = whole + s.permute(whole, other);
         let mut below = nothing;
         for (k, part) in parts.iter_mut().enumerate().take(BINS) {
@@ -264,7 +271,6 @@ const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Box3;
     use glam::Vec3;
 
     fn random(state: &mut u64) -> f32 {
@@ -292,7 +298,7 @@ mod tests {
             .collect();
         for (budget, least) in [(1.0, 1000), (1.2, 1120), (3.0, 1300)] {
             let mut parts = references.clone();
-            cut(&mut parts, |i| Some(again(i)), budget);
+            presplit(&mut parts, |i| Some(again(i)), budget);
             assert!(parts.len() as f32 <= 1000.0 * budget && parts.len() >= least, "{budget}: {}", parts.len());
             let of = |long: bool| parts.iter().filter(|r| (r.id() % 10 == 0) == long).count();
             assert!(budget == 1.0 || of(true) > 2 * 100 && of(false) < 2 * 900);
@@ -309,12 +315,12 @@ mod tests {
         let boxed = |i: u32| line(i).begin.into_iter().fold(Box3::EMPTY, Box3::include);
         let mut lines: Vec<Reference> =
             (0..100).map(|i| Reference::new(LinearBox3 { begin: boxed(i), end: boxed(i) }, i)).collect();
-        cut(&mut lines, |i| Some(line(i)), 3.0);
+        presplit(&mut lines, |i| Some(line(i)), 3.0);
         assert_eq!(lines.len(), 100);
         let mut uncut = references.clone();
-        cut(&mut uncut, |_| None, 3.0);
+        presplit(&mut uncut, |_| None, 3.0);
         assert_eq!(uncut.len(), 1000);
-        cut(&mut Vec::new(), |_| None, 3.0);
+        presplit(&mut Vec::new(), |_| None, 3.0);
     }
 
     #[test]

@@ -9,11 +9,12 @@
 //! references.
 
 use super::distribute::{Children, References};
+use super::kd_tree::{KdNode, KdReference, KdTree};
 use super::reference::{Reference, Source};
 use super::sah::{self, best_split};
+use super::times::BuildTimes;
 use crate::error::BuildError;
 use crate::geometry::{Box3, LinearBox3, Plane};
-use crate::layout::{BuildTimes, KdNode, KdReference, KdTree};
 use crate::limits::MAX_NODES;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::PrimitiveSet;
@@ -39,7 +40,7 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     if references.len() == 0 {
         root = Box3 { min: glam::Vec3::ZERO, max: glam::Vec3::ZERO };
     }
-    let root = root.pad(1e-5);
+    let root = root.pad(1e-5 * root.magnitude());
     let cell = LinearBox3 { begin: root, end: root };
     for r in &mut references.normal {
         r.part = source.part(r, cell);

@@ -1,6 +1,5 @@
 //! Points that move far relative to their neighbours.
 
-use super::linear_bounds::Span;
 use super::moving_reference::{Mover, Part};
 use super::order::{Item, order};
 use crate::simd::LANES;
@@ -32,8 +31,7 @@ pub(super) fn mark_fast(movers: &mut [Mover], part: &Part) {
         });
         for (lane, item) in leaf.iter().enumerate() {
             let m = &mut movers[item.index as usize];
-            let Span { range, .. } = m.span(part);
-            let far = (0..3).map(|a| (way[a][lane] - usual[a]).abs()).fold(0.0, f64::max) * (range[1] - range[0]);
+            let far = (0..3).map(|a| (way[a][lane] - usual[a]).abs()).fold(0.0, f64::max) * m.span(part).duration();
             m.cut = far > FAST * size;
         }
     }

@@ -59,7 +59,6 @@ pub(super) struct Assembly {
     blocks: Vec<Block>,
     block_times: Vec<Times>,
     lives: Vec<Times>,
-    magnitude: f32,
     references: usize,
 }
 
@@ -71,10 +70,10 @@ struct Level {
 }
 
 impl Assembly {
-    /// An empty tree of `levels` levels for points whose coordinates are at most `magnitude`.
-    pub(super) fn new(levels: usize, magnitude: f32) -> Assembly {
+    /// An empty tree of `levels` levels.
+    pub(super) fn new(levels: usize) -> Assembly {
         let levels = (0..levels).map(|_| Level::default()).collect();
-        Assembly { levels, blocks: Vec::new(), block_times: Vec::new(), lives: Vec::new(), magnitude, references: 0 }
+        Assembly { levels, blocks: Vec::new(), block_times: Vec::new(), lives: Vec::new(), references: 0 }
     }
 
     /// Number of the next node of a level, or of the next block for the level below 0.
@@ -86,7 +85,7 @@ impl Assembly {
     pub(super) fn leaf(&mut self, part: &Part, movers: &[Mover]) -> Hull {
         let (mut block, mut times) = (EMPTY, NEVER);
         self.references += movers.len();
-        let hull = fill(&mut block, &mut times, part, movers.iter(), self.magnitude);
+        let hull = fill(&mut block, &mut times, part, movers.iter());
         self.blocks.push(block);
         self.block_times.push(times);
         self.lives.push(lives(movers.iter()));
@@ -126,13 +125,7 @@ impl Assembly {
 }
 
 /// Writes the rows of a block and returns its hull.
-fn fill<'a>(
-    block: &mut Block,
-    times: &mut Times,
-    part: &Part,
-    movers: impl Iterator<Item = &'a Mover>,
-    magnitude: f32,
-) -> Hull {
+fn fill<'a>(block: &mut Block, times: &mut Times, part: &Part, movers: impl Iterator<Item = &'a Mover>) -> Hull {
     let mut spans = [Span::default(); LANES];
     let mut count = 0;
     for (lane, mover) in movers.enumerate() {
@@ -145,7 +138,7 @@ fn fill<'a>(
         [times.begin[lane], times.end[lane]] = spans[lane].times;
         count += 1;
     }
-    Hull::of_points(&spans[..count], magnitude)
+    Hull::of_points(&spans[..count])
 }
 
 /// The rows of whole lives of a block.
@@ -163,11 +156,6 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[Hull]) {
         node.set(lane, child);
         [times.begin[lane], times.end[lane]] = child.times;
     }
-}
-
-/// The largest magnitude of a coordinate.
-pub(super) fn magnitude(movers: &[Mover]) -> f32 {
-    movers.iter().flat_map(|m| m.open.iter().chain(&m.close)).fold(0.0, |most, x| x.abs().max(most))
 }
 
 impl MovingTree {
@@ -190,9 +178,8 @@ impl MovingTree {
         let count = movers.len().div_ceil(LANES);
         let mut blocks = huge_vec_of(EMPTY, count);
         let mut block_times = vec![NEVER; if timed { count } else { 0 }];
-        let most = magnitude(movers);
         let mut hulls: Vec<Option<Hull>> = vec![None; count];
-        let job = Fill { movers, part: &part, magnitude: most };
+        let job = Fill { movers, part: &part };
         job.blocks(&items, &mut blocks, &mut block_times, &mut hulls);
         let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
         let of_block = |items: &[Item]| lives(items.iter().map(|item| &movers[item.index as usize]));
@@ -278,7 +265,6 @@ impl MovingTree {
 struct Fill<'a> {
     movers: &'a [Mover],
     part: &'a Part,
-    magnitude: f32,
 }
 
 impl Fill<'_> {
@@ -299,7 +285,7 @@ impl Fill<'_> {
             let mut unused = NEVER;
             let times = times.get_mut(i).unwrap_or(&mut unused);
             let movers = items.iter().map(|item| &self.movers[item.index as usize]);
-            hulls[i] = Some(fill(block, times, self.part, movers, self.magnitude));
+            hulls[i] = Some(fill(block, times, self.part, movers));
         }
     }
 }
@@ -324,6 +310,17 @@ fn counting<S: Simd>(s: S, times: &Times, time: S::F) -> Mask {
 fn line<S: Simd>(s: S, at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3], phase: S::F) -> [S::F; 3] {
     let ([x, y, z], [by_x, by_y, by_z]) = (rows(s, at), rows(s, slope));
     [x + by_x * phase, y + by_y * phase, z + by_z * phase]
+}
+
+impl<const TIMED: bool> MovingView<'_, TIMED> {
+    /// Where the points of a block are, whether they count at this time or not.
+    #[inline(always)]
+    fn interpolated<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+        let Block { open, close, .. } = &self.tree.blocks[block];
+        let base = rows(s, if self.at.from_end { close } else { open });
+        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
+        [base[0] + (bx - ax) * target.step, base[1] + (by - ay) * target.step, base[2] + (bz - az) * target.step]
+    }
 }
 
 impl<const TIMED: bool> View for MovingView<'_, TIMED> {
@@ -371,18 +368,33 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let Block { open, close, .. } = &self.tree.blocks[block];
-        let base = rows(s, if self.at.from_end { close } else { open });
-        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
-        let x = (base[0] + (bx - ax) * target.step) - target.point[0];
-        let y = (base[1] + (by - ay) * target.step) - target.point[1];
-        let z = (base[2] + (bz - az) * target.step) - target.point[2];
-        let distances = squared::<S>(x, y, z);
+        let [x, y, z] = self.interpolated(s, target, block);
+        let distances = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
         if !TIMED {
             return distances;
         }
         let counting = counting(s, &self.tree.block_times[block], target.time);
         s.select(counting, distances, s.splat(f32::INFINITY))
+    }
+    #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        let boxes = &self.tree.nodes[node];
+        let mut lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
+        let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
+        if TIMED {
+            let counting = counting(s, &self.tree.node_times[node], target.time);
+            lo[0] = s.select(counting, lo[0], s.splat(f32::INFINITY));
+        }
+        (lo, hi)
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+        let mut at = self.interpolated(s, target, block);
+        if TIMED {
+            let counting = counting(s, &self.tree.block_times[block], target.time);
+            at[0] = s.select(counting, at[0], s.splat(f32::INFINITY));
+        }
+        at
     }
     #[inline(always)]
     fn expect_node(&self, node: usize) {
@@ -425,6 +437,15 @@ impl Boxed for MovingTree {
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         self.nodes[node].faces(phase)
+    }
+    fn faces_at(&self, node: usize, phase: f32) -> [[Lanes<f32>; 3]; 2] {
+        let LinearBoxes { lo, lo_slope, hi, hi_slope } = &self.nodes[node];
+        [(lo, lo_slope), (hi, hi_slope)].map(|(at, slope)| {
+            core::array::from_fn(|axis| core::array::from_fn(|lane| at[axis][lane] + slope[axis][lane] * phase))
+        })
+    }
+    fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.block_times.get(block).is_none_or(|times| times.begin[lane] <= time && time < times.end[lane])
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let rows = &self.blocks[block];

@@ -9,7 +9,7 @@
 
 use super::linear_bounds::Hull;
 use super::moving_reference::{Mover, Part};
-use super::moving_tree::{Assembly, MovingTree, magnitude};
+use super::moving_tree::{Assembly, MovingTree};
 use super::order::{Item, widest_axis};
 use super::select::select;
 use crate::geometry::{Line, Plane, TimeInterval};
@@ -31,7 +31,7 @@ pub(super) fn build(movers: Vec<Mover>, part: Part, references: f32) -> MovingTr
     }
     let middle = f64::from(part.phase(part.middle()));
     let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
-    let mut cutter = Cutter { part, middle, tree: Assembly::new(levels, magnitude(&movers)) };
+    let mut cutter = Cutter { part, middle, tree: Assembly::new(levels) };
     let spare = most - movers.len();
     cutter.node(movers, levels - 1, room, spare);
     cutter.tree.finish(part, true, mortal)

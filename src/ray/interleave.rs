@@ -11,10 +11,11 @@ use super::hit::Hit;
 use super::intersect::RaySource;
 use super::traverser::Scene;
 use super::tree_ray::TreeRay;
-use super::wide_traversal::{Forms, Journey, StackOf};
+use super::wide_traversal::{Forms, RayQuery};
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, WideTree};
 use crate::simd::{Kernel, Simd};
+use crate::traverse::{Cursor, StackOf, WideTraversal};
 
 /// Rays on their way at the same time.
 const GROUP: usize = 8;
@@ -29,10 +30,10 @@ pub(crate) trait Asks {
     type Collect: Collect;
     /// Whether blocks are visited from near to far.
     const ORDERED: bool = Self::Collect::ORDERED;
-    /// A collector for hits up to a distance.
-    fn collect(t_max: f32) -> Self::Collect;
+    /// A collector for a ray's hits.
+    fn collect(ray: &TreeRay) -> Self::Collect;
     /// The answer, once the ray is through.
-    fn answer(collect: &Self::Collect, set: &impl RaySource, ray: &TreeRay) -> Self::Answer;
+    fn answer(collect: &Self::Collect, set: &impl RaySource) -> Self::Answer;
 }
 
 type Accept = fn(&Found) -> bool;
@@ -50,13 +51,13 @@ impl Asks for Closests {
     type Collect = Closest<Accept>;
 
     #[inline(always)]
-    fn collect(t_max: f32) -> Closest<Accept> {
-        Closest { t_max, best: None, accept }
+    fn collect(ray: &TreeRay) -> Closest<Accept> {
+        Closest { t_max: ray.t_max, reach: ray.end, best: None, accept }
     }
 
     #[inline(always)]
-    fn answer(collect: &Closest<Accept>, set: &impl RaySource, ray: &TreeRay) -> Option<Hit> {
-        collect.best.map(|found| ray.answer(found.hit, set.name(found.id)))
+    fn answer(collect: &Closest<Accept>, set: &impl RaySource) -> Option<Hit> {
+        collect.best.map(|found| found.hit.answer(set.name(found.id)))
     }
 }
 
@@ -69,12 +70,12 @@ impl Asks for Anys {
     type Collect = Any<Accept>;
 
     #[inline(always)]
-    fn collect(t_max: f32) -> Any<Accept> {
-        Any { t_max, found: false, accept }
+    fn collect(ray: &TreeRay) -> Any<Accept> {
+        Any { t_max: ray.t_max, reach: ray.end, found: false, accept }
     }
 
     #[inline(always)]
-    fn answer(collect: &Any<Accept>, _: &impl RaySource, _: &TreeRay) -> bool {
+    fn answer(collect: &Any<Accept>, _: &impl RaySource) -> bool {
         collect.found
     }
 }
@@ -94,7 +95,7 @@ struct Turn<'a, C> {
     index: usize,
     ray: TreeRay,
     forms: Forms,
-    journey: Journey<'a>,
+    cursor: Cursor<'a>,
     collect: C,
 }
 
@@ -107,29 +108,32 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
         if tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &tree.arena, set, filter: &Everything, ahead: false };
+        let scene = Scene { arena: &tree.arena, set, filter: &Everything };
+        let traversal = WideTraversal::by_turns(&tree.arena);
         let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, &set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
-            let journey = Journey::new(tree.root, memory.stack(tree.waiting()));
-            let collect = A::collect(ray.t_max);
-            group.push(Turn { index, forms: Forms::new(&ray), ray, journey, collect });
+            let cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
+            let collect = A::collect(&ray);
+            group.push(Turn { index, forms: Forms::new(&ray), ray, cursor, collect });
         }
         while !group.is_empty() {
             let mut i = 0;
             while i < group.len() {
                 let turn = &mut group[i];
-                if scene.advance(s, &turn.ray, &turn.forms, &mut turn.journey, &mut turn.collect, &mut ()) {
-                    scene.arena.prefetch(turn.journey.at.at(), turn.journey.at.lines());
+                let Turn { ray, forms, cursor, collect, .. } = turn;
+                let mut query = RayQuery { scene: &scene, ray, forms, collect, observer: &mut () };
+                if traversal.advance(s, cursor, &mut query).is_continue() {
+                    scene.arena.prefetch(cursor.at.at(), cursor.at.lines());
                     i += 1;
                     continue;
                 }
-                answers[turn.index] = A::answer(&turn.collect, set, &turn.ray);
+                answers[turn.index] = A::answer(&turn.collect, set);
                 match waiting.next() {
                     Some((index, ray)) => {
-                        turn.journey.restart(tree.root);
-                        turn.collect = A::collect(ray.t_max);
+                        turn.cursor.restart(tree.root);
+                        turn.collect = A::collect(&ray);
                         turn.forms = Forms::new(&ray);
                         (turn.index, turn.ray) = (index, ray);
                         i += 1;

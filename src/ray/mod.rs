@@ -1,7 +1,14 @@
-//! Rays that carry their own time, what they hit, and the triangle test.
+//! Rays that carry their own time, and the tree that says what they hit.
+//!
+//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_primitives`] the caller's own primitives
+//! ([`Primitive`](crate::Primitive)); [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
+//! [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 
 mod batch_order;
+mod closest_point;
+mod closest_point_queries;
 mod collect;
+mod compiled;
 mod filter;
 mod hit;
 mod interleave;
@@ -14,18 +21,27 @@ mod ray_tree;
 mod traverser;
 mod tree_ray;
 mod triangle;
+mod visit;
 mod walk;
 mod wide_traversal;
 
 #[cfg(test)]
 mod wide_tests;
 
+pub use crate::error::BuildError;
 pub use crate::geometry::Ray;
+pub use crate::layout::{Statistics, TreeBox, ValidationError};
+pub use crate::params::{BuildParams, Division, Policy};
+pub use crate::primitive::Intersection;
+pub use crate::simd::SimdLevel;
+pub use crate::traverse::Visitor;
 pub(crate) use batch_order::{Space, answer_in_order, in_parallel};
+pub(crate) use closest_point::closest_point_of_all;
+pub use closest_point::{ClosestPoint, ClosestPointQuery};
 pub(crate) use filter::{Everything, Filter, Visible};
 pub use hit::Hit;
-pub(crate) use interleave::{Anys, Asks, Batch, Closests};
+pub(crate) use interleave::{Anys, Asks, Closests};
 pub use observer::{Counters, Observer};
-pub(crate) use query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
 pub use ray_tree::{Geometry, RayTree};
 pub(crate) use tree_ray::TreeRay;
+pub use visit::TreePrimitive;

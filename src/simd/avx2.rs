@@ -1,6 +1,7 @@
 //! Sixteen lanes in two AVX2 registers.
 
-use super::{Kernel, LANES, Lanes, Mask, Rows, Simd};
+use super::instructions::{Kernel, Simd};
+use super::lanes::{LANES, Lanes, Mask, Rows};
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
@@ -331,7 +332,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn swap_lanes_u<const D: usize>(self, a: U) -> U {
-        let lanes: &Lanes<u32> = const { &super::swapped(D & 7) };
+        let lanes: &Lanes<u32> = const { &super::lanes::swapped(D & 7) };
         let lanes = intrinsic!(_mm256_loadu_si256(lanes.as_ptr().cast()));
         let low = intrinsic!(_mm256_permutevar8x32_epi32(a.0, lanes));
         let high = intrinsic!(_mm256_permutevar8x32_epi32(a.1, lanes));
@@ -340,6 +341,10 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn add_u(self, a: U, b: U) -> U {
         U(intrinsic!(_mm256_add_epi32(a.0, b.0)), intrinsic!(_mm256_add_epi32(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn eq_u(self, a: U, b: U) -> Mask {
+        U(intrinsic!(_mm256_cmpeq_epi32(a.0, b.0)), intrinsic!(_mm256_cmpeq_epi32(a.1, b.1))).sign_mask()
     }
     #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {

@@ -1,6 +1,7 @@
 //! Sixteen lanes in plain Rust: the fallback, and the definition that the others are tested against.
 
-use super::{LANES, Lanes, Mask, Rows, Simd};
+use super::instructions::Simd;
+use super::lanes::{LANES, Lanes, Mask, Rows};
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
@@ -241,6 +242,10 @@ impl Simd for Portable {
     #[inline]
     fn add_u(self, a: U, b: U) -> U {
         U(zip(&a.0, &b.0, u32::wrapping_add))
+    }
+    #[inline]
+    fn eq_u(self, a: U, b: U) -> Mask {
+        mask(&a.0, &b.0, |a, b| a == b)
     }
     #[inline]
     fn lt_u(self, a: U, b: U) -> Mask {

@@ -291,10 +291,10 @@ fn counted_work_is_what_it_was() {
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
     ("uniform", PointStructure::Automatic, (5172, 7718)),
-    ("coherent", PointStructure::Linear, (6222, 8651)),
-    ("random", PointStructure::Slabs(4), (5664, 8325)),
-    ("fast few", PointStructure::Mbkd, (174563, 268115)),
-    ("short lives", PointStructure::LifeLevels(2), (9445, 22144)),
+    ("coherent", PointStructure::Linear, (6244, 8659)),
+    ("random", PointStructure::Slabs(4), (5646, 8316)),
+    ("fast few", PointStructure::Mbkd, (159651, 201497)),
+    ("short lives", PointStructure::LifeLevels(2), (9376, 22095)),
 ];
 
 #[test]

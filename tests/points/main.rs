@@ -2,6 +2,12 @@
 
 #[cfg(feature = "rayon")]
 mod api;
+mod approximate;
 mod exact;
+mod fickle;
+#[cfg(feature = "rayon")]
+mod lists;
+mod outliers;
 mod property;
 mod support;
+mod visitors;

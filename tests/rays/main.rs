@@ -1,10 +1,13 @@
 //! Rays against brute force: properties, scenes, bad input, metamorphic relations, counted work.
 
+mod accuracy;
 mod bad_input;
 mod brute_force;
+mod closest_point;
 mod common;
 mod golden;
 mod hairball;
 mod metamorphic;
 mod scenes;
+mod visitors;
 mod watertight;
