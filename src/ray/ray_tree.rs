@@ -82,6 +82,7 @@ impl<G: Geometry> RayTree<G> {
                 (Layout::Kd(tree), statistics)
             }
         };
+        geometry.complaint()?;
         Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best() })
     }
 
