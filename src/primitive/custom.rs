@@ -18,8 +18,9 @@ use glam::DVec3;
 ///   the error of the intersection arithmetic.
 /// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`](crate::MAX_COORDINATE), over every part of the
 ///   shutter, down to a single instant.
-/// - [`intersect`](Primitive::intersect) is pure: the same ray gives the same answer, however often and on
-///   whichever thread it is asked.
+/// - They hold every point that [`closest_point`](Primitive::closest_point) reports at that time, exactly.
+/// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same question gets
+///   the same answer, however often and on whichever thread it is asked.
 ///
 /// A primitive that breaks the contract does no harm to others. Bounds that are no boxes end the build with
 /// [`BuildError::BadBounds`]. Bounds that do not hold what is hit, or that change from one call to the next, lose hits of
@@ -60,6 +61,16 @@ pub trait Primitive: Send + Sync {
     /// An answer outside that range counts as none.
     fn intersect(&self, ray: &Ray) -> Option<Intersection>;
 
+    /// The point of the primitive at `time` that is nearest to `point`, for
+    /// [`RayTree::closest_point`](crate::RayTree::closest_point).
+    ///
+    /// The default is `None`, for all points: then the primitive takes no part in such queries, as if it were not there.
+    /// A point with a NaN counts as none.
+    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+        let _ = (point, time);
+        None
+    }
+
     /// When the primitive exists. The default is the whole shutter.
     fn active(&self) -> TimeInterval {
         TimeInterval::FULL
@@ -74,6 +85,17 @@ pub struct Intersection {
     /// First surface parameter, handed through to [`Hit::u`](crate::Hit::u).
     pub u: f32,
     /// Second surface parameter, handed through to [`Hit::v`](crate::Hit::v).
+    pub v: f32,
+}
+
+/// A point on a primitive, as [`Primitive::closest_point`] reports it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Where it is, in world coordinates.
+    pub point: DVec3,
+    /// First surface parameter, handed through to [`ClosestPoint::u`](crate::ClosestPoint::u).
+    pub u: f32,
+    /// Second surface parameter, handed through to [`ClosestPoint::v`](crate::ClosestPoint::v).
     pub v: f32,
 }
 
