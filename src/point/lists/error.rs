@@ -25,10 +25,8 @@ pub enum ListError {
         /// A point without a radius.
         id: u32,
     },
-    /// The time is outside the shutter [0, 1] or NaN, or the end of an interval before its begin.
+    /// The time is outside the shutter [0, 1] or NaN.
     Time,
-    /// A skin is negative or NaN.
-    Skin,
     /// A period is not a finite number above zero.
     Period {
         /// The axis.
@@ -55,7 +53,6 @@ impl fmt::Display for ListError {
             ListError::Radius { id: None } => f.write_str("the radius is negative or NaN"),
             ListError::MissingRadius { id } => write!(f, "there is no radius for point {id}; give one for each id"),
             ListError::Time => f.write_str("the time is not in [0, 1]"),
-            ListError::Skin => f.write_str("the skin is negative or NaN"),
             ListError::Period { axis } => write!(f, "the period of axis {axis} must be finite and above zero"),
             ListError::FarFromPeriod { axis } => {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
