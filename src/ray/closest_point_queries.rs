@@ -2,9 +2,10 @@
 
 use super::batch_order::in_parallel;
 use super::closest_point::{ClosestPoint, ClosestPointQuery, closest_point_in_kd, closest_point_in_wide};
+use super::compiled::Layout;
 use super::filter::{Everything, Filter, Visible};
 use super::observer::Observer;
-use super::ray_tree::{Geometry, Layout, RayTree};
+use super::ray_tree::{Geometry, RayTree};
 use glam::DVec3;
 
 impl<G: Geometry> RayTree<G> {

@@ -1,6 +1,7 @@
 //! Traversals of the caller's own through a [`RayTree`].
 
-use super::ray_tree::{Geometry, Layout, RayTree};
+use super::compiled::Layout;
+use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::{Aabb, Box3, Frame, KeyTime, ULP};
 use crate::layout::{ChildRef, Kind, WideTree};
 use crate::mbkd::{KdTree, KdView};
