@@ -309,7 +309,9 @@ mod tests {
         let check = |f| check_primitive(&Wrong(ball.clone(), f, AtomicU32::new(1)), 5000);
         assert_eq!(check(|p| p), Ok(()));
         assert!(matches!(check(|p| p * 1.001), Err(PrimitiveError::PointOutsideBounds { .. })));
-        assert!(matches!(check(|p| p * 0.99 + 0.01), Err(PrimitiveError::NotNearest { .. })));
+        // Inside a ball that stands still, so within its bounds at every time.
+        let fixed = Wrong(MovingSphere::fixed(DVec3::ZERO, 1.0), |p| p * 0.5, AtomicU32::new(1));
+        assert!(matches!(check_primitive(&fixed, 5000), Err(PrimitiveError::NotNearest { .. })));
         assert_eq!(check(|_| DVec3::NAN), Ok(()));
         let impure = check_primitive(&Wrong(ball, |p| p, AtomicU32::new(0)), 5000);
         assert!(matches!(impure, Err(PrimitiveError::ImpurePoint { .. })));
