@@ -57,6 +57,21 @@ fn triangles_of_any_shape_and_motion() {
 }
 
 #[test]
+fn small_triangles_beside_large_and_far_ones() {
+    triangles(&["beside a ground", "one outlier"]);
+}
+
+#[test]
+fn rays_from_far_away() {
+    triangles(&["far origins"]);
+}
+
+#[test]
+fn directions_of_any_length() {
+    triangles(&["direction length"]);
+}
+
+#[test]
 fn spheres() {
     let params: Vec<_> = policies().into_iter().map(|(_, p)| p).collect();
     let mut hits = 0;
@@ -71,13 +86,17 @@ fn spheres() {
 }
 
 /// All cases of some families; every structure.
-fn points(families: &[&str]) {
+fn points(families: &[&str], approaches: bool) {
     let list: Vec<PointStructure> = structures().into_iter().map(|(_, s)| s).collect();
     let cases: Vec<PointCase> = point_cases().into_iter().filter(|c| families.contains(&c.name.0)).collect();
     assert!(cases.len() >= families.len());
     for case in &cases {
         let mut random = Random(11);
-        let tallies = compare_approaches(case, &list, 8, &mut random);
+        let tallies = if approaches {
+            compare_approaches(case, &list, 8, &mut random)
+        } else {
+            compare_neighbors(case, &list, 50, &mut random, |_| ())
+        };
         for (tally, (structure, _)) in tallies.unwrap().iter().zip(structures()) {
             let about = format!("{:?}, {structure}: {tally:?}", case.name).chars().take(200).collect::<String>();
             assert!(tally.is_right(), "{about}");
@@ -92,9 +111,27 @@ fn points(families: &[&str]) {
 /// The families whose positions are f32.
 const F32: [&str; 6] = ["scale", "offset", "clusters apart", "one outlier", "speed", "keys"];
 
+/// Those in f64.
+const F64: [&str; 3] = ["f64, offset", "f64, clusters apart", "f64, still, clusters apart"];
+
+#[test]
+fn neighbors_in_f32() {
+    points(&F32, false);
+}
+
+#[test]
+fn neighbors_in_f64() {
+    points(&F64, false);
+}
+
 #[test]
 fn approaches_in_f32() {
-    points(&F32);
+    points(&F32, true);
+}
+
+#[test]
+fn approaches_in_f64() {
+    points(&F64, true);
 }
 
 /// A million rays; with a fault of one triangle they get out.
@@ -104,8 +141,7 @@ fn closed_meshes_do_not_leak() {
     let meshes = closed_meshes(1);
     let each = RAYS.div_ceil(meshes.len() * policies().len());
     let mut shot = 0;
-    // The one beside the widest ground waits for f32 input that keeps every bit.
-    for closed in meshes.iter().filter(|closed| !closed.name.ends_with("1e7")) {
+    for closed in &meshes {
         for (policy, params) in policies() {
             let tree = RayTree::build(&closed.meshes, &params).unwrap();
             let (rays, leaks) = shoot(closed, &tree, each, 9);
@@ -114,7 +150,7 @@ fn closed_meshes_do_not_leak() {
             shot += rays;
         }
     }
-    assert!(shot >= RAYS * 9 / 10, "{shot}");
+    assert!(shot >= RAYS, "{shot}");
 }
 
 #[test]
