@@ -312,6 +312,17 @@ fn line<S: Simd>(s: S, at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3], phase: S::
     [x + by_x * phase, y + by_y * phase, z + by_z * phase]
 }
 
+impl<const TIMED: bool> MovingView<'_, TIMED> {
+    /// Where the points of a block are, whether they count at this time or not.
+    #[inline(always)]
+    fn interpolated<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+        let Block { open, close, .. } = &self.tree.blocks[block];
+        let base = rows(s, if self.at.from_end { close } else { open });
+        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
+        [base[0] + (bx - ax) * target.step, base[1] + (by - ay) * target.step, base[2] + (bz - az) * target.step]
+    }
+}
+
 impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     const BALL: f32 = if TIMED { 0.36 } else { 0.14 };
 
@@ -357,18 +368,33 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let Block { open, close, .. } = &self.tree.blocks[block];
-        let base = rows(s, if self.at.from_end { close } else { open });
-        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
-        let x = (base[0] + (bx - ax) * target.step) - target.point[0];
-        let y = (base[1] + (by - ay) * target.step) - target.point[1];
-        let z = (base[2] + (bz - az) * target.step) - target.point[2];
-        let distances = squared::<S>(x, y, z);
+        let [x, y, z] = self.interpolated(s, target, block);
+        let distances = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
         if !TIMED {
             return distances;
         }
         let counting = counting(s, &self.tree.block_times[block], target.time);
         s.select(counting, distances, s.splat(f32::INFINITY))
+    }
+    #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        let boxes = &self.tree.nodes[node];
+        let mut lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
+        let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
+        if TIMED {
+            let counting = counting(s, &self.tree.node_times[node], target.time);
+            lo[0] = s.select(counting, lo[0], s.splat(f32::INFINITY));
+        }
+        (lo, hi)
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+        let mut at = self.interpolated(s, target, block);
+        if TIMED {
+            let counting = counting(s, &self.tree.block_times[block], target.time);
+            at[0] = s.select(counting, at[0], s.splat(f32::INFINITY));
+        }
+        at
     }
     #[inline(always)]
     fn expect_node(&self, node: usize) {
@@ -411,6 +437,15 @@ impl Boxed for MovingTree {
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         self.nodes[node].faces(phase)
+    }
+    fn faces_at(&self, node: usize, phase: f32) -> [[Lanes<f32>; 3]; 2] {
+        let LinearBoxes { lo, lo_slope, hi, hi_slope } = &self.nodes[node];
+        [(lo, lo_slope), (hi, hi_slope)].map(|(at, slope)| {
+            core::array::from_fn(|axis| core::array::from_fn(|lane| at[axis][lane] + slope[axis][lane] * phase))
+        })
+    }
+    fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.block_times.get(block).is_none_or(|times| times.begin[lane] <= time && time < times.end[lane])
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let rows = &self.blocks[block];

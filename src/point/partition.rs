@@ -39,9 +39,19 @@ impl Layer {
         match self {
             Layer::Still(tree) => LayerView::Still(tree),
             Layer::Moving(parts) => {
-                let last = parts.len() - 1;
-                let tree = &parts[parts.partition_point(|p| p.part().interval.end_bound() <= time).min(last)];
+                let tree = &parts[self.part_at(time)];
                 if tree.timed() { LayerView::Timed(tree.at(time)) } else { LayerView::Moving(tree.at(time)) }
+            }
+        }
+    }
+
+    /// Which of the trees side by side in time answers at a time in [0, 1].
+    #[inline(always)]
+    pub(super) fn part_at(&self, time: f32) -> usize {
+        match self {
+            Layer::Still(_) => 0,
+            Layer::Moving(parts) => {
+                parts.partition_point(|p| p.part().interval.end_bound() <= time).min(parts.len() - 1)
             }
         }
     }

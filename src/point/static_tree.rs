@@ -315,6 +315,18 @@ impl View for &StaticTree {
         squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
     }
     #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        if let Some(node) = self.lower.get(node) {
+            return node.face_rows(s);
+        }
+        let node = &self.upper[node - self.lower.len()];
+        (rows(s, &node.lo), rows(s, &node.hi))
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, _target: &Target<S>, block: usize) -> [S::F; 3] {
+        rows(s, &self.blocks[block].at)
+    }
+    #[inline(always)]
     fn expect_node(&self, node: usize) {
         match self.lower.get(node) {
             Some(node) => prefetch(node),
@@ -357,11 +369,16 @@ impl Boxed for StaticTree {
     }
     #[inline(always)]
     fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let [lo, hi] = match self.node(node) {
+        self.faces_at(node, 0.0).map(|face| face.map(|row| row.map(f64::from)))
+    }
+    fn faces_at(&self, node: usize, _phase: f32) -> [[Lanes<f32>; 3]; 2] {
+        match self.node(node) {
             Node::Bytes(node) => node.all_faces(),
             Node::Floats(node) => [node.lo, node.hi],
-        };
-        [lo.map(|row| row.map(f64::from)), hi.map(|row| row.map(f64::from))]
+        }
+    }
+    fn counts(&self, _block: usize, _lane: usize, _time: f32) -> bool {
+        true
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let block = &self.blocks[block];
