@@ -29,9 +29,15 @@ fn check_rays(name: &(&str, String), policy: &str, tally: &RayTally) {
     assert!(tally.t.worst_ulps() <= ULPS, "{} ulp: {about}", tally.t.worst_ulps());
 }
 
+/// Whether rays begin where the library promises answers: up to 2^32 scene sizes away.
+fn near_enough(case: &RayCase) -> bool {
+    case.away <= 4294967296.0
+}
+
 /// All cases of some families; every policy.
 fn triangles(families: &[&str]) {
-    let cases: Vec<RayCase> = ray_cases().into_iter().filter(|c| families.contains(&c.name.0)).collect();
+    let cases: Vec<RayCase> =
+        ray_cases().into_iter().filter(|c| families.contains(&c.name.0) && near_enough(c)).collect();
     assert!(cases.len() >= families.len());
     let (mut hits, mut well) = (0, 0.0);
     for case in &cases {
@@ -57,6 +63,21 @@ fn triangles_of_any_shape_and_motion() {
 }
 
 #[test]
+fn small_triangles_and_one_far_away() {
+    triangles(&["one outlier"]);
+}
+
+#[test]
+fn rays_from_far_away() {
+    triangles(&["far origins"]);
+}
+
+#[test]
+fn directions_of_any_length() {
+    triangles(&["direction length"]);
+}
+
+#[test]
 fn spheres() {
     let params: Vec<_> = policies().into_iter().map(|(_, p)| p).collect();
     let mut hits = 0;
@@ -71,13 +92,17 @@ fn spheres() {
 }
 
 /// All cases of some families; every structure.
-fn points(families: &[&str]) {
+fn points(families: &[&str], approaches: bool) {
     let list: Vec<PointStructure> = structures().into_iter().map(|(_, s)| s).collect();
     let cases: Vec<PointCase> = point_cases().into_iter().filter(|c| families.contains(&c.name.0)).collect();
     assert!(cases.len() >= families.len());
     for case in &cases {
         let mut random = Random(11);
-        let tallies = compare_approaches(case, &list, 8, &mut random);
+        let tallies = if approaches {
+            compare_approaches(case, &list, 8, &mut random)
+        } else {
+            compare_neighbors(case, &list, 50, &mut random, |_| ())
+        };
         for (tally, (structure, _)) in tallies.unwrap().iter().zip(structures()) {
             let about = format!("{:?}, {structure}: {tally:?}", case.name).chars().take(200).collect::<String>();
             assert!(tally.is_right(), "{about}");
@@ -93,8 +118,13 @@ fn points(families: &[&str]) {
 const F32: [&str; 6] = ["scale", "offset", "clusters apart", "one outlier", "speed", "keys"];
 
 #[test]
+fn neighbors_in_f32() {
+    points(&["scale", "offset"], false);
+}
+
+#[test]
 fn approaches_in_f32() {
-    points(&F32);
+    points(&F32, true);
 }
 
 /// A million rays; with a fault of one triangle they get out.
@@ -104,7 +134,7 @@ fn closed_meshes_do_not_leak() {
     let meshes = closed_meshes(1);
     let each = RAYS.div_ceil(meshes.len() * policies().len());
     let mut shot = 0;
-    // The one beside the widest ground waits for f32 input that keeps every bit.
+    // A triangle 1e7 wide has depths of which an ulp is larger than the ball beside it: that one comes before its walls.
     for closed in meshes.iter().filter(|closed| !closed.name.ends_with("1e7")) {
         for (policy, params) in policies() {
             let tree = RayTree::build(&closed.meshes, &params).unwrap();
