@@ -105,4 +105,34 @@ mod tests {
             assert_eq!(intersect_triangle(&ray, corners), None);
         }
     }
+
+    #[test]
+    fn edges_are_told_exactly_however_near_the_ray_passes() {
+        // The ray is the axis, corners are integers: products of 24 bits, whose differences i64 holds.
+        let mut state = 9u64;
+        let mut next = |bits: u32| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) as i64 % (1 << bits)
+        };
+        let ray = tree_ray(Vec3::ZERO, Vec3::Z);
+        let (mut near, mut inside) = (0, 0);
+        for _ in 0..100_000 {
+            // Two corners on opposite sides of the axis and nearly in a line with it, the third aside.
+            let (x, y) = (next(22) + 1, next(22) - (1 << 21));
+            let b = [x, y];
+            let c = [-x + next(3) - 4, -y + next(3) - 4];
+            let a = [-y / 2, x / 2];
+            let cross = |p: [i64; 2], q: [i64; 2]| p[0] * q[1] - p[1] * q[0];
+            let exact = [cross(c, b), cross(a, c), cross(b, a)];
+            let sum: i64 = exact.iter().sum();
+            let outside = exact.iter().any(|&e| e < 0) && exact.iter().any(|&e| e > 0);
+            let corners = [a, b, c].map(|[x, y]| [x as f32, y as f32, 1.0]);
+            let hit = ray.decide(corners, f32::INFINITY).is_some();
+            assert_eq!(hit, !outside && sum != 0, "{corners:?}");
+            // An edge function within 1e-6 of zero, relative to the sum, and on the wrong side.
+            near += u32::from(outside && exact.iter().any(|&e| e != 0 && (e as f64).abs() < 1e-6 * (sum as f64).abs()));
+            inside += u32::from(hit);
+        }
+        assert!(near > 1000 && inside > 1000, "{near} {inside}");
+    }
 }
