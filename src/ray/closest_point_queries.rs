@@ -28,7 +28,7 @@ impl<G: Geometry> RayTree<G> {
     ///
     /// Triangles are surfaces, those without area points and segments, and [`MovingSphere`](crate::MovingSphere)s are
     /// surfaces too: from inside, the nearest point is on the skin. The caller's own primitives take part if they implement
-    /// [`Primitive::closest_point`].
+    /// [`Primitive::closest_point`](crate::Primitive::closest_point).
     ///
     /// Answers are exact in the sense of [`BruteForce::closest_point`](crate::baseline::BruteForce::closest_point): the same
     /// bits as from asking each primitive. The distance from a triangle is computed in f64 and rounded to f32; it is never
