@@ -1,9 +1,9 @@
-//! The shear that turns a ray into an axis.
+//! The shear of the watertight test ([`super::triangle`]): a ray becomes an axis, and corners move along.
 
 use core::hint::select_unpredictable;
 use glam::Vec3;
 
-/// A ray as the triangle test sees it, along its longest axis.
+/// The shear that turns a ray into an axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sheared {
     /// The ray's longest axis, and the other two.

@@ -7,8 +7,8 @@
 //! ray cannot slip between them. In f64 the products of two f32 are exact and their difference is
 //! rounded once, which keeps the sign; so the test below is watertight.
 //!
-//! The lanes of the wide layout first look at the signs in f32 ([`Sheared`](super::shear::Sheared)): two rounded
-//! products and a rounded difference never have the wrong sign, only sometimes a zero that should not be one. Lanes with
+//! The lanes of the wide layout first look at the signs in f32 ([`Sheared`](super::shear::Sheared)): two rounded products and a
+//! rounded difference never have the wrong sign, only sometimes a zero that should not be one. Lanes with
 //! agreeing signs or a zero go on to the f64 test, which alone decides, so every layout gives the
 //! same answers bit for bit.
 //!
