@@ -31,7 +31,8 @@ use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal, chil
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// The nearest point on anything in a [`RayTree`](crate::RayTree), as its method of that name finds it.
+/// The nearest point on anything in a [`RayTree`](crate::RayTree), as
+/// [`RayTree::closest_point`](crate::RayTree::closest_point) finds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClosestPoint {
     /// How far it is from the query point, rounded to nearest.
@@ -48,7 +49,8 @@ pub struct ClosestPoint {
     pub primitive: u32,
 }
 
-/// A question of [`closest_points`](crate::RayTree::closest_points): what is nearest to `point` at `time`, and no farther than `max_distance`?
+/// A query of [`RayTree::closest_points`](crate::RayTree::closest_points): what is nearest to `point` at `time`, and no
+/// farther than `max_distance`?
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClosestPointQuery {
     /// The point, in world coordinates.
