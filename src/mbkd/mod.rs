@@ -4,9 +4,10 @@
 
 mod builder;
 mod classify;
-mod distribute;
+mod partition;
+mod primitives;
 mod reference;
 mod sah;
 
-pub(crate) use builder::build_kd;
-pub(crate) use classify::classify_point;
+pub(crate) use primitives::build_kd;
+pub(crate) use classify::{Rounding, classify};

@@ -12,8 +12,8 @@ use super::moving_reference::{Mover, Part};
 use super::moving_tree::{Assembly, MovingTree, magnitude};
 use super::order::{Item, widest_axis};
 use super::select::select;
-use crate::geometry::{Line, Plane, TimeInterval};
-use crate::mbkd::classify_point;
+use crate::geometry::{Extent, Line, Plane, TimeInterval};
+use crate::mbkd::{Rounding, classify};
 use crate::simd::LANES;
 
 /// Builds the tree of one part, cutting movers that may be cut, as long as there are at most
@@ -128,7 +128,8 @@ impl Cutter {
         let plane = Plane { axis, position: items[rank].at[axis], velocity: plane_velocity };
         let sides = |m: &Mover| {
             let ends = [m.alive.begin(), m.alive.end()].map(|t| m.at(axis, f64::from(self.part.phase(t))));
-            classify_point(Line { begin: ends[0], end: ends[1] }, m.alive, plane)
+            let line = Line { begin: ends[0], end: ends[1] };
+            classify(Extent { interval: m.alive, lower: line, upper: line }, plane, Rounding::ExactlyOnce)
         };
         let cut: Vec<_> = movers.iter().map(|m| m.cut.then(|| sides(m))).collect();
         let crossing = cut.iter().flatten().filter(|s| s.left.is_some() && s.right.is_some()).count();
