@@ -1,5 +1,6 @@
 //! What can be wrong with the input of a build, said precisely enough to mend it.
 
+use crate::limits::MAX_COORDINATE;
 use core::fmt;
 
 /// Why a tree could not be built. The tree types never panic on bad input: they return this.
@@ -109,14 +110,14 @@ impl fmt::Display for BuildError {
                 write!(
                     f,
                     "mesh {mesh}: vertex {vertex} of key {key} lies beyond {:e}; move or scale the scene",
-                    crate::MAX_COORDINATE
+                    MAX_COORDINATE
                 )
             }
             BuildError::BadBounds { primitive } => {
                 write!(
                     f,
                     "primitive {primitive}: its bounds are NaN, infinite, inverted or beyond {:e}",
-                    crate::MAX_COORDINATE
+                    MAX_COORDINATE
                 )
             }
             BuildError::TooManyPrimitives { found } => {

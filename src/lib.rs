@@ -24,7 +24,6 @@
 //! | `ray` | [`RayTree`]: rays, hits, the watertight triangle test, both traversals |
 //! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
 //! | [`baseline`] | brute force, the reference for everything |
-//! | [`scene`] | deterministic procedural scenes |
 //!
 //! The root of it is "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei).
 //!
@@ -54,7 +53,6 @@ mod point;
 mod primitive;
 mod progress;
 mod ray;
-pub mod scene;
 mod simd;
 mod time;
 
@@ -62,12 +60,11 @@ pub use error::{BuildError, IntervalError};
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
 pub use layout::{Statistics, TreeBox, ValidationError};
-pub use limits::MAX_COORDINATE;
+pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, Policy};
 pub use point::{
-    Approach, KeepAll, KeepIf, MAX_POINT_COORDINATE, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery,
-    NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree,
-    WithinIter,
+    Approach, KeepAll, KeepIf, Neighbor, NeighborBuffer, NeighborLists, NeighborQuery, NeighborWork, PointError,
+    PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure, PointTree, WithinIter,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
@@ -75,6 +72,15 @@ pub use primitive::{
 };
 pub use ray::{Counters, Geometry, Hit, Observer, RayTree};
 pub use simd::SimdLevel;
+
+/// The procedural scenes of the unpublished member `scenes`, as source, so that unit tests see them with this crate's
+/// own types.
+#[cfg(test)]
+extern crate self as engine;
+#[cfg(test)]
+#[allow(dead_code, unused_imports)]
+#[path = "../scenes/src/lib.rs"]
+mod scene;
 
 /// The README's example, compiled as a test.
 #[cfg(doctest)]

@@ -1,4 +1,26 @@
-//! The limits of what the crate takes.
+//! Every limit of what the crate takes and of what its layouts can hold.
 
 /// The largest magnitude a coordinate may have. Beyond it builds return an error.
 pub const MAX_COORDINATE: f64 = 1e30;
+
+/// The largest magnitude of a point's coordinate, relative to the tree's origin: squared distances between
+/// such points fit into f32.
+pub const MAX_POINT_COORDINATE: f64 = 1e18;
+
+/// The most keys of a set of points.
+pub(crate) const MAX_KEYS: usize = 1 << 16;
+
+/// The most slabs of a point tree that can be asked for.
+pub(crate) const MAX_SLABS: usize = 1024;
+
+/// The most slices of the shutter in a wide tree.
+pub(crate) const MOST_PARTS: usize = 16;
+
+/// The deepest a k-d tree may be: the traversal stack holds this many entries.
+pub(crate) const DEPTH_LIMIT: usize = 60;
+
+/// The most nodes of a k-d tree: the right child's index has 30 bits.
+pub(crate) const MAX_NODES: usize = 1 << 30;
+
+/// The most levels of nodes of a point tree: 16^8 leaves are more than 2^32 points fill.
+pub(crate) const MAX_LEVELS: usize = 9;

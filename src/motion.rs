@@ -2,7 +2,7 @@
 //! bounds that hold them.
 
 pub use crate::geometry::{Aabb, LinearBounds, TimeInterval};
-pub use crate::limits::MAX_COORDINATE;
+pub use crate::limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use crate::primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
     PrimitiveError, Shapes, TriangleMesh, Triangles, check_primitive,

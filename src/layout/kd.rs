@@ -5,6 +5,7 @@
 
 use super::statistics::Statistics;
 use crate::geometry::{Box3, Plane, TimeInterval};
+use crate::limits::MAX_NODES;
 use crate::primitive::PrimitiveSet;
 
 /// An inner node or a leaf.
@@ -18,9 +19,6 @@ pub(crate) struct KdNode {
     /// The low two bits are the axis, 3 for a leaf; above them, in an inner node, the right child.
     link: u32,
 }
-
-/// The greatest number of nodes: the right child's index has 30 bits.
-pub(crate) const MAX_NODES: usize = 1 << 30;
 
 /// A node, decoded.
 #[derive(Clone, Copy, Debug, PartialEq)]

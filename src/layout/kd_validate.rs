@@ -4,7 +4,7 @@
 
 use super::kd::{KdTree, KdView};
 use crate::geometry::{Box3, TimeInterval, ULP};
-use crate::params::DEPTH_LIMIT;
+use crate::limits::DEPTH_LIMIT;
 use crate::primitive::PrimitiveSet;
 use core::fmt;
 

@@ -27,7 +27,7 @@ mod wide_tree;
 mod wide_validate;
 mod write;
 
-pub(crate) use kd::{KdNode, KdReference, KdTree, KdView, MAX_NODES};
+pub(crate) use kd::{KdNode, KdReference, KdTree, KdView};
 pub use kd_validate::ValidationError;
 pub(crate) use leaf_block::WideSource;
 pub(crate) use statistics::BuildTimes;

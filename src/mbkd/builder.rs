@@ -11,9 +11,9 @@
 
 use super::partition::{Children, References};
 use super::reference::{Moving, Reference};
-use crate::error::BuildError;
 use crate::geometry::{Box3, LinearBox3, Plane};
-use crate::layout::{BuildTimes, KdNode, KdReference, KdTree, MAX_NODES};
+use crate::layout::{BuildTimes, KdNode, KdReference, KdTree};
+use crate::limits::MAX_NODES;
 use crate::parallel;
 use crate::progress::Progress;
 use std::time::Instant;
@@ -34,14 +34,15 @@ pub(crate) struct Budget {
     pub propagated_vote: bool,
 }
 
-/// Builds a k-d tree over things, of which these are the references, and `root` holds all at every time.
+/// Builds a k-d tree over things, of which these are the references, and `root` holds all at every time. What is built
+/// means nothing after the caller has cancelled the build, or where it exceeds the limits of the layout.
 pub(crate) fn build<M: Moving>(
     things: &M,
     references: Vec<Reference<M::Bounds>>,
     root: Box3,
     budget: Budget,
     progress: &Progress,
-) -> Result<(KdTree, BuildTimes), BuildError> {
+) -> (KdTree, BuildTimes) {
     let builder = Builder { things, budget, progress };
     let node = Node {
         cell: LinearBox3 { begin: root, end: root },
@@ -52,15 +53,9 @@ pub(crate) fn build<M: Moving>(
     };
     let mut out = Output::default();
     builder.build(node, &mut out);
-    if progress.cancelled() {
-        return Err(BuildError::Cancelled);
-    }
-    if out.nodes.len() > MAX_NODES || out.references.len() > u32::MAX as usize {
-        return Err(BuildError::TooManyReferences);
-    }
     out.nodes.shrink_to_fit();
     out.references.shrink_to_fit();
-    Ok((KdTree { root, nodes: out.nodes, references: out.references, depth: out.depth }, out.times))
+    (KdTree { root, nodes: out.nodes, references: out.references, depth: out.depth }, out.times)
 }
 
 /// A node about to be split or made a leaf.

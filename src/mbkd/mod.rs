@@ -8,6 +8,10 @@ mod partition;
 mod primitives;
 mod reference;
 mod sah;
+mod trajectories;
 
 pub(crate) use primitives::build_kd;
-pub(crate) use classify::{Rounding, classify};
+pub(crate) use trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};
+
+#[cfg(test)]
+mod tests;

@@ -7,6 +7,7 @@ use super::sah::{best_split, leaf_cost, weight};
 use crate::error::BuildError;
 use crate::geometry::{Box3, Extent, LinearBox3, Plane, TimeInterval};
 use crate::layout::{BuildTimes, KdTree};
+use crate::limits::MAX_NODES;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
@@ -34,7 +35,14 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
         references: set.len() as f64 * f64::from(params.max_references),
         propagated_vote: params.propagated_vote,
     };
-    build(&things, references, root, budget, progress)
+    let (tree, times) = build(&things, references, root, budget, progress);
+    if progress.cancelled() {
+        return Err(BuildError::Cancelled);
+    }
+    if tree.nodes.len() > MAX_NODES || tree.references.len() > u32::MAX as usize {
+        return Err(BuildError::TooManyReferences);
+    }
+    Ok((tree, times))
 }
 
 /// Primitives and how planes are chosen among them.

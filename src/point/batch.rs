@@ -5,9 +5,10 @@
 //! cache holds the whole tree anyway), and cut into runs for the threads. Each query is answered on its own, so
 //! neither the order nor the number of threads can change an answer.
 
+use super::neighbor::Neighbor;
 use super::query::{NeighborBuffer, NeighborQuery};
 use super::snapshot::NEAR;
-use super::{Neighbor, PointTree};
+use super::tree::PointTree;
 use crate::geometry::morton_code;
 use crate::primitive::Position;
 use glam::Vec3;

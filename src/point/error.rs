@@ -1,9 +1,7 @@
 //! What can be wrong with a set of points.
 
+use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use core::fmt;
-
-/// Most keys of a set.
-pub(super) const MAX_KEYS: usize = 1 << 16;
 
 /// Why a point tree could not be built. Nothing here panics on bad input: it returns this.
 ///
@@ -73,7 +71,7 @@ impl fmt::Display for PointError {
                 write!(f, "point {point} has a coordinate that is not finite at key {key}; remove or mend it")
             }
             PointError::TooLarge { point, key } => {
-                let most = crate::MAX_POINT_COORDINATE;
+                let most = MAX_POINT_COORDINATE;
                 write!(f, "point {point} is farther than {most:e} from the origin at key {key}; scale the set down")
             }
             PointError::Length { name, expected, found } => {

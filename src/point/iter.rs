@@ -1,19 +1,28 @@
 //! Points within a radius as an iterator, which searches one bottom node at a time.
 
-use super::Neighbor;
+use super::neighbor::Neighbor;
 use super::partition::{Layer, LayerView};
+use super::plane_tree::PlaneView;
 use super::query::{Gather, NeighborQuery};
 use super::search::Keep;
 use super::search::candidates::Candidates;
+use super::search::planes::{self, PlaneFront};
 use super::search::radius::{Front, leaves};
 use super::snapshot::View;
 use crate::simd::{Kernel, Simd, dispatch};
+
+/// Where the search of a layer stands.
+#[allow(clippy::large_enum_variant)] // in place, so that iterating allocates nothing for it
+enum Progress {
+    Boxes(Front),
+    Planes(PlaneFront),
+}
 
 /// Iterator over the points within the radius of a query; made by [`NeighborQuery::iter`].
 pub struct WithinIter<'a, K> {
     query: NeighborQuery<'a, K>,
     layer: usize,
-    front: Option<Front>,
+    front: Option<Progress>,
     /// Found in the last bottom node and not yet handed out.
     candidates: Candidates,
     next: usize,
@@ -23,6 +32,21 @@ impl<'a, K: Keep> WithinIter<'a, K> {
     pub(super) fn new(query: NeighborQuery<'a, K>) -> Self {
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
         WithinIter { query, layer, front: None, candidates: Candidates::default(), next: 0 }
+    }
+}
+
+impl<'a, K: Keep> NeighborQuery<'a, K> {
+    /// An iterator over the points within the radius, in no particular order. It searches as it goes.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
+    /// let far = tree.query([0.0f32; 3], 0.0).radius(2.0).iter().find(|n| n.distance() > 1.0);
+    /// assert_eq!(far.map(|n| n.id), Some(1));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn iter(self) -> WithinIter<'a, K> {
+        WithinIter::new(self)
     }
 }
 
@@ -59,6 +83,7 @@ impl<K: Keep> Kernel for Step<'_, '_, '_, K> {
             LayerView::Still(view) => step(s, self.iter, &view),
             LayerView::Moving(view) => step(s, self.iter, &view),
             LayerView::Timed(view) => step(s, self.iter, &view),
+            LayerView::Planes(view) => step_planes(s, self.iter, &view),
         }
     }
 }
@@ -67,10 +92,27 @@ impl<K: Keep> Kernel for Step<'_, '_, '_, K> {
 fn step<S: Simd, V: View, K: Keep>(s: S, iter: &mut WithinIter<'_, K>, view: &V) -> bool {
     let bound = s.splat(iter.query.bound);
     let target = view.target(s, iter.query.point);
-    let front = iter.front.get_or_insert_with(|| Front::begin(view));
+    let front = match iter.front.get_or_insert_with(|| Progress::Boxes(Front::begin(view))) {
+        Progress::Boxes(front) => front,
+        Progress::Planes(_) => return false,
+    };
     let Some(found) = front.next(s, view, &target, bound, &mut ()) else { return false };
     let mut sink = Gather { candidates: &mut iter.candidates, keep: &iter.query.keep };
     // A sink that never breaks.
     let _ = leaves(s, view, &target, bound, found, &mut sink, &mut ());
+    true
+}
+
+#[inline(always)]
+fn step_planes<S: Simd, K: Keep>(s: S, iter: &mut WithinIter<'_, K>, view: &PlaneView<'_>) -> bool {
+    let NeighborQuery { bound, point, .. } = iter.query;
+    let front = match iter.front.get_or_insert_with(|| Progress::Planes(PlaneFront::begin())) {
+        Progress::Planes(front) => front,
+        Progress::Boxes(_) => return false,
+    };
+    let Some(found) = front.next(view, point, bound, || ()) else { return false };
+    let mut sink = Gather { candidates: &mut iter.candidates, keep: &iter.query.keep };
+    // A sink that never breaks.
+    let _ = planes::leaf(s, view, point, bound, found, &mut sink, &mut ());
     true
 }

@@ -11,7 +11,7 @@
 //! (what callers see).
 //!
 //! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the cutting of what
-//! crosses planes; the rest is ours and measured by `examples/neighbor_tables.rs` (docs/neighbors.md).
+//! crosses planes; the rest is ours and measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
 
 mod approach;
 mod batch;
@@ -19,13 +19,17 @@ mod build;
 mod byte_boxes;
 mod choose;
 mod error;
+mod fast;
 mod iter;
 mod linear_bounds;
+mod moving_leaf;
 mod moving_reference;
 mod moving_tree;
+mod neighbor;
 mod order;
+mod over_interval;
 mod partition;
-mod plane_splits;
+mod plane_tree;
 mod query;
 mod search;
 mod select;
@@ -33,29 +37,14 @@ mod snapshot;
 mod static_tree;
 mod stats;
 mod tree;
+mod tree_queries;
 
 pub use approach::Approach;
 pub use batch::NeighborLists;
 pub use error::PointError;
 pub use iter::WithinIter;
+pub use neighbor::Neighbor;
 pub use query::{NeighborBuffer, NeighborQuery};
 pub use search::{KeepAll, KeepIf, NeighborWork};
 pub use stats::{PointLayerKind, PointLayerStats, PointStats};
-pub use tree::{MAX_POINT_COORDINATE, PointParams, PointStructure, PointTree};
-
-/// A point that a query found.
-#[derive(Clone, Copy, PartialEq, Debug)]
-#[repr(C)]
-pub struct Neighbor {
-    /// The point's id: its index unless ids were given.
-    pub id: u32,
-    /// The squared distance, computed in f32 as `(dx·dx + dy·dy) + dz·dz`.
-    pub distance_squared: f32,
-}
-
-impl Neighbor {
-    /// The distance.
-    pub fn distance(self) -> f32 {
-        self.distance_squared.sqrt()
-    }
-}
+pub use tree::{PointParams, PointStructure, PointTree};

@@ -15,8 +15,8 @@ pub(super) struct Mover {
     /// The whole life of the point, of which `alive` is a part.
     pub(super) life: TimeInterval,
     pub(super) id: u32,
-    /// Whether it may be cut where it crosses planes.
-    pub(super) cut: bool,
+    /// Whether it moves far relative to its neighbours.
+    pub(super) fast: bool,
 }
 
 /// The part of the shutter that a moving tree answers for: within one segment between two keys.

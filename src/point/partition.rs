@@ -3,12 +3,14 @@
 //! A set may be divided among layers, what stands still apart from what moves; a search goes through
 //! them one after the other with the same candidates and the same bound.
 
+use super::moving_reference::Part;
 use super::moving_tree::{MovingTree, MovingView};
+use super::plane_tree::{PlaneTree, PlaneView};
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
 use super::search::walk::{Collect, walk};
-use super::search::{Keep, Observe};
-use super::snapshot::View;
+use super::search::{Keep, Observe, planes};
+use super::snapshot::Leaves;
 use super::static_tree::StaticTree;
 use crate::simd::Simd;
 use core::ops::ControlFlow;
@@ -21,6 +23,8 @@ pub(super) enum Layer {
     Still(StaticTree),
     /// One tree for each part of the shutter, in order, without a gap.
     Moving(Vec<MovingTree>),
+    /// The same as k-d trees.
+    Planes(Vec<PlaneTree>),
 }
 
 /// A layer at a time.
@@ -30,6 +34,8 @@ pub(super) enum LayerView<'a> {
     Moving(MovingView<'a, false>),
     /// References have intervals.
     Timed(MovingView<'a, true>),
+    /// A k-d tree.
+    Planes(PlaneView<'a>),
 }
 
 impl Layer {
@@ -39,10 +45,10 @@ impl Layer {
         match self {
             Layer::Still(tree) => LayerView::Still(tree),
             Layer::Moving(parts) => {
-                let last = parts.len() - 1;
-                let tree = &parts[parts.partition_point(|p| p.part().interval.end_bound() <= time).min(last)];
+                let tree = at_time(parts, MovingTree::part, time);
                 if tree.timed() { LayerView::Timed(tree.at(time)) } else { LayerView::Moving(tree.at(time)) }
             }
+            Layer::Planes(parts) => LayerView::Planes(at_time(parts, PlaneTree::part, time).at(time)),
         }
     }
 
@@ -51,8 +57,16 @@ impl Layer {
         match self {
             Layer::Still(tree) => tree.bytes(),
             Layer::Moving(parts) => parts.iter().map(MovingTree::bytes).sum(),
+            Layer::Planes(parts) => parts.iter().map(PlaneTree::bytes).sum(),
         }
     }
+}
+
+/// The tree that answers for a time.
+#[inline(always)]
+fn at_time<T>(parts: &[T], part: impl Fn(&T) -> &Part, time: f32) -> &T {
+    let last = parts.len() - 1;
+    &parts[parts.partition_point(|tree| part(tree).interval.end_bound() <= time).min(last)]
 }
 
 /// Walks through all layers, nearest boxes first.
@@ -63,6 +77,7 @@ pub(super) fn walk_all<S: Simd, C: Collect<S>>(s: S, layers: &[Layer], (point, t
             LayerView::Still(view) => walk(s, &view, &view.target(s, point), collect),
             LayerView::Moving(view) => walk(s, &view, &view.target(s, point), collect),
             LayerView::Timed(view) => walk(s, &view, &view.target(s, point), collect),
+            LayerView::Planes(view) => planes::walk(s, &view, point, collect),
         }
     }
 }
@@ -80,6 +95,7 @@ pub(super) fn nearest_in_all<S: Simd, K: Keep, O: Observe>(
             LayerView::Still(view) => best.search(s, &view, &view.target(s, point)),
             LayerView::Moving(view) => best.search(s, &view, &view.target(s, point)),
             LayerView::Timed(view) => best.search(s, &view, &view.target(s, point)),
+            LayerView::Planes(view) => best.search_planes(s, &view, point),
         }
     }
 }
@@ -99,6 +115,7 @@ pub(super) fn within_all<S: Simd, T: Sink<S>, O: Observe>(
             LayerView::Still(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
             LayerView::Moving(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
             LayerView::Timed(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
+            LayerView::Planes(view) => planes::within(s, &view, point, bound, sink, observe)?,
         }
     }
     ControlFlow::Continue(())

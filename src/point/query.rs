@@ -1,6 +1,6 @@
 //! Queries as callers see them: where, when, how far, which points, and then what to do with them.
 
-use super::iter::WithinIter;
+use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
@@ -8,9 +8,9 @@ use super::search::nearest::Best;
 use super::search::radius::Sink;
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepIf, NeighborWork, Observe, kept};
-use super::snapshot::View;
+use super::snapshot::Leaves;
 use super::tree::PointTree;
-use super::{MAX_POINT_COORDINATE, Neighbor};
+use crate::limits::MAX_POINT_COORDINATE;
 use crate::simd::{Kernel, LANES, Mask, Simd, dispatch};
 use core::ops::ControlFlow;
 use glam::Vec3;
@@ -231,19 +231,6 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         }
         dispatch(self.tree.simd, Visiting { query: &self, visit })
     }
-
-    /// An iterator over the points within the radius, in no particular order. It searches as it goes.
-    ///
-    /// ```
-    /// use mbkd::{PointParams, PointTree};
-    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
-    /// let far = tree.query([0.0f32; 3], 0.0).radius(2.0).iter().find(|n| n.distance() > 1.0);
-    /// assert_eq!(far.map(|n| n.id), Some(1));
-    /// # Ok::<(), mbkd::PointError>(())
-    /// ```
-    pub fn iter(self) -> WithinIter<'a, K> {
-        WithinIter::new(self)
-    }
 }
 
 struct Nearest<'q, 'a, K>(&'q NeighborQuery<'a, K>);
@@ -311,7 +298,7 @@ pub(super) struct Gather<'a, K> {
 impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
     const TAKES_NONE: bool = true;
     #[inline(always)]
-    fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);
         self.candidates.reserve(0);
         self.candidates.push(s, distance, s.load_u(ids), kept(self.keep, ids, hits));
@@ -327,7 +314,7 @@ struct Count<'q, K> {
 impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
     const TAKES_NONE: bool = true;
     #[inline(always)]
-    fn take<V: View>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: Leaves>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
         self.count += kept(self.keep, view.ids(block), hits).count_ones() as usize;
         ControlFlow::Continue(())
     }
@@ -341,7 +328,7 @@ struct Visit<'q, K, F> {
 impl<S: Simd, K: Keep, F: FnMut(Neighbor) -> ControlFlow<()>> Sink<S> for Visit<'_, K, F> {
     const TAKES_NONE: bool = false;
     #[inline(always)]
-    fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);
         let mut rest = kept(self.keep, ids, hits);
         let mut distances = [0.0; LANES];

@@ -1,6 +1,6 @@
 //! Selection: the points with the lowest coordinates to the front, in linear time.
 
-use super::order::Item;
+use crate::simd::Item;
 
 /// Reorders so that no coordinate of `items[..count]` along `axis` is above one of `items[count..]`.
 pub(super) fn select(items: &mut [Item], count: usize, axis: usize) {

@@ -5,11 +5,12 @@
 //! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
 //! fills the levels better.
 
-use super::approach::{Boxed, Flight};
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
-use super::snapshot::{Boxes, MAX_LEVELS, Target, View, diagonal, outside, rows, squared};
+use super::over_interval::{Boxed, Flight};
+use super::snapshot::{Boxes, Leaves, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
+use crate::limits::MAX_LEVELS;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 
@@ -225,6 +226,36 @@ fn fill<N: FromBoxes>(
     }
 }
 
+impl Leaves for &StaticTree {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        self.shape.leaf_blocks
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        Target::still(s, q)
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        let [x, y, z] = rows(s, &self.blocks[block].at);
+        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
+            blocks.iter().for_each(prefetch);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.blocks.len() * size_of::<PointBlock>()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+}
+
 impl View for &StaticTree {
     const BALL: f32 = 0.18;
 
@@ -239,14 +270,6 @@ impl View for &StaticTree {
     #[inline(always)]
     fn first_block(&self, node: usize) -> usize {
         node * LANES * self.shape.leaf_blocks
-    }
-    #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        self.shape.leaf_blocks
-    }
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        Target::still(s, q)
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
@@ -265,30 +288,11 @@ impl View for &StaticTree {
         diagonal::<S>(rows(s, &node.lo), rows(s, &node.hi))
     }
     #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let [x, y, z] = rows(s, &self.blocks[block].at);
-        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
-    }
-    #[inline(always)]
     fn expect_node(&self, node: usize) {
         match self.lower.get(node) {
             Some(node) => prefetch(node),
             None => prefetch(&self.upper[node - self.lower.len()]),
         }
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
-            blocks.iter().for_each(prefetch);
-        }
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        self.blocks.len() * size_of::<PointBlock>()
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.blocks[block].id
     }
 }
 

@@ -1,18 +1,15 @@
 //! The tree that callers build and ask.
 
-use super::build::{Cut, Plan, Source, check, moving_layer, parts};
-use super::choose::{Trial, choose, mark_fast};
+use super::build::{Plan, Source, check, moving_layer, parts};
+use super::choose::{Trial, choose};
+use super::error::PointError;
+use super::fast::mark_fast;
 use super::partition::Layer;
-use super::query::NeighborQuery;
 use super::stats::{PointLayerKind, PointLayerStats, PointStats};
-use super::{Neighbor, PointError};
-use crate::SimdLevel;
-use crate::primitive::{PointSet, Position};
+use crate::limits::MAX_SLABS;
+use crate::primitive::PointSet;
+use crate::simd::SimdLevel;
 use glam::DVec3;
-
-/// The largest magnitude of a coordinate, relative to the tree's origin: squared distances between
-/// such points fit into f32.
-pub const MAX_POINT_COORDINATE: f64 = 1e18;
 
 /// Which structure moving points are put into. Answers do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -25,12 +22,8 @@ pub enum PointStructure {
     Linear,
     /// Linear boxes in this many trees side by side in time (at least 1): best for far incoherent motion.
     Slabs(usize),
-    /// Linear boxes; points that move far relative to their neighbours are cut at planes.
-    CutFast,
-    /// The paper's rule for everything: cut at each plane that is crossed, with time intervals.
+    /// The paper's k-d tree: a point that crosses a plane is on both sides, on each for the time it spends there.
     Mbkd,
-    /// Linear boxes; this many binary levels on top separate points by when they live.
-    LifeLevels(usize),
 }
 
 /// How a point tree is built.
@@ -45,7 +38,7 @@ pub struct PointParams {
     /// The structure of what moves. Default: automatic. What stands still throughout has the static
     /// structure in any case where the whole set does.
     pub structure: PointStructure,
-    /// Most references per point, for cutting and for parts of the shutter; at least 1, default 8. A
+    /// Most references per point, in the k-d tree and for parts of the shutter; at least 1, default 8. A
     /// reference takes 32 to 48 bytes. Forced slabs are built as asked.
     pub max_references: f32,
     /// Instruction set of the queries; answers do not depend on it. Default: the widest of this CPU.
@@ -58,9 +51,6 @@ impl Default for PointParams {
     }
 }
 
-/// Most slabs that can be asked for.
-const MAX_SLABS: usize = 1024;
-
 impl PointParams {
     /// An error for the first field that is out of range.
     pub fn validate(&self) -> Result<(), PointError> {
@@ -70,9 +60,6 @@ impl PointParams {
         match self.structure {
             PointStructure::Slabs(n) if n == 0 || n > MAX_SLABS => {
                 Err(PointError::Parameter { name: "structure", expected: "Slabs with 1 to 1024 of them" })
-            }
-            PointStructure::LifeLevels(n) if n > 4 => {
-                Err(PointError::Parameter { name: "structure", expected: "LifeLevels with at most 4 of them" })
             }
             _ => Ok(()),
         }
@@ -86,7 +73,7 @@ impl PointParams {
 /// are ordered by it, ties by id. Thread count and instruction set make no difference.
 ///
 /// Queries at a time outside [0, 1], with a point that is not finite or farther from the origin than
-/// [`MAX_POINT_COORDINATE`], or with a negative or NaN radius find nothing. Differences of coordinates
+/// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE), or with a negative or NaN radius find nothing. Differences of coordinates
 /// below about 1e-19 have squares that f32 rounds to zero: such points count as equally far.
 ///
 /// ```
@@ -148,18 +135,18 @@ impl PointTree {
                 if let Some(plan) = choice.fast {
                     mark_fast(&mut movers, &part);
                     let mut fast = vec![false; len];
-                    movers.iter().filter(|m| m.cut).for_each(|m| fast[m.id as usize] = true);
+                    movers.iter().filter(|m| m.fast).for_each(|m| fast[m.id as usize] = true);
                     let slow = moving.clone().filter(|&i| !fast[i]);
-                    tree.add(moving_layer(&source, slow.clone(), &choice.plan), kind(&choice.plan), slow.count(), why);
+                    tree.add(moving_layer(&source, slow.clone(), choice.plan), kind(choice.plan), slow.count(), why);
                     let fast = moving.filter(|&i| fast[i]);
                     let why = "fast points, apart from the others".to_string();
-                    tree.add(moving_layer(&source, fast.clone(), &plan), kind(&plan), fast.count(), why);
+                    tree.add(moving_layer(&source, fast.clone(), plan), kind(plan), fast.count(), why);
                     return Ok(tree);
                 }
                 (choice.plan, why)
             }
         };
-        tree.add(moving_layer(&source, moving.clone(), &plan), kind(&plan), moving.count(), why);
+        tree.add(moving_layer(&source, moving.clone(), plan), kind(plan), moving.count(), why);
         Ok(tree)
     }
 
@@ -171,6 +158,11 @@ impl PointTree {
                 parts.iter().map(|p| p.references()).sum(),
                 parts.iter().map(|p| p.node_count()).sum(),
                 parts.iter().map(|p| p.levels()).max().unwrap_or(0),
+            ),
+            Layer::Planes(parts) => (
+                parts.iter().map(|p| p.references()).sum(),
+                parts.iter().map(|p| p.node_count()).sum(),
+                parts.iter().map(|p| p.depth()).max().unwrap_or(0),
             ),
         };
         self.stats.layers.push(PointLayerStats { kind, points, references, nodes, levels, bytes, why });
@@ -197,55 +189,6 @@ impl PointTree {
     pub fn origin(&self) -> DVec3 {
         self.origin
     }
-
-    /// A query at `point` and `time`, to be refined (radius, predicate, approximation) and run.
-    #[inline(always)]
-    pub fn query<Q: Position>(&self, point: Q, time: f32) -> NeighborQuery<'_> {
-        NeighborQuery::new(self, point.relative(self.origin), time)
-    }
-
-    /// The nearest point at a time; of several at the same distance the one with the lowest id.
-    ///
-    /// ```
-    /// use mbkd::{PointParams, PointTree};
-    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?;
-    /// assert_eq!(tree.nearest([0.9f32; 3], 0.5).map(|n| n.id), Some(1));
-    /// # Ok::<(), mbkd::PointError>(())
-    /// ```
-    pub fn nearest<Q: Position>(&self, point: Q, time: f32) -> Option<Neighbor> {
-        self.query(point, time).nearest()
-    }
-
-    /// The `k` nearest points at a time, in order of (distance, id); all where there are fewer.
-    ///
-    /// Allocates the result; in a loop use [`NeighborQuery::nearest_n_into`].
-    pub fn nearest_n<Q: Position>(&self, point: Q, time: f32, k: usize) -> Vec<Neighbor> {
-        self.query(point, time).nearest_n(k)
-    }
-
-    /// The `k` nearest points that are no farther than `radius`, in order of (distance, id).
-    pub fn nearest_n_within<Q: Position>(&self, point: Q, time: f32, k: usize, radius: f32) -> Vec<Neighbor> {
-        self.query(point, time).radius(radius).nearest_n(k)
-    }
-
-    /// All points no farther than `radius` (squared distance at most `radius * radius` in f32), in no
-    /// particular order.
-    ///
-    /// ```
-    /// use mbkd::{PointParams, PointTree};
-    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?;
-    /// assert_eq!(tree.within([0.0f32; 3], 0.0, 1.5).len(), 1);
-    /// assert_eq!(tree.within([0.0f32; 3], 0.0, f32::INFINITY).len(), 2);
-    /// # Ok::<(), mbkd::PointError>(())
-    /// ```
-    pub fn within<Q: Position>(&self, point: Q, time: f32, radius: f32) -> Vec<Neighbor> {
-        self.query(point, time).radius(radius).collect()
-    }
-
-    /// How many points are no farther than `radius`.
-    pub fn count_within<Q: Position>(&self, point: Q, time: f32, radius: f32) -> usize {
-        self.query(point, time).radius(radius).count()
-    }
 }
 
 impl core::fmt::Debug for PointTree {
@@ -255,35 +198,29 @@ impl core::fmt::Debug for PointTree {
 }
 
 /// The layer that a plan makes.
-fn kind(plan: &Plan) -> PointLayerKind {
-    match plan.cut {
-        Cut::Nothing => PointLayerKind::Linear { parts: plan.parts, life_levels: plan.life_levels },
-        Cut::Fast => PointLayerKind::CutFast,
-        Cut::Everything => PointLayerKind::Mbkd,
+fn kind(plan: Plan) -> PointLayerKind {
+    match plan {
+        Plan::Boxes(parts) => PointLayerKind::Linear { parts },
+        Plan::Planes(_) => PointLayerKind::Mbkd,
     }
 }
 
 /// The plan that was asked for; nothing where the choice is automatic.
 fn forced(params: &PointParams) -> Option<Plan> {
-    let plan = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: params.max_references };
     match params.structure {
         PointStructure::Automatic => None,
-        PointStructure::Linear => Some(plan),
-        PointStructure::Slabs(parts) => Some(Plan { parts, ..plan }),
-        PointStructure::CutFast => Some(Plan { cut: Cut::Fast, references: params.max_references.min(1.5), ..plan }),
-        PointStructure::Mbkd => Some(Plan { cut: Cut::Everything, ..plan }),
-        PointStructure::LifeLevels(life_levels) => Some(Plan { life_levels, ..plan }),
+        PointStructure::Linear => Some(Plan::Boxes(1)),
+        PointStructure::Slabs(parts) => Some(Plan::Boxes(parts)),
+        PointStructure::Mbkd => Some(Plan::Planes(params.max_references)),
     }
 }
 
 /// What was tried, in words.
 fn explain(trials: &[Trial], best: &Trial) -> String {
-    let plan = |plan: &Plan| match (plan.cut, plan.parts, plan.life_levels) {
-        (Cut::Fast, ..) => "fast points cut".to_string(),
-        (Cut::Everything, ..) => "all cut".to_string(),
-        (_, 1, 0) => "one linear tree".to_string(),
-        (_, 1, levels) => format!("{levels} life levels"),
-        (_, parts, _) => format!("{parts} parts"),
+    let plan = |plan: &Plan| match plan {
+        Plan::Boxes(1) => "one linear tree".to_string(),
+        Plan::Boxes(parts) => format!("{parts} parts"),
+        Plan::Planes(_) => "one k-d tree".to_string(),
     };
     let name = |trial: &Trial| match &trial.fast {
         Some(fast) => format!("fast points apart in {}", plan(fast)),

@@ -26,7 +26,7 @@ use super::triangle::hit_slack;
 use super::walk::Walk;
 use crate::geometry::ULP;
 use crate::layout::{KdTree, KdView};
-use crate::params::DEPTH_LIMIT;
+use crate::limits::DEPTH_LIMIT;
 use crate::simd::StackMemory;
 
 /// A subtree still to be visited, with the range of `t` in which the ray is near its cell.

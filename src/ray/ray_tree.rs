@@ -274,8 +274,11 @@ impl<G: Geometry> RayTree<G> {
     /// proportion to the tree's size.
     ///
     /// ```
-    /// use mbkd::{BuildParams, RayTree, scene};
-    /// let tree = RayTree::build(&scene::tornado(1000).meshes, &BuildParams::default())?;
+    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::Vec3};
+    /// // A thousand triangles in a row.
+    /// let positions = (0..1000).flat_map(|i| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|p| p + Vec3::X * i as f32)).collect();
+    /// let mesh = TriangleMesh::fixed((0..1000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), positions);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
     /// let mut leaves = 0;
     /// tree.boxes(0.5, |b| leaves += usize::from(b.leaf));
     /// assert!(leaves > 1000 / 16);
@@ -308,8 +311,8 @@ impl RayTree {
     /// same for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished
     /// tree and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
     /// divided by time, and the tree itself beyond 300 where there are separate trees for parts of the shutter
-    /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the scenes of
-    /// [`scene`](crate::scene) at full size.
+    /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the procedural
+    /// scenes (`scenes/`) at full size.
     ///
     /// # Errors
     /// What is wrong with a mesh or a parameter, and where: see [`BuildError`]. No triangles at all is fine: nothing

@@ -18,8 +18,9 @@ use super::draft::{BYTES_PER_REFERENCE, Plan, part_of_shutter, plan_tree};
 use super::slices::{Segments, part_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
+use crate::limits::MOST_PARTS;
 use crate::parallel;
-use crate::params::{BuildParams, Division, MOST_PARTS};
+use crate::params::{BuildParams, Division};
 use crate::primitive::PrimitiveSet;
 
 /// A subtree of a plan that divides the shutter.

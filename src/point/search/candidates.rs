@@ -1,6 +1,6 @@
 //! Candidates of a search in rows, so that sixteen are appended or dropped at a time.
 
-use super::sort::{pack, unpack};
+use crate::point::neighbor::Neighbor;
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 
 /// Memory for candidates: distances and ids apart, with a vector of room at the end.
@@ -95,4 +95,16 @@ pub(super) fn append<S: Simd>(
 #[inline(always)]
 pub(in crate::point) fn there(count: usize) -> Mask {
     if count < LANES { (1 << count) - 1 } else { Mask::MAX }
+}
+
+/// A distance and an id as one number that sorts like the pair.
+#[inline(always)]
+pub(in crate::point) fn pack(distance: f32, id: u32) -> u64 {
+    u64::from(distance.to_bits()) << 32 | u64::from(id)
+}
+
+/// The pair behind such a number.
+#[inline(always)]
+pub(in crate::point) fn unpack(key: u64) -> Neighbor {
+    Neighbor { id: key as u32, distance_squared: f32::from_bits((key >> 32) as u32) }
 }

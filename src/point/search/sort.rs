@@ -6,8 +6,8 @@
 //! insertion, which seldom has anything to do. Source of the network: K. Batcher, "Sorting networks and
 //! their applications", 1968, in the form in which all comparisons point the same way.
 
-use super::candidates::{Candidates, there};
-use crate::point::Neighbor;
+use super::candidates::{Candidates, pack, there, unpack};
+use crate::point::neighbor::Neighbor;
 use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
 
 /// Most candidates that the network sorts.
@@ -235,18 +235,6 @@ pub(in crate::point) fn sort_lanes<S: Simd>(s: S, x: S::U) -> S::U {
 fn merge_lanes<S: Simd>(s: S, x: S::U) -> S::U {
     let x = compare::<S, 4>(s, compare::<S, 8>(s, x, 0x00ff), 0x0f0f);
     compare::<S, 1>(s, compare::<S, 2>(s, x, 0x3333), 0x5555)
-}
-
-/// A distance and an id as one number that sorts like the pair.
-#[inline(always)]
-pub(in crate::point) fn pack(distance: f32, id: u32) -> u64 {
-    u64::from(distance.to_bits()) << 32 | u64::from(id)
-}
-
-/// The pair behind such a number.
-#[inline(always)]
-pub(in crate::point) fn unpack(key: u64) -> Neighbor {
-    Neighbor { id: key as u32, distance_squared: f32::from_bits((key >> 32) as u32) }
 }
 
 /// Ordinary selection and sorting. A function of its own: it is rare or long.

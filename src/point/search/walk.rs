@@ -6,8 +6,10 @@
 //! distance, so the comparison with the bound masks them away first; what is left never exceeds the
 //! distance.
 
-use crate::point::snapshot::{MAX_LEVELS, Target, View};
+use crate::limits::MAX_LEVELS;
+use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Simd};
+use core::ops::Range;
 
 /// What is done with the bottom nodes that a walk comes to.
 pub(in crate::point) trait Collect<S: Simd> {
@@ -17,9 +19,11 @@ pub(in crate::point) trait Collect<S: Simd> {
     fn node(&mut self);
     /// Looks at the leaves of a bottom node, whose squared distances are `boxes`.
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F);
+    /// Looks at a leaf of a tree without boxes.
+    fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, blocks: Range<usize>);
     /// The walk is over.
     #[inline(always)]
-    fn end<V: View>(&mut self, _s: S, _view: &V, _target: &Target<S>) {}
+    fn end<V: Leaves>(&mut self, _s: S, _view: &V, _target: &Target<S>) {}
 }
 
 const LANE_BITS: u32 = LANES as u32 - 1;

@@ -1,0 +1,135 @@
+//! The paper's ablations as one table (section 3.1.1 of the paper, measured on the procedural scenes):
+//! duplicates with time-weighted against plain counts, traversal steps and intersections with planes chosen at
+//! times 0, 0.5 and 1; and two choices of this crate: whether propagated references vote, and planes that move.
+//!
+//! `cargo bench --bench ablations > ablations.md`
+
+use clap::Parser;
+use mbkd::{BuildParams, Counters, Ray, RayTree};
+use mbkd_scenes::{self as scene, Scene};
+
+#[derive(Parser)]
+#[command(about = "Writes the paper's ablation table as Markdown to standard output")]
+struct Args {
+    /// Scenes, comma-separated.
+    #[arg(long, default_value = "hall,hairball,hand,tornado,coherent,needles", value_delimiter = ',')]
+    scenes: Vec<String>,
+    /// Triangles per scene.
+    #[arg(long, default_value_t = 30_000)]
+    triangles: usize,
+    /// Rays along the side of a square picture.
+    #[arg(long, default_value_t = 128)]
+    side: u32,
+    /// Depth of the trees; the crate's own rule if not given.
+    #[arg(long)]
+    depth: Option<u32>,
+    /// References per triangle that a tree may have.
+    #[arg(long, default_value_t = 40.0)]
+    references: f32,
+    /// What cargo passes to every benchmark.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// What is counted of one tree.
+#[derive(Clone, Copy)]
+struct Row {
+    references: f64,
+    duplicates: f64,
+    steps: f64,
+    tests: f64,
+}
+
+/// Camera rays with times spread over the shutter: a fixed pattern, the same for every tree.
+fn rays(scene: &Scene, side: u32) -> Vec<Ray> {
+    let mut rays = Vec::new();
+    for y in 0..side {
+        for x in 0..side {
+            // The golden ratio spreads the times of neighbouring pixels.
+            let time = ((x * 7 + y * 13) as f32 * 0.618_034).fract();
+            let at = |i: u32| (i as f32 + 0.5) / side as f32;
+            rays.push(scene.camera.ray(at(x), at(y), 1.0, time));
+        }
+    }
+    rays
+}
+
+fn measure(scene: &Scene, rays: &[Ray], params: &BuildParams) -> Result<Row, mbkd::BuildError> {
+    let tree = RayTree::build(&scene.meshes, params)?;
+    let mut counters = Counters::default();
+    for ray in rays {
+        tree.closest_hit_observed(ray, &mut counters);
+    }
+    let statistics = tree.statistics();
+    let n = rays.len() as f64;
+    Ok(Row {
+        references: statistics.references_per_primitive(),
+        duplicates: 100.0 * statistics.duplicates,
+        steps: counters.steps() as f64 / n,
+        tests: counters.primitive_tests as f64 / n,
+    })
+}
+
+/// How much less `a` is than `b`, in percent.
+fn less(a: f64, b: f64) -> f64 {
+    if b > 0.0 { 100.0 * (1.0 - a / b) } else { 0.0 }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let args = Args::parse();
+    let paper = BuildParams { max_references: args.references, max_depth: args.depth, ..BuildParams::paper() };
+    let variants: [(&str, BuildParams); 6] = [
+        ("the paper's tree", paper.clone()),
+        ("plain counts", BuildParams { time_weighted: false, ..paper.clone() }),
+        ("planes at t = 0", BuildParams { plane_time: 0.0, ..paper.clone() }),
+        ("planes at t = 1", BuildParams { plane_time: 1.0, ..paper.clone() }),
+        ("propagated references do not vote", BuildParams { propagated_vote: false, ..paper.clone() }),
+        ("moving planes", BuildParams { moving_planes: true, ..paper }),
+    ];
+    println!("About {} triangles per scene, {} camera rays.\n", args.triangles, args.side * args.side);
+    println!("| scene | variant | references per triangle | duplicates % | steps per ray | tests per ray |");
+    println!("|---|---|---|---|---|---|");
+    let mut summary = Vec::new();
+    for name in &args.scenes {
+        let recipe = scene::find(name).ok_or_else(|| {
+            let known: Vec<&str> = scene::CATALOGUE.iter().map(|recipe| recipe.name).collect();
+            format!("no scene `{name}`; there are {}", known.join(", "))
+        })?;
+        let scene = (recipe.make)(args.triangles);
+        let rays = rays(&scene, args.side);
+        let mut rows = Vec::new();
+        for (variant, params) in &variants {
+            let row = measure(&scene, &rays, params)?;
+            println!(
+                "| {name} | {variant} | {:.2} | {:.1} | {:.1} | {:.1} |",
+                row.references, row.duplicates, row.steps, row.tests
+            );
+            rows.push(row);
+        }
+        let ends = |value: fn(&Row) -> f64| 0.5 * (value(&rows[2]) + value(&rows[3]));
+        summary.push([
+            less(rows[0].references - 1.0, rows[1].references - 1.0),
+            less(rows[0].tests, rows[1].tests),
+            less(rows[0].tests, ends(|row| row.tests)),
+            less(rows[0].steps, ends(|row| row.steps)),
+        ]);
+    }
+    println!(
+        "\n| scene | fewer duplicates by time weights % | fewer tests by time weights % | fewer tests at t = 0.5 % | fewer \
+         steps at t = 0.5 % |"
+    );
+    println!("|---|---|---|---|---|");
+    println!("| the paper, average | 7 | not given | 12 | 10 |");
+    for (name, [duplicates, weighted, tests, steps]) in args.scenes.iter().zip(&summary) {
+        println!("| {name} | {duplicates:.1} | {weighted:.1} | {tests:.1} | {steps:.1} |");
+    }
+    let mean = |i: usize| summary.iter().map(|row| row[i]).sum::<f64>() / summary.len().max(1) as f64;
+    println!("| mean | {:.1} | {:.1} | {:.1} | {:.1} |", mean(0), mean(1), mean(2), mean(3));
+    println!(
+        "\nDuplicates are references beyond the first of each triangle; their share is of all references. A step is a \
+         visit of an inner node or leaf. The gain of t = 0.5 is against the mean of t = 0 and t = 1. Trees \
+         end where a split no longer pays or the reference budget is spent, so the variants differ in size as well; a \
+         small budget (--references 6) compares trees of nearly equal size."
+    );
+    Ok(())
+}

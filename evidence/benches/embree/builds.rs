@@ -1,0 +1,92 @@
+//! Build times and memory: in each round ours, then every Embree configuration, each tree dropped again.
+
+use crate::clock;
+use crate::configs::{self, Config};
+use crate::ffi::Embree;
+use crate::options::{Only, Options};
+use crate::ours::{self, Ours};
+use crate::timing::median;
+use mbkd_scenes::Scene;
+use rayon::ThreadPool;
+use std::sync::{Arc, OnceLock};
+use std::time::Instant;
+
+/// Builds of one scene with one number of threads. Seconds are medians.
+pub struct Builds {
+    pub scene: String,
+    pub threads: usize,
+    /// NaN where our side is left out.
+    pub ours: f64,
+    pub our_bytes: f64,
+    pub theirs: Vec<Theirs>,
+}
+
+/// One Embree configuration.
+#[derive(Default)]
+pub struct Theirs {
+    pub config: &'static str,
+    pub seconds: f64,
+    /// Tree, vertex and index buffers.
+    pub bytes: usize,
+    /// The buffers alone.
+    pub buffers: usize,
+}
+
+/// Processor time for one thread, the time that passes for several.
+fn now(threads: usize) -> f64 {
+    static START: OnceLock<Instant> = OnceLock::new();
+    if threads == 1 { clock::seconds() } else { START.get_or_init(Instant::now).elapsed().as_secs_f64() }
+}
+
+/// Measures the builds of a scene.
+pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, threads: usize) -> Result<Builds, String> {
+    let mut ours = OurBuilds { pool: ours::pool(threads)?, seconds: Vec::new(), bytes: f64::NAN };
+    let mut theirs: Vec<(Config, Theirs, Vec<f64>)> = Vec::new();
+    if embree.is_some() {
+        let wanted = configs::all(&scene.meshes).into_iter().filter(|config| options.wants(config.name));
+        theirs.extend(wanted.map(|config| (config, Theirs { config: config.name, ..Theirs::default() }, Vec::new())));
+    }
+    for _ in 0..options.build_runs {
+        ours.build(options, scene, threads)?;
+        for (config, figures, seconds) in &mut theirs {
+            let Some(embree) = embree else { continue };
+            let device = embree.device(&config.settings(threads, None))?;
+            let tree = config.scene(&device, &scene.meshes, true)?;
+            figures.buffers = device.bytes();
+            let start = now(threads);
+            tree.commit()?;
+            seconds.push(now(threads) - start);
+            figures.bytes = device.bytes();
+        }
+    }
+    Ok(Builds {
+        scene: scene.name.clone(),
+        threads,
+        ours: median(ours.seconds.into_iter()),
+        our_bytes: ours.bytes,
+        theirs: theirs
+            .into_iter()
+            .map(|(_, figures, seconds)| Theirs { seconds: median(seconds.into_iter()), ..figures })
+            .collect(),
+    })
+}
+
+/// Our builds so far.
+struct OurBuilds {
+    /// There before any build, as Embree's threads are.
+    pool: Arc<ThreadPool>,
+    seconds: Vec<f64>,
+    bytes: f64,
+}
+
+impl OurBuilds {
+    fn build(&mut self, options: &Options, scene: &Scene, threads: usize) -> Result<(), String> {
+        if options.only != Some(Only::Embree) {
+            let start = now(threads);
+            let tree = Ours::build(&scene.meshes, &self.pool)?;
+            self.seconds.push(now(threads) - start);
+            self.bytes = tree.bytes() as f64;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,71 @@
+//! mbkd against Embree's motion blur, in one process.
+//!
+//! The picture to have in mind: for each scene a list of rays is made once; then our tree and one Embree tree
+//! answer all of them in turns, and again with the next Embree configuration. Tables come out on standard
+//! output, progress on standard error. `cargo bench --bench embree -- --help` lists what can be chosen;
+//! `--scale 0.05 --side 128 --runs 3` is a quick look.
+
+mod agree;
+mod builds;
+mod clock;
+mod configs;
+mod ffi;
+mod geometry;
+mod options;
+mod ours;
+mod rays;
+mod report;
+mod run;
+mod timing;
+
+use clap::Parser;
+use ffi::Embree;
+use options::{Only, Options};
+use run::Measured;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    match measure(&Options::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn measure(options: &Options) -> Result<(), String> {
+    let embree = match (options.only, Embree::load(options.embree.as_deref())) {
+        (Some(Only::Ours), _) => None,
+        (_, Ok(embree)) => {
+            println!("Embree: {}", embree.file);
+            Some(embree)
+        }
+        (_, Err(why)) => {
+            println!("Embree is not here ({why}); mbkd alone. On Debian: apt-get install libembree-dev libtbb-dev");
+            None
+        }
+    };
+    let mut measured = Measured::default();
+    let mut builds = Vec::new();
+    for name in &options.scenes {
+        let recipe = mbkd_scenes::find(name).ok_or_else(|| unknown_scene(name))?;
+        let scene = (recipe.make)((recipe.full as f32 * options.scale) as usize);
+        println!("{name}: {} triangles", scene.triangles());
+        run::measure(options, embree.as_ref(), &scene, &mut measured)?;
+        builds.push(builds::measure(options, embree.as_ref(), &scene, 1)?);
+        if options.parallel_build {
+            builds.push(builds::measure(options, embree.as_ref(), &scene, 0)?);
+        }
+    }
+    if embree.is_some() && measured.cells.is_empty() {
+        return Err(format!("no Embree configuration has one of {:?} in its name", options.configs));
+    }
+    report::print(options, &measured, &builds);
+    Ok(())
+}
+
+fn unknown_scene(name: &str) -> String {
+    let known: Vec<&str> = mbkd_scenes::CATALOGUE.iter().map(|recipe| recipe.name).collect();
+    format!("no scene is called {name:?}; there are {}", known.join(", "))
+}

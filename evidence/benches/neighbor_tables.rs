@@ -1,0 +1,487 @@
+//! Prints the tables that compare neighbour queries with kiddo, side by side in one run, one thread.
+//!
+//! `cargo bench --bench neighbor_tables -- static moving lives --points 1000000`
+//!
+//! Times are medians over interleaved repetitions, in nanoseconds per query; only their ratios mean
+//! something on another machine. kiddo is measured in two configurations (its default, arena leaves,
+//! and flat leaves) and the faster one counts for each cell; build with `RUSTFLAGS=-Ctarget-cpu=native`
+//! to give it the widest instructions that stable Rust offers. Its `simd` feature needs a nightly
+//! compiler and is not part of this.
+
+use clap::{Parser, ValueEnum};
+use kiddo::SquaredEuclidean;
+use kiddo::leaf_strategy::FlatVec;
+use kiddo::stem_strategy::Eytzinger;
+use mbkd::glam::Vec3;
+use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval};
+use std::hint::black_box;
+use std::num::NonZero;
+use std::time::Instant;
+
+type Arena = kiddo::ImmutableKdTree<f32, 3>;
+type Flat = kiddo::KdTree<f32, u32, Eytzinger, FlatVec<f32, u32, 3, 32>, 3, 32>;
+
+#[derive(Parser)]
+#[command(about = "Neighbour queries against kiddo, in tables")]
+struct Args {
+    /// Which tables; all if none is named.
+    #[arg(value_enum)]
+    tables: Vec<Table>,
+    /// Numbers of points.
+    #[arg(long, value_delimiter = ',', default_values_t = [100_000, 1_000_000], value_parser = at_least::<100>)]
+    points: Vec<usize>,
+    /// Queries per repetition.
+    #[arg(long, default_value_t = 100_000, value_parser = at_least::<100>)]
+    queries: usize,
+    /// Repetitions, of which the median counts.
+    #[arg(long, default_value_t = 5, value_parser = at_least::<1>)]
+    repeat: usize,
+    /// Measure every forced structure in the moving tables and in that of lives, not just the automatic choice,
+    /// and say how far that is from the best.
+    #[arg(long)]
+    structures: bool,
+    /// Only the rows of the moving table whose names contain this.
+    #[arg(long, default_value = "")]
+    rows: String,
+    /// What cargo passes to every benchmark.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// The tables there are.
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Table {
+    /// Points that stand still
+    Static,
+    /// Points that move
+    Moving,
+    /// Points that live for a while
+    Lives,
+}
+
+/// A number that makes sense: with fewer points or queries there is nothing to measure.
+fn at_least<const LEAST: usize>(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|n| *n >= LEAST).ok_or_else(|| format!("a whole number, at least {LEAST}"))
+}
+
+/// A small generator of numbers, so that every run sees the same points.
+struct Rng(u64);
+
+impl Rng {
+    fn unit(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 40) as f32 / (1u64 << 24) as f32
+    }
+    fn vec(&mut self) -> Vec3 {
+        Vec3::new(self.unit(), self.unit(), self.unit())
+    }
+    fn signed(&mut self) -> Vec3 {
+        self.vec() * 2.0 - 1.0
+    }
+    /// On the surfaces of forty spheres of very different size.
+    fn surface(&mut self) -> Vec3 {
+        let which = (self.unit() * 40.0) as u64;
+        let mut of = Rng(which.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0xabcdef);
+        of.unit();
+        let (centre, radius) = (of.vec(), 0.01 + 0.2 * of.unit().powi(3));
+        loop {
+            let p = self.signed();
+            if (0.01..1.0).contains(&p.length_squared()) {
+                return centre + p.normalize() * radius;
+            }
+        }
+    }
+}
+
+fn morton(p: Vec3) -> u64 {
+    let spread = |x: f32| {
+        let mut v = ((x + 1.0) * 300.0).clamp(0.0, 1023.0) as u64;
+        v = (v | v << 16) & 0x0300_00ff;
+        v = (v | v << 8) & 0x0300_f00f;
+        v = (v | v << 4) & 0x030c_30c3;
+        (v | v << 2) & 0x0924_9249
+    };
+    spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
+}
+
+/// Medians of the interleaved times of all contestants, in nanoseconds per query.
+fn race(repeat: usize, count: usize, contestants: &mut [&mut dyn FnMut()]) -> Vec<f64> {
+    let mut times = vec![Vec::new(); contestants.len()];
+    for _ in 0..repeat {
+        for (times, run) in times.iter_mut().zip(contestants.iter_mut()) {
+            let start = Instant::now();
+            run();
+            times.push(start.elapsed().as_nanos() as f64 / count as f64);
+        }
+    }
+    times
+        .into_iter()
+        .map(|mut t| {
+            t.sort_by(f64::total_cmp);
+            t[t.len() / 2]
+        })
+        .collect()
+}
+
+/// Radius around points of a set that holds about `aim` others on average.
+fn radius_for(tree: &PointTree, at: &[(Vec3, f32)], aim: usize) -> f32 {
+    let (mut buffer, mut sum) = (NeighborBuffer::new(), 0.0);
+    for (q, t) in at.iter().take(300) {
+        sum += tree.query(*q, *t).nearest_n_into(aim, &mut buffer).last().map_or(0.0, |n| f64::from(n.distance()));
+    }
+    (sum / at.len().min(300) as f64) as f32
+}
+
+fn k_nearest(tree: &PointTree, at: &[(Vec3, f32)], k: usize, buffer: &mut NeighborBuffer) {
+    for (q, t) in at {
+        black_box(if k == 1 {
+            tree.query(*q, *t).nearest().map_or(0, |n| n.id)
+        } else {
+            tree.query(*q, *t).nearest_n_into(k, buffer).first().map_or(0, |n| n.id)
+        });
+    }
+}
+
+fn in_radius(tree: &PointTree, at: &[(Vec3, f32)], radius: f32, buffer: &mut NeighborBuffer) {
+    for (q, t) in at {
+        black_box(tree.query(*q, *t).radius(radius).collect_into(buffer).len());
+    }
+}
+
+macro_rules! kiddo_queries {
+    ($tree:expr, $at:expr, $k:expr, $radius:expr) => {
+        for (q, _) in $at {
+            let place = q.to_array();
+            let query = $tree.query(&place);
+            match $k {
+                0 => {
+                    black_box(query.within::<SquaredEuclidean<f32>>($radius * $radius).unsorted().execute().len());
+                }
+                1 => {
+                    black_box(query.nearest_one::<SquaredEuclidean<f32>>().execute().item);
+                }
+                k => {
+                    black_box(query.nearest_n::<SquaredEuclidean<f32>>(NonZero::new(k).unwrap()).execute()[0].item);
+                }
+            }
+        }
+    };
+}
+
+fn static_tables(args: &Args) {
+    let params = PointParams::default();
+    println!("\nStatic points: ns per query, ours / kiddo's best = ratio (wanted)");
+    for &n in &args.points {
+        for set in ["uniform", "surface"] {
+            let mut rng = Rng(1);
+            let mut point = || if set == "uniform" { rng.vec() } else { rng.surface() };
+            let points: Vec<Vec3> = (0..n).map(|_| point()).collect();
+            let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
+            // On and near the points: where the queries of a gather are.
+            let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (point(), 0.0)).collect();
+            let build = race(
+                // Small ones often: the first builds of a process also fetch its memory.
+                (3_000_000 / n).clamp(3, 15),
+                n,
+                &mut [
+                    &mut || drop(black_box(PointTree::build(&points, &params).unwrap())),
+                    &mut || drop(black_box(Arena::new_from_slice(&arrays).unwrap())),
+                    &mut || drop(black_box(Flat::new_from_slice(&arrays).unwrap())),
+                ],
+            );
+            let tree = PointTree::build(&points, &params).unwrap();
+            let (arena, flat) = (Arena::new_from_slice(&arrays).unwrap(), Flat::new_from_slice(&arrays).unwrap());
+            let ms = |time: f64| time * n as f64 / 1e6;
+            println!(
+                "{n} {set}: build {:.1} ms, kiddo {:.1}/{:.1} ms = {:.2}; {:.1} bytes per point",
+                ms(build[0]),
+                ms(build[1]),
+                ms(build[2]),
+                build[1].min(build[2]) / build[0],
+                tree.stats().bytes() as f64 / n as f64
+            );
+            let radius = radius_for(&tree, &at, 40);
+            let mut peers = Vec::new();
+            for order in ["random", "morton"] {
+                if order == "morton" {
+                    at.sort_by_key(|(q, _)| morton(*q));
+                }
+                print!("  {order:7}");
+                for (k, wanted) in WANTED {
+                    let mut buffer = NeighborBuffer::new();
+                    let times = race(
+                        args.repeat,
+                        at.len(),
+                        &mut [
+                            &mut || match k {
+                                0 => in_radius(&tree, &at, radius, &mut buffer),
+                                k => k_nearest(&tree, &at, k, &mut buffer),
+                            },
+                            &mut || kiddo_queries!(arena, &at, k, radius),
+                            &mut || kiddo_queries!(flat, &at, k, radius),
+                        ],
+                    );
+                    let peer = times[1].min(times[2]);
+                    print!("  {} {:.0}/{peer:.0} = {:.2} ({wanted})", name(k), times[0], peer / times[0]);
+                    peers.push(peer);
+                }
+                println!();
+                if order == "random" {
+                    batches(&tree, &at, &peers, args.repeat);
+                }
+            }
+        }
+    }
+}
+
+/// Numbers of neighbours (0: all within a radius) and the ratios wanted.
+const WANTED: [(usize, f64); 5] = [(1, 1.4), (8, 2.5), (32, 3.0), (64, 3.0), (0, 3.0)];
+
+fn name(k: usize) -> String {
+    if k == 0 { "radius".to_string() } else { format!("k={k}") }
+}
+
+/// A row for those who have all their queries at once: a batch on one thread, which orders queries and copies
+/// results, against the peer's single queries in the same random order. (Not within a radius: a batch sorts what it
+/// finds, the others do not.)
+fn batches(tree: &PointTree, at: &[(Vec3, f32)], peers: &[f64], repeat: usize) {
+    print!("  batch  ");
+    for ((k, _), peer) in WANTED.into_iter().zip(peers).filter(|((k, _), _)| *k > 0) {
+        let mut run = || match k {
+            1 => drop(black_box(tree.nearest_batch(at))),
+            k => drop(black_box(tree.nearest_n_batch(at, k))),
+        };
+        let time = race(repeat, at.len(), &mut [&mut run])[0];
+        print!("  {} {time:.0}/{peer:.0} = {:.2}", name(k), peer / time);
+    }
+    println!();
+}
+
+/// The rows of the moving table: points and what they are called.
+fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
+    let mut rng = Rng(7);
+    let spacing = 1.0 / (n as f32).cbrt();
+    (0..n)
+        .map(|_| {
+            let p = if row == "clustered" { rng.surface() } else { rng.vec() };
+            let random = rng.signed() * spacing;
+            let way = match row {
+                "coherent 10%" => Vec3::new(p.y - 0.5, 0.5 - p.x, 0.3 * p.z) * 0.14,
+                "random 0.5x" => random * 0.5,
+                "random 1x" => random,
+                "random 5x" => random * 5.0,
+                "random 20x" => random * 20.0,
+                "5% fast" => {
+                    if rng.unit() < 0.05 {
+                        random * 20.0
+                    } else {
+                        Vec3::ZERO
+                    }
+                }
+                "5% fast, rest slow" => random * if rng.unit() < 0.05 { 20.0 } else { 0.1 },
+                "clustered" => random * 0.5,
+                _ => unreachable!("{row}"),
+            };
+            MovingPoint::new(p, p + way)
+        })
+        .collect()
+}
+
+fn moving_tables(args: &Args) {
+    let n = *args.points.last().unwrap();
+    println!("\nMoving points, {n} of them, every query its own time: ns per query");
+    let rows = [
+        "coherent 10%",
+        "random 0.5x",
+        "random 1x",
+        "random 5x",
+        "random 20x",
+        "5% fast",
+        "5% fast, rest slow",
+        "clustered",
+    ];
+    for row in rows.into_iter().filter(|row| row.contains(&args.rows)) {
+        let points = moving_set(row, n);
+        let mut rng = Rng(99);
+        let mut at: Vec<(Vec3, f32)> = (0..args.queries)
+            .map(|i| {
+                let (p, t) = (&points[i * 7919 % n], rng.unit());
+                (p.open.lerp(p.close, t) + rng.signed() * 0.3 / (n as f32).cbrt(), t)
+            })
+            .collect();
+        at.sort_by_key(|(q, _)| morton(*q));
+        let still: Vec<Vec3> = points.iter().map(|p| p.open.lerp(p.close, 0.5)).collect();
+        let still = PointTree::build(&still, &PointParams::default()).unwrap();
+        let snapshots: Vec<Arena> = (0..16)
+            .map(|i| {
+                let t = (i as f32 + 0.5) / 16.0;
+                let at: Vec<[f32; 3]> = points.iter().map(|p| p.open.lerp(p.close, t).to_array()).collect();
+                Arena::new_from_slice(&at).unwrap()
+            })
+            .collect();
+        use PointStructure::{Automatic, Linear, Mbkd, Slabs};
+        let forced = [Linear, Slabs(2), Slabs(4), Slabs(8), Slabs(16)];
+        let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
+        let trees = built(&points, &structures);
+        let radius = radius_for(&trees[0].0, &at, 40);
+        let mut table = vec![String::new(); trees.len()];
+        let mut rivals = String::new();
+        for k in [8, 0] {
+            let snapshot = |t: f32| &snapshots[((t * 16.0) as usize).min(15)];
+            let mut kiddo = || {
+                for pair in &at {
+                    kiddo_queries!(snapshot(pair.1), core::slice::from_ref(pair), k, radius);
+                }
+            };
+            let all: Vec<&PointTree> = trees.iter().map(|t| &t.0).chain([&still]).collect();
+            let times = race_trees(args.repeat, &all, &at, k, radius, &mut kiddo);
+            let (own, peer) = (times[trees.len()], times[trees.len() + 1]);
+            let name = if k == 0 { "radius" } else { "k=8" };
+            for (text, time) in table.iter_mut().zip(&times) {
+                *text += &format!("  {name} {time:.0} ({:.2} x static, snapshots {:.2})", time / own, peer / time);
+            }
+            let best = times[1..trees.len()].iter().copied().fold(f64::INFINITY, f64::min);
+            rivals += &format!("  {name}: own static {own:.0}, snapshots {peer:.0}");
+            if args.structures {
+                rivals += &format!(", automatic / best forced {:.2}", times[0] / best);
+            }
+        }
+        println!("{row}:{rivals}");
+        for (((tree, build), structure), text) in trees.iter().zip(&structures).zip(&table) {
+            let bytes = tree.stats().bytes() as f64 / n as f64;
+            println!("  {structure:?}:{text}; build {build:.0} ms, {bytes:.0} bytes per point");
+        }
+        for layer in &trees[0].0.stats().layers {
+            println!("      {:?}, {} points: {}", layer.kind, layer.points, layer.why);
+        }
+        if args.structures {
+            // Far slower than the others, so with a tenth of the queries and by itself.
+            let some = &at[..at.len() / 10];
+            drop(trees);
+            let mbkd = built(&points, &[Mbkd]).remove(0).0;
+            let mut kiddo = || {
+                for pair in some {
+                    kiddo_queries!(
+                        &snapshots[((pair.1 * 16.0) as usize).min(15)],
+                        core::slice::from_ref(pair),
+                        8,
+                        radius
+                    );
+                }
+            };
+            let times = race_trees(1, &[&mbkd, &still], some, 8, radius, &mut kiddo);
+            println!(
+                "  Mbkd:  k=8 {:.0} ({:.2} x static, snapshots {:.2})",
+                times[0],
+                times[0] / times[1],
+                times[2] / times[0]
+            );
+        }
+    }
+}
+
+/// The trees of all structures, and the milliseconds that they took.
+fn built(points: &[MovingPoint], structures: &[PointStructure]) -> Vec<(PointTree, f64)> {
+    let build = |&structure: &PointStructure| {
+        let start = Instant::now();
+        let tree = PointTree::build(points, &PointParams { structure, ..PointParams::default() }).unwrap();
+        (tree, start.elapsed().as_secs_f64() * 1e3)
+    };
+    structures.iter().map(build).collect()
+}
+
+/// Times of all trees and, last, of a rival. `k` = 0: within the radius.
+fn race_trees(
+    repeat: usize,
+    trees: &[&PointTree],
+    at: &[(Vec3, f32)],
+    k: usize,
+    radius: f32,
+    rival: &mut dyn FnMut(),
+) -> Vec<f64> {
+    let run = |tree: &PointTree, buffer: &mut NeighborBuffer| match k {
+        0 => in_radius(tree, at, radius, buffer),
+        k => k_nearest(tree, at, k, buffer),
+    };
+    let mut runs: Vec<Box<dyn FnMut() + '_>> = Vec::new();
+    for &tree in trees {
+        let mut buffer = NeighborBuffer::new();
+        runs.push(Box::new(move || run(tree, &mut buffer)));
+    }
+    let mut contestants: Vec<&mut dyn FnMut()> = runs.iter_mut().map(|r| r.as_mut() as &mut dyn FnMut()).collect();
+    contestants.push(rival);
+    race(repeat, at.len(), &mut contestants)
+}
+
+fn lives_tables(args: &Args) {
+    let n = *args.points.last().unwrap();
+    println!("\nPoints that live for 2-10 % of the shutter, {n} of them: ns per query");
+    let mut rng = Rng(5);
+    let points: Vec<MovingPoint> = (0..n)
+        .map(|_| {
+            let (begin, length) = (rng.unit() * 0.98, 0.02 + 0.08 * rng.unit());
+            let alive = TimeInterval::new(begin, (begin + length).min(1.0)).unwrap();
+            MovingPoint::fixed(rng.vec()).alive(alive)
+        })
+        .collect();
+    let all: Vec<Vec3> = points.iter().map(|p| p.open).collect();
+    let all = PointTree::build(&all, &PointParams::default()).unwrap();
+    let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (rng.vec(), rng.unit())).collect();
+    at.sort_by_key(|(q, _)| morton(*q));
+    use PointStructure::{Automatic, Linear, Slabs};
+    let forced = [Linear, Slabs(4), Slabs(8), Slabs(16), Slabs(32)];
+    let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
+    let trees = built(&points, &structures);
+    let radius = radius_for(&trees[0].0, &at, 40);
+    let mut table = vec![String::new(); trees.len()];
+    for k in [8, 0] {
+        let mut buffer = NeighborBuffer::new();
+        let mut filtered = || {
+            for (q, t) in &at {
+                let query = all.query(*q, *t).filter(|id| points[id as usize].alive.contains(*t));
+                black_box(match k {
+                    0 => query.radius(radius).collect_into(&mut buffer).len(),
+                    k => query.nearest_n_into(k, &mut buffer).len(),
+                });
+            }
+        };
+        let every: Vec<&PointTree> = trees.iter().map(|t| &t.0).collect();
+        let times = race_trees(args.repeat, &every, &at, k, radius, &mut filtered);
+        let name = if k == 0 { "radius" } else { "k=8" };
+        for (text, time) in table.iter_mut().zip(&times) {
+            *text += &format!("  {name} {time:.0} (filtering {:.2})", times[trees.len()] / time);
+        }
+        let best = times[1..trees.len()].iter().copied().fold(f64::INFINITY, f64::min);
+        if args.structures {
+            println!("  {name}: automatic / best forced {:.2}", times[0] / best);
+        }
+    }
+    for (((tree, _), structure), text) in trees.iter().zip(&structures).zip(&table) {
+        println!("  {structure:?}:{text}; {:.0} bytes per point", tree.stats().bytes() as f64 / n as f64);
+    }
+    println!("      {}", trees[0].0.stats().layers.last().map_or("", |l| &l.why));
+}
+
+fn main() {
+    let args = Args::parse();
+    println!(
+        "queries on {}; compiled with avx2: {}, avx512f: {}",
+        SimdLevel::best(),
+        cfg!(target_feature = "avx2"),
+        cfg!(target_feature = "avx512f")
+    );
+    let wants = |table: Table| args.tables.is_empty() || args.tables.contains(&table);
+    // One thread for everything, builds included.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    pool.install(|| {
+        if wants(Table::Static) {
+            static_tables(&args);
+        }
+        if wants(Table::Moving) {
+            moving_tables(&args);
+        }
+        if wants(Table::Lives) {
+            lives_tables(&args);
+        }
+    });
+}

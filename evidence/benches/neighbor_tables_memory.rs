@@ -1,0 +1,55 @@
+//! Bytes per point of our static tree and of kiddo's, counted at the allocator: held by the finished tree, and
+//! at most while it is built.
+//!
+//! `cargo bench --bench neighbor_tables_memory`
+//!
+//! A program of its own: a counting allocator would slow down whoever allocates in the tables of times.
+
+use clap::Parser;
+use kiddo::leaf_strategy::FlatVec;
+use kiddo::stem_strategy::Eytzinger;
+use mbkd::{PointParams, PointTree};
+use peak_alloc::PeakAlloc;
+
+#[global_allocator]
+static MEMORY: PeakAlloc = PeakAlloc;
+
+type Flat = kiddo::KdTree<f32, u32, Eytzinger, FlatVec<f32, u32, 3, 32>, 3, 32>;
+
+#[derive(Parser)]
+#[command(about = "Bytes per point of static trees, ours and kiddo's, counted at the allocator")]
+struct Args {
+    /// Numbers of points.
+    #[arg(long, value_delimiter = ',', default_values_t = [10_000, 100_000, 1_000_000, 10_000_000],
+        value_parser = clap::value_parser!(u32).range(1..))]
+    points: Vec<u32>,
+    /// What cargo passes to every benchmark.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn weigh<T>(name: &str, points: usize, build: impl FnOnce() -> T) {
+    let before = MEMORY.current_usage();
+    MEMORY.reset_peak_usage();
+    let built = build();
+    let each = |bytes: usize| (bytes - before) as f64 / points as f64;
+    let (held, most) = (each(MEMORY.current_usage()), each(MEMORY.peak_usage()));
+    println!("  {name}: {held:.1} bytes per point, {most:.1} while building");
+    drop(built);
+}
+
+fn main() {
+    let args = Args::parse();
+    let mut state = 1u64;
+    let mut unit = || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 40) as f32 / (1u64 << 24) as f32
+    };
+    for n in args.points.into_iter().map(|n| n as usize) {
+        let points: Vec<[f32; 3]> = (0..n).map(|_| [unit(), unit(), unit()]).collect();
+        println!("{n} points");
+        weigh("mbkd", n, || PointTree::build(&points, &PointParams::default()).expect("points are finite"));
+        weigh("kiddo, arena leaves", n, || kiddo::ImmutableKdTree::<f32, 3>::new_from_slice(&points).expect("a tree"));
+        weigh("kiddo, flat leaves", n, || Flat::new_from_slice(&points).expect("a tree"));
+    }
+}

@@ -1,0 +1,69 @@
+//! The automatic choice against every choice by hand.
+
+use crate::Args;
+use crate::measure::{Built, COLUMNS, Row};
+use crate::rays::Rays;
+use mbkd::{BuildParams, Division};
+use mbkd_scenes::Scene;
+
+/// Every way to divide the shutter by hand, each with cuts where they pay and without any.
+fn by_hand() -> Vec<(String, BuildParams)> {
+    let divisions = [
+        Division::Whole,
+        Division::Segments(2),
+        Division::Segments(4),
+        Division::Segments(8),
+        Division::Copies(2),
+        Division::Copies(4),
+        Division::Copies(8),
+        Division::Copies(16),
+    ];
+    let mut all = Vec::new();
+    for division in divisions {
+        let name = match division {
+            Division::Segments(n) => format!("{n} segments"),
+            Division::Copies(n) => format!("{n} copies"),
+            _ => "whole".into(),
+        };
+        let params = BuildParams { division, ..BuildParams::default() };
+        all.push((format!("{name} without cuts"), BuildParams { wide_references: 1.0, ..params.clone() }));
+        all.push((name, params));
+    }
+    all
+}
+
+/// Prints how fast the trees of each hand setting are beside the automatic one.
+pub fn compare(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) {
+    let n = scene.triangles();
+    println!("\n## {}, {n} triangles\n", scene.name);
+    println!("Speed of hand settings, relative to the automatic tree's.\n");
+    println!("| setting | bytes per triangle | build s | {COLUMNS} |\n|---|---|---|---|---|---|---|---|---|");
+    println!("| automatic | {:.0} | {:.2} | 1 | 1 | 1 | 1 | 1 | 1 |", automatic.bytes_per(n), automatic.seconds);
+    let budget = f64::from(BuildParams::default().bytes_per_primitive);
+    let own = automatic.work(rays);
+    let (mut best, mut last) = (Row([1.0; 6]), None);
+    let wanted = |name: &str| args.only.is_empty() || args.only.iter().any(|part| name.contains(part.as_str()));
+    for (name, params) in by_hand().into_iter().filter(|(name, _)| wanted(name)) {
+        let built = match Built::new(&scene.meshes, &params) {
+            Ok(built) => built,
+            Err(error) => {
+                println!("| {name} | {error} |");
+                continue;
+            }
+        };
+        // Where nothing is cut, both ways give the same tree.
+        let work = built.work(rays);
+        if last.replace(work) == Some(work) {
+            continue;
+        }
+        let speed = Row::speed(&built, automatic, rays, args.runs);
+        let bytes = built.bytes_per(n);
+        // The same tree under another name shows how far the figures can be trusted.
+        let same = if work == own { " (the same tree)" } else { "" };
+        println!("| {name}{same} | {bytes:.0} | {:.2} | {speed} |", built.seconds);
+        if bytes <= budget && work != own {
+            best = best.max(speed);
+        }
+    }
+    println!("| best within {budget} bytes | | | {best} |");
+}

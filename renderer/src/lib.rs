@@ -1,0 +1,257 @@
+//! The renderer behind `cargo run --release --example motion_blur`; `--help` lists what it can do.
+//!
+//! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene
+//! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
+//! `sampling`, `sky` and `materials`, and at last `film` (pictures and files), `heatmap` or `animation`.
+
+mod animation;
+mod film;
+mod font;
+mod heatmap;
+mod integrator;
+mod materials;
+mod options;
+mod readers;
+mod render;
+mod sampling;
+mod sky;
+mod smooth;
+mod stage;
+mod staging;
+#[cfg(test)]
+mod tests;
+mod world;
+
+use animation::{Animation, numbered};
+use clap::Parser;
+use film::{Film, save_linear};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use mbkd::{BuildParams, Policy};
+use options::{Heat, Options, policy_name};
+use render::{Cost, Job, render};
+use stage::Stage;
+use staging::Source;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use world::World;
+
+/// The whole program: reads the command line, renders, writes files; what is wrong goes to standard error.
+pub fn main() -> ExitCode {
+    match run(&Options::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            let _ = writeln!(std::io::stderr(), "error: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(options: &Options) -> Result<(), String> {
+    if let Some(threads) = options.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize);
+        pool.build_global().map_err(|e| format!("cannot start {threads} threads: {e}"))?;
+    }
+    let outputs = outputs(options)?;
+    let stop = stop_on_interrupt()?;
+    match (options.heatmap, options.frames) {
+        (Some(kind), _) => heat(options, kind, &outputs, &stop),
+        (None, _) if !options.compare.is_empty() => heat(options, Heat::Steps, &outputs, &stop),
+        (None, Some(frames)) => sequence(options, frames, &outputs, &stop),
+        (None, None) => picture(options, &outputs, &stop),
+    }
+}
+
+/// The files to write, after looking at their extensions before any work is done.
+fn outputs(options: &Options) -> Result<Vec<PathBuf>, String> {
+    let outputs = if options.output.is_empty() { vec!["motion_blur.png".into()] } else { options.output.clone() };
+    for path in &outputs {
+        let known = ["png", "exr", "pfm"].iter().any(|e| path.extension().is_some_and(|p| p.eq_ignore_ascii_case(e)));
+        if !known {
+            return Err(format!("{}: pictures are written as .png, .exr or .pfm", path.display()));
+        }
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            return Err(format!("{}: there is no folder {}", path.display(), folder.display()));
+        }
+    }
+    Ok(outputs)
+}
+
+/// A flag that the first Ctrl-C sets; the second ends the program at once.
+fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = stop.clone();
+    let handler = move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ctrlc::set_handler(handler).map_err(|e| format!("cannot listen to Ctrl-C: {e}"))?;
+    Ok(stop)
+}
+
+/// One picture, in as many formats as asked for.
+fn picture(options: &Options, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
+    let stage = Source::open(options)?.stage(options, 0, 1)?;
+    let world = build(&stage, options.policy)?;
+    let film = expose(&world, &stage, &job(options), stop);
+    for path in outputs {
+        save(&film, &stage, path)?;
+    }
+    Ok(())
+}
+
+/// A sequence of pictures. A procedural scene has one shutter, which its frames divide among them; a model is posed
+/// for each frame.
+fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
+    let source = Source::open(options)?;
+    let gif = outputs[0].with_extension("gif");
+    let mut animation = Animation::begin(gif.clone(), source.duration(options, frames)? / f64::from(frames))?;
+    let mut made: Option<(Stage, World)> = None;
+    for frame in 0..frames {
+        let (stage, world) = match (made.take(), &source) {
+            (Some(made), Source::Scene) => made,
+            _ => {
+                let stage = source.stage(options, frame, frames)?;
+                let world = build(&stage, options.policy)?;
+                (stage, world)
+            }
+        };
+        let mut job = job(options);
+        if matches!(source, Source::Scene) {
+            let open = frame as f32 / frames as f32;
+            job.shutter = (open, open + 0.5 / frames as f32);
+        }
+        say(&format!("frame {} of {frames}", frame + 1));
+        let film = expose(&world, &stage, &job, stop);
+        animation.add(&film.developed(stage.sky.exposure))?;
+        for path in outputs {
+            save(&film, &stage, &numbered(path, frame))?;
+        }
+        if stop.load(Ordering::Relaxed) {
+            break;
+        }
+        made = Some((stage, world));
+    }
+    drop(animation);
+    say(&format!("wrote {}", gif.display()));
+    Ok(())
+}
+
+/// Heat maps of one or several policies.
+fn heat(options: &Options, kind: Heat, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
+    if outputs.iter().any(|path| !is_png(path)) {
+        return Err("heat maps are written as .png".into());
+    }
+    let stage = Source::open(options)?.stage(options, 0, 1)?;
+    let policies =
+        if options.compare.is_empty() { vec![options.policy.unwrap_or_default()] } else { options.compare.clone() };
+    let job = job(options);
+    let mut maps = Vec::new();
+    for policy in policies {
+        let world = build(&stage, Some(policy))?;
+        let Some(map) = heatmap::count(&world, &stage, &job, kind, policy_name(policy).into(), stop) else {
+            return Err("interrupted before the map was complete".into());
+        };
+        say(&format!("{}: {:.1} {} per camera ray, at most {:.1}", map.title, map.mean(), kind.noun(), map.most()));
+        maps.push(map);
+    }
+    let picture = heatmap::draw(&maps, &job, kind);
+    for path in outputs {
+        picture.save(path)?;
+        say(&format!("wrote {}", path.display()));
+    }
+    Ok(())
+}
+
+/// Renders with a progress bar and reports; what an interrupt leaves is kept.
+fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Film {
+    let bar = bar(job.steps());
+    let begin = Instant::now();
+    let (film, cost) = render(world, stage, job, stop, &bar);
+    let spent = begin.elapsed();
+    bar.finish_and_clear();
+    if stop.load(Ordering::Relaxed) {
+        say("interrupted: writing what is done");
+    }
+    report(&cost, spent);
+    film
+}
+
+/// The tree of a stage, with a line about it.
+fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
+    let params = match policy {
+        Some(Policy::Mbkd) => BuildParams::paper(),
+        Some(policy) => BuildParams { policy, ..BuildParams::default() },
+        None => BuildParams::default(),
+    };
+    let begin = Instant::now();
+    let world = World::build(&stage.things, &params).map_err(|e| format!("{}: {e}", stage.name))?;
+    let (spent, statistics) = (begin.elapsed(), world.statistics());
+    say(&format!(
+        "{}: {} {}, {} tree built in {:.2} s, {:.2} references each, {:.1} MB",
+        stage.name,
+        stage.things.count(),
+        stage.things.noun(),
+        policy_name(params.policy),
+        spent.as_secs_f64(),
+        statistics.references_per_primitive(),
+        (statistics.bytes + statistics.primitive_bytes) as f64 / 1e6,
+    ));
+    Ok(world)
+}
+
+fn job(options: &Options) -> Job {
+    Job {
+        width: options.width as usize,
+        height: options.height as usize,
+        samples: options.spp,
+        bounces: options.bounces,
+        seed: options.seed,
+        shutter: (0.0, 1.0),
+    }
+}
+
+fn bar(steps: u64) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr_with_hz(10));
+    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} spent, {eta} left");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar
+}
+
+/// Prints a line; a reader that has gone away is no reason to stop.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
+/// Speed, and work per ray.
+fn report(cost: &Cost, spent: Duration) {
+    let counted = cost.counted_rays.max(1) as f64;
+    say(&format!(
+        "{:.1} M rays in {:.1} s: {:.2} Mrays/s, {:.1} steps and {:.1} tests per ray",
+        cost.rays as f64 / 1e6,
+        spent.as_secs_f64(),
+        cost.rays as f64 / 1e6 / spent.as_secs_f64().max(1e-9),
+        cost.counters.steps() as f64 / counted,
+        cost.counters.primitive_tests as f64 / counted,
+    ));
+}
+
+fn is_png(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+}
+
+/// Writes a picture in the format its name asks for, and says so.
+fn save(film: &Film, stage: &Stage, path: &Path) -> Result<(), String> {
+    if is_png(path) {
+        film.developed(stage.sky.exposure).save(path)?;
+    } else {
+        save_linear(film, path)?;
+    }
+    say(&format!("wrote {}", path.display()));
+    Ok(())
+}

@@ -1,0 +1,256 @@
+//! The command line.
+
+use clap::{Parser, ValueEnum};
+use mbkd::Policy;
+use mbkd::glam::Vec3;
+use mbkd_scenes::{CATALOGUE, Camera, View};
+use std::path::PathBuf;
+
+/// Renders things that move with motion blur, through a tree that knows the time of every ray.
+///
+/// Without arguments: a hall with a running figure, to motion_blur.png, in less than a minute.
+#[derive(Parser, Debug)]
+#[command(name = "motion_blur", after_help = EXAMPLES, max_term_width = 100)]
+pub struct Options {
+    /// What to render: flake (spheres) or one of the scenes listed below
+    #[arg(long, default_value = "hall", value_parser = scene_name, help_heading = "What to see", conflicts_with = "mesh")]
+    pub scene: String,
+    /// About how many triangles (or spheres) a scene has; `full` is the size benchmarks use
+    #[arg(long, value_name = "N|full", value_parser = count, help_heading = "What to see")]
+    pub triangles: Option<Count>,
+    /// Files instead of a scene: .glb .gltf .obj .ply .mseq; several of equal topology are the keys of one shutter
+    #[arg(long, num_args = 1.., value_name = "FILE", help_heading = "What to see")]
+    pub mesh: Vec<PathBuf>,
+    /// The axis of the files that points up
+    #[arg(long, default_value = "y", help_heading = "What to see")]
+    pub up: Axis,
+    /// Without the floor that files are put on
+    #[arg(long, help_heading = "What to see")]
+    pub no_floor: bool,
+
+    /// The animation of a glTF file, by name or number
+    #[arg(long, help_heading = "When (files with an animation)")]
+    pub clip: Option<String>,
+    /// Middle of the shutter, in seconds of the clip
+    #[arg(long, value_name = "SECONDS", value_parser = finite, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
+    pub time: Option<f64>,
+    /// How long the shutter is open
+    #[arg(long, value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
+    pub shutter: Option<f64>,
+    /// At how many times inside the shutter poses are computed; motion is linear between them
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
+    pub keys: u32,
+
+    /// Eye and target at the camera's keys: x,y,z:x,y,z[;x,y,z:x,y,z...]; several make it move during the shutter
+    #[arg(long, value_name = "KEYS", value_parser = camera_keys, help_heading = "Camera", allow_hyphen_values = true)]
+    pub camera_keys: Option<CameraKeys>,
+    /// Vertical angle of view in degrees
+    #[arg(long, value_name = "DEGREES", value_parser = angle, help_heading = "Camera")]
+    pub fov: Option<f32>,
+    /// For files: direction of the camera around the vertical, degrees
+    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
+    pub azimuth: f32,
+    /// For files: height of the camera, degrees above the horizon
+    #[arg(long, default_value_t = 12.0, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
+    pub elevation: f32,
+    /// Radius of the lens in scene units; 0 is a pinhole
+    #[arg(long, default_value_t = 0.0, help_heading = "Camera")]
+    pub aperture: f32,
+    /// Distance in focus; that of the target if not given
+    #[arg(long, help_heading = "Camera")]
+    pub focus: Option<f32>,
+    /// Direction towards the sun
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, help_heading = "Light", allow_hyphen_values = true)]
+    pub sun: Option<Vec3>,
+    /// Tangent of the sun's angular radius: larger is softer
+    #[arg(long, help_heading = "Light")]
+    pub sun_radius: Option<f32>,
+    /// Brightness of the picture relative to what the scene asks for
+    #[arg(long, default_value_t = 1.0, help_heading = "Light")]
+    pub exposure: f32,
+    /// Diffuse bounces after the first surface; 0 is ambient occlusion
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64), help_heading = "Light")]
+    pub bounces: u32,
+
+    /// Pixels across
+    #[arg(long, default_value_t = 960, value_parser = clap::value_parser!(u32).range(1..=16384), help_heading = "Picture")]
+    pub width: u32,
+    /// Rows of pixels
+    #[arg(long, default_value_t = 540, value_parser = clap::value_parser!(u32).range(1..=16384), help_heading = "Picture")]
+    pub height: u32,
+    /// Samples per pixel
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Picture")]
+    pub spp: u32,
+    /// Another seed, other noise; the same seed, the same file
+    #[arg(long, default_value_t = 0, help_heading = "Picture")]
+    pub seed: u64,
+    /// Where to: .png, or linear light as .exr or .pfm; may be given several times
+    #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
+    pub output: Vec<PathBuf>,
+    /// Render a sequence of this many frames: numbered PNGs and one animated GIF
+    #[arg(long, conflicts_with_all = ["time", "heatmap", "compare"], value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), help_heading = "Picture")]
+    pub frames: Option<u32>,
+    /// Draw what camera rays cost instead of what they see
+    #[arg(long, help_heading = "Picture")]
+    pub heatmap: Option<Heat>,
+    /// Heat maps of these policies side by side, on one scale
+    #[arg(long, value_name = "POLICY,POLICY", value_delimiter = ',', value_parser = policy, num_args = 1.., help_heading = "Picture")]
+    pub compare: Vec<Policy>,
+
+    /// What kind of tree to build: wide (the engine, default), mbkd (the paper's) or classic-kd
+    #[arg(long, value_parser = policy, help_heading = "Engine")]
+    pub policy: Option<Policy>,
+    /// Threads to use; all by default
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1024), help_heading = "Engine")]
+    pub threads: Option<u32>,
+}
+
+const EXAMPLES: &str = "\
+Scenes:
+  hall      still columns and a running figure (the default)
+  camera    the same hall, still, under a moving camera
+  hairball  hair, each strand moving its own way
+  tornado   loose triangles in random motion
+  flake     a recursive flake of moving spheres
+  hand      a hand that closes
+  coherent  one rock in flight
+  needles, needles30, debris: stress tests
+
+Examples:
+  motion_blur --scene tornado --spp 64 -o tornado.png
+  motion_blur --mesh run_20.obj run_21.obj --up x
+  motion_blur --mesh robot.glb --clip Robot_Running --time 0.4 --shutter 0.05
+  motion_blur --scene hall --heatmap steps --compare mbkd,classic-kd
+  motion_blur --mesh robot.glb --clip Robot_Dance --frames 24 -o dance.png";
+
+/// Kinds of heat maps.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Heat {
+    /// Nodes and leaves visited per camera ray
+    Steps,
+    /// Primitives tested per camera ray
+    Tests,
+    /// References skipped because their time interval excludes the ray's time
+    TimeSkips,
+}
+
+/// An axis of a file.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Axis {
+    /// The first
+    X,
+    /// The second
+    Y,
+    /// The third
+    Z,
+}
+
+/// A size of a scene.
+#[derive(Clone, Copy, Debug)]
+pub enum Count {
+    /// About so many.
+    About(usize),
+    /// The size benchmarks use.
+    Full,
+}
+
+/// Eye and target at each key of the camera.
+#[derive(Clone, Debug)]
+pub struct CameraKeys(pub Vec<(Vec3, Vec3)>);
+
+impl CameraKeys {
+    /// The camera, with this up axis and picture height at distance 1.
+    pub fn camera(&self, up: Vec3, height: f32) -> Camera {
+        Camera { keys: self.0.iter().map(|&(position, target)| View { position, target, up, height }).collect() }
+    }
+}
+
+/// The policies that can be asked for by name.
+pub const POLICIES: &[(&str, Policy)] =
+    &[("wide", Policy::Wide), ("mbkd", Policy::Mbkd), ("classic-kd", Policy::ClassicKd)];
+
+/// A policy's name on the command line.
+pub fn policy_name(policy: Policy) -> &'static str {
+    POLICIES.iter().find(|(_, p)| *p == policy).map_or("?", |(name, _)| name)
+}
+
+fn policy(text: &str) -> Result<Policy, String> {
+    let known = || POLICIES.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
+    POLICIES.iter().find(|(name, _)| *name == text).map(|(_, p)| *p).ok_or_else(|| format!("known are {}", known()))
+}
+
+fn scene_name(text: &str) -> Result<String, String> {
+    let known = || CATALOGUE.iter().map(|r| r.name).chain(["flake"]).collect::<Vec<_>>().join(", ");
+    if text == "flake" || mbkd_scenes::find(text).is_some() {
+        Ok(text.into())
+    } else {
+        Err(format!("known are {}", known()))
+    }
+}
+
+fn count(text: &str) -> Result<Count, String> {
+    if text == "full" {
+        return Ok(Count::Full);
+    }
+    match text.replace('_', "").parse::<usize>() {
+        Ok(n) if n <= 100_000_000 => Ok(Count::About(n)),
+        _ => Err("a number up to 100000000, or `full`".into()),
+    }
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "a finite number".into())
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    finite(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "a number greater than 0".into())
+}
+
+fn angle(text: &str) -> Result<f32, String> {
+    text.parse::<f32>().ok().filter(|x| *x > 0.0 && *x < 180.0).ok_or_else(|| "degrees between 0 and 180".into())
+}
+
+fn vector(text: &str) -> Result<Vec3, String> {
+    let numbers: Vec<f32> = text.split(',').map_while(|x| x.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y, z] if text.split(',').count() == 3 && Vec3::new(x, y, z).is_finite() => Ok(Vec3::new(x, y, z)),
+        _ => Err(format!("`{text}` is not three numbers x,y,z")),
+    }
+}
+
+fn camera_keys(text: &str) -> Result<CameraKeys, String> {
+    let key = |part: &str| {
+        let (eye, target) = part.split_once(':').ok_or_else(|| format!("`{part}` is not eye:target"))?;
+        let (eye, target) = (vector(eye)?, vector(target)?);
+        if eye == target { Err("eye and target are the same point".into()) } else { Ok((eye, target)) }
+    };
+    text.split(';').map(key).collect::<Result<Vec<_>, String>>().map(CameraKeys)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn command_line_is_consistent_and_names_what_is_wrong() {
+        Options::command().debug_assert();
+        let parse = |line: &str| Options::try_parse_from(line.split(' ')).map_err(|e| e.to_string());
+        assert!(parse("x").is_ok());
+        let keys = parse("x --camera-keys -1,0,0:0,0,0;1,2,3:0,1,0").unwrap().camera_keys.unwrap();
+        assert_eq!(keys.0[1], (Vec3::new(1.0, 2.0, 3.0), Vec3::Y));
+        for (line, word) in [
+            ("x --scene teapot", "tornado"),
+            ("x --policy magic", "mbkd"),
+            ("x --spp 0", "--spp"),
+            ("x --camera-keys 1,2:3", "x,y,z"),
+            ("x --sun 1,2,nan", "x,y,z"),
+            ("x --shutter -1", "--shutter"),
+            ("x --frames 3 --heatmap steps", "--heatmap"),
+            ("x --scene hall --mesh a.obj", "--mesh"),
+        ] {
+            let error = parse(line).unwrap_err();
+            assert!(error.contains(word), "{line}: {error}");
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! Whole pictures whose light can be computed by hand, and the promise that a seed fixes the file.
+
+use crate::animation::Animation;
+use crate::film::{Film, save_linear};
+use crate::materials::Surface;
+use crate::render::{Job, render};
+use crate::sky::Sky;
+use crate::stage::{Stage, Things};
+use crate::staging::scene_of;
+use crate::world::World;
+use image::AnimationDecoder;
+use indicatif::ProgressBar;
+use mbkd::glam::Vec3;
+use mbkd::{BuildParams, Policy, TriangleMesh};
+use mbkd_scenes::{Camera, View};
+use std::sync::atomic::AtomicBool;
+
+fn exposed(stage: &Stage, policy: Policy, job: &Job) -> Film {
+    let world = World::build(&stage.things, &BuildParams { policy, ..BuildParams::default() }).unwrap();
+    render(&world, stage, job, &AtomicBool::new(false), &ProgressBar::hidden()).0
+}
+
+fn job(width: usize, height: usize, samples: u32) -> Job {
+    Job { width, height, samples, bounces: 1, seed: 3, shutter: (0.0, 1.0) }
+}
+
+/// A white surround of radiance 1, without a sun.
+fn furnace() -> Sky {
+    let one = Vec3::ONE;
+    Sky { zenith: one, horizon: one, below: one, sun: Vec3::ZERO, ..Sky::studio(Vec3::Y) }
+}
+
+fn square(keys: &[Vec3]) -> TriangleMesh {
+    let corners =
+        |at: &Vec3| [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| *at + Vec3::new(x, y, 0.0));
+    TriangleMesh::new(vec![[0, 1, 2], [0, 2, 3]], keys.iter().map(|at| corners(at).into()).collect::<Vec<Vec<Vec3>>>())
+}
+
+fn stage(mesh: TriangleMesh, color: f32, sky: Sky, camera: Camera) -> Stage {
+    let things = Things::Meshes(vec![mesh], vec![Surface::plain(Vec3::splat(color))]);
+    Stage { name: "test".into(), things, camera, aperture: 0.0, focus: None, sky }
+}
+
+fn front() -> Camera {
+    Camera::fixed(View::new(Vec3::new(0.0, 0.0, 10.0), Vec3::ZERO, 0.2))
+}
+
+#[test]
+fn in_a_white_furnace_a_surface_shows_its_reflectance() {
+    // A square that sees nothing but the surround reflects exactly its colour, whatever the bounces.
+    let stage = stage(square(&[Vec3::ZERO]), 0.3, furnace(), front());
+    for bounces in [0, 1, 5] {
+        let film = exposed(&stage, Policy::default(), &Job { bounces, ..job(8, 8, 4) });
+        assert!(film.linear().iter().all(|c| (c.x - 0.3).abs() < 1e-5), "{bounces} bounces");
+    }
+}
+
+#[test]
+fn the_sun_shines_by_the_cosine() {
+    let direction = Vec3::new(0.6, 0.0, 0.8);
+    let sky = Sky {
+        sun: Vec3::ONE,
+        sun_radius: 0.0,
+        zenith: Vec3::ZERO,
+        horizon: Vec3::ZERO,
+        below: Vec3::ZERO,
+        ..Sky::studio(direction)
+    };
+    let film = exposed(&stage(square(&[Vec3::ZERO]), 0.5, sky, front()), Policy::default(), &job(4, 4, 2));
+    assert!(film.linear().iter().all(|c| (c.x - 0.4).abs() < 1e-5));
+}
+
+#[test]
+fn blur_is_the_share_of_time_that_a_pixel_is_covered() {
+    // A black square, two wide, passes from -2 to 2: a pixel at x sees it for half of the shutter at most, and
+    // stratified times hit the share to within one sample.
+    let moving = square(&[Vec3::new(-2.0, 0.0, 0.0), Vec3::new(2.0, 0.0, 0.0)]);
+    let stage =
+        stage(moving, 0.0, furnace(), Camera { keys: vec![View::new(Vec3::new(0.0, 0.0, 1e3), Vec3::ZERO, 0.004)] });
+    let (width, samples) = (48, 64);
+    for policy in [Policy::default(), Policy::Mbkd, Policy::ClassicKd] {
+        let film = exposed(&stage, policy, &Job { bounces: 0, ..job(width, 16, samples) });
+        // The square is half as high as the picture: rows 4 to 11.
+        for (i, c) in film.linear().into_iter().enumerate().skip(4 * width).take(8 * width) {
+            let x = ((i % width) as f32 + 0.5) / width as f32 * 12.0 - 6.0;
+            // Covered while |x - (4t - 2)| < 1.
+            let covered = ((x + 3.0) / 4.0).clamp(0.0, 1.0) - ((x + 1.0) / 4.0).clamp(0.0, 1.0);
+            assert!((1.0 - c.x - covered).abs() < 0.07, "{policy:?}, pixel {i} at {x}: {} for {}", 1.0 - c.x, covered);
+        }
+    }
+}
+
+#[test]
+fn a_moving_camera_blurs_a_still_scene_just_so() {
+    let view = |x: f32| View::new(Vec3::new(x, 0.0, 1e3), Vec3::new(x, 0.0, 0.0), 0.004);
+    let still = stage(square(&[Vec3::ZERO]), 0.0, furnace(), Camera { keys: vec![view(2.0), view(-2.0)] });
+    let moving = square(&[Vec3::new(-2.0, 0.0, 0.0), Vec3::new(2.0, 0.0, 0.0)]);
+    let moving = stage(moving, 0.0, furnace(), Camera { keys: vec![view(0.0)] });
+    let (a, b) =
+        (exposed(&still, Policy::default(), &job(32, 8, 32)), exposed(&moving, Policy::default(), &job(32, 8, 32)));
+    let apart = a.linear().iter().zip(b.linear()).map(|(a, b)| (a.x - b.x).abs()).fold(0.0, f32::max);
+    // The same up to rays that graze an edge.
+    assert!(apart < 0.04, "{apart}");
+}
+
+#[test]
+fn a_lens_is_sharp_in_focus_and_nowhere_else() {
+    let near_edge = |focus: f32| {
+        let mut stage =
+            stage(square(&[Vec3::ZERO]), 0.0, furnace(), Camera::fixed(View::new(Vec3::Z * 10.0, Vec3::ZERO, 0.4)));
+        (stage.aperture, stage.focus) = (0.5, Some(focus));
+        let film = exposed(&stage, Policy::default(), &job(32, 32, 32)).linear();
+        // Pixels that are neither black nor white.
+        film.iter().filter(|c| c.x > 0.02 && c.x < 0.98).count()
+    };
+    let (sharp, blurred) = (near_edge(10.0), near_edge(5.0));
+    assert!(sharp < 80 && blurred > 3 * sharp, "{sharp} and {blurred}");
+}
+
+#[test]
+fn a_seed_gives_the_same_file_on_any_number_of_threads() {
+    let stage = scene_of("hall", Some(12_000)).unwrap();
+    let job = job(40, 24, 6);
+    let bytes = |threads: usize, job: &Job, policy: Policy| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| exposed(&stage, policy, job).developed(1.0).bytes())
+    };
+    let one = bytes(1, &job, Policy::default());
+    assert_eq!(bytes(3, &job, Policy::default()), one);
+    assert_eq!(bytes(2, &job, Policy::Mbkd), one, "policies answer alike");
+    assert_ne!(bytes(2, &Job { seed: 4, ..job }, Policy::default()), one);
+}
+
+#[test]
+fn an_interrupt_keeps_what_is_done() {
+    let stage = stage(square(&[Vec3::ZERO]), 0.3, furnace(), front());
+    let world = World::build(&stage.things, &BuildParams::default()).unwrap();
+    let stop = AtomicBool::new(true);
+    let (film, cost) = render(&world, &stage, &job(20, 20, 8), &stop, &ProgressBar::hidden());
+    assert!(cost.rays == 0 && film.samples.iter().all(|&n| n == 0));
+    // A film that has only some of its samples is as bright as a whole one.
+    let mut film = exposed(&stage, Policy::default(), &job(20, 20, 4));
+    film.sums[7] = Vec3::splat(0.6);
+    film.samples[7] = 2;
+    assert!(film.linear().iter().all(|c| (c.x - 0.3).abs() < 1e-5));
+}
+
+#[test]
+fn files_hold_what_was_rendered() {
+    let stage = scene_of("hand", Some(2000)).unwrap();
+    let film = exposed(&stage, Policy::default(), &job(12, 7, 2));
+    let folder = std::env::temp_dir().join(format!("mbkd_motion_blur_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let picture = film.developed(1.0);
+    picture.save(&folder.join("a.png")).unwrap();
+    assert_eq!(image::open(folder.join("a.png")).unwrap().into_rgb8().into_raw(), picture.bytes());
+    save_linear(&film, &folder.join("a.exr")).unwrap();
+    let linear: Vec<f32> = film.linear().iter().flat_map(|c| c.to_array()).collect();
+    assert_eq!(image::open(folder.join("a.exr")).unwrap().into_rgb32f().into_raw(), linear);
+    save_linear(&film, &folder.join("a.pfm")).unwrap();
+    let pfm = std::fs::read(folder.join("a.pfm")).unwrap();
+    let (header, body) = pfm.split_at(b"PF\n12 7\n-1.0\n".len());
+    assert_eq!(header, b"PF\n12 7\n-1.0\n");
+    // Rows from the bottom: the file's first pixel is the first of the last row.
+    assert_eq!(body.len(), 12 * 7 * 12);
+    assert_eq!(body[..4], film.linear()[12 * 6].x.to_le_bytes());
+    let mut animation = Animation::begin(folder.join("a.gif"), 0.1).unwrap();
+    (0..3).for_each(|_| animation.add(&picture).unwrap());
+    drop(animation);
+    let gif = std::io::BufReader::new(std::fs::File::open(folder.join("a.gif")).unwrap());
+    assert_eq!(image::codecs::gif::GifDecoder::new(gif).unwrap().into_frames().count(), 3);
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(picture.save(&folder.join("gone.png")).unwrap_err().contains("gone.png"));
+}
+
+#[test]
+fn every_scene_renders() {
+    for name in mbkd_scenes::CATALOGUE.iter().map(|recipe| recipe.name).chain(["flake"]) {
+        let stage = scene_of(name, Some(3000)).unwrap();
+        let film = exposed(&stage, Policy::default(), &job(24, 16, 2)).linear();
+        let (mean, fine) = (film.iter().sum::<Vec3>() / film.len() as f32, film.iter().all(|c| c.is_finite()));
+        let spread = film.iter().map(|c| (*c - mean).length()).fold(0.0, f32::max);
+        assert!(fine && mean.min_element() > 0.0 && spread > 0.05, "{name}: mean {mean}, spread {spread}");
+    }
+}

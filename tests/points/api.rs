@@ -1,0 +1,312 @@
+//! Batches, closest approach, the forms of input, bad input, and counted work.
+
+use crate::support::{Cloud, KINDS, Rng, cloud};
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{
+    Approach, MovingPoint, PointArrays, PointColumns, PointError, PointLayerKind, PointParams, PointSet,
+    PointStructure, PointTree, SimdLevel, TimeInterval,
+};
+
+fn params(structure: PointStructure) -> PointParams {
+    PointParams { structure, ..PointParams::default() }
+}
+
+fn tree_of(cloud: &Cloud, structure: PointStructure) -> PointTree {
+    let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
+    PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params(structure)).unwrap()
+}
+
+const STRUCTURES: [PointStructure; 4] = [
+    PointStructure::Automatic,
+    PointStructure::Linear,
+    PointStructure::Slabs(3),
+    PointStructure::Mbkd,
+];
+
+#[test]
+fn batches_equal_single_queries_for_any_number_of_threads() {
+    let mut rng = Rng(8);
+    let cloud = cloud("random", 5000, &mut rng);
+    let tree = tree_of(&cloud, PointStructure::Automatic);
+    let mut queries: Vec<(Vec3, f32)> = (0..3000).map(|_| (rng.vec(), rng.unit())).collect();
+    queries[17] = (Vec3::NAN, 0.5);
+    queries[18] = (Vec3::ZERO, 1.5);
+    queries[19] = (Vec3::INFINITY, 0.5);
+    let run = || (tree.nearest_batch(&queries), tree.nearest_n_batch(&queries, 9), tree.within_batch(&queries, 0.1));
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(run);
+    let four = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap().install(run);
+    assert_eq!(one, four);
+    let (nearest, lists, within) = one;
+    assert_eq!((lists.len(), within.len(), within.is_empty()), (queries.len(), queries.len(), false));
+    for (i, (q, t)) in queries.iter().enumerate() {
+        assert_eq!(nearest[i], tree.nearest(*q, *t));
+        assert_eq!(lists.get(i), tree.nearest_n(*q, *t, 9));
+        assert_eq!(within.get(i), tree.query(*q, *t).radius(0.1).collect_sorted());
+    }
+    assert!(nearest[17].is_none() && nearest[18].is_none() && lists.get(19).is_empty());
+    assert_eq!(lists.iter().count(), queries.len());
+    let empty: [(Vec3, f32); 0] = [];
+    assert!(tree.nearest_n_batch(&empty, 3).is_empty() && tree.nearest_batch(&empty).is_empty());
+}
+
+/// The closest approach by looking at every point, in f64, segment by segment.
+fn approach(cloud: &Cloud, from: Vec3, to: Vec3, interval: TimeInterval) -> Option<(f64, u32)> {
+    let segments = (cloud.keys.len() - 1).max(1);
+    let mut best: Option<(f64, u32)> = None;
+    for i in 0..cloud.len() {
+        for segment in 0..segments {
+            let ends = [segment as f64 / segments as f64, (segment + 1) as f64 / segments as f64];
+            let life = cloud.alive[i];
+            let begin = f64::from(interval.begin()).max(ends[0]).max(life.begin().into());
+            let end = f64::from(interval.end()).min(ends[1]).min(life.end().into());
+            if begin > end {
+                continue;
+            }
+            let key = |k: usize| cloud.keys[k.min(cloud.keys.len() - 1)][i].as_dvec3();
+            let apart = |t: f64| {
+                let p = key(segment) + (key(segment + 1) - key(segment)) * (t * segments as f64 - segment as f64);
+                let whole = f64::from(interval.end()) - f64::from(interval.begin());
+                p - from.as_dvec3().lerp(to.as_dvec3(), (t - f64::from(interval.begin())) / whole)
+            };
+            // Golden section on a convex function: another way than the library's.
+            let (mut a, mut b) = (begin, end);
+            for _ in 0..80 {
+                let (c, d) = (b - 0.618_033_988_749_895 * (b - a), a + 0.618_033_988_749_895 * (b - a));
+                if apart(c).length_squared() <= apart(d).length_squared() { b = d } else { a = c }
+            }
+            let least = [begin, 0.5 * (a + b), end].map(|t| apart(t).length_squared());
+            let least = least.into_iter().fold(f64::INFINITY, f64::min);
+            if best.is_none_or(|(d, _)| least < d) {
+                best = Some((least, i as u32));
+            }
+        }
+    }
+    best
+}
+
+#[test]
+fn closest_approach_equals_looking_at_every_point() {
+    for kind in KINDS {
+        if matches!(kind, "huge" | "denormal") {
+            continue; // the plain search above overflows or loses them
+        }
+        let mut rng = Rng(31);
+        let mut cloud = cloud(kind, 300, &mut rng);
+        if kind == "random" {
+            let third = cloud.keys[1].iter().map(|p| *p + rng.vec() * 0.3).collect();
+            cloud.keys.push(third);
+        }
+        for _ in 0..6 {
+            let begin = rng.unit() * 0.8;
+            let interval = TimeInterval::new(begin, begin + 0.2 * (1.0 - rng.unit()) + 1e-3).unwrap();
+            let (from, to) = (rng.vec(), rng.vec());
+            let wanted = approach(&cloud, from, to, interval);
+            let mut first: Option<Option<Approach>> = None;
+            for structure in STRUCTURES {
+                let found = tree_of(&cloud, structure).closest_approach(from, to, interval);
+                assert_eq!(*first.get_or_insert(found), found, "{kind}, {structure:?}: structures differ");
+                let what = format!("{kind}, {structure:?}, {from} to {to} in {interval:?}");
+                match (found, wanted) {
+                    (None, None) => {}
+                    (Some(f), Some((d, _))) => {
+                        let error = (f64::from(f.distance_squared) - d).abs();
+                        assert!(error <= 1e-6 * (d + 1e-3), "{what}: {f:?} for {wanted:?}");
+                        assert!(f.time >= interval.begin() && f.time <= interval.end(), "{what}");
+                    }
+                    _ => panic!("{what}: {found:?} for {wanted:?}"),
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn closest_approach_with_predicate_and_bad_ways() {
+    let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y)];
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let all = TimeInterval::FULL;
+    assert_eq!(tree.closest_approach(Vec3::ZERO, Vec3::ZERO, all).unwrap().time, 0.5);
+    assert_eq!(tree.closest_approach_if(Vec3::ZERO, Vec3::ZERO, all, |id| id != 0).unwrap().id, 1);
+    assert!(tree.closest_approach_if(Vec3::ZERO, Vec3::ZERO, all, |_| false).is_none());
+    assert!(tree.closest_approach(Vec3::NAN, Vec3::ZERO, all).is_none());
+    assert!(tree.closest_approach(Vec3::ZERO, Vec3::splat(1e30), all).is_none());
+}
+
+#[test]
+fn every_form_of_input_gives_the_same_answers() {
+    let mut rng = Rng(4);
+    let points: Vec<Vec3> = (0..1000).map(|_| rng.vec()).collect();
+    let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
+    let wide: Vec<DVec3> = points.iter().map(|p| p.as_dvec3() + DVec3::splat(1e9)).collect();
+    let wide_arrays: Vec<[f64; 3]> = wide.iter().map(|p| p.to_array()).collect();
+    let column = |axis: usize| points.iter().map(|p| p[axis]).collect::<Vec<f32>>();
+    let (x, y, z) = (column(0), column(1), column(2));
+    let set = PointColumns { x: &x, y: &y, z: &z };
+    let p = PointParams::default();
+    let trees = [
+        PointTree::build(&points, &p).unwrap(),
+        PointTree::build(&points[..], &p).unwrap(),
+        PointTree::build(&arrays, &p).unwrap(),
+        PointTree::build(&set, &p).unwrap(),
+        PointTree::build(&PointArrays { keys: &[&points[..]], alive: &[], ids: &[] }, &p).unwrap(),
+    ];
+    let far = [PointTree::build(&wide, &p).unwrap(), PointTree::build(&wide_arrays, &p).unwrap()];
+    assert!((far[0].origin() - DVec3::splat(1e9)).length() < 2.0);
+    for _ in 0..50 {
+        let q = rng.vec();
+        let expected = trees[0].nearest_n(q, 0.0, 7);
+        for tree in &trees {
+            assert_eq!(tree.nearest_n(q, 0.0, 7), expected);
+            assert_eq!(tree.nearest_n(q.as_dvec3(), 0.0, 7), expected, "an f64 query that is an f32 one");
+        }
+        for tree in &far {
+            // 1e9 leaves 2^-23 in f64: distances agree to about that, and so do ids without near ties.
+            let found = tree.nearest_n(q.as_dvec3() + DVec3::splat(1e9), 0.0, 7);
+            for (f, e) in found.iter().zip(&expected) {
+                assert!((f.distance() - e.distance()).abs() < 1e-6, "{f:?} {e:?}");
+            }
+        }
+    }
+    let ids: Vec<u32> = (0..1000).map(|i| 5000 - i).collect();
+    let named = PointTree::build(&PointArrays { keys: &[&points[..]], alive: &[], ids: &ids }, &p).unwrap();
+    assert_eq!(named.nearest(points[10], 0.0).unwrap().id, 4990);
+}
+
+#[test]
+fn bad_input_is_a_typed_error() {
+    let p = PointParams::default();
+    let build = |keys: &[&[Vec3]], alive: &[TimeInterval], ids: &[u32]| {
+        PointTree::build(&PointArrays { keys, alive, ids }, &p).err()
+    };
+    let two = [Vec3::ZERO, Vec3::ONE];
+    assert_eq!(build(&[&two], &[], &[]), None);
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let broken = [Vec3::ZERO, Vec3::new(0.0, bad, 0.0)];
+        assert_eq!(build(&[&two, &broken], &[], &[]), Some(PointError::NonFinite { point: 1, key: 1 }));
+    }
+    let far = [Vec3::ZERO, Vec3::splat(2e18)];
+    assert_eq!(build(&[&far], &[], &[]), Some(PointError::TooLarge { point: 1, key: 0 }));
+    let length = |name, found| Some(PointError::Length { name, expected: 2, found });
+    assert_eq!(build(&[&two, &two[..1]], &[], &[]), length("keys", 1));
+    assert_eq!(build(&[&two], &[TimeInterval::FULL], &[]), length("alive", 1));
+    assert_eq!(build(&[&two], &[], &[1, 2, 3]), length("ids", 3));
+    assert_eq!(build(&[&two], &[], &[1, u32::MAX]), Some(PointError::ReservedId { point: 1 }));
+    assert_eq!(build(&[], &[], &[]), None, "an empty set is no error");
+    let columns = PointColumns { x: &[1.0], y: &[1.0], z: &[] };
+    assert_eq!(PointTree::build(&columns, &p).err(), Some(PointError::Length { name: "z", expected: 1, found: 0 }));
+    let keys: Vec<&[Vec3]> = vec![&two; 70_000];
+    assert_eq!(build(&keys, &[], &[]), Some(PointError::TooManyKeys { found: 70_000 }));
+    struct Endless;
+    impl PointSet for Endless {
+        const WIDE: bool = false;
+        fn len(&self) -> usize {
+            u32::MAX as usize
+        }
+        fn position(&self, _: usize, _: usize) -> DVec3 {
+            DVec3::ZERO
+        }
+    }
+    let found = u32::MAX as usize;
+    assert_eq!(PointTree::build(&Endless, &p).err(), Some(PointError::TooManyPoints { found }));
+    for structure in [PointStructure::Slabs(0), PointStructure::Slabs(5000)] {
+        assert!(matches!(PointTree::build(&two, &params(structure)), Err(PointError::Parameter { .. })));
+    }
+    for max_references in [0.5, f32::NAN, f32::INFINITY] {
+        let p = PointParams { max_references, ..PointParams::default() };
+        assert!(matches!(PointTree::build(&two, &p), Err(PointError::Parameter { name: "max_references", .. })));
+    }
+    assert!(PointError::TooManyPoints { found }.to_string().contains("split the set"));
+}
+
+#[test]
+fn bad_queries_find_nothing() {
+    let still = PointTree::build(&[Vec3::ZERO, Vec3::ONE], &PointParams::default()).unwrap();
+    let moving = [MovingPoint::new(Vec3::ZERO, Vec3::ONE), MovingPoint::new(Vec3::ONE, Vec3::ZERO)];
+    let moving = PointTree::build(&moving, &PointParams::default()).unwrap();
+    let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
+    for tree in [&still, &moving, &empty] {
+        let bad = [
+            (Vec3::NAN, 0.5),
+            (Vec3::INFINITY, 0.5),
+            (Vec3::splat(1e30), 0.5),
+            (Vec3::ZERO, f32::NAN),
+            (Vec3::ZERO, -0.1),
+            (Vec3::ZERO, 1.1),
+            (Vec3::ZERO, f32::INFINITY),
+        ];
+        for (q, t) in bad {
+            assert_eq!(tree.nearest(q, t), None, "{q} {t}");
+            assert!(tree.nearest_n(q, t, 5).is_empty() && tree.within(q, t, f32::INFINITY).is_empty());
+            assert_eq!((tree.count_within(q, t, 9.0), tree.query(q, t).iter().count()), (0, 0));
+        }
+        for radius in [-1.0, -0.0f32.next_up(), f32::NAN, f32::NEG_INFINITY] {
+            assert_eq!(tree.count_within(Vec3::ZERO, 0.0, radius), 0, "radius {radius}");
+            assert_eq!(tree.query(Vec3::ZERO, 0.0).radius(radius).nearest(), None);
+        }
+    }
+    // k beyond anything asks for all, and allocates for what there is.
+    assert_eq!(still.nearest_n(Vec3::ZERO, 0.0, usize::MAX).len(), 2);
+    assert_eq!(still.query(Vec3::ZERO, 0.0).approximate(f32::NAN).nearest().unwrap().id, 0);
+    assert_eq!(still.query(Vec3::ZERO, 0.0).approximate(f32::INFINITY).nearest_n(2).len(), 2);
+}
+
+#[test]
+fn trees_and_choices_do_not_depend_on_threads() {
+    for kind in ["uniform", "fast few", "short lives", "random"] {
+        let cloud = cloud(kind, 60_000, &mut Rng(2));
+        let build = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let tree = tree_of(&cloud, PointStructure::Automatic);
+                let mut rng = Rng(6);
+                let work: Vec<_> = (0..200).map(|_| tree.query(rng.vec(), rng.unit()).work(8)).collect();
+                (tree.stats().clone(), work)
+            })
+        };
+        assert_eq!(build(1), build(4), "{kind}");
+    }
+}
+
+/// Counted work of 1000 searches for 8 neighbours: changes only when structures or searches change.
+#[test]
+fn counted_work_is_what_it_was() {
+    let count = |kind: &str, structure: PointStructure, simd: SimdLevel| {
+        let mut rng = Rng(1234);
+        let cloud = cloud(kind, 50_000, &mut rng);
+        let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
+        let params = PointParams { structure, simd, ..PointParams::default() };
+        let set = PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] };
+        let tree = PointTree::build(&set, &params).unwrap();
+        (0..1000).fold((0, 0), |(nodes, blocks), _| {
+            let work = tree.query(rng.vec(), rng.unit()).work(8);
+            (nodes + work.nodes, blocks + work.blocks)
+        })
+    };
+    for simd in SimdLevel::available() {
+        let counted = GOLDEN.map(|(kind, structure, _)| (kind, structure, count(kind, structure, simd)));
+        assert_eq!(counted, GOLDEN, "{simd}");
+    }
+}
+
+const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
+    ("uniform", PointStructure::Automatic, (5172, 7718)),
+    ("coherent", PointStructure::Linear, (6222, 8651)),
+    ("random", PointStructure::Slabs(4), (5664, 8325)),
+    ("fast few", PointStructure::Mbkd, (174563, 268115)),
+    ("short lives", PointStructure::Mbkd, (9445, 22144)),
+];
+
+#[test]
+fn automatic_says_what_and_why() {
+    let kinds = |kind: &str| {
+        let tree = tree_of(&cloud(kind, 40_000, &mut Rng(9)), PointStructure::Automatic);
+        println!("{kind}\n{}", tree.stats());
+        tree.stats().clone()
+    };
+    let coherent = kinds("coherent");
+    assert_eq!(coherent.layers[0].kind, PointLayerKind::Linear { parts: 1 });
+    assert!(coherent.layers[0].why.contains("costs least"));
+    let fast = kinds("fast few");
+    assert!(fast.layers[0].why.contains("fast points apart"), "not tried: {fast}");
+    assert!(kinds("wild speeds").references_per_point() > 1.0);
+}

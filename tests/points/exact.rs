@@ -1,0 +1,273 @@
+//! Every query in every structure on every instruction set against comparing all points.
+
+use crate::support::{Cloud, KINDS, Rng, cloud};
+use core::ops::ControlFlow;
+use mbkd::{
+    MovingPoint, Neighbor, NeighborBuffer, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree,
+    SimdLevel, TimeInterval, glam::Vec3,
+};
+
+const STRUCTURES: [PointStructure; 5] = [
+    PointStructure::Automatic,
+    PointStructure::Linear,
+    PointStructure::Slabs(1),
+    PointStructure::Slabs(3),
+    PointStructure::Mbkd,
+];
+
+fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
+    let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
+    let params = PointParams { structure, simd, max_references: 3.0 };
+    PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()
+}
+
+fn ids(found: &[Neighbor]) -> Vec<Neighbor> {
+    let mut all = found.to_vec();
+    all.sort_by_key(|n| (n.distance_squared.to_bits(), n.id));
+    all
+}
+
+/// All queries at one place and time.
+fn check(tree: &PointTree, cloud: &Cloud, q: Vec3, time: f32, buffer: &mut NeighborBuffer, what: &str) {
+    let all = cloud.sorted(q, time);
+    assert_eq!(tree.nearest(q, time), all.first().copied(), "{what}: nearest");
+    for k in [0, 1, 2, 8, 31, 64, 300, all.len(), all.len() + 5] {
+        let found = tree.query(q, time).nearest_n_into(k, buffer);
+        assert_eq!(found, &all[..k.min(all.len())], "{what}: k = {k}");
+    }
+    let some = |i: usize| all.get(i).map_or(1.0, |n| n.distance());
+    for radius in [0.0, some(0), some(5), some(40), some(all.len() / 2), f32::INFINITY] {
+        let inside = all.partition_point(|n| n.distance_squared <= radius * radius);
+        let inside = &all[..inside];
+        assert_eq!(ids(tree.query(q, time).radius(radius).collect_into(buffer)), inside, "{what}: radius {radius}");
+        assert_eq!(tree.query(q, time).radius(radius).collect_sorted_into(buffer), inside, "{what}: radius {radius}");
+        assert_eq!(tree.count_within(q, time, radius), inside.len(), "{what}: count in {radius}");
+        let iterated: Vec<Neighbor> = tree.query(q, time).radius(radius).iter().collect();
+        assert_eq!(ids(&iterated), inside, "{what}: iterated in {radius}");
+        assert_eq!(tree.nearest_n_within(q, time, 9, radius), &inside[..inside.len().min(9)], "{what}: 9 in {radius}");
+        let mut seen = 0;
+        let flow = tree.query(q, time).radius(radius).for_each(|_| {
+            seen += 1;
+            if seen == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        assert_eq!((seen, flow.is_break()), (inside.len().min(3), inside.len() >= 3), "{what}: visited in {radius}");
+    }
+    let odd = |id: u32| id % 3 == 1;
+    let some: Vec<Neighbor> = all.iter().copied().filter(|n| odd(n.id)).collect();
+    assert_eq!(tree.query(q, time).filter(odd).nearest(), some.first().copied(), "{what}: filtered nearest");
+    for k in [1, 10, 100] {
+        let found = tree.query(q, time).filter(odd).nearest_n_into(k, buffer);
+        assert_eq!(found, &some[..k.min(some.len())], "{what}: filtered, k = {k}");
+    }
+    let exact: Vec<Neighbor> = all.iter().copied().take(10).collect();
+    for (n, e) in tree.query(q, time).approximate(0.5).nearest_n(10).iter().zip(&exact) {
+        assert!(n.distance() <= e.distance() * 1.5, "{what}: approximate {n:?} for {e:?}");
+    }
+}
+
+fn times(cloud: &Cloud, rng: &mut Rng) -> Vec<f32> {
+    let mut times = vec![0.0, 1.0, 0.5, 0.5f32.next_down(), 1.0 / 3.0, rng.unit()];
+    let life = cloud.alive[rng.bits() as usize % cloud.len()];
+    times.extend([life.begin(), life.end(), life.end().next_down()]);
+    times
+}
+
+#[test]
+fn every_query_equals_comparing_all_points() {
+    let seed = 0x5eed;
+    for kind in KINDS {
+        let mut rng = Rng(seed);
+        let cloud = cloud(kind, 700, &mut rng);
+        for structure in STRUCTURES {
+            for simd in SimdLevel::available() {
+                let tree = build(&cloud, structure, simd);
+                let mut buffer = NeighborBuffer::new();
+                for time in times(&cloud, &mut rng) {
+                    let scale = cloud.at(0, time).abs().max_element();
+                    let member = cloud.at(rng.bits() as usize % cloud.len(), time);
+                    for q in [member, rng.vec() * scale, Vec3::splat(2.5 * scale.max(1e-38))] {
+                        let what = format!("seed {seed:#x}, {kind}, {structure:?}, {simd}, time {time}, q {q}");
+                        if q.abs().max_element() <= 1e18 {
+                            check(&tree, &cloud, q, time, &mut buffer, &what);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn larger_sets_reach_every_level_of_the_tree() {
+    let seed = 77;
+    for kind in ["uniform", "surface", "random", "coherent", "fast few", "short lives", "wild speeds"] {
+        let mut rng = Rng(seed);
+        let cloud = cloud(kind, 30_000, &mut rng);
+        for structure in STRUCTURES {
+            let tree = build(&cloud, structure, SimdLevel::best());
+            for _ in 0..12 {
+                let time = rng.unit();
+                let q = cloud.at(rng.bits() as usize % cloud.len(), time) + rng.vec() * 0.05;
+                let all = cloud.sorted(q, time);
+                let what = format!("seed {seed}, {kind}, {structure:?}, time {time}, q {q}");
+                assert_eq!(tree.nearest(q, time), all.first().copied(), "{what}");
+                for k in [3, 8, 50, 200] {
+                    assert_eq!(tree.nearest_n(q, time, k), &all[..k.min(all.len())], "{what}, k = {k}");
+                }
+                let radius = all.get(100).map_or(0.1, |n| n.distance());
+                let inside = all.partition_point(|n| n.distance_squared <= radius * radius);
+                assert_eq!(tree.query(q, time).radius(radius).collect_sorted(), &all[..inside], "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn small_sets_of_every_size() {
+    let mut rng = Rng(3);
+    for count in (0..70).chain([255, 256, 257, 511, 513, 4096, 4097]) {
+        let points: Vec<Vec3> = (0..count).map(|_| rng.vec()).collect();
+        let still = Cloud::still(points.clone());
+        let mut moving = still.clone();
+        moving.keys.push(points.iter().map(|p| *p * 0.5).collect());
+        for cloud in [still, moving] {
+            for structure in STRUCTURES {
+                let tree = build(&cloud, structure, SimdLevel::best());
+                assert_eq!((tree.len(), tree.is_empty()), (count, count == 0));
+                let (q, time) = (rng.vec(), rng.unit());
+                let all = cloud.sorted(q, time);
+                let what = format!("{count} points, {structure:?}");
+                assert_eq!(tree.nearest(q, time), all.first().copied(), "{what}");
+                assert_eq!(tree.nearest_n(q, time, 20), &all[..all.len().min(20)], "{what}");
+                assert_eq!(tree.within(q, time, f32::INFINITY).len(), count, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn many_keys_are_met_exactly() {
+    let mut rng = Rng(11);
+    for keys in [1, 2, 3, 4, 7, 25] {
+        let count = 400;
+        let start: Vec<Vec3> = (0..count).map(|_| rng.vec()).collect();
+        let step = |p: &Vec3, rng: &mut Rng| *p + rng.vec() * 0.2;
+        let mut all = vec![start];
+        while all.len() < keys {
+            let next = all.last().unwrap().iter().map(|p| step(p, &mut rng)).collect();
+            all.push(next);
+        }
+        let mut cloud = Cloud { keys: all, alive: vec![TimeInterval::FULL; count] };
+        for lives in [false, true] {
+            if lives {
+                for alive in &mut cloud.alive {
+                    let begin = rng.unit() * 0.7;
+                    *alive = TimeInterval::new(begin, begin + 0.3 * (1.0 - rng.unit())).unwrap();
+                }
+            }
+            for structure in STRUCTURES {
+                let tree = build(&cloud, structure, SimdLevel::best());
+                let mut at: Vec<f32> = (0..keys).map(|k| k as f32 / (keys.max(2) - 1) as f32).collect();
+                at.extend(at.clone().iter().flat_map(|t| [t.next_down().max(0.0), t.next_up().min(1.0)]));
+                at.extend((0..20).map(|_| rng.unit()));
+                at.extend(cloud.alive.iter().take(10).flat_map(|a| [a.begin(), a.end()]));
+                for time in at {
+                    let q = rng.vec();
+                    let found = tree.nearest_n(q, time, 12);
+                    let all = cloud.sorted(q, time);
+                    assert_eq!(
+                        found,
+                        &all[..all.len().min(12)],
+                        "{keys} keys, lives {lives}, {structure:?}, time {time}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_point_is_in_exactly_one_place_at_every_crossing() {
+    let mut rng = Rng(21);
+    let count = 3000;
+    let points: Vec<_> = (0..count).map(|_| MovingPoint::new(rng.vec(), rng.vec())).collect();
+    for structure in [PointStructure::Mbkd] {
+        let params = PointParams { structure, max_references: 16.0, ..PointParams::default() };
+        let tree = PointTree::build(&points, &params).unwrap();
+        assert!(tree.stats().references_per_point() > 1.3, "nothing was cut: {}", tree.stats());
+        for i in 0..1000 {
+            // Crossing times are floats like these; the count would be off by one at any of them.
+            let time = if i < 3 { i as f32 * 0.5 } else { rng.unit() };
+            assert_eq!(tree.count_within([0.0f32; 3], time, f32::INFINITY), count, "{structure:?} at {time}");
+        }
+    }
+}
+
+#[test]
+fn a_million_points_in_one_place() {
+    let points = vec![Vec3::ONE; 1_000_000];
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let found = tree.nearest_n(Vec3::ZERO, 0.0, 20);
+    assert_eq!(found.iter().map(|n| n.id).collect::<Vec<_>>(), (0..20).collect::<Vec<_>>());
+    assert_eq!(tree.nearest(Vec3::ONE, 1.0), Some(Neighbor { id: 0, distance_squared: 0.0 }));
+    assert_eq!(tree.count_within(Vec3::ONE, 0.5, 0.0), 1_000_000);
+}
+
+/// Enough points that boxes in bytes have nodes with such boxes below them, the last of which is not full.
+#[test]
+fn a_search_without_a_bound_finds_every_point_of_a_large_set() {
+    let count = 4_300_000;
+    let mut rng = Rng(5);
+    let points: Vec<Vec3> = (0..count).map(|_| Vec3::new(rng.unit(), rng.unit(), rng.unit())).collect();
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    for q in [Vec3::splat(0.5), Vec3::splat(-3.0), Vec3::new(0.9, 0.9, 7.0)] {
+        assert_eq!(tree.count_within(q, 0.5, f32::INFINITY), count);
+        assert_eq!(tree.count_within(q, 0.5, 20.0), count);
+        let distance = |p: &Vec3| {
+            let d = *p - q;
+            (d.x * d.x + d.y * d.y) + d.z * d.z
+        };
+        let nearest = points.iter().map(distance).fold(f32::INFINITY, f32::min);
+        assert_eq!(tree.nearest(q, 0.5).map(|n| n.distance_squared), Some(nearest));
+    }
+    let all = tree.nearest_n(Vec3::splat(0.5), 0.5, count + 1);
+    assert_eq!(all.len(), count);
+}
+
+#[test]
+fn a_set_that_stands_still_has_the_static_structure() {
+    let mut rng = Rng(5);
+    let cloud = cloud("uniform", 1000, &mut rng);
+    for structure in STRUCTURES {
+        let stats = build(&cloud, structure, SimdLevel::best()).stats().clone();
+        assert_eq!((stats.layers.len(), stats.layers[0].kind), (1, PointLayerKind::Static), "{stats}");
+        assert_eq!(stats.references_per_point(), 1.0);
+    }
+}
+
+/// Still points are in leaves of 32, where a search for eight looks first; moving ones in leaves of 16, where it guesses.
+#[test]
+fn a_guess_does_not_count_what_another_layer_has_found() {
+    let mut rng = Rng(31);
+    let mut point = |i: u32| {
+        let p = rng.vec();
+        if i < 6000 { MovingPoint::fixed(p) } else { MovingPoint::new(p, p + rng.vec() * 1e-3) }
+    };
+    let points: Vec<MovingPoint> = (0..9000).map(&mut point).collect();
+    for simd in SimdLevel::available() {
+        let tree = PointTree::build(&points, &PointParams { simd, ..PointParams::default() }).unwrap();
+        assert_eq!(tree.stats().layers.len(), 2);
+        let keep = |id: u32| id >= 6000 || id % 1500 == 7;
+        for _ in 0..300 {
+            let (q, time) = (rng.vec(), rng.unit());
+            let all = tree.query(q, time).filter(keep).radius(f32::INFINITY).collect_sorted();
+            for k in [8, 10, 11, 40] {
+                assert_eq!(
+                    tree.query(q, time).filter(keep).nearest_n(k),
+                    &all[..k],
+                    "{simd}, q {q}, time {time}, k {k}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! Bad and hostile input: a typed error that names what and where, or a documented harmless answer.
+
+use crate::common::{Random, difference, grid, random_ray, soup, variants};
+use core::ops::ControlFlow;
+use mbkd::baseline::BruteForce;
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{
+    Aabb, BuildError, BuildParams, Intersection, LinearBounds, MovingSphere, Primitive, Ray, RayTree, TimeInterval,
+    TriangleMesh,
+};
+
+fn build(mesh: TriangleMesh) -> Result<RayTree, BuildError> {
+    RayTree::build(&[TriangleMesh::fixed(vec![], vec![]), mesh], &BuildParams::default())
+}
+
+fn corners() -> Vec<Vec3> {
+    vec![Vec3::ZERO, Vec3::X, Vec3::Y]
+}
+
+#[test]
+fn wrong_meshes_are_named() {
+    let one = || vec![[0, 1, 2]];
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut positions = corners();
+        positions[2].z = bad;
+        let mesh = TriangleMesh::new(one(), vec![corners(), positions]);
+        assert_eq!(build(mesh).unwrap_err(), BuildError::NonFinite { mesh: 1, key: 1, vertex: 2 });
+    }
+    let error = build(TriangleMesh::fixed(vec![[0, 1, 2], [0, 1, 3]], corners())).unwrap_err();
+    assert_eq!(error, BuildError::IndexOutOfRange { mesh: 1, triangle: 1, index: 3, vertices: 3 });
+    assert!(error.to_string().contains("triangle 1 names vertex 3"));
+    let error = build(TriangleMesh::new(one(), vec![corners(), vec![Vec3::ZERO; 2]])).unwrap_err();
+    assert_eq!(error, BuildError::KeyLength { mesh: 1, key: 1, expected: 3, found: 2 });
+    let error = build(TriangleMesh::new(one(), Vec::<Vec<Vec3>>::new())).unwrap_err();
+    assert_eq!(error, BuildError::NoKeys { mesh: 1 });
+    let far = vec![vec![DVec3::ZERO, DVec3::X, DVec3::Y * 2e30]];
+    assert_eq!(build(TriangleMesh::new(one(), far)).unwrap_err(), BuildError::TooLarge { mesh: 1, key: 0, vertex: 2 });
+    for (begin, end) in [(0.7, 0.3), (0.5, 0.5), (f32::NAN, 1.0), (-0.5, 0.5), (0.5, 1.5)] {
+        assert!(TimeInterval::new(begin, end).is_err());
+    }
+}
+
+#[test]
+fn nothing_and_next_to_nothing() {
+    let ray = Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z);
+    for params in variants() {
+        for meshes in [vec![], vec![TriangleMesh::fixed(vec![], vec![])]] {
+            let tree = RayTree::build(&meshes, &params).unwrap();
+            assert_eq!(tree.validate(), Ok(()));
+            assert_eq!((tree.closest_hit(&ray), tree.any_hit(&ray)), (None, false));
+            assert_eq!(tree.statistics().references_per_primitive(), 0.0);
+        }
+        let none = RayTree::of_primitives(Vec::<MovingSphere>::new(), &params).unwrap();
+        assert_eq!(none.closest_hit(&ray), None);
+        let meshes = [TriangleMesh::fixed(vec![[0, 1, 2]], corners())];
+        let (tree, oracle) = (RayTree::build(&meshes, &params).unwrap(), BruteForce::new(&meshes).unwrap());
+        assert_eq!(tree.closest_hit(&ray).unwrap().t, 1.0);
+        assert_eq!(difference(&tree, &oracle, &ray), None);
+    }
+}
+
+#[test]
+fn rays_that_mean_nothing_hit_nothing() {
+    let good = Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z);
+    let nan = f32::NAN;
+    let bad = [
+        Ray { dir: Vec3::ZERO, ..good },
+        Ray { dir: -Vec3::ZERO, ..good },
+        Ray { dir: Vec3::new(0.0, nan, 1.0), ..good },
+        Ray { dir: Vec3::new(0.0, 0.0, f32::INFINITY), ..good },
+        Ray { origin: DVec3::new(f64::NAN, 0.0, 0.0), ..good },
+        Ray { origin: DVec3::new(0.0, f64::INFINITY, 0.0), ..good },
+        Ray { origin: DVec3::new(0.0, 0.0, -1e200), ..good },
+        good.between(3.0, 2.0),
+        good.between(nan, 2.0),
+        good.between(0.0, nan),
+        good.at_time(-0.0001),
+        good.at_time(1.0001),
+        good.at_time(nan),
+        good.at_time(f32::INFINITY),
+    ];
+    let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![corners(), corners()]);
+    let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
+    for params in variants() {
+        let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
+        assert!(tree.any_hit(&good));
+        for ray in &bad {
+            assert_eq!((tree.closest_hit(ray), tree.any_hit(ray)), (None, false), "{ray:?}");
+            assert_eq!(tree.all_hits(ray, |_| ControlFlow::Break(())), ControlFlow::Continue(()));
+            assert_eq!(oracle.closest_hit(ray), None);
+        }
+        // Odd, but meaningful: these must answer like brute force.
+        for ray in [
+            Ray { dir: Vec3::new(0.0, -0.0, 1e-42), ..good },
+            Ray { dir: Vec3::new(-0.0, 0.0, 3e38), ..good },
+            good.between(f32::NEG_INFINITY, f32::INFINITY),
+            good.between(f32::INFINITY, f32::INFINITY),
+            good.between(1.0, 1.0),
+            Ray { origin: DVec3::new(0.2, 0.2, -1e9), ..good },
+        ] {
+            assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
+        }
+    }
+}
+
+#[test]
+fn hits_of_another_tree_have_no_corners() {
+    let tree = build(TriangleMesh::fixed(vec![[0, 1, 2]], corners())).unwrap();
+    for (mesh, primitive) in [(0, 0), (1, 1), (2, 0), (u32::MAX, u32::MAX)] {
+        let hit = mbkd::Hit { t: 0.0, u: 0.0, v: 0.0, mesh, primitive };
+        assert!(tree.vertices(&hit, 0.5)[0].is_nan() && tree.normal(&hit, 0.5) == Vec3::ZERO);
+    }
+}
+
+/// Whatever the scene, the tree is whole and a few rays agree with brute force.
+fn survives(mesh: TriangleMesh, reach: f32) {
+    let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
+    for params in variants() {
+        let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
+        let s = tree.statistics();
+        assert!(s.references <= (mesh.len() as f32 * params.max_references) as usize && s.depth <= 60, "{s:?}");
+        let mut random = Random(4);
+        for _ in 0..30 {
+            assert_eq!(difference(&tree, &oracle, &random_ray(&mut random, reach)), None, "{params:?}");
+        }
+    }
+}
+
+#[test]
+fn thousands_at_one_place() {
+    let n = 5000;
+    let same = |positions: Vec<Vec<Vec3>>| TriangleMesh::new(vec![[0, 1, 2]; n], positions);
+    survives(same(vec![corners()]), 1.0);
+    survives(same(vec![corners(), corners().iter().map(|p| p + Vec3::ONE * 3.0).collect()]), 3.0);
+    survives(same(vec![vec![Vec3::ONE; 3]]), 1.0);
+    survives(same(vec![vec![Vec3::ONE; 3], vec![Vec3::X; 3]]), 1.0);
+    survives(same(vec![vec![Vec3::ZERO, Vec3::X, Vec3::X * 2.0]]), 2.0);
+}
+
+#[test]
+fn everything_crosses_everything() {
+    // Long triangles through one point, and small ones that fly across the whole scene.
+    survives(soup(2000, 1, 50.0, 0.0, 3), 60.0);
+    survives(soup(2000, 2, 0.05, 40.0, 4), 40.0);
+    survives(soup(500, 9, 0.05, 10.0, 5), 20.0);
+}
+
+#[test]
+fn flat_scenes() {
+    for axis in 0..3 {
+        let mut random = Random(axis as u64);
+        let flatten = |mut p: Vec3| {
+            p[axis] = 0.0;
+            p
+        };
+        let positions: Vec<Vec<Vec3>> = (0..2).map(|_| (0..900).map(|_| flatten(random.vec())).collect()).collect();
+        survives(TriangleMesh::new((0..300).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), positions), 1.0);
+    }
+    // A tiled floor: every ray in a plane of tile edges.
+    let vertices: Vec<Vec3> = (0..=20).flat_map(|y| (0..=20).map(move |x| grid(x, y, 0))).collect();
+    let mut indices = Vec::new();
+    for y in 0..20 {
+        for x in 0..20 {
+            let a = y * 21 + x;
+            indices.extend([[a, a + 1, a + 21], [a + 1, a + 22, a + 21]]);
+        }
+    }
+    let meshes = [TriangleMesh::fixed(indices, vertices)];
+    let oracle = BruteForce::new(&meshes).unwrap();
+    for params in variants() {
+        let tree = RayTree::build(&meshes, &params).unwrap();
+        for x in 0..=20i8 {
+            for y in 0..=20i8 {
+                let from = grid(x, y, 5);
+                for dir in [Vec3::NEG_Z, Vec3::new(-0.0, 0.0, -2.0), Vec3::new(0.0, 1.0, -5.0), Vec3::X] {
+                    assert_eq!(difference(&tree, &oracle, &Ray::new(from, dir)), None, "{params:?}");
+                    assert_eq!(difference(&tree, &oracle, &Ray::new(grid(x, y, 0), dir)), None, "{params:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn huge_tiny_and_far_away() {
+    for (scale, away) in [(1e-30, 0.0), (1e-12, 1.0), (1e6, 1e12), (1e28, 0.0), (1.0, 1e9)] {
+        let mesh = soup(200, 2, 0.3, 0.5, 2);
+        let mbkd::Keys::F32(keys) = &mesh.keys else { unreachable!() };
+        let place = |p: Vec3| p.as_dvec3() * scale + DVec3::splat(away);
+        let keys: Vec<Vec<DVec3>> = keys.iter().map(|key| key.iter().map(|&p| place(p)).collect()).collect();
+        let mesh = TriangleMesh::new(mesh.indices.clone(), keys);
+        let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
+        for params in variants() {
+            let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
+            assert_eq!(tree.validate(), Ok(()));
+            let (mut random, mut hits) = (Random(5), 0);
+            for _ in 0..300 {
+                let ray = random_ray(&mut random, 1.0);
+                let ray = Ray { origin: ray.origin * scale + DVec3::splat(away), ..ray };
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?} at scale {scale}");
+                hits += u32::from(tree.any_hit(&ray));
+            }
+            assert!(hits > 50 || scale < 1e-9, "{hits} hits at scale {scale}, {away}");
+        }
+    }
+}
+
+#[test]
+fn origins_far_outside() {
+    let mesh = soup(500, 2, 0.5, 0.5, 8);
+    let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
+    for params in variants() {
+        let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
+        let mut random = Random(6);
+        for distance in [1e2f32, 1e4, 1e6, 1e8, 3e9] {
+            for _ in 0..100 {
+                let origin = random.vec() * distance;
+                let ray = Ray::new(origin, random.vec() - origin).at_time(random.unit());
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
+            }
+        }
+    }
+}
+
+/// A primitive that breaks its contract in the given way.
+struct Broken(fn(TimeInterval) -> LinearBounds);
+
+impl Primitive for Broken {
+    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+        self.0(over)
+    }
+    fn intersect(&self, _: &Ray) -> Option<Intersection> {
+        Some(Intersection { t: f32::NAN, u: f32::NAN, v: 0.0 })
+    }
+}
+
+#[test]
+fn broken_primitives_are_refused_or_harmless() {
+    let nan = |_| LinearBounds::fixed(Aabb { min: DVec3::NAN, max: DVec3::NAN });
+    let inverted = |_| LinearBounds::fixed(Aabb::EMPTY);
+    let infinite = |_| LinearBounds::fixed(Aabb { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY });
+    for params in variants() {
+        for bad in [nan, inverted, infinite] {
+            let error = RayTree::of_primitives(vec![Broken(bad)], &params).unwrap_err();
+            assert_eq!(error, BuildError::BadBounds { primitive: 0 });
+        }
+        // Good over the whole shutter, NaN over parts of it, and answers that are no numbers.
+        let sometimes = |over: TimeInterval| {
+            let at = if over == TimeInterval::FULL { DVec3::ZERO } else { DVec3::NAN };
+            LinearBounds { begin: Aabb { min: at, max: at + 1.0 }, end: Aabb { min: at + 5.0, max: at + 6.0 } }
+        };
+        let tree = RayTree::of_primitives((0..50).map(|_| Broken(sometimes)).collect(), &params).unwrap();
+        assert_eq!(tree.closest_hit(&Ray::new(Vec3::splat(-1.0), Vec3::ONE)), None);
+    }
+}
+
+#[test]
+fn bad_parameters_are_named() {
+    let params = BuildParams { max_references: f32::NAN, ..BuildParams::default() };
+    let error = RayTree::build(&[], &params).unwrap_err();
+    assert!(matches!(error, BuildError::Parameter { name: "max_references", .. }), "{error}");
+}
+
+#[test]
+fn progress_and_cancelling() {
+    let mesh = soup(20_000, 2, 0.05, 0.05, 1);
+    for params in variants() {
+        let last = std::sync::Mutex::new(0.0f32);
+        let watch = |fraction: f32| {
+            assert!((0.0..=1.0).contains(&fraction));
+            let mut last = last.lock().unwrap();
+            *last = last.max(fraction);
+            ControlFlow::Continue(())
+        };
+        let tree = RayTree::build_with_progress(std::slice::from_ref(&mesh), &params, &watch).unwrap();
+        assert!(*last.lock().unwrap() > 0.9, "{params:?}");
+        assert!(tree.statistics().references >= mesh.len());
+        let stop = |_| ControlFlow::Break(());
+        let error = RayTree::build_with_progress(std::slice::from_ref(&mesh), &params, &stop).unwrap_err();
+        assert_eq!(error, BuildError::Cancelled);
+    }
+}

@@ -1,0 +1,75 @@
+//! Counted work: nodes and tests per ray, exactly. A change here is a change of the trees or of the traversal, and
+//! belongs in the changelog with the new figures.
+
+use crate::common::Random;
+use mbkd::{BuildParams, Counters, Policy, RayTree, SimdLevel};
+use mbkd_scenes as scene;
+
+/// Nodes, leaves, references skipped by time and tests of 2000 camera rays at random times.
+fn counts(name: &str, params: &BuildParams) -> [u64; 4] {
+    let scene = (scene::find(name).unwrap().make)(5000);
+    // Culling may fuse where the hardware does, so counts of the wide tree belong to one instruction set.
+    let tree = RayTree::build(&scene.meshes, params).unwrap().with_simd(SimdLevel::PORTABLE);
+    let mut random = Random(11);
+    let mut counters = Counters::default();
+    for _ in 0..2000 {
+        let ray = scene.camera.ray(random.unit(), random.unit(), 1.0, random.unit());
+        tree.closest_hit_observed(&ray, &mut counters);
+    }
+    [counters.nodes, counters.leaves, counters.time_skips, counters.primitive_tests]
+}
+
+/// Scene, which tree, and its counts.
+const GOLDEN: &[(&str, &str, [u64; 4])] = &[
+    ("tornado", "paper", [39137, 11305, 91622, 37970]),
+    ("hall", "paper", [68010, 16477, 29178, 23989]),
+    ("hairball", "paper", [51883, 15342, 67470, 38633]),
+    ("tornado", "moving planes", [39357, 11744, 68076, 34106]),
+    ("coherent", "moving planes", [32858, 7624, 9389, 20822]),
+    ("tornado", "classic", [44161, 12617, 0, 136570]),
+    ("hall", "classic", [71828, 17228, 0, 15595]),
+    ("tornado", "wide", [4149, 3107, 0, 27552]),
+    ("hall", "wide", [8096, 1843, 0, 21012]),
+    ("hairball", "wide", [4487, 252, 0, 2037]),
+    ("mixed", "wide", [10979, 4292, 0, 46339]),
+    ("needles", "wide", [14660, 23084, 0, 232819]),
+];
+
+#[test]
+fn nodes_leaves_time_skips_and_tests() {
+    let mut wrong = Vec::new();
+    for &(scene, tree, expected) in GOLDEN {
+        let params = match tree {
+            "paper" => BuildParams::paper(),
+            "moving planes" => BuildParams::default().with_policy(Policy::Mbkd),
+            "classic" => BuildParams::default().with_policy(Policy::ClassicKd),
+            _ => BuildParams::default(),
+        };
+        let got = counts(scene, &params);
+        if got != expected {
+            wrong.push(format!("    ({scene:?}, {tree:?}, {got:?}),"));
+        }
+    }
+    assert!(wrong.is_empty(), "different counts:\n{}", wrong.join("\n"));
+}
+
+/// Watching changes neither answers nor work. (That not watching costs nothing is the pair `closest` and
+/// `closest observed by ()` in `evidence/benches/rays.rs`: the plain query is the observed one with `()`.)
+#[test]
+fn observing_changes_nothing() {
+    let scene = (scene::find("hall").unwrap().make)(5000);
+    for params in [BuildParams::default(), BuildParams::paper()] {
+        let tree = RayTree::build(&scene.meshes, &params).unwrap();
+        let mut random = Random(3);
+        for _ in 0..2000 {
+            let ray = scene.camera.ray(random.unit(), random.unit(), 1.0, random.unit());
+            let (mut first, mut second) = (Counters::default(), Counters::default());
+            let plain = tree.closest_hit(&ray);
+            assert_eq!(tree.closest_hit_observed(&ray, &mut first), plain, "{ray:?}");
+            assert_eq!(tree.closest_hit_observed(&ray, &mut ()), plain, "{ray:?}");
+            tree.closest_hit_observed(&ray, &mut second);
+            assert_eq!(first, second, "{ray:?}");
+            assert!(plain.is_none() || first.primitive_tests > 0, "{ray:?}: a hit without a test");
+        }
+    }
+}

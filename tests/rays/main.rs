@@ -1,0 +1,10 @@
+//! Rays against brute force: properties, scenes, bad input, metamorphic relations, counted work.
+
+mod bad_input;
+mod brute_force;
+mod common;
+mod golden;
+mod hairball;
+mod metamorphic;
+mod scenes;
+mod watertight;
