@@ -4,7 +4,7 @@ use super::partition::{Children, References};
 use super::primitives::{BoxReference, Primitives};
 use super::reference::Moving;
 use super::trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};
-use crate::geometry::{Box3, LinearBox3, Plane, TimeInterval};
+use crate::geometry::{LinearBox3, Plane, TimeInterval};
 use crate::layout::{KdTree, KdView};
 use crate::params::BuildParams;
 use crate::primitive::{MovingSphere, PrimitiveSet, Shapes};
@@ -45,7 +45,12 @@ fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
 }
 
 /// What a plane does to references: those of both children.
-fn parted<M: Moving>(things: &M, plane: Plane, cell: LinearBox3, all: &References<M::Bounds>) -> Children<'_, M> {
+fn parted<'a, M: Moving>(
+    things: &'a M,
+    plane: Plane,
+    cell: LinearBox3,
+    all: &References<M::Bounds>,
+) -> Children<'a, M> {
     let mut children = Children::new(things, plane, cell);
     all.normal.iter().for_each(|r| children.duplicate(r));
     all.bp.iter().for_each(|r| children.propagate(r, true));

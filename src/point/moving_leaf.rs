@@ -142,6 +142,13 @@ impl MovingLeaves {
         s.select(counting, distances, s.splat(f32::INFINITY))
     }
 
+    /// When a lane of a block counts.
+    #[cfg(test)]
+    pub(super) fn times(&self, block: usize, lane: usize) -> [f32; 2] {
+        let times = &self.times[block];
+        [times.begin[lane], times.end[lane]]
+    }
+
     /// A point of a block between its keys.
     pub(super) fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let rows = &self.blocks[block];

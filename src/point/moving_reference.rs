@@ -1,18 +1,15 @@
-//! Points between two keys: the references of moving trees, and the part of the shutter a tree covers.
+//! Points between two keys, and the part of the shutter a tree covers.
 
 use super::linear_bounds::Span;
 use crate::geometry::{KeyTime, TimeInterval};
 
-/// A point on a straight way between two keys, counting during `alive` in one place of a tree.
-///
-/// Where the way is cut at planes, several references of one point have intervals that meet but do
-/// not overlap.
+/// A point on a straight way between two keys, counting during `alive`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Mover {
     pub(super) open: [f32; 3],
     pub(super) close: [f32; 3],
     pub(super) alive: TimeInterval,
-    /// The whole life of the point, of which `alive` is a part.
+    /// The whole life of the point, of which `alive` is what falls into a part of the shutter.
     pub(super) life: TimeInterval,
     pub(super) id: u32,
     /// Whether it moves far relative to its neighbours.

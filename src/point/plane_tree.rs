@@ -195,3 +195,82 @@ impl Leaves for PlaneView<'_> {
         self.tree.leaves.ids(block)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Plane, TimeInterval};
+    use crate::point::build::parts;
+
+    fn random(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    /// Calls `visit` with the planes above each leaf, the sides it lies on (-1 below) with their slack, and its blocks.
+    fn leaves(
+        tree: &PlaneTree,
+        node: u32,
+        above: &mut Vec<(Plane, f64, f64)>,
+        visit: &mut impl FnMut(&[(Plane, f64, f64)], usize),
+    ) {
+        match tree.node(node) {
+            KdView::Leaf { first, count } => (first..first + count).for_each(|block| visit(above, block as usize)),
+            KdView::Inner { plane, right } => {
+                for (child, side) in [(node + 1, -1.0), (right, 1.0)] {
+                    above.push((plane, side, tree.slack(child)));
+                    leaves(tree, child, above, visit);
+                    above.pop();
+                }
+            }
+        }
+    }
+
+    /// How far points are computed on the wrong side of planes, at the first and last times at which they count there:
+    /// the most as a fraction of the slack.
+    fn worst(keys: usize, offset: f32, size: f32, speed: f32) -> f64 {
+        let mut state = 11;
+        let mut place = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random(&mut state) * by);
+        let movers: Vec<Mover> = (0..800)
+            .map(|id| {
+                let open = place(size).map(|x| x + offset);
+                let way = place(speed * size);
+                let close = core::array::from_fn(|i| open[i] + way[i]);
+                let alive = TimeInterval::FULL;
+                Mover { open, close, alive, life: alive, id, fast: false }
+            })
+            .collect();
+        let part = parts(keys, 1)[(keys - 1) / 2];
+        let inside: Vec<Mover> = movers.iter().map(|m| Mover { alive: part.interval, ..*m }).collect();
+        let tree = PlaneTree::build(&inside, part, 16.0);
+        let mut worst: f64 = 0.0;
+        leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {
+            for lane in 0..LANES {
+                let Some(flight) = tree.flight(block, lane) else { continue };
+                let [begin, end] = tree.leaves.times(block, lane);
+                for time in [begin, end.next_down().min(1.0)] {
+                    let at = KeyTime::new(time, keys).position(flight.open.into(), flight.close.into());
+                    for &(plane, side, slack) in planes {
+                        let outside = -side * (f64::from(at[plane.axis]) - plane.at(time));
+                        worst = worst.max(outside / slack);
+                    }
+                }
+            }
+        });
+        worst
+    }
+
+    #[test]
+    fn slack_covers_what_rounding_puts_on_the_wrong_side_and_little_more() {
+        for keys in [2, 3, 8, 100] {
+            for (offset, size, speed) in
+                [(0.0, 1.0, 1.0), (0.0, 1e-3, 30.0), (1000.0, 1.0, 0.1), (-3e7, 1e3, 5.0), (0.0, 1e18, 1.0), (0.0, 1e-40, 2.0)]
+            {
+                let worst = worst(keys, offset, size, speed);
+                let what = format!("{keys} keys, {offset} ± {size}, speed {speed}");
+                assert!(worst <= 1.0, "{what}: {worst} of the slack");
+                assert!(size < 1e-30 || worst > 0.02, "{what}: {worst} of the slack, which is far more than it takes");
+            }
+        }
+    }
+}
