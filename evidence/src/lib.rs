@@ -1,1 +1,4 @@
 //! What measurements of `mbkd` share: exact arithmetic, peers, timing. Never published.
+
+pub mod accuracy;
+pub mod oracle;

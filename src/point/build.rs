@@ -2,7 +2,7 @@
 //! shutter into parts.
 
 use super::error::PointError;
-use super::moving_reference::{Mover, Part};
+use super::moving_reference::{Mover, Part, exact_phase};
 use super::moving_tree::MovingTree;
 use super::order::Item;
 use super::partition::Layer;
@@ -40,72 +40,90 @@ impl Plan {
     }
 }
 
-/// Checks everything that can be wrong with a set, and finds the origin its positions are relative to.
-pub(super) fn check<P: PointSet + ?Sized>(points: &P) -> Result<DVec3, PointError> {
-    let (len, keys) = (points.len(), points.keys());
-    if let Some((name, expected, found)) = points.mismatch() {
-        return Err(PointError::Length { name, expected, found });
-    }
-    if len > 0 && keys == 0 {
-        return Err(PointError::NoKeys);
-    }
-    if keys > MAX_KEYS {
-        return Err(PointError::TooManyKeys { found: keys });
-    }
-    if len >= u32::MAX as usize {
-        return Err(PointError::TooManyPoints { found: len });
-    }
-    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for key in 0..keys {
-        for point in 0..len {
-            let at = points.position(point, key);
-            if !at.is_finite() {
-                return Err(PointError::NonFinite { point, key });
-            }
-            lo = lo.min(at);
-            hi = hi.max(at);
-        }
-    }
-    if let Some(point) = (0..len).find(|&point| points.id(point) == u32::MAX) {
-        return Err(PointError::ReservedId { point });
-    }
-    let origin = if P::WIDE && len > 0 { lo * 0.5 + hi * 0.5 } else { DVec3::ZERO };
-    if len > 0 && ((hi - origin).max(origin - lo)).max_element() > MAX_POINT_COORDINATE {
-        let far = |(point, key): &(usize, usize)| {
-            (points.position(*point, *key) - origin).abs().max_element() > MAX_POINT_COORDINATE
-        };
-        let all = (0..keys).flat_map(|key| (0..len).map(move |point| (point, key)));
-        if let Some((point, key)) = all.into_iter().find(far) {
-            return Err(PointError::TooLarge { point, key });
-        }
-    }
-    Ok(origin)
-}
-
-/// A set, its origin, and which of its points need moving trees.
-pub(super) struct Source<'a, P: ?Sized> {
-    pub(super) points: &'a P,
+/// A set as it was read: each position, life and id once, so that a set which contradicts itself can not make the build
+/// contradict itself.
+pub(super) struct Source {
+    /// Number of points.
+    pub(super) len: usize,
+    /// Number of keys.
+    pub(super) keys: usize,
+    /// What positions are relative to.
     pub(super) origin: DVec3,
+    /// Positions at the first key, then those at the second, and so on.
+    positions: Vec<[f32; 3]>,
+    /// Lives; empty where all points live throughout.
+    alive: Vec<TimeInterval>,
+    /// Ids; empty where they are the indices.
+    ids: Vec<u32>,
 }
 
-impl<P: PointSet + ?Sized> Source<'_, P> {
+impl Source {
+    /// Reads a set and checks everything that can be wrong with it.
+    pub(super) fn read<P: PointSet + ?Sized>(points: &P) -> Result<Source, PointError> {
+        let (len, keys) = (points.len(), points.keys());
+        if let Some((name, expected, found)) = points.mismatch() {
+            return Err(PointError::Length { name, expected, found });
+        }
+        if len > 0 && keys == 0 {
+            return Err(PointError::NoKeys);
+        }
+        if keys > MAX_KEYS {
+            return Err(PointError::TooManyKeys { found: keys });
+        }
+        if len >= u32::MAX as usize {
+            return Err(PointError::TooManyPoints { found: len });
+        }
+        let (origin, positions) = if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
+        let mut alive = Vec::new();
+        let mut ids = Vec::new();
+        for point in 0..len {
+            let (life, id) = (points.alive(point), points.id(point));
+            if id == u32::MAX {
+                return Err(PointError::ReservedId { point });
+            }
+            if alive.is_empty() && life != TimeInterval::FULL {
+                alive = vec![TimeInterval::FULL; len];
+            }
+            if let Some(to) = alive.get_mut(point) {
+                *to = life;
+            }
+            if ids.is_empty() && id != point as u32 {
+                ids = (0..len as u32).collect();
+            }
+            if let Some(to) = ids.get_mut(point) {
+                *to = id;
+            }
+        }
+        Ok(Source { len, keys, origin, positions, alive, ids })
+    }
+
     /// Position of a point at a key as the trees hold it.
     #[inline(always)]
-    pub(super) fn at(&self, point: usize, key: usize) -> [f32; 3] {
-        (self.points.position(point, key) - self.origin).as_vec3().to_array()
+    fn at(&self, point: usize, key: usize) -> [f32; 3] {
+        self.positions[key * self.len + point]
+    }
+
+    /// When a point is alive.
+    fn alive(&self, point: usize) -> TimeInterval {
+        self.alive.get(point).copied().unwrap_or(TimeInterval::FULL)
+    }
+
+    /// The id that answers carry for a point.
+    #[inline(always)]
+    pub(super) fn id(&self, point: usize) -> u32 {
+        self.ids.get(point).copied().unwrap_or(point as u32)
     }
 
     /// Whether a point neither moves nor lives for a part of the shutter only.
     pub(super) fn stands_still(&self, point: usize) -> bool {
         let first = self.at(point, 0);
-        self.points.alive(point) == TimeInterval::FULL
-            && (1..self.points.keys()).all(|key| self.at(point, key) == first)
+        self.alive(point) == TimeInterval::FULL && (1..self.keys).all(|key| self.at(point, key) == first)
     }
 
     /// A static tree of `count` of the points.
     pub(super) fn still_tree(&self, count: usize, select: impl Iterator<Item = usize>) -> StaticTree {
         let item = |i: usize| Item { at: self.at(i, 0), index: i as u32 };
-        StaticTree::build(count, select.map(item), |i| self.points.id(i as usize))
+        StaticTree::build(count, select.map(item), |i| self.id(i as usize))
     }
 
     /// The movers of a part of the shutter among some of the points.
@@ -118,13 +136,54 @@ impl<P: PointSet + ?Sized> Source<'_, P> {
         let later = (part.segment + 1).min(part.keys - 1);
         select
             .filter_map(|i| {
-                let life = self.points.alive(i);
+                let life = self.alive(i);
                 let alive = life.intersect(part.interval)?;
                 let (open, close) = (self.at(i, part.segment), self.at(i, later));
                 Some(Mover { open, close, alive, life, id: id(i), fast: false })
             })
             .collect()
     }
+}
+
+/// Positions of a set of f32 ones, bit for bit.
+fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<(DVec3, Vec<[f32; 3]>), PointError> {
+    let mut positions = Vec::with_capacity(len * keys);
+    for key in 0..keys {
+        for point in 0..len {
+            let at = checked(points.position(point, key), point, key)?;
+            positions.push(at.as_vec3().to_array());
+        }
+    }
+    Ok((DVec3::ZERO, positions))
+}
+
+/// Positions of a set of f64 ones relative to their middle, and where that is.
+fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<(DVec3, Vec<[f32; 3]>), PointError> {
+    let mut wide = Vec::with_capacity(len * keys);
+    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for key in 0..keys {
+        for point in 0..len {
+            let at = points.position(point, key);
+            if !at.is_finite() {
+                return Err(PointError::NonFinite { point, key });
+            }
+            (lo, hi) = (lo.min(at), hi.max(at));
+            wide.push(at);
+        }
+    }
+    let origin = if wide.is_empty() { DVec3::ZERO } else { lo * 0.5 + hi * 0.5 };
+    let place = |(i, at): (usize, DVec3)| Ok(checked(at - origin, i % len, i / len)?.as_vec3().to_array());
+    Ok((origin, wide.into_iter().enumerate().map(place).collect::<Result<_, PointError>>()?))
+}
+
+/// A position, if it is finite and not too large.
+#[inline(always)]
+fn checked(at: DVec3, point: usize, key: usize) -> Result<DVec3, PointError> {
+    // Also false for NaN.
+    if at.abs().max_element() <= MAX_POINT_COORDINATE && at.is_finite() {
+        return Ok(at);
+    }
+    Err(if at.is_finite() { PointError::TooLarge { point, key } } else { PointError::NonFinite { point, key } })
 }
 
 /// The parts into which the shutter is divided: `per_segment` for each segment between keys.
@@ -134,7 +193,11 @@ pub(super) fn parts(keys: usize, per_segment: usize) -> Vec<Part> {
     let bound = |i: usize| if i == count { 2.0 } else { boundary(i, per_segment, keys) };
     let part = |i: usize| {
         let interval = TimeInterval::half_open(bound(i), bound(i + 1))?;
-        Some(Part { keys, segment: i / per_segment, interval })
+        let segment = i / per_segment;
+        let at = |i: usize| exact_phase(bound(i), keys, segment);
+        let begin = if i.is_multiple_of(per_segment) { 0.0 } else { at(i) };
+        let end = if (i + 1).is_multiple_of(per_segment) { 1.0 } else { at(i + 1) };
+        Some(Part { keys, segment, interval, phases: [begin, end] })
     };
     (0..count).filter_map(part).collect()
 }
@@ -159,13 +222,8 @@ fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
 }
 
 /// Builds a moving layer of some of the points.
-pub(super) fn moving_layer<P: PointSet + ?Sized>(
-    source: &Source<'_, P>,
-    select: impl Iterator<Item = usize> + Clone,
-    plan: Plan,
-) -> Layer {
-    let parts = parts(source.points.keys(), plan.parts());
-    plan.layer(&parts, |part| source.movers(part, select.clone(), |i| source.points.id(i)))
+pub(super) fn moving_layer(source: &Source, select: impl Iterator<Item = usize> + Clone, plan: Plan) -> Layer {
+    plan.layer(&parts(source.keys, plan.parts()), |part| source.movers(part, select.clone(), |i| source.id(i)))
 }
 
 #[cfg(test)]

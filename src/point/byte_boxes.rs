@@ -10,6 +10,9 @@
 //! is the corner itself, and count 255 reaches the other corner: the step is at least a 255th of the way, and
 //! rounding to nearest never takes a sum below a float that it exceeds. So `lo <= p <= hi` holds in floats for every
 //! point, which is all that the proof in `view` asks of a box.
+//!
+//! **Far neighbours.** A child far away from the others makes the grid coarse, and all boxes of the node larger than what
+//! is in them. Where that is so, the node refers to one with floats instead.
 
 use super::snapshot::{Boxes, diagonal, outside};
 use crate::simd::{LANES, Lanes, Mask, Simd};
@@ -28,10 +31,42 @@ pub(super) struct ByteBoxes {
 /// The greatest count.
 const MOST: u8 = u8::MAX;
 
+/// A grid is too coarse for a box whose longest side is less than this many of its steps.
+const FINE: f32 = 3.0;
+
+/// A grid must be fine enough for all but this many boxes.
+const MOST_COARSE: usize = 3;
+
+/// In the place of a step: the node refers to one with floats.
+const ELSEWHERE: f32 = -1.0;
+
 impl ByteBoxes {
     /// Sixteen absent boxes.
     pub(super) const NONE: ByteBoxes =
         ByteBoxes { corner: [0.0; 3], step: [0.0; 3], lo: [[MOST; LANES]; 3], hi: [[0; LANES]; 3] };
+
+    /// A node that refers to the boxes with this number.
+    pub(super) fn elsewhere(number: usize) -> ByteBoxes {
+        let corner = [f32::from_bits(number as u32), 0.0, 0.0];
+        ByteBoxes { corner, step: [ELSEWHERE, 0.0, 0.0], ..ByteBoxes::NONE }
+    }
+
+    /// The number of the boxes that it refers to.
+    #[inline(always)]
+    pub(super) fn number_elsewhere(&self) -> Option<usize> {
+        (self.step[0] == ELSEWHERE).then(|| self.corner[0].to_bits() as usize)
+    }
+
+    /// Whether rounding to the grid makes some of the boxes much larger.
+    pub(super) fn coarse(boxes: &Boxes) -> bool {
+        let (corner, far) = boxes.hull();
+        let widest = (0..3).map(|axis| far[axis] - corner[axis]).fold(0.0, f32::max);
+        let coarse = |&lane: &usize| {
+            let longest = (0..3).map(|axis| boxes.hi[axis][lane] - boxes.lo[axis][lane]).fold(0.0, f32::max);
+            boxes.lo[0][lane] <= boxes.hi[0][lane] && longest < FINE * widest / f32::from(MOST)
+        };
+        (0..LANES).filter(coarse).count() > MOST_COARSE
+    }
 
     /// The boxes, rounded outward.
     pub(super) fn around(boxes: &Boxes) -> ByteBoxes {

@@ -1,6 +1,5 @@
 //! Points that move far relative to their neighbours.
 
-use super::linear_bounds::Span;
 use super::moving_reference::{Mover, Part};
 use super::order::{Item, include, order};
 use crate::simd::LANES;
@@ -31,8 +30,7 @@ pub(super) fn mark_fast(movers: &mut [Mover], part: &Part) {
         for item in leaf {
             let m = &mut movers[item.index as usize];
             let far = (0..3).map(|a| (way(m, a) - usual[a]).abs()).fold(0.0, f64::max);
-            let Span { range, .. } = m.span(part);
-            m.fast = far * (range[1] - range[0]) > FAST * least;
+            m.fast = far * m.span(part).duration() > FAST * least;
         }
     }
 }

@@ -25,9 +25,23 @@ pub(super) struct Part {
     pub(super) segment: usize,
     /// When.
     pub(super) interval: TimeInterval,
+    /// Its begin and end between the keys, exact: parts that share an end have the same number there.
+    pub(super) phases: [f64; 2],
 }
 
 impl Part {
+    /// Where time `t` lies in the part, between the keys, without rounding. (Times have 24 bits and there are at most
+    /// 2^16 keys.) At the ends of the part it is that of the part, which at a key is not that of the nearest float.
+    pub(super) fn exact_phase(&self, t: f32) -> f64 {
+        if t <= self.interval.begin() {
+            return self.phases[0];
+        }
+        if t >= self.interval.end_bound() {
+            return self.phases[1];
+        }
+        exact_phase(t, self.keys, self.segment).clamp(self.phases[0], self.phases[1])
+    }
+
     /// Where time `t` lies in the segment, in [0, 1], in the very rounding that queries use. It never
     /// decreases as `t` grows, so what holds between the phases of two times holds at all times between.
     pub(super) fn phase(&self, t: f32) -> f32 {
@@ -38,6 +52,11 @@ impl Part {
     pub(super) fn middle(&self) -> f32 {
         0.5 * (self.interval.begin() + self.interval.end())
     }
+}
+
+/// Where a time lies between the keys of a segment, outside of [0, 1] where it lies outside; exact.
+pub(super) fn exact_phase(t: f32, keys: usize, segment: usize) -> f64 {
+    f64::from(t) * (keys.max(2) - 1) as f64 - segment as f64
 }
 
 /// Phase within `segment` of a time that lies in it, or at its ends.
@@ -62,11 +81,11 @@ impl Mover {
         open + (close - open) * phase
     }
 
-    /// Positions at both ends of the life, for hulls.
+    /// Its way while it counts, for hulls. The range holds the phases that queries compute and the exact ones.
     pub(super) fn span(&self, part: &Part) -> Span {
         let times = [self.alive.begin(), self.alive.end_bound()];
-        let range = [f64::from(part.phase(times[0])), f64::from(part.phase(times[1]))];
-        let ends = core::array::from_fn(|axis| [self.at(axis, range[0]), self.at(axis, range[1])]);
-        Span { lo: ends, hi: ends, range, times }
+        let [begin, end] = times.map(|t| f64::from(part.phase(t)));
+        let range = [begin.min(part.exact_phase(times[0])), end.max(part.exact_phase(times[1]))];
+        Span::of_point(self.open, self.close, range, times)
     }
 }

@@ -37,11 +37,6 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[Hull]) {
     }
 }
 
-/// The largest magnitude of a coordinate.
-pub(super) fn magnitude(movers: &[Mover]) -> f32 {
-    movers.iter().flat_map(|m| m.open.iter().chain(&m.close)).fold(0.0, |most, x| x.abs().max(most))
-}
-
 impl MovingTree {
     /// The complete tree: each mover is in one leaf.
     pub(super) fn build(movers: &[Mover], part: Part) -> MovingTree {
@@ -58,7 +53,7 @@ impl MovingTree {
         let count = movers.len().div_ceil(LANES);
         let mut leaves = MovingLeaves::empty(count, timed, mortal);
         let mut hulls: Vec<Option<Hull>> = vec![None; count];
-        Fill { movers, part: &part, magnitude: magnitude(movers) }.leaves(&items, leaves.rows(), &mut hulls);
+        Fill { movers, part: &part }.leaves(&items, leaves.rows(), &mut hulls);
         drop(items);
         let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
         let mut node_times = vec![Times::NEVER; if timed { shape.nodes() } else { 0 }];
@@ -138,7 +133,6 @@ impl MovingTree {
 struct Fill<'a> {
     movers: &'a [Mover],
     part: &'a Part,
-    magnitude: f32,
 }
 
 impl Fill<'_> {
@@ -163,7 +157,7 @@ impl Fill<'_> {
                 leaf.set(lane, mover, spans[lane].times);
             }
             leaves.set(i, &leaf);
-            hulls[i] = Some(Hull::of_points(&spans[..items.len()], self.magnitude));
+            hulls[i] = Some(Hull::of_points(&spans[..items.len()]));
         }
     }
 }

@@ -99,12 +99,13 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         NeighborQuery { bound, ..self }
     }
 
-    /// Allows answers whose distance is up to 1 + `epsilon` times that of the exact answer: of
-    /// `nearest`, and of each place of `nearest_n`. Radius runs stay exact. A negative or NaN `epsilon`
-    /// counts as 0.
+    /// Allows answers whose distance is up to 1 + `epsilon` times that of the exact answer: of `nearest`, and of
+    /// each place of `nearest_n`. As many points are found as without it, all of them within the radius. Runs that
+    /// want all points in a radius stay exact. A negative or NaN `epsilon` counts as 0; an infinite one takes the
+    /// first points that the search comes to.
     ///
-    /// A box is passed by when `distance² > bound² / (1 + epsilon)²`; the factor is rounded up, so the
-    /// guarantee holds for the distances as computed.
+    /// As soon as k points are known to lie within a squared distance d², boxes farther away than `d² / (1 + epsilon)²`
+    /// are passed by. The factor is rounded up, so the guarantee holds for the distances as computed.
     #[inline(always)]
     pub fn approximate(self, epsilon: f32) -> Self {
         let shrink = if epsilon > 0.0 {

@@ -14,12 +14,18 @@ use crate::limits::MAX_LEVELS;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 
+/// The boxes of a node as they are stored.
+enum Node<'a> {
+    Bytes(&'a ByteBoxes),
+    Floats(&'a Boxes),
+}
+
 /// Points that stand still, in a complete 16-ary tree.
 #[derive(Clone)]
 pub(super) struct StaticTree {
     /// The lower levels, which have many nodes.
     lower: Vec<ByteBoxes>,
-    /// The other levels.
+    /// The other levels, and behind them nodes of the lower ones for whose boxes bytes are too coarse.
     upper: Vec<Boxes>,
     /// As many as all bottom nodes have lanes for.
     blocks: Vec<PointBlock>,
@@ -118,6 +124,13 @@ impl StaticTree {
         } else {
             fill(count, &mut tree.blocks, &mut tree.upper[..shape.begin[1]], shape.leaf_blocks, &id_of);
         }
+        for node in 0..shape.begin[1].min(plain) {
+            if tree.lower[node].number_elsewhere().is_some() {
+                let share = LANES * shape.leaf_blocks;
+                let boxes = boxes_of(&tree.blocks[node * share..(node + 1) * share], shape.leaf_blocks);
+                tree.lower[node] = tree.elsewhere(boxes);
+            }
+        }
         for level in 1..shape.levels {
             for node in shape.begin[level]..shape.begin[level + 1] {
                 let first = View::first_child(&&tree, level, node);
@@ -126,20 +139,40 @@ impl StaticTree {
                     let (lo, hi) = tree.hull(child);
                     boxes.include(lane, lo, hi);
                 }
-                match tree.lower.get_mut(node) {
-                    Some(node) => *node = ByteBoxes::around(&boxes),
-                    None => tree.upper[node - plain] = boxes,
+                if node >= plain {
+                    tree.upper[node - plain] = boxes;
+                } else {
+                    let coarse = ByteBoxes::coarse(&boxes);
+                    tree.lower[node] = if coarse { tree.elsewhere(boxes) } else { ByteBoxes::around(&boxes) };
                 }
             }
         }
         tree
     }
 
+    /// Keeps boxes apart from the lower levels, and returns the node that refers to them.
+    fn elsewhere(&mut self, boxes: Boxes) -> ByteBoxes {
+        self.upper.push(boxes);
+        ByteBoxes::elsewhere(self.upper.len() - 1)
+    }
+
+    /// The boxes of a node.
+    #[inline(always)]
+    fn node(&self, node: usize) -> Node<'_> {
+        match self.lower.get(node) {
+            Some(bytes) => match bytes.number_elsewhere() {
+                None => Node::Bytes(bytes),
+                Some(number) => Node::Floats(&self.upper[number]),
+            },
+            None => Node::Floats(&self.upper[node - self.lower.len()]),
+        }
+    }
+
     /// The box around all children of a node.
     fn hull(&self, node: usize) -> ([f32; 3], [f32; 3]) {
-        match self.lower.get(node) {
-            Some(node) => node.hull(),
-            None => self.upper[node - self.lower.len()].hull(),
+        match self.node(node) {
+            Node::Bytes(node) => node.hull(),
+            Node::Floats(node) => node.hull(),
         }
     }
 
@@ -177,9 +210,22 @@ impl FromBoxes for Boxes {
 }
 
 impl FromBoxes for ByteBoxes {
+    /// Where bytes are too coarse: a mark, in whose place the boxes are made again when they can be kept.
     fn of(boxes: Boxes) -> ByteBoxes {
-        ByteBoxes::around(&boxes)
+        if ByteBoxes::coarse(&boxes) { ByteBoxes::elsewhere(0) } else { ByteBoxes::around(&boxes) }
     }
+}
+
+/// The boxes of the leaves in these blocks.
+fn boxes_of(blocks: &[PointBlock], leaf_blocks: usize) -> Boxes {
+    let mut boxes = Boxes::NONE;
+    for (number, block) in blocks.iter().enumerate() {
+        for lane in (0..LANES).filter(|&lane| block.id[lane] != u32::MAX) {
+            let at = block.at.map(|row| row[lane]);
+            boxes.include(number / leaf_blocks, at, at);
+        }
+    }
+    boxes
 }
 
 /// Nodes that one thread fills at a time.
@@ -273,19 +319,17 @@ impl View for &StaticTree {
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
-        if let Some(node) = self.lower.get(node) {
-            return node.outside(s, &target.point);
+        match self.node(node) {
+            Node::Bytes(node) => node.outside(s, &target.point),
+            Node::Floats(node) => outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi)),
         }
-        let node = &self.upper[node - self.lower.len()];
-        outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi))
     }
     #[inline(always)]
     fn box_sizes<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> S::F {
-        if let Some(node) = self.lower.get(node) {
-            return node.sizes(s);
+        match self.node(node) {
+            Node::Bytes(node) => node.sizes(s),
+            Node::Floats(node) => diagonal::<S>(rows(s, &node.lo), rows(s, &node.hi)),
         }
-        let node = &self.upper[node - self.lower.len()];
-        diagonal::<S>(rows(s, &node.lo), rows(s, &node.hi))
     }
     #[inline(always)]
     fn expect_node(&self, node: usize) {
@@ -308,22 +352,17 @@ impl Boxed for StaticTree {
     }
     #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {
-        let begin = match self.lower.get(node) {
-            Some(node) => node.present().map(|there| if there { 0.0 } else { f64::INFINITY }),
-            None => {
-                self.upper[node - self.lower.len()].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY })
-            }
+        let begin = match self.node(node) {
+            Node::Bytes(node) => node.present().map(|there| if there { 0.0 } else { f64::INFINITY }),
+            Node::Floats(node) => node.lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY }),
         };
         [begin, [1.0; LANES]]
     }
     #[inline(always)]
     fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let [lo, hi] = match self.lower.get(node) {
-            Some(node) => node.all_faces(),
-            None => {
-                let node = &self.upper[node - self.lower.len()];
-                [node.lo, node.hi]
-            }
+        let [lo, hi] = match self.node(node) {
+            Node::Bytes(node) => node.all_faces(),
+            Node::Floats(node) => [node.lo, node.hi],
         };
         [lo.map(|row| row.map(f64::from)), hi.map(|row| row.map(f64::from))]
     }

@@ -1,6 +1,6 @@
 //! The tree that callers build and ask.
 
-use super::build::{Plan, Source, check, moving_layer, parts};
+use super::build::{Plan, Source, moving_layer, parts};
 use super::choose::{Trial, choose};
 use super::error::PointError;
 use super::fast::mark_fast;
@@ -101,14 +101,14 @@ impl PointTree {
     /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
     ///
-    /// O(n log n) time; 17 bytes per point that stands still and one more while building, from 32 per point that
-    /// moves and about twice that while building. Errors: coordinates that are not finite or too large, arrays of
+    /// O(n log n) time; 17 bytes per point that stands still, from 32 per point that moves, and about twice that while
+    /// building. The set is read once, before anything else: one whose answers change from call to call gives a tree of
+    /// the answers that it gave. Errors: coordinates that are not finite or too large, arrays of
     /// different length, parameters out of range. An empty set is a tree that finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
         params.validate()?;
-        let origin = check(points)?;
-        let source = Source { points, origin };
-        let len = points.len();
+        let source = Source::read(points)?;
+        let (len, keys, origin) = (source.len, source.keys, source.origin);
         let mut tree = PointTree { origin, simd: params.simd, layers: Vec::new(), stats: PointStats::default(), len };
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
         let count = still.iter().filter(|&&s| s).count();
@@ -127,10 +127,10 @@ impl PointTree {
             Some(plan) => (plan, "asked for".to_string()),
             None => {
                 // The middle segment stands for all of them.
-                let segment = (points.keys().max(2) - 1) / 2;
-                let part = parts(points.keys(), 1)[segment];
+                let segment = (keys.max(2) - 1) / 2;
+                let part = parts(keys, 1)[segment];
                 let mut movers = source.movers(&part, moving.clone(), |i| i as u32);
-                let (choice, trials) = choose(&movers, points.keys(), segment, params.max_references, params.simd);
+                let (choice, trials) = choose(&movers, keys, segment, params.max_references, params.simd);
                 let why = explain(&trials, &choice);
                 if let Some(plan) = choice.fast {
                     mark_fast(&mut movers, &part);

@@ -60,7 +60,7 @@ impl Position for [f64; 3] {
 ///
 /// Implemented for slices, arrays and vectors of positions (one key) and of [`MovingPoint`], and for
 /// [`PointArrays`] and [`PointColumns`]. Implement it for your own particle type to build without
-/// copying. The answers of an implementation must not change while a tree is built from it.
+/// copying into a type of ours first. Each position, life and id is asked for once.
 ///
 /// ```
 /// use mbkd::{PointParams, PointSet, PointTree, glam::DVec3};

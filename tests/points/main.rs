@@ -2,6 +2,9 @@
 
 #[cfg(feature = "rayon")]
 mod api;
+mod approximate;
 mod exact;
+mod fickle;
+mod outliers;
 mod property;
 mod support;

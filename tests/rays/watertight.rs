@@ -1,5 +1,5 @@
 //! Closed moving meshes do not leak: rays from inside, aimed at edges and vertices at random times, always hit.
-//! The long run of the same is `cargo run --release --example leaks -- --rays 100000000`.
+//! The long run of the same is `cargo run --release --example accuracy -- --rays 1000000000`.
 
 use crate::common::{Random, closed_sphere, variants};
 use mbkd::glam::{DVec3, Vec3};

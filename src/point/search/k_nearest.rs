@@ -13,7 +13,7 @@
 use super::candidates::{Candidates, append};
 use super::sort::sort_lanes;
 use super::waiting::Waiting;
-use super::walk::{Collect, keys, unpack};
+use super::walk::{Collect, LANE_BITS, keys, smallest, unpack};
 use super::{Keep, Observe, kept};
 use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
@@ -48,6 +48,8 @@ pub(in crate::point) struct KNearest<'a, K, O> {
     threshold: f32,
     /// Where the threshold comes from.
     origin: Origin,
+    /// Boxes beyond this are passed by: the threshold, or less where answers may be approximate and k points are
+    /// within it.
     cull: f32,
     /// The caller's bound.
     bound: f32,
@@ -78,7 +80,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             k,
             threshold: bound,
             origin: Origin::Caller,
-            cull: bound * shrink,
+            cull: bound,
             bound,
             shrink,
             guesses: if k <= MOST_GUESSED { GUESSES } else { 0 },
@@ -99,12 +101,13 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             self.scale = scaled(self.scale, 1.5 * self.wanted(), self.candidates.count as f32);
             self.candidates.count = 0;
             self.origin = Origin::Caller;
-            self.lower_to(self.bound);
+            (self.threshold, self.cull) = (self.bound, self.bound);
         }
         again
     }
 
-    /// Sets the threshold.
+    /// Sets the threshold to one that k points are within, or are hoped to be. The bound of the caller is never made
+    /// less: boxes within it may hold one of the first k points.
     #[inline(always)]
     fn lower_to(&mut self, threshold: f32) {
         self.threshold = threshold;
@@ -230,7 +233,11 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     /// itself on a surface; the exponent lies in between.
     #[inline(always)]
     fn guess<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
-        let (lane, near) = unpack(s.reduce_min_u(keys(s, boxes)));
+        let (mut lane, near) = unpack(s.reduce_min_u(keys(s, boxes)));
+        let holding = s.le(boxes, s.splat(0.0));
+        if holding & holding.wrapping_sub(1) != 0 {
+            lane = smallest(s, view, target, node, holding) as usize;
+        }
         let share = self.wanted() / (LANES * view.leaf_blocks()) as f32;
         let ball = V::BALL * (share * share.sqrt()).sqrt() * self.scale * s.lane(view.box_sizes(s, target, node), lane);
         let threshold = near + ball;
@@ -241,6 +248,9 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             self.guesses = 0;
         } else if threshold < self.threshold {
             self.lower_to(threshold);
+            // The nearest leaf is looked at in any case: however large epsilon is, something is found.
+            let near = f32::from_bits(near.to_bits() | LANE_BITS);
+            self.cull = if self.cull > near { self.cull } else { near };
             self.origin = Origin::Guess;
         } else {
             self.origin = Origin::Known;
@@ -341,6 +351,11 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
     #[inline(always)]
     fn node(&mut self) {
         self.observe.node();
+    }
+
+    #[inline(always)]
+    fn fresh(&self) -> bool {
+        self.origin == Origin::Caller && self.candidates.count == 0
     }
 
     #[inline(always)]

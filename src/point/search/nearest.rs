@@ -7,7 +7,7 @@
 //! needed at the end only, and in all lanes, where it is compared with boxes.
 
 use super::planes::PlaneFront;
-use super::walk::{keys, unpack};
+use super::walk::{keys, smallest, unpack};
 use super::{Keep, Observe, kept};
 use crate::limits::MAX_LEVELS;
 use crate::point::snapshot::{Leaves, NEAR, Target, View};
@@ -23,7 +23,9 @@ pub(in crate::point) struct Best<'a, S: Simd, K, O> {
     least: S::F,
     /// The same, made less where answers may be approximate: boxes farther away than this hold nothing of interest.
     cull: S::F,
-    shrink: S::F,
+    /// The caller's bound, and the factor of approximate answers.
+    bound: f32,
+    shrink: f32,
     keep: &'a K,
     observe: &'a mut O,
 }
@@ -32,9 +34,8 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
     /// Nothing found yet; what lies at `bound` itself still counts.
     #[inline(always)]
     pub(in crate::point) fn within(s: S, bound: f32, shrink: f32, keep: &'a K, observe: &'a mut O) -> Self {
-        let (bound, shrink) = (s.splat(bound), s.splat(shrink));
-        let id = s.splat_u(u32::MAX);
-        Best { distance: bound, id, least: bound, cull: bound * shrink, shrink, keep, observe }
+        let (least, id) = (s.splat(bound), s.splat_u(u32::MAX));
+        Best { distance: least, id, least, cull: least, bound, shrink, keep, observe }
     }
 
     /// Id and squared distance of the nearest, lowest id first.
@@ -72,7 +73,12 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         let least = s.min_u(least, s.swap_lanes_u::<2>(least));
         let least = s.min_u(least, s.swap_lanes_u::<1>(least));
         self.least = s.from_bits(least);
-        self.cull = self.least * self.shrink;
+        self.cull = self.least;
+        if self.shrink < 1.0 {
+            // Only what was found may stand for something nearer, not the caller's bound.
+            let found = s.lt(self.least, s.splat(self.bound));
+            self.cull = s.select(found, self.least * s.splat(self.shrink), self.least);
+        }
     }
 
     /// Looks at the nearest leaf of a bottom node; returns its lane. Where leaves are not in a near cache the next two
@@ -156,7 +162,11 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
                     left = s.load(&open[level]);
                 }
             }
-            let lane = nearest_lane(s, left, holding);
+            let lane = if holding & holding.wrapping_sub(1) != 0 && !found_leaf {
+                smallest(s, view, target, node, holding) as usize
+            } else {
+                nearest_lane(s, left, holding)
+            };
             left = s.select(1 << lane, s.splat(f32::INFINITY), left);
             s.store(left, &mut open[level]);
             node = first[level] + lane;

@@ -8,7 +8,7 @@
 
 use crate::limits::MAX_LEVELS;
 use crate::point::snapshot::{Leaves, Target, View};
-use crate::simd::{LANES, Simd};
+use crate::simd::{LANES, Mask, Simd};
 use core::ops::Range;
 
 /// What is done with the bottom nodes that a walk comes to.
@@ -17,6 +17,8 @@ pub(in crate::point) trait Collect<S: Simd> {
     fn cull(&self) -> f32;
     /// A node's sixteen boxes are about to be tested.
     fn node(&mut self);
+    /// Whether nothing was looked at yet: the way down to the first bottom node.
+    fn fresh(&self) -> bool;
     /// Looks at the leaves of a bottom node, whose squared distances are `boxes`.
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F);
     /// Looks at a leaf of a tree without boxes.
@@ -26,7 +28,8 @@ pub(in crate::point) trait Collect<S: Simd> {
     fn end<V: Leaves>(&mut self, _s: S, _view: &V, _target: &Target<S>) {}
 }
 
-const LANE_BITS: u32 = LANES as u32 - 1;
+/// The bits of a key that say the lane.
+pub(super) const LANE_BITS: u32 = LANES as u32 - 1;
 
 /// A key is a lane that was visited or is absent.
 const DONE: u32 = u32::MAX;
@@ -44,6 +47,14 @@ pub(in crate::point) fn keys<S: Simd>(s: S, distances: S::F) -> S::U {
 #[inline(always)]
 pub(in crate::point) fn unpack(key: u32) -> (usize, f32) {
     ((key & LANE_BITS) as usize, f32::from_bits(key & !LANE_BITS))
+}
+
+/// The smallest of several boxes. What surrounds the point most tightly tells most about its neighbours; a box that is
+/// large because it also holds a point far away tells nothing.
+#[inline(always)]
+pub(super) fn smallest<S: Simd, V: View>(s: S, view: &V, target: &Target<S>, node: usize, boxes: Mask) -> u32 {
+    let sizes = s.select(boxes, view.box_sizes(s, target, node), s.splat(f32::INFINITY));
+    s.reduce_min_u(keys(s, sizes)) & LANE_BITS
 }
 
 /// Visits bottom nodes, nearest children first, until nothing within the bound is left.
@@ -71,7 +82,13 @@ pub(in crate::point) fn walk<S: Simd, V: View, C: Collect<S>>(s: S, view: &V, ta
             let (boxes, holding) = view.boxes(s, target, node);
             left = keys(s, boxes);
             // A box that holds the point is at distance 0, and the first of them has the least key.
-            key = if holding != 0 { holding.trailing_zeros() } else { s.reduce_min_u(left) };
+            key = if holding == 0 {
+                s.reduce_min_u(left)
+            } else if holding & (holding - 1) != 0 && collect.fresh() {
+                smallest(s, view, target, node, holding)
+            } else {
+                holding.trailing_zeros()
+            };
             first[level] = view.first_child(level, node);
         }
         loop {

@@ -1,0 +1,328 @@
+//! How accurate the library is: its answers against exact ones, and how watertight: rays from inside closed meshes.
+//!
+//! `cargo run --release --example accuracy -- --quick` takes seconds; without `--quick` the table of docs/accuracy.md
+//! is written, and with `--rays 1000000000` the watertight run is the long one.
+
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use mbkd::RayTree;
+use mbkd_evidence::accuracy::*;
+use rayon::prelude::*;
+use std::error::Error;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(Parser)]
+#[command(about = "Compares the library's answers with exact arithmetic and writes a table; shoots at closed meshes")]
+struct Args {
+    /// Rays shot from inside closed moving meshes, altogether.
+    #[arg(long, default_value_t = 10_000_000)]
+    rays: u64,
+    /// Rays, or neighbour queries, compared with exact answers for each row of the tables.
+    #[arg(long, default_value_t = 20_000)]
+    samples: usize,
+    /// A hundredth of everything.
+    #[arg(long)]
+    quick: bool,
+    /// Seed of all scenes, rays and queries.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Writes the tables here instead of printing them; what stands in the file between the marks
+    /// `<!-- accuracy: begin -->` and `<!-- accuracy: end -->` is replaced, if it has them.
+    #[arg(long)]
+    write: Option<PathBuf>,
+}
+
+/// What the command has to say: tables, and whether everything is right.
+#[derive(Default)]
+struct Report {
+    text: String,
+    faults: Vec<String>,
+}
+
+impl Report {
+    fn line(&mut self, line: impl AsRef<str>) {
+        self.text.push_str(line.as_ref());
+        self.text.push('\n');
+    }
+}
+
+/// `n` with points of thousands left out, short.
+fn short(x: f64) -> String {
+    match x {
+        x if x.is_infinite() => "∞".into(),
+        x if x >= 1000.0 => format!("{x:.0e}"),
+        x if x >= 10.0 => format!("{x:.0}"),
+        x => format!("{x:.1}"),
+    }
+}
+
+/// Worst and 99th percentile in ulp of well-conditioned answers, their share, worst in units.
+fn errors(e: &Errors) -> String {
+    if e.is_empty() {
+        return "– | – | –".into();
+    }
+    let well = if e.well() > 0.0 {
+        format!("{} / {}", short(e.quantile_ulps(0.99)), short(e.worst_ulps()))
+    } else {
+        "–".into()
+    };
+    format!("{:.0} % | {well} | {}", e.well() * 100.0, short(e.worst_units()))
+}
+
+fn bar(length: usize, what: &str) -> Result<ProgressBar, Box<dyn Error>> {
+    let style = ProgressStyle::with_template("{msg:22} {bar:30} {percent}% {eta} left")?;
+    Ok(ProgressBar::new(length as u64).with_style(style).with_message(what.to_string()))
+}
+
+fn triangles(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    report.line("### Rays against moving triangles\n");
+    report.line(format!(
+        "{samples} rays per row at 82 triangles, each policy. Wrong verdicts: false misses, false hits, wrong closest \
+         hits, hits out of range; beside them the worst, in units, of all verdicts that differ from the exact one.\n"
+    ));
+    report.line(
+        "| | | hits | wrong verdicts | t: well conditioned | t: ulp, 99 % / worst | t: units | barycentrics: units |",
+    );
+    report.line("|---|---|---|---|---|---|---|---|");
+    let cases = ray_cases();
+    let bar = bar(cases.len(), "triangles")?;
+    let rows: Vec<Result<Vec<(&str, RayTally)>, String>> = cases
+        .par_iter()
+        .enumerate()
+        .map(|(i, case)| {
+            let scene = SceneUnderTest::new(case, args.seed + i as u64);
+            let build = |p| RayTree::build(&scene.meshes, p).map_err(|e| format!("{:?}: {e}", case.name));
+            let trees = policies().iter().map(|(_, p)| build(p)).collect::<Result<Vec<_>, _>>()?;
+            let mut random = Random(args.seed.wrapping_mul(7919) + i as u64);
+            let tallies = compare_rays(&scene, &trees, samples, &mut random, |_| ());
+            bar.inc(1);
+            Ok(policies().into_iter().map(|(name, _)| name).zip(tallies).collect())
+        })
+        .collect();
+    bar.finish_and_clear();
+    for (case, row) in cases.iter().zip(rows) {
+        rays_row(&case.name, row, report);
+    }
+    Ok(())
+}
+
+/// One row for all policies where they agree, as they should.
+fn rays_row(name: &(&str, String), row: Result<Vec<(&str, RayTally)>, String>, report: &mut Report) {
+    let row = match row {
+        Ok(row) => row,
+        Err(error) => return report.line(format!("| {} | {} | {error} | | | | | |", name.0, name.1)),
+    };
+    let mut all = RayTally::default();
+    for (policy, tally) in row {
+        if !tally.is_right() {
+            report.faults.push(format!(
+                "{} {}, {policy}: {} false misses, {} false hits, {} wrong closest, {} out of range, {} contradictions \
+                 of {} hits",
+                name.0,
+                name.1,
+                tally.false_misses,
+                tally.false_hits,
+                tally.wrong_closest,
+                tally.outside_range,
+                tally.contradictions,
+                tally.hits
+            ));
+        }
+        all.merge(tally);
+    }
+    let wrong = all.false_misses + all.false_hits + all.wrong_closest + all.outside_range + all.contradictions;
+    report.line(format!(
+        "| {} | {} | {} | {wrong}; {} | {} | {} |",
+        name.0,
+        name.1,
+        all.hits / 3,
+        short(all.worst_verdict),
+        errors(&all.t),
+        if all.weights.is_empty() { "–".into() } else { short(all.weights.worst_units()) }
+    ));
+}
+
+fn spheres(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    report.line("\n### Rays against moving spheres\n");
+    report.line("| | | hits | wrong verdicts | t: well conditioned | t: ulp, 99 % / worst | t: units | |");
+    report.line("|---|---|---|---|---|---|---|---|");
+    let cases = sphere_cases();
+    let bar = bar(cases.len(), "spheres")?;
+    let params: Vec<_> = policies().into_iter().map(|(_, p)| p).collect();
+    let rows: Vec<_> = cases
+        .par_iter()
+        .enumerate()
+        .map(|(i, case)| {
+            let mut random = Random(args.seed.wrapping_mul(104_729) + i as u64);
+            let tallies = compare_spheres(case, &params, samples, &mut random);
+            bar.inc(1);
+            tallies.map(|t| policies().into_iter().map(|(name, _)| name).zip(t).collect()).map_err(|e| e.to_string())
+        })
+        .collect();
+    bar.finish_and_clear();
+    for (case, row) in cases.iter().zip(rows) {
+        rays_row(&case.name, row, report);
+    }
+    Ok(())
+}
+
+fn neighbors(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    report.line("\n### Neighbours and closest approaches of moving points\n");
+    report.line(format!(
+        "{} queries per row among 200 points, each structure. Wrong: farther than the exact neighbour of the same place \
+         beyond doubt; points missing; broken promises of approximate answers. Beside it the worst order, in units. Squared \
+         distances, then the same for closest approaches.\n",
+        samples / 10
+    ));
+    report.line(
+        "| | | wrong | d²: well conditioned | d²: ulp, 99 % / worst | d²: units | approaches wrong | d²: well conditioned | \
+         d²: ulp, 99 % / worst | d²: units | time: units |",
+    );
+    report.line("|---|---|---|---|---|---|---|---|---|---|---|");
+    let cases = point_cases();
+    let bar = bar(cases.len(), "points")?;
+    let list: Vec<_> = structures().into_iter().map(|(_, s)| s).collect();
+    type Rows = Result<[Vec<OrderTally>; 2], String>;
+    let rows: Vec<Rows> = cases
+        .par_iter()
+        .enumerate()
+        .map(|(i, case)| {
+            let mut random = Random(args.seed.wrapping_mul(1_299_709) + i as u64);
+            let found = compare_neighbors(case, &list, samples / 10, &mut random, |_| ()).map_err(|e| e.to_string())?;
+            let approaches = compare_approaches(case, &list, samples / 50, &mut random).map_err(|e| e.to_string())?;
+            bar.inc(1);
+            Ok([found, approaches])
+        })
+        .collect();
+    bar.finish_and_clear();
+    for (case, row) in cases.iter().zip(rows) {
+        let (family, value) = &case.name;
+        let kinds = match row {
+            Ok(kinds) => kinds,
+            Err(error) => {
+                report.line(format!("| {family} | {value} | {error} | | | | | | | | |"));
+                continue;
+            }
+        };
+        let mut cells = format!("| {family} | {value} |");
+        for (kind, tallies) in ["neighbours", "approaches"].iter().zip(kinds) {
+            let mut all = OrderTally::default();
+            for ((structure, _), tally) in structures().iter().zip(tallies) {
+                if !tally.is_right() {
+                    report.faults.push(format!(
+                        "{family} {value}, {kind}, {structure}: {} in wrong order (worst by {} units), {} wrong counts, {} \
+                         broken promises in {} queries",
+                        tally.wrong_order,
+                        short(tally.worst_order),
+                        tally.wrong_count,
+                        tally.broken_promises,
+                        tally.queries
+                    ));
+                }
+                all.merge(tally);
+            }
+            let wrong = all.wrong_order + all.wrong_count + all.broken_promises;
+            write!(cells, " {wrong}; {} | {} |", short(all.worst_order), errors(&all.distance))?;
+            if *kind == "approaches" {
+                write!(cells, " {} |", if all.time.is_empty() { "–".into() } else { short(all.time.worst_units()) })?;
+            }
+        }
+        report.line(cells);
+    }
+    Ok(())
+}
+
+/// Rays per block of the watertight run, the unit of parallel work.
+const BLOCK: u64 = 1 << 16;
+
+fn watertight(args: &Args, rays: u64, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    let meshes = closed_meshes(args.seed);
+    report.line("\n### Rays from inside closed moving meshes\n");
+    report.line("Aimed at corners, edges, anywhere, along walls and along edges of walls; at random times, 0, 1, keys and an ulp beside.\n");
+    report.line("| mesh | triangles | rays | leaks |");
+    report.line("|---|---|---|---|");
+    let each = rays.div_ceil(meshes.len() as u64);
+    let bar = ProgressBar::new(rays)
+        .with_style(ProgressStyle::with_template("{msg:22} {bar:30} {human_pos} rays, {per_sec}, {eta} left")?)
+        .with_message("watertight");
+    let mut total = 0;
+    for closed in &meshes {
+        // Most rays for the default, some for the others.
+        let mut row = (0, Vec::new());
+        for ((policy, params), share) in policies().iter().zip([0.6, 0.2, 0.2]) {
+            let tree = RayTree::build(&closed.meshes, params)?;
+            let rays = (each as f64 * share).ceil() as u64;
+            let blocks = (0..rays.div_ceil(BLOCK)).into_par_iter().map(|block| {
+                let seed = args.seed.wrapping_mul(0x2545_f491_4f6c_dd1d).wrapping_add(block);
+                let count = BLOCK.min(rays - block * BLOCK);
+                let found = shoot(closed, &tree, count as usize, seed);
+                bar.inc(count);
+                found
+            });
+            let join = |mut a: (usize, Vec<Leak>), b: (usize, Vec<Leak>)| {
+                a.0 += b.0;
+                a.1.extend(b.1);
+                a
+            };
+            let (shot, leaks) = blocks.reduce(|| (0, Vec::new()), join);
+            if let Some(leak) = leaks.first() {
+                report.faults.push(format!(
+                    "{}, {policy}: {} leaks of {shot} rays, such as {leak:?}",
+                    closed.name,
+                    leaks.len()
+                ));
+            }
+            row = join(row, (shot, leaks));
+        }
+        total += row.0;
+        report.line(format!("| {} | {} | {} | {} |", closed.name, closed.meshes[0].len(), row.0, row.1.len()));
+    }
+    bar.finish_and_clear();
+    report.line(format!("\n{total} rays altogether."));
+    Ok(())
+}
+
+const BEGIN: &str = "<!-- accuracy: begin -->";
+const END: &str = "<!-- accuracy: end -->";
+
+/// The text with the part between the marks replaced; all of it where there are none.
+fn merged(old: &str, new: &str) -> String {
+    match (old.find(BEGIN), old.find(END)) {
+        (Some(begin), Some(end)) if begin < end => {
+            format!("{}\n{new}{}", &old[..begin + BEGIN.len()], &old[end..])
+        }
+        _ => new.to_string(),
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args = Args::parse();
+    let (rays, samples) = if args.quick { (args.rays / 100, args.samples / 100) } else { (args.rays, args.samples) };
+    let mut report = Report::default();
+    let quick = if args.quick { " --quick" } else { "" };
+    report.line(format!(
+        "Written by `cargo run --release --example accuracy -- --rays {} --samples {} --seed {}{quick}`.\n",
+        args.rays, args.samples, args.seed
+    ));
+    triangles(&args, samples, &mut report)?;
+    spheres(&args, samples / 4, &mut report)?;
+    neighbors(&args, samples, &mut report)?;
+    watertight(&args, rays, &mut report)?;
+    match &args.write {
+        Some(path) => {
+            let old = if path.exists() { std::fs::read_to_string(path)? } else { String::new() };
+            std::fs::write(path, merged(&old, &report.text))?;
+            println!("{} written", path.display());
+        }
+        None => println!("{}", report.text),
+    }
+    println!("seed {}", args.seed);
+    if report.faults.is_empty() {
+        return Ok(());
+    }
+    for fault in &report.faults {
+        println!("FAULT {fault}");
+    }
+    Err(format!("{} rows are not right", report.faults.len()).into())
+}

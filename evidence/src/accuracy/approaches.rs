@@ -1,0 +1,60 @@
+//! Closest approaches, compared with the exact ones.
+
+use super::DOUBT;
+use super::cases::PointCase;
+use super::neighbors::Points;
+use super::random::Random;
+use super::tally::OrderTally;
+use crate::oracle::{ExactApproach, Given, approach};
+use mbkd::{PointError, PointStructure, TimeInterval};
+
+/// Compares trees, one per structure, with the exact closest approaches of `count` moving queries.
+///
+/// # Errors
+/// If a tree can't be built.
+pub fn compare_approaches(
+    case: &PointCase,
+    structures: &[PointStructure],
+    count: usize,
+    random: &mut Random,
+) -> Result<Vec<OrderTally>, PointError> {
+    let set = Points::new(case, random);
+    let trees = set.trees(structures)?;
+    let keys = set.keys.len();
+    let mut tallies = vec![OrderTally::default(); trees.len()];
+    for _ in 0..count {
+        let begin = random.unit() as f32 * 0.8;
+        let part = TimeInterval::new(begin, begin + 0.2 * random.unit() as f32 + 1e-3).unwrap_or(TimeInterval::FULL);
+        let times = [TimeInterval::FULL, part][random.below(2)];
+        let (from, to) = (set.query(case, times.begin(), random), set.query(case, times.end(), random));
+        let exact: Vec<Option<ExactApproach>> = (0..set.alive.len())
+            .map(|i| approach((from, to), times, set.given, keys, set.alive[i], |k| set.keys[k][i]))
+            .collect();
+        let best = exact.iter().flatten().min_by(|a, b| a.squared.cmp(&b.squared));
+        for (tree, tally) in trees.iter().zip(&mut tallies) {
+            tally.queries += 1;
+            let found = if set.given == Given::F64 {
+                tree.closest_approach(from, to, times)
+            } else {
+                tree.closest_approach(from.as_vec3(), to.as_vec3(), times)
+            };
+            let (Some(found), Some(best)) = (found, best) else {
+                tally.wrong_count += usize::from(found.is_some() != best.is_some());
+                continue;
+            };
+            let Some(own) = &exact[found.id as usize] else {
+                tally.wrong_count += 1;
+                continue;
+            };
+            let excess = (own.squared.to_f64() - best.squared.to_f64()) / (own.unit() + best.unit());
+            tally.worst_order = tally.worst_order.max(excess);
+            tally.wrong_order += usize::from(excess > DOUBT);
+            tally.distance.add(own.squared.error_of(found.distance_squared), own.squared.to_f64(), own.doubt);
+            // With more keys several moments may be equally near.
+            if keys <= 2 {
+                tally.time.add(own.time.error_of(found.time), own.time.to_f64(), own.time_doubt);
+            }
+        }
+    }
+    Ok(tallies)
+}

@@ -1,0 +1,170 @@
+//! The inputs: one family per thing that hurts, each over its range.
+
+/// A scene of moving triangles (or spheres) and rays into it. Lengths are in units of the scene's size.
+#[derive(Clone, Debug)]
+pub struct RayCase {
+    /// Family and value, for the table.
+    pub name: (&'static str, String),
+    /// Size of the scene.
+    pub scale: f64,
+    /// Where the scene is, in sizes.
+    pub offset: f64,
+    /// Half the width of a ground beside the small things, as it is, not in sizes.
+    pub ground: Option<f64>,
+    /// How far away one more small thing is.
+    pub outlier: Option<f64>,
+    /// How far away rays begin.
+    pub away: f64,
+    /// Length of a triangle over its width.
+    pub aspect: f64,
+    /// How far things move during the shutter.
+    pub speed: f64,
+    /// Keys of the motion.
+    pub keys: usize,
+    /// Length of directions.
+    pub direction: f64,
+    /// Whether vertices are given in f64.
+    pub wide: bool,
+}
+
+impl RayCase {
+    fn plain(family: &'static str, value: String) -> RayCase {
+        RayCase {
+            name: (family, value),
+            scale: 1.0,
+            offset: 0.0,
+            ground: None,
+            outlier: None,
+            away: 3.0,
+            aspect: 1.0,
+            speed: 0.3,
+            keys: 2,
+            direction: 1.0,
+            wide: false,
+        }
+    }
+}
+
+fn number(x: f64) -> String {
+    if (0.001..10_000.0).contains(&x.abs()) || x == 0.0 { format!("{x}") } else { format!("{x:.0e}") }
+}
+
+/// One case per value.
+fn family<T>(
+    name: &'static str,
+    values: &[f64],
+    plain: impl Fn(&'static str, String) -> T,
+    set: impl Fn(&mut T, f64),
+) -> Vec<T> {
+    let case = |&value: &f64| {
+        let mut case = plain(name, number(value));
+        set(&mut case, value);
+        case
+    };
+    values.iter().map(case).collect()
+}
+
+/// The cases for triangles.
+pub fn ray_cases() -> Vec<RayCase> {
+    let of = RayCase::plain;
+    [
+        family("scale", &[1e-12, 1e-6, 1.0, 1e6, 1e12], of, |c, x| c.scale = x),
+        family("offset", &[1.0, 1e2, 1e4, 1e6], of, |c, x| c.offset = x),
+        family("beside a ground", &[1e2, 1e4, 1e6, 1e7], of, |c, x| {
+            c.ground = Some(x);
+            c.scale = 0.01;
+        }),
+        family("one outlier", &[1e4, 1e6, 1e9], of, |c, x| c.outlier = Some(x)),
+        family("far origins", &[1e4, 1e6, 1e8, 1e12], of, |c, x| c.away = x),
+        family("aspect", &[1.0, 1e2, 1e4, 1e6, 1e8], of, |c, x| c.aspect = x),
+        family("speed", &[0.0, 1.0, 1e3, 1e6], of, |c, x| c.speed = x),
+        family("keys", &[1.0, 2.0, 3.0, 17.0, 257.0], of, |c, x| c.keys = x as usize),
+        family("direction length", &[1e-42, 1e-38, 1e-20, 1e20, 1e37], of, |c, x| c.direction = x),
+        family("f64, offset", &[0.0, 1e6, 1e9], of, |c, x| {
+            c.wide = true;
+            c.offset = x;
+        }),
+    ]
+    .concat()
+}
+
+/// The cases for spheres.
+pub fn sphere_cases() -> Vec<RayCase> {
+    let of = RayCase::plain;
+    [
+        family("scale", &[1e-12, 1.0, 1e12], of, |c, x| c.scale = x),
+        family("offset", &[1e4, 1e6], of, |c, x| c.offset = x),
+        family("beside a ground", &[1e4, 1e6, 1e7], of, |c, x| {
+            c.ground = Some(x);
+            c.scale = 0.01;
+        }),
+        family("one outlier", &[1e6], of, |c, x| c.outlier = Some(x)),
+        family("far origins", &[1e4, 1e6, 1e8], of, |c, x| c.away = x),
+        family("speed", &[0.0, 1e3, 1e6], of, |c, x| c.speed = x),
+        family("keys", &[1.0, 17.0, 257.0], of, |c, x| c.keys = x as usize),
+    ]
+    .concat()
+}
+
+/// Moving points and queries among them. Lengths are in units of the set's size.
+#[derive(Clone, Debug)]
+pub struct PointCase {
+    /// Family and value, for the table.
+    pub name: (&'static str, String),
+    /// Size of the set.
+    pub scale: f64,
+    /// Where it is, in sizes.
+    pub offset: f64,
+    /// How far apart two clusters are.
+    pub clusters: Option<f64>,
+    /// How far away one more point is.
+    pub outlier: Option<f64>,
+    /// How far points move during the shutter.
+    pub speed: f64,
+    /// Keys of the motion.
+    pub keys: usize,
+    /// Whether positions are given in f64.
+    pub wide: bool,
+}
+
+impl PointCase {
+    fn plain(family: &'static str, value: String) -> PointCase {
+        PointCase {
+            name: (family, value),
+            scale: 1.0,
+            offset: 0.0,
+            clusters: None,
+            outlier: None,
+            speed: 0.1,
+            keys: 2,
+            wide: false,
+        }
+    }
+}
+
+/// The cases for points.
+pub fn point_cases() -> Vec<PointCase> {
+    let of = PointCase::plain;
+    [
+        family("scale", &[1e-12, 1e-6, 1.0, 1e6, 1e12], of, |c, x| c.scale = x),
+        family("offset", &[1.0, 1e2, 1e4, 1e6], of, |c, x| c.offset = x),
+        family("clusters apart", &[1e2, 1e4, 1e7], of, |c, x| c.clusters = Some(x)),
+        family("one outlier", &[1e6], of, |c, x| c.outlier = Some(x)),
+        family("speed", &[0.0, 1.0, 1e3, 1e6], of, |c, x| c.speed = x),
+        family("keys", &[1.0, 2.0, 3.0, 17.0, 257.0], of, |c, x| c.keys = x as usize),
+        family("f64, offset", &[0.0, 1e6, 1e9], of, |c, x| {
+            c.wide = true;
+            c.offset = x;
+        }),
+        family("f64, clusters apart", &[1e4, 1e7], of, |c, x| {
+            c.wide = true;
+            c.clusters = Some(x);
+        }),
+        family("f64, still, clusters apart", &[1e7], of, |c, x| {
+            c.wide = true;
+            c.keys = 1;
+            c.clusters = Some(x);
+        }),
+    ]
+    .concat()
+}

@@ -1,0 +1,32 @@
+//! The library's answers compared with the oracle's, over inputs that hurt.
+//!
+//! Errors are counted in two ways. In **ulp** of f32, where the problem is *well conditioned*: where changing every
+//! input number by half an ulp, all in the worst directions at once, moves the exact answer by no more than
+//! [`WELL`] ulp. And everywhere in **units**, one of which is that movement plus half an ulp for rounding the
+//! answer; an answer that is off by `n` units is the exact answer, rounded, for input that is off by at most `n` half
+//! ulps.
+
+mod approaches;
+mod cases;
+mod neighbors;
+mod random;
+mod rays;
+mod spheres;
+mod tally;
+mod watertight;
+
+pub use approaches::compare_approaches;
+pub use cases::{PointCase, RayCase, point_cases, ray_cases, sphere_cases};
+pub use neighbors::{compare_neighbors, structures};
+pub use random::Random;
+pub use rays::{SceneUnderTest, compare_rays, policies};
+pub use spheres::compare_spheres;
+pub use tally::{Errors, OrderTally, RayTally};
+pub use watertight::{ClosedMesh, Leak, WatertightKind, closed_meshes, shoot};
+
+/// The most ulp that half an ulp of input may move an answer for the problem to count as well conditioned.
+pub const WELL: f64 = 2.0;
+
+/// Verdicts (hit or miss, one neighbour before another) that this many units of input error can turn are not counted
+/// as wrong.
+pub const DOUBT: f64 = 4.0;

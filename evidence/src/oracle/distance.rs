@@ -1,0 +1,35 @@
+//! Squared distances between a query and moving points, exactly.
+
+use super::{Dyadic, Given, Moving, Vector, ulp32};
+use mbkd::glam::DVec3;
+
+/// The squared distance between a query and a point.
+#[derive(Clone, Debug)]
+pub struct ExactDistance {
+    /// The square itself.
+    pub squared: Dyadic,
+    /// The same in f64.
+    pub near: f64,
+    /// How far it moves when all input is off by half an ulp.
+    pub doubt: f64,
+}
+
+impl ExactDistance {
+    /// Between `query`, given in some precision, and a moving point.
+    pub fn new(query: DVec3, given: Given, point: &Moving) -> ExactDistance {
+        let between = &Vector::new(query) - &point.position;
+        let squared = between.length_squared();
+        let doubt = 2.0 * between.to_dvec3().abs().dot(given.doubt(query) + point.doubt);
+        ExactDistance { near: squared.to_f64(), squared, doubt }
+    }
+
+    /// What an answer may be off by without blame: the doubt, and half an ulp of f32 for rounding the square.
+    pub fn unit(&self) -> f64 {
+        self.doubt + ulp32(self.near) / 2.0
+    }
+
+    /// How far a computed square is above the exact one.
+    pub fn error_of(&self, computed: f32) -> f64 {
+        (&Dyadic::new(computed) - &self.squared).to_f64()
+    }
+}
