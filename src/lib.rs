@@ -9,21 +9,30 @@
 //! and are linear in between. Every answer is the one that brute force over the same arithmetic gives, bit for bit,
 //! whatever the tree, the number of threads and the instruction set.
 //!
-//! The modules in the order in which data flows:
+//! Public names by topic: [`motion`] is what moves, [`ray`] and [`point`] are the two trees and what they answer; the
+//! main ones stand in the root as well.
+//!
+//! The modules lie in layers, and each imports from those above it in this table only, which is the way that data
+//! takes: primitives, builds, layouts, traversals, queries. (`tests/layers.rs` checks that.)
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `simd` | sixteen lanes with run-time dispatch; the only `unsafe` code |
+//! | `limits` | every limit of what the crate takes |
+//! | `error` | why a build refuses its input |
 //! | `parallel` | the same for many things, on several threads |
-//! | `geometry` | boxes, linear bounds, time intervals, tree space |
+//! | `simd` | sixteen lanes with run-time dispatch, and the memory they read; the only `unsafe` code |
+//! | `params` | how a tree is built |
+//! | `progress` | how far a build is, and cancelling it |
+//! | `geometry` | boxes, linear bounds, time intervals, rays, planes, clipping, separating axes, local space |
 //! | `primitive` | meshes, spheres, points, the caller's own primitives |
-//! | `mbkd` | the paper's k-d build with duplication and propagation |
+//! | `mbkd` | the paper's k-d tree and its build: classification, duplication, propagation |
 //! | `bvh` | object splits, pre-splits, collapse into wide nodes |
-//! | `time` | slices of the shutter |
-//! | `layout` | what queries walk: [`Policy::Wide`] (the engine) and the paper's k-d tree |
-//! | `ray` | [`RayTree`]: rays, hits, the watertight triangle test, both traversals |
+//! | `time` | slices of the shutter and how they are chosen |
+//! | `layout` | [`Policy::Wide`] (the engine): nodes, leaf blocks, writing them; validation and figures of both trees |
+//! | `ray` | [`RayTree`]: the watertight triangle test, both traversals, queries, batches |
 //! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
-//! | [`baseline`] | brute force, the reference for everything |
+//! | `motion` | public names: what moves and how |
+//! | `baseline` | brute force, the reference for everything |
 //!
 //! The root of it is "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei).
 //!
@@ -49,10 +58,10 @@ mod mbkd;
 pub mod motion;
 mod parallel;
 mod params;
-mod point;
+pub mod point;
 mod primitive;
 mod progress;
-mod ray;
+pub mod ray;
 mod simd;
 mod time;
 

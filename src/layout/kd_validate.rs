@@ -2,9 +2,9 @@
 //!
 //! Used after builds in the tests, and for those who change the builder.
 
-use super::kd::{KdTree, KdView};
 use crate::geometry::{Box3, TimeInterval, ULP};
 use crate::limits::DEPTH_LIMIT;
+use crate::mbkd::{KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 use core::fmt;
 

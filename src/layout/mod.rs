@@ -1,5 +1,4 @@
-//! The layouts that queries walk, what they hold in numbers, and their validation: the paper's k-d tree, and the wide
-//! tree.
+//! The wide layout: its nodes and leaf blocks, and how they are written. Figures and validation of both trees.
 //!
 //! The wide tree has sixteen-way nodes with boxes that move linearly, and leaf blocks of up to sixteen
 //! primitives, all in one arena. The picture to have in mind: a node is twelve rows of sixteen floats (lower and upper
@@ -14,7 +13,6 @@
 //! whoever wants those of a triangle finds them there (`corners`).
 
 mod corners;
-mod kd;
 mod kd_validate;
 mod leaf_block;
 mod leaf_index;
@@ -27,10 +25,8 @@ mod wide_tree;
 mod wide_validate;
 mod write;
 
-pub(crate) use kd::{KdNode, KdReference, KdTree, KdView};
 pub use kd_validate::ValidationError;
 pub(crate) use leaf_block::WideSource;
-pub(crate) use statistics::BuildTimes;
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};

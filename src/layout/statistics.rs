@@ -1,27 +1,7 @@
 //! What a build made, in numbers.
 
-use std::time::Duration;
-
-/// Where the time of a build went, summed over threads.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct BuildTimes {
-    pub planes: Duration,
-    pub duplication: Duration,
-    pub propagation: Duration,
-}
-
-impl BuildTimes {
-    pub fn add(&mut self, other: BuildTimes) {
-        self.planes += other.planes;
-        self.duplication += other.duplication;
-        self.propagation += other.propagation;
-    }
-
-    fn share(&self, part: Duration) -> f64 {
-        let all = (self.planes + self.duplication + self.propagation).as_secs_f64();
-        if all > 0.0 { part.as_secs_f64() / all } else { 0.0 }
-    }
-}
+use crate::mbkd::{BuildTimes, KdReference, KdTree, KdView};
+use crate::primitive::PrimitiveSet;
 
 /// Figures of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,6 +44,36 @@ impl Statistics {
             duplication_time: times.share(times.duplication),
             propagation_time: times.share(times.propagation),
             ..self
+        }
+    }
+}
+
+impl KdTree {
+    /// Counts nodes and references.
+    pub fn statistics(&self, set: &impl PrimitiveSet) -> Statistics {
+        let (mut leaves, mut empty_leaves) = (0, 0);
+        for node in &self.nodes {
+            if let KdView::Leaf { count, .. } = node.view() {
+                leaves += 1;
+                empty_leaves += usize::from(count == 0);
+            }
+        }
+        let timed = self.references.iter().filter(|r| **r != KdReference::new(r.id, set.active(r.id))).count();
+        let references = self.references.len();
+        let share = |n: usize| n as f64 / references.max(1) as f64;
+        Statistics {
+            primitives: set.len(),
+            nodes: self.nodes.len() - leaves,
+            leaves,
+            empty_leaves,
+            depth: self.depth,
+            references,
+            duplicates: share(references - set.len().min(references)),
+            timed: share(timed),
+            duplication_time: 0.0,
+            propagation_time: 0.0,
+            bytes: self.bytes(),
+            primitive_bytes: set.bytes(),
         }
     }
 }

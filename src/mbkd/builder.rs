@@ -9,10 +9,11 @@
 //! (the node becomes a leaf); what the plane leaves over is divided between the children by the number of their
 //! references.
 
+use super::kd_tree::{KdNode, KdReference, KdTree};
 use super::partition::{Children, References};
 use super::reference::{Moving, Reference};
+use super::times::BuildTimes;
 use crate::geometry::{Box3, LinearBox3, Plane};
-use crate::layout::{BuildTimes, KdNode, KdReference, KdTree};
 use crate::limits::MAX_NODES;
 use crate::parallel;
 use crate::progress::Progress;

@@ -2,7 +2,7 @@
 //! duplicated and propagated.
 //!
 //! `classify` says when something is on which side of a plane, `partition` hands references to the children, `builder` is
-//! the recursion with its budgets, and every build ends in a [`KdTree`](crate::layout::KdTree). What differs is behind
+//! the recursion with its budgets, and every build ends in a [`KdTree`]. What differs is behind
 //! `reference::Moving`: `primitives` takes planes by the surface area heuristic (`sah`) and rounds intervals outward,
 //! `trajectories` takes the median and has each point on one side of a plane at every time.
 //!
@@ -10,13 +10,17 @@
 
 mod builder;
 mod classify;
+mod kd_tree;
 mod partition;
 mod primitives;
 mod reference;
 mod sah;
+mod times;
 mod trajectories;
 
+pub(crate) use kd_tree::{KdNode, KdReference, KdTree, KdView};
 pub(crate) use primitives::build_kd;
+pub(crate) use times::BuildTimes;
 pub(crate) use trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};
 
 #[cfg(test)]

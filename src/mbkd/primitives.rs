@@ -2,11 +2,12 @@
 
 use super::builder::{Budget, build};
 use super::classify::Rounding;
+use super::kd_tree::KdTree;
 use super::reference::{Moving, Reference, home};
-use super::sah::{best_split, leaf_cost, weight};
+use super::sah::{Bounds, BoxReference, best_split, leaf_cost, weight};
+use super::times::BuildTimes;
 use crate::error::BuildError;
 use crate::geometry::{Box3, Extent, LinearBox3, Plane, TimeInterval};
-use crate::layout::{BuildTimes, KdTree};
 use crate::limits::MAX_NODES;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::PrimitiveSet;
@@ -50,21 +51,6 @@ pub(crate) struct Primitives<'a, S> {
     pub set: &'a S,
     pub params: &'a BuildParams,
 }
-
-/// Where a primitive is.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Bounds {
-    /// During the interval (the whole primitive, not only its part in the cell).
-    pub whole: LinearBox3,
-    /// Its part in the node's cell at its voting time ([`Reference::home`]).
-    pub part: Box3,
-}
-
-/// A reference of a primitive.
-pub(crate) type BoxReference = Reference<Bounds>;
-
-/// Keeps it small: it is copied at every level.
-const _: () = assert!(size_of::<BoxReference>() <= 88);
 
 impl<S: PrimitiveSet> Primitives<'_, S> {
     /// The reference of a whole primitive.

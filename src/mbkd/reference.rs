@@ -51,8 +51,12 @@ pub(crate) trait Moving: Sync {
 
     /// The plane that divides a node with this cell (at shutter open and close) and these references, the Normal ones
     /// first; `None` where a leaf is the better choice.
-    fn choose(&self, normal: &[Reference<Self::Bounds>], bp: &[Reference<Self::Bounds>], cell: LinearBox3)
-    -> Option<Plane>;
+    fn choose(
+        &self,
+        normal: &[Reference<Self::Bounds>],
+        bp: &[Reference<Self::Bounds>],
+        cell: LinearBox3,
+    ) -> Option<Plane>;
 
     /// Whether children with so many references are worth having in place of a leaf of `before`.
     fn worthwhile(&self, before: usize, children: [usize; 2]) -> bool;

@@ -10,10 +10,24 @@
 //! Binning was preferred to sorted events because ramps make twice the events and because
 //! references that move do not keep one sorted order during the shutter.
 
-use super::primitives::BoxReference;
-use super::reference::home;
-use crate::geometry::{Box3, Plane};
+use super::reference::{Reference, home};
+use crate::geometry::{Box3, LinearBox3, Plane};
 use crate::params::BuildParams;
+
+/// Where a primitive is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    /// During the interval (the whole primitive, not only its part in the cell).
+    pub whole: LinearBox3,
+    /// Its part in the node's cell at its voting time ([`Reference::home`]).
+    pub part: Box3,
+}
+
+/// A reference of a primitive.
+pub(crate) type BoxReference = Reference<Bounds>;
+
+/// Keeps it small: it is copied at every level.
+const _: () = assert!(size_of::<BoxReference>() <= 88);
 
 /// Bins per axis.
 const BINS: usize = 32;

@@ -1,11 +1,12 @@
 //! The same moving set once as points and once as spheres of radius zero.
 
+use super::kd_tree::{KdTree, KdView};
 use super::partition::{Children, References};
-use super::primitives::{BoxReference, Primitives};
+use super::primitives::Primitives;
 use super::reference::Moving;
+use super::sah::{Bounds, BoxReference};
 use super::trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::geometry::{LinearBox3, Plane, TimeInterval};
-use crate::layout::{KdTree, KdView};
 use crate::params::BuildParams;
 use crate::primitive::{MovingSphere, PrimitiveSet, Shapes};
 use glam::Vec3;
@@ -74,7 +75,7 @@ impl Compared {
         node: usize,
         cell: LinearBox3,
         points: References<Trajectory>,
-        (spheres, boxes): (&Primitives<'_, Shapes<MovingSphere>>, References<super::primitives::Bounds>),
+        (spheres, boxes): (&Primitives<'_, Shapes<MovingSphere>>, References<Bounds>),
     ) {
         let KdView::Inner { plane, right } = tree.nodes[node].view() else {
             self.counts[0] += points.len();

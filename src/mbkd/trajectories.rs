@@ -2,9 +2,9 @@
 
 use super::builder::{Budget, build};
 use super::classify::Rounding;
+use super::kd_tree::KdTree;
 use super::reference::{Moving, Reference};
 use crate::geometry::{Box3, Extent, Line, LinearBox3, Plane};
-use crate::layout::KdTree;
 use crate::limits::MAX_NODES;
 use crate::params::usual_depth;
 use crate::progress::Progress;
@@ -41,11 +41,8 @@ const LEAF: usize = 16;
 pub(crate) fn build_kd_over_points(points: Trajectories, all: Vec<PointReference>, references: f64) -> KdTree {
     let corners = all.iter().flat_map(|r| [r.bounds.open, r.bounds.close]);
     let root = corners.fold(Box3::EMPTY, |b, p| b.include(Vec3::from_array(p)));
-    let budget = Budget {
-        depth: usual_depth(all.len()),
-        references: references.min(MAX_NODES as f64),
-        propagated_vote: true,
-    };
+    let budget =
+        Budget { depth: usual_depth(all.len()), references: references.min(MAX_NODES as f64), propagated_vote: true };
     build(&points, all, root, budget, &Progress::new(None)).0
 }
 

@@ -38,6 +38,7 @@ mod stats;
 mod tree;
 mod tree_queries;
 
+pub use crate::primitive::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use approach::Approach;
 pub use batch::NeighborLists;
 pub use error::PointError;

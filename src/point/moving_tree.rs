@@ -3,8 +3,8 @@
 //! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
 //! from two keys, and where points live for a while only, nodes and leaves say when.
 
-use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
 use super::linear_bounds::{Hull, LinearBoxes, Span};
+use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
 use super::moving_reference::{Mover, Part, phase};
 use super::order::{Item, order};
 use super::over_interval::{Boxed, Flight};
@@ -76,15 +76,7 @@ impl MovingTree {
             }
             hulls = above;
         }
-        MovingTree {
-            part,
-            nodes,
-            first,
-            leaves,
-            node_times,
-            levels: shape.levels,
-            references: movers.len(),
-        }
+        MovingTree { part, nodes, first, leaves, node_times, levels: shape.levels, references: movers.len() }
     }
 
     /// Bytes allocated.
@@ -143,10 +135,7 @@ impl Fill<'_> {
             let (items, more_items) = items.split_at(half * LANES);
             let (hulls, more_hulls) = hulls.split_at_mut(half);
             let [leaves, more_leaves] = leaves.split_at(half);
-            parallel::both(
-                || self.leaves(items, leaves, hulls),
-                || self.leaves(more_items, more_leaves, more_hulls),
-            );
+            parallel::both(|| self.leaves(items, leaves, hulls), || self.leaves(more_items, more_leaves, more_hulls));
             return;
         }
         for (i, items) in items.chunks(LANES).enumerate() {

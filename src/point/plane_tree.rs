@@ -22,8 +22,7 @@ use super::moving_reference::{Mover, Part, phase};
 use super::over_interval::Flight;
 use super::snapshot::{Leaves, Target};
 use crate::geometry::KeyTime;
-use crate::layout::{KdNode, KdView};
-use crate::mbkd::{PointReference, Trajectories, Trajectory, build_kd_over_points};
+use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::simd::{LANES, Lanes, Simd};
 use glam::Vec3;
 
@@ -263,9 +262,14 @@ mod tests {
     #[test]
     fn slack_covers_what_rounding_puts_on_the_wrong_side_and_little_more() {
         for keys in [2, 3, 8, 100] {
-            for (offset, size, speed) in
-                [(0.0, 1.0, 1.0), (0.0, 1e-3, 30.0), (1000.0, 1.0, 0.1), (-3e7, 1e3, 5.0), (0.0, 1e18, 1.0), (0.0, 1e-40, 2.0)]
-            {
+            for (offset, size, speed) in [
+                (0.0, 1.0, 1.0),
+                (0.0, 1e-3, 30.0),
+                (1000.0, 1.0, 0.1),
+                (-3e7, 1e3, 5.0),
+                (0.0, 1e18, 1.0),
+                (0.0, 1e-40, 2.0),
+            ] {
                 let worst = worst(keys, offset, size, speed);
                 let what = format!("{keys} keys, {offset} ± {size}, speed {speed}");
                 assert!(worst <= 1.0, "{what}: {worst} of the slack");

@@ -25,8 +25,8 @@ use super::tree_ray::TreeRay;
 use super::triangle::hit_slack;
 use super::walk::Walk;
 use crate::geometry::ULP;
-use crate::layout::{KdTree, KdView};
 use crate::limits::DEPTH_LIMIT;
+use crate::mbkd::{KdTree, KdView};
 use crate::simd::StackMemory;
 
 /// A subtree still to be visited, with the range of `t` in which the ray is near its cell.

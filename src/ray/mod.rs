@@ -1,4 +1,8 @@
-//! Rays that carry their own time, what they hit, and the triangle test.
+//! Rays that carry their own time, and the tree that says what they hit.
+//!
+//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_primitives`] the caller's own primitives
+//! ([`Primitive`](crate::Primitive)); [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
+//! [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 
 mod batch_order;
 mod collect;
@@ -20,7 +24,12 @@ mod wide_traversal;
 #[cfg(test)]
 mod wide_tests;
 
+pub use crate::error::BuildError;
 pub use crate::geometry::Ray;
+pub use crate::layout::{Statistics, TreeBox, ValidationError};
+pub use crate::params::{BuildParams, Division, Policy};
+pub use crate::primitive::Intersection;
+pub use crate::simd::SimdLevel;
 pub(crate) use batch_order::{Space, answer_in_order, in_parallel};
 pub(crate) use filter::{Everything, Filter, Visible};
 pub use hit::Hit;

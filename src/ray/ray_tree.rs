@@ -6,8 +6,8 @@ use super::{
     Query, Ray, Space, Visible, answer_in_order, in_parallel,
 };
 use crate::error::BuildError;
-use crate::layout::{KdTree, Statistics, TreeBox, ValidationError, WideTree};
-use crate::mbkd::build_kd;
+use crate::layout::{Statistics, TreeBox, ValidationError, WideTree};
+use crate::mbkd::{KdTree, build_kd};
 use crate::params::{BuildParams, Policy};
 use crate::primitive::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
 use crate::progress::{Callback, Progress};

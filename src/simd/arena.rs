@@ -1,7 +1,8 @@
 //! Memory in lines of 64 bytes: one AVX-512 register, one cache line.
 
 use super::huge_pages::huge_vec;
-use super::{LANES, prefetch};
+use super::lanes::LANES;
+use super::prefetch::prefetch;
 use crate::parallel;
 
 /// One line; the alignment keeps a node's rows from straddling cache lines.

@@ -1,6 +1,7 @@
 //! Sixteen lanes in two AVX2 registers.
 
-use super::{Kernel, LANES, Lanes, Mask, Rows, Simd};
+use super::instructions::{Kernel, Simd};
+use super::lanes::{LANES, Lanes, Mask, Rows};
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
@@ -331,7 +332,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn swap_lanes_u<const D: usize>(self, a: U) -> U {
-        let lanes: &Lanes<u32> = const { &super::swapped(D & 7) };
+        let lanes: &Lanes<u32> = const { &super::lanes::swapped(D & 7) };
         let lanes = intrinsic!(_mm256_loadu_si256(lanes.as_ptr().cast()));
         let low = intrinsic!(_mm256_permutevar8x32_epi32(a.0, lanes));
         let high = intrinsic!(_mm256_permutevar8x32_epi32(a.1, lanes));

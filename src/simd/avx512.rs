@@ -1,6 +1,7 @@
 //! Sixteen lanes in one AVX-512 register.
 
-use super::{Kernel, Lanes, Mask, Rows, Simd};
+use super::instructions::{Kernel, Simd};
+use super::lanes::{Lanes, Mask, Rows};
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
@@ -247,7 +248,7 @@ impl Simd for Avx512 {
             2 => U(intrinsic!(_mm512_shuffle_epi32::<0b01_00_11_10>(a.0))),
             3 => U(intrinsic!(_mm512_shuffle_epi32::<0b00_01_10_11>(a.0))),
             _ => {
-                let lanes: &Lanes<u32> = const { &super::swapped(D) };
+                let lanes: &Lanes<u32> = const { &super::lanes::swapped(D) };
                 let lanes = intrinsic!(_mm512_loadu_si512(lanes.as_ptr().cast()));
                 U(intrinsic!(_mm512_permutexvar_epi32(lanes, a.0)))
             }

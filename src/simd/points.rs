@@ -1,6 +1,6 @@
 //! Sixteen points in 256 bytes: one after the other while they are brought into order, then in rows.
 
-use super::{LANES, Lanes};
+use super::lanes::{LANES, Lanes};
 
 /// A point on its way into a leaf: where it lies (at mid-shutter) and which one it is.
 #[derive(Clone, Copy, Debug)]

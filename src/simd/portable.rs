@@ -1,6 +1,7 @@
 //! Sixteen lanes in plain Rust: the fallback, and the definition that the others are tested against.
 
-use super::{LANES, Lanes, Mask, Rows, Simd};
+use super::instructions::Simd;
+use super::lanes::{LANES, Lanes, Mask, Rows};
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 

@@ -1,6 +1,7 @@
 //! A stack whose memory nobody clears: zeroing a few kilobytes per ray costs as much as tracing an easy one.
 
-use super::{LANES, Simd};
+use super::instructions::Simd;
+use super::lanes::LANES;
 use core::mem::MaybeUninit;
 
 /// Memory for a [`Stack`], uninitialized: `N` places here, or more on the heap where a stack needs them.

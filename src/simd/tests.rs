@@ -1,6 +1,7 @@
 //! Every instruction set against the portable lanes, bit for bit.
 
 use super::*;
+use core::mem::MaybeUninit;
 
 /// What a round of all operations gave, as bits.
 #[derive(PartialEq, Debug)]

@@ -16,12 +16,8 @@ fn tree_of(cloud: &Cloud, structure: PointStructure) -> PointTree {
     PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params(structure)).unwrap()
 }
 
-const STRUCTURES: [PointStructure; 4] = [
-    PointStructure::Automatic,
-    PointStructure::Linear,
-    PointStructure::Slabs(3),
-    PointStructure::Mbkd,
-];
+const STRUCTURES: [PointStructure; 4] =
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
 
 #[test]
 fn batches_equal_single_queries_for_any_number_of_threads() {

@@ -10,8 +10,8 @@ use super::planes::PlaneFront;
 use super::walk::{keys, smallest, unpack};
 use super::{Keep, Observe, kept};
 use crate::limits::MAX_LEVELS;
-use crate::point::snapshot::{Leaves, NEAR, Target, View};
 use crate::point::plane_tree::PlaneView;
+use crate::point::snapshot::{Leaves, NEAR, Target, View};
 use crate::simd::{LANES, Mask, Simd};
 use glam::Vec3;
 

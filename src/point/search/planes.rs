@@ -13,8 +13,8 @@
 use super::Observe;
 use super::radius::Sink;
 use super::walk::Collect;
-use crate::layout::KdView;
 use crate::limits::DEPTH_LIMIT;
+use crate::mbkd::KdView;
 use crate::point::plane_tree::PlaneView;
 use crate::point::snapshot::Leaves;
 use crate::simd::Simd;

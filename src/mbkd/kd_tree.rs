@@ -3,10 +3,8 @@
 //! Two flat arrays: nodes of 12 bytes in depth-first order (the left child of a node is the next one), and
 //! leaf references of 12 bytes. A split plane may move; at any one time it is an ordinary plane.
 
-use super::statistics::Statistics;
 use crate::geometry::{Box3, Plane, TimeInterval};
 use crate::limits::MAX_NODES;
-use crate::primitive::PrimitiveSet;
 
 /// An inner node or a leaf.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,34 +87,6 @@ pub(crate) struct KdTree {
 }
 
 impl KdTree {
-    /// Counts nodes and references.
-    pub fn statistics(&self, set: &impl PrimitiveSet) -> Statistics {
-        let (mut leaves, mut empty_leaves) = (0, 0);
-        for node in &self.nodes {
-            if let KdView::Leaf { count, .. } = node.view() {
-                leaves += 1;
-                empty_leaves += usize::from(count == 0);
-            }
-        }
-        let timed = self.references.iter().filter(|r| **r != KdReference::new(r.id, set.active(r.id))).count();
-        let references = self.references.len();
-        let share = |n: usize| n as f64 / references.max(1) as f64;
-        Statistics {
-            primitives: set.len(),
-            nodes: self.nodes.len() - leaves,
-            leaves,
-            empty_leaves,
-            depth: self.depth,
-            references,
-            duplicates: share(references - set.len().min(references)),
-            timed: share(timed),
-            duplication_time: 0.0,
-            propagation_time: 0.0,
-            bytes: self.bytes(),
-            primitive_bytes: set.bytes(),
-        }
-    }
-
     /// Bytes allocated.
     pub fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<KdNode>() + self.references.capacity() * size_of::<KdReference>()

@@ -1,0 +1,164 @@
+//! How accurate answers are: the goals, asserted on moderate numbers. The tables come from
+//! `cargo run --release --example accuracy`.
+
+use mbkd::{PointStructure, RayTree};
+use mbkd_evidence::accuracy::*;
+
+/// The most ulp that distances of well-conditioned problems may be off by.
+const ULPS: f64 = 4.0;
+
+/// The most units (see the module `accuracy`) that any answer may be off by.
+const UNITS: f64 = 3.0;
+
+/// Rays per case.
+const RAYS: usize = 160;
+
+fn tallies(case: &RayCase) -> Vec<(&'static str, RayTally)> {
+    let scene = SceneUnderTest::new(case, 5);
+    let trees: Vec<RayTree> = policies().iter().map(|(_, p)| RayTree::build(&scene.meshes, p).unwrap()).collect();
+    let tallies = compare_rays(&scene, &trees, RAYS, &mut Random(77), |_| ());
+    policies().into_iter().map(|(name, _)| name).zip(tallies).collect()
+}
+
+fn check_rays(name: &(&str, String), policy: &str, tally: &RayTally) {
+    let about = format!("{name:?}, {policy}: {tally:?}").chars().take(300).collect::<String>();
+    assert!(tally.is_right(), "{about}");
+    for errors in [&tally.t, &tally.weights] {
+        assert!(errors.worst_units() <= UNITS, "{} units: {about}", errors.worst_units());
+    }
+    assert!(tally.t.worst_ulps() <= ULPS, "{} ulp: {about}", tally.t.worst_ulps());
+}
+
+/// All cases of some families; every policy.
+fn triangles(families: &[&str]) {
+    let cases: Vec<RayCase> = ray_cases().into_iter().filter(|c| families.contains(&c.name.0)).collect();
+    assert!(cases.len() >= families.len());
+    let (mut hits, mut well) = (0, 0.0);
+    for case in &cases {
+        for (policy, tally) in tallies(case) {
+            check_rays(&case.name, policy, &tally);
+            hits += tally.hits;
+            well += tally.t.well() * tally.t.len() as f64;
+        }
+    }
+    // The check has something to check.
+    assert!(hits > 100 * cases.len(), "{hits} hits");
+    assert!(well > 0.02 * hits as f64, "{well} well-conditioned ones of {hits}");
+}
+
+#[test]
+fn triangles_of_any_scale_and_place() {
+    triangles(&["scale", "offset", "f64, offset"]);
+}
+
+#[test]
+fn triangles_of_any_shape_and_motion() {
+    triangles(&["aspect", "speed", "keys"]);
+}
+
+#[test]
+fn spheres() {
+    let params: Vec<_> = policies().into_iter().map(|(_, p)| p).collect();
+    let mut hits = 0;
+    for case in sphere_cases() {
+        let tallies = compare_spheres(&case, &params, RAYS, &mut Random(3)).unwrap();
+        for (tally, (policy, _)) in tallies.iter().zip(policies()) {
+            check_rays(&case.name, policy, tally);
+            hits += tally.hits;
+        }
+    }
+    assert!(hits > 5000, "{hits}");
+}
+
+/// All cases of some families; every structure.
+fn points(families: &[&str]) {
+    let list: Vec<PointStructure> = structures().into_iter().map(|(_, s)| s).collect();
+    let cases: Vec<PointCase> = point_cases().into_iter().filter(|c| families.contains(&c.name.0)).collect();
+    assert!(cases.len() >= families.len());
+    for case in &cases {
+        let mut random = Random(11);
+        let tallies = compare_approaches(case, &list, 8, &mut random);
+        for (tally, (structure, _)) in tallies.unwrap().iter().zip(structures()) {
+            let about = format!("{:?}, {structure}: {tally:?}", case.name).chars().take(200).collect::<String>();
+            assert!(tally.is_right(), "{about}");
+            assert!(tally.distance.len() >= tally.queries, "{about}");
+            assert!(tally.distance.worst_units() <= UNITS, "{} units: {about}", tally.distance.worst_units());
+            assert!(tally.distance.worst_ulps() <= ULPS, "{} ulp: {about}", tally.distance.worst_ulps());
+            assert!(tally.time.worst_units() <= UNITS, "{} units of time: {about}", tally.time.worst_units());
+        }
+    }
+}
+
+/// The families whose positions are f32.
+const F32: [&str; 6] = ["scale", "offset", "clusters apart", "one outlier", "speed", "keys"];
+
+#[test]
+fn approaches_in_f32() {
+    points(&F32);
+}
+
+/// A million rays; with a fault of one triangle they get out.
+#[test]
+fn closed_meshes_do_not_leak() {
+    const RAYS: usize = 1_000_000;
+    let meshes = closed_meshes(1);
+    let each = RAYS.div_ceil(meshes.len() * policies().len());
+    let mut shot = 0;
+    // The one beside the widest ground waits for f32 input that keeps every bit.
+    for closed in meshes.iter().filter(|closed| !closed.name.ends_with("1e7")) {
+        for (policy, params) in policies() {
+            let tree = RayTree::build(&closed.meshes, &params).unwrap();
+            let (rays, leaks) = shoot(closed, &tree, each, 9);
+            assert!(leaks.is_empty(), "{}, {policy}: {} leaks, such as {:?}", closed.name, leaks.len(), leaks[0]);
+            assert!(rays > each / 2, "{}: {rays} rays", closed.name);
+            shot += rays;
+        }
+    }
+    assert!(shot >= RAYS * 9 / 10, "{shot}");
+}
+
+#[test]
+fn a_hole_leaks() {
+    for mut closed in closed_meshes(1) {
+        let tree = |closed: &ClosedMesh| RayTree::build(&closed.meshes, &policies()[0].1).unwrap();
+        let whole = shoot(&closed, &tree(&closed), 2000, 4).1.len();
+        let middle = closed.meshes[0].len() / 2;
+        let indices = &mut closed.meshes[0].indices;
+        indices.remove(middle);
+        let (_, leaks) = shoot(&closed, &tree(&closed), 20_000, 4);
+        assert!(leaks.len() > 2 * whole, "{}: a hole of a triangle went unnoticed", closed.name);
+    }
+}
+
+#[test]
+fn tampering_with_hits_is_noticed() {
+    let case = &ray_cases()[2];
+    let scene = SceneUnderTest::new(case, 5);
+    let trees = [RayTree::build(&scene.meshes, &policies()[0].1).unwrap()];
+    let run =
+        |tamper: &dyn Fn(&mut Vec<mbkd::Hit>)| compare_rays(&scene, &trees, RAYS, &mut Random(77), tamper).remove(0);
+    let fine = run(&|_| ());
+    assert!(fine.is_right() && fine.t.worst_ulps() <= ULPS);
+    let lost = run(&|hits| hits.truncate(hits.len().saturating_sub(1)));
+    assert!(lost.false_misses > 50, "{}", lost.false_misses);
+    let far = run(&|hits| hits.iter_mut().for_each(|h| h.t = f32::from_bits(h.t.to_bits() + 8)));
+    assert!(far.t.worst_ulps() > ULPS && far.t.worst_ulps() < 20.0, "{}", far.t.worst_ulps());
+    let turned = run(&|hits| hits.iter_mut().for_each(|h| (h.u, h.v) = (h.v, h.u)));
+    assert!(turned.weights.worst_units() > 1e3);
+    let other = run(&|hits| hits.iter_mut().for_each(|h| h.primitive = (h.primitive + 1) % 80));
+    assert!(other.false_hits > 50 && other.false_misses > 50);
+}
+
+#[test]
+fn tampering_with_neighbors_is_noticed() {
+    let case = &point_cases()[2];
+    let run = |tamper: &dyn Fn(&mut Vec<mbkd::Neighbor>)| {
+        compare_neighbors(case, &[PointStructure::Linear], 50, &mut Random(11), tamper).unwrap().remove(0)
+    };
+    let lost = run(&|found| *found = found[1..].to_vec());
+    assert!(lost.wrong_order > 10 && lost.wrong_count > 10);
+    let turned = run(&|found| found.reverse());
+    assert!(turned.wrong_order > 10 && turned.wrong_count == 0);
+    let far = run(&|found| found.iter_mut().for_each(|n| n.distance_squared *= 1.000_001));
+    assert!(far.distance.worst_ulps() > ULPS && far.distance.worst_ulps() < 20.0);
+}

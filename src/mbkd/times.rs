@@ -1,0 +1,24 @@
+//! Where the time of a build goes.
+
+use std::time::Duration;
+
+/// Where the time of a build went, summed over threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct BuildTimes {
+    pub planes: Duration,
+    pub duplication: Duration,
+    pub propagation: Duration,
+}
+
+impl BuildTimes {
+    pub fn add(&mut self, other: BuildTimes) {
+        self.planes += other.planes;
+        self.duplication += other.duplication;
+        self.propagation += other.propagation;
+    }
+
+    pub fn share(&self, part: Duration) -> f64 {
+        let all = (self.planes + self.duplication + self.propagation).as_secs_f64();
+        if all > 0.0 { part.as_secs_f64() / all } else { 0.0 }
+    }
+}

@@ -1,0 +1,103 @@
+//! Which instruction sets the CPU has, and running a kernel on one of them.
+
+#[cfg(target_arch = "x86_64")]
+use super::avx2;
+#[cfg(target_arch = "x86_64")]
+use super::avx512;
+use super::instructions::Kernel;
+use super::portable;
+
+/// An instruction set of this CPU, for choosing the code path of queries.
+///
+/// Values exist only for what the CPU really has. Answers do not depend on the choice; it is there
+/// for tests and measurements.
+///
+/// ```
+/// use mbkd::SimdLevel;
+/// let best = SimdLevel::best();
+/// assert!(SimdLevel::available().contains(&best));
+/// println!("queries run on {best}");
+/// ```
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
+pub struct SimdLevel(Isa);
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
+enum Isa {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl SimdLevel {
+    /// Plain code that every CPU runs.
+    pub const PORTABLE: SimdLevel = SimdLevel(Isa::Portable);
+
+    /// All levels of this CPU, narrowest first; the first is always [`SimdLevel::PORTABLE`].
+    pub fn available() -> Vec<SimdLevel> {
+        #[allow(unused_mut)]
+        let mut levels = vec![SimdLevel::PORTABLE];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if avx2::detected() {
+                levels.push(SimdLevel(Isa::Avx2));
+            }
+            if avx512::detected() {
+                levels.push(SimdLevel(Isa::Avx512));
+            }
+        }
+        levels
+    }
+
+    /// The widest level of this CPU.
+    pub fn best() -> SimdLevel {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if avx512::detected() {
+                return SimdLevel(Isa::Avx512);
+            }
+            if avx2::detected() {
+                return SimdLevel(Isa::Avx2);
+            }
+        }
+        SimdLevel::PORTABLE
+    }
+
+    /// `"portable"`, `"avx2"` or `"avx512"`.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            Isa::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => "avx512",
+        }
+    }
+}
+
+impl Default for SimdLevel {
+    fn default() -> Self {
+        SimdLevel::best()
+    }
+}
+
+impl core::fmt::Display for SimdLevel {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Runs a kernel compiled for `level`.
+#[inline(always)]
+pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
+    match level.0 {
+        Isa::Portable => kernel.run(portable::Portable),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a `SimdLevel` of AVX2 is only made after detection found it on this CPU.
+        Isa::Avx2 => unsafe { avx2::run(kernel) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a `SimdLevel` of AVX-512 is only made after detection found it on this CPU.
+        Isa::Avx512 => unsafe { avx512::run(kernel) },
+    }
+}

@@ -1,0 +1,105 @@
+//! What an instruction set does with sixteen lanes, and computations over any of them.
+
+use super::lanes::{Lanes, Mask, Rows};
+use core::mem::MaybeUninit;
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
+
+/// An instruction set as sixteen-lane operations.
+///
+/// Values of the implementing types exist only where the CPU has the instructions, which is what
+/// makes the safe methods sound.
+#[allow(clippy::wrong_self_convention)] // `self` is the token
+pub(crate) trait Simd: Copy {
+    /// Sixteen f32.
+    type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F> + Div<Output = Self::F>;
+    /// Sixteen u32.
+    type U: Copy + BitAnd<Output = Self::U> + BitOr<Output = Self::U>;
+
+    /// The same value in every lane.
+    fn splat(self, x: f32) -> Self::F;
+    /// Reads sixteen floats, at any alignment.
+    fn load(self, from: &Lanes<f32>) -> Self::F;
+    /// Reads sixteen bytes and makes floats of them.
+    fn load_bytes(self, from: &Lanes<u8>) -> Self::F;
+    /// Reads row `i`; the lanes beyond its length are 0. What lies behind it in memory is not looked at (read as
+    /// numbers it might be denormal, which is slow).
+    fn load_row(self, rows: &Rows, i: usize) -> Self::F;
+    /// Reads rows `first`, `first + 3` and `first + 6` likewise.
+    fn load_thirds(self, rows: &Rows, first: usize) -> [Self::F; 3];
+    /// Writes sixteen floats, at any alignment.
+    fn store(self, x: Self::F, to: &mut Lanes<f32>);
+    /// `a * b + c`, fused or not: for culling only, never for an answer.
+    fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    /// `if a < b { a } else { b }`: the second operand where either is NaN.
+    fn min(self, a: Self::F, b: Self::F) -> Self::F;
+    /// `if a > b { a } else { b }`: the second operand where either is NaN.
+    fn max(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The greater of the bits as signed integers: a quarter of the latency of `max`. Of numbers it is the greater one
+    /// where one of them is above zero; otherwise one or the other.
+    fn max_signed(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The lesser likewise: below zero where one of the numbers is, otherwise the lesser number.
+    fn min_signed(self, a: Self::F, b: Self::F) -> Self::F;
+    /// Lanes where `a <= b` likewise: of numbers of which one is above zero it says what `le` says.
+    fn le_signed(self, a: Self::F, b: Self::F) -> Mask;
+    /// The greatest of `a`, `b` and +0; none of them may be NaN.
+    fn max_with_zero(self, a: Self::F, b: Self::F) -> Self::F;
+    /// Lanes where `a < b`; false for NaN.
+    fn lt(self, a: Self::F, b: Self::F) -> Mask;
+    /// Lanes where `a <= b`; false for NaN.
+    fn le(self, a: Self::F, b: Self::F) -> Mask;
+    /// Lanes where `a == b`; false for NaN.
+    fn eq(self, a: Self::F, b: Self::F) -> Mask;
+    /// `a` where the mask has its bit, `b` elsewhere.
+    fn select(self, mask: Mask, a: Self::F, b: Self::F) -> Self::F;
+    /// In each lane the lane of `a` that the lowest four bits of `index` there say.
+    fn permute(self, a: Self::F, index: Self::U) -> Self::F;
+    /// Lane `i`, at most 15.
+    fn lane(self, a: Self::F, i: usize) -> f32;
+    /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
+    fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
+    /// The lanes of the mask moved together at the front; what follows them is unspecified.
+    fn compress(self, a: Self::F, mask: Mask) -> Self::F;
+    /// The bits of the lanes.
+    fn to_bits(self, a: Self::F) -> Self::U;
+    /// The floats with these bits.
+    #[allow(clippy::wrong_self_convention)] // `self` is the token, as everywhere here
+    fn from_bits(self, a: Self::U) -> Self::F;
+
+    /// The same value in every lane.
+    fn splat_u(self, x: u32) -> Self::U;
+    /// Reads sixteen integers, at any alignment.
+    fn load_u(self, from: &Lanes<u32>) -> Self::U;
+    /// Writes sixteen integers, at any alignment.
+    fn store_u(self, x: Self::U, to: &mut Lanes<u32>);
+    /// Writes sixteen integers, each as 64 bits.
+    fn store_wide(self, x: Self::U, to: &mut Lanes<MaybeUninit<u64>>);
+    /// The lanes shifted right by `BITS`, zeros from the left.
+    fn shift_right<const BITS: u32>(self, a: Self::U) -> Self::U;
+    /// The lesser.
+    fn min_u(self, a: Self::U, b: Self::U) -> Self::U;
+    /// The greater.
+    fn max_u(self, a: Self::U, b: Self::U) -> Self::U;
+    /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
+    fn swap_lanes_u<const D: usize>(self, a: Self::U) -> Self::U;
+    /// The sum, modulo 2^32.
+    fn add_u(self, a: Self::U, b: Self::U) -> Self::U;
+    /// Lanes where `a < b`, unsigned.
+    fn lt_u(self, a: Self::U, b: Self::U) -> Mask;
+    /// `a` where the mask has its bit, `b` elsewhere.
+    fn select_u(self, mask: Mask, a: Self::U, b: Self::U) -> Self::U;
+    /// The least lane, unsigned.
+    fn reduce_min_u(self, a: Self::U) -> u32;
+    /// The lanes of the mask moved together at the front; what follows them is unspecified.
+    fn compress_u(self, a: Self::U, mask: Mask) -> Self::U;
+}
+
+/// A computation that [`dispatch`] can compile for every instruction set.
+///
+/// Mark `run` and all it calls `#[inline(always)]`: whatever stays a call of its own is compiled
+/// without the instruction set, and every vector then travels through memory.
+pub(crate) trait Kernel {
+    /// What the computation returns.
+    type Output;
+    /// The computation.
+    fn run<S: Simd>(self, s: S) -> Self::Output;
+}

@@ -1,0 +1,63 @@
+//! Sixteen lanes as they lie in memory, and reading them.
+
+/// Number of lanes in every vector of this module.
+pub(crate) const LANES: usize = 16;
+
+/// Sixteen f32 or u32 lanes as they lie in memory.
+pub(crate) type Lanes<T> = [T; LANES];
+
+/// A mask: bit `i` belongs to lane `i`.
+pub(crate) type Mask = u16;
+
+/// Rows of up to sixteen floats, one right behind the other.
+///
+/// Their bounds are checked once, so that reading three of them costs one comparison.
+pub(crate) struct Rows<'a> {
+    pub(super) words: &'a [f32],
+    /// Floats per row, and the mask of that many lanes.
+    pub(super) n: usize,
+    pub(super) mask: Mask,
+    count: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// `count` rows of `n` floats at the begin of `words`. Panics where they are not all there.
+    #[inline(always)]
+    pub(crate) fn new(words: &'a [f32], n: usize, count: usize) -> Rows<'a> {
+        assert!((1..=LANES).contains(&n) && count <= 32 && words.len() >= n * count);
+        Rows { words, n, mask: ((1u32 << n) - 1) as Mask, count }
+    }
+
+    /// Where row `i` begins; it has `n` floats from there.
+    #[inline(always)]
+    pub(super) fn row(&self, i: usize) -> *const f32 {
+        assert!(i < self.count);
+        self.words.as_ptr().wrapping_add(i * self.n)
+    }
+
+    /// Where rows `first`, `first + 3` and `first + 6` begin; each has `n` floats from there.
+    #[inline(always)]
+    pub(super) fn thirds(&self, first: usize) -> [*const f32; 3] {
+        assert!(first + 6 < self.count);
+        let at = self.words.as_ptr().wrapping_add(first * self.n);
+        [at, at.wrapping_add(3 * self.n), at.wrapping_add(6 * self.n)]
+    }
+}
+
+/// Sixteen elements of `from`, beginning at `at`. Panics where they are not all there.
+#[inline(always)]
+pub(crate) fn lanes_at<T>(from: &[T], at: usize) -> &Lanes<T> {
+    from[at..at + LANES].try_into().expect("a slice of sixteen")
+}
+
+/// The lanes `i ^ d`.
+#[cfg(target_arch = "x86_64")]
+pub(super) const fn swapped(d: usize) -> Lanes<u32> {
+    let mut lanes = [0; LANES];
+    let mut i = 0;
+    while i < LANES {
+        lanes[i] = (i ^ d) as u32;
+        i += 1;
+    }
+    lanes
+}
