@@ -37,12 +37,15 @@ const LEAF: usize = 16;
 /// Builds a k-d tree with at most `references` references, from one reference for each point.
 ///
 /// It never exceeds the limits of the layout: both children of a node have references ([`Moving::worthwhile`]), so there
-/// are fewer nodes than references.
+/// are fewer than two nodes for each reference.
 pub(crate) fn build_kd_over_points(points: Trajectories, all: Vec<PointReference>, references: f64) -> KdTree {
     let corners = all.iter().flat_map(|r| [r.bounds.open, r.bounds.close]);
     let root = corners.fold(Box3::EMPTY, |b, p| b.include(Vec3::from_array(p)));
-    let budget =
-        Budget { depth: usual_depth(all.len()), references: references.min(MAX_NODES as f64), propagated_vote: true };
+    let budget = Budget {
+        depth: usual_depth(all.len()),
+        references: references.min((MAX_NODES / 2) as f64),
+        propagated_vote: true,
+    };
     build(&points, all, root, budget, &Progress::new(None)).0
 }
 
@@ -147,9 +150,10 @@ impl Moving for Trajectories {
         Some(Plane { axis, position: best.divide()?, velocity })
     }
 
-    /// Each child is an eighth smaller at least: what crosses a plane all together is better left in one leaf.
-    fn worthwhile(&self, before: usize, children: [usize; 2]) -> bool {
-        children.into_iter().all(|n| n <= before - before / 8)
+    /// What crosses a plane nearly all together is better left in one leaf. What bursts from one place is not: half of it
+    /// is on the first side of a plane for a moment only.
+    fn worthwhile(&self, before: usize, [left, right]: [usize; 2]) -> bool {
+        left > 0 && right > 0 && 4 * (left + right) <= 7 * before
     }
 
     fn fitted(
