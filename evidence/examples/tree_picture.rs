@@ -3,17 +3,29 @@
 //!
 //! `cargo run --release --example tree_picture -- docs/tree.png`
 
+#[path = "../../renderer/src/exr.rs"]
+#[allow(dead_code)] // film.rs writes such files, this program does not
+mod exr;
 #[path = "../../renderer/src/film.rs"]
 #[allow(dead_code)] // of it only the picture
 mod film;
 #[path = "../../renderer/src/font.rs"]
 mod font;
 
+use clap::Parser;
 use film::Picture;
 use mbkd::glam::{DVec3, IVec2, Vec2, Vec3};
 use mbkd::{BuildParams, Division, Hit, Keys, RayTree, TriangleMesh};
 use mbkd_scenes as scene;
-use std::path::Path;
+use std::path::PathBuf;
+
+#[derive(Parser)]
+#[command(about = "Draws slices through the boxes of real trees at three times of the shutter")]
+struct Args {
+    /// The picture to write, a PNG.
+    #[arg(default_value = "tree.png")]
+    output: PathBuf,
+}
 
 const TRIANGLES: usize = 3000;
 /// Side of a panel in pixels, the gap around it, and half the side in scene units.
@@ -27,7 +39,7 @@ const COLORS: [[u8; 3]; 3] = [[190, 30, 45], [230, 140, 20], [70, 120, 190]];
 const SHADE: f32 = 0.93;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let path = std::env::args().nth(1).unwrap_or_else(|| "tree.png".into());
+    let path = Args::parse().output;
     let whole = BuildParams { division: Division::Whole, ..BuildParams::default() };
     let columns = [
         ("still", still(), BuildParams::default()),
@@ -50,8 +62,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for (row, time) in TIMES.into_iter().enumerate() {
         font::write(&mut picture, &format!("t = {time}"), 8, top + row * step + PANEL / 2, 1, [0; 3]);
     }
-    picture.save(Path::new(&path))?;
-    println!("wrote {path}");
+    picture.save(&path)?;
+    println!("wrote {}", path.display());
     Ok(())
 }
 

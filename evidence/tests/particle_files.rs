@@ -147,8 +147,10 @@ fn particle_files_give_what_was_written() {
     for end in 0..bgeo.len() {
         assert!(Table::bgeo(&bgeo[..end]).is_err(), "BGEO of {end} bytes");
     }
+    // Up to the end of the points it may be a file without fields; beyond, no velocities means a broken file.
+    let points = vtk.windows(10).position(|w| w == b"POINT_DATA").unwrap();
     for end in 0..vtk.len() {
         let short = Table::vtk(&vtk[..end]);
-        assert!(short.is_err() || short.unwrap().names.len() == 3, "VTK of {end} bytes");
+        assert!(short.is_err() || (points - 1..=points).contains(&end), "VTK of {end} bytes");
     }
 }

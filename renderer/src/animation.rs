@@ -1,40 +1,44 @@
 //! A sequence: numbered PNGs and one animated GIF, each frame with its own shutter.
 
 use crate::film::Picture;
-use image::codecs::gif::{GifEncoder, Repeat};
-use image::{Delay, Frame, RgbImage};
+use gif::{Encoder, Frame, Repeat};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// A GIF in the making.
 pub struct Animation {
     path: PathBuf,
-    encoder: GifEncoder<BufWriter<File>>,
+    /// Made with the first frame, whose size is that of all.
+    encoder: Option<Encoder<BufWriter<File>>>,
     seconds_per_frame: f64,
 }
 
 impl Animation {
     /// Begins a GIF that repeats for ever.
-    pub fn begin(path: PathBuf, seconds_per_frame: f64) -> Result<Animation, String> {
-        let fail = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-        let file = File::create(&path).map_err(|e| fail(&e))?;
-        // 1 is the slowest and finest choice of colours, 30 the fastest.
-        let mut encoder = GifEncoder::new_with_speed(BufWriter::new(file), 10);
-        encoder.set_repeat(Repeat::Infinite).map_err(|e| fail(&e))?;
-        Ok(Animation { path, encoder, seconds_per_frame })
+    pub fn begin(path: PathBuf, seconds_per_frame: f64) -> Animation {
+        Animation { path, encoder: None, seconds_per_frame }
     }
 
     /// Adds a frame.
     pub fn add(&mut self, picture: &Picture) -> Result<(), String> {
-        let rgb = RgbImage::from_raw(picture.width as u32, picture.height as u32, picture.bytes());
-        let rgb = rgb.ok_or_else(|| format!("{}: the picture is too large", self.path.display()))?;
-        let rgba = image::DynamicImage::from(rgb).into_rgba8();
-        // Viewers slow down what is faster than 50 frames a second.
-        let delay = Delay::from_saturating_duration(Duration::from_secs_f64(self.seconds_per_frame.clamp(0.02, 10.0)));
-        let frame = Frame::from_parts(rgba, 0, 0, delay);
-        self.encoder.encode_frame(frame).map_err(|e| format!("{}: {e}", self.path.display()))
+        let fail = |e: &dyn std::fmt::Display| format!("{}: {e}", self.path.display());
+        let side = |pixels: usize| u16::try_from(pixels).map_err(|e| fail(&e));
+        let (width, height) = (side(picture.width)?, side(picture.height)?);
+        // 1 is the slowest and finest choice of colours, 30 the fastest.
+        let mut frame = Frame::from_rgb_speed(width, height, picture.pixels.as_flattened(), 10);
+        // In hundredths. Viewers slow down what is faster than 50 frames a second.
+        frame.delay = (100.0 * self.seconds_per_frame.clamp(0.02, 10.0)).round() as u16;
+        if self.encoder.is_none() {
+            let file = BufWriter::new(File::create(&self.path).map_err(|e| fail(&e))?);
+            let mut encoder = Encoder::new(file, width, height, &[]).map_err(|e| fail(&e))?;
+            encoder.set_repeat(Repeat::Infinite).map_err(|e| fail(&e))?;
+            self.encoder = Some(encoder);
+        }
+        match &mut self.encoder {
+            Some(encoder) => encoder.write_frame(&frame).map_err(|e| format!("{}: {e}", self.path.display())),
+            None => Ok(()),
+        }
     }
 }
 

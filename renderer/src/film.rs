@@ -5,7 +5,7 @@
 
 use mbkd::glam::Vec3;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -70,43 +70,38 @@ impl Picture {
         }
     }
 
-    /// The rows' bytes, as image writers want them.
-    pub fn bytes(&self) -> Vec<u8> {
-        self.pixels.iter().flatten().copied().collect()
-    }
-
     /// Writes a PNG.
     pub fn save(&self, path: &Path) -> Result<(), String> {
-        image::save_buffer_with_format(
-            path,
-            &self.bytes(),
-            self.width as u32,
-            self.height as u32,
-            image::ColorType::Rgb8,
-            image::ImageFormat::Png,
-        )
-        .map_err(|e| format!("{}: {e}", path.display()))
+        let write = || -> Result<(), png::EncodingError> {
+            let file = BufWriter::new(File::create(path)?);
+            let mut encoder = png::Encoder::new(file, self.width as u32, self.height as u32);
+            encoder.set_color(png::ColorType::Rgb);
+            encoder.set_depth(png::BitDepth::Eight);
+            let mut writer = encoder.write_header()?;
+            writer.write_image_data(self.pixels.as_flattened())?;
+            writer.finish()
+        };
+        write().map_err(|e| format!("{}: {e}", path.display()))
     }
 }
 
 /// Writes linear radiance, untouched by exposure or tone mapping, as .pfm or .exr.
 pub fn save_linear(film: &Film, path: &Path) -> Result<(), String> {
-    let fail = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
     let linear = film.linear();
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
-        let data: Vec<f32> = linear.iter().flat_map(|c| c.to_array()).collect();
-        let picture = image::Rgb32FImage::from_raw(film.width as u32, film.height as u32, data)
-            .ok_or_else(|| fail(&"the picture is too large"))?;
-        return picture.save_with_format(path, image::ImageFormat::OpenExr).map_err(|e| fail(&e));
-    }
-    let file = File::create(path).map_err(|e| fail(&e))?;
-    let mut out = BufWriter::new(file);
-    // PFM: a negative scale says little-endian; rows run from the bottom.
-    let mut bytes = format!("PF\n{} {}\n-1.0\n", film.width, film.height).into_bytes();
-    for row in linear.chunks(film.width).rev() {
+    let bytes = match path.extension() {
+        Some(kind) if kind.eq_ignore_ascii_case("exr") => crate::exr::file(film.width, film.height, &linear),
+        _ => pfm(film.width, film.height, &linear),
+    };
+    std::fs::write(path, bytes).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+/// A portable float map: a negative scale says little-endian; rows run from the bottom.
+fn pfm(width: usize, height: usize, pixels: &[Vec3]) -> Vec<u8> {
+    let mut bytes = format!("PF\n{width} {height}\n-1.0\n").into_bytes();
+    for row in pixels.chunks(width).rev() {
         bytes.extend(row.iter().flat_map(|c| c.to_array()).flat_map(f32::to_le_bytes));
     }
-    out.write_all(&bytes).and_then(|()| out.flush()).map_err(|e| fail(&e))
+    bytes
 }
 
 /// The filmic curve of Narkowicz ("ACES Filmic Tone Mapping Curve", 2015): bright light keeps its colour for

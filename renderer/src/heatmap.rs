@@ -95,14 +95,31 @@ pub fn draw(maps: &[Counts], job: &Job, heat: Heat) -> Picture {
     let ramp: Vec<[u8; 3]> = (0..length).map(|x| color(x as f32 / length as f32)).collect();
     let pixels = (0..BAR).flat_map(|_| ramp.iter().copied()).collect();
     picture.paste(&Picture { width: length, height: BAR, pixels }, from, below + line);
-    for mark in 0..=4 {
-        let label = format!("{}{}", if mark == 4 { ">=" } else { "" }, top * mark as f32 / 4.0);
+    let mut free = 0;
+    for &mark in marks(length, text, top) {
+        let label = label(mark, top);
         let room = label.len() * font::ADVANCE * text;
-        let x =
-            (from + length * mark / 4).saturating_sub(if mark == 0 { 0 } else { room / if mark == 4 { 1 } else { 2 } });
+        let x = (from + length * mark / 4).saturating_sub(room * mark / 4).max(free);
         font::write(&mut picture, &label, x, below + line + BAR + MARGIN, text, INK);
+        free = x + room + font::ADVANCE * text;
     }
     picture
+}
+
+/// What stands below a quarter of the scale.
+fn label(mark: usize, top: f32) -> String {
+    format!("{}{}", if mark == 4 { ">=" } else { "" }, top * mark as f32 / 4.0)
+}
+
+/// The quarters whose labels fit below a scale of `length` pixels: all, the ends and the middle, or the ends.
+fn marks(length: usize, text: usize, top: f32) -> &'static [usize] {
+    let choices: [&[usize]; 3] = [&[0, 1, 2, 3, 4], &[0, 2, 4], &[0, 4]];
+    let fits = |marks: &&[usize]| {
+        // Each is as wide as the widest, and a character apart.
+        let widest = marks.iter().map(|&mark| label(mark, top).len() + 1).max().unwrap_or(0);
+        marks.len() * widest * font::ADVANCE * text <= length
+    };
+    choices.into_iter().find(fits).unwrap_or(&[4])
 }
 
 /// A round number near the 99.5th percentile of all pixels.
@@ -142,6 +159,14 @@ fn color(x: f32) -> [u8; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn labels_that_do_not_fit_are_left_out() {
+        assert_eq!(marks(1000, 1, 2000.0), [0, 1, 2, 3, 4]);
+        assert_eq!(marks(18 * font::ADVANCE, 1, 20.0), [0, 2, 4]);
+        assert_eq!(marks(10 * font::ADVANCE, 1, 20.0), [0, 4]);
+        assert_eq!(marks(5, 1, 20.0), [4]);
+    }
 
     #[test]
     fn the_scale_is_round_and_reaches_the_counts() {

@@ -5,6 +5,7 @@
 //! `sampling`, `sky` and `materials`, and at last `film` (pictures and files), `heatmap` or `animation`.
 
 mod animation;
+mod exr;
 mod film;
 mod font;
 mod heatmap;
@@ -98,7 +99,7 @@ fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
 fn picture(options: &Options, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
     let stage = Source::open(options)?.stage(options, 0, 1)?;
     let world = build(&stage, options.policy)?;
-    let film = expose(&world, &stage, &job(options), stop);
+    let film = expose(&world, &stage, &job(options), stop)?;
     for path in outputs {
         save(&film, &stage, path)?;
     }
@@ -110,7 +111,7 @@ fn picture(options: &Options, outputs: &[PathBuf], stop: &AtomicBool) -> Result<
 fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
     let source = Source::open(options)?;
     let gif = outputs[0].with_extension("gif");
-    let mut animation = Animation::begin(gif.clone(), source.duration(options, frames)? / f64::from(frames))?;
+    let mut animation = Animation::begin(gif.clone(), source.duration(options, frames)? / f64::from(frames));
     let mut made: Option<(Stage, World)> = None;
     for frame in 0..frames {
         let (stage, world) = match (made.take(), &source) {
@@ -127,7 +128,7 @@ fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBo
             job.shutter = (open, open + 0.5 / frames as f32);
         }
         say(&format!("frame {} of {frames}", frame + 1));
-        let film = expose(&world, &stage, &job, stop);
+        let film = expose(&world, &stage, &job, stop)?;
         animation.add(&film.developed(stage.sky.exposure))?;
         for path in outputs {
             save(&film, &stage, &numbered(path, frame))?;
@@ -168,18 +169,21 @@ fn heat(options: &Options, kind: Heat, outputs: &[PathBuf], stop: &AtomicBool) -
     Ok(())
 }
 
-/// Renders with a progress bar and reports; what an interrupt leaves is kept.
-fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Film {
+/// Renders with a progress bar and reports. What an interrupt leaves is kept if every pixel has a sample.
+fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Result<Film, String> {
     let bar = bar(job.steps());
     let begin = Instant::now();
     let (film, cost) = render(world, stage, job, stop, &bar);
     let spent = begin.elapsed();
     bar.finish_and_clear();
+    if film.samples.contains(&0) {
+        return Err("interrupted before every pixel had a sample: no picture is written".into());
+    }
     if stop.load(Ordering::Relaxed) {
         say("interrupted: writing what is done");
     }
     report(&cost, spent);
-    film
+    Ok(film)
 }
 
 /// The tree of a stage, with a line about it.

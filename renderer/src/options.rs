@@ -16,29 +16,29 @@ pub struct Options {
     #[arg(long, default_value = "hall", value_parser = scene_name, help_heading = "What to see", conflicts_with = "mesh")]
     pub scene: String,
     /// About how many triangles (or spheres) a scene has; `full` is the size benchmarks use
-    #[arg(long, value_name = "N|full", value_parser = count, help_heading = "What to see")]
+    #[arg(long, value_name = "N|full", value_parser = count, help_heading = "What to see", conflicts_with = "mesh")]
     pub triangles: Option<Count>,
     /// Files instead of a scene: .glb .gltf .obj .ply .mseq; several of equal topology are the keys of one shutter
     #[arg(long, num_args = 1.., value_name = "FILE", help_heading = "What to see")]
     pub mesh: Vec<PathBuf>,
     /// The axis of the files that points up
-    #[arg(long, default_value = "y", help_heading = "What to see")]
+    #[arg(long, default_value = "y", requires = "mesh", conflicts_with = "scene", help_heading = "What to see")]
     pub up: Axis,
     /// Without the floor that files are put on
-    #[arg(long, help_heading = "What to see")]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", help_heading = "What to see")]
     pub no_floor: bool,
 
     /// The animation of a glTF file, by name or number
-    #[arg(long, help_heading = "When (files with an animation)")]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", help_heading = "When (files with an animation)")]
     pub clip: Option<String>,
-    /// Middle of the shutter, in seconds of the clip
-    #[arg(long, value_name = "SECONDS", value_parser = finite, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
+    /// Middle of the shutter, in seconds of the clip [default: the middle of the clip]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", value_name = "SECONDS", value_parser = finite, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub time: Option<f64>,
-    /// How long the shutter is open
-    #[arg(long, value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
+    /// How long the shutter is open [default: 1/24 s; with --frames half a frame]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub shutter: Option<f64>,
     /// At how many times inside the shutter poses are computed; motion is linear between them
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
+    #[arg(long, default_value_t = 5, requires = "mesh", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
     pub keys: u32,
 
     /// Eye and target at the camera's keys: x,y,z:x,y,z[;x,y,z:x,y,z...]; several make it move during the shutter
@@ -48,25 +48,25 @@ pub struct Options {
     #[arg(long, value_name = "DEGREES", value_parser = angle, help_heading = "Camera")]
     pub fov: Option<f32>,
     /// For files: direction of the camera around the vertical, degrees
-    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
+    #[arg(long, default_value_t = 30.0, requires = "mesh", conflicts_with = "scene", value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
     pub azimuth: f32,
     /// For files: height of the camera, degrees above the horizon
-    #[arg(long, default_value_t = 12.0, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
+    #[arg(long, default_value_t = 12.0, requires = "mesh", conflicts_with = "scene", value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
     pub elevation: f32,
     /// Radius of the lens in scene units; 0 is a pinhole
-    #[arg(long, default_value_t = 0.0, help_heading = "Camera")]
+    #[arg(long, default_value_t = 0.0, value_parser = not_negative, allow_hyphen_values = true, help_heading = "Camera")]
     pub aperture: f32,
     /// Distance in focus; that of the target if not given
-    #[arg(long, help_heading = "Camera")]
+    #[arg(long, requires = "aperture", value_parser = above_zero, allow_hyphen_values = true, help_heading = "Camera")]
     pub focus: Option<f32>,
     /// Direction towards the sun
-    #[arg(long, value_name = "X,Y,Z", value_parser = vector, help_heading = "Light", allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = direction, help_heading = "Light", allow_hyphen_values = true)]
     pub sun: Option<Vec3>,
     /// Tangent of the sun's angular radius: larger is softer
-    #[arg(long, help_heading = "Light")]
+    #[arg(long, value_parser = not_negative, allow_hyphen_values = true, help_heading = "Light")]
     pub sun_radius: Option<f32>,
     /// Brightness of the picture relative to what the scene asks for
-    #[arg(long, default_value_t = 1.0, help_heading = "Light")]
+    #[arg(long, default_value_t = 1.0, value_parser = above_zero, allow_hyphen_values = true, help_heading = "Light")]
     pub exposure: f32,
     /// Diffuse bounces after the first surface; 0 is ambient occlusion
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64), help_heading = "Light")]
@@ -210,6 +210,24 @@ fn angle(text: &str) -> Result<f32, String> {
     text.parse::<f32>().ok().filter(|x| *x > 0.0 && *x < 180.0).ok_or_else(|| "degrees between 0 and 180".into())
 }
 
+fn degrees(text: &str) -> Result<f32, String> {
+    text.parse::<f32>().ok().filter(|x| x.is_finite()).ok_or_else(|| "a finite number of degrees".into())
+}
+
+fn not_negative(text: &str) -> Result<f32, String> {
+    let number = text.parse::<f32>().ok().filter(|x| (0.0..f32::INFINITY).contains(x));
+    number.ok_or_else(|| "a finite number, 0 or more".into())
+}
+
+fn above_zero(text: &str) -> Result<f32, String> {
+    not_negative(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "a finite number greater than 0".into())
+}
+
+fn direction(text: &str) -> Result<Vec3, String> {
+    let direction = vector(text)?;
+    if direction == Vec3::ZERO { Err(format!("`{text}` is no direction")) } else { Ok(direction) }
+}
+
 fn vector(text: &str) -> Result<Vec3, String> {
     let numbers: Vec<f32> = text.split(',').map_while(|x| x.trim().parse().ok()).collect();
     match numbers[..] {
@@ -245,7 +263,13 @@ mod tests {
             ("x --spp 0", "--spp"),
             ("x --camera-keys 1,2:3", "x,y,z"),
             ("x --sun 1,2,nan", "x,y,z"),
-            ("x --shutter -1", "--shutter"),
+            ("x --mesh a.glb --shutter -1", "--shutter"),
+            ("x --sun 0,0,0", "--sun"),
+            ("x --exposure -1", "--exposure"),
+            ("x --focus 3", "--aperture"),
+            ("x --time 0.5", "--mesh"),
+            ("x --scene hall --azimuth 10", "--scene"),
+            ("x --mesh a.obj --triangles 100", "--triangles"),
             ("x --frames 3 --heatmap steps", "--heatmap"),
             ("x --scene hall --mesh a.obj", "--mesh"),
         ] {

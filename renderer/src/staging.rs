@@ -95,6 +95,9 @@ fn window(options: &Options, model: &Model, frame: u32, frames: u32) -> Result<O
         _ => (first + step * (f64::from(frame) + 0.5), 0.5 * step),
     };
     let half = 0.5 * options.shutter.unwrap_or(length);
+    if middle + half < first || middle - half > last {
+        return Err(format!("at {middle} s the clip does not play: it lasts from {first} s to {last} s"));
+    }
     Ok(Some(Window { open: middle - half, close: middle + half }))
 }
 

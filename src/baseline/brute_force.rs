@@ -50,7 +50,7 @@ impl<G: Geometry> BruteForce<G> {
                 && filter.sees(|| self.geometry.mask(id))
                 && let Some(hit) = self.geometry.intersect(id, &ray)
             {
-                let hit = ray.answer(hit, self.geometry.name(id));
+                let hit = hit.answer(self.geometry.name(id));
                 if filter.accepts(|| hit) {
                     visitor(hit);
                 }

@@ -9,7 +9,7 @@
 use super::binning::HALF;
 use super::builder::mean_half_area;
 use super::reference::{Packed, Reference};
-use crate::geometry::{Ends, LinearBox3, ULP};
+use crate::geometry::{Box3, Ends, LinearBox3, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 
@@ -43,7 +43,12 @@ impl Planes {
         let (b, e) = (&bounds.begin, &bounds.end);
         let motion = (e.min[axis] - b.min[axis]).abs().max((e.max[axis] - b.max[axis]).abs());
         let width = extent[axis] / parts as f32;
-        (width > 4.0 * ULP && motion <= STEADY * extent[axis]).then_some(Planes { axis, low: middle.min[axis], width })
+        let magnitude = middle.min[axis].abs().max(middle.max[axis].abs());
+        (width > 4.0 * ULP * magnitude && motion <= STEADY * extent[axis]).then_some(Planes {
+            axis,
+            low: middle.min[axis],
+            width,
+        })
     }
 
     /// The plane below part `k`.
@@ -191,8 +196,8 @@ fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
 ///   interval includes all in between. Of these, p and q are corners, and one that comes into the plane is in both
 ///   bins beside it already.
 ///
-/// The points are computed with three roundings at sizes of at most 2 (8 ULP cover them), and the kernel's
-/// corners stray from the lines by `slack`.
+/// The points are computed with three roundings at sizes of at most twice the largest coordinate (8 ULP of it cover
+/// them), and the kernel's corners stray from the lines by `slack`.
 struct Chop<'a> {
     ends: &'a Ends,
     /// What holds the triangle, or the part of it that is to be cut.
@@ -235,7 +240,9 @@ impl Kernel for Chop<'_> {
         }
         let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
         // Toward the outside is down in every lane. Of each face the whole's is taken where it is tighter on average.
-        let (pad, whole, other) = (s.splat(ends.slack + 8.0 * ULP), s.load(&whole.0), s.load_u(&OTHER_END));
+        let magnitude = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include).magnitude();
+        let pad = s.splat(ends.slack + 8.0 * ULP * magnitude);
+        let (whole, other) = (s.load(&whole.0), s.load_u(&OTHER_END));
         let mean = whole + s.permute(whole, other);
         let mut below = nothing;
         for (k, part) in parts.iter_mut().enumerate().take(BINS) {
@@ -264,7 +271,6 @@ const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Box3;
     use glam::Vec3;
 
     fn random(state: &mut u64) -> f32 {

@@ -6,6 +6,25 @@ use glam::Vec3;
 /// Half the spacing of f32 numbers just below 1: the unit all rounding bounds of this crate count in.
 pub(crate) const ULP: f32 = f32::EPSILON * 0.5;
 
+/// How far, per axis, an accepted hit may lie from its primitive as the kernel interpolates it, and a slab test that
+/// looks for it err besides: so many ULP of the primitive's largest coordinate and of the origin's, whichever the
+/// unit is. The first part is in the boxes of a tree, the second in each ray.
+///
+/// With slopes of at most 1, counted in ULP of the sum of both coordinates, which bounds every translated corner:
+///
+/// | | |
+/// |---|---|
+/// | the watertight test: a corner's translation, x and depth | 2 |
+/// | the slope, itself rounded twice, times the depth, rounded, and the difference, of twice the size | 5 |
+/// | the depth that the distance is a mean of, seen along the axis and across | 2 |
+/// | the distance, rounded to f32 | 1 |
+/// | directions smaller than 2^-24 taken as that | 1 |
+/// | the slab test: the reciprocal, two products, two sums (one of them fused or not) | 6 |
+/// | primitives of the caller's see the origin unrounded | 1 |
+///
+/// These are 18; two more cover that boxes are padded by a rounded number.
+pub(crate) const KERNEL_ULPS: f32 = 20.0;
+
 /// An axis-aligned box in tree space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Box3 {
@@ -34,6 +53,12 @@ impl Box3 {
     #[inline]
     pub fn pad(self, by: f32) -> Box3 {
         Box3 { min: self.min - by, max: self.max + by }
+    }
+
+    /// The largest magnitude of a coordinate of a point in it.
+    #[inline]
+    pub fn magnitude(self) -> f32 {
+        (-self.min).max(self.max).max_element()
     }
 
     #[inline]

@@ -7,7 +7,8 @@ use glam::Vec3;
 ///
 /// Sutherland and Hodgman's clipping against the six faces in turn: at most nine corners. New corners
 /// are put exactly on their face; their other coordinates carry the rounding of one interpolation
-/// (three operations at sizes of at most 2), so the result is padded by 8 ULP inside the cell.
+/// (three operations at sizes of at most twice the triangle's largest coordinate), so the result is padded by 8 ULP of
+/// that inside the cell.
 pub(crate) fn clip_triangle(corners: [Vec3; 3], cell: Box3) -> Box3 {
     let whole = corners.into_iter().fold(Box3::EMPTY, Box3::include);
     let bounds = whole.intersection(cell);
@@ -44,7 +45,7 @@ pub(crate) fn clip_triangle(corners: [Vec3; 3], cell: Box3) -> Box3 {
             }
         }
     }
-    polygon[..n].iter().fold(Box3::EMPTY, |b, &p| b.include(p)).pad(8.0 * ULP).intersection(bounds)
+    polygon[..n].iter().fold(Box3::EMPTY, |b, &p| b.include(p)).pad(8.0 * ULP * whole.magnitude()).intersection(bounds)
 }
 
 /// The extreme of the box on the side that a face of this sign cuts off.

@@ -1,5 +1,9 @@
-//! Tree space: world coordinates moved to the scene's centre and scaled by a power of two, so that
-//! every vertex lies in `[-1, 1]` and f32 spends its bits on the scene instead of on where it stands.
+//! Tree space: world coordinates scaled by a power of two so that the farthest vertex has coordinates of about 1,
+//! and moved where that costs nothing.
+//!
+//! Coordinates given in f32 keep every bit, if they are at least 2^-126 of the largest. They are moved along an axis only
+//! where all of them lie within a factor of two of each other: then the difference of any two is exact (Sterbenz,
+//! "Floating-point computation", 1974). Coordinates given in f64 are moved to the centre of what they span and rounded there.
 
 use super::aabb::Aabb;
 use crate::limits::MAX_COORDINATE;
@@ -12,28 +16,55 @@ pub(crate) struct Frame {
     pub origin: DVec3,
     /// A power of two.
     pub scale: f64,
+    /// No coordinate of a vertex is larger in tree space: 1, but for rounding.
+    pub reach: f32,
+    /// Everything at every time, in world space.
+    pub bounds: Aabb,
 }
 
 impl Frame {
-    /// The frame of a scene with these swept bounds (world coordinates within [`MAX_COORDINATE`]).
+    /// Tree space is world space, up to a distance of 1 from zero.
+    pub const WORLD: Frame =
+        Frame { origin: DVec3::ZERO, scale: 1.0, reach: 1.0, bounds: Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE } };
+
+    /// The frame of coordinates in f64 with these bounds (within [`MAX_COORDINATE`]).
     pub fn around(swept: Aabb) -> Frame {
         if swept.min.cmpgt(swept.max).any() {
-            return Frame { origin: DVec3::ZERO, scale: 1.0 };
+            return Frame::WORLD;
         }
-        // Rounded to f32 where that moves it little, so that f32 input on a coarse grid stays on it.
+        // Rounded to f32 where that moves it little, so that coordinates on a coarse grid stay on it.
         let centre = swept.min * 0.5 + swept.max * 0.5;
         let rounded = centre.as_vec3().as_dvec3();
         let size = (swept.max - swept.min).max_element();
         let origin = if (rounded - centre).abs().max_element() * 64.0 <= size { rounded } else { centre };
+        Frame::scaled(swept, origin)
+    }
+
+    /// The frame of coordinates in f32 with these bounds. Maps all of them exactly that are zero or at least 2^-126 of the
+    /// largest.
+    pub fn exact(swept: Aabb) -> Frame {
+        if swept.min.cmpgt(swept.max).any() {
+            return Frame::WORLD;
+        }
+        let mut origin = DVec3::ZERO;
+        for axis in 0..3 {
+            let (low, high) = (swept.min[axis], swept.max[axis]);
+            let nearest = low.max(-high);
+            if nearest > 0.0 && low.abs().max(high.abs()) <= 2.0 * nearest {
+                origin[axis] = f64::from((low * 0.5 + high * 0.5) as f32);
+            }
+        }
+        Frame::scaled(swept, origin)
+    }
+
+    /// Scaled by the power of two that makes the farthest coordinate at most 1, made of its bits.
+    fn scaled(swept: Aabb, origin: DVec3) -> Frame {
         let reach = (swept.max - origin).max(origin - swept.min).max_element();
         debug_assert!(reach <= 4.0 * MAX_COORDINATE);
-        // The least power of two that is at least `reach`; scenes smaller than 2^-100 keep that scale.
-        let exponent = if reach > 0.0 { reach.log2().ceil().clamp(-100.0, 110.0) as i32 } else { 0 };
-        let mut scale = 2f64.powi(-exponent);
-        if reach * scale > 1.0 {
-            scale *= 0.5;
-        }
-        Frame { origin, scale }
+        let (exponent, fraction) = (exponent(reach), reach.to_bits() << 12);
+        let to_one = if reach > 0.0 { (exponent + i64::from(fraction != 0)).max(LEAST_EXPONENT) } else { 0 };
+        let scale = f64::from_bits(((1023 - to_one) as u64) << 52);
+        Frame { origin, scale, reach: ((reach * scale) as f32).next_up().max(1.0), bounds: swept }
     }
 
     /// A world point in tree space, rounded to nearest.
@@ -59,13 +90,21 @@ impl Frame {
     }
 }
 
+/// Smaller scenes are scaled like those of this exponent, the least of f32.
+const LEAST_EXPONENT: i64 = -149;
+
+/// `e` of a positive normal number in `[2^e, 2^(e + 1))`.
+fn exponent(x: f64) -> i64 {
+    (x.to_bits() >> 52) as i64 - 1023
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn scenes_of_any_size_fill_the_unit_cube() {
-        for size in [1e-28, 1e-9, 0.7, 1.0, 1.5, 4096.0, 3e29] {
+        for size in [1e-40, 1e-28, 1e-9, 0.7, 1.0, 1.5, 4096.0, 3e29] {
             for at in [0.0, 0.3, -1e6 * size, 1e10 * size] {
                 if at + size == at || size < f64::abs(at) * 1e-12 || f64::abs(at) > MAX_COORDINATE {
                     continue;
@@ -88,5 +127,37 @@ mod tests {
         let frame = Frame::around(Aabb { min: p, max: p });
         assert!(frame.point(p).is_finite());
         assert_eq!(Frame::around(Aabb::EMPTY).scale, 1.0);
+        let zero = Aabb { min: DVec3::ZERO, max: DVec3::ZERO };
+        for frame in [Frame::around(zero), Frame::exact(zero)] {
+            assert_eq!((frame.scale, frame.point(DVec3::ZERO)), (1.0, Vec3::ZERO));
+        }
+    }
+
+    #[test]
+    fn numbers_in_f32_keep_every_bit() {
+        let mut state = 1u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 32) as u32
+        };
+        for round in 0..20_000 {
+            // Magnitudes from 2^-63 to 2^0, and what lies within a factor of two.
+            let number = |bits: u32| match round % 2 {
+                0 => f32::from_bits(bits & 0x9fff_ffff | 0x2000_0000),
+                _ => f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000 ^ (round as u32 % 16) << 26),
+            };
+            let points: [Vec3; 4] = core::array::from_fn(|_| Vec3::from([0; 3].map(|_| number(next()))));
+            let fine = |x: f32| x.is_finite() && f64::from(x).abs() <= MAX_COORDINATE;
+            if !points.iter().all(|p| p.to_array().into_iter().all(fine)) {
+                continue;
+            }
+            let bounds = Aabb::of_points(points.map(|p| p.as_dvec3()));
+            let frame = Frame::exact(bounds);
+            for p in points {
+                let inside = frame.point(p.as_dvec3());
+                assert_eq!(frame.to_world(inside), p.as_dvec3(), "{points:?} {frame:?}");
+                assert!(inside.abs().max_element() <= frame.reach);
+            }
+        }
     }
 }

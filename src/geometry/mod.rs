@@ -17,7 +17,7 @@ mod ray;
 mod separating_axes;
 
 pub use aabb::{Aabb, LinearBounds};
-pub(crate) use box3::{Box3, Extent, Line, LinearBox3, ULP};
+pub(crate) use box3::{Box3, Extent, KERNEL_ULPS, Line, LinearBox3, ULP};
 pub(crate) use clip::clip_triangle;
 pub(crate) use ends::Ends;
 pub use interval::TimeInterval;

@@ -6,7 +6,12 @@ use glam::{DVec3, Vec3};
 ///
 /// The direction may have any length but zero; `t` counts in that length. A ray that means nothing (a zero,
 /// infinite or NaN direction, a NaN anywhere, `t_min > t_max`, a time outside `[0, 1]`, an origin more
-/// than 2^32 scene sizes away) hits nothing.
+/// than 2^32 scene sizes away) hits nothing. The range holds for `t` as it is returned: rounded to f32 once. Where the
+/// direction is so small that `t` would be infinite, nothing is hit.
+///
+/// A ray may begin far away: it is led to the scene in f64 first, and takes the same steps as one that begins
+/// there. Its hits lie where those of the exact ray do up to 2^-50 of its distance from the scene (and `t` itself is rounded
+/// to f32, so [`Ray::point`] is as coarse as 2^-24 of that distance).
 ///
 /// ```
 /// use mbkd::{Ray, glam::Vec3};
@@ -15,7 +20,7 @@ use glam::{DVec3, Vec3};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where the ray begins, in double precision: it is rebased to the scene's centre before f32.
+    /// Where the ray begins, in double precision.
     pub origin: DVec3,
     /// Its direction, of any length but zero.
     pub dir: Vec3,

@@ -26,15 +26,18 @@ pub(crate) struct Instant {
 /// Whether the triangle stays clear of the cell at the instants and at all times between successive
 /// ones, if both move linearly there up to `slack` per coordinate.
 ///
-/// Coordinates are at most 4, so that an inner product errs by less than 16 ULP of the sum of the direction's
-/// components; the margin of 64 covers the two that are compared and the rounding of a moving cell.
+/// Where no coordinate is larger than `m`, an inner product of differences errs by less than 16 ULP of `m` times the sum of
+/// the direction's components; the margin of 64 covers the two that are compared, the rounding of a moving cell, and the
+/// kernel's own rounding that grows with the triangle ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)).
 pub(crate) fn stays_clear(instants: &[Instant], slack: f32) -> bool {
     let Some(middle) = instants.get(instants.len() / 2) else { return false };
     let [a, b, c] = middle.corners;
     let edges = [b - a, c - b, a - c];
+    let largest = |i: &Instant| i.corners.into_iter().fold(i.cell, Box3::include).magnitude();
+    let magnitude = instants.iter().map(largest).fold(0.0, f32::max);
     let clear = |n: Vec3| {
         let size = n.abs();
-        let margin = size.element_sum() * (slack + 64.0 * ULP);
+        let margin = size.element_sum() * (slack + 64.0 * ULP * magnitude);
         let (mut above, mut below) = (true, true);
         for Instant { corners, cell } in instants {
             let center = (cell.min + cell.max) * 0.5;

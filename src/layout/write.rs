@@ -7,7 +7,7 @@ use super::serialize::{Apart, write_in_order};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
-use crate::geometry::{LinearBox3, TimeInterval};
+use crate::geometry::{KERNEL_ULPS, LinearBox3, TimeInterval, ULP};
 use crate::simd::{Arena, LANES};
 
 /// A face at time 0 and its velocity: the line that a query evaluates as `at + velocity * t`.
@@ -24,10 +24,21 @@ struct Face {
 /// |at| + |velocity| (one where it is fused), that is by less than 2^-23 (|at| + |velocity|); `at` is moved by
 /// twice that and then by one float. Both the bound and the line are linear in t, so it is
 /// enough that the line lies beyond the bound at both ends; this is arranged in f64, whose own rounding
-/// (2^-53) vanishes beside the float step. A face that does not move is taken as it is.
-fn face(begin: f32, end: f32, over: TimeInterval, side: f64) -> Face {
+/// (2^-53) vanishes beside the float step. A face that does not move is moved by `pad` and rounded outward.
+fn face(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64) -> Face {
+    let outward = |x: f64| {
+        let at = x as f32;
+        // Beyond zero as far as what is padded is.
+        if side * (f64::from(at) - x) >= 0.0 {
+            at
+        } else if side > 0.0 {
+            at.next_up()
+        } else {
+            at.next_down()
+        }
+    };
     if begin == end {
-        return Face { at: begin, velocity: 0.0 };
+        return Face { at: outward(f64::from(begin) + side * pad), velocity: 0.0 };
     }
     let (t0, t1) = (f64::from(over.begin()), f64::from(over.end()));
     let (b0, b1) = (f64::from(begin), f64::from(end));
@@ -35,11 +46,19 @@ fn face(begin: f32, end: f32, over: TimeInterval, side: f64) -> Face {
     let v = f64::from(velocity);
     let line = side * (side * (b0 - v * t0)).max(side * (b1 - v * t1));
     let slack = f64::from(f32::EPSILON) * 2.0 * (line.abs() + v.abs());
-    let at = (line + side * slack) as f32;
+    let at = (line + side * (slack + pad)) as f32;
     Face { at: if side > 0.0 { at.next_up() } else { at.next_down() }, velocity }
 }
 
-/// Bounds that no ray meets, for the lanes without a child.
+/// How far the faces of a box are moved outward, so that a ray that hits something in it meets it: by that part of the
+/// kernel's rounding that grows with the coordinates of what is hit. The other part, which grows with those of the origin, is
+/// the ray's. Sums and products of f32 are exact in f64 here.
+fn kernel_pad(b: &LinearBox3) -> f64 {
+    f64::from(KERNEL_ULPS * ULP) * f64::from(b.begin.magnitude().max(b.end.magnitude()))
+}
+
+/// Bounds that no ray meets, for the lanes without a child: from far on one side to far on the other. Scaled by the
+/// reciprocal of any direction it stays finite.
 const NOWHERE: f32 = 1e30;
 
 /// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
@@ -52,11 +71,12 @@ pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
     let node = ChildRef::new(kind, at, 1).ok_or(BuildError::TooLargeTree)?;
     let words = &mut arena.floats_mut()[at..at + rows * LANES];
     for lane in 0..LANES {
+        let pad = boxes.get(lane).map_or(0.0, kernel_pad);
         for axis in 0..3 {
             let (low, high) = match boxes.get(lane) {
                 Some(b) => (
-                    face(b.begin.min[axis], b.end.min[axis], over, -1.0),
-                    face(b.begin.max[axis], b.end.max[axis], over, 1.0),
+                    face(b.begin.min[axis], b.end.min[axis], over, -1.0, pad),
+                    face(b.begin.max[axis], b.end.max[axis], over, 1.0, pad),
                 ),
                 None => (Face { at: NOWHERE, velocity: 0.0 }, Face { at: -NOWHERE, velocity: 0.0 }),
             };
@@ -228,7 +248,7 @@ mod tests {
             let Some(over) = TimeInterval::half_open(a.min(b), a.max(b)) else { continue };
             let (begin, end) = (next(), next() * scale);
             for side in [-1.0f32, 1.0] {
-                let f = face(begin, end, over, f64::from(side));
+                let f = face(begin, end, over, f64::from(side), 0.0);
                 for j in 0..=8 {
                     let t = (over.begin() + over.duration() * (j as f32 / 8.0)).min(over.end());
                     let w = f64::from(t - over.begin()) / f64::from(over.end() - over.begin()).max(1e-30);
@@ -241,7 +261,7 @@ mod tests {
                 }
             }
         }
-        let still = face(0.1, 0.1, TimeInterval::FULL, 1.0);
+        let still = face(0.1, 0.1, TimeInterval::FULL, 1.0, 0.0);
         assert_eq!((still.at, still.velocity), (0.1, 0.0));
     }
 }

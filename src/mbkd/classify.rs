@@ -41,8 +41,7 @@ fn distance(line: Line, interval: TimeInterval, plane: Plane) -> (f64, f64) {
 
 /// The time at which a linear distance passes zero, strictly between two different signs.
 fn crossing(interval: TimeInterval, (d0, d1): (f64, f64)) -> f64 {
-    let (begin, end) = (f64::from(interval.begin()), f64::from(interval.end()));
-    begin + (end - begin) * (d0 / (d0 - d1))
+    f64::from(interval.begin()) + f64::from(interval.duration()) * (d0 / (d0 - d1))
 }
 
 /// The part of the interval in which a linear distance is negative, rounded outward.

@@ -27,7 +27,7 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     if references.is_empty() {
         root = Box3 { min: Vec3::ZERO, max: Vec3::ZERO };
     }
-    let root = root.pad(1e-5);
+    let root = root.pad(1e-5 * root.magnitude());
     for r in &mut references {
         r.bounds.part = things.part(r, LinearBox3 { begin: root, end: root });
     }

@@ -13,7 +13,8 @@ pub enum Keys {
     /// Single precision.
     F32(Vec<Vec<Vec3>>),
     /// Double precision, for scenes far from zero; the tree keeps what f32 can hold relative to the
-    /// scene's centre.
+    /// scene's centre. (Where a tree is built of meshes of both kinds, relative to zero, so that single precision
+    /// keeps its bits.)
     F64(Vec<Vec<DVec3>>),
 }
 

@@ -4,7 +4,7 @@
 //! sees it) are apart: leaf blocks of the wide layout hold all corners, and then the vertices go.
 
 use super::custom::PrimitiveSet;
-use super::mesh::TriangleMesh;
+use super::mesh::{Keys, TriangleMesh};
 use crate::error::BuildError;
 use crate::geometry::{
     Aabb, Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBounds, LinearBox3, TimeInterval, ULP, clip_triangle,
@@ -14,7 +14,7 @@ use crate::parallel;
 use crate::simd::{huge_vec, prefetch};
 use glam::{DVec3, Vec3};
 
-/// The triangles of several meshes, as a [`RayTree`](crate::RayTree) holds them: rebased into one frame.
+/// The triangles of several meshes, as a [`RayTree`](crate::RayTree) holds them, in one tree space.
 ///
 /// A triangle's id counts through the meshes in their order, so that the lowest id is the lowest
 /// (mesh, triangle).
@@ -70,7 +70,8 @@ impl Triangles {
         if found >= u32::MAX as usize {
             return Err(BuildError::TooManyPositions { found });
         }
-        let frame = Frame::around(swept);
+        let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
+        let frame = if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) };
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
         let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
@@ -241,20 +242,50 @@ impl Triangles {
         }
     }
 
-    /// How far a kernel's vertex may lie from the exactly interpolated one.
+    /// How far a kernel's vertex may lie from the exactly interpolated one, where no coordinate of the vertex is larger
+    /// than `magnitude` at the keys around its time.
     ///
-    /// All coordinates are at most 1. `b - a` is rounded at a size of at most 2 (error 2 ULP), then scaled
+    /// Counted in ULP of the magnitude: `b - a` is rounded at a size of at most 2 (error 2), then scaled
     /// by at most 1/2 (1 ULP) and rounded (1 ULP), then the sum is rounded (1 ULP): 3. With `n - 1 > 1`
     /// segments, `t * (n - 1)` is rounded too: at most (n - 1) ULP of a segment in time, and the vertex moves
-    /// by at most 2 per segment. One ULP more covers the box's own interpolation in f32.
-    fn slack(keys: usize) -> f32 {
-        match keys {
+    /// by at most 2 per segment. One ULP more covers the rounding of this bound and of a box that it is added to. (Where
+    /// numbers are denormal, sums are exact and a product errs by half the least number: queries keep more than that
+    /// whatever the magnitude is.)
+    fn slack(keys: usize, magnitude: f32) -> f32 {
+        let ulps = match keys {
+            1 => 0,
+            2 => 4,
+            n => 4 + 2 * (n - 1),
+        };
+        ulps as f32 * ULP * magnitude
+    }
+
+    /// How far a kernel's vertex may lie from the line between [`Triangles::ends`], over an interval of one segment that
+    /// may reach 4 ULP of the shutter beyond it. There corners already move differently, by at most twice their
+    /// magnitude per segment, at either end.
+    #[inline(always)]
+    pub(crate) fn slack_of_line(&self, id: u32, over: TimeInterval) -> f32 {
+        match self.keys(id) {
             1 => 0.0,
-            2 => 4.0 * ULP,
-            n => (4 + 2 * (n - 1)) as f32 * ULP,
+            2 => Triangles::slack(2, self.magnitude(id, over)),
+            n => (4 + 26 * (n - 1)) as f32 * ULP * self.magnitude(id, over),
         }
     }
+
+    /// The largest magnitude of a coordinate of a triangle's corners at the keys around every time of an interval, and
+    /// around the times that rounding may take for those.
+    fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
+        let keys = self.keys(id);
+        let segments = (keys - 1) as f32;
+        let first = ((over.begin() - ROUNDED_TIME).max(0.0) * segments) as usize;
+        let last = (((over.end() + ROUNDED_TIME) * segments).ceil() as usize).min(keys - 1);
+        let at = |key: usize| box_of(self.corners_at_key(id, key)).magnitude();
+        (first..=last).map(at).fold(0.0, f32::max)
+    }
 }
+
+/// Times of the shutter whose products with a number of segments are rounded to the same are nearer than this.
+const ROUNDED_TIME: f32 = 4.0 * ULP;
 
 /// Number of linear pieces of a motion of so many keys.
 fn segments(keys: usize) -> usize {
@@ -296,7 +327,10 @@ impl PrimitiveSet for Triangles {
             }
             bounds = narrow(wide);
         }
-        let slack = Triangles::slack(keys);
+        // Of two keys, a part of the shutter lies between both; its own ends may be nearer to zero.
+        let whole = keys == 2 && over == TimeInterval::FULL;
+        let magnitude = if whole { bounds.swept().magnitude() } else { self.magnitude(id, over) };
+        let slack = Triangles::slack(keys, magnitude);
         LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
     }
 
@@ -310,15 +344,8 @@ impl PrimitiveSet for Triangles {
 
     #[inline(always)]
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
-        let slack = match Triangles::keys(self, id) {
-            1 => 0.0,
-            2 => 4.0 * ULP,
-            // The interval reaches 4 ULP of the shutter beyond the segment, where corners already move
-            // differently, by at most 2 per segment.
-            n => (4 + 26 * (n - 1)) as f32 * ULP,
-        };
         let [begin, end] = Triangles::ends(self, id, over);
-        Some(Ends { begin, end, slack })
+        Some(Ends { begin, end, slack: self.slack_of_line(id, over) })
     }
 
     fn expect(&self, id: u32) {
@@ -353,7 +380,7 @@ impl PrimitiveSet for Triangles {
             n += 1;
         }
         instants[n] = at(over.end(), cell.end);
-        stays_clear(&instants[..=n], Triangles::slack(keys))
+        stays_clear(&instants[..=n], Triangles::slack(keys, self.magnitude(id, over)))
     }
 
     fn mask(&self, id: u32) -> u32 {

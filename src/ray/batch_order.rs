@@ -5,8 +5,9 @@
 //! shutter where the tree has one hierarchy for each, by the cell of space that they begin in, along the Morton curve, and
 //! by the octant that they look into. Answers do not depend on it.
 
-use crate::geometry::{Frame, Ray, morton_code};
+use crate::geometry::{Aabb, Ray, morton_code};
 use crate::parallel;
+use glam::DVec3;
 
 /// Rays that are sorted together: enough of them to have company everywhere, and not much memory.
 const WINDOW: usize = 1 << 16;
@@ -18,9 +19,20 @@ const CHUNK: usize = 256;
 /// The space that rays are sorted in.
 #[derive(Clone, Copy)]
 pub(crate) struct Space {
-    pub frame: Frame,
+    centre: DVec3,
+    /// Makes distances from the centre at most 1 in the scene.
+    scale: f64,
     /// Equal parts of the shutter with a hierarchy each.
     pub parts: usize,
+}
+
+impl Space {
+    /// Around a scene with these bounds.
+    pub fn new(bounds: Aabb, parts: usize) -> Space {
+        let half = bounds.max * 0.5 - bounds.min * 0.5;
+        let scale = half.max_element().max(f64::MIN_POSITIVE).recip();
+        Space { centre: bounds.min + half, scale, parts }
+    }
 }
 
 /// Parts of the shutter that are told apart at most.
@@ -79,13 +91,13 @@ fn coming(rays: &[Ray], space: Space) -> Coming {
     const SAMPLES: usize = 64;
     /// The cosine of a few degrees.
     const SAME_WAY: f32 = 0.99;
-    /// In tree space, where a scene is two across.
+    /// Where a scene is two across.
     const NEAR: f64 = 0.4;
     let step = rays.len().div_ceil(SAMPLES).max(1);
     let (mut together, mut near, mut pairs) = (0, 0, 0);
     for pair in rays.windows(2).step_by(step) {
         let [a, b] = [pair[0], pair[1]];
-        let close = (a.origin - b.origin).length() * space.frame.scale < NEAR;
+        let close = (a.origin - b.origin).length() * space.scale < NEAR;
         together += usize::from(a.dir.normalize_or_zero().dot(b.dir.normalize_or_zero()) > SAME_WAY);
         near += usize::from(close && part(&a, space.parts) == part(&b, space.parts));
         pairs += 1;
@@ -112,8 +124,8 @@ fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
     let mut keys = Vec::with_capacity(rays.len());
     parallel::fill(&mut keys, rays.len(), |i| {
         let ray = &rays[i];
-        let at = (space.frame.point(ray.origin) + 1.0) * (0.5 * (1 << BITS) as f32);
-        let cell = |x: f32| (x as u32).min((1 << BITS) - 1);
+        let at = ((ray.origin - space.centre) * space.scale + 1.0) * (0.5 * f64::from(1 << BITS));
+        let cell = |x: f64| (x as u32).min((1 << BITS) - 1);
         let cell = morton_code([cell(at.x), cell(at.y), cell(at.z)]) as usize;
         let backward = |x: f32| (x.to_bits() >> 31) as usize;
         let octant = backward(ray.dir.x) | backward(ray.dir.y) << 1 | backward(ray.dir.z) << 2;
@@ -145,9 +157,9 @@ fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DVec3, Vec3};
+    use glam::Vec3;
 
-    const SPACE: Space = Space { frame: Frame { origin: DVec3::ZERO, scale: 1.0 }, parts: 1 };
+    const SPACE: Space = Space { centre: DVec3::ZERO, scale: 1.0, parts: 1 };
     const DIVIDED: Space = Space { parts: 4, ..SPACE };
 
     fn camera(i: usize) -> Ray {

@@ -1,6 +1,7 @@
 //! What a traversal does with the hits it finds.
 
 use super::hit::SetHit;
+use super::tree_ray::TreeRay;
 use core::ops::ControlFlow;
 use std::collections::HashSet;
 
@@ -17,6 +18,8 @@ pub(crate) trait Collect {
     const ORDERED: bool;
     /// The largest `t` that still matters.
     fn limit(&self) -> f32;
+    /// The same as a distance in tree space, rounded up where that is inexact.
+    fn reach(&self) -> f32;
     /// Takes a hit within the ray's range and the limit; true ends the query.
     fn offer(&mut self, found: Found) -> bool;
 }
@@ -24,6 +27,7 @@ pub(crate) trait Collect {
 /// Keeps the nearest hit; of equally near ones the lowest id.
 pub(crate) struct Closest<F> {
     pub t_max: f32,
+    pub reach: f32,
     pub best: Option<Found>,
     pub accept: F,
 }
@@ -37,6 +41,11 @@ impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
     }
 
     #[inline(always)]
+    fn reach(&self) -> f32 {
+        self.reach
+    }
+
+    #[inline(always)]
     fn offer(&mut self, found: Found) -> bool {
         let better = match self.best {
             Some(best) => found.hit.t < best.hit.t || (found.hit.t == best.hit.t && found.id < best.id),
@@ -44,6 +53,7 @@ impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
         };
         if better && (self.accept)(&found) {
             self.t_max = found.hit.t;
+            self.reach = found.hit.reach;
             self.best = Some(found);
         }
         false
@@ -53,6 +63,7 @@ impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
 /// Stops at the first hit.
 pub(crate) struct Any<F> {
     pub t_max: f32,
+    pub reach: f32,
     pub found: bool,
     pub accept: F,
 }
@@ -63,6 +74,11 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     #[inline(always)]
     fn limit(&self) -> f32 {
         self.t_max
+    }
+
+    #[inline(always)]
+    fn reach(&self) -> f32 {
+        self.reach
     }
 
     #[inline(always)]
@@ -78,6 +94,7 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
 /// that of the answer: a short list, and a hash set once it is no longer short.
 pub(crate) struct All<V> {
     t_max: f32,
+    reach: f32,
     visitor: V,
     few: Vec<u32>,
     many: HashSet<u32>,
@@ -89,8 +106,15 @@ impl<V> All<V> {
     /// Ids up to this number are searched one by one.
     const FEW: usize = 24;
 
-    pub fn new(t_max: f32, visitor: V) -> All<V> {
-        All { t_max, visitor, few: Vec::new(), many: HashSet::new(), flow: ControlFlow::Continue(()) }
+    pub fn new(ray: &TreeRay, visitor: V) -> All<V> {
+        All {
+            t_max: ray.t_max,
+            reach: ray.end,
+            visitor,
+            few: Vec::new(),
+            many: HashSet::new(),
+            flow: ControlFlow::Continue(()),
+        }
     }
 
     /// Whether the id is new; remembers it.
@@ -112,6 +136,11 @@ impl<V: FnMut(&Found) -> ControlFlow<()>> Collect for All<V> {
     #[inline(always)]
     fn limit(&self) -> f32 {
         self.t_max
+    }
+
+    #[inline(always)]
+    fn reach(&self) -> f32 {
+        self.reach
     }
 
     #[inline(always)]

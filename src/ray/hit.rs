@@ -3,7 +3,8 @@
 /// An answer of a ray query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Distance in units of the ray's direction: the point is `origin + t * dir`.
+    /// Distance in units of the ray's direction: the point is `origin + t * dir`. Always finite, and within the ray's
+    /// range; never -0.
     pub t: f32,
     /// Barycentric weight of the triangle's second vertex.
     pub u: f32,
@@ -15,10 +16,21 @@ pub struct Hit {
     pub primitive: u32,
 }
 
-/// A hit in tree space: `t` in units of the rescaled direction.
+/// A hit as kernels report it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SetHit {
+    /// The answer's `t`, rounded once.
     pub t: f32,
+    /// A distance in tree space beyond which nothing has an answer as near as this.
+    pub reach: f32,
     pub u: f32,
     pub v: f32,
+}
+
+impl SetHit {
+    /// As an answer.
+    #[inline(always)]
+    pub fn answer(self, (mesh, primitive): (u32, u32)) -> Hit {
+        Hit { t: self.t, u: self.u, v: self.v, mesh, primitive }
+    }
 }

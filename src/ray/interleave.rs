@@ -29,10 +29,10 @@ pub(crate) trait Asks {
     type Collect: Collect;
     /// Whether blocks are visited from near to far.
     const ORDERED: bool = Self::Collect::ORDERED;
-    /// A collector for hits up to a distance.
-    fn collect(t_max: f32) -> Self::Collect;
+    /// A collector for a ray's hits.
+    fn collect(ray: &TreeRay) -> Self::Collect;
     /// The answer, once the ray is through.
-    fn answer(collect: &Self::Collect, set: &impl RaySource, ray: &TreeRay) -> Self::Answer;
+    fn answer(collect: &Self::Collect, set: &impl RaySource) -> Self::Answer;
 }
 
 type Accept = fn(&Found) -> bool;
@@ -50,13 +50,13 @@ impl Asks for Closests {
     type Collect = Closest<Accept>;
 
     #[inline(always)]
-    fn collect(t_max: f32) -> Closest<Accept> {
-        Closest { t_max, best: None, accept }
+    fn collect(ray: &TreeRay) -> Closest<Accept> {
+        Closest { t_max: ray.t_max, reach: ray.end, best: None, accept }
     }
 
     #[inline(always)]
-    fn answer(collect: &Closest<Accept>, set: &impl RaySource, ray: &TreeRay) -> Option<Hit> {
-        collect.best.map(|found| ray.answer(found.hit, set.name(found.id)))
+    fn answer(collect: &Closest<Accept>, set: &impl RaySource) -> Option<Hit> {
+        collect.best.map(|found| found.hit.answer(set.name(found.id)))
     }
 }
 
@@ -69,12 +69,12 @@ impl Asks for Anys {
     type Collect = Any<Accept>;
 
     #[inline(always)]
-    fn collect(t_max: f32) -> Any<Accept> {
-        Any { t_max, found: false, accept }
+    fn collect(ray: &TreeRay) -> Any<Accept> {
+        Any { t_max: ray.t_max, reach: ray.end, found: false, accept }
     }
 
     #[inline(always)]
-    fn answer(collect: &Any<Accept>, _: &impl RaySource, _: &TreeRay) -> bool {
+    fn answer(collect: &Any<Accept>, _: &impl RaySource) -> bool {
         collect.found
     }
 }
@@ -113,7 +113,7 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
             let journey = Journey::new(tree.root, memory.stack(tree.waiting()));
-            let collect = A::collect(ray.t_max);
+            let collect = A::collect(&ray);
             group.push(Turn { index, forms: Forms::new(&ray), ray, journey, collect });
         }
         while !group.is_empty() {
@@ -125,11 +125,11 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
                     i += 1;
                     continue;
                 }
-                answers[turn.index] = A::answer(&turn.collect, set, &turn.ray);
+                answers[turn.index] = A::answer(&turn.collect, set);
                 match waiting.next() {
                     Some((index, ray)) => {
                         turn.journey.restart(tree.root);
-                        turn.collect = A::collect(ray.t_max);
+                        turn.collect = A::collect(&ray);
                         turn.forms = Forms::new(&ray);
                         (turn.index, turn.ray) = (index, ray);
                         i += 1;

@@ -2,6 +2,7 @@
 
 use super::hit::SetHit;
 use super::tree_ray::TreeRay;
+use super::triangle::Sheared;
 use crate::layout::WideSource;
 use crate::primitive::{Primitive, Shapes, Triangles};
 use glam::Vec3;
@@ -22,15 +23,13 @@ impl RaySource for Triangles {
 impl<P: Primitive> RaySource for Shapes<P> {
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
         let hit = self.shapes()[id as usize].intersect(&ray.world)?;
-        let t = ray.tree_t(hit.t);
-        // In this form NaN is no hit.
-        (ray.t_min <= t && t <= ray.t_max).then_some(SetHit { t, u: hit.u, v: hit.v })
+        ray.hit(hit.t, hit.u, hit.v)
     }
 }
 
 /// Tests one triangle at the ray's time.
 #[inline]
 pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
-    let shear = &ray.shear;
-    shear.test(corners.map(|v| shear.corner(v, ray.origin)), ray.t_min, ray.t_max)
+    let corners = corners.map(|v| ray.shear.corner(v, ray.origin));
+    if Sheared::may_hit(corners) { ray.decide(corners, ray.t_max) } else { None }
 }

@@ -1,7 +1,8 @@
 //! Ray queries over the k-d layout: front to back, ordinary k-d traversal (section 3.2 of the paper).
 //!
 //! Why no hit is missed. Let the kernel accept primitive `p` at time `T` and distance `t`. Then the point `X` of
-//! the ray at `t` is within `e` (per axis) of a point `Q` of the true primitive: [`hit_slack`]. The build keeps
+//! the ray at `t` is within `e` (per axis) of a point `Q` of the true primitive: [`KERNEL_ULPS`] of the scene's and the
+//! origin's largest coordinates (cells have no boxes of their own, so this is the same for all of them). The build keeps
 //! this invariant: in every node whose closed cell holds `Q` on the way down, `p` has a reference with `T` in its
 //! interval; if `Q` lies strictly on one side of a plane, that side has it (classification rounds outward), and if
 //! `Q` lies in the plane, at least one side has it. So some leaf has the reference and holds `Q`, and `X` is
@@ -10,21 +11,20 @@
 //! The traversal keeps for every visited node a range of `t` that contains all `t` in the ray's range at which the
 //! ray is within `e` of the node's cell. At the root this is the clipped ray. At a plane `s` with `d > 0` the left
 //! cell is reached for `o + t d <= s + e`, so for `t <= (s - o) / d + e / |d|`, and the right one for `t >= (s - o)
-//! / d - e / |d|`. Computing `(s - o) * (1 / d)` errs by less than 4 ULP of `(1 + |o|) / |d|`, `s` itself by less
-//! than 4 ULP where the plane moves: both are added to `e`. Therefore that leaf is visited with a range that
-//! contains `t`, unless an answer strictly nearer than the begin of the range has been found.
+//! / d - e / |d|`. Computing `(s - o) * (1 / d)` errs by less than 4 ULP of `(m + |o|) / |d|`, with `m` the scene's largest
+//! coordinate, `s` itself by less than 4 ULP where the plane moves: both are added to `e`. Therefore that leaf is visited
+//! with a range that contains `t`, unless an answer strictly nearer than the begin of the range has been found.
 //!
-//! A direction component of zero is replaced by 1e-25: the ray then errs by less than 1e-14 of the scene, far below
-//! `e`, and every product stays finite, so there is no case of its own and no NaN.
+//! Small direction components are replaced as everywhere ([`TreeRay::inverse`]), so every product stays finite, and there is
+//! no case of its own and no NaN.
 
 use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::observer::Observer;
 use super::tree_ray::TreeRay;
-use super::triangle::hit_slack;
 use super::walk::Walk;
-use crate::geometry::ULP;
+use crate::geometry::{KERNEL_ULPS, ULP};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
 use crate::simd::StackMemory;
@@ -46,16 +46,15 @@ struct Axes {
 }
 
 impl Axes {
+    /// For a scene whose largest coordinate is `magnitude`.
     #[inline]
-    fn new(ray: &TreeRay) -> Axes {
-        const LEAST: f32 = 1e-25;
-        let slack = hit_slack(ray.origin) + 8.0 * ULP * (1.0 + ray.origin.abs().max_element());
+    fn new(ray: &TreeRay, magnitude: f32) -> Axes {
+        let rounding = 8.0 * ULP * (magnitude + ray.origin.abs().max_element());
+        let slack = ray.slack + KERNEL_ULPS * ULP * magnitude + rounding;
         let mut axes = Axes { origin: [0.0; 4], inverse: [1.0; 4], pad: [0.0; 4] };
         for axis in 0..3 {
-            let d = ray.dir[axis];
-            let d = if d.abs() < LEAST { LEAST.copysign(d) } else { d };
             axes.origin[axis] = ray.origin[axis];
-            axes.inverse[axis] = 1.0 / d;
+            axes.inverse[axis] = ray.inverse[axis];
             axes.pad[axis] = slack * axes.inverse[axis].abs();
         }
         axes
@@ -79,8 +78,8 @@ impl Walk for &KdTree {
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) {
-        let axes = Axes::new(ray);
-        let (mut begin, mut end) = (ray.t_min, ray.t_max);
+        let axes = Axes::new(ray, self.root.magnitude());
+        let (mut begin, mut end) = (ray.begin, ray.end);
         for axis in 0..3 {
             let (a, b) = (axes.crossing(axis, self.root.min[axis]), axes.crossing(axis, self.root.max[axis]));
             begin = begin.max(a.min(b) - axes.pad[axis]);
@@ -132,7 +131,7 @@ impl Walk for &KdTree {
                 }
             }
             // The next subtree that begins no farther than the best answer.
-            let limit = collect.limit();
+            let limit = collect.reach();
             loop {
                 let Some(entry) = stack.pop() else { return };
                 if entry.begin <= limit {

@@ -125,7 +125,7 @@ impl<G: RaySource, F: Filter> Scene<'_, G, F> {
     /// Decides about a triangle of sheared corners, whose id is at word `id`; true ends the query.
     #[inline(always)]
     fn offer(&self, corners: [[f32; 3]; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
-        let Some(hit) = ray.shear.decide(corners, ray.t_min, collect.limit()) else { return false };
+        let Some(hit) = ray.decide(corners, collect.limit()) else { return false };
         let id = self.arena.ints()[id];
         self.sees(id, ray) && collect.offer(Found { hit, id })
     }

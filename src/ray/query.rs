@@ -43,10 +43,10 @@ impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
     fn ask(self, layout: impl Walk) -> Option<Hit> {
         let Asked { set, ray, filter, observer } = self.0;
         let ray = TreeRay::new(ray, &set.frame())?;
-        let accept = |found: &Found| filter.accepts(|| answer(set, &ray, found));
-        let mut collect = Closest { t_max: ray.t_max, best: None, accept };
+        let accept = |found: &Found| filter.accepts(|| answer(set, found));
+        let mut collect = Closest { t_max: ray.t_max, reach: ray.end, best: None, accept };
         layout.walk(set, &ray, filter, &mut collect, observer);
-        collect.best.map(|found| answer(set, &ray, &found))
+        collect.best.map(|found| answer(set, &found))
     }
 }
 
@@ -60,8 +60,8 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
     fn ask(self, layout: impl Walk) -> bool {
         let Asked { set, ray, filter, observer } = self.0;
         let Some(ray) = TreeRay::new(ray, &set.frame()) else { return false };
-        let accept = |found: &Found| filter.accepts(|| answer(set, &ray, found));
-        let mut collect = Any { t_max: ray.t_max, found: false, accept };
+        let accept = |found: &Found| filter.accepts(|| answer(set, found));
+        let mut collect = Any { t_max: ray.t_max, reach: ray.end, found: false, accept };
         layout.walk(set, &ray, filter, &mut collect, observer);
         collect.found
     }
@@ -86,8 +86,8 @@ where
     fn ask(mut self, layout: impl Walk) -> ControlFlow<()> {
         let Asked { set, ray, filter, observer } = self.asked;
         let Some(ray) = TreeRay::new(ray, &set.frame()) else { return ControlFlow::Continue(()) };
-        let mut collect = All::new(ray.t_max, |found: &Found| {
-            let hit = answer(set, &ray, found);
+        let mut collect = All::new(&ray, |found: &Found| {
+            let hit = answer(set, found);
             if filter.accepts(|| hit) { (self.visitor)(hit) } else { ControlFlow::Continue(()) }
         });
         layout.walk(set, &ray, filter, &mut collect, observer);
@@ -97,8 +97,8 @@ where
 
 /// A hit as an answer.
 #[inline(always)]
-fn answer(set: &impl PrimitiveSet, ray: &TreeRay, found: &Found) -> Hit {
-    ray.answer(found.hit, set.name(found.id))
+fn answer(set: &impl PrimitiveSet, found: &Found) -> Hit {
+    found.hit.answer(set.name(found.id))
 }
 
 /// A query of the wide layout, to be dispatched to an instruction set.

@@ -242,7 +242,7 @@ impl<G: Geometry> RayTree<G> {
         };
         match &self.layout {
             Layout::Wide(tree) if self.statistics.bytes > CACHED => {
-                let space = Space { frame: self.geometry.frame(), parts: tree.parts() };
+                let space = Space::new(self.geometry.frame().bounds, tree.parts());
                 // Turns pay where a tree moves, and there only for the nearest hit in divided trees and for any hit in
                 // others (measured; see docs/rays.md).
                 let turns = tree.moves() && A::ORDERED == (space.parts > 1);

@@ -1,42 +1,50 @@
 //! The ray of a query in tree space.
 
-use super::Hit;
 use super::hit::SetHit;
-use super::triangle::{Sheared, hit_slack};
-use crate::geometry::{Frame, Ray, ULP};
-use glam::{Vec3, Vec3A};
+use super::triangle::Sheared;
+use crate::geometry::{Frame, KERNEL_ULPS, Ray, ULP};
+use glam::{DVec3, Vec3, Vec3A};
 
-/// A ray in tree space: origin rebased, direction scaled by a power of two so that its largest
-/// component lies in [1, 2), and `t` scaled to match. All scalings are exact.
+/// A ray in tree space: origin rebased and led to the scene, direction scaled by a power of two so that its largest
+/// component lies in [1, 2), and `t` scaled to match.
 pub(crate) struct TreeRay {
     pub origin: Vec3,
-    pub dir: Vec3,
     /// One over each component of the direction, where components smaller than [`LEAST_COMPONENT`] count as that.
     pub inverse: Vec3A,
+    /// The range of answers.
     pub t_min: f32,
     pub t_max: f32,
+    /// The same as distances from the origin in tree space, rounded outward where that is inexact.
+    pub begin: f32,
+    pub end: f32,
     pub time: f32,
     /// The direction as the triangle test wants it.
     pub shear: Sheared,
-    /// [`hit_slack`] of the ray, or somewhat more.
+    /// How much boxes must be larger than they are, per axis: [`KERNEL_ULPS`] of the origin's largest coordinate, or
+    /// somewhat more.
     pub slack: f32,
     /// How far behind its origin the ray begins; 0 for one that begins before it.
     pub behind: f32,
+    /// How far the origin was led along the ray, in tree space.
+    advance: f64,
     /// World `t` per tree `t`, a power of two.
     t_scale: f64,
     /// The ray as it was asked.
     pub world: Ray,
 }
 
-/// Farther origins than this (in scene sizes) see nothing: f32 could no longer tell where they look.
-const FARTHEST: f32 = 4294967296.0;
+/// Farther origins than this (in scene sizes) see nothing: their rays would be off by more than about 2^-20 of the scene.
+const FARTHEST: f64 = 4294967296.0;
 
-/// Origins up to here have the slack of this distance, instead of one of their own.
+/// Origins up to here (in scene sizes) are not led to the scene.
 const NEAR: f32 = 3.0;
 
-/// Smaller components of a direction are taken as this where it is divided by: over any distance within reach the
-/// ray then strays by less than a thousandth of the slack.
-pub(crate) const LEAST_COMPONENT: f32 = 1e-12;
+/// Smaller components of a direction are taken as this where it is divided by: over the way to a hit the ray
+/// then strays by less than an ULP of it.
+pub(crate) const LEAST_COMPONENT: f32 = ULP;
+
+/// Slack whatever the origin is: more than products of denormal numbers lose.
+const LEAST_SLACK: f32 = 7.5e-37;
 
 /// Exponent fields of a longest component with which reciprocals and slopes neither overflow nor lose bits, whatever
 /// the other components are.
@@ -54,29 +62,31 @@ impl TreeRay {
     pub fn new(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
         let origin = frame.point(ray.origin);
         let field = longest(ray.dir) >> 23;
+        let away = Vec3A::from(origin).abs();
         // Bits order like numbers, after all numbers come infinity and NaN, and after these what has a sign.
         let (begin, end) = (ray.t_min.to_bits(), ray.t_max.to_bits());
         let usual = MODERATE.contains(&field)
-            & Vec3A::from(origin).abs().cmple(Vec3A::splat(NEAR)).all()
+            & away.cmple(Vec3A::splat(NEAR * frame.reach)).all()
             & (begin <= end)
             & (end <= f32::INFINITY.to_bits())
             & (ray.time.to_bits() <= 1f32.to_bits());
         if !usual {
             return TreeRay::unusual(ray, frame);
         }
-        const SLACK: f32 = 16.0 * ULP * (1.0 + NEAR);
-        Some(TreeRay::scaled(ray, origin, frame.scale, Direction { dir: ray.dir, field, more: 0 }, SLACK))
+        let dir = Direction { dir: ray.dir, field, more: 0 };
+        Some(TreeRay::scaled(ray, origin, slack(away.max_element()), frame.scale, dir))
     }
 
     /// The same for rays of any kind.
     #[cold]
     #[inline(never)]
     fn unusual(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
-        let origin = frame.point(ray.origin);
+        let reach = f64::from(frame.reach);
+        let from = (ray.origin - frame.origin) * frame.scale;
         let longest = longest(ray.dir);
         // NaN fails every one of these comparisons.
         let fine = (longest.wrapping_sub(1) < f32::MAX.to_bits())
-            & Vec3A::from(origin).abs().cmple(Vec3A::splat(FARTHEST)).all()
+            & from.abs().cmple(DVec3::splat(FARTHEST * reach)).all()
             & (ray.t_min <= ray.t_max)
             & (0.0 <= ray.time)
             & (ray.time <= 1.0);
@@ -88,20 +98,39 @@ impl TreeRay {
             let more = (f64::from(f32::from_bits(longest)).to_bits() >> 52) as i32 - 1023;
             dir = Direction { dir: (ray.dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more };
         }
-        let mut of = TreeRay::scaled(ray, origin, frame.scale, dir, hit_slack(origin));
         // Minus zero is below zero as well.
-        if of.t_min.is_sign_negative() {
+        let line = ray.t_min.is_sign_negative();
+        let away = from.abs().max_element();
+        let (mut origin, mut advance, mut lost) = (from, 0.0, 0.0);
+        if away > f64::from(NEAR) * reach {
+            let step = dir.dir.as_dvec3() * power_of_two(127 - dir.field as i32);
+            advance = way_to_scene(from, step, 1.001 * reach, line)?;
+            origin = from + step * advance;
+            // The origin in f64 was rounded three times, and so is what the caller's own primitives compute with it.
+            lost = (16.0 * f64::EPSILON * away) as f32;
+        }
+        let origin = origin.as_vec3();
+        let mut of = TreeRay::scaled(ray, origin, slack(origin.abs().max_element()) + lost, frame.scale, dir);
+        of.advance = advance;
+        // A step outward for the rounding of `t`, and one for that of the distance.
+        let t_per_world = inverse_of_power(of.t_scale);
+        let distance = |t: f32| (f64::from(t) * t_per_world - advance) as f32;
+        of.begin = distance(ray.t_min.next_down()).next_down();
+        of.end = distance(ray.t_max.next_up()).next_up();
+        if !line {
+            of.begin = of.begin.max(0.0);
+        } else if of.begin < 0.0 {
             // Nothing is hit farther back than this, and rounding a sum with it is an ULP of as much.
-            let reach = 2.0 * (1.0 + origin.abs().max_element());
-            of.slack += 8.0 * ULP * reach;
-            of.t_min = of.t_min.max(-reach);
-            of.behind = -of.t_min;
+            let back = 2.0 * (frame.reach + origin.abs().max_element());
+            of.slack += 8.0 * ULP * back;
+            of.begin = of.begin.max(-back);
+            of.behind = -of.begin;
         }
         Some(of)
     }
 
     #[inline(always)]
-    fn scaled(ray: &Ray, origin: Vec3, scale: f64, of: Direction, slack: f32) -> TreeRay {
+    fn scaled(ray: &Ray, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay {
         let Direction { dir, field, more } = of;
         // 2^-exponent of the longest component, and 2^exponent.
         let (shrink, grow) = (f32::from_bits((254 - field) << 23), f32::from_bits(field << 23));
@@ -113,29 +142,68 @@ impl TreeRay {
         let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
         TreeRay {
             origin,
-            dir: dir * shrink,
             inverse,
-            t_min: inward(ray.t_min),
-            t_max: inward(ray.t_max),
+            t_min: ray.t_min,
+            t_max: ray.t_max.min(f32::MAX),
+            begin: inward(ray.t_min),
+            end: inward(ray.t_max),
             time: ray.time,
             shear,
             slack,
             behind: 0.0,
+            advance: 0.0,
             t_scale: inverse_of_power(t_per_world),
             world: *ray,
         }
     }
 
-    /// A world `t` in tree space.
-    pub fn tree_t(&self, t: f32) -> f32 {
-        (f64::from(t) / self.t_scale) as f32
+    /// The answer's `t` at a distance in tree space: rounded once. (Zero is added last, so that there is no -0.)
+    #[inline(always)]
+    pub fn answer_at(&self, distance: f64) -> f32 {
+        ((distance + self.advance) * self.t_scale) as f32 + 0.0
     }
 
-    /// A tree-space hit as an answer.
+    /// A distance in tree space beyond which no answer is as near as `t`, up to the rounding of a distance, for which
+    /// there is slack.
     #[inline(always)]
-    pub fn answer(&self, hit: SetHit, (mesh, primitive): (u32, u32)) -> Hit {
-        Hit { t: (f64::from(hit.t) * self.t_scale) as f32, u: hit.u, v: hit.v, mesh, primitive }
+    pub fn reach(&self, t: f32) -> f32 {
+        (f64::from(t.next_up()) * inverse_of_power(self.t_scale) - self.advance) as f32
     }
+
+    /// What a primitive of the caller's answers, if that is within the range.
+    #[inline(always)]
+    pub fn hit(&self, t: f32, u: f32, v: f32) -> Option<SetHit> {
+        // In this form NaN is no hit.
+        (self.t_min <= t && t <= self.t_max).then(|| SetHit { t: t + 0.0, reach: self.reach(t), u, v })
+    }
+}
+
+/// [`KERNEL_ULPS`] of an origin whose largest coordinate this is.
+#[inline(always)]
+fn slack(away: f32) -> f32 {
+    KERNEL_ULPS * ULP * away + LEAST_SLACK
+}
+
+/// How far along a ray the cube of this half size about zero begins, or a little less; nothing where the ray misses it,
+/// or, unless it is a `line`, has it behind.
+///
+/// The product of a direction in f32 and the result, which has 29 bits, is exact in f64.
+fn way_to_scene(origin: DVec3, dir: DVec3, half: f64, line: bool) -> Option<f64> {
+    let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..3 {
+        let (o, d) = (origin[axis], dir[axis]);
+        if d == 0.0 {
+            if o.abs() > half {
+                return None;
+            }
+            continue;
+        }
+        let (a, b) = ((-half - o) / d, (half - o) / d);
+        near = near.max(a.min(b));
+        far = far.min(a.max(b));
+    }
+    let met = near <= far && (line || far >= 0.0);
+    met.then(|| f64::from_bits(near.to_bits() & !0xff_ffff))
 }
 
 /// A direction to be scaled: the exponent field of its longest component, and the power of two by which it
@@ -178,21 +246,19 @@ mod tests {
 
     #[test]
     fn scaling_a_ray_is_exact() {
-        let frame = Frame { origin: DVec3::new(1.0, 2.0, 3.0), scale: 0.25 };
+        let frame = Frame { origin: DVec3::new(1.0, 2.0, 3.0), scale: 0.25, ..Frame::WORLD };
         for length in [1e-42f32, 1e-30, 0.3, 1.0, 7.0, 1e38] {
             let ray = Ray::new(DVec3::new(5.0, 2.0, 3.0), Vec3::new(0.1, -1.0, 0.25) * length).between(0.5, 2.0);
             let tree = TreeRay::new(&ray, &frame).unwrap();
             assert_eq!(tree.origin, Vec3::X);
-            let longest = tree.dir.abs().max_element();
-            assert!((1.0..2.0).contains(&longest), "{longest}");
-            let hit = tree.answer(SetHit { t: tree.t_min, u: 0.0, v: 0.0 }, (0, 0));
-            assert_eq!(hit.t, 0.5, "there and back at length {length}");
+            assert!((1.0..2.0).contains(&tree.shear.dz.abs()), "{}", tree.shear.dz);
+            assert_eq!(tree.answer_at(0.5 / tree.t_scale), 0.5, "there and back at length {length}");
         }
     }
 
     #[test]
     fn rays_that_mean_nothing_are_refused() {
-        let frame = Frame { origin: DVec3::ZERO, scale: 1.0 };
+        let frame = Frame::WORLD;
         let good = Ray::new(Vec3::ZERO, Vec3::X);
         assert!(TreeRay::new(&good, &frame).is_some());
         let bad = [

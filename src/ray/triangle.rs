@@ -14,12 +14,16 @@
 //!
 //! `t` is a weighted mean of the corners' depths with weights good to f64, so it belongs to a point of
 //! the *sheared f32* triangle. That one differs from the true triangle by the rounding of translation and
-//! shear: at every corner by at most 4 ULP of `|corner| + |origin|` in each coordinate. Traversals that
-//! grow boxes by more than this (see `Slack`) therefore never cull an accepted hit, not even of a
+//! shear, by some ULP of `|corner| + |origin|` ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)). Traversals that
+//! grow boxes by more than this therefore never cull an accepted hit, not even of a
 //! triangle cut into parts: the hit has the same barycentrics as a true point of some part.
+//!
+//! All this holds for any coordinates within 2^102 of zero. Products of f32 may overflow or become denormal there: rounding
+//! is monotone, so a difference of rounded products still never has the wrong sign, and infinity less infinity is
+//! NaN, which is no sign. In f64 a product of two is at least 2^-298 and of three at most 2^306: nothing is lost.
 
 use super::hit::SetHit;
-use crate::geometry::ULP;
+use super::tree_ray::TreeRay;
 use core::hint::select_unpredictable;
 use glam::Vec3;
 
@@ -70,26 +74,25 @@ impl Sheared {
         [x - self.sx * z, y - self.sy * z, z]
     }
 
-    /// Decides whether the ray passes through the triangle of three sheared corners, and where.
-    ///
-    /// Triangles without area as seen by the ray are not hit.
+    /// Whether the ray may pass through the triangle of three sheared corners.
     #[inline(always)]
-    pub fn test(&self, corners: [[f32; 3]; 3], t_min: f32, t_max: f32) -> Option<SetHit> {
+    pub fn may_hit([a, b, c]: [[f32; 3]; 3]) -> bool {
         // Most triangles are beside the ray, and signs in f32 say so: rounded products and their rounded
         // difference never have the wrong sign, only sometimes a zero that should not be one.
-        let [a, b, c] = corners;
         let signs = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
         let negative = (signs[0] < 0.0) | (signs[1] < 0.0) | (signs[2] < 0.0);
         let positive = (signs[0] > 0.0) | (signs[1] > 0.0) | (signs[2] > 0.0);
-        if negative & positive {
-            return None;
-        }
-        self.decide(corners, t_min, t_max)
+        !(negative & positive)
     }
+}
 
-    /// [`Sheared::test`] for corners whose signs in f32 do not rule the triangle out.
+impl TreeRay {
+    /// Decides whether the ray passes through the triangle of three sheared corners within its range and up to `limit`,
+    /// and where.
+    ///
+    /// Triangles without area as seen by the ray are not hit.
     #[inline(always)]
-    pub fn decide(&self, corners: [[f32; 3]; 3], t_min: f32, t_max: f32) -> Option<SetHit> {
+    pub fn decide(&self, corners: [[f32; 3]; 3], limit: f32) -> Option<SetHit> {
         // Each conversion by itself: mapped arrays become calls.
         let [a, b, c] = corners;
         let (ax, ay, az) = (f64::from(a[0]), f64::from(a[1]), f64::from(a[2]));
@@ -103,21 +106,13 @@ impl Sheared {
         if outside | (det == 0.0) {
             return None;
         }
-        let t = ((u * az + v * bz + w * cz) / (det * f64::from(self.dz))) as f32;
+        let t = self.answer_at((u * az + v * bz + w * cz) / (det * f64::from(self.shear.dz)));
         // NaN is no hit in this form.
-        (t_min <= t && t <= t_max).then(|| SetHit { t, u: (v / det) as f32, v: (w / det) as f32 })
+        (self.t_min <= t && t <= limit).then(|| {
+            let (u, v) = ((v / det) as f32, (w / det) as f32);
+            SetHit { t, reach: self.reach(t), u, v }
+        })
     }
-}
-
-/// How far, in tree space and per axis, an accepted hit can lie outside exact bounds of its primitive.
-///
-/// Counted in ULP of `m = 1 + |o|`, which bounds every translated corner, with slopes of at most 1: the translation
-/// of x and that of z are rounded once each (1 and 1), the slope twice (2), its product once (1), and the difference, of
-/// size up to `2 m`, once (2): 7 altogether. `t` itself is rounded to f32 (1 of a distance below `m`). 16 leaves room
-/// for the arithmetic of the traversal that uses it.
-#[inline(always)]
-pub(crate) fn hit_slack(origin: Vec3) -> f32 {
-    16.0 * ULP * (1.0 + origin.abs().max_element())
 }
 
 #[cfg(test)]
@@ -126,11 +121,9 @@ mod tests {
     use crate::geometry::Frame;
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
-    use crate::ray::tree_ray::TreeRay;
-    use glam::DVec3;
 
     fn tree_ray(origin: Vec3, dir: Vec3) -> TreeRay {
-        TreeRay::new(&Ray::new(origin, dir), &Frame { origin: DVec3::ZERO, scale: 1.0 }).unwrap()
+        TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD).unwrap()
     }
 
     #[test]

@@ -1,17 +1,19 @@
 //! Traversal of the wide layout: one ray against sixteen boxes at a time, down to the leaf blocks.
 //!
-//! Boxes at the ray's time are one multiply-add per face away from the node's rows. They are grown by
-//! [`hit_slack`](super::triangle::hit_slack) on the ray's side, where it costs nothing: a face `f` is met at
-//! `(f - o) / d`, and with `r = 1 / d` computed once, `f * r + (-o r -+ slack |r|)` grows the box as well.
+//! Boxes at the ray's time are one multiply-add per face away from the node's rows. A face `f` is met at
+//! `(f - o) / d`, and with `r = 1 / d` computed once, `f * r + (-o r -+ slack |r|)` grows the box by the slack as well, where
+//! it costs nothing.
 //!
 //! Proof that nothing is culled that a leaf would accept: along each axis the computed distance is
 //! `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|` (two products and the
 //! sum of the constant term, the sum with the face's, which is fused or has a product more), below 5 ULP of
-//! `(1 + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1); an accepted hit lies within 8 ULP of
-//! `1 + |o|` of its exact bounds; the slack is at least 16 of them
-//! ([`hit_slack`](super::triangle::hit_slack)). Distances that tie with the limit are kept, since the comparison is `<=`.
+//! `(|f| + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1). That and what the kernel may stray
+//! ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)) grows with the coordinates of what is hit and with the origin's: boxes are
+//! padded by the first when they are written, rays have slack for the second. So one vertex far away
+//! makes no other box larger. Distances that tie with the limit are kept, since the comparison is `<=`.
 //! A ray that begins behind its origin counts distances from its begin, so that none that matters is below zero and
 //! integers order like numbers: three more roundings, of sums with that begin, for which its slack is larger.
+//! Everything stays finite: coordinates are below 2^102 and reciprocals at most 2^24.
 //!
 //! A query waits for the chain from one node's rows to the next node's address (some forty cycles, whatever else is done
 //! beside it), for memory and for mispredicted branches, more than for arithmetic. So the code is written for short
@@ -67,7 +69,7 @@ impl Slabs {
             near_offset: at_origin - pad,
             far_offset: at_origin + pad,
             shift: ray.behind,
-            begin: ray.t_min + ray.behind,
+            begin: ray.begin + ray.behind,
             time: ray.time,
         }
     }
@@ -209,7 +211,7 @@ impl<G: RaySource, F: Filter> Scene<'_, G, F> {
         }
         // What begins beyond the limit is of no interest any more. Distances below zero were stored as
         // zero, so the bits order like the numbers.
-        let limit = u64::from(slabs.limit(collect.limit()).max(0.0).to_bits());
+        let limit = u64::from(slabs.limit(collect.reach()).max(0.0).to_bits());
         loop {
             match stack.pop() {
                 Some(entry) if entry >> 32 <= limit => {
@@ -298,7 +300,7 @@ impl<G: RaySource, F: Filter> Scene<'_, G, F> {
         ];
         // All that count are above zero, where integers order like numbers.
         let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(slabs.begin)));
-        let limit = s.splat(slabs.limit(collect.limit()));
+        let limit = s.splat(slabs.limit(collect.reach()));
         let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
         (s.le_signed(enter, leave), enter, lanes_at(block, (ROWS - 1) * LANES))
     }
@@ -380,13 +382,13 @@ mod tests {
     use crate::geometry::Frame;
     use crate::ray::Ray;
     use crate::ray::tree_ray::LEAST_COMPONENT;
-    use glam::{DVec3, Vec3};
+    use glam::Vec3;
 
     #[test]
     fn a_grown_slab_holds_the_exact_one() {
-        let frame = Frame { origin: DVec3::ZERO, scale: 1.0 };
         for (o, d) in [(0.3f32, 0.9f32), (-7.0, -1e-3), (1e4, 1e-20), (0.0, -0.0), (0.1, -1.0)] {
             let ray = Ray::new(Vec3::new(0.0, o, 0.0), Vec3::new(1.0, d, 0.0));
+            let frame = Frame { reach: 1e5, ..Frame::WORLD };
             let ray = TreeRay::new(&ray, &frame).unwrap();
             let slabs = Slabs::new(&ray);
             let (low, high) = (-0.25f32, 0.5f32);

@@ -101,8 +101,8 @@ pub(crate) fn part_bounds<S: PrimitiveSet>(set: &S, r: &Reference, plan: &Plan, 
     }
     let at = |t: f32| {
         let w = ((t - plan.over.begin()) / plan.over.duration()).clamp(0.0, 1.0);
-        // One interpolation: three roundings at sizes of at most 2.
-        bounds.at(w).pad(8.0 * ULP)
+        // One interpolation: three roundings at sizes of at most twice the largest coordinate.
+        bounds.at(w).pad(8.0 * ULP * bounds.swept().magnitude())
     };
     own.tighter(LinearBox3 { begin: at(over.begin()), end: at(over.end()) })
 }

@@ -286,10 +286,10 @@ fn counted_work_is_what_it_was() {
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
     ("uniform", PointStructure::Automatic, (5172, 7718)),
-    ("coherent", PointStructure::Linear, (6222, 8651)),
-    ("random", PointStructure::Slabs(4), (5664, 8325)),
-    ("fast few", PointStructure::Mbkd, (174563, 268115)),
-    ("short lives", PointStructure::Mbkd, (9445, 22144)),
+    ("coherent", PointStructure::Linear, (6244, 8659)),
+    ("random", PointStructure::Slabs(4), (5646, 8316)),
+    ("fast few", PointStructure::Mbkd, (60646, 34276)),
+    ("short lives", PointStructure::Mbkd, (135553, 88732)),
 ];
 
 #[test]

@@ -1,5 +1,6 @@
 //! Rays against brute force: properties, scenes, bad input, metamorphic relations, counted work.
 
+mod accuracy;
 mod bad_input;
 mod brute_force;
 mod common;

@@ -111,6 +111,9 @@ impl Table {
         let vectors = |from: &mut Bytes| (0..count).map(|_| from.floats(3)).collect::<Result<Vec<_>, _>>();
         let mut rows = vectors(&mut from)?;
         let velocity = behind(from.0, format!("velocity 3 {count} float\n").as_bytes());
+        if velocity.is_none() {
+            skip_fields(from.0)?;
+        }
         if let Some((_, values)) = velocity {
             for (row, more) in rows.iter_mut().zip(vectors(&mut Bytes(values))?) {
                 row.extend(more);
@@ -118,6 +121,35 @@ impl Table {
         }
         Ok(Table { names: names(velocity.is_some()), frames: vec![rows] })
     }
+}
+
+/// Whether what follows the points is whole: nothing, a section that is not read, or all fields that are promised.
+fn skip_fields(rest: &[u8]) -> Result<(), String> {
+    let line = |from: &mut Bytes| {
+        let (line, rest) = behind(from.0, b"\n").ok_or("the file ends inside a line")?;
+        from.0 = rest;
+        Ok::<_, String>(String::from_utf8_lossy(line).split_whitespace().map(String::from).collect::<Vec<_>>())
+    };
+    let mut from = Bytes(rest.trim_ascii_start());
+    if from.0.is_empty() || line(&mut from)?.first().is_none_or(|word| word != "POINT_DATA") {
+        return Ok(());
+    }
+    let header = line(&mut from)?;
+    let ["FIELD", _, count] = header.iter().map(String::as_str).collect::<Vec<_>>()[..] else { return Ok(()) };
+    for _ in 0..count.parse::<u32>().map_err(|e| format!("FIELD: {e}"))? {
+        from.0 = from.0.trim_ascii_start();
+        let field = line(&mut from)?;
+        let number = |at: usize| field.get(at).and_then(|word| word.parse::<usize>().ok()).ok_or("a broken field");
+        let size = match field.get(3).map(String::as_str) {
+            Some("double" | "long" | "vtktypeint64") => 8,
+            Some("float" | "int" | "unsigned_int") => 4,
+            Some("short" | "unsigned_short") => 2,
+            Some("char" | "unsigned_char") => 1,
+            _ => return Err("a field of unknown type".into()),
+        };
+        from.take(number(1)?.saturating_mul(number(2)?).saturating_mul(size))?;
+    }
+    Ok(())
 }
 
 fn names(velocity: bool) -> Vec<String> {

@@ -6,11 +6,19 @@
 
 mod formats;
 
+use clap::Parser;
 use formats::Table;
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointTree, TimeInterval};
 use std::path::PathBuf;
 use std::time::Instant;
+
+#[derive(Parser)]
+#[command(about = "Builds trees of particle and lidar files and asks for the neighbours of every point")]
+struct Args {
+    /// BGEO (version 5), legacy binary VTK or .pset files; those in `particles` and `scans` of MBKD_DATA if none.
+    files: Vec<PathBuf>,
+}
 
 /// The points of a table; `step` is how long what has velocities flies.
 fn points(table: &Table, step: f32) -> Result<Vec<MovingPoint>, Box<dyn std::error::Error>> {
@@ -41,11 +49,10 @@ fn points(table: &Table, step: f32) -> Result<Vec<MovingPoint>, Box<dyn std::err
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut files: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
+    let mut files = Args::parse().files;
     if files.is_empty() {
         let Some(data) = std::env::var_os("MBKD_DATA") else {
-            println!("name some files, or set MBKD_DATA");
-            return Ok(());
+            return Err("name some files, or set MBKD_DATA".into());
         };
         for folder in ["particles", "scans"] {
             let Ok(entries) = PathBuf::from(&data).join(folder).read_dir() else { continue };

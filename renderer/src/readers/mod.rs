@@ -6,6 +6,7 @@
 mod gltf;
 mod mseq;
 mod obj;
+mod picture;
 mod ply;
 mod sequence;
 #[cfg(test)]
@@ -15,6 +16,8 @@ use crate::materials::Surface;
 use gltf::GltfModel;
 use mbkd::glam::Vec3;
 use mbkd_scenes::Camera;
+#[cfg(test)]
+pub use picture::decode;
 use sequence::Sequence;
 use std::fmt;
 use std::path::{Path, PathBuf};

@@ -44,15 +44,30 @@ pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, Wrong> {
     Ok(parts)
 }
 
-/// The first line that does not look like OBJ, as a hint: the parser's errors do not say where.
+/// The first line that is not OBJ, or names what is not there: the parser's errors do not say where.
 fn line_of(bytes: &[u8]) -> String {
+    let words = |line: &[u8]| String::from_utf8_lossy(line).split_whitespace().map(String::from).collect::<Vec<_>>();
+    // Positions, texture coordinates and normals; a face may name what follows it.
+    let count = |kind: &str| {
+        let of_kind = bytes.split(|&b| b == b'\n').filter(|line| words(line).first().is_some_and(|w| w == kind));
+        of_kind.count() as i64
+    };
+    let counts = ["v", "vt", "vn"].map(count);
+    let index = |text: &str, count: i64| text.parse::<i64>().is_ok_and(|i| (1..=count).contains(&i.abs()));
+    let corner = |word: &String| {
+        let parts: Vec<&str> = word.split('/').collect();
+        parts.len() <= 3
+            && parts.iter().zip(counts).enumerate().all(|(k, (text, n))| (k > 0 && text.is_empty()) || index(text, n))
+    };
     let suspicious = |line: &[u8]| {
-        let Ok(text) = std::str::from_utf8(line) else { return true };
-        let mut words = text.split_whitespace();
-        match words.next() {
-            Some("v" | "vn" | "vt") => words.any(|w| w.parse::<f32>().is_err()),
-            Some("f") => words.any(|w| w.split('/').any(|i| !i.is_empty() && i.parse::<i64>().is_err())),
-            _ => false,
+        let words = words(line);
+        let Some((kind, rest)) = words.split_first() else { return false };
+        let numbers = rest.iter().all(|word| word.parse::<f32>().is_ok());
+        match kind.as_str() {
+            "v" | "vn" => !numbers || rest.len() < 3,
+            "vt" => !numbers || rest.is_empty(),
+            "f" => !rest.iter().all(corner),
+            _ => std::str::from_utf8(line).is_err(),
         }
     };
     match bytes.split(|&b| b == b'\n').position(suspicious) {

@@ -239,6 +239,19 @@ fn plain_formats_give_the_same_square() {
 }
 
 #[test]
+fn broken_lines_of_an_obj_are_named() {
+    for (wrong, line) in [
+        (OBJ.replace("v 1 0 0", "v 1 x 0"), "line 3"),
+        (OBJ.replace("v 0 1 0", "v 0 1"), "line 5"),
+        (OBJ.replace("4/1", "9/1"), "line 7"),
+        (OBJ.replace("4/1", "4/z"), "line 7"),
+    ] {
+        let error = obj::parse(wrong.as_bytes(), Path::new("a.obj")).err().unwrap().in_file(Path::new("a.obj"));
+        assert!(error.to_string().starts_with(&format!("a.obj: {line}: ")), "{error}");
+    }
+}
+
+#[test]
 fn frames_of_other_topology_are_refused() {
     let square = || obj::parse(OBJ.as_bytes(), Path::new("a.obj")).unwrap();
     let other = obj::parse(OBJ.replace("4/1", "").as_bytes(), Path::new("b.obj")).unwrap();

@@ -10,7 +10,7 @@ mod container;
 mod primitive;
 mod state;
 
-use super::{MOST_VERTICES, Part, Pose, ReadError, Wrong, check_positions};
+use super::{MOST_VERTICES, Part, Pose, ReadError, Wrong, check_positions, picture};
 use crate::materials::{Surface, Texture};
 use crate::staging::picture_height;
 use accessor::Data;
@@ -278,18 +278,8 @@ fn textures(document: &gltf::Document, data: &Data, file: &Path) -> Result<Vec<A
             gltf::image::Source::View { view, .. } => data.view(&view).map(<[u8]>::to_vec),
             gltf::image::Source::Uri { uri, .. } => container::resource(uri, file),
         };
-        let decoded = loaded.and_then(|bytes| {
-            let mut reader = image::ImageReader::new(std::io::Cursor::new(bytes));
-            let mut limits = image::Limits::default();
-            limits.max_image_width = Some(1 << 14);
-            limits.max_image_height = Some(1 << 14);
-            reader.limits(limits);
-            let reader = reader.with_guessed_format().map_err(|e| e.to_string())?;
-            Ok(reader.decode().map_err(|e| e.to_string())?.into_rgb8())
-        });
-        let picture = decoded.map_err(|what| Wrong::new(format!("image {}", image.index()), what))?;
-        let pixels = picture.pixels().map(|p| p.0).collect();
-        Ok(Arc::new(Texture { width: picture.width(), height: picture.height(), pixels }))
+        let texture = loaded.and_then(|bytes| picture::decode(&bytes));
+        texture.map(Arc::new).map_err(|what| Wrong::new(format!("image {}", image.index()), what))
     };
     document.images().map(read).collect()
 }
