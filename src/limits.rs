@@ -14,7 +14,7 @@ pub(crate) const MAX_KEYS: usize = 1 << 16;
 pub(crate) const MAX_SLABS: usize = 1024;
 
 /// The most slices of the shutter in a wide tree.
-pub(crate) const MOST_PARTS: usize = 16;
+pub(crate) const MAX_TIME_SLICES: usize = 16;
 
 /// The deepest a k-d tree may be: the traversal stack holds this many entries.
 pub(crate) const DEPTH_LIMIT: usize = 60;

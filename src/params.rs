@@ -1,7 +1,7 @@
 //! How a tree is built: the policy, the paper's choices as parameters, costs and budgets.
 
 use crate::error::BuildError;
-use crate::limits::{DEPTH_LIMIT, MOST_PARTS};
+use crate::limits::{DEPTH_LIMIT, MAX_TIME_SLICES};
 
 /// What kind of tree is built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,7 +49,7 @@ impl Division {
     fn is_valid(self) -> bool {
         match self {
             Division::Automatic | Division::Whole => true,
-            Division::Segments(n) | Division::Copies(n) => (2..=MOST_PARTS).contains(&n),
+            Division::Segments(n) | Division::Copies(n) => (2..=MAX_TIME_SLICES).contains(&n),
         }
     }
 }

@@ -170,7 +170,7 @@ fn count_on<S: Simd, const AXIS: usize>(s: S, references: &[Reference], places: 
     }
 }
 
-/// References from which on a node is counted and parted by several threads.
+/// References from which on a node is counted and partitioned by several threads.
 pub(super) const PARALLEL: usize = 1 << 15;
 
 /// Crowded nodes of up to so many references are split across their widest axis.

@@ -1,12 +1,12 @@
 //! The binary tree of object splits.
 //!
-//! References are parted at one of the planes between bins of their mid-time centroids (Wald, "On fast
+//! References are partitioned at one of the planes between bins of their mid-time centroids (Wald, "On fast
 //! Construction of SAH-based Bounding Volume Hierarchies", 2007). The surface area of a moving box
 //! is its exact mean over the interval. Below a depth that sane input never reaches, halves by count
 //! take over, so that the depth is bounded whatever the input is.
 
 use super::binning::{Table, find_split, summary};
-use super::partition::{Parted, partition};
+use super::partition::{Partitioned, partition};
 use super::reference::Reference;
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
@@ -133,7 +133,7 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
     let (_, mut centres) = summary(simd, references);
     while references.len() > most.max(1) {
         let Some(split) = find_split(simd, references, centres, false, &mut table) else { break };
-        let Parted { middle, low, high } = partition(simd, references, &split);
+        let Partitioned { middle, low, high } = partition(simd, references, &split);
         let sides = references.split_at_mut(middle);
         (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
     }
@@ -213,12 +213,12 @@ impl Builder {
             bounds,
             centres,
         };
-        // Two can be parted in one way only.
+        // Two can be partitioned in one way only.
         if references.len() > 2
             && task.depth < SAH_DEPTH
             && let Some(split) = find_split(self.simd, references, task.centres, task.crowded, table)
         {
-            let Parted { middle, low, high } = partition(self.simd, references, &split);
+            let Partitioned { middle, low, high } = partition(self.simd, references, &split);
             let areas = mean_half_area(&split.low) + mean_half_area(&split.high);
             let crowded = areas >= CROWDED * mean_half_area(&task.bounds);
             return (side(0, crowded, split.low, low), side(middle, crowded, split.high, high), middle);

@@ -10,7 +10,7 @@ use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, huge_vec, lan
 
 /// What the steps of a query cost, relative to each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Prices {
+pub(crate) struct CostModel {
     /// Visiting a node whose boxes move.
     pub node: f32,
     /// Opening a leaf block.
@@ -56,7 +56,7 @@ impl Collapse {
     /// block (relative to one visit), or nothing where it cannot be one.
     pub fn new(
         nodes: &[BinaryNode],
-        prices: Prices,
+        cost_model: CostModel,
         leaf_cost: impl Fn(&BinaryNode) -> Option<f32> + Sync,
     ) -> Collapse {
         let mut left = huge_vec(nodes.len());
@@ -64,7 +64,7 @@ impl Collapse {
         let mut one = huge_vec(nodes.len());
         one.resize(nodes.len(), 0.0f32);
         if !nodes.is_empty() {
-            Solver { simd: SimdLevel::best(), prices, leaf_cost }.subtree(nodes, &mut left, &mut one);
+            Solver { simd: SimdLevel::best(), cost_model, leaf_cost }.subtree(nodes, &mut left, &mut one);
         }
         Collapse { left, one }
     }
@@ -125,7 +125,7 @@ impl Collapse {
 /// What the decisions are made with.
 struct Solver<L> {
     simd: SimdLevel,
-    prices: Prices,
+    cost_model: CostModel,
     leaf_cost: L,
 }
 
@@ -167,9 +167,9 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
             best = s.select(better, sum, best);
             share = s.select_u(better, s.splat_u(i as u32 + 1), share);
         }
-        let (area, still) = (mean_half_area(&node.bounds), if node.moving { 1.0 } else { self.prices.still });
+        let (area, still) = (mean_half_area(&node.bounds), if node.moving { 1.0 } else { self.cost_model.still });
         let as_leaf = (self.leaf_cost)(node).map_or(f32::INFINITY, |c| c * area * still);
-        let as_node = self.prices.node * still * area + s.lane(best, LANES - 1);
+        let as_node = self.cost_model.node * still * area + s.lane(best, LANES - 1);
         *one = as_leaf.min(as_node);
         // More places never cost more, so only one child can be as good; equal cost goes to it: fewer boxes.
         let single = s.splat(*one);
@@ -222,7 +222,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Sweep<'_, L> {
         let mut waiting: Vec<Costs> = Vec::with_capacity(64);
         for ((node, left), one) in self.nodes.iter().zip(self.left).zip(self.one).rev() {
             let costs = if node.right == 0 {
-                let still = if node.moving { 1.0 } else { self.solver.prices.still };
+                let still = if node.moving { 1.0 } else { self.solver.cost_model.still };
                 let cost = (self.solver.leaf_cost)(node).unwrap_or(f32::INFINITY);
                 *one = cost * mean_half_area(&node.bounds) * still;
                 Costs { by_places: [*one; LANES], enough: 1 }
@@ -245,10 +245,10 @@ mod tests {
     use crate::geometry::{Box3, LinearBox3};
     use glam::Vec3;
 
-    const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.15, still: 0.7, most: 16 };
+    const COST_MODEL: CostModel = CostModel { node: 2.0, leaf: 1.0, primitive: 0.15, still: 0.7, most: 16 };
 
     fn leaf_cost(node: &BinaryNode) -> Option<f32> {
-        (node.count as usize <= PRICES.most).then_some(PRICES.leaf + PRICES.primitive * node.count as f32)
+        (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
     }
 
     /// The recurrence as it is written on paper.
@@ -295,7 +295,7 @@ mod tests {
                 })
                 .collect();
             let nodes = build_binary(&mut references, 4..=4);
-            let collapse = Collapse::new(&nodes, PRICES, leaf_cost);
+            let collapse = Collapse::new(&nodes, COST_MODEL, leaf_cost);
             let (expected, made) = (least(&nodes, 0)[0], cost_of(&nodes, &collapse, 0));
             assert!((made / expected - 1.0).abs() < 1e-4, "{n}: {made} instead of {expected}");
             assert!((f64::from(collapse.total()) / expected - 1.0).abs() < 1e-4);

@@ -11,7 +11,7 @@ mod reference;
 mod replace_subtree;
 
 pub(crate) use builder::{BinaryNode, BinaryTree, build_binary, mean_half_area, neighbourhoods};
-pub(crate) use collapse::{Collapse, Prices, WideChild};
-pub(crate) use presplit::cut;
+pub(crate) use collapse::{Collapse, CostModel, WideChild};
+pub(crate) use presplit::presplit;
 pub(crate) use reference::Reference;
-pub(crate) use replace_subtree::Graft;
+pub(crate) use replace_subtree::ReplacedSubtree;

@@ -1,7 +1,7 @@
-//! Parting the references of a node, in sixteen lanes.
+//! Partitioning the references of a node, in sixteen lanes.
 //!
-//! Small nodes stay in the caches and are parted in one sweep. In large ones it is known how many are low, so how many
-//! places in front are theirs: the first high reference there is exchanged with the first low one behind, the second
+//! Small nodes stay in the caches and are partitioned in one sweep. In large ones it is known how many are low, so how
+//! many places in front are theirs: the first high reference there is exchanged with the first low one behind, the second
 //! with the second, and so on. That touches half as much memory, and where the chunks of a node are counted, threads
 //! know which pairs are theirs.
 
@@ -12,25 +12,25 @@ use crate::parallel;
 use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch};
 use glam::Vec3;
 
-/// Both sides of a parting: how many are low, and the boxes of the centres.
-pub(super) struct Parted {
+/// Both sides of a partition: how many are low, and the boxes of the centres.
+pub(super) struct Partitioned {
     pub middle: usize,
     pub low: Box3,
     pub high: Box3,
 }
 
 /// Moves the low side of a split to the front; the order depends on nothing but the input.
-pub(super) fn partition(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Parted {
+pub(super) fn partition(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Partitioned {
     let centres = match references.len() < PARALLEL {
         true => dispatch(simd, Partition { references, split }),
         false => exchanged(simd, references, split),
     };
     let at = |i: usize| Vec3::new(centres.0[i], centres.0[i + 1], centres.0[i + 2]);
     let boxed = |i: usize| Box3 { min: at(i), max: -at(i + 4) };
-    Parted { middle: split.middle, low: boxed(0), high: boxed(8) }
+    Partitioned { middle: split.middle, low: boxed(0), high: boxed(8) }
 }
 
-/// Parts a node that stays in the caches.
+/// Partitions a node that stays in the caches.
 struct Partition<'a> {
     references: &'a mut [Reference],
     split: &'a Split,
@@ -230,20 +230,20 @@ mod tests {
             let mut first = None;
             for threads in [1, 2, 3, 7] {
                 let mut references = given.clone();
-                let parted = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+                let partitioned = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
                     let simd = SimdLevel::best();
                     let (_, centres) = summary(simd, &references);
                     let split = find_split(simd, &references, centres, false, &mut Table::new()).unwrap();
-                    let parted = partition(simd, &mut references, &split);
+                    let partitioned = partition(simd, &mut references, &split);
                     let sides = split.sides();
                     let side = |r: &Reference| sides.is_low(r);
-                    assert!(references[..parted.middle].iter().all(side));
-                    assert!(!references[parted.middle..].iter().any(side));
-                    parted
+                    assert!(references[..partitioned.middle].iter().all(side));
+                    assert!(!references[partitioned.middle..].iter().any(side));
+                    partitioned
                 });
                 let simd = SimdLevel::best();
-                assert_eq!(parted.low, summary(simd, &references[..parted.middle]).1);
-                assert_eq!(parted.high, summary(simd, &references[parted.middle..]).1);
+                assert_eq!(partitioned.low, summary(simd, &references[..partitioned.middle]).1);
+                assert_eq!(partitioned.high, summary(simd, &references[partitioned.middle..]).1);
                 let ids: Vec<u32> = references.iter().map(Reference::id).collect();
                 let mut sorted = ids.clone();
                 sorted.sort_unstable();

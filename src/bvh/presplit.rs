@@ -17,14 +17,14 @@ use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 const BINS: usize = 8;
 
 /// Only references whose motion is at most this part of their length are cut.
-const STEADY: f32 = 0.6;
+const MAX_MOTION_RATIO: f32 = 0.6;
 
 /// A part must save at least this times the area of an average reference: it costs memory and a test.
-const PRICE: f32 = 0.2;
+const MIN_SAVING: f32 = 0.2;
 
 /// The area that is left when nothing can be gained, in areas of the triangle: about that of a triangle in
 /// random position.
-const FULL: f32 = 4.0;
+const LEAST_AREA: f32 = 4.0;
 
 /// Evenly spaced planes across a reference.
 #[derive(Clone, Copy)]
@@ -44,7 +44,7 @@ impl Planes {
         let motion = (e.min[axis] - b.min[axis]).abs().max((e.max[axis] - b.max[axis]).abs());
         let width = extent[axis] / parts as f32;
         let magnitude = middle.min[axis].abs().max(middle.max[axis].abs());
-        (width > 4.0 * ULP * magnitude && motion <= STEADY * extent[axis]).then_some(Planes {
+        (width > 4.0 * ULP * magnitude && motion <= MAX_MOTION_RATIO * extent[axis]).then_some(Planes {
             axis,
             low: middle.min[axis],
             width,
@@ -63,7 +63,7 @@ impl Planes {
 ///
 /// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
 /// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
-pub(crate) fn cut(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
+pub(crate) fn presplit(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
     let n = references.len();
     let (gains, least) = gains(references, &ends);
     let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
@@ -126,7 +126,7 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
     let area = |r: &Reference| f64::from(mean_half_area(&r.bounds()));
     let areas = parallel::chunks(references.len(), |range| references[range].iter().map(area).sum::<f64>());
     let total = areas.into_iter().fold(0.0, |a, b| a + b);
-    let least = (f64::from(PRICE) * total / references.len().max(1) as f64) as f32;
+    let least = (f64::from(MIN_SAVING) * total / references.len().max(1) as f64) as f32;
     // More than nothing also where no reference has an area.
     let enough = worth(2, least).max(f32::MIN_POSITIVE);
     let gains = parallel::chunks(references.len(), |range| {
@@ -139,7 +139,7 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
                 && Planes::across(&bounds, BINS).is_some()
                 && let Some(ends) = ends(r.id())
             {
-                let saved = area - FULL * ends.area();
+                let saved = area - LEAST_AREA * ends.area();
                 if saved >= enough {
                     gains.push(Gain { at, saved });
                 }
@@ -298,7 +298,7 @@ mod tests {
             .collect();
         for (budget, least) in [(1.0, 1000), (1.2, 1120), (3.0, 1300)] {
             let mut parts = references.clone();
-            cut(&mut parts, |i| Some(again(i)), budget);
+            presplit(&mut parts, |i| Some(again(i)), budget);
             assert!(parts.len() as f32 <= 1000.0 * budget && parts.len() >= least, "{budget}: {}", parts.len());
             let of = |long: bool| parts.iter().filter(|r| (r.id() % 10 == 0) == long).count();
             assert!(budget == 1.0 || of(true) > 2 * 100 && of(false) < 2 * 900);
@@ -315,12 +315,12 @@ mod tests {
         let boxed = |i: u32| line(i).begin.into_iter().fold(Box3::EMPTY, Box3::include);
         let mut lines: Vec<Reference> =
             (0..100).map(|i| Reference::new(LinearBox3 { begin: boxed(i), end: boxed(i) }, i)).collect();
-        cut(&mut lines, |i| Some(line(i)), 3.0);
+        presplit(&mut lines, |i| Some(line(i)), 3.0);
         assert_eq!(lines.len(), 100);
         let mut uncut = references.clone();
-        cut(&mut uncut, |_| None, 3.0);
+        presplit(&mut uncut, |_| None, 3.0);
         assert_eq!(uncut.len(), 1000);
-        cut(&mut Vec::new(), |_| None, 3.0);
+        presplit(&mut Vec::new(), |_| None, 3.0);
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! Subtrees that are built apart, put into a collapsed tree as if they were leaf blocks.
 
 use super::builder::{BinaryNode, mean_half_area};
-use super::collapse::{Collapse, Prices};
+use super::collapse::{Collapse, CostModel};
 use crate::simd::{LANES, Lanes};
 
 /// A subtree that is one child of whatever node lies above it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Graft {
+pub(crate) struct ReplacedSubtree {
     /// Its binary node.
     pub node: u32,
     /// What it costs: the sum over what is visited of price times area.
@@ -16,17 +16,23 @@ pub(crate) struct Graft {
 impl Collapse {
     /// Makes subtrees single children, and decides anew for the nodes above them; all others stay as they are.
     ///
-    /// `grafts` must be sorted by node, and none lie below another or be the root.
-    pub fn graft(&mut self, nodes: &[BinaryNode], prices: Prices, grafts: &[Graft]) {
-        if !grafts.is_empty() {
-            self.decide_above(nodes, prices, 0, grafts);
+    /// `replaced` must be sorted by node, and none lie below another or be the root.
+    pub fn replace_subtrees(&mut self, nodes: &[BinaryNode], cost_model: CostModel, replaced: &[ReplacedSubtree]) {
+        if !replaced.is_empty() {
+            self.decide_above(nodes, cost_model, 0, replaced);
         }
     }
 
-    /// Decides for a node with grafts below, and returns the least costs of covering it by at most 1, 2, … 16
+    /// Decides for a node with replaced below, and returns the least costs of covering it by at most 1, 2, … 16
     /// children. The recurrence is that of [`Collapse::new`]; the recursion is as deep as the binary tree.
-    fn decide_above(&mut self, nodes: &[BinaryNode], prices: Prices, x: u32, grafts: &[Graft]) -> Lanes<f32> {
-        if let [Graft { node, cost }] = *grafts
+    fn decide_above(
+        &mut self,
+        nodes: &[BinaryNode],
+        cost_model: CostModel,
+        x: u32,
+        replaced: &[ReplacedSubtree],
+    ) -> Lanes<f32> {
+        if let [ReplacedSubtree { node, cost }] = *replaced
             && node == x
         {
             self.set(x, [0; LANES], cost);
@@ -34,10 +40,10 @@ impl Collapse {
         }
         let node = &nodes[x as usize];
         let (low, high) = (x + 1, x + node.right);
-        let (below_low, below_high) = grafts.split_at(grafts.partition_point(|g| g.node < high));
-        let mut side = |of: u32, grafts: &[Graft]| match grafts.is_empty() {
+        let (below_low, below_high) = replaced.split_at(replaced.partition_point(|g| g.node < high));
+        let mut side = |of: u32, replaced: &[ReplacedSubtree]| match replaced.is_empty() {
             true => self.costs(nodes, of),
-            false => self.decide_above(nodes, prices, of, grafts),
+            false => self.decide_above(nodes, cost_model, of, replaced),
         };
         let (l, r) = (side(low, below_low), side(high, below_high));
         let (mut best, mut share) = ([f32::INFINITY; LANES], [0; LANES]);
@@ -49,8 +55,8 @@ impl Collapse {
                 }
             }
         }
-        let still = if node.moving { 1.0 } else { prices.still };
-        let one = prices.node * still * mean_half_area(&node.bounds) + best[LANES - 1];
+        let still = if node.moving { 1.0 } else { cost_model.still };
+        let one = cost_model.node * still * mean_half_area(&node.bounds) + best[LANES - 1];
         // As one child it is a wide node, whose sixteen places are shared out.
         share[0] = share[LANES - 1];
         for places in 1..LANES {
@@ -85,15 +91,21 @@ mod tests {
     use crate::geometry::{Box3, LinearBox3};
     use glam::Vec3;
 
-    const PRICES: Prices = Prices { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
+    const COST_MODEL: CostModel = CostModel { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
 
     fn leaf_cost(node: &BinaryNode) -> Option<f32> {
-        (node.count as usize <= PRICES.most).then_some(PRICES.leaf + PRICES.primitive * node.count as f32)
+        (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
     }
 
-    /// The cost of the wide tree as its decisions say, and the grafts met in it.
-    fn walk(nodes: &[BinaryNode], collapse: &Collapse, x: u32, grafts: &[Graft], met: &mut Vec<u32>) -> f64 {
-        if let Some(graft) = grafts.iter().find(|g| g.node == x) {
+    /// The cost of the wide tree as its decisions say, and the replaced met in it.
+    fn walk(
+        nodes: &[BinaryNode],
+        collapse: &Collapse,
+        x: u32,
+        replaced: &[ReplacedSubtree],
+        met: &mut Vec<u32>,
+    ) -> f64 {
+        if let Some(graft) = replaced.iter().find(|g| g.node == x) {
             met.push(x);
             return f64::from(graft.cost);
         }
@@ -105,7 +117,7 @@ mod tests {
         let mut children = Vec::new();
         collapse.children(nodes, x, &mut children);
         assert!((2..=LANES).contains(&children.len()));
-        2.0 * area + children.iter().map(|c| walk(nodes, collapse, c.node, grafts, met)).sum::<f64>()
+        2.0 * area + children.iter().map(|c| walk(nodes, collapse, c.node, replaced, met)).sum::<f64>()
     }
 
     #[test]
@@ -123,34 +135,34 @@ mod tests {
             })
             .collect();
         let nodes = build_binary(&mut references, 4..=4);
-        let new = || Collapse::new(&nodes, PRICES, leaf_cost);
+        let new = || Collapse::new(&nodes, COST_MODEL, leaf_cost);
         // With the cost that they have anyway, taken as single children.
-        let mut grafts = Vec::new();
+        let mut replaced = Vec::new();
         let mut x = 0;
         while (x as usize) < nodes.len() {
             let node = &nodes[x as usize];
             let skip = if node.right == 0 { 1 } else { skipped(&nodes, x) };
             if (100..400).contains(&node.count) {
-                grafts.push(Graft { node: x, cost: new().cost(x) });
+                replaced.push(ReplacedSubtree { node: x, cost: new().cost(x) });
                 x += skip;
             } else {
                 x += 1;
             }
         }
-        assert!(grafts.len() > 8);
+        assert!(replaced.len() > 8);
         let mut free = new();
         let before = free.total();
-        free.graft(&nodes, PRICES, &[]);
+        free.replace_subtrees(&nodes, COST_MODEL, &[]);
         assert_eq!(free.total(), before);
-        for some in [&grafts[..1], &grafts[3..5], &grafts[..]] {
+        for some in [&replaced[..1], &replaced[3..5], &replaced[..]] {
             let mut collapse = new();
-            collapse.graft(&nodes, PRICES, some);
+            collapse.replace_subtrees(&nodes, COST_MODEL, some);
             let mut met = Vec::new();
             let cost = walk(&nodes, &collapse, 0, some, &mut met);
             met.sort_unstable();
             assert_eq!(met, some.iter().map(|g| g.node).collect::<Vec<_>>());
             assert!((cost / f64::from(collapse.total()) - 1.0).abs() < 1e-4, "{cost} {}", collapse.total());
-            // Nothing gained, and lost no more than a level of nodes over the grafts.
+            // Nothing gained, and lost no more than a level of nodes over the replaced.
             assert!(collapse.total() >= before * 0.9999 && collapse.total() < before * 1.3, "{}", collapse.total());
         }
     }

@@ -3,7 +3,7 @@
 use super::leaf_block::WideSource;
 use super::statistics::Statistics;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS};
-use super::wide_tree::{Survey, WideTree};
+use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
 use crate::simd::{LANES, huge_vec};
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -43,7 +43,7 @@ const SOON: usize = 8;
 
 impl WideTree {
     /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
-    pub(crate) fn surveyed<S: WideSource>(&self, set: &S) -> (Survey, Vec<u32>) {
+    pub(crate) fn index_leaves<S: WideSource>(&self, set: &S) -> (Counts, Vec<u32>) {
         let pieces = set.pieces();
         let nowhere = || {
             let mut blocks = huge_vec(pieces);
@@ -53,8 +53,8 @@ impl WideTree {
         let (found, blocks) = parallel::both(|| self.walked(), nowhere);
         let references = self.find_blocks(set, &found, &blocks);
         let Found { depth, nodes, moving_nodes, .. } = found;
-        let survey = Survey { depth, nodes, moving_nodes, leaves: found.leaves.len(), references };
-        (survey, blocks.into_iter().map(AtomicU32::into_inner).collect())
+        let counts = Counts { depth, nodes, moving_nodes, leaves: found.leaves.len(), references };
+        (counts, blocks.into_iter().map(AtomicU32::into_inner).collect())
     }
 
     /// All nodes counted, all leaf blocks noted.
@@ -140,7 +140,7 @@ impl WideTree {
     /// Writes down a leaf block for each piece of motion, and returns how many primitives there are in all blocks
     /// together. Of several blocks that may have one piece it is the first, so that it does not matter who looks where.
     fn find_blocks<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> usize {
-        let several = self.cut || found.time_nodes > 0;
+        let several = self.presplit || found.time_nodes > 0;
         let references = parallel::chunks(found.leaves.len(), |range| {
             let leaves = &found.leaves[range];
             let mut references = 0;
@@ -166,7 +166,7 @@ impl WideTree {
 
     /// The figures of the tree.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
-        let Survey { depth, nodes, leaves, references, .. } = self.survey;
+        let Counts { depth, nodes, leaves, references, .. } = self.counts;
         let duplicates = references - set.len().min(references);
         Statistics {
             primitives: set.len(),

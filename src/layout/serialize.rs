@@ -17,7 +17,7 @@ const FIRST: usize = 16;
 
 /// Blocks written apart, not yet in their place.
 #[derive(Default)]
-pub(crate) struct Apart {
+pub(crate) struct Fragment {
     pub arena: Arena,
     /// The nodes in it.
     pub nodes: Vec<ChildRef>,
@@ -25,7 +25,7 @@ pub(crate) struct Apart {
     pub tops: Vec<ChildRef>,
 }
 
-impl Apart {
+impl Fragment {
     fn clear(&mut self) {
         self.arena.clear();
         self.nodes.clear();
@@ -35,8 +35,8 @@ impl Apart {
 
 /// What is written apart and waits for its turn, and what can be written over.
 struct Waiting {
-    done: Vec<Option<Apart>>,
-    spare: Vec<Apart>,
+    done: Vec<Option<Fragment>>,
+    spare: Vec<Fragment>,
 }
 
 /// Where things are put in order.
@@ -112,20 +112,20 @@ pub(crate) fn write_in_order(
     arena: &mut Arena,
     sizes: &[u32],
     inside: impl Fn(ChildRef) -> bool + Sync,
-    write: impl Fn(usize, &mut Apart) -> Result<(), BuildError> + Sync,
+    write: impl Fn(usize, &mut Fragment) -> Result<(), BuildError> + Sync,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let n = sizes.len();
     let step = n.div_ceil(FIRST).max(4);
     let first = parallel::map(n.div_ceil(step), |i| {
-        let mut apart = Apart::default();
+        let mut apart = Fragment::default();
         write(i * step, &mut apart).map(|()| apart)
     });
-    let first = first.into_iter().collect::<Result<Vec<Apart>, BuildError>>()?;
+    let first = first.into_iter().collect::<Result<Vec<Fragment>, BuildError>>()?;
     let words: usize = first.iter().map(|apart| apart.arena.len() + LANES).sum();
     let expected = words as f64 * (total(sizes) / total(sizes.iter().step_by(step)).max(1.0));
     arena.reserve((expected * SPARE) as usize + above(n));
 
-    let mut done: Vec<Option<Apart>> = core::iter::repeat_with(|| None).take(n).collect();
+    let mut done: Vec<Option<Fragment>> = core::iter::repeat_with(|| None).take(n).collect();
     done.iter_mut().step_by(step).zip(first).for_each(|(place, apart)| *place = Some(apart));
     let waiting = Mutex::new(Waiting { done, spare: Vec::new() });
     let in_order = InOrder { arena, sizes, next: 0, tops: Vec::with_capacity(n), words: 0, placed: 0.0 };
@@ -163,7 +163,7 @@ mod tests {
     fn tasks_larger_than_those_written_first_follow_in_order() {
         for n in [1, 2, 5, 64, 301] {
             let lines = |i: usize| if i.is_multiple_of(4) { 1 } else { 1 + i };
-            let write = |i: usize, apart: &mut Apart| {
+            let write = |i: usize, apart: &mut Fragment| {
                 let at = apart.arena.grow(lines(i) * LANES);
                 apart.arena.ints_mut()[at..].fill(i as u32);
                 apart.tops.push(ChildRef::new(Kind::OwnLeaf, at, 1).ok_or(BuildError::TooLargeTree)?);

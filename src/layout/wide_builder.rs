@@ -1,16 +1,16 @@
 //! From primitives to the wide layout.
 //!
 //! Primitives are grouped by how they move. What stands still or moves linearly becomes one group; meshes
-//! with more keys get a time node with one tree per key segment. Every group is first planned: the binary
+//! with more keys get a time node with one tree per key segment. Every group is first drafted: the binary
 //! tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees divide the shutter
 //! ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in which they are
 //! children like leaf blocks.
 
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
-use super::wide_tree::{Survey, WideTree};
+use super::wide_tree::{Counts, WideTree};
 use super::write::{Nodes, set_children, write_blocks, write_node, write_time};
-use crate::bvh::{BinaryNode, Graft};
+use crate::bvh::{BinaryNode, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::parallel;
@@ -18,21 +18,22 @@ use crate::params::{BuildParams, Division};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
-    PRICES, Plan, Region, Segments, expect, params_of_copies, part_of_shutter, plan_tree, primitives, regions,
+    COST_MODEL, Draft, Region, SharedLeaves, draft_tree, params_of_copies, prefetch_blocks, primitives, regions,
+    time_slice,
 };
 
 /// A subtree that is written: where it is over the whole shutter, and its root.
-struct Part {
+struct Subtree {
     bounds: LinearBox3,
     root: ChildRef,
 }
 
 impl WideTree {
-    /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each plan and each
+    /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each draft and each
     /// written group.
     pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
-        let (arena, blocks, survey) = (Arena::default(), Vec::new(), Survey::default());
-        let mut tree = WideTree { arena, root: ChildRef::NOTHING, cut: false, blocks, survey };
+        let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
+        let mut tree = WideTree { arena, root: ChildRef::NOTHING, presplit: false, blocks, counts };
         let groups = groups(set);
         let mut parts = Vec::new();
         for (keys, ids) in groups {
@@ -40,13 +41,13 @@ impl WideTree {
             parts.push(match keys {
                 2 => tree.linear(set, &ids, params, &|done| step(progress, share * done))?,
                 // Motion of several pieces: each piece on its own.
-                _ => tree.in_parts(set, &ids, keys - 1, |part| part, params, &|done| step(progress, share * done))?,
+                _ => tree.in_slices(set, &ids, keys - 1, |part| part, params, &|done| step(progress, share * done))?,
             });
         }
         tree.root = tree.join(parts)?;
         tree.arena.align();
         tree.arena.settle();
-        (tree.survey, tree.blocks) = tree.surveyed(set);
+        (tree.counts, tree.blocks) = tree.index_leaves(set);
         Ok(tree)
     }
 
@@ -57,52 +58,52 @@ impl WideTree {
         ids: &[u32],
         params: &BuildParams,
         step: Step<'_>,
-    ) -> Result<Part, BuildError> {
+    ) -> Result<Subtree, BuildError> {
         if let Division::Copies(copies) = params.division {
             return self.copies(set, ids, copies, params, step);
         }
-        let mut plan = plan_tree(set, ids, TimeInterval::FULL, 0, params);
+        let mut draft = draft_tree(set, ids, TimeInterval::FULL, 0, params);
         step(0.5)?;
-        let regions = regions(set, &plan, params);
+        let regions = regions(set, &draft, params);
         step(0.25)?;
         if let [Region { node: 0, division: Division::Copies(copies), .. }] = regions[..] {
-            // The plan goes before the copies come: one at a time takes less memory.
-            drop(plan);
+            // The draft goes before the copies come: one at a time takes less memory.
+            drop(draft);
             let params = params_of_copies(params, copies);
             return self.copies(set, ids, copies, &params, &|done| step(0.25 * done));
         }
-        let all = plan.references.len() as f64;
-        let (mut grafts, mut roots) = (Vec::new(), Vec::new());
+        let all = draft.references.len() as f64;
+        let (mut replaced, mut roots) = (Vec::new(), Vec::new());
         for region in regions {
-            let node = plan.binary[region.node as usize];
+            let node = draft.binary[region.node as usize];
             let root = match region.division {
                 Division::Copies(copies) => {
                     let params = params_of_copies(params, copies);
-                    self.copies(set, &primitives(&plan, region.node), copies, &params, &|_| step(0.0))?.root
+                    self.copies(set, &primitives(&draft, region.node), copies, &params, &|_| step(0.0))?.root
                 }
                 Division::Segments(parts) => {
-                    let segments = Segments::build(set, &plan, region.node, parts);
-                    self.write_segments(set, &plan, &segments)?
+                    let segments = SharedLeaves::build(set, &draft, region.node, parts);
+                    self.write_segments(set, &draft, &segments)?
                 }
                 Division::Automatic | Division::Whole => continue,
             };
             step(0.25 * f64::from(node.count) / all)?;
             if region.node == 0 {
-                return Ok(Part { bounds: node.bounds, root });
+                return Ok(Subtree { bounds: node.bounds, root });
             }
-            grafts.push(Graft { node: region.node, cost: region.cost });
+            replaced.push(ReplacedSubtree { node: region.node, cost: region.cost });
             roots.push((node.first, root));
         }
-        plan.collapse.graft(&plan.binary, PRICES, &grafts);
-        let part = self.write_plan(set, &plan, &roots)?;
-        let written = grafts.iter().map(|g| f64::from(plan.binary[g.node as usize].count)).sum::<f64>();
+        draft.collapse.replace_subtrees(&draft.binary, COST_MODEL, &replaced);
+        let part = self.write_draft(set, &draft, &roots)?;
+        let written = replaced.iter().map(|g| f64::from(draft.binary[g.node as usize].count)).sum::<f64>();
         step(0.25 * (1.0 - written / all))?;
         Ok(part)
     }
 
     /// Builds a tree for each of equal parts of the shutter, and `segment_of` a part is the key segment that its leaf
     /// blocks are written for.
-    fn in_parts<S: WideSource>(
+    fn in_slices<S: WideSource>(
         &mut self,
         set: &S,
         ids: &[u32],
@@ -110,12 +111,12 @@ impl WideTree {
         segment_of: impl Fn(usize) -> usize,
         params: &BuildParams,
         step: Step<'_>,
-    ) -> Result<Part, BuildError> {
+    ) -> Result<Subtree, BuildError> {
         let mut written = Vec::with_capacity(parts);
         for i in 0..parts {
-            let plan = plan_tree(set, ids, part_of_shutter(i, parts), segment_of(i), params);
+            let draft = draft_tree(set, ids, time_slice(i, parts), segment_of(i), params);
             let before = self.arena.len();
-            written.push(self.write_plan(set, &plan, &[])?);
+            written.push(self.write_draft(set, &draft, &[])?);
             if i == 0 {
                 // The others will be about as large; growing step by step would hold most of it twice.
                 self.arena.reserve((self.arena.len() - before) * (parts - 1) / 50 * 51);
@@ -133,12 +134,12 @@ impl WideTree {
         copies: usize,
         params: &BuildParams,
         step: Step<'_>,
-    ) -> Result<Part, BuildError> {
-        self.in_parts(set, ids, copies, |_| 0, params, step)
+    ) -> Result<Subtree, BuildError> {
+        self.in_slices(set, ids, copies, |_| 0, params, step)
     }
 
     /// Puts a time node above trees for equal parts of the shutter.
-    fn over_time(&mut self, mut parts: Vec<Part>) -> Result<Part, BuildError> {
+    fn over_time(&mut self, mut parts: Vec<Subtree>) -> Result<Subtree, BuildError> {
         if parts.len() == 1 {
             return Ok(parts.remove(0));
         }
@@ -147,41 +148,41 @@ impl WideTree {
         let roots: Vec<ChildRef> = parts.iter().map(|p| p.root).collect();
         let root = write_time(&mut self.arena, &roots)?;
         let bounds = swept.map_or(LinearBox3::EMPTY, |b| LinearBox3 { begin: b, end: b });
-        Ok(Part { bounds, root })
+        Ok(Subtree { bounds, root })
     }
 
-    /// Writes what is planned; `grafts` are subtrees that are written already, with their first references, in order.
-    fn write_plan<S: WideSource>(
+    /// Writes what is drafted; `replaced` are subtrees that are written already, with their first references, in order.
+    fn write_draft<S: WideSource>(
         &mut self,
         set: &S,
-        plan: &Plan,
-        grafts: &[(u32, ChildRef)],
-    ) -> Result<Part, BuildError> {
-        self.cut |= plan.cut;
+        draft: &Draft,
+        replaced: &[(u32, ChildRef)],
+    ) -> Result<Subtree, BuildError> {
+        self.presplit |= draft.presplit;
         let leaves = |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| {
-            // What is too large for a block is a graft; those come first.
-            let large = of.iter().take_while(|node| node.count as usize > PRICES.most).count();
+            // What is too large for a block is a replaced subtree; those come first.
+            let large = of.iter().take_while(|node| node.count as usize > COST_MODEL.most).count();
             for (node, root) in of[..large].iter().zip(&mut *blocks) {
-                let at = grafts.binary_search_by_key(&node.first, |g| g.0);
-                *root = grafts[at.expect("only a graft is larger than a block")].1;
+                let at = replaced.binary_search_by_key(&node.first, |g| g.0);
+                *root = replaced[at.expect("only a replaced subtree is larger than a block")].1;
             }
-            leaf_blocks(arena, set, plan, &of[large..], &mut blocks[large..])
+            leaf_blocks(arena, set, draft, &of[large..], &mut blocks[large..])
         };
-        let nodes = Nodes { binary: &plan.binary, collapse: &plan.collapse, over: plan.over, leaves, writes: true };
-        Ok(Part { bounds: plan.binary[0].bounds, root: nodes.write(&mut self.arena)? })
+        let nodes = Nodes { binary: &draft.binary, collapse: &draft.collapse, over: draft.over, leaves, writes: true };
+        Ok(Subtree { bounds: draft.binary[0].bounds, root: nodes.write(&mut self.arena)? })
     }
 
     /// Writes the leaf blocks once and the nodes above them for each segment.
     fn write_segments<S: WideSource>(
         &mut self,
         set: &S,
-        plan: &Plan,
-        segments: &Segments,
+        draft: &Draft,
+        segments: &SharedLeaves,
     ) -> Result<ChildRef, BuildError> {
-        self.cut |= plan.cut;
+        self.presplit |= draft.presplit;
         let clusters = &segments.clusters;
         let leaves =
-            |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, plan, of, blocks);
+            |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
         let blocks = write_blocks(&mut self.arena, clusters, leaves)?;
         let mut parts = Vec::new();
         for tree in &segments.trees {
@@ -199,7 +200,7 @@ impl WideTree {
     }
 
     /// Puts a node above several trees.
-    fn join(&mut self, mut parts: Vec<Part>) -> Result<ChildRef, BuildError> {
+    fn join(&mut self, mut parts: Vec<Subtree>) -> Result<ChildRef, BuildError> {
         while parts.len() > 1 {
             let mut joined = Vec::new();
             for some in parts.chunks(LANES) {
@@ -207,7 +208,7 @@ impl WideTree {
                 let root = write_node(&mut self.arena, &boxes, TimeInterval::FULL)?;
                 let refs: Vec<ChildRef> = some.iter().map(|p| p.root).collect();
                 set_children(&mut self.arena, root, &refs);
-                joined.push(Part { bounds: boxes.into_iter().fold(LinearBox3::EMPTY, LinearBox3::union), root });
+                joined.push(Subtree { bounds: boxes.into_iter().fold(LinearBox3::EMPTY, LinearBox3::union), root });
             }
             parts = joined;
         }
@@ -256,13 +257,13 @@ fn groups<S: WideSource>(set: &S) -> Vec<(usize, Vec<u32>)> {
 fn leaf_blocks<S: WideSource>(
     arena: &mut Arena,
     set: &S,
-    plan: &Plan,
+    draft: &Draft,
     of: &[BinaryNode],
     blocks: &mut [ChildRef],
 ) -> Result<(), BuildError> {
     for (i, (node, block)) in of.iter().zip(blocks).enumerate() {
-        expect(set, plan, of, i);
-        let of = plan.references(node);
+        prefetch_blocks(set, draft, of, i);
+        let of = draft.references(node);
         let mut ids = [0; LANES];
         for (id, r) in ids.iter_mut().zip(of) {
             *id = r.id();
@@ -270,7 +271,7 @@ fn leaf_blocks<S: WideSource>(
         let ids = &mut ids[..of.len()];
         // Sorted, so that a block does not depend on the order in which the build met its primitives.
         ids.sort_unstable();
-        *block = set.write_leaf(arena, distinct(ids), plan.segment).ok_or(BuildError::TooLargeTree)?;
+        *block = set.write_leaf(arena, distinct(ids), draft.segment).ok_or(BuildError::TooLargeTree)?;
     }
     Ok(())
 }

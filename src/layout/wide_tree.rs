@@ -9,15 +9,15 @@ pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
     /// Whether parts of one primitive may be in several leaf blocks.
-    pub(crate) cut: bool,
+    pub(crate) presplit: bool,
     /// A leaf block in which each piece of a primitive's motion is, see [`WideSource::piece`].
     pub(crate) blocks: Vec<u32>,
-    pub(crate) survey: Survey,
+    pub(crate) counts: Counts,
 }
 
 /// What was counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Survey {
+pub(crate) struct Counts {
     /// Depth of the deepest leaf; the root has depth 0.
     pub depth: u32,
     pub nodes: usize,
@@ -60,11 +60,11 @@ impl WideTree {
     /// on top, and if both were equally deep, there was nothing deeper.
     #[inline(always)]
     pub fn waiting(&self) -> usize {
-        2 * LANES * self.survey.depth as usize + LANES
+        2 * LANES * self.counts.depth as usize + LANES
     }
 
     /// Whether most nodes have boxes that move.
     pub fn moves(&self) -> bool {
-        2 * self.survey.moving_nodes > self.survey.nodes
+        2 * self.counts.moving_nodes > self.counts.nodes
     }
 }

@@ -3,7 +3,7 @@
 //! Subtrees up to a fixed size are written apart by any thread and put one behind the other ([`super::serialize`]). The
 //! few nodes above them follow.
 
-use super::serialize::{Apart, write_in_order};
+use super::serialize::{Fragment, write_in_order};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
@@ -124,7 +124,7 @@ pub(crate) fn write_blocks(
     leaves: impl Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let tasks: Vec<&[BinaryNode]> = of.chunks(BLOCKS).collect();
-    let write = |task: usize, apart: &mut Apart| {
+    let write = |task: usize, apart: &mut Fragment| {
         apart.tops.resize(tasks[task].len(), ChildRef::NOTHING);
         leaves(&mut apart.arena, tasks[task], &mut apart.tops)
     };

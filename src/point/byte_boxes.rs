@@ -136,6 +136,12 @@ impl ByteBoxes {
         outside(s, point, self.faces(s, &self.lo), self.faces(s, &self.hi))
     }
 
+    /// Lower and upper faces of all lanes, absent ones too.
+    #[inline(always)]
+    pub(super) fn face_rows<S: Simd>(&self, s: S) -> ([S::F; 3], [S::F; 3]) {
+        (self.faces(s, &self.lo), self.faces(s, &self.hi))
+    }
+
     /// Squared diagonals of the boxes.
     #[inline(always)]
     pub(super) fn sizes<S: Simd>(&self, s: S) -> S::F {

@@ -5,6 +5,7 @@ use super::over_interval::Flight;
 use super::snapshot::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
+use glam::Vec3;
 
 /// Sixteen moving points in rows; absent ones stand where every squared distance is infinite.
 #[derive(Clone, Copy)]
@@ -119,6 +120,43 @@ impl MovingLeaves {
         }
     }
 
+    /// Where the points of a block are, whether they count at this time or not.
+    #[inline(always)]
+    fn interpolated<S: Simd>(&self, s: S, at: KeyTime, target: &Target<S>, block: usize) -> [S::F; 3] {
+        let Block { open, close, .. } = &self.blocks[block];
+        let base = rows(s, if at.from_end { close } else { open });
+        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
+        [base[0] + (bx - ax) * target.step, base[1] + (by - ay) * target.step, base[2] + (bz - az) * target.step]
+    }
+
+    /// Where the points of a block are at a time; the first coordinate is infinite where there is no point then.
+    #[inline(always)]
+    pub(super) fn positions<S: Simd, const TIMED: bool>(
+        &self,
+        s: S,
+        at: KeyTime,
+        target: &Target<S>,
+        block: usize,
+    ) -> [S::F; 3] {
+        let mut places = self.interpolated(s, at, target, block);
+        if TIMED {
+            let counting = self.times[block].counting(s, target.time);
+            places[0] = s.select(counting, places[0], s.splat(f32::INFINITY));
+        }
+        places
+    }
+
+    /// The points that count at a time, with their ids.
+    pub(super) fn counting(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
+        let lanes = (0..self.blocks.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
+        lanes.filter_map(move |(block, lane)| {
+            let Block { open, close, id } = &self.blocks[block];
+            let counts = self.times.get(block).is_none_or(|t| t.begin[lane] <= time && time < t.end[lane]);
+            let [open, close] = [open, close].map(|rows| Vec3::from_array(rows.map(|row| row[lane])));
+            (counts && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))
+        })
+    }
+
     /// Squared distances to the points of a block at a time; infinite where there is no point then.
     #[inline(always)]
     pub(super) fn distances<S: Simd, const TIMED: bool>(
@@ -128,13 +166,8 @@ impl MovingLeaves {
         target: &Target<S>,
         block: usize,
     ) -> S::F {
-        let Block { open, close, .. } = &self.blocks[block];
-        let base = rows(s, if at.from_end { close } else { open });
-        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
-        let x = (base[0] + (bx - ax) * target.step) - target.point[0];
-        let y = (base[1] + (by - ay) * target.step) - target.point[1];
-        let z = (base[2] + (bz - az) * target.step) - target.point[2];
-        let distances = squared::<S>(x, y, z);
+        let [x, y, z] = self.interpolated(s, at, target, block);
+        let distances = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
         if !TIMED {
             return distances;
         }

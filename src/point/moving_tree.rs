@@ -230,6 +230,21 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         diagonal::<S>(lo, line(s, &boxes.hi, &boxes.hi_slope, target.phase))
     }
     #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        let boxes = &self.tree.nodes[node];
+        let mut lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
+        let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
+        if TIMED {
+            let counting = self.tree.node_times[node].counting(s, target.time);
+            lo[0] = s.select(counting, lo[0], s.splat(f32::INFINITY));
+        }
+        (lo, hi)
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+        self.tree.leaves.positions::<S, TIMED>(s, self.at, target, block)
+    }
+    #[inline(always)]
     fn expect_node(&self, node: usize) {
         prefetch(&self.tree.nodes[node]);
     }

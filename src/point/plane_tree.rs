@@ -19,8 +19,10 @@
 
 use super::moving_leaf::{Leaf, MovingLeaves};
 use super::moving_reference::{Mover, Part, phase};
+use super::order::Item;
 use super::over_interval::Flight;
 use super::snapshot::{Leaves, Target};
+use super::static_tree::StaticTree;
 use crate::geometry::KeyTime;
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::simd::{LANES, Lanes, Simd};
@@ -129,6 +131,14 @@ impl PlaneTree {
     /// A point of a block.
     pub(super) fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         self.leaves.flight(block, lane)
+    }
+
+    /// The points that exist at a time, which lies in its part, where they are then, and their ids.
+    pub(super) fn still_at(&self, time: f32) -> StaticTree {
+        let (ids, places): (Vec<u32>, Vec<Vec3>) =
+            self.leaves.counting(KeyTime::new(time, self.part.keys), time).unzip();
+        let item = |(index, place): (usize, &Vec3)| Item { at: place.to_array(), index: index as u32 };
+        StaticTree::build(places.len(), places.iter().enumerate().map(item), |index| ids[index as usize])
     }
 
     /// The tree at a time, which lies in its part.

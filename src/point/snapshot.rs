@@ -82,6 +82,17 @@ pub(super) trait View: Leaves {
     }
     /// Squared diagonals of the child boxes.
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
+    /// Lower and upper faces of the child boxes; the lower ones are above the upper where there is no child at this
+    /// time.
+    fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]);
+    /// Where the points are; the first coordinate is at least [`f32::MAX`] where there is no point at this time.
+    fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3];
+    /// Lanes with a child at this time.
+    #[inline(always)]
+    fn present<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> Mask {
+        let (lo, hi) = self.faces(s, target, node);
+        s.le(lo[0], hi[0])
+    }
     /// A node that will soon be tested, probably.
     fn expect_node(&self, node: usize);
 }

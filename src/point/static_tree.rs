@@ -332,6 +332,18 @@ impl View for &StaticTree {
         }
     }
     #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        if let Some(node) = self.lower.get(node) {
+            return node.face_rows(s);
+        }
+        let node = &self.upper[node - self.lower.len()];
+        (rows(s, &node.lo), rows(s, &node.hi))
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, _target: &Target<S>, block: usize) -> [S::F; 3] {
+        rows(s, &self.blocks[block].at)
+    }
+    #[inline(always)]
     fn expect_node(&self, node: usize) {
         match self.lower.get(node) {
             Some(node) => prefetch(node),

@@ -4,7 +4,7 @@ use super::build::{Plan, Source, moving_layer, parts};
 use super::choose::{Trial, choose};
 use super::error::PointError;
 use super::fast::mark_fast;
-use super::partition::Layer;
+use super::partition::{Layer, LayerView};
 use super::stats::{PointLayerKind, PointLayerStats, PointStats};
 use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
@@ -167,6 +167,19 @@ impl PointTree {
         };
         self.stats.layers.push(PointLayerStats { kind, points, references, nodes, levels, bytes, why });
         self.layers.push(layer);
+    }
+
+    /// The tree with boxes over what k-d trees hold at a time; `None` where it has boxes everywhere.
+    pub(super) fn boxed_at(&self, time: f32) -> Option<PointTree> {
+        let boxed = |layer: &Layer| match layer.at(time) {
+            LayerView::Planes(view) => Layer::Still(view.tree.still_at(time)),
+            _ => layer.clone(),
+        };
+        if !self.layers.iter().any(|layer| matches!(layer, Layer::Planes(_))) {
+            return None;
+        }
+        let layers = self.layers.iter().map(boxed).collect();
+        Some(PointTree { layers, stats: self.stats.clone(), ..*self })
     }
 
     /// Number of points.

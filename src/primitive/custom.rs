@@ -96,11 +96,11 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn linear(&self) -> bool;
     /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
-    /// Asks for where the vertices of a primitive are; they themselves follow with
-    /// [`PrimitiveSet::expect_vertices`]. Hints for what will be read soon.
-    fn expect(&self, _: u32) {}
-    /// Asks for the vertices of a primitive that was expected some time ago.
-    fn expect_vertices(&self, _: u32) {}
+    /// Prefetches where the vertices of a primitive are; the vertices themselves follow with
+    /// [`PrimitiveSet::prefetch_vertices`]. A hint.
+    fn prefetch(&self, _: u32) {}
+    /// Prefetches the vertices of a primitive whose corners were prefetched some time ago.
+    fn prefetch_vertices(&self, _: u32) {}
     /// The visibility mask.
     fn mask(&self, id: u32) -> u32 {
         let _ = id;

@@ -348,11 +348,11 @@ impl PrimitiveSet for Triangles {
         Some(Ends { begin, end, slack: self.slack_of_line(id, over) })
     }
 
-    fn expect(&self, id: u32) {
+    fn prefetch(&self, id: u32) {
         self.prefetch_corners(id);
     }
 
-    fn expect_vertices(&self, id: u32) {
+    fn prefetch_vertices(&self, id: u32) {
         self.prefetch_positions(id);
     }
 

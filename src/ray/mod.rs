@@ -6,6 +6,7 @@
 
 mod batch_order;
 mod collect;
+mod compiled;
 mod filter;
 mod hit;
 mod interleave;
@@ -33,8 +34,7 @@ pub use crate::simd::SimdLevel;
 pub(crate) use batch_order::{Space, answer_in_order, in_parallel};
 pub(crate) use filter::{Everything, Filter, Visible};
 pub use hit::Hit;
-pub(crate) use interleave::{Anys, Asks, Batch, Closests};
+pub(crate) use interleave::{Anys, Asks, Closests};
 pub use observer::{Counters, Observer};
-pub(crate) use query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
 pub use ray_tree::{Geometry, RayTree};
 pub(crate) use tree_ray::TreeRay;

@@ -2,8 +2,7 @@
 
 /// Sees what a query does. All methods do nothing unless implemented.
 ///
-/// Queries are generic over the observer, so `()`, which observes nothing, compiles to nothing: each call is an
-/// empty inlined function.
+/// A query without an observer is compiled without one, so it pays nothing for the possibility.
 ///
 /// ```
 /// use mbkd::{BuildParams, Observer, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -40,6 +39,21 @@ pub trait Observer {
 
 /// Observes nothing.
 impl Observer for () {}
+
+impl Observer for &mut dyn Observer {
+    fn node(&mut self) {
+        (**self).node();
+    }
+    fn leaf(&mut self) {
+        (**self).leaf();
+    }
+    fn time_skip(&mut self) {
+        (**self).time_skip();
+    }
+    fn primitive_tests(&mut self, count: usize) {
+        (**self).primitive_tests(count);
+    }
+}
 
 /// Counts everything; several are added with `+`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,17 +1,15 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
+use super::compiled::{Layout, Queries, Target};
 use super::intersect::RaySource;
-use super::{
-    AllQuery, AnyQuery, Anys, Asked, Asks, Batch, ClosestQuery, Closests, Everything, Filter, Hit, Observer, OfWide,
-    Query, Ray, Space, Visible, answer_in_order, in_parallel,
-};
+use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, Visible, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::layout::{Statistics, TreeBox, ValidationError, WideTree};
-use crate::mbkd::{KdTree, build_kd};
+use crate::mbkd::build_kd;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
 use crate::progress::{Callback, Progress};
-use crate::simd::{SimdLevel, dispatch};
+use crate::simd::SimdLevel;
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -52,18 +50,13 @@ pub struct RayTree<G = Triangles> {
     layout: Layout,
     statistics: Statistics,
     simd: SimdLevel,
+    queries: Queries<G>,
 }
 
 impl<G> core::fmt::Debug for RayTree<G> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("RayTree").field("statistics", &self.statistics).finish_non_exhaustive()
     }
-}
-
-/// The arrays that queries walk.
-enum Layout {
-    Wide(WideTree),
-    Kd(KdTree),
 }
 
 impl<G: Geometry> RayTree<G> {
@@ -82,47 +75,22 @@ impl<G: Geometry> RayTree<G> {
                 (Layout::Kd(tree), statistics)
             }
         };
-        Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best() })
+        Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best(), queries: Queries::TABLE })
     }
 
-    /// Asks the layout; the one place that knows the layouts apart.
-    #[inline(always)]
-    fn ask<Q: Query>(&self, query: Q) -> Q::Answer {
-        match &self.layout {
-            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
-            Layout::Kd(tree) => query.ask(tree),
-        }
-    }
-
-    #[inline(always)]
-    fn closest(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> Option<Hit> {
-        self.ask(ClosestQuery(Asked { set: &self.geometry, ray, filter, observer }))
-    }
-
-    #[inline(always)]
-    fn any(&self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> bool {
-        self.ask(AnyQuery(Asked { set: &self.geometry, ray, filter, observer }))
-    }
-
-    #[inline(always)]
-    fn all(
-        &self,
-        ray: &Ray,
-        filter: &impl Filter,
-        observer: &mut impl Observer,
-        visitor: impl FnMut(Hit) -> ControlFlow<()>,
-    ) -> ControlFlow<()> {
-        self.ask(AllQuery { asked: Asked { set: &self.geometry, ray, filter, observer }, visitor })
+    /// What queries are asked of.
+    fn target(&self) -> Target<'_, G> {
+        Target { layout: &self.layout, geometry: &self.geometry, simd: self.simd }
     }
 
     /// The nearest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        self.closest(ray, &Everything, &mut ())
+        (self.queries.closest.plain)(self.target(), ray)
     }
 
     /// Whether the ray hits anything: for shadows. Stops at the first hit found.
     pub fn any_hit(&self, ray: &Ray) -> bool {
-        self.any(ray, &Everything, &mut ())
+        (self.queries.any.plain)(self.target(), ray)
     }
 
     /// Calls `visitor` with every primitive that the ray hits, each once (with its nearest hit), in no particular
@@ -143,18 +111,18 @@ impl<G: Geometry> RayTree<G> {
     /// assert_eq!(hits, [1.0, 2.0]);
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
-    pub fn all_hits(&self, ray: &Ray, visitor: impl FnMut(Hit) -> ControlFlow<()>) -> ControlFlow<()> {
-        self.all(ray, &Everything, &mut (), visitor)
+    pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(Hit) -> ControlFlow<()>) -> ControlFlow<()> {
+        (self.queries.all)(self.target(), ray, &mut visitor)
     }
 
     /// [`RayTree::closest_hit`], telling `observer` what it does.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
-        self.closest(ray, &Everything, observer)
+        (self.queries.closest.observed)(self.target(), ray, observer)
     }
 
     /// [`RayTree::any_hit`], telling `observer` what it does.
     pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
-        self.any(ray, &Everything, observer)
+        (self.queries.any.observed)(self.target(), ray, observer)
     }
 
     /// [`RayTree::all_hits`], telling `observer` what it does.
@@ -162,9 +130,9 @@ impl<G: Geometry> RayTree<G> {
         &self,
         ray: &Ray,
         observer: &mut impl Observer,
-        visitor: impl FnMut(Hit) -> ControlFlow<()>,
+        mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.all(ray, &Everything, observer, visitor)
+        (self.queries.all_observed)(self.target(), ray, observer, &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] among the hits that `accept` accepts on meshes whose
@@ -185,13 +153,13 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        self.closest(ray, &Visible { mask, accept }, &mut ())
+        (self.queries.closest.filtered)(self.target(), ray, &Visible { mask, accept: &accept })
     }
 
     /// [`RayTree::any_hit`] among the hits that mask and filter let through
     /// (see [`RayTree::closest_hit_filtered`]).
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
-        self.any(ray, &Visible { mask, accept }, &mut ())
+        (self.queries.any.filtered)(self.target(), ray, &Visible { mask, accept: &accept })
     }
 
     /// [`RayTree::all_hits`] among the hits that mask and filter let through
@@ -201,9 +169,9 @@ impl<G: Geometry> RayTree<G> {
         ray: &Ray,
         mask: u32,
         accept: impl Fn(&Hit) -> bool,
-        visitor: impl FnMut(Hit) -> ControlFlow<()>,
+        mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.all(ray, &Visible { mask, accept }, &mut (), visitor)
+        (self.queries.all_filtered)(self.target(), ray, &Visible { mask, accept: &accept }, &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order;
@@ -224,20 +192,26 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
-        self.batch::<Closests>(rays, hits, |ray| self.closest_hit(ray));
+        self.batch::<Closests>(rays, hits, self.queries.closest.plain, self.queries.interleaved_closest);
     }
 
     /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
-        self.batch::<Anys>(rays, hits, |ray| self.any_hit(ray));
+        self.batch::<Anys>(rays, hits, self.queries.any.plain, self.queries.interleaved_any);
     }
 
-    fn batch<A: Asks>(&self, rays: &[Ray], answers: &mut Vec<A::Answer>, one: impl Fn(&Ray) -> A::Answer + Sync) {
+    fn batch<A: Asks>(
+        &self,
+        rays: &[Ray],
+        answers: &mut Vec<A::Answer>,
+        one: fn(Target<'_, G>, &Ray) -> A::Answer,
+        interleaved: fn(Target<'_, G>, &[Ray], &mut [A::Answer]),
+    ) {
         answers.clear();
         answers.resize(rays.len(), A::NOTHING);
         let singly = |rays: &[Ray], answers: &mut [A::Answer]| {
             for (ray, answer) in rays.iter().zip(answers) {
-                *answer = one(ray);
+                *answer = one(self.target(), ray);
             }
         };
         match &self.layout {
@@ -247,7 +221,7 @@ impl<G: Geometry> RayTree<G> {
                 // others (measured; see docs/rays.md).
                 let turns = tree.moves() && A::ORDERED == (space.parts > 1);
                 answer_in_order(rays, answers, space, singly, |rays, answers| match turns {
-                    true => dispatch(self.simd, Batch::<G, A> { tree, set: &self.geometry, rays, answers }),
+                    true => interleaved(self.target(), rays, answers),
                     false => singly(rays, answers),
                 });
             }
@@ -376,7 +350,9 @@ const CACHED: usize = 64 << 20;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ray::interleave::Batch;
     use crate::scene;
+    use crate::simd::dispatch;
 
     /// Batches of small trees are asked ray by ray, so the turns are tested here on their own.
     #[test]

@@ -343,6 +343,10 @@ impl Simd for Avx2 {
         U(intrinsic!(_mm256_add_epi32(a.0, b.0)), intrinsic!(_mm256_add_epi32(a.1, b.1)))
     }
     #[inline(always)]
+    fn eq_u(self, a: U, b: U) -> Mask {
+        U(intrinsic!(_mm256_cmpeq_epi32(a.0, b.0)), intrinsic!(_mm256_cmpeq_epi32(a.1, b.1))).sign_mask()
+    }
+    #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {
         // a < b exactly where max(a, b) is not a.
         let ge = U(

@@ -259,6 +259,10 @@ impl Simd for Avx512 {
         U(intrinsic!(_mm512_add_epi32(a.0, b.0)))
     }
     #[inline(always)]
+    fn eq_u(self, a: U, b: U) -> Mask {
+        intrinsic!(_mm512_cmpeq_epi32_mask(a.0, b.0))
+    }
+    #[inline(always)]
     fn lt_u(self, a: U, b: U) -> Mask {
         intrinsic!(_mm512_cmplt_epu32_mask(a.0, b.0))
     }

@@ -83,6 +83,8 @@ pub(crate) trait Simd: Copy {
     fn swap_lanes_u<const D: usize>(self, a: Self::U) -> Self::U;
     /// The sum, modulo 2^32.
     fn add_u(self, a: Self::U, b: Self::U) -> Self::U;
+    /// Lanes where `a == b`.
+    fn eq_u(self, a: Self::U, b: Self::U) -> Mask;
     /// Lanes where `a < b`, unsigned.
     fn lt_u(self, a: Self::U, b: Self::U) -> Mask;
     /// `a` where the mask has its bit, `b` elsewhere.

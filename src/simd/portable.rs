@@ -244,6 +244,10 @@ impl Simd for Portable {
         U(zip(&a.0, &b.0, u32::wrapping_add))
     }
     #[inline]
+    fn eq_u(self, a: U, b: U) -> Mask {
+        mask(&a.0, &b.0, |a, b| a == b)
+    }
+    #[inline]
     fn lt_u(self, a: U, b: U) -> Mask {
         mask(&a.0, &b.0, |a, b| a < b)
     }

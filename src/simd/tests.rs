@@ -86,7 +86,15 @@ impl Kernel for All {
                 out_u(s.load_u(&self.a.map(f32::to_bits))),
                 out_u(s.splat_u(self.b[5].to_bits())),
             ],
-            masks: vec![s.lt(a, b), s.le(a, b), s.le_signed(a, b), s.eq(a, b), s.eq(a, a), s.lt_u(ua, ub)],
+            masks: vec![
+                s.lt(a, b),
+                s.le(a, b),
+                s.le_signed(a, b),
+                s.eq(a, b),
+                s.eq(a, a),
+                s.eq_u(ua, ub),
+                s.lt_u(ua, ub),
+            ],
             scalars: vec![s.reduce_min_u(ua)],
             packed: vec![
                 out_f(s.compress(a, self.mask))[..n].to_vec(),

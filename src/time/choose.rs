@@ -2,7 +2,7 @@
 //!
 //! Boxes over the whole shutter are tight where things stand still or move alike, and wide where neighbours part
 //! company. So a still building, a crowd that walks and something that shatters want different trees, and they get
-//! them: a subtree of the plan for the whole shutter may be replaced by a time node over several hierarchies
+//! them: a subtree of the draft for the whole shutter may be replaced by a time node over several hierarchies
 //! (*segments*, which share their leaf blocks) or over several trees (*copies*).
 //!
 //! A greedy decision at one node cannot see what a division gains further down, and building all alternatives
@@ -14,16 +14,16 @@
 //! divisions only while the last step paid. Neighbours that come to the same decision become one region again, so
 //! a scene that is the same everywhere gets one tree with one division.
 
-use super::draft::{BYTES_PER_REFERENCE, Plan, part_of_shutter, plan_tree};
-use super::slices::{Segments, part_bounds};
+use super::draft::{BYTES_PER_REFERENCE, Draft, draft_tree, time_slice};
+use super::slices::{SharedLeaves, slice_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
-use crate::limits::MOST_PARTS;
+use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::{BuildParams, Division};
 use crate::primitive::PrimitiveSet;
 
-/// A subtree of a plan that divides the shutter.
+/// A subtree of a draft that divides the shutter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Region {
     /// Its binary node.
@@ -33,7 +33,7 @@ pub(crate) struct Region {
     pub cost: f32,
 }
 
-/// Pieces that a plan is taken apart into, about, and the fewest references of one.
+/// Pieces that a draft is taken apart into, about, and the fewest references of one.
 const PIECES: usize = 256;
 const LEAST_PIECE: usize = 1024;
 
@@ -41,26 +41,26 @@ const LEAST_PIECE: usize = 1024;
 const LOOK: u32 = 64;
 
 /// Dividing a piece pays where boxes made for each half of the shutter have less than this part of the area.
-const CALM: f32 = 0.87;
+const MAX_AREA_OF_HALVES: f32 = 0.87;
 
 /// A region must gain this part of the cost of the whole.
-const LEAST_GAIN: f32 = 0.002;
+const MIN_GAIN: f32 = 0.002;
 
 /// Halves of a region whose looseness differs by more than this are regions of their own.
-const UNLIKE: f32 = 0.15;
+const MAX_DIFFERENCE: f32 = 0.15;
 
 /// What a ray waits for is mostly nodes. So segments, which share leaf blocks, count as this part of copies there:
 /// two cost 7 to 30 % more than their steps and tests say, four 20 to 60 % (coherent, debris, tornado, hairball).
-const WAITING_SEGMENTS: f32 = 0.8;
+const NODE_LATENCY_SHARE: f32 = 0.8;
 
 /// A division is taken where it costs less than this part of the whole: it takes memory and time to build.
-const WORTH: f32 = 0.87;
+const MAX_SPLIT_COST: f32 = 0.87;
 
 /// Two segments must cost less than this part of the whole for copies to be tried.
-const INCOHERENT: f32 = 0.85;
+const MAX_TWO_SLICES_COST: f32 = 0.85;
 
 /// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which segments share.
-const NODES: f32 = 0.45;
+const NODE_BYTES_SHARE: f32 = 0.45;
 
 /// A division is decided on so many subtrees, that together are a sixteenth of all references of a region, each of so
 /// many. Smaller ones would say too little for copies: what meets in them at mid-shutter parts company.
@@ -70,20 +70,20 @@ const SAMPLE: core::ops::RangeInclusive<usize> = 2048..=4096;
 /// Copies never make the tree larger than this, three quarters of what its references can number.
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
-/// The regions of a plan for the whole shutter, in the order of their nodes; none lies below another.
-pub(crate) fn regions<S: PrimitiveSet>(set: &S, plan: &Plan, params: &BuildParams) -> Vec<Region> {
-    let forced = |division| vec![Region { node: 0, division, cost: plan.collapse.total() }];
+/// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another.
+pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &BuildParams) -> Vec<Region> {
+    let forced = |division| vec![Region { node: 0, division, cost: draft.collapse.total() }];
     match params.division {
         Division::Automatic => {}
         Division::Whole => return vec![],
         division => return forced(division),
     }
     let mut found = Vec::new();
-    let pieces = pieces(set, plan);
-    find(plan, 0, &pieces, LEAST_GAIN * Sum::of(&pieces).cost, &mut found);
-    let growth = Growth::allowed(plan, &found, params);
-    let decided = found.into_iter().filter_map(|node| decide(set, plan, node, growth, params)).collect();
-    joined(&plan.binary, 0, decided)
+    let pieces = pieces(set, draft);
+    find(draft, 0, &pieces, MIN_GAIN * Sum::of(&pieces).cost, &mut found);
+    let growth = Growth::allowed(draft, &found, params);
+    let decided = found.into_iter().filter_map(|node| decide(set, draft, node, growth, params)).collect();
+    joined(&draft.binary, 0, decided)
 }
 
 /// A small subtree, and what a look at it says.
@@ -96,13 +96,13 @@ struct Piece {
     halves: f32,
 }
 
-/// Takes a plan apart into pieces, in order.
-fn pieces<S: PrimitiveSet>(set: &S, plan: &Plan) -> Vec<Piece> {
-    let Some(root) = plan.binary.first().filter(|root| root.moving) else { return Vec::new() };
+/// Takes a draft apart into pieces, in order.
+fn pieces<S: PrimitiveSet>(set: &S, draft: &Draft) -> Vec<Piece> {
+    let Some(root) = draft.binary.first().filter(|root| root.moving) else { return Vec::new() };
     let most = (root.count as usize / PIECES).max(LEAST_PIECE) as u32;
     let (mut nodes, mut stack) = (Vec::new(), vec![0]);
     while let Some(x) = stack.pop() {
-        let node = &plan.binary[x as usize];
+        let node = &draft.binary[x as usize];
         if node.count <= most || node.right == 0 {
             nodes.push(x);
         } else {
@@ -111,12 +111,12 @@ fn pieces<S: PrimitiveSet>(set: &S, plan: &Plan) -> Vec<Piece> {
     }
     parallel::map(nodes.len(), |i| {
         let mut areas = Areas::default();
-        let x = descend(&plan.binary, nodes[i], plan.binary[nodes[i] as usize].count / 2, LOOK);
-        if plan.binary[x as usize].moving {
-            look(set, plan, x, &mut areas);
+        let x = descend(&draft.binary, nodes[i], draft.binary[nodes[i] as usize].count / 2, LOOK);
+        if draft.binary[x as usize].moving {
+            look(set, draft, x, &mut areas);
         }
         let halves = if areas.whole > 0.0 { (areas.halves / areas.whole).min(1.0) } else { 1.0 };
-        Piece { node: nodes[i], cost: plan.collapse.cost(nodes[i]), halves }
+        Piece { node: nodes[i], cost: draft.collapse.cost(nodes[i]), halves }
     })
 }
 
@@ -128,13 +128,13 @@ struct Areas {
 }
 
 /// Adds up the boxes of a small subtree; returns the box at mid-shutter.
-fn look<S: PrimitiveSet>(set: &S, plan: &Plan, x: u32, areas: &mut Areas) -> Box3 {
-    let node = &plan.binary[x as usize];
+fn look<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> Box3 {
+    let node = &draft.binary[x as usize];
     let middle = if node.right == 0 {
-        let half = part_of_shutter(0, 2);
-        plan.references(node).iter().map(|r| part_bounds(set, r, plan, half).end).fold(Box3::EMPTY, Box3::union)
+        let half = time_slice(0, 2);
+        draft.references(node).iter().map(|r| slice_bounds(set, r, draft, half).end).fold(Box3::EMPTY, Box3::union)
     } else {
-        look(set, plan, x + 1, areas).union(look(set, plan, x + node.right, areas))
+        look(set, draft, x + 1, areas).union(look(set, draft, x + node.right, areas))
     };
     let LinearBox3 { begin, end } = node.bounds;
     areas.whole += mean_half_area(&node.bounds);
@@ -162,7 +162,7 @@ impl Sum {
 
     /// About what dividing all of it gains.
     fn gain(self) -> f32 {
-        CALM * self.cost - self.halves
+        MAX_AREA_OF_HALVES * self.cost - self.halves
     }
 
     fn mean(self) -> f32 {
@@ -171,16 +171,16 @@ impl Sum {
 }
 
 /// The pieces of both sides of a node.
-fn sides<'a>(plan: &Plan, x: u32, pieces: &'a [Piece]) -> (u32, &'a [Piece], &'a [Piece]) {
-    let right = x + plan.binary[x as usize].right;
+fn sides<'a>(draft: &Draft, x: u32, pieces: &'a [Piece]) -> (u32, &'a [Piece], &'a [Piece]) {
+    let right = x + draft.binary[x as usize].right;
     let (low, high) = pieces.split_at(pieces.partition_point(|p| p.node < right));
     (right, low, high)
 }
 
 /// Appends the subtrees of `x`, which consists of `pieces`, that gain most when they are divided, each at least `least`;
 /// returns what they gain together.
-fn find(plan: &Plan, x: u32, pieces: &[Piece], least: f32, found: &mut Vec<u32>) -> f32 {
-    if pieces.iter().all(|p| p.halves >= CALM) {
+fn find(draft: &Draft, x: u32, pieces: &[Piece], least: f32, found: &mut Vec<u32>) -> f32 {
+    if pieces.iter().all(|p| p.halves >= MAX_AREA_OF_HALVES) {
         return 0.0;
     }
     let own = Sum::of(pieces).gain() - least;
@@ -188,25 +188,25 @@ fn find(plan: &Plan, x: u32, pieces: &[Piece], least: f32, found: &mut Vec<u32>)
     let apart = match pieces.len() {
         1 => 0.0,
         _ => {
-            let (right, low, high) = sides(plan, x, pieces);
-            find(plan, x + 1, low, least, found) + find(plan, right, high, least, found)
+            let (right, low, high) = sides(draft, x, pieces);
+            find(draft, x + 1, low, least, found) + find(draft, right, high, least, found)
         }
     };
     if own <= apart.max(0.0) {
         return apart;
     }
     found.truncate(before);
-    part(plan, x, pieces, found);
+    part(draft, x, pieces, found);
     own
 }
 
 /// Appends a subtree that is to be divided; where its halves are unlike, each for itself.
-fn part(plan: &Plan, x: u32, pieces: &[Piece], found: &mut Vec<u32>) {
+fn part(draft: &Draft, x: u32, pieces: &[Piece], found: &mut Vec<u32>) {
     if pieces.len() > 1 {
-        let (right, low, high) = sides(plan, x, pieces);
-        if (Sum::of(low).mean() - Sum::of(high).mean()).abs() > UNLIKE {
-            part(plan, x + 1, low, found);
-            part(plan, right, high, found);
+        let (right, low, high) = sides(draft, x, pieces);
+        if (Sum::of(low).mean() - Sum::of(high).mean()).abs() > MAX_DIFFERENCE {
+            part(draft, x + 1, low, found);
+            part(draft, right, high, found);
             return;
         }
     }
@@ -219,11 +219,11 @@ struct Growth(f32);
 
 impl Growth {
     /// What the budget leaves for regions when all else has its usual size, the same for all of them.
-    fn allowed(plan: &Plan, regions: &[u32], params: &BuildParams) -> Growth {
+    fn allowed(draft: &Draft, regions: &[u32], params: &BuildParams) -> Growth {
         let bytes = |references: f64| references * f64::from(BYTES_PER_REFERENCE);
-        let all = plan.references.len() as f64;
-        let divided = regions.iter().map(|&x| f64::from(plan.binary[x as usize].count)).sum::<f64>();
-        let budget = (f64::from(params.bytes_per_primitive) * plan.primitives as f64).min(MOST_BYTES);
+        let all = draft.references.len() as f64;
+        let divided = regions.iter().map(|&x| f64::from(draft.binary[x as usize].count)).sum::<f64>();
+        let budget = (f64::from(params.bytes_per_primitive) * draft.primitives as f64).min(MOST_BYTES);
         Growth(((budget - bytes(all)) / bytes(divided).max(1.0) + 1.0) as f32)
     }
 
@@ -244,51 +244,51 @@ fn waiting(growth: f32) -> f32 {
 }
 
 /// Decides on a region by what its divisions would cost in samples of it.
-fn decide<S: PrimitiveSet>(set: &S, plan: &Plan, node: u32, most: Growth, params: &BuildParams) -> Option<Region> {
-    let samples = samples(plan, node);
-    let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| plan.binary[x as usize].moving);
-    let cost_of = |of: &[u32]| of.iter().map(|&x| plan.collapse.cost(x)).sum::<f32>();
+fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &BuildParams) -> Option<Region> {
+    let samples = samples(draft, node);
+    let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| draft.binary[x as usize].moving);
+    let cost_of = |of: &[u32]| of.iter().map(|&x| draft.collapse.cost(x)).sum::<f32>();
     let (whole, still) = (cost_of(&samples), cost_of(&unmoved));
     let cost = |division: Division| {
         let each = |i: usize| match division {
-            Division::Segments(parts) => Segments::build(set, plan, moving[i], parts).cost(),
-            Division::Copies(parts) => copies_cost(set, plan, moving[i], parts, params),
-            Division::Automatic | Division::Whole => plan.collapse.cost(moving[i]),
+            Division::Segments(parts) => SharedLeaves::build(set, draft, moving[i], parts).cost(),
+            Division::Copies(parts) => copies_cost(set, draft, moving[i], parts, params),
+            Division::Automatic | Division::Whole => draft.collapse.cost(moving[i]),
         };
         (still + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
     };
-    let mut best = (WORTH, Division::Whole, 1.0);
+    let mut best = (MAX_SPLIT_COST, Division::Whole, 1.0);
     // Twice as many parts as long as that pays; returns the cost of two. The first step may fall a little short.
     let mut climb = |kind: fn(usize) -> Division| {
         let (mut last, mut two, mut parts) = (1.1 * best.0, 1.0, 2);
-        while parts <= MOST_PARTS && Growth::by(kind(parts), NODES) <= most.0 {
+        while parts <= MAX_TIME_SLICES && Growth::by(kind(parts), NODE_BYTES_SHARE) <= most.0 {
             let cost = cost(kind(parts));
-            let time = cost * waiting(Growth::by(kind(parts), WAITING_SEGMENTS));
+            let time = cost * waiting(Growth::by(kind(parts), NODE_LATENCY_SHARE));
             if parts == 2 {
                 two = cost;
             }
             if time < best.0 {
                 best = (time, kind(parts), cost);
             }
-            if time >= last || two > INCOHERENT {
+            if time >= last || two > MAX_TWO_SLICES_COST {
                 break;
             }
             (last, parts) = (time, 2 * parts);
         }
         two
     };
-    if climb(Division::Segments) <= INCOHERENT {
+    if climb(Division::Segments) <= MAX_TWO_SLICES_COST {
         climb(Division::Copies);
     }
     let (_, division, cost) = best;
-    (division != Division::Whole).then(|| Region { node, division, cost: cost * plan.collapse.cost(node) })
+    (division != Division::Whole).then(|| Region { node, division, cost: cost * draft.collapse.cost(node) })
 }
 
 /// Mean cost of separate trees for equal parts of the shutter over the primitives of a subtree.
-fn copies_cost<S: PrimitiveSet>(set: &S, plan: &Plan, of: u32, parts: usize, params: &BuildParams) -> f32 {
-    let ids = primitives(plan, of);
+fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &BuildParams) -> f32 {
+    let ids = primitives(draft, of);
     let params = params_of_copies(params, parts);
-    let cost = |i: usize| plan_tree(set, &ids, part_of_shutter(i, parts), 0, &params).collapse.total();
+    let cost = |i: usize| draft_tree(set, &ids, time_slice(i, parts), 0, &params).collapse.total();
     (0..parts).map(cost).sum::<f32>() / parts as f32
 }
 
@@ -298,21 +298,21 @@ pub(crate) fn params_of_copies(params: &BuildParams, parts: usize) -> BuildParam
 }
 
 /// The primitives below a node, sorted, each once.
-pub(crate) fn primitives(plan: &Plan, of: u32) -> Vec<u32> {
-    let mut ids: Vec<u32> = plan.references(&plan.binary[of as usize]).iter().map(Reference::id).collect();
+pub(crate) fn primitives(draft: &Draft, of: u32) -> Vec<u32> {
+    let mut ids: Vec<u32> = draft.references(&draft.binary[of as usize]).iter().map(Reference::id).collect();
     ids.sort_unstable();
     ids.dedup();
     ids
 }
 
 /// Evenly spaced subtrees of a region to decide on; the region alone where it is small.
-fn samples(plan: &Plan, of: u32) -> Vec<u32> {
-    let n = plan.binary[of as usize].count as usize;
+fn samples(draft: &Draft, of: u32) -> Vec<u32> {
+    let n = draft.binary[of as usize].count as usize;
     let size = (n / 64).clamp(*SAMPLE.start(), *SAMPLE.end());
     let count = (n / (16 * size)).clamp(*SAMPLES.start(), *SAMPLES.end()).min(n / SAMPLE.start()).max(1);
     let mut samples = Vec::with_capacity(count);
     for i in 0..count {
-        let x = descend(&plan.binary, of, ((2 * i + 1) * n / (2 * count)) as u32, size as u32);
+        let x = descend(&draft.binary, of, ((2 * i + 1) * n / (2 * count)) as u32, size as u32);
         if samples.last() != Some(&x) {
             samples.push(x);
         }
@@ -367,14 +367,14 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = BuildParams::default();
-        let plan = plan_tree(&set, &ids, TimeInterval::FULL, 0, &params);
-        let regions = regions(&set, &plan, &params);
+        let draft = draft_tree(&set, &ids, TimeInterval::FULL, 0, &params);
+        let regions = regions(&set, &draft, &params);
         for pair in regions.windows(2) {
-            let (a, b) = (&plan.binary[pair[0].node as usize], &plan.binary[pair[1].node as usize]);
+            let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);
             assert!(pair[0].node < pair[1].node && a.first + a.count <= b.first);
         }
         let mut inside = vec![0.0; scene.meshes.len()];
-        for id in regions.iter().flat_map(|region| primitives(&plan, region.node)) {
+        for id in regions.iter().flat_map(|region| primitives(&draft, region.node)) {
             let mut mesh = 0;
             let mut at = id as usize;
             while at >= scene.meshes[mesh].len() {

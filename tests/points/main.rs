@@ -5,6 +5,8 @@ mod api;
 mod approximate;
 mod exact;
 mod fickle;
+#[cfg(feature = "rayon")]
+mod lists;
 mod outliers;
 mod property;
 mod support;

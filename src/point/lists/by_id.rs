@@ -1,0 +1,89 @@
+//! Lists in the order of ids instead of that of the tree.
+
+use super::csr::NeighborCsr;
+use super::error::ListError;
+use super::question::Question;
+use crate::parallel;
+
+/// Lists that one task copies.
+const SHARE: usize = 1024;
+
+/// Brings the lists into the order of ids.
+pub(super) fn arrange(query: &Question<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
+    let count = query.tree.len();
+    let from = &mut lists.rows;
+    from.clear();
+    from.resize(count, ABSENT);
+    for (row, &id) in lists.points.iter().enumerate() {
+        match from.get_mut(id as usize) {
+            Some(place) if *place == ABSENT => *place = row as u32,
+            _ => {
+                lists.points.clear();
+                lists.offsets.clear();
+                return Err(ListError::Ids { id });
+            }
+        }
+    }
+    let length = |row: u32| match row {
+        ABSENT => 0,
+        row => lists.offsets[row as usize + 1] - lists.offsets[row as usize],
+    };
+    let offsets = &mut lists.new_offsets;
+    offsets.clear();
+    offsets.push(0);
+    let mut end = 0;
+    for &row in lists.rows.iter() {
+        end += length(row);
+        offsets.push(end);
+    }
+    lists.spare.make_room(end, query.listing.columns());
+    let places = Places { rows: &lists.rows, old: &lists.offsets, new: offsets };
+    places.copy(&lists.columns.ids, &mut lists.spare.ids[..end]);
+    for (asked, (to, from)) in
+        query.listing.columns().into_iter().zip(lists.spare.floats().into_iter().zip(lists.columns.floats()))
+    {
+        if asked {
+            places.copy(from, &mut to[..end]);
+        }
+    }
+    core::mem::swap(&mut lists.columns, &mut lists.spare);
+    core::mem::swap(&mut lists.offsets, &mut lists.new_offsets);
+    lists.points.clear();
+    lists.points.extend(0..count as u32);
+    Ok(())
+}
+
+/// The row of a point that does not exist.
+const ABSENT: u32 = u32::MAX;
+
+/// Which list comes from where.
+struct Places<'a> {
+    /// By new row.
+    rows: &'a [u32],
+    old: &'a [usize],
+    new: &'a [usize],
+}
+
+impl Places<'_> {
+    /// Copies a column, halves at the same time.
+    fn copy<T: Copy + Send + Sync>(&self, from: &[T], to: &mut [T]) {
+        if self.rows.len() > SHARE {
+            let half = self.rows.len() / 2;
+            let (left, right) = self.rows.split_at(half);
+            let (to_left, to_right) = to.split_at_mut(self.new[half] - self.new[0]);
+            let (old, new) = (self.old, self.new);
+            parallel::both(
+                || Places { rows: left, old, new: &new[..=half] }.copy(from, to_left),
+                || Places { rows: right, old, new: &new[half..] }.copy(from, to_right),
+            );
+            return;
+        }
+        for (&row, ends) in self.rows.iter().zip(self.new.windows(2)) {
+            if row != ABSENT {
+                let row = row as usize;
+                let to = &mut to[ends[0] - self.new[0]..ends[1] - self.new[0]];
+                to.copy_from_slice(&from[self.old[row]..self.old[row + 1]]);
+            }
+        }
+    }
+}

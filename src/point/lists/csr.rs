@@ -1,0 +1,116 @@
+//! Neighbour lists one behind the other, in memory that is used again.
+
+use super::columns::Columns;
+use super::prepare::Prepared;
+use super::worker::Worker;
+
+/// Neighbour lists of all points, in compressed sparse rows: the lists one behind the other, and where each begins.
+///
+/// Memory of the caller: handed to one question after the other, it grows until it fits the largest and allocates
+/// nothing from then on.
+///
+/// ```
+/// use mbkd::{NeighborCsr, PointParams, PointTree};
+/// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
+/// let mut lists = NeighborCsr::new();
+/// tree.neighbor_lists(0.0, 2.0).rows_by_id().run(&mut lists)?;
+/// assert_eq!(lists.offsets(), [0, 1, 2, 2]);
+/// assert_eq!(lists.ids(), [1, 0]);
+/// for (id, row) in lists.iter() {
+///     println!("{id}: {row:?}");
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct NeighborCsr {
+    pub(super) offsets: Vec<usize>,
+    pub(super) points: Vec<u32>,
+    /// Longer than what is in use, so that nothing is cleared from question to question.
+    pub(super) columns: Columns,
+    /// Which columns were asked for.
+    pub(super) distances: bool,
+    pub(super) displacements: bool,
+    /// Where lists are brought into the order of ids: columns, offsets, and the row of each id.
+    pub(super) spare: Columns,
+    pub(super) new_offsets: Vec<usize>,
+    pub(super) rows: Vec<u32>,
+    pub(super) prepared: Prepared,
+    pub(super) workers: Vec<Worker>,
+}
+
+impl NeighborCsr {
+    /// No lists, no memory.
+    pub fn new() -> NeighborCsr {
+        NeighborCsr::default()
+    }
+
+    /// Number of lists: one for each point that exists at the time, or for each id with
+    /// [`rows_by_id`](super::ListQuery::rows_by_id).
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there is no list.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Where each list begins in the columns, and where the last one ends.
+    pub fn offsets(&self) -> &[usize] {
+        if self.offsets.is_empty() { &[0] } else { &self.offsets }
+    }
+
+    /// The id of the point that each list belongs to: in the order of the tree, in which neighbours in space are close
+    /// together; or 0, 1, 2, … with [`rows_by_id`](super::ListQuery::rows_by_id).
+    pub fn points(&self) -> &[u32] {
+        &self.points
+    }
+
+    /// Number of neighbours in all lists.
+    pub fn neighbors(&self) -> usize {
+        self.offsets.last().copied().unwrap_or(0)
+    }
+
+    /// The neighbours' ids, list after list.
+    pub fn ids(&self) -> &[u32] {
+        &self.columns.ids[..self.neighbors()]
+    }
+
+    /// The squared distance of each neighbour, as [`Neighbor`](crate::Neighbor) has it; empty unless asked for with
+    /// [`with_distances`](super::ListQuery::with_distances).
+    pub fn distances_squared(&self) -> &[f32] {
+        self.column(self.distances, &self.columns.distances)
+    }
+
+    /// The way from the point to each neighbour along the three axes, to the nearest image along periodic ones; empty
+    /// unless asked for with [`with_displacements`](super::ListQuery::with_displacements).
+    pub fn displacements(&self) -> [&[f32]; 3] {
+        [0, 1, 2].map(|axis| self.column(self.displacements, &self.columns.displacements[axis]))
+    }
+
+    fn column<'a>(&self, asked: bool, column: &'a [f32]) -> &'a [f32] {
+        if asked { &column[..self.neighbors()] } else { &[] }
+    }
+
+    /// The ids of list `row`. Panics where `row` is not less than [`NeighborCsr::len`].
+    pub fn row(&self, row: usize) -> &[u32] {
+        &self.columns.ids[self.offsets[row]..self.offsets[row + 1]]
+    }
+
+    /// The lists, each with the id of its point.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = (u32, &[u32])> {
+        let rows = self.offsets.windows(2).map(|ends| &self.columns.ids[ends[0]..ends[1]]);
+        self.points.iter().copied().zip(rows)
+    }
+
+    /// Bytes allocated, for the lists and for making them.
+    pub fn bytes(&self) -> usize {
+        let workers: usize = self.workers.iter().map(Worker::bytes).sum();
+        (self.offsets.capacity() + self.new_offsets.capacity()) * size_of::<usize>()
+            + (self.points.capacity() + self.rows.capacity()) * size_of::<u32>()
+            + self.prepared.bytes()
+            + self.columns.bytes()
+            + self.spare.bytes()
+            + workers
+    }
+}

@@ -1,0 +1,71 @@
+//! What can be wrong with a question for neighbour lists.
+
+use core::fmt;
+
+/// Why neighbour lists could not be made. Nothing here panics on bad input: it returns this.
+///
+/// ```
+/// use mbkd::{ListError, NeighborCsr, PointParams, PointTree};
+/// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?;
+/// let error = tree.neighbor_lists(0.0, -1.0).run(&mut NeighborCsr::new()).unwrap_err();
+/// assert_eq!(error, ListError::Radius { id: None });
+/// println!("{error}");
+/// # Ok::<(), mbkd::PointError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum ListError {
+    /// A radius is negative or NaN.
+    Radius {
+        /// The point whose radius it is; none where all have the same.
+        id: Option<u32>,
+    },
+    /// There are fewer radii than ids.
+    MissingRadius {
+        /// A point without a radius.
+        id: u32,
+    },
+    /// The time is outside the shutter [0, 1] or NaN, or the end of an interval before its begin.
+    Time,
+    /// A skin is negative or NaN.
+    Skin,
+    /// A period is not a finite number above zero.
+    Period {
+        /// The axis.
+        axis: usize,
+    },
+    /// A coordinate is more than a million periods from zero, where f32 does not tell places in a period apart.
+    FarFromPeriod {
+        /// The axis.
+        axis: usize,
+    },
+    /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
+    Origins,
+    /// Lists were asked for in the order of ids, but an id is not less than the number of points, or occurs twice.
+    Ids {
+        /// Such an id.
+        id: u32,
+    },
+}
+
+impl fmt::Display for ListError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            ListError::Radius { id: Some(id) } => write!(f, "the radius of point {id} is negative or NaN"),
+            ListError::Radius { id: None } => f.write_str("the radius is negative or NaN"),
+            ListError::MissingRadius { id } => write!(f, "there is no radius for point {id}; give one for each id"),
+            ListError::Time => f.write_str("the time is not in [0, 1]"),
+            ListError::Skin => f.write_str("the skin is negative or NaN"),
+            ListError::Period { axis } => write!(f, "the period of axis {axis} must be finite and above zero"),
+            ListError::FarFromPeriod { axis } => {
+                write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
+            }
+            ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
+            ListError::Ids { id } => {
+                write!(f, "id {id} is not the index of a point; ask for the lists in the order of the tree")
+            }
+        }
+    }
+}
+
+impl core::error::Error for ListError {}

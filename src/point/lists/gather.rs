@@ -1,0 +1,247 @@
+//! Candidates: the boxes that a group of leaves can reach, and the points in them.
+
+use super::group::{Group, Spots};
+use super::radii::{Radii, bound_of};
+use super::reach::Reach;
+use super::torus::Torus;
+use crate::point::snapshot::{Target, View, squared};
+use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
+
+/// Boxes in rows, each with the candidate it is around and how far the points in it reach.
+#[derive(Clone, Debug, Default)]
+pub(super) struct BoxRows {
+    lo: [Vec<f32>; 3],
+    hi: [Vec<f32>; 3],
+    /// Largest squared radius in it; zero where only the radius of the asking point counts.
+    reach: Vec<f32>,
+    candidate: Vec<u32>,
+    len: usize,
+}
+
+/// Sixteen boxes.
+#[derive(Clone, Copy)]
+pub(super) struct BoxVector<S: Simd> {
+    pub(super) lo: [S::F; 3],
+    pub(super) hi: [S::F; 3],
+    pub(super) reach: S::F,
+    pub(super) candidate: S::U,
+}
+
+impl<S: Simd> BoxVector<S> {
+    /// Boxes that may hold a point within the bound, or whose points may reach as far, of a box `[lo, hi]`.
+    #[inline(always)]
+    pub(super) fn near(&self, s: S, lo: [f32; 3], hi: [f32; 3], bound: f32) -> Mask {
+        let (x, y, z) = (self.gap(s, lo, hi, 0), self.gap(s, lo, hi, 1), self.gap(s, lo, hi, 2));
+        s.le(squared::<S>(x, y, z), s.max(self.reach, s.splat(bound)))
+    }
+
+    /// How far the boxes are from `[lo, hi]` along an axis. Of an infinite side, it is the other that counts.
+    #[inline(always)]
+    fn gap(&self, s: S, lo: [f32; 3], hi: [f32; 3], axis: usize) -> S::F {
+        s.max_with_zero(self.lo[axis] - s.splat(hi[axis]), s.splat(lo[axis]) - self.hi[axis])
+    }
+}
+
+impl BoxRows {
+    pub(super) fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// Number of vectors that hold all boxes.
+    pub(super) fn vectors(&self) -> usize {
+        self.len.div_ceil(LANES)
+    }
+
+    /// Vector `i`, and which of its lanes are boxes.
+    #[inline(always)]
+    pub(super) fn vector<S: Simd>(&self, s: S, i: usize) -> (BoxVector<S>, Mask) {
+        let at = i * LANES;
+        let boxes = BoxVector {
+            lo: read(s, &self.lo, at),
+            hi: read(s, &self.hi, at),
+            reach: s.load(lanes_at(&self.reach, at)),
+            candidate: s.load_u(lanes_at(&self.candidate, at)),
+        };
+        (boxes, first_lanes(self.len - at))
+    }
+
+    /// Appends the lanes of a mask.
+    #[inline(always)]
+    pub(super) fn push<S: Simd>(&mut self, s: S, boxes: &BoxVector<S>, mask: Mask) {
+        if self.len + 2 * LANES > self.candidate.len() {
+            self.grow();
+        }
+        let at = self.len;
+        for axis in 0..3 {
+            write(s, &mut self.lo[axis], at, s.compress(boxes.lo[axis], mask));
+            write(s, &mut self.hi[axis], at, s.compress(boxes.hi[axis], mask));
+        }
+        write(s, &mut self.reach, at, s.compress(boxes.reach, mask));
+        let to: &mut Lanes<u32> = (&mut self.candidate[at..at + LANES]).try_into().expect("sixteen");
+        s.store_u(s.compress_u(boxes.candidate, mask), to);
+        self.len += mask.count_ones() as usize;
+    }
+
+    #[cold]
+    fn grow(&mut self) {
+        let size = 2 * (self.candidate.len() + 4 * LANES);
+        for row in self.lo.iter_mut().chain(&mut self.hi).chain([&mut self.reach]) {
+            row.resize(size, 0.0);
+        }
+        self.candidate.resize(size, 0);
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        let rows = self.lo.iter().chain(&self.hi).chain([&self.reach]);
+        4 * (rows.map(Vec::capacity).sum::<usize>() + self.candidate.capacity())
+    }
+}
+
+#[inline(always)]
+fn read<S: Simd>(s: S, rows: &[Vec<f32>; 3], at: usize) -> [S::F; 3] {
+    [s.load(lanes_at(&rows[0], at)), s.load(lanes_at(&rows[1], at)), s.load(lanes_at(&rows[2], at))]
+}
+
+#[inline(always)]
+fn write<S: Simd>(s: S, row: &mut [f32], at: usize, x: S::F) {
+    let to: &mut Lanes<f32> = (&mut row[at..at + LANES]).try_into().expect("sixteen");
+    s.store(x, to);
+}
+
+/// The first `count` lanes; all where there are more than that many.
+#[inline(always)]
+fn first_lanes(count: usize) -> Mask {
+    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
+}
+
+/// All that a group can reach. Box i is around block i.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Candidates {
+    pub(super) boxes: BoxRows,
+    pub(super) blocks: Vec<Spots>,
+    /// Squared radii of the points in the blocks, where these count.
+    pub(super) bounds: Vec<Lanes<f32>>,
+    /// Whether any candidate has its nearest image elsewhere for any point of the group.
+    pub(super) elsewhere: bool,
+    /// Nodes still to be visited: level and number.
+    open: Vec<(usize, usize)>,
+}
+
+impl Candidates {
+    pub(super) fn clear(&mut self) {
+        self.boxes.clear();
+        self.blocks.clear();
+        self.bounds.clear();
+        self.elsewhere = false;
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.boxes.bytes()
+            + self.blocks.capacity() * size_of::<Spots>()
+            + self.bounds.capacity() * size_of::<Lanes<f32>>()
+            + self.open.capacity() * size_of::<(usize, usize)>()
+    }
+
+    /// Adds what the group can reach in a view, or what can reach the group.
+    #[inline(always)]
+    pub(super) fn add<S: Simd, V: View>(
+        &mut self,
+        s: S,
+        (view, target): (&V, &Target<S>),
+        group: &Group,
+        torus: &Torus,
+        (radii, reach): (&Radii, Option<&Reach>),
+    ) {
+        self.open.clear();
+        self.open.push(view.root());
+        while let Some((level, node)) = self.open.pop() {
+            let (lo, hi) = view.faces(s, target, node);
+            let mut boxes = BoxVector::<S> { lo, hi, reach: s.splat(0.0), candidate: s.splat_u(0) };
+            let present = s.le(lo[0], hi[0]);
+            if let Some(reach) = reach {
+                boxes.reach = s.load(&reach.nodes[node]);
+            }
+            let mut near;
+            if torus.any {
+                let moved = torus.bring(s, (lo, hi), (group.lo, group.hi));
+                (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
+                near = boxes.near(s, group.lo, group.hi, group.bound) & present;
+                self.elsewhere |= level == 0 && near & moved.elsewhere != 0;
+                (boxes.lo, boxes.hi) = moved.widened(s);
+            } else {
+                near = boxes.near(s, group.lo, group.hi, group.bound) & present;
+            }
+            if level > 0 {
+                let first = view.first_child(level, node);
+                while near != 0 {
+                    // The first lane is popped first.
+                    let lane = Mask::BITS - 1 - near.leading_zeros();
+                    near ^= 1 << lane;
+                    self.open.push((level - 1, first + lane as usize));
+                }
+                continue;
+            }
+            let (first, stride) = (view.first_block(node), view.leaf_blocks());
+            for part in 0..stride {
+                let base = self.blocks.len() as u32;
+                let mut number = [0; LANES];
+                let mut rest = near;
+                while rest != 0 {
+                    let lane = rest.trailing_zeros() as usize;
+                    rest &= rest - 1;
+                    number[lane] = self.blocks.len() as u32;
+                    let spots = Spots::of_block(s, view, target, first + lane * stride + part);
+                    if let (Radii::Larger { others, .. }, Some(_)) = (radii, reach) {
+                        self.bounds.push(spots.id.map(|id| bound_of(others, id)));
+                    }
+                    self.blocks.push(spots);
+                }
+                debug_assert_eq!(self.blocks.len() as u32 - base, near.count_ones());
+                self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
+            }
+        }
+    }
+}
+
+/// Which candidates are near enough, as a list that is filled without a branch.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Picks {
+    list: Vec<u32>,
+    len: usize,
+}
+
+impl Picks {
+    /// The candidates whose boxes are near a point.
+    #[inline(always)]
+    pub(super) fn near_point<S: Simd>(&mut self, s: S, boxes: &BoxRows, at: [f32; 3], bound: f32) -> &[u32] {
+        self.near(s, boxes, (at, at), bound)
+    }
+
+    /// The candidates whose boxes are near a box.
+    #[inline(always)]
+    pub(super) fn near<S: Simd>(
+        &mut self,
+        s: S,
+        boxes: &BoxRows,
+        (lo, hi): ([f32; 3], [f32; 3]),
+        bound: f32,
+    ) -> &[u32] {
+        let vectors = boxes.vectors();
+        if self.list.len() < (vectors + 1) * LANES {
+            self.list.resize((vectors + 1) * LANES, 0);
+        }
+        self.len = 0;
+        for i in 0..vectors {
+            let (vector, there) = boxes.vector(s, i);
+            let near = vector.near(s, lo, hi, bound) & there;
+            let to: &mut Lanes<u32> = (&mut self.list[self.len..self.len + LANES]).try_into().expect("sixteen");
+            s.store_u(s.compress_u(vector.candidate, near), to);
+            self.len += near.count_ones() as usize;
+        }
+        &self.list[..self.len]
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        4 * self.list.capacity()
+    }
+}

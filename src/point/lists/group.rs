@@ -1,0 +1,103 @@
+//! The points of a group of leaves, whose lists are made together.
+
+use super::radii::{Radii, bound_of, squared_radius};
+use crate::point::snapshot::{Target, View};
+use crate::simd::{LANES, Lanes, Simd};
+
+/// Sixteen points at a time, in rows; where there is none, the first coordinate is infinite.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Spots {
+    pub(super) at: [Lanes<f32>; 3],
+    pub(super) id: Lanes<u32>,
+}
+
+impl Spots {
+    pub(super) const NONE: Spots = Spots { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LANES] };
+
+    /// The points of a block at the view's time.
+    #[inline(always)]
+    pub(super) fn of_block<S: Simd, V: View>(s: S, view: &V, target: &Target<S>, block: usize) -> Spots {
+        let [x, y, z] = view.positions(s, target, block);
+        let mut spots = Spots::NONE;
+        let there = s.lt(x, s.splat(f32::MAX));
+        s.store(s.select(there, x, s.splat(f32::INFINITY)), &mut spots.at[0]);
+        s.store(y, &mut spots.at[1]);
+        s.store(z, &mut spots.at[2]);
+        spots.id = *view.ids(block);
+        spots
+    }
+}
+
+/// A block of points whose lists are wanted, the box around them, and how far they reach.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Member {
+    pub(super) spots: Spots,
+    pub(super) lo: [f32; 3],
+    pub(super) hi: [f32; 3],
+    /// The largest squared radius.
+    pub(super) bound: f32,
+}
+
+/// The blocks behind a bottom node.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Group {
+    pub(super) members: Vec<Member>,
+    pub(super) lo: [f32; 3],
+    pub(super) hi: [f32; 3],
+    pub(super) bound: f32,
+}
+
+impl Group {
+    /// Takes the points behind bottom node `node`.
+    #[inline(always)]
+    pub(super) fn take<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, radii: &Radii) {
+        self.members.clear();
+        (self.lo, self.hi, self.bound) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
+        let mut lanes = view.present(s, target, node);
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let first = view.first_block(node) + lane * view.leaf_blocks();
+            for block in first..first + view.leaf_blocks() {
+                let spots = Spots::of_block(s, view, target, block);
+                if let Some(member) = Member::around(spots, radii) {
+                    for axis in 0..3 {
+                        self.lo[axis] = self.lo[axis].min(member.lo[axis]);
+                        self.hi[axis] = self.hi[axis].max(member.hi[axis]);
+                    }
+                    self.bound = self.bound.max(member.bound);
+                    self.members.push(member);
+                }
+            }
+        }
+    }
+}
+
+impl Member {
+    /// Nothing where no point exists.
+    #[inline(always)]
+    fn around(spots: Spots, radii: &Radii) -> Option<Member> {
+        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        let mut bound = match radii {
+            Radii::Equal(radius) => squared_radius(*radius),
+            _ => 0.0,
+        };
+        let mut any = false;
+        for lane in 0..LANES {
+            let at = spots.at.map(|row| row[lane]);
+            if at[0] == f32::INFINITY {
+                continue;
+            }
+            any = true;
+            for axis in 0..3 {
+                lo[axis] = if at[axis] < lo[axis] { at[axis] } else { lo[axis] };
+                hi[axis] = if at[axis] > hi[axis] { at[axis] } else { hi[axis] };
+            }
+            if let Radii::Own(own) | Radii::Larger { own, .. } = radii {
+                bound = bound.max(bound_of(own, spots.id[lane]));
+            }
+        }
+        any.then_some(Member { spots, lo, hi, bound })
+    }
+}

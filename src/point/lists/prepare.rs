@@ -1,0 +1,140 @@
+//! What is found out before lists are made: groups of leaves, how far points reach, whether all is within bounds.
+
+use super::error::ListError;
+use super::question::Question;
+use super::radii::Radii;
+use super::reach::{Measure, Reach};
+use super::torus::MOST_PERIODS;
+use crate::point::partition::{Layer, LayerView};
+use crate::point::snapshot::View;
+use crate::simd::{Kernel, LANES, Simd, dispatch};
+use glam::Vec3;
+
+/// A group: number of the layer and of the bottom node.
+pub(super) type Place = (usize, usize);
+
+/// What is prepared before lists are made.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Prepared {
+    pub(super) groups: Vec<Place>,
+    /// By layer of the listed set, where radii of the listed points count.
+    pub(super) reaches: Vec<Reach>,
+}
+
+impl Prepared {
+    pub(super) fn bytes(&self) -> usize {
+        let reaches: usize = self.reaches.iter().map(Reach::bytes).sum();
+        self.groups.capacity() * size_of::<Place>() + reaches
+    }
+}
+
+/// Runs a kernel on each layer of a tree at a time. Lists are made over boxes only: see `PointTree::boxed_at`.
+macro_rules! at_time {
+    ($layer:expr, $time:expr, $view:ident => $do:expr) => {
+        match $layer.at($time) {
+            LayerView::Still($view) => $do,
+            LayerView::Moving($view) => $do,
+            LayerView::Timed($view) => $do,
+            LayerView::Planes(_) => unreachable!("put into boxes before lists are made"),
+        }
+    };
+}
+
+pub(super) use at_time;
+
+/// Looks at the sets of a question.
+pub(super) fn prepare(query: &Question<'_>, prepared: &mut Prepared) -> Result<(), ListError> {
+    let (simd, time) = (query.tree.simd, query.time);
+    prepared.groups.clear();
+    for (number, layer) in query.tree.layers.iter().enumerate() {
+        let groups = &mut prepared.groups;
+        at_time!(layer, time, view => dispatch(simd, Bottoms { view, number, groups }));
+    }
+    for layer in query.tree.layers.iter().chain(&query.among.layers) {
+        let most = at_time!(layer, time, view => dispatch(simd, Extent { view }));
+        for (axis, length) in query.periods.iter().enumerate() {
+            if length.is_some_and(|length| most[axis] > MOST_PERIODS * length) {
+                return Err(ListError::FarFromPeriod { axis });
+            }
+        }
+    }
+    let mut measure = |layers: &[Layer], radii: &[f32]| {
+        prepared.reaches.resize(prepared.reaches.len().max(layers.len()), Reach::default());
+        for (layer, reach) in layers.iter().zip(&mut prepared.reaches) {
+            at_time!(layer, time, view => dispatch(simd, Measure { view, radii, reach }));
+            if let Some(id) = reach.missing {
+                return Err(ListError::MissingRadius { id });
+            }
+        }
+        Ok(())
+    };
+    match query.listing.radii {
+        Radii::Equal(_) => Ok(()),
+        Radii::Own(own) => measure(&query.tree.layers, own),
+        Radii::Larger { own, others } => {
+            measure(&query.tree.layers, own)?;
+            measure(&query.among.layers, others)
+        }
+    }
+}
+
+/// Finds the bottom nodes of a view, in the order of the tree.
+struct Bottoms<'a, V> {
+    view: V,
+    number: usize,
+    groups: &'a mut Vec<Place>,
+}
+
+impl<V: View> Kernel for Bottoms<'_, V> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Bottoms { view, number, groups } = self;
+        let target = view.target(s, Vec3::ZERO);
+        let begin = groups.len();
+        let (top, root) = view.root();
+        groups.push((top, root));
+        // One level after the other: each node makes place for its children.
+        for level in (1..=top).rev() {
+            let end = groups.len();
+            for i in begin..end {
+                let node = groups[i].1;
+                let mut lanes = view.present(s, &target, node);
+                while lanes != 0 {
+                    groups.push((number, view.first_child(level, node) + lanes.trailing_zeros() as usize));
+                    lanes &= lanes - 1;
+                }
+            }
+            groups.drain(begin..end);
+        }
+        if top == 0 {
+            groups[begin].0 = number;
+        }
+    }
+}
+
+/// The largest magnitude of a coordinate along each axis.
+struct Extent<V> {
+    view: V,
+}
+
+impl<V: View> Kernel for Extent<V> {
+    type Output = [f32; 3];
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> [f32; 3] {
+        let target = self.view.target(s, Vec3::ZERO);
+        let node = self.view.root().1;
+        let present = self.view.present(s, &target, node);
+        let (lo, hi) = self.view.faces(s, &target, node);
+        let mut most = [0.0f32; 3];
+        for axis in 0..3 {
+            let (mut below, mut above) = ([0.0; LANES], [0.0; LANES]);
+            s.store(lo[axis], &mut below);
+            s.store(hi[axis], &mut above);
+            for lane in (0..LANES).filter(|lane| present >> lane & 1 != 0) {
+                most[axis] = most[axis].max(below[lane].abs()).max(above[lane].abs());
+            }
+        }
+        most
+    }
+}

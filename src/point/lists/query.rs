@@ -1,0 +1,128 @@
+//! Neighbour lists as callers ask for them.
+
+use super::csr::NeighborCsr;
+use super::error::ListError;
+use super::question::{Listing, Question};
+use super::radii::Radii;
+use super::run;
+use super::torus::Torus;
+use crate::point::tree::PointTree;
+
+/// A question for neighbour lists in preparation; made by [`PointTree::neighbor_lists`].
+#[derive(Clone, Copy)]
+#[must_use = "a query does nothing until `run` is called"]
+pub struct ListQuery<'a> {
+    question: Question<'a>,
+}
+
+impl PointTree {
+    /// For every point that exists at `time` all others within a radius, or within [`Radii`] of their own: the
+    /// neighbour lists of particle methods.
+    ///
+    /// Unless refined, the lists hold ids only, in no particular order, each pair from both sides; points with the
+    /// same id are the same point. Every list is what comparing all points gives, with the arithmetic of
+    /// [`PointTree::query`], for any structure, number of threads and instruction set; the order within lists does
+    /// not depend on the latter two either.
+    ///
+    /// Cost: one walk through the tree for sixteen neighbouring leaves, then about one vector operation on sixteen
+    /// candidates for two to three neighbours found. Of [`PointStructure::Mbkd`](crate::PointStructure::Mbkd) the points
+    /// that exist at the time are put into a tree of boxes first.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};
+    /// let points = [MovingPoint::new(Vec3::ZERO, Vec3::X), MovingPoint::fixed(Vec3::X * 2.0)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let mut lists = NeighborCsr::new();
+    /// tree.neighbor_lists(0.0, 1.5).run(&mut lists)?;
+    /// assert_eq!(lists.neighbors(), 0);
+    /// tree.neighbor_lists(0.75, 1.5).with_distances().run(&mut lists)?;
+    /// assert_eq!(lists.distances_squared(), [1.5625; 2]);
+    /// // In a box of length 2 along x, the second point is at the first one's place when the shutter opens.
+    /// tree.neighbor_lists(0.0, 1.5).periodic([Some(2.0), None, None]).pairs_once().run(&mut lists)?;
+    /// assert_eq!(lists.neighbors(), 1);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn neighbor_lists<'a>(&'a self, time: f32, radii: impl Into<Radii<'a>>) -> ListQuery<'a> {
+        let listing = Listing {
+            radii: radii.into(),
+            torus: Torus::default(),
+            once: false,
+            other_set: false,
+            distances: false,
+            displacements: false,
+            sorted: false,
+        };
+        ListQuery { question: Question { tree: self, among: self, time, periods: [None; 3], listing, by_id: false } }
+    }
+}
+
+impl<'a> ListQuery<'a> {
+    /// Each pair in one list only: that of the lower id. (Among another set, only neighbours with greater ids.)
+    pub fn pairs_once(mut self) -> Self {
+        self.question.listing.once = true;
+        self
+    }
+
+    /// Lists the points of another tree instead, all of them: fluid among boundary particles, say.
+    pub fn among(mut self, other: &'a PointTree) -> Self {
+        self.question.among = other;
+        self.question.listing.other_set = true;
+        self
+    }
+
+    /// Makes axes periodic with these lengths: points are as far apart as their nearest images.
+    ///
+    /// Positions may lie anywhere, also several periods away. Each neighbour is listed once, at its nearest image; with
+    /// a radius of more than half a period, further images would lie within it too, and are not listed.
+    pub fn periodic(mut self, lengths: [Option<f32>; 3]) -> Self {
+        self.question.periods = lengths;
+        self
+    }
+
+    /// Also gives squared distances.
+    pub fn with_distances(mut self) -> Self {
+        self.question.listing.distances = true;
+        self
+    }
+
+    /// Also gives the way from the point to each neighbour.
+    pub fn with_displacements(mut self) -> Self {
+        self.question.listing.displacements = true;
+        self
+    }
+
+    /// Sorts each list by id.
+    pub fn sorted(mut self) -> Self {
+        self.question.listing.sorted = true;
+        self
+    }
+
+    /// Puts the lists in the order of ids, which must be 0, 1, 2, … in any order, as they are unless given: list i is
+    /// that of point i, empty where it does not exist at the time.
+    ///
+    /// Otherwise lists are in the order of the tree, in which they are made. Costs a copy of all lists from one place
+    /// in memory to another.
+    pub fn rows_by_id(mut self) -> Self {
+        self.question.by_id = true;
+        self
+    }
+
+    /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
+    pub fn run(mut self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+        lists.offsets.clear();
+        lists.points.clear();
+        self.question.check()?;
+        self.question.listing.torus = Torus::new(self.question.periods);
+        let mut question = self.question;
+        let alone = core::ptr::eq(question.tree, question.among);
+        let tree = question.tree.boxed_at(question.time);
+        let among = if alone { None } else { question.among.boxed_at(question.time) };
+        if let Some(tree) = &tree {
+            question.tree = tree;
+        }
+        if let Some(among) = among.as_ref().or(tree.as_ref().filter(|_| alone)) {
+            question.among = among;
+        }
+        run::run(&question, lists)
+    }
+}

@@ -1,0 +1,66 @@
+//! What is asked of neighbour lists.
+
+use super::error::ListError;
+use super::radii::Radii;
+use super::torus::Torus;
+use crate::point::tree::PointTree;
+
+/// What is listed, and what is said about it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Listing<'a> {
+    pub(super) radii: Radii<'a>,
+    pub(super) torus: Torus,
+    /// Only neighbours with greater ids: each pair once.
+    pub(super) once: bool,
+    /// Whether the candidates are another set; otherwise a point is no neighbour of itself.
+    pub(super) other_set: bool,
+    pub(super) distances: bool,
+    pub(super) displacements: bool,
+    pub(super) sorted: bool,
+}
+
+impl Listing<'_> {
+    /// Which columns of floats are asked for, in the order of [`Columns::floats`].
+    pub(super) fn columns(&self) -> [bool; 4] {
+        [self.distances, self.displacements, self.displacements, self.displacements]
+    }
+}
+
+/// A question for neighbour lists.
+#[derive(Clone, Copy)]
+pub(super) struct Question<'a> {
+    pub(super) tree: &'a PointTree,
+    pub(super) among: &'a PointTree,
+    pub(super) time: f32,
+    pub(super) periods: [Option<f32>; 3],
+    pub(super) listing: Listing<'a>,
+    /// Whether lists are in the order of ids.
+    pub(super) by_id: bool,
+}
+
+impl Question<'_> {
+    /// What can be said before looking at points.
+    pub(super) fn check(&self) -> Result<(), ListError> {
+        if !(0.0..=1.0).contains(&self.time) {
+            return Err(ListError::Time);
+        }
+        if self.tree.origin() != self.among.origin() && !self.tree.is_empty() && !self.among.is_empty() {
+            return Err(ListError::Origins);
+        }
+        let bad = |axis: &usize| self.periods[*axis].is_some_and(|length| !(length.is_normal() && length > 0.0));
+        if let Some(axis) = (0..3).find(bad) {
+            return Err(ListError::Period { axis });
+        }
+        let bad = |radius: f32| radius.is_nan() || radius < 0.0;
+        let bad_at = |radii: &[f32]| radii.iter().position(|&radius| bad(radius)).map(|id| id as u32);
+        match self.listing.radii {
+            Radii::Equal(radius) if bad(radius) => Err(ListError::Radius { id: None }),
+            Radii::Equal(_) => Ok(()),
+            Radii::Own(own) => bad_at(own).map_or(Ok(()), |id| Err(ListError::Radius { id: Some(id) })),
+            Radii::Larger { own, others } => {
+                let bad = bad_at(own).or_else(|| bad_at(others));
+                bad.map_or(Ok(()), |id| Err(ListError::Radius { id: Some(id) }))
+            }
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! How far points of one set reach: the largest radius behind each lane of each node.
+
+use super::radii::bound_of;
+use crate::point::snapshot::{Target, View};
+use crate::simd::{Kernel, LANES, Lanes, Simd};
+use glam::Vec3;
+
+/// The largest squared radius behind each lane of the nodes of a view.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Reach {
+    /// By node.
+    pub(super) nodes: Vec<Lanes<f32>>,
+    /// A point for which there is no radius.
+    pub(super) missing: Option<u32>,
+}
+
+impl Reach {
+    pub(super) fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<Lanes<f32>>()
+    }
+}
+
+/// Fills a [`Reach`] for the nodes of a view.
+pub(super) struct Measure<'a, V> {
+    pub(super) view: V,
+    pub(super) radii: &'a [f32],
+    pub(super) reach: &'a mut Reach,
+}
+
+impl<V: View> Kernel for Measure<'_, V> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Measure { view, radii, reach } = self;
+        let (top, root) = view.root();
+        reach.missing = None;
+        reach.nodes.clear();
+        reach.nodes.resize(root + 1, [0.0; LANES]);
+        measure(s, &view, &view.target(s, Vec3::ZERO), (top, root), radii, reach);
+    }
+}
+
+/// The largest squared radius below a node. As deep as the tree, at most nine levels.
+fn measure<S: Simd, V: View>(
+    s: S,
+    view: &V,
+    target: &Target<S>,
+    (level, node): (usize, usize),
+    radii: &[f32],
+    reach: &mut Reach,
+) -> f32 {
+    let mut lanes = view.present(s, target, node);
+    let mut most = 0.0f32;
+    while lanes != 0 {
+        let lane = lanes.trailing_zeros() as usize;
+        lanes &= lanes - 1;
+        let below = if level > 0 {
+            measure(s, view, target, (level - 1, view.first_child(level, node) + lane), radii, reach)
+        } else {
+            let first = view.first_block(node) + lane * view.leaf_blocks();
+            let ids = (first..first + view.leaf_blocks()).flat_map(|block| *view.ids(block));
+            let mut most = 0.0f32;
+            for id in ids.filter(|&id| id != u32::MAX) {
+                most = most.max(bound_of(radii, id));
+                if id as usize >= radii.len() {
+                    reach.missing = Some(id);
+                }
+            }
+            most
+        };
+        reach.nodes[node][lane] = below;
+        most = most.max(below);
+    }
+    most
+}

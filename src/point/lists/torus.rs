@@ -1,0 +1,118 @@
+//! Periodic axes: places that a whole number of periods apart are the same.
+//!
+//! Two points are neighbours where their nearest images are. Along a periodic axis of length L the difference of two
+//! points is `d − L·k` with `d = p − q` and k the whole number nearest to `d · (1/L)`, every step rounded to f32. It has
+//! the same magnitude seen from either point, because every step gives the negative result for negative operands.
+//!
+//! Boxes are moved instead, to the image whose middle is nearest to that of the group's box. The distance to the nearest
+//! image changes by no more than the difference itself does, so the gap between the moved box and the group's bounds the
+//! distances between all points of both. For a part of the group that holds only where every point in the box has its
+//! nearest image there for every point of the group; otherwise that axis must not count any further, and the box is
+//! widened to infinity along it.
+//!
+//! **Rounding.** Let M bound the coordinates of both boxes and L, and u = 2^-24. Then `d`, `L·k` and their difference
+//! are wrong by at most 2Mu, (2M + L)u and (2M + L)u: below 8Mu together. A face that is moved is wrong by at most
+//! 2(2M + L)u, below 6Mu, before the difference with the group's face, which is rounded as `d` is. Moved boxes are
+//! widened by 32Mu, and the test whether an image is the nearest for all points asks for a margin of 32Mu to half a
+//! period, which covers `d · (1/L)` with its three roundings of at most (|d| + L)u each.
+
+use crate::simd::{Mask, Simd};
+
+/// Lengths of periodic axes; zero along those that are not periodic.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Torus {
+    pub(super) period: [f32; 3],
+    /// 1/L, or zero.
+    pub(super) inverse: [f32; 3],
+    /// Whether any axis is periodic.
+    pub(super) any: bool,
+}
+
+/// Most periods that a coordinate may be from zero: then rounding to whole numbers below is right, and M is at most
+/// a million periods.
+pub(super) const MOST_PERIODS: f32 = 1e6;
+
+impl Torus {
+    /// The torus with these periods.
+    pub(super) fn new(periods: [Option<f32>; 3]) -> Torus {
+        let period = periods.map(|length| length.unwrap_or(0.0));
+        let inverse = period.map(|length| if length > 0.0 { 1.0 / length } else { 0.0 });
+        Torus { period, inverse, any: periods.iter().any(Option::is_some) }
+    }
+
+    /// The difference to the nearest image, for places that are at most [`MOST_PERIODS`] from zero.
+    #[inline(always)]
+    pub(super) fn nearest<S: Simd>(&self, s: S, d: S::F, axis: usize) -> S::F {
+        let k = round(s, d * s.splat(self.inverse[axis]));
+        d - k * s.splat(self.period[axis])
+    }
+
+    /// Moves boxes along the periodic axes to where they bound the differences to the group's box `[lo, hi]`.
+    #[inline(always)]
+    pub(super) fn bring<S: Simd>(
+        &self,
+        s: S,
+        (mut lo, mut hi): ([S::F; 3], [S::F; 3]),
+        (group_lo, group_hi): ([f32; 3], [f32; 3]),
+    ) -> Moved<S> {
+        let (mut several, mut elsewhere) = ([0; 3], 0);
+        for axis in 0..3 {
+            let length = self.period[axis];
+            if length <= 0.0 {
+                continue;
+            }
+            let half = s.splat(0.5);
+            let middle = group_lo[axis] * 0.5 + group_hi[axis] * 0.5;
+            let group_size = (group_hi[axis] - group_lo[axis]) * 0.5;
+            let most = group_lo[axis].abs().max(group_hi[axis].abs()) + length;
+            let slack = (magnitude(s, lo[axis], hi[axis]) + s.splat(most)) * s.splat(32.0 / 16_777_216.0);
+            let apart = (lo[axis] * half + hi[axis] * half) - s.splat(middle);
+            let k = round(s, apart * s.splat(self.inverse[axis]));
+            let way = k * s.splat(length);
+            let off = apart - way;
+            let farthest = magnitude(s, off, off) + (hi[axis] - lo[axis]) * half + s.splat(group_size) + slack;
+            several[axis] = !s.lt(farthest, s.splat(0.5 * length));
+            elsewhere |= several[axis] | !s.eq(k, s.splat(0.0));
+            lo[axis] = lo[axis] - way - slack;
+            hi[axis] = hi[axis] - way + slack;
+        }
+        Moved { lo, hi, several, elsewhere }
+    }
+}
+
+/// Boxes brought to the images nearest to a group.
+pub(super) struct Moved<S: Simd> {
+    pub(super) lo: [S::F; 3],
+    pub(super) hi: [S::F; 3],
+    /// Along each axis, boxes of which points may be nearer in another image.
+    several: [Mask; 3],
+    /// Boxes of which any point may be nearest in another image than the one it is given in.
+    pub(super) elsewhere: Mask,
+}
+
+impl<S: Simd> Moved<S> {
+    /// Boxes that hold for every part of the group.
+    #[inline(always)]
+    pub(super) fn widened(self, s: S) -> ([S::F; 3], [S::F; 3]) {
+        let (mut lo, mut hi) = (self.lo, self.hi);
+        for axis in 0..3 {
+            lo[axis] = s.select(self.several[axis], s.splat(f32::NEG_INFINITY), lo[axis]);
+            hi[axis] = s.select(self.several[axis], s.splat(f32::INFINITY), hi[axis]);
+        }
+        (lo, hi)
+    }
+}
+
+/// The greater magnitude.
+#[inline(always)]
+fn magnitude<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
+    let zero = s.splat(0.0);
+    s.max(s.max(a, zero - a), s.max(b, zero - b))
+}
+
+/// The nearest whole number, ties to even, for magnitudes below 2^22: the sum has no bits left for fractions.
+#[inline(always)]
+fn round<S: Simd>(s: S, x: S::F) -> S::F {
+    let shift = s.splat(12_582_912.0);
+    (x + shift) - shift
+}

@@ -1,0 +1,67 @@
+//! What one thread does: the lists of a share of the groups.
+
+use super::gather::Candidates;
+use super::group::Group;
+use super::prepare::{Prepared, at_time};
+use super::question::Question;
+use super::radii::Radii;
+use super::row::{Lists, Near};
+use crate::point::partition::LayerView;
+use crate::point::snapshot::Leaves;
+use crate::simd::{Kernel, Simd};
+use core::ops::Range;
+use glam::Vec3;
+
+/// What one worker needs.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Worker {
+    /// Which of the groups.
+    pub(super) share: Range<usize>,
+    group: Group,
+    candidates: Candidates,
+    near: Near,
+    pub(super) lists: Lists,
+}
+
+impl Worker {
+    pub(super) fn bytes(&self) -> usize {
+        self.candidates.bytes() + self.near.bytes() + self.lists.bytes()
+    }
+}
+
+/// The lists of a worker's share of groups.
+pub(super) struct Share<'a> {
+    pub(super) query: &'a Question<'a>,
+    pub(super) prepared: &'a Prepared,
+    pub(super) worker: &'a mut Worker,
+}
+
+impl Kernel for Share<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Share { query, prepared, worker } = self;
+        let listing = &query.listing;
+        worker.lists.clear();
+        for &(layer, node) in &prepared.groups[worker.share.clone()] {
+            let group = &mut worker.group;
+            at_time!(query.tree.layers[layer], query.time, view => {
+                group.take(s, &view, &view.target(s, Vec3::ZERO), node, &listing.radii);
+            });
+            worker.candidates.clear();
+            for (number, layer) in query.among.layers.iter().enumerate() {
+                let reach = match listing.radii {
+                    Radii::Larger { .. } => prepared.reaches.get(number),
+                    _ => None,
+                };
+                at_time!(layer, query.time, view => {
+                    let target = view.target(s, Vec3::ZERO);
+                    worker.candidates.add(s, (&view, &target), &worker.group, &listing.torus, (&listing.radii, reach));
+                });
+            }
+            for member in &worker.group.members {
+                worker.near.list(s, listing, member, &worker.candidates, &mut worker.lists);
+            }
+        }
+    }
+}

@@ -1,0 +1,332 @@
+//! Neighbour lists against comparing all pairs of points.
+
+use crate::support::{Cloud, KINDS, Rng, cloud};
+use mbkd::{
+    ListError, ListQuery, NeighborCsr, PointArrays, PointParams, PointStructure, PointTree, Radii, SimdLevel,
+    glam::Vec3,
+};
+
+const STRUCTURES: [PointStructure; 4] =
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
+
+fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
+    let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
+    let params = PointParams { structure, simd, max_references: 3.0 };
+    PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()
+}
+
+/// What is asked, written out.
+#[derive(Clone, Debug)]
+struct Question<'a> {
+    time: f32,
+    radii: Radii<'a>,
+    periods: [Option<f32>; 3],
+    once: bool,
+    other: bool,
+}
+
+impl<'a> Question<'a> {
+    fn plain(time: f32, radius: f32) -> Question<'a> {
+        Question { time, radii: Radii::Equal(radius), periods: [None; 3], once: false, other: false }
+    }
+
+    fn ask<'b>(&self, tree: &'b PointTree, among: &'b PointTree) -> ListQuery<'b>
+    where
+        'a: 'b,
+    {
+        let mut query = tree.neighbor_lists(self.time, self.radii).periodic(self.periods);
+        if self.once {
+            query = query.pairs_once();
+        }
+        if self.other {
+            query = query.among(among);
+        }
+        query
+    }
+}
+
+/// A neighbour: id, squared distance, way.
+type Entry = (u32, u32, [u32; 3]);
+
+fn along(d: f32, period: Option<f32>) -> f32 {
+    let Some(length) = period else { return d };
+    let k = (d * (1.0 / length)).round_ties_even();
+    d - k * length
+}
+
+/// All lists by comparing all pairs.
+fn compare_all(own: &Cloud, among: &Cloud, ask: &Question) -> Vec<Vec<Entry>> {
+    let mut lists = vec![Vec::new(); own.len()];
+    let square = |r: f32| (r * r).min(f32::MAX);
+    for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.alive[*i].contains(ask.time)) {
+        let p = own.at(i, ask.time);
+        for j in (0..among.len()).filter(|&j| among.alive[j].contains(ask.time)) {
+            let bound = match ask.radii {
+                Radii::Equal(radius) => square(radius),
+                Radii::Own(own) => square(own[i]),
+                Radii::Larger { own, others } => square(own[i]).max(square(others[j])),
+            };
+            let d = among.at(j, ask.time) - p;
+            let way = [0, 1, 2].map(|axis| along(d[axis], ask.periods[axis]));
+            let distance = (way[0] * way[0] + way[1] * way[1]) + way[2] * way[2];
+            let wanted = if ask.once { j > i } else { ask.other || j != i };
+            if wanted && distance <= bound {
+                list.push((j as u32, distance.to_bits(), way.map(|x| (x + 0.0).to_bits())));
+            }
+        }
+    }
+    lists
+}
+
+fn check(trees: [&PointTree; 2], clouds: [&Cloud; 2], ask: &Question, lists: &mut NeighborCsr, what: &str) {
+    check_against(&compare_all(clouds[0], clouds[1], ask), trees, clouds[0], ask, lists, what);
+}
+
+fn check_against(
+    expected: &[Vec<Entry>],
+    trees: [&PointTree; 2],
+    cloud: &Cloud,
+    ask: &Question,
+    lists: &mut NeighborCsr,
+    what: &str,
+) {
+    let query = ask.ask(trees[0], trees[1]);
+    query.rows_by_id().sorted().with_distances().with_displacements().run(lists).unwrap();
+    assert_eq!(lists.len(), cloud.len(), "{what}");
+    let [x, y, z] = lists.displacements();
+    for (i, list) in expected.iter().enumerate() {
+        let range = lists.offsets()[i]..lists.offsets()[i + 1];
+        let found: Vec<Entry> = range
+            .map(|n| {
+                let way = [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
+                (lists.ids()[n], lists.distances_squared()[n].to_bits(), way)
+            })
+            .collect();
+        assert_eq!(&found, list, "{what}: point {i}, {ask:?}");
+    }
+    // In the order of the tree and unsorted: the same lists.
+    query.run(lists).unwrap();
+    assert!(lists.distances_squared().is_empty());
+    let alive = (0..cloud.len()).filter(|&i| cloud.alive[i].contains(ask.time)).count();
+    assert_eq!(lists.len(), alive, "{what}");
+    for (id, row) in lists.iter() {
+        let mut row = row.to_vec();
+        row.sort_unstable();
+        assert!(row.iter().copied().eq(expected[id as usize].iter().map(|n| n.0)), "{what}: point {id}, {ask:?}");
+    }
+}
+
+fn radii(cloud: &Cloud, spacing: f32, rng: &mut Rng) -> Vec<f32> {
+    (0..cloud.len()).map(|_| spacing * 10f32.powf(rng.unit() - 0.5)).collect()
+}
+
+#[test]
+fn lists_equal_comparing_all_pairs() {
+    for (number, kind) in KINDS.into_iter().enumerate() {
+        let mut rng = Rng(100 + number as u64);
+        let clouds = [&cloud(kind, 200, &mut rng), &cloud(kind, 60, &mut rng)];
+        let all = STRUCTURES.into_iter().flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)));
+        let trees: Vec<_> =
+            all.map(|(s, simd)| (clouds.map(|c| build(c, s, simd)), format!("{s:?}, {simd}"))).collect();
+        let mut lists = NeighborCsr::new();
+        for time in [0.0, 1.0, rng.unit()] {
+            let size = (0..clouds[0].len()).map(|i| clouds[0].at(i, time).abs().max_element()).fold(1e-40, f32::max);
+            let spacing = size * 0.3;
+            let (own, others) = (radii(clouds[0], spacing, &mut rng), radii(clouds[1], spacing, &mut rng));
+            let plain = Question::plain(time, spacing);
+            let larger = Radii::Larger { own: &own, others: &own };
+            let both = Radii::Larger { own: &own, others: &others };
+            let mut questions = vec![
+                plain.clone(),
+                Question { once: true, ..Question::plain(time, 0.0) },
+                Question { radii: Radii::Own(&own), ..plain.clone() },
+                Question { radii: larger, once: true, ..plain.clone() },
+                Question { other: true, ..plain.clone() },
+                Question { other: true, radii: both, ..plain.clone() },
+            ];
+            if size > 1e-30 {
+                // From a period beyond the set to one that many points are several times away from.
+                let lengths = [2.5 * size, 1.7 * size, 0.9 * size, 0.2 * size];
+                let [a, b, c] = [0, 1, 2].map(|_| lengths[rng.bits() as usize % 4]);
+                let all = [Some(a), Some(b), Some(c)];
+                questions.push(Question { periods: [Some(a), None, None], ..plain.clone() });
+                questions.push(Question { periods: all, radii: larger, once: true, ..plain.clone() });
+                questions.push(Question { periods: [None, Some(a), Some(b)], other: true, ..plain.clone() });
+            }
+            for ask in &questions {
+                let expected = compare_all(clouds[0], clouds[if ask.other { 1 } else { 0 }], ask);
+                for ([tree, other], what) in &trees {
+                    let what = format!("{kind}, {what}, time {time}");
+                    check_against(&expected, [tree, other], clouds[0], ask, &mut lists, &what);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn larger_sets_and_all_numbers_of_threads() {
+    for kind in ["uniform", "random", "short lives"] {
+        let mut rng = Rng(7);
+        let cloud = cloud(kind, 3_000, &mut rng);
+        for structure in [PointStructure::Automatic, PointStructure::Mbkd] {
+            let tree = build(&cloud, structure, SimdLevel::best());
+            let time = rng.unit();
+            let own = radii(&cloud, 0.1, &mut rng);
+            let questions = [
+                Question::plain(time, 0.2),
+                Question { periods: [Some(2.0); 3], ..Question::plain(time, 0.2) },
+                Question { radii: Radii::Larger { own: &own, others: &own }, ..Question::plain(time, 0.0) },
+            ];
+            for ask in &questions {
+                let mut one = NeighborCsr::new();
+                check([&tree; 2], [&cloud; 2], ask, &mut one, kind);
+                for threads in [1, 3] {
+                    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                    let mut lists = NeighborCsr::new();
+                    pool.install(|| ask.ask(&tree, &tree).with_displacements().run(&mut lists)).unwrap();
+                    ask.ask(&tree, &tree).with_displacements().run(&mut one).unwrap();
+                    assert_eq!(lists.points(), one.points());
+                    assert_eq!(lists.offsets(), one.offsets());
+                    assert_eq!(lists.ids(), one.ids());
+                    assert_eq!(lists.displacements(), one.displacements());
+                    assert!(lists.distances_squared().is_empty());
+                }
+            }
+        }
+    }
+}
+
+/// Every instruction set gives the lists in the same order, not only the same sets.
+#[test]
+fn order_within_lists_is_the_same_on_every_instruction_set() {
+    let cloud = cloud("random", 3_000, &mut Rng(3));
+    let mut expected: Option<NeighborCsr> = None;
+    for simd in SimdLevel::available() {
+        let tree = build(&cloud, PointStructure::Slabs(2), simd);
+        let mut lists = NeighborCsr::new();
+        tree.neighbor_lists(0.3, 0.3).run(&mut lists).unwrap();
+        let expected = expected.get_or_insert_with(|| lists.clone());
+        assert_eq!((lists.offsets(), lists.ids()), (expected.offsets(), expected.ids()), "{simd}");
+    }
+}
+
+#[test]
+fn points_of_a_lattice_exactly_at_the_radius_count() {
+    let n = 12;
+    let at = |i: i32| Vec3::new((i % n) as f32, (i / n % n) as f32, (i / n / n) as f32);
+    let cloud = Cloud::still((0..n * n * n).map(at).collect());
+    let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+    let mut lists = NeighborCsr::new();
+    let period = Some(n as f32);
+    tree.neighbor_lists(0.5, 2.0).periodic([period; 3]).run(&mut lists).unwrap();
+    // Whole points in a ball of radius 2 without its middle: 6 + 12 + 8 + 6.
+    assert!(lists.iter().all(|(_, row)| row.len() == 32));
+    tree.neighbor_lists(0.5, 2.0f32.next_down()).periodic([period; 3]).run(&mut lists).unwrap();
+    assert!(lists.iter().all(|(_, row)| row.len() == 26));
+    check([&tree; 2], [&cloud; 2], &Question::plain(0.5, 2.0), &mut lists, "lattice");
+}
+
+#[test]
+fn a_point_that_leaves_the_box_stays_the_neighbor_of_its_images() {
+    // One walks out of the box of length 1 to the right, the other stays near the left side.
+    let points = [
+        mbkd::MovingPoint::new(Vec3::new(0.5, 0.5, 0.5), Vec3::new(1.5, 0.5, 0.5)),
+        mbkd::MovingPoint::fixed(Vec3::new(0.1, 0.5, 0.5)),
+    ];
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let mut lists = NeighborCsr::new();
+    let mut near = |time: f32| {
+        tree.neighbor_lists(time, 0.25).periodic([Some(1.0); 3]).with_displacements().run(&mut lists).unwrap();
+        let [x, ..] = lists.displacements();
+        let first = lists.points().iter().position(|&id| id == 0).unwrap();
+        lists.row(first).first().map(|_| x[lists.offsets()[first]])
+    };
+    assert_eq!(near(0.0), None);
+    assert!((near(0.5).unwrap() - 0.1).abs() < 1e-6, "across the boundary");
+    assert!(near(0.6).unwrap().abs() < 1e-6, "in the same place, a period apart");
+    assert_eq!(near(1.0), None);
+}
+
+#[test]
+fn a_radius_beyond_the_box_lists_everything_once() {
+    let cloud = cloud("uniform", 500, &mut Rng(9));
+    let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+    let mut lists = NeighborCsr::new();
+    for radius in [0.6, 3.0, 1e30, f32::INFINITY] {
+        let ask = Question { periods: [Some(1.0), Some(0.7), Some(2.0)], ..Question::plain(0.0, radius) };
+        check([&tree; 2], [&cloud; 2], &ask, &mut lists, "radius beyond the box");
+    }
+    tree.neighbor_lists(0.0, f32::INFINITY).periodic([Some(1.0); 3]).run(&mut lists).unwrap();
+    assert!(lists.iter().all(|(_, row)| row.len() == 499));
+}
+
+#[test]
+fn empty_sets_and_single_points_have_empty_lists() {
+    let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
+    let one = PointTree::build(&[Vec3::ONE], &PointParams::default()).unwrap();
+    let mut lists = NeighborCsr::new();
+    assert_eq!((lists.len(), lists.neighbors(), lists.offsets()), (0, 0, &[0usize][..]));
+    for (tree, among, rows, found) in
+        [(&empty, &empty, 0, 0), (&empty, &one, 0, 0), (&one, &empty, 1, 0), (&one, &one, 1, 1)]
+    {
+        tree.neighbor_lists(0.0, 1.0).among(among).rows_by_id().run(&mut lists).unwrap();
+        assert_eq!((lists.len(), lists.neighbors(), lists.offsets().len()), (rows, found, rows + 1));
+    }
+    one.neighbor_lists(0.0, 1.0).run(&mut lists).unwrap();
+    assert_eq!((lists.len(), lists.neighbors()), (1, 0), "a point is not its own neighbour");
+}
+
+#[test]
+fn bad_questions_get_errors() {
+    let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
+    let mut lists = NeighborCsr::new();
+    tree.neighbor_lists(0.0, 9.0).run(&mut lists).unwrap();
+    let mut error = |query: ListQuery| {
+        let error = query.run(&mut lists).unwrap_err();
+        assert!(lists.is_empty() && lists.neighbors() == 0 && !error.to_string().is_empty());
+        error
+    };
+    for time in [-0.1, 1.1, f32::NAN, f32::INFINITY] {
+        assert_eq!(error(tree.neighbor_lists(time, 1.0)), ListError::Time);
+    }
+    for radius in [-1.0, f32::NAN, f32::NEG_INFINITY] {
+        assert_eq!(error(tree.neighbor_lists(0.0, radius)), ListError::Radius { id: None });
+        let (bad, good) = ([1.0, radius], [1.0, 1.0]);
+        let expected = ListError::Radius { id: Some(1) };
+        assert_eq!(error(tree.neighbor_lists(0.0, Radii::Own(&bad))), expected);
+        assert_eq!(error(tree.neighbor_lists(0.0, Radii::Larger { own: &bad, others: &good })), expected);
+        assert_eq!(error(tree.neighbor_lists(0.0, Radii::Larger { own: &good, others: &bad })), expected);
+    }
+    assert_eq!(error(tree.neighbor_lists(0.0, Radii::Own(&[1.0]))), ListError::MissingRadius { id: 1 });
+    let larger = Radii::Larger { own: &[1.0, 1.0], others: &[1.0] };
+    assert_eq!(error(tree.neighbor_lists(0.0, larger)), ListError::MissingRadius { id: 1 });
+    for length in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-40] {
+        let query = tree.neighbor_lists(0.0, 1.0).periodic([None, Some(length), None]);
+        assert_eq!(error(query), ListError::Period { axis: 1 });
+    }
+    let query = tree.neighbor_lists(0.0, 1.0).periodic([None, None, Some(1e-7)]);
+    assert_eq!(error(query), ListError::FarFromPeriod { axis: 2 });
+    let set = PointArrays { keys: &[&[[0.0f32; 3], [1.0; 3]]], alive: &[], ids: &[5, 1] };
+    let named = PointTree::build(&set, &PointParams::default()).unwrap();
+    assert_eq!(error(named.neighbor_lists(0.0, 1.0).rows_by_id()), ListError::Ids { id: 5 });
+    let wide = PointTree::build(&[[5.0f64; 3], [6.0; 3]], &PointParams::default()).unwrap();
+    assert_eq!(error(tree.neighbor_lists(0.0, 1.0).among(&wide)), ListError::Origins);
+}
+
+#[test]
+fn buffers_are_used_again() {
+    let cloud = cloud("uniform", 5_000, &mut Rng(1));
+    let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+    let mut lists = NeighborCsr::new();
+    tree.neighbor_lists(0.0, 0.2).with_distances().rows_by_id().run(&mut lists).unwrap();
+    tree.neighbor_lists(0.0, 0.2).with_distances().rows_by_id().run(&mut lists).unwrap();
+    let (bytes, address) = (lists.bytes(), [lists.ids().as_ptr(), lists.points().as_ptr()]);
+    for radius in [0.1, 0.2, 0.0, 0.2] {
+        // Twice, because rows by id change places with the others.
+        for _ in 0..2 {
+            tree.neighbor_lists(0.0, radius).with_distances().rows_by_id().run(&mut lists).unwrap();
+        }
+        assert_eq!((lists.bytes(), [lists.ids().as_ptr(), lists.points().as_ptr()]), (bytes, address));
+    }
+}
