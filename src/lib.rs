@@ -29,7 +29,8 @@
 //! | `bvh` | object splits, pre-splits, collapse into wide nodes |
 //! | `time` | slices of the shutter and how they are chosen |
 //! | `layout` | [`Policy::Wide`] (the engine): nodes, leaf blocks, writing them; validation and figures of both trees |
-//! | `ray` | [`RayTree`]: the watertight triangle test, both traversals, queries, batches |
+//! | `traverse` | the way through a layout, whatever is asked |
+//! | `ray` | [`RayTree`]: rays and nearest points, the watertight triangle test, queries, batches |
 //! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
 //! | `motion` | public names: what moves and how |
 //! | `baseline` | brute force, the reference for everything |
@@ -64,6 +65,7 @@ mod progress;
 pub mod ray;
 mod simd;
 mod time;
+mod traverse;
 
 pub use error::{BuildError, IntervalError};
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
@@ -74,14 +76,15 @@ pub use params::{BuildParams, Division, Policy};
 pub use point::{
     Approach, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer, NeighborCsr, NeighborLists,
     NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure,
-    PointTree, Radii, WithinIter,
+    PointTree, Radii, TreePoint, WithinIter,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
-    PrimitiveError, Shapes, TriangleMesh, Triangles, check_primitive,
+    PrimitiveError, Shapes, SurfacePoint, TriangleMesh, Triangles, check_primitive,
 };
-pub use ray::{Counters, Geometry, Hit, Observer, RayTree};
+pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree, TreePrimitive};
 pub use simd::SimdLevel;
+pub use traverse::Visitor;
 
 /// The procedural scenes of the unpublished member `scenes`, as source, so that unit tests see them with this crate's
 /// own types.

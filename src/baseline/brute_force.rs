@@ -2,7 +2,9 @@
 
 use crate::error::BuildError;
 use crate::primitive::{Primitive, Shapes, TriangleMesh, Triangles};
-use crate::ray::{Everything, Filter, Geometry, Hit, Ray, TreeRay, Visible};
+use crate::ray::{
+    ClosestPoint, ClosestPointQuery, Everything, Filter, Geometry, Hit, Ray, TreeRay, Visible, closest_point_of_all,
+};
 
 /// Answers ray queries by testing every primitive.
 ///
@@ -85,6 +87,21 @@ impl<G: Geometry> BruteForce<G> {
             hits.push(hit);
         });
         hits
+    }
+
+    /// As [`RayTree::closest_point`](crate::RayTree::closest_point).
+    pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<ClosestPoint> {
+        closest_point_of_all(&self.geometry, query, &Everything)
+    }
+
+    /// As [`RayTree::closest_point_filtered`](crate::RayTree::closest_point_filtered).
+    pub fn closest_point_filtered(
+        &self,
+        query: &ClosestPointQuery,
+        mask: u32,
+        accept: impl Fn(&ClosestPoint) -> bool,
+    ) -> Option<ClosestPoint> {
+        closest_point_of_all(&self.geometry, query, &Visible { mask, accept })
     }
 
     /// As [`RayTree::closest_hit_filtered`](crate::RayTree::closest_hit_filtered).

@@ -7,6 +7,7 @@
 mod aabb;
 mod box3;
 mod clip;
+mod closest_on_triangle;
 mod ends;
 mod interval;
 mod keys;
@@ -19,6 +20,7 @@ mod separating_axes;
 pub use aabb::{Aabb, LinearBounds};
 pub(crate) use box3::{Box3, Extent, KERNEL_ULPS, Line, LinearBox3, ULP};
 pub(crate) use clip::clip_triangle;
+pub(crate) use closest_on_triangle::closest_on_triangle;
 pub(crate) use ends::Ends;
 pub use interval::TimeInterval;
 pub(crate) use keys::KeyTime;

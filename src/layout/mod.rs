@@ -16,6 +16,7 @@ mod corners;
 mod kd_validate;
 mod leaf_block;
 mod leaf_index;
+mod leaf_lanes;
 mod serialize;
 mod statistics;
 mod tree_box;
@@ -27,6 +28,7 @@ mod write;
 
 pub use kd_validate::ValidationError;
 pub(crate) use leaf_block::WideSource;
+pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};

@@ -43,7 +43,7 @@ impl WideTree {
     }
 
     /// Both corners of a node's box at a time, in tree space.
-    fn lane_box(&self, node: ChildRef, lane: usize, time: f32) -> [Vec3; 2] {
+    pub fn lane_box(&self, node: ChildRef, lane: usize, time: f32) -> [Vec3; 2] {
         let words = &self.arena.floats()[node.at()..];
         let face = |row: usize| {
             let at = words[row * LANES + lane];

@@ -38,6 +38,7 @@ mod static_tree;
 mod stats;
 mod tree;
 mod tree_queries;
+mod visit;
 
 pub use crate::primitive::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use approach::Approach;
@@ -50,3 +51,4 @@ pub use query::{NeighborBuffer, NeighborQuery};
 pub use search::{KeepAll, KeepIf, NeighborWork};
 pub use stats::{PointLayerKind, PointLayerStats, PointStats};
 pub use tree::{PointParams, PointStructure, PointTree};
+pub use visit::TreePoint;

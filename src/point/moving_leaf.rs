@@ -146,14 +146,18 @@ impl MovingLeaves {
         places
     }
 
+    /// Whether a lane of a block counts at a time.
+    pub(super) fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.times.get(block).is_none_or(|t| t.begin[lane] <= time && time < t.end[lane])
+    }
+
     /// The points that count at a time, with their ids.
     pub(super) fn counting(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
         let lanes = (0..self.blocks.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
         lanes.filter_map(move |(block, lane)| {
             let Block { open, close, id } = &self.blocks[block];
-            let counts = self.times.get(block).is_none_or(|t| t.begin[lane] <= time && time < t.end[lane]);
             let [open, close] = [open, close].map(|rows| Vec3::from_array(rows.map(|row| row[lane])));
-            (counts && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))
+            (self.counts(block, lane, time) && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))
         })
     }
 

@@ -272,6 +272,15 @@ impl Boxed for MovingTree {
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         self.nodes[node].faces(phase)
     }
+    fn faces_at(&self, node: usize, phase: f32) -> [[Lanes<f32>; 3]; 2] {
+        let LinearBoxes { lo, lo_slope, hi, hi_slope } = &self.nodes[node];
+        [(lo, lo_slope), (hi, hi_slope)].map(|(at, slope)| {
+            core::array::from_fn(|axis| core::array::from_fn(|lane| at[axis][lane] + slope[axis][lane] * phase))
+        })
+    }
+    fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.leaves.counts(block, lane, time)
+    }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         self.leaves.flight(block, lane)
     }

@@ -25,6 +25,10 @@ pub(super) trait Boxed {
     fn times(&self, node: usize) -> [Lanes<f64>; 2];
     /// Lower and upper faces, each lane at a phase of its own.
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2];
+    /// Lower and upper faces at one phase, as queries at a time compute them.
+    fn faces_at(&self, node: usize, phase: f32) -> [[Lanes<f32>; 3]; 2];
+    /// Whether a lane of a block counts at a time.
+    fn counts(&self, block: usize, lane: usize, time: f32) -> bool;
     /// A point of a block.
     fn flight(&self, block: usize, lane: usize) -> Option<Flight>;
 }

@@ -45,10 +45,20 @@ impl Layer {
         match self {
             Layer::Still(tree) => LayerView::Still(tree),
             Layer::Moving(parts) => {
-                let tree = at_time(parts, MovingTree::part, time);
+                let tree = &parts[self.part_at(time)];
                 if tree.timed() { LayerView::Timed(tree.at(time)) } else { LayerView::Moving(tree.at(time)) }
             }
-            Layer::Planes(parts) => LayerView::Planes(at_time(parts, PlaneTree::part, time).at(time)),
+            Layer::Planes(parts) => LayerView::Planes(parts[self.part_at(time)].at(time)),
+        }
+    }
+
+    /// Which of the trees side by side in time answers at a time in [0, 1].
+    #[inline(always)]
+    pub(super) fn part_at(&self, time: f32) -> usize {
+        match self {
+            Layer::Still(_) => 0,
+            Layer::Moving(parts) => at_time(parts, MovingTree::part, time),
+            Layer::Planes(parts) => at_time(parts, PlaneTree::part, time),
         }
     }
 
@@ -64,9 +74,8 @@ impl Layer {
 
 /// The tree that answers for a time.
 #[inline(always)]
-fn at_time<T>(parts: &[T], part: impl Fn(&T) -> &Part, time: f32) -> &T {
-    let last = parts.len() - 1;
-    &parts[parts.partition_point(|tree| part(tree).interval.end_bound() <= time).min(last)]
+fn at_time<T>(trees: &[T], part: impl Fn(&T) -> &Part, time: f32) -> usize {
+    trees.partition_point(|tree| part(tree).interval.end_bound() <= time).min(trees.len() - 1)
 }
 
 /// Walks through all layers, nearest boxes first.

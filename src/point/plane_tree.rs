@@ -23,7 +23,7 @@ use super::order::Item;
 use super::over_interval::Flight;
 use super::snapshot::{Leaves, Target};
 use super::static_tree::StaticTree;
-use crate::geometry::KeyTime;
+use crate::geometry::{Box3, KeyTime};
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::simd::{LANES, Lanes, Simd};
 use glam::Vec3;
@@ -32,6 +32,8 @@ use glam::Vec3;
 #[derive(Clone)]
 pub(super) struct PlaneTree {
     part: Part,
+    /// Everything at every time, up to the slack.
+    root: Box3,
     /// A leaf says its first block and how many blocks it has.
     nodes: Vec<KdNode>,
     /// How far a point below a node may be computed outside of the half-space of the plane above the node.
@@ -88,7 +90,15 @@ impl PlaneTree {
                 slack[right] = (slack[right] + own).next_up();
             }
         }
-        PlaneTree { part, nodes, slack, leaves, depth: tree.depth as usize, references: references.len() }
+        PlaneTree {
+            part,
+            root: tree.root,
+            nodes,
+            slack,
+            leaves,
+            depth: tree.depth as usize,
+            references: references.len(),
+        }
     }
 
     /// Bytes allocated.
@@ -116,6 +126,11 @@ impl PlaneTree {
         &self.part
     }
 
+    /// Everything at every time, up to the slack of the root.
+    pub(super) fn root(&self) -> Box3 {
+        self.root
+    }
+
     /// A node.
     #[inline(always)]
     pub(super) fn node(&self, node: u32) -> KdView {
@@ -126,6 +141,11 @@ impl PlaneTree {
     #[inline(always)]
     pub(super) fn slack(&self, node: u32) -> f64 {
         f64::from(self.slack[node as usize])
+    }
+
+    /// Whether a lane of a block counts at a time.
+    pub(super) fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.leaves.counts(block, lane, time)
     }
 
     /// A point of a block.

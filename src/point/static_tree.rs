@@ -372,11 +372,16 @@ impl Boxed for StaticTree {
     }
     #[inline(always)]
     fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let [lo, hi] = match self.node(node) {
+        self.faces_at(node, 0.0).map(|face| face.map(|row| row.map(f64::from)))
+    }
+    fn faces_at(&self, node: usize, _phase: f32) -> [[Lanes<f32>; 3]; 2] {
+        match self.node(node) {
             Node::Bytes(node) => node.all_faces(),
             Node::Floats(node) => [node.lo, node.hi],
-        };
-        [lo.map(|row| row.map(f64::from)), hi.map(|row| row.map(f64::from))]
+        }
+    }
+    fn counts(&self, _block: usize, _lane: usize, _time: f32) -> bool {
+        true
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let block = &self.blocks[block];

@@ -1,6 +1,6 @@
 //! A test helper for those who implement [`Primitive`]: does it keep the trait's contract?
 
-use super::custom::Primitive;
+use super::custom::{Primitive, SurfacePoint};
 use crate::geometry::{Aabb, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use core::fmt;
@@ -38,6 +38,33 @@ pub enum PrimitiveError {
         /// The ray.
         ray: Ray,
     },
+    /// A point asked for its nearest point got two different answers.
+    ImpurePoint {
+        /// The point that was asked for.
+        point: DVec3,
+        /// When.
+        time: f32,
+    },
+    /// A nearest point lies outside the bounds over an interval that contains the time.
+    PointOutsideBounds {
+        /// The interval.
+        over: TimeInterval,
+        /// The point that was asked for.
+        point: DVec3,
+        /// When.
+        time: f32,
+        /// How far outside the answer is.
+        by: f64,
+    },
+    /// A ray hits the primitive nearer to a point than what was said to be nearest.
+    NotNearest {
+        /// The point that was asked for.
+        point: DVec3,
+        /// When.
+        time: f32,
+        /// Where the ray hits.
+        nearer: DVec3,
+    },
 }
 
 impl fmt::Display for PrimitiveError {
@@ -54,13 +81,26 @@ impl fmt::Display for PrimitiveError {
             ),
             PrimitiveError::OutsideRange { ray, t } => write!(f, "the hit at t = {t} is outside the range of {ray:?}"),
             PrimitiveError::Impure { ray } => write!(f, "{ray:?} got two different answers"),
+            PrimitiveError::ImpurePoint { point, time } => {
+                write!(f, "the nearest point to {point} at time {time} got two different answers")
+            }
+            PrimitiveError::PointOutsideBounds { over, point, time, by } => write!(
+                f,
+                "the nearest point to {point} at time {time} lies {by:e} outside the bounds over {}: pad the bounds",
+                between(over)
+            ),
+            PrimitiveError::NotNearest { point, time, nearer } => {
+                write!(f, "{nearer}, which a ray hits at time {time}, is nearer to {point} than the nearest point")
+            }
         }
     }
 }
 
 impl std::error::Error for PrimitiveError {}
 
-/// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths.
+/// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths, and with the
+/// rays' origins for [`Primitive::closest_point`], where that is implemented: its answers lie within the bounds and are no
+/// farther than where rays hit.
 ///
 /// Rays are drawn from a fixed sequence around the primitive's swept box, many of them aimed at its faces and edges,
 /// where padding matters. Passing is no proof, failing is one: the error says which ray. The rounding of `t` to f32 is
@@ -105,6 +145,7 @@ pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(),
         if primitive.intersect(&ray) != hit {
             return Err(PrimitiveError::Impure { ray });
         }
+        check_nearest(primitive, &ray, over, now, hit.map(|hit| ray.point(hit.t)), size)?;
         let Some(hit) = hit.filter(|hit| !hit.t.is_nan()) else { continue };
         if hit.t < ray.t_min || hit.t > ray.t_max {
             return Err(PrimitiveError::OutsideRange { ray, t: hit.t });
@@ -116,6 +157,39 @@ pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(),
         let by = (now.min - p).max(p - now.max).max_element();
         if by > allowed {
             return Err(PrimitiveError::OutsideBounds { over, ray, t: hit.t, by });
+        }
+    }
+    Ok(())
+}
+
+/// Tests what the primitive says is nearest to the origin of a ray that may hit it at `hit`. Its bounds over an interval
+/// are `now` at the ray's time, and it is about as large as `size`.
+fn check_nearest(
+    primitive: &impl Primitive,
+    ray: &Ray,
+    over: TimeInterval,
+    now: Aabb,
+    hit: Option<DVec3>,
+    size: f64,
+) -> Result<(), PrimitiveError> {
+    let (point, time) = (ray.origin, ray.time);
+    let found = primitive.closest_point(point, time);
+    let again = primitive.closest_point(point, time);
+    let nan = |p: Option<SurfacePoint>| p.is_some_and(|p| p.point.is_nan());
+    if again != found && !(nan(again) && nan(found)) {
+        return Err(PrimitiveError::ImpurePoint { point, time });
+    }
+    let Some(found) = found.filter(|found| !found.point.is_nan()) else { return Ok(()) };
+    let by = (now.min - found.point).max(found.point - now.max).max_element();
+    // The bounds at the time are interpolated in f64.
+    if by > 1e-15 * now.min.abs().max(now.max.abs()).max_element() {
+        return Err(PrimitiveError::PointOutsideBounds { over, point, time, by });
+    }
+    if let Some(nearer) = hit {
+        let distance = (nearer - point).length();
+        // The hit's distance is rounded to f32.
+        if (found.point - point).length() > distance + f64::from(f32::EPSILON) * (distance + size) {
+            return Err(PrimitiveError::NotNearest { point, time, nearer });
         }
     }
     Ok(())
@@ -211,5 +285,33 @@ mod tests {
             Err(PrimitiveError::BadBounds { .. })
         ));
         assert!(matches!(check(|b| b, |_, t| -t), Err(PrimitiveError::OutsideRange { .. })));
+    }
+
+    #[test]
+    fn each_way_to_be_wrong_about_the_nearest_point_is_found() {
+        use core::sync::atomic::{AtomicU32, Ordering};
+        /// A sphere with another nearest point.
+        struct Wrong(MovingSphere, fn(DVec3) -> DVec3, AtomicU32);
+        impl Primitive for Wrong {
+            fn bounds(&self, over: TimeInterval) -> LinearBounds {
+                self.0.bounds(over)
+            }
+            fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+                self.0.intersect(ray)
+            }
+            fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+                let found = self.0.closest_point(point, time)?;
+                let asked = self.2.fetch_add(1, Ordering::Relaxed) as f32;
+                Some(SurfacePoint { point: self.1(found.point), u: found.u * asked.min(1.0), ..found })
+            }
+        }
+        let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X * 3.0, 0.5)]);
+        let check = |f| check_primitive(&Wrong(ball.clone(), f, AtomicU32::new(1)), 5000);
+        assert_eq!(check(|p| p), Ok(()));
+        assert!(matches!(check(|p| p * 1.001), Err(PrimitiveError::PointOutsideBounds { .. })));
+        assert!(matches!(check(|p| p * 0.99 + 0.01), Err(PrimitiveError::NotNearest { .. })));
+        assert_eq!(check(|_| DVec3::NAN), Ok(()));
+        let impure = check_primitive(&Wrong(ball, |p| p, AtomicU32::new(0)), 5000);
+        assert!(matches!(impure, Err(PrimitiveError::ImpurePoint { .. })));
     }
 }

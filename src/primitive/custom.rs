@@ -7,6 +7,7 @@
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
+use glam::DVec3;
 
 /// A moving shape that a [`RayTree`](crate::RayTree) can hold.
 ///
@@ -15,8 +16,9 @@ use crate::limits::MAX_COORDINATE;
 ///   [`intersect`](Primitive::intersect) can report at that time, *including its own rounding*: pad them by
 ///   the error of the intersection arithmetic.
 /// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`](crate::MAX_COORDINATE).
-/// - [`intersect`](Primitive::intersect) is pure: the same ray gives the same answer, however often and on
-///   whichever thread it is asked.
+/// - They hold every point that [`closest_point`](Primitive::closest_point) reports at that time, exactly.
+/// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same question gets
+///   the same answer, however often and on whichever thread it is asked.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -53,6 +55,16 @@ pub trait Primitive: Send + Sync {
     /// An answer outside that range counts as none.
     fn intersect(&self, ray: &Ray) -> Option<Intersection>;
 
+    /// The point of the primitive at `time` that is nearest to `point`, for
+    /// [`RayTree::closest_point`](crate::RayTree::closest_point).
+    ///
+    /// The default is `None`, for all points: then the primitive takes no part in such queries, as if it were not there.
+    /// A point with a NaN counts as none.
+    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+        let _ = (point, time);
+        None
+    }
+
     /// When the primitive exists. The default is the whole shutter.
     fn active(&self) -> TimeInterval {
         TimeInterval::FULL
@@ -67,6 +79,17 @@ pub struct Intersection {
     /// First surface parameter, handed through to [`Hit::u`](crate::Hit::u).
     pub u: f32,
     /// Second surface parameter, handed through to [`Hit::v`](crate::Hit::v).
+    pub v: f32,
+}
+
+/// A point on a primitive, as [`Primitive::closest_point`] reports it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Where it is, in world coordinates.
+    pub point: DVec3,
+    /// First surface parameter, handed through to [`ClosestPoint::u`](crate::ClosestPoint::u).
+    pub u: f32,
+    /// Second surface parameter, handed through to [`ClosestPoint::v`](crate::ClosestPoint::v).
     pub v: f32,
 }
 
@@ -132,8 +155,8 @@ impl<P: Primitive> Shapes<P> {
             let bounds = shape.bounds(shape.active());
             for b in [bounds.begin, bounds.end] {
                 // Comparisons in this form also refuse NaN.
-                let fine = b.min.cmple(b.max).all()
-                    && b.min.abs().max(b.max.abs()).cmple(glam::DVec3::splat(MAX_COORDINATE)).all();
+                let fine =
+                    b.min.cmple(b.max).all() && b.min.abs().max(b.max.abs()).cmple(DVec3::splat(MAX_COORDINATE)).all();
                 if !fine {
                     return Err(BuildError::BadBounds { primitive });
                 }

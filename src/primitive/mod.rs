@@ -9,7 +9,7 @@ mod triangles;
 
 pub use check::{PrimitiveError, check_primitive};
 pub(crate) use custom::PrimitiveSet;
-pub use custom::{Intersection, Primitive, Shapes};
+pub use custom::{Intersection, Primitive, Shapes, SurfacePoint};
 pub use mesh::{Keys, TriangleMesh};
 pub use points::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use sphere::MovingSphere;

@@ -1,6 +1,6 @@
 //! A moving sphere: the second kind of primitive, and a model for the caller's own.
 
-use super::custom::{Intersection, Primitive};
+use super::custom::{Intersection, Primitive, SurfacePoint};
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 use glam::DVec3;
 
@@ -105,6 +105,17 @@ impl Primitive for MovingSphere {
             [middle - half, middle + half].map(|t| t as f32).into_iter().find(|&t| ray.t_min <= t && t <= ray.t_max)?;
         let normal = (ray.point(t) - center) / radius;
         Some(Intersection { t, u: normal.x as f32, v: normal.y as f32 })
+    }
+
+    /// The nearest point of the surface; `u` and `v` as in [`Primitive::intersect`]. From the center it is the one along
+    /// the x axis. A sphere without keys has none.
+    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+        if self.keys.is_empty() {
+            return None;
+        }
+        let (center, radius) = self.at(time);
+        let normal = (point - center).try_normalize().unwrap_or(DVec3::X);
+        Some(SurfacePoint { point: center + normal * radius, u: normal.x as f32, v: normal.y as f32 })
     }
 
     fn active(&self) -> TimeInterval {

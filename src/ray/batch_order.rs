@@ -75,15 +75,16 @@ pub(crate) fn answer_in_order<T: Copy + Send>(
     }
 }
 
-/// Answers rays in the order in which they are; `fill` those of one task.
-pub(crate) fn in_parallel<T: Send>(rays: &[Ray], answers: &mut [T], fill: impl Fn(&[Ray], &mut [T]) + Sync) {
+/// Answers queries in the order in which they are; `fill` those of one task.
+pub(crate) fn in_parallel<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(&[Q], &mut [T]) + Sync) {
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
-        rays.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK)).for_each(|(rays, answers)| fill(rays, answers));
+        let tasks = queries.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK));
+        tasks.for_each(|(queries, answers)| fill(queries, answers));
     }
     #[cfg(not(feature = "rayon"))]
-    fill(rays, answers);
+    fill(queries, answers);
 }
 
 /// Looks at some pairs of successive rays.

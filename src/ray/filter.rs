@@ -3,23 +3,23 @@
 use super::Hit;
 
 /// Which primitives a query sees and which hits it accepts; both must be pure.
-pub(crate) trait Filter {
+pub(crate) trait Filter<T = Hit> {
     /// Whether a primitive with this visibility mask is seen; the mask is looked up only where it matters.
     fn sees(&self, mask: impl FnOnce() -> u32) -> bool;
     /// Whether a hit counts.
-    fn accepts(&self, hit: impl FnOnce() -> Hit) -> bool;
+    fn accepts(&self, hit: impl FnOnce() -> T) -> bool;
 }
 
 /// No filter: compiles to nothing.
 pub(crate) struct Everything;
 
-impl Filter for Everything {
+impl<T> Filter<T> for Everything {
     #[inline(always)]
     fn sees(&self, _: impl FnOnce() -> u32) -> bool {
         true
     }
     #[inline(always)]
-    fn accepts(&self, _: impl FnOnce() -> Hit) -> bool {
+    fn accepts(&self, _: impl FnOnce() -> T) -> bool {
         true
     }
 }
@@ -30,13 +30,13 @@ pub(crate) struct Visible<F> {
     pub accept: F,
 }
 
-impl<F: Fn(&Hit) -> bool> Filter for Visible<F> {
+impl<T, F: Fn(&T) -> bool> Filter<T> for Visible<F> {
     #[inline(always)]
     fn sees(&self, mask: impl FnOnce() -> u32) -> bool {
         self.mask & mask() != 0
     }
     #[inline(always)]
-    fn accepts(&self, hit: impl FnOnce() -> Hit) -> bool {
+    fn accepts(&self, hit: impl FnOnce() -> T) -> bool {
         (self.accept)(&hit())
     }
 }

@@ -11,10 +11,11 @@ use super::hit::Hit;
 use super::intersect::RaySource;
 use super::traverser::Scene;
 use super::tree_ray::TreeRay;
-use super::wide_traversal::{Forms, Journey, StackOf};
+use super::wide_traversal::{Forms, RayQuery};
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, WideTree};
 use crate::simd::{Kernel, Simd};
+use crate::traverse::{Cursor, StackOf, WideTraversal};
 
 /// Rays on their way at the same time.
 const GROUP: usize = 8;
@@ -94,7 +95,7 @@ struct Turn<'a, C> {
     index: usize,
     ray: TreeRay,
     forms: Forms,
-    journey: Journey<'a>,
+    cursor: Cursor<'a>,
     collect: C,
 }
 
@@ -107,28 +108,31 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
         if tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &tree.arena, set, filter: &Everything, ahead: false };
+        let scene = Scene { arena: &tree.arena, set, filter: &Everything };
+        let traversal = WideTraversal::by_turns(&tree.arena);
         let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, &set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
-            let journey = Journey::new(tree.root, memory.stack(tree.waiting()));
+            let cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
             let collect = A::collect(&ray);
-            group.push(Turn { index, forms: Forms::new(&ray), ray, journey, collect });
+            group.push(Turn { index, forms: Forms::new(&ray), ray, cursor, collect });
         }
         while !group.is_empty() {
             let mut i = 0;
             while i < group.len() {
                 let turn = &mut group[i];
-                if scene.advance(s, &turn.ray, &turn.forms, &mut turn.journey, &mut turn.collect, &mut ()) {
-                    scene.arena.prefetch(turn.journey.at.at(), turn.journey.at.lines());
+                let Turn { ray, forms, cursor, collect, .. } = turn;
+                let mut query = RayQuery { scene: &scene, ray, forms, collect, observer: &mut () };
+                if traversal.advance(s, cursor, &mut query).is_continue() {
+                    scene.arena.prefetch(cursor.at.at(), cursor.at.lines());
                     i += 1;
                     continue;
                 }
                 answers[turn.index] = A::answer(&turn.collect, set);
                 match waiting.next() {
                     Some((index, ray)) => {
-                        turn.journey.restart(tree.root);
+                        turn.cursor.restart(tree.root);
                         turn.collect = A::collect(&ray);
                         turn.forms = Forms::new(&ray);
                         (turn.index, turn.ray) = (index, ray);

@@ -12,7 +12,7 @@ use super::observer::Observer;
 use super::traverser::Scene;
 use super::tree_ray::TreeRay;
 use crate::geometry::KeyTime;
-use crate::layout::{CORNER_ROWS, ChildRef, VERTEX_ROWS, shared_count};
+use crate::layout::{Between, CORNER_ROWS, ChildRef, VERTEX_ROWS, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
 
 impl<G: RaySource, F: Filter> Scene<'_, G, F> {
@@ -236,56 +236,5 @@ impl LeafRay {
     #[inline(always)]
     pub(super) fn read(&self) -> LeafRay {
         *core::hint::black_box(self)
-    }
-}
-
-/// A time between two keys, as leaf blocks use it: from the nearer key towards the other.
-///
-/// `b + s (b - a)` with negative `s` is `b + (-s) (a - b)` bit for bit, since changing both signs of a
-/// product changes nothing. So both halves of a segment read two rows, in one order or the other.
-#[derive(Clone, Copy)]
-pub(super) struct Between {
-    /// Whether the later key is the nearer.
-    from_end: bool,
-    /// How far to go, in [0, 1/2].
-    fraction: f32,
-}
-
-impl Between {
-    /// For what stands still.
-    const NEVER: Between = Between { from_end: false, fraction: 0.0 };
-
-    #[inline(always)]
-    pub(super) fn new(keys: KeyTime) -> Between {
-        Between { from_end: keys.from_end, fraction: if keys.from_end { -keys.s } else { keys.s } }
-    }
-
-    /// First row at the nearer key, and at the other, where a key has so many rows.
-    #[inline(always)]
-    fn rows(self, per_key: usize) -> (usize, usize) {
-        let base = per_key * usize::from(self.from_end);
-        (base, per_key - base)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::Vec3;
-
-    #[test]
-    fn leaf_blocks_interpolate_as_keys_do() {
-        let mut state = 3u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
-        for _ in 0..10_000 {
-            let (a, b) = (Vec3::new(next(), next(), next()), Vec3::new(next(), next(), next()));
-            let keys = KeyTime::new(next().abs(), 2);
-            let between = Between::new(keys);
-            let (at, other) = if between.rows(9) == (0, 9) { (a, b) } else { (b, a) };
-            assert_eq!(at + (other - at) * between.fraction, keys.position(a, b));
-        }
     }
 }

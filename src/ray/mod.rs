@@ -5,6 +5,8 @@
 //! [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 
 mod batch_order;
+mod closest_point;
+mod closest_point_queries;
 mod collect;
 mod compiled;
 mod filter;
@@ -19,6 +21,7 @@ mod ray_tree;
 mod traverser;
 mod tree_ray;
 mod triangle;
+mod visit;
 mod walk;
 mod wide_traversal;
 
@@ -31,10 +34,14 @@ pub use crate::layout::{Statistics, TreeBox, ValidationError};
 pub use crate::params::{BuildParams, Division, Policy};
 pub use crate::primitive::Intersection;
 pub use crate::simd::SimdLevel;
+pub use crate::traverse::Visitor;
 pub(crate) use batch_order::{Space, answer_in_order, in_parallel};
+pub(crate) use closest_point::closest_point_of_all;
+pub use closest_point::{ClosestPoint, ClosestPointQuery};
 pub(crate) use filter::{Everything, Filter, Visible};
 pub use hit::Hit;
 pub(crate) use interleave::{Anys, Asks, Closests};
 pub use observer::{Counters, Observer};
 pub use ray_tree::{Geometry, RayTree};
 pub(crate) use tree_ray::TreeRay;
+pub use visit::TreePrimitive;

@@ -7,11 +7,12 @@ use super::intersect::RaySource;
 use super::observer::Observer;
 use super::tree_ray::TreeRay;
 use super::walk::Walk;
-use super::wide_traversal::{StackOf, Wide};
+use super::wide_traversal::Wide;
 use crate::geometry::Ray;
 use crate::layout::WideTree;
 use crate::primitive::PrimitiveSet;
 use crate::simd::{Kernel, Simd};
+use crate::traverse::StackOf;
 use core::ops::ControlFlow;
 
 /// A question with all it needs but the layout.

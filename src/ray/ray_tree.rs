@@ -1,5 +1,6 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
+use super::closest_point::ClosestPointSource;
 use super::compiled::{Layout, Queries, Target};
 use super::intersect::RaySource;
 use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, Visible, answer_in_order, in_parallel};
@@ -23,9 +24,9 @@ use glam::{DVec3, Vec3};
 /// }
 /// ```
 #[allow(private_bounds)] // that is what seals it
-pub trait Geometry: RaySource {}
+pub trait Geometry: RaySource + ClosestPointSource {}
 
-impl<S: RaySource> Geometry for S {}
+impl<S: RaySource + ClosestPointSource> Geometry for S {}
 
 /// Things that move, ready for rays at any time of the shutter.
 ///
@@ -46,10 +47,10 @@ impl<S: RaySource> Geometry for S {}
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
 pub struct RayTree<G = Triangles> {
-    geometry: G,
-    layout: Layout,
+    pub(super) geometry: G,
+    pub(super) layout: Layout,
     statistics: Statistics,
-    simd: SimdLevel,
+    pub(super) simd: SimdLevel,
     queries: Queries<G>,
 }
 
@@ -305,10 +306,10 @@ impl RayTree {
         RayTree::of(Triangles::new(meshes)?, params, &Progress::new(Some(progress)))
     }
 
-    /// The corners of the triangle that was hit, at any time, exactly where queries see them. NaN for a hit
-    /// that is not of this tree.
-    pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
-        match self.geometry.id(hit.mesh, hit.primitive) {
+    /// The corners of a triangle of a mesh at any time, exactly where queries see them. NaN where there is no such
+    /// triangle. A time outside `[0, 1]` continues the motion.
+    pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
+        match self.geometry.id(mesh, triangle) {
             Some(id) => {
                 let corners = match &self.layout {
                     Layout::Wide(tree) => tree.corners(&self.geometry, id, time),
@@ -318,6 +319,11 @@ impl RayTree {
             }
             None => [DVec3::NAN; 3],
         }
+    }
+
+    /// The corners of the triangle that was hit, at any time: see [`RayTree::triangle`].
+    pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
+        self.triangle(hit.mesh, hit.primitive, time)
     }
 
     /// The unit normal of the triangle that was hit, at any time: the corners run counter-clockwise as

@@ -7,6 +7,4 @@ pub(super) struct Scene<'a, G, F> {
     pub arena: &'a Arena,
     pub set: &'a G,
     pub filter: &'a F,
-    /// Whether all blocks that a ray will visit are asked for as soon as they are known.
-    pub ahead: bool,
 }

@@ -1,4 +1,4 @@
-//! Traversal of the wide layout: one ray against sixteen boxes at a time, down to the leaf blocks.
+//! Rays in the wide layout: one ray against sixteen boxes at a time.
 //!
 //! Boxes at the ray's time are one multiply-add per face away from the node's rows. A face `f` is met at
 //! `(f - o) / d`, and with `r = 1 / d` computed once, `f * r + (-o r -+ slack |r|)` grows the box by the slack as well, where
@@ -14,33 +14,21 @@
 //! A ray that begins behind its origin counts distances from its begin, so that none that matters is below zero and
 //! integers order like numbers: three more roundings, of sums with that begin, for which its slack is larger.
 //! Everything stays finite: coordinates are below 2^102 and reciprocals at most 2^24.
-//!
-//! A query waits for the chain from one node's rows to the next node's address (some forty cycles, whatever else is done
-//! beside it), for memory and for mispredicted branches, more than for arithmetic. So the code is written for short
-//! chains, for knowing early what will be read, and for few branches that depend on the ray.
 
 use super::collect::Collect;
 use super::filter::Filter;
 use super::intersect::RaySource;
-use super::leaf::{Between, LeafRay};
+use super::leaf::LeafRay;
 use super::observer::Observer;
 use super::traverser::Scene;
 use super::tree_ray::TreeRay;
 use super::walk::Walk;
 use crate::geometry::KeyTime;
-use crate::layout::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, WideTree};
-use crate::simd::{LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
+use crate::layout::{Between, CORNER_ROWS, ChildRef, Kind, NODE_ROWS, WideTree};
+use crate::simd::{LANES, Mask, Simd, Stack, lanes_at};
+use crate::traverse::{Cursor, NodeBlock, WideQuery, WideTraversal};
+use core::ops::ControlFlow;
 use glam::Vec3A;
-
-/// Places on the stack that are there without asking the heap: enough for a tree of ten levels.
-const STACK: usize = 352;
-
-/// Words of a tree from which on the blocks that a ray will visit are asked for ahead of time: then they are often not
-/// in the cache, and what lies in the cache only pays for the asking.
-const AHEAD: usize = 8 << 20;
-
-/// Memory for the stack of one ray.
-pub(super) type StackOf = StackMemory<u64, STACK>;
 
 /// A ray as the slab test wants it, per axis.
 struct Slabs {
@@ -109,10 +97,12 @@ impl<S: Simd> Walk for Wide<'_, S> {
         if self.tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &self.tree.arena, set, filter, ahead: self.tree.arena.len() > AHEAD };
+        let scene = Scene { arena: &self.tree.arena, set, filter };
         let forms = Forms::new(ray);
-        let mut journey = Journey::new(self.tree.root, self.stack);
-        while scene.advance(self.simd, ray, &forms, &mut journey, collect, observer) {}
+        let mut query = RayQuery { scene: &scene, ray, forms: &forms, collect, observer };
+        let mut cursor = Cursor::new(self.tree.root, self.stack);
+        let traversal = WideTraversal::new(&self.tree.arena);
+        while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
     }
 }
 
@@ -132,160 +122,31 @@ impl Forms {
     }
 }
 
-/// A ray on its way through the tree.
-pub(super) struct Journey<'a> {
-    /// The block to visit next.
-    pub at: ChildRef,
-    /// Blocks to visit later: distances in the high halves, references in the low.
-    stack: Stack<'a, u64>,
+/// A ray on its way through the tree, with all that is asked of it.
+pub(super) struct RayQuery<'a, G, F, C, O> {
+    pub scene: &'a Scene<'a, G, F>,
+    pub ray: &'a TreeRay,
+    pub forms: &'a Forms,
+    pub collect: &'a mut C,
+    pub observer: &'a mut O,
 }
 
-impl<'a> Journey<'a> {
+impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for RayQuery<'_, G, F, C, O> {
+    const ORDERED: bool = C::ORDERED;
+
     #[inline(always)]
-    pub fn new(root: ChildRef, stack: Stack<'a, u64>) -> Journey<'a> {
-        Journey { at: root, stack }
+    fn time(&self) -> f32 {
+        self.ray.time
     }
 
-    /// Begins anew.
     #[inline(always)]
-    pub fn restart(&mut self, root: ChildRef) {
-        self.at = root;
-        self.stack.clear();
-    }
-}
-
-impl<G: RaySource, F: Filter> Scene<'_, G, F> {
-    /// Visits the next block of a journey, and offers the hits found in it to `collect`. False at the journey's end.
-    #[inline(always)]
-    pub fn advance<S: Simd, C: Collect>(
-        &self,
-        s: S,
-        ray: &TreeRay,
-        forms: &Forms,
-        journey: &mut Journey<'_>,
-        collect: &mut C,
-        observer: &mut impl Observer,
-    ) -> bool {
-        let at = journey.at;
-        let (slabs, leaf_ray, stack) = (&forms.slabs, &forms.leaf, &mut journey.stack);
-        let end = match at.kind() {
-            Kind::Node => {
-                observer.node();
-                match self.step::<S, NODE_ROWS, _>(s, at, slabs, collect, stack, observer) {
-                    Some(next) => {
-                        journey.at = next;
-                        return true;
-                    }
-                    None => false,
-                }
-            }
-            Kind::StillNode => {
-                observer.node();
-                match self.step::<S, STILL_NODE_ROWS, _>(s, at, slabs, collect, stack, observer) {
-                    Some(next) => {
-                        journey.at = next;
-                        return true;
-                    }
-                    None => false,
-                }
-            }
-            Kind::Time => {
-                let words = &self.arena.ints()[at.at()..];
-                let part = KeyTime::new(ray.time, words[0] as usize + 1).segment;
-                journey.at = ChildRef(words[1 + part]);
-                return true;
-            }
-            Kind::Leaf => self.leaf::<S, true>(s, at, ray, leaf_ray, collect, observer),
-            Kind::StillLeaf => self.leaf::<S, false>(s, at, ray, leaf_ray, collect, observer),
-            Kind::SharedLeaf => self.shared::<S, true>(s, at, ray, leaf_ray, collect, observer),
-            Kind::SharedStillLeaf => self.shared::<S, false>(s, at, ray, leaf_ray, collect, observer),
-            Kind::OwnLeaf if G::LISTS => self.list(at, ray, collect, observer),
-            Kind::OwnLeaf => {
-                let segments = self.arena.ints()[at.at() + (2 * CORNER_ROWS + 1) * at.len()] as usize;
-                let between = Between::new(KeyTime::new(ray.time, segments + 1));
-                self.leaf::<S, true>(s, at, ray, &leaf_ray.between(between), collect, observer)
-            }
-        };
-        if end {
-            return false;
-        }
-        // What begins beyond the limit is of no interest any more. Distances below zero were stored as
-        // zero, so the bits order like the numbers.
-        let limit = u64::from(slabs.limit(collect.reach()).max(0.0).to_bits());
-        loop {
-            match stack.pop() {
-                Some(entry) if entry >> 32 <= limit => {
-                    journey.at = ChildRef(entry as u32);
-                    return true;
-                }
-                Some(_) => {}
-                None => return false,
-            }
-        }
+    fn node(&mut self) {
+        self.observer.node();
     }
 
-    /// Tests the sixteen boxes of a node, pushes all that are met but one, and returns that: the nearest, or any where
-    /// order does not matter.
-    ///
-    /// Where it does not, a node of the same kind on top of the stack is tested as well: its rows are fetched and its
-    /// masks made while those of the first are.
     #[inline(always)]
-    fn step<S: Simd, const ROWS: usize, C: Collect>(
-        &self,
-        s: S,
-        node: ChildRef,
-        slabs: &Slabs,
-        collect: &C,
-        stack: &mut Stack<'_, u64>,
-        observer: &mut impl Observer,
-    ) -> Option<ChildRef> {
-        if !C::ORDERED
-            && let Some(top) = stack.top()
-            && let top = ChildRef(top as u32)
-            && top.kind() == node.kind()
-        {
-            stack.pop();
-            observer.node();
-            let a = self.meet::<S, ROWS, C>(s, node, slabs, collect);
-            let b = self.meet::<S, ROWS, C>(s, top, slabs, collect);
-            for (mask, _, children) in [b, a] {
-                if self.ahead {
-                    self.expect(children, mask);
-                }
-                stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), mask), mask.count_ones() as usize);
-            }
-            return None;
-        }
-        let (mask, enter, children) = self.meet::<S, ROWS, C>(s, node, slabs, collect);
-        if mask == 0 {
-            return None;
-        }
-        let lane = Mask::BITS - 1 - mask.leading_zeros();
-        let first = ChildRef(children[lane as usize % LANES].to_bits());
-        let others = mask ^ (1 << lane);
-        if self.ahead {
-            self.expect(children, mask);
-        }
-        if !C::ORDERED {
-            stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
-            return Some(first);
-        }
-        if others == 0 {
-            return Some(first);
-        }
-        Some(push_hits::<S>(s, mask, enter, children, stack))
-    }
-
-    /// The boxes of a node that are met, where, and its children.
-    #[inline(always)]
-    fn meet<S: Simd, const ROWS: usize, C: Collect>(
-        &self,
-        s: S,
-        node: ChildRef,
-        slabs: &Slabs,
-        collect: &C,
-    ) -> (Mask, S::F, &Lanes<f32>) {
-        let block = self.arena.block(node.at());
+    fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
+        let slabs = &self.forms.slabs;
         let time = s.splat(slabs.time);
         // Written out: closures would be compiled without the instruction set.
         let near = [
@@ -300,19 +161,34 @@ impl<G: RaySource, F: Filter> Scene<'_, G, F> {
         ];
         // All that count are above zero, where integers order like numbers.
         let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(slabs.begin)));
-        let limit = s.splat(slabs.limit(collect.reach()));
+        let limit = s.splat(slabs.limit(self.collect.reach()));
         let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
-        (s.le_signed(enter, leave), enter, lanes_at(block, (ROWS - 1) * LANES))
+        (s.le_signed(enter, leave), enter)
     }
 
-    /// Asks for the blocks of some children of a node.
     #[inline(always)]
-    fn expect(&self, children: &Lanes<f32>, mut mask: Mask) {
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize % LANES;
-            mask &= mask - 1;
-            self.arena.prefetch_block(ChildRef(children[lane].to_bits()).at());
-        }
+    fn limit(&self) -> f32 {
+        // Distances below zero were stored as zero.
+        self.forms.slabs.limit(self.collect.reach()).max(0.0)
+    }
+
+    #[inline(always)]
+    fn leaf(&mut self, s: S, at: ChildRef) -> ControlFlow<()> {
+        let RayQuery { scene, ray, forms, .. } = *self;
+        let (collect, observer, leaf_ray) = (&mut *self.collect, &mut *self.observer, &forms.leaf);
+        let end = match at.kind() {
+            Kind::Leaf => scene.leaf::<S, true>(s, at, ray, leaf_ray, collect, observer),
+            Kind::StillLeaf => scene.leaf::<S, false>(s, at, ray, leaf_ray, collect, observer),
+            Kind::SharedLeaf => scene.shared::<S, true>(s, at, ray, leaf_ray, collect, observer),
+            Kind::SharedStillLeaf => scene.shared::<S, false>(s, at, ray, leaf_ray, collect, observer),
+            _ if G::LISTS => scene.list(at, ray, collect, observer),
+            _ => {
+                let segments = scene.arena.ints()[at.at() + (2 * CORNER_ROWS + 1) * at.len()] as usize;
+                let between = Between::new(KeyTime::new(ray.time, segments + 1));
+                scene.leaf::<S, true>(s, at, ray, &leaf_ray.between(between), collect, observer)
+            }
+        };
+        if end { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
 
@@ -320,7 +196,7 @@ impl<G: RaySource, F: Filter> Scene<'_, G, F> {
 #[inline(always)]
 fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
     s: S,
-    block: &[f32; LANES * LANES],
+    block: &NodeBlock,
     side: usize,
     time: S::F,
     inverse: f32,
@@ -331,49 +207,6 @@ fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
     let at = s.load(lanes_at(block, row));
     let face = if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, row + 6 * LANES)), time, at) } else { at };
     s.mul_add(face, s.splat(inverse), s.splat(offset))
-}
-
-/// Pushes the children of the mask, of which there are at least two, farthest first, and returns the nearest.
-#[inline(always)]
-fn push_hits<S: Simd>(
-    s: S,
-    mask: Mask,
-    distances: S::F,
-    children: &Lanes<f32>,
-    stack: &mut Stack<'_, u64>,
-) -> ChildRef {
-    let n = mask.count_ones() as usize;
-    let packed = s.compress(distances, mask);
-    let mut d = [0; LANES];
-    let mut c = [0; LANES];
-    s.store_u(s.to_bits(packed), &mut d);
-    s.store_u(s.compress_u(s.to_bits(s.load(children)), mask), &mut c);
-    let entry = |i: usize| u64::from(d[i]) << 32 | u64::from(c[i]);
-    if n <= 4 {
-        // A sorting network of four, the missing ones nearest and so last; the nearest that is there waits for
-        // two comparisons only.
-        let entry_or = |i: usize, missing: u64| if i < n { entry(i) } else { missing };
-        let nearest = entry(0).min(entry(1)).min(entry_or(2, u64::MAX).min(entry_or(3, u64::MAX)));
-        let descending = |a: u64, b: u64| if a < b { (b, a) } else { (a, b) };
-        let (a, b) = descending(entry(0), entry(1));
-        let (c, d) = descending(entry_or(2, 0), entry_or(3, 0));
-        let (a, c) = descending(a, c);
-        let (b, d) = descending(b, d);
-        let (b, c) = descending(b, c);
-        let _ = d;
-        stack.push_first([a, b, c], n - 1);
-        return ChildRef(nearest as u32);
-    }
-    let valid = ((1u32 << n) - 1) as Mask;
-    let mut places = [0; LANES];
-    for (i, place) in places.iter_mut().enumerate().take(n) {
-        let own = s.from_bits(s.splat_u(d[i]));
-        let farther = s.lt(own, packed) & valid;
-        let equal_before = s.eq(own, packed) & (((1u32 << i) - 1) as Mask);
-        *place = (farther.count_ones() + equal_before.count_ones()) as usize;
-    }
-    stack.push_ranked(n, |i| (places[i], entry(i)));
-    ChildRef(stack.pop().unwrap_or(0) as u32)
 }
 
 #[cfg(test)]

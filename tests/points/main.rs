@@ -10,3 +10,4 @@ mod lists;
 mod outliers;
 mod property;
 mod support;
+mod visitors;

@@ -5,8 +5,8 @@ use crate::common::{Random, difference, grid, random_ray, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildParams, Intersection, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree, TimeInterval,
-    TriangleMesh, check_primitive,
+    Aabb, BuildParams, Intersection, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree, SurfacePoint,
+    TimeInterval, TriangleMesh, check_primitive,
 };
 use proptest::prelude::*;
 
@@ -165,13 +165,18 @@ fn moving_spheres() {
 
 /// A caller's own primitive: an axis-aligned box that rises, hit on its near face.
 #[derive(Clone)]
-struct Brick {
+pub struct Brick {
     low: DVec3,
     high: DVec3,
     rise: f64,
 }
 
 impl Brick {
+    /// A unit cube.
+    pub fn new(low: DVec3, rise: f64) -> Brick {
+        Brick { low, high: low + DVec3::ONE, rise }
+    }
+
     fn at(&self, time: f32) -> Aabb {
         let up = DVec3::Z * self.rise * f64::from(time);
         Aabb { min: self.low + up, max: self.high + up }
@@ -200,6 +205,11 @@ impl Primitive for Brick {
         let t = near as f32;
         (near <= far && ray.t_min <= t && t <= ray.t_max).then_some(Intersection { t, u: 0.0, v: 0.0 })
     }
+
+    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+        let Aabb { min, max } = self.at(time);
+        Some(SurfacePoint { point: point.clamp(min, max), u: 0.25, v: 0.5 })
+    }
 }
 
 #[test]
@@ -208,7 +218,7 @@ fn the_callers_own_primitives() {
     let bricks: Vec<Brick> = (0..300)
         .map(|_| {
             let low = (random.vec() * 4.0).round().as_dvec3();
-            Brick { low, high: low + DVec3::ONE, rise: f64::from(random.signed()) * 3.0 }
+            Brick::new(low, f64::from(random.signed()) * 3.0)
         })
         .collect();
     check_primitive(&bricks[0], 2000).unwrap();

@@ -3,9 +3,11 @@
 mod accuracy;
 mod bad_input;
 mod brute_force;
+mod closest_point;
 mod common;
 mod golden;
 mod hairball;
 mod metamorphic;
 mod scenes;
+mod visitors;
 mod watertight;

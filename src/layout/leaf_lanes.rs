@@ -1,0 +1,128 @@
+//! The triangles of a leaf block at a time, sixteen at once.
+
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
+use crate::geometry::KeyTime;
+use crate::simd::{Arena, Rows, Simd, lanes_at};
+
+/// The corners of up to sixteen triangles. What is in lanes beyond their number is unspecified.
+pub(crate) struct CornerLanes<S: Simd> {
+    /// Three corners, three coordinates each.
+    pub corners: [[S::F; 3]; 3],
+    pub count: usize,
+    /// The word at which their ids begin.
+    pub ids: usize,
+}
+
+impl<S: Simd> CornerLanes<S> {
+    /// The corners in a leaf block of triangles at a time, bit for bit as `KeyTime::position` computes them.
+    #[inline(always)]
+    pub fn of(s: S, arena: &Arena, leaf: ChildRef, time: f32) -> CornerLanes<S> {
+        let (at, n) = (leaf.at(), leaf.len());
+        let floats = &arena.floats()[at..];
+        let linear = Between::new(KeyTime::new(time, 2));
+        match leaf.kind() {
+            Kind::StillLeaf => CornerLanes::own::<false>(s, floats, (at, n), linear),
+            Kind::SharedLeaf => CornerLanes::shared::<true>(s, arena, (at, n), linear),
+            Kind::SharedStillLeaf => CornerLanes::shared::<false>(s, arena, (at, n), linear),
+            Kind::OwnLeaf => {
+                let segments = arena.ints()[at + (2 * CORNER_ROWS + 1) * n] as usize;
+                CornerLanes::own::<true>(s, floats, (at, n), Between::new(KeyTime::new(time, segments + 1)))
+            }
+            _ => CornerLanes::own::<true>(s, floats, (at, n), linear),
+        }
+    }
+
+    /// Of triangles with corners of their own.
+    #[inline(always)]
+    fn own<const MOVING: bool>(s: S, floats: &[f32], (at, n): (usize, usize), between: Between) -> CornerLanes<S> {
+        let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
+        let rows = Rows::new(floats, n, count);
+        let (base, other) = if MOVING { between.rows(CORNER_ROWS) } else { (0, 0) };
+        let fraction = s.splat(between.fraction);
+        let [mut first, mut second, mut third] = [[fraction; 3]; 3];
+        for axis in 0..3 {
+            let [a, b, c] = s.load_thirds(&rows, base + axis);
+            (first[axis], second[axis], third[axis]) = (a, b, c);
+            if MOVING {
+                let [a2, b2, c2] = s.load_thirds(&rows, other + axis);
+                first[axis] = a + (a2 - a) * fraction;
+                second[axis] = b + (b2 - b) * fraction;
+                third[axis] = c + (c2 - c) * fraction;
+            }
+        }
+        CornerLanes { corners: [first, second, third], count: n, ids: at + count * n }
+    }
+
+    /// Of triangles that share vertices.
+    #[inline(always)]
+    fn shared<const MOVING: bool>(s: S, arena: &Arena, (at, n): (usize, usize), between: Between) -> CornerLanes<S> {
+        let count = if MOVING { 2 * VERTEX_ROWS } else { VERTEX_ROWS };
+        let rows = Rows::new(&arena.floats()[at..], n, count);
+        let (base, other) = if MOVING { between.rows(VERTEX_ROWS) } else { (0, 0) };
+        let words = lanes_at(arena.ints(), at + count * n);
+        let triangles = shared_count(words[0]);
+        let places = s.load_u(words);
+        let fraction = s.splat(between.fraction);
+        let [mut first, mut second, mut third] = [[fraction; 3]; 3];
+        for axis in 0..3 {
+            let vertices = s.load_row(&rows, base + axis);
+            let vertices =
+                if MOVING { vertices + (s.load_row(&rows, other + axis) - vertices) * fraction } else { vertices };
+            first[axis] = s.permute(vertices, places);
+            second[axis] = s.permute(vertices, s.shift_right::<4>(places));
+            third[axis] = s.permute(vertices, s.shift_right::<8>(places));
+        }
+        CornerLanes { corners: [first, second, third], count: triangles, ids: at + count * n + triangles }
+    }
+}
+
+/// A time between two keys, as leaf blocks use it: from the nearer key towards the other.
+///
+/// `b + s (b - a)` with negative `s` is `b + (-s) (a - b)` bit for bit, since changing both signs of a
+/// product changes nothing. So both halves of a segment read two rows, in one order or the other.
+#[derive(Clone, Copy)]
+pub(crate) struct Between {
+    /// Whether the later key is the nearer.
+    from_end: bool,
+    /// How far to go, in [0, 1/2].
+    pub(crate) fraction: f32,
+}
+
+impl Between {
+    /// For what stands still.
+    pub(crate) const NEVER: Between = Between { from_end: false, fraction: 0.0 };
+
+    #[inline(always)]
+    pub(crate) fn new(keys: KeyTime) -> Between {
+        Between { from_end: keys.from_end, fraction: if keys.from_end { -keys.s } else { keys.s } }
+    }
+
+    /// First row at the nearer key, and at the other, where a key has so many rows.
+    #[inline(always)]
+    pub(crate) fn rows(self, per_key: usize) -> (usize, usize) {
+        let base = per_key * usize::from(self.from_end);
+        (base, per_key - base)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn leaf_blocks_interpolate_as_keys_do() {
+        let mut state = 3u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        for _ in 0..10_000 {
+            let (a, b) = (Vec3::new(next(), next(), next()), Vec3::new(next(), next(), next()));
+            let keys = KeyTime::new(next().abs(), 2);
+            let between = Between::new(keys);
+            let (at, other) = if between.rows(9) == (0, 9) { (a, b) } else { (b, a) };
+            assert_eq!(at + (other - at) * between.fraction, keys.position(a, b));
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! Traversals of the caller's own through a [`PointTree`].
+
+use super::moving_reference::phase;
+use super::over_interval::{Boxed, Flight};
+use super::partition::Layer;
+use super::plane_tree::PlaneTree;
+use super::tree::PointTree;
+use crate::geometry::{Aabb, KeyTime};
+use crate::mbkd::KdView;
+use crate::simd::LANES;
+use crate::traverse::{Hierarchy, Visitor, traverse};
+use core::ops::{ControlFlow, Range};
+use glam::{DVec3, Vec3};
+
+/// A point in a leaf of a [`PointTree`], as a [`Visitor`] meets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TreePoint {
+    /// The point's id.
+    pub id: u32,
+    /// Where it is at the time of the traversal, as queries see it.
+    pub position: DVec3,
+}
+
+/// A node of one of the trees, or a leaf.
+#[derive(Clone, Copy)]
+struct Place {
+    layer: usize,
+    /// Which of the trees side by side in time.
+    part: usize,
+    /// `None` for a leaf: then `at` is its first block, and `blocks` their number.
+    level: Option<usize>,
+    at: usize,
+    blocks: usize,
+    /// What holds it, in a k-d tree, where `at` is a node in any case.
+    cell: Aabb,
+}
+
+/// All layers at a time.
+struct LayersAt<'a> {
+    tree: &'a PointTree,
+    time: f32,
+}
+
+impl LayersAt<'_> {
+    fn bounds(&self, min: [f32; 3], max: [f32; 3]) -> Aabb {
+        Aabb { min: self.to_world(min), max: self.to_world(max) }
+    }
+
+    fn to_world(&self, p: [f32; 3]) -> DVec3 {
+        Vec3::from(p).as_dvec3() + self.tree.origin
+    }
+
+    fn expand_in(
+        &self,
+        tree: &impl Boxed,
+        place: Place,
+        children: &mut Vec<(Aabb, Place)>,
+        items: &mut Vec<TreePoint>,
+    ) {
+        let (keys, segment, _) = tree.part();
+        let at = KeyTime::new(self.time, keys);
+        let Some(level) = place.level else {
+            for (block, lane) in lanes(place.at..place.at + place.blocks) {
+                if tree.counts(block, lane, self.time) {
+                    items.extend(tree.flight(block, lane).map(|flight| self.point(&flight, at)));
+                }
+            }
+            return;
+        };
+        let (first, stride) = tree.behind(level, place.at);
+        let [begin, end] = tree.times(place.at);
+        let [min, max] = tree.faces_at(place.at, phase(at, segment));
+        let time = f64::from(self.time);
+        for lane in (0..LANES).filter(|&lane| begin[lane] <= time && time <= end[lane]) {
+            let (level, blocks) = (level.checked_sub(1), if level == 0 { stride } else { 0 });
+            let child = Place { level, at: first + lane * stride, blocks, ..place };
+            children.push((self.bounds(min.map(|row| row[lane]), max.map(|row| row[lane])), child));
+        }
+    }
+}
+
+impl LayersAt<'_> {
+    fn point(&self, flight: &Flight, at: KeyTime) -> TreePoint {
+        let position = at.position(Vec3::from(flight.open), Vec3::from(flight.close));
+        TreePoint { id: flight.id, position: self.to_world(position.to_array()) }
+    }
+
+    /// The same in a k-d tree: cells of its planes at the time, grown by their slack.
+    fn expand_planes(
+        &self,
+        tree: &PlaneTree,
+        place: Place,
+        children: &mut Vec<(Aabb, Place)>,
+        items: &mut Vec<TreePoint>,
+    ) {
+        match tree.node(place.at as u32) {
+            KdView::Leaf { first, count } => {
+                let at = KeyTime::new(self.time, tree.part().keys);
+                for (block, lane) in lanes(first as usize..(first + count) as usize) {
+                    if tree.counts(block, lane, self.time) {
+                        items.extend(tree.flight(block, lane).map(|flight| self.point(&flight, at)));
+                    }
+                }
+            }
+            KdView::Inner { plane, right } => {
+                let (axis, left, right) = (plane.axis, place.at as u32 + 1, right);
+                let face = |by: f64| plane.at(self.time) + by + self.tree.origin[axis];
+                let (mut below, mut above) = (place.cell, place.cell);
+                below.max[axis] = below.max[axis].min(face(tree.slack(left)));
+                above.min[axis] = above.min[axis].max(face(-tree.slack(right)));
+                for (node, cell) in [(left, below), (right, above)] {
+                    children.push((cell, Place { at: node as usize, cell, ..place }));
+                }
+            }
+        }
+    }
+}
+
+/// All lanes of some blocks.
+fn lanes(blocks: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
+    blocks.flat_map(|block| (0..LANES).map(move |lane| (block, lane)))
+}
+
+impl Hierarchy for LayersAt<'_> {
+    type Node = Place;
+    type Item = TreePoint;
+
+    fn roots(&self, roots: &mut Vec<Place>) {
+        for (layer, of) in self.tree.layers.iter().enumerate() {
+            let part = of.part_at(self.time);
+            let place = Place { layer, part, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
+            let top = |(level, at)| Place { level: Some(level), at, ..place };
+            roots.push(match of {
+                Layer::Still(tree) => top(tree.top()),
+                Layer::Moving(parts) => top(parts[part].top()),
+                Layer::Planes(parts) => {
+                    let (root, slack) = (parts[part].root(), parts[part].slack(0));
+                    Place { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..place }
+                }
+            });
+        }
+    }
+
+    fn expand(&self, place: Place, children: &mut Vec<(Aabb, Place)>, items: &mut Vec<TreePoint>) {
+        match &self.tree.layers[place.layer] {
+            Layer::Still(tree) => self.expand_in(tree, place, children, items),
+            Layer::Moving(parts) => self.expand_in(&parts[place.part], place, children, items),
+            Layer::Planes(parts) => self.expand_planes(&parts[place.part], place, children, items),
+        }
+    }
+}
+
+impl PointTree {
+    /// Leads a [`Visitor`] through the tree as it is at a time of the shutter: a traversal of the caller's own, for
+    /// questions that no other query answers. Returns what the visitor said last; at a time outside `[0, 1]` it sees
+    /// nothing.
+    ///
+    /// Each point that exists at the time is met in one leaf. A visitor is shown sixteen boxes per node, one after the
+    /// other: this is for questions asked now and then rather than a million times.
+    ///
+    /// ```
+    /// use core::ops::{ControlFlow, Range};
+    /// use mbkd::{Aabb, MovingPoint, PointParams, PointTree, TreePoint, Visitor, glam::{DVec3, Vec3}};
+    ///
+    /// /// Finds the points that are above a plane, whose normal is `normal`.
+    /// struct Above {
+    ///     normal: DVec3,
+    ///     offset: f64,
+    ///     found: Vec<u32>,
+    /// }
+    /// impl Visitor<TreePoint> for Above {
+    ///     fn enter(&mut self, b: &Aabb) -> Option<f32> {
+    ///         // The corner that is farthest along the normal.
+    ///         let corner = DVec3::select(self.normal.cmpge(DVec3::ZERO), b.max, b.min);
+    ///         (self.normal.dot(corner) >= self.offset).then_some(0.0)
+    ///     }
+    ///     fn visit(&mut self, point: TreePoint) -> ControlFlow<()> {
+    ///         if self.normal.dot(point.position) >= self.offset {
+    ///             self.found.push(point.id);
+    ///         }
+    ///         ControlFlow::Continue(())
+    ///     }
+    /// }
+    ///
+    /// let points = [MovingPoint::new(Vec3::ZERO, Vec3::Z * 10.0), MovingPoint::fixed(Vec3::Z * 3.0)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let mut above = Above { normal: DVec3::Z, offset: 4.0, found: Vec::new() };
+    /// assert!(tree.traverse(0.5, &mut above).is_continue());
+    /// assert_eq!(above.found, [0]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn traverse(&self, time: f32, visitor: &mut impl Visitor<TreePoint>) -> ControlFlow<()> {
+        if !(0.0..=1.0).contains(&time) {
+            return ControlFlow::Continue(());
+        }
+        traverse(&LayersAt { tree: self, time }, visitor)
+    }
+}

@@ -1,0 +1,462 @@
+//! The nearest point on anything in a tree, at a time.
+//!
+//! The picture: boxes and triangles are visited in the order of their distances from the query point, until what is left is
+//! farther away than the best point found. Distances of boxes are f32 and never too large; distances that answer are f64,
+//! rounded to f32 at the very end, so they are the same for every layout, instruction set and number of threads.
+//!
+//! **Why no nearest point is lost.** Let `p` be the point that a primitive answers with.
+//! - Wide layout. `p` lies in the boxes above its primitive as they are computed at the query's time: the corners of a
+//!   triangle do, as for rays, and [`closest_on_triangle`] keeps `p` within the box of the corners; parts of triangles have
+//!   boxes that are wider than exact by 8 ULP, more than `p` strays from the triangle; the caller's own primitives
+//!   promise it. The query point `q` is replaced by the f32 numbers on either side of it (`low`, `high`), so along each axis
+//!   `max(lower - high, low - upper, 0)`, before rounding, is at most `|p - q|`. Rounding it, its square and the
+//!   sum of squares makes it too large by less than 4 ULP, and the square of a number near zero by less than the
+//!   least normal number: [`Query::cull`] grants both.
+//! - K-d layout. `p` lies in a cell whose leaf has the primitive, up to rounding: the build's classification, which rounds
+//!   outward. Distances from planes are computed in f64 and lowered by 16 ULP of the largest coordinate; planes that move
+//!   are rounded by less than 4.
+//!
+//! A distance is rounded to f32 before it is compared, so what is farther than the best by less than half a float may be
+//! equal to it, with a lower id. Culling therefore begins one float above the best.
+
+use super::filter::Filter;
+use super::observer::Observer;
+use crate::geometry::{Frame, ULP, closest_on_triangle};
+use crate::layout::{ChildRef, CornerLanes, Kind, NODE_ROWS, WideSource, WideTree};
+use crate::limits::{DEPTH_LIMIT, MAX_COORDINATE};
+use crate::mbkd::{KdTree, KdView};
+use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, lanes_at};
+use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal, children_of};
+use core::ops::ControlFlow;
+use glam::{DVec3, Vec3};
+
+/// The nearest point on anything in a [`RayTree`], as [`RayTree::closest_point`] finds it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClosestPoint {
+    /// How far it is from the query point, rounded to nearest.
+    pub distance: f32,
+    /// Where it is, in world coordinates.
+    pub point: DVec3,
+    /// Barycentric weight of the triangle's second vertex, or what the primitive says.
+    pub u: f32,
+    /// Barycentric weight of the triangle's third vertex; the first has `1 - u - v`.
+    pub v: f32,
+    /// The mesh, as an index into what the tree was built of (0 for the caller's own primitives).
+    pub mesh: u32,
+    /// The triangle within its mesh, or the primitive's index.
+    pub primitive: u32,
+}
+
+/// A question of [`RayTree::closest_points`]: what is nearest to `point` at `time`, and no farther than `max_distance`?
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClosestPointQuery {
+    /// The point, in world coordinates.
+    pub point: DVec3,
+    /// When it looks, in the shutter `[0, 1]`.
+    pub time: f32,
+    /// What is farther away does not count; infinity is fine.
+    pub max_distance: f32,
+}
+
+impl ClosestPointQuery {
+    /// A query at a point (`Vec3` or `DVec3`) and a time, without a greatest distance.
+    pub fn new(point: impl Into<DVec3>, time: f32) -> ClosestPointQuery {
+        ClosestPointQuery { point: point.into(), time, max_distance: f32::INFINITY }
+    }
+
+    /// The query for what is no farther than `max_distance`.
+    pub fn within(self, max_distance: f32) -> ClosestPointQuery {
+        ClosestPointQuery { max_distance, ..self }
+    }
+
+    /// Whether it means anything: see [`RayTree::closest_point`]. (Comparisons in this form also refuse NaN.)
+    fn is_valid(&self) -> bool {
+        self.point.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
+            && (0.0..=1.0).contains(&self.time)
+            && self.max_distance >= 0.0
+    }
+}
+
+/// The point of one primitive that is nearest to a query.
+#[derive(Clone, Copy)]
+pub(crate) struct Candidate {
+    distance: f32,
+    point: DVec3,
+    u: f32,
+    v: f32,
+}
+
+/// A set of primitives whose nearest points can be asked for one by one.
+pub(crate) trait ClosestPointSource: WideSource {
+    /// The nearest point of a primitive at the query's time, however far away.
+    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate>;
+}
+
+impl ClosestPointSource for Triangles {
+    #[inline]
+    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
+        Some(query.on_triangle(self.corners(id, query.time)))
+    }
+}
+
+impl<P: Primitive> ClosestPointSource for Shapes<P> {
+    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
+        let found = self.shapes()[id as usize].closest_point(query.point, query.time)?;
+        let distance = (found.point - query.point).length() as f32;
+        (!distance.is_nan()).then_some(Candidate { distance, point: found.point, u: found.u, v: found.v })
+    }
+}
+
+/// A query in world and in tree space.
+pub(crate) struct Query {
+    point: DVec3,
+    time: f32,
+    max_distance: f32,
+    frame: Frame,
+    /// The point in tree space.
+    inside: DVec3,
+    /// The f32 numbers on either side of it.
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Query {
+    /// Nothing for a query that means nothing.
+    fn new(query: &ClosestPointQuery, frame: Frame) -> Option<Query> {
+        if !query.is_valid() {
+            return None;
+        }
+        let inside = (query.point - frame.origin) * frame.scale;
+        // The difference is rounded in f64, and conversion goes to the nearest f32: a float down holds both.
+        let nearest = inside.as_vec3();
+        let (low, high) = (nearest.map(f32::next_down), nearest.map(f32::next_up));
+        let &ClosestPointQuery { point, time, max_distance } = query;
+        Some(Query { point, time, max_distance, frame, inside, low, high })
+    }
+
+    /// The nearest point of a triangle with these corners in tree space.
+    #[inline(always)]
+    fn on_triangle(&self, corners: [Vec3; 3]) -> Candidate {
+        let found = closest_on_triangle(self.inside, corners);
+        Candidate {
+            distance: (found.distance_squared.sqrt() / self.frame.scale) as f32,
+            point: found.point / self.frame.scale + self.frame.origin,
+            u: found.u as f32,
+            v: found.v as f32,
+        }
+    }
+
+    /// The greatest distance in tree space, before rounding to a world distance of at most `limit`.
+    #[inline(always)]
+    fn reach(&self, limit: f32) -> f64 {
+        f64::from(limit.next_up()) * self.frame.scale
+    }
+
+    /// The squared distance above which a box, as computed in f32, has nothing within `limit`.
+    #[inline(always)]
+    fn cull(&self, limit: f32) -> f32 {
+        let reach = self.reach(limit);
+        (reach * reach * (1.0 + f64::from(8.0 * ULP))) as f32 + f32::MIN_POSITIVE
+    }
+
+    /// Squared distances from sixteen boxes, never too large by more than [`Query::cull`] allows for.
+    #[inline(always)]
+    fn distances<S: Simd>(&self, s: S, lower: [S::F; 3], upper: [S::F; 3]) -> S::F {
+        let zero = s.splat(0.0);
+        let mut sum = zero;
+        for axis in 0..3 {
+            let below = lower[axis] - s.splat(self.high[axis]);
+            let above = s.splat(self.low[axis]) - upper[axis];
+            let gap = s.max(s.max(below, above), zero);
+            sum = sum + gap * gap;
+        }
+        sum
+    }
+}
+
+/// The best answer so far, and who may improve it.
+struct Best<'a, G, F> {
+    set: &'a G,
+    filter: &'a F,
+    query: &'a Query,
+    found: Option<(Candidate, u32)>,
+    /// The greatest distance that still counts.
+    limit: f32,
+}
+
+impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
+    /// Takes the point of a primitive if it is the nearest so far.
+    #[inline(always)]
+    fn offer(&mut self, candidate: Candidate, id: u32) {
+        let better = match self.found {
+            Some((best, best_id)) => {
+                candidate.distance < best.distance || (candidate.distance == best.distance && id < best_id)
+            }
+            None => candidate.distance <= self.limit,
+        };
+        if better && self.sees(id) && self.filter.accepts(|| self.answer(candidate, id)) {
+            self.found = Some((candidate, id));
+            self.limit = candidate.distance;
+        }
+    }
+
+    #[inline(always)]
+    fn sees(&self, id: u32) -> bool {
+        (self.set.always_active() || self.set.active(id).contains(self.query.time))
+            && self.filter.sees(|| self.set.mask(id))
+    }
+
+    fn answer(&self, Candidate { distance, point, u, v }: Candidate, id: u32) -> ClosestPoint {
+        let (mesh, primitive) = self.set.name(id);
+        ClosestPoint { distance, point, u, v, mesh, primitive }
+    }
+
+    fn finish(self) -> Option<ClosestPoint> {
+        self.found.map(|(candidate, id)| self.answer(candidate, id))
+    }
+}
+
+/// The search through the wide layout.
+struct InWide<'a, 'b, G, F, O> {
+    tree: &'a WideTree,
+    best: &'b mut Best<'a, G, F>,
+    /// [`Query::cull`] of the best.
+    cull: f32,
+    observer: &'b mut O,
+}
+
+impl<S: Simd, G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> WideQuery<S> for InWide<'_, '_, G, F, O> {
+    const ORDERED: bool = true;
+
+    #[inline(always)]
+    fn time(&self) -> f32 {
+        self.best.query.time
+    }
+
+    #[inline(always)]
+    fn node(&mut self) {
+        self.observer.node();
+    }
+
+    #[inline(always)]
+    fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
+        let time = s.splat(self.best.query.time);
+        let (mut lower, mut upper) = ([time; 3], [time; 3]);
+        for axis in 0..3 {
+            lower[axis] = face::<S, ROWS>(s, block, 2 * axis, time);
+            upper[axis] = face::<S, ROWS>(s, block, 2 * axis + 1, time);
+        }
+        let distances = self.best.query.distances(s, lower, upper);
+        let absent = s.splat_u(ChildRef::NOTHING.0);
+        let present = s.lt_u(s.to_bits(s.load(children_of::<ROWS>(block))), absent);
+        (s.le(distances, s.splat(self.cull)) & present, distances)
+    }
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.cull
+    }
+
+    #[inline(always)]
+    fn leaf(&mut self, s: S, leaf: ChildRef) -> ControlFlow<()> {
+        self.observer.leaf();
+        if G::LISTS && leaf.kind() == Kind::OwnLeaf {
+            self.observer.primitive_tests(leaf.len());
+            for &id in &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
+                if let Some(candidate) = self.best.set.closest_point(id, self.best.query) {
+                    self.best.offer(candidate, id);
+                }
+            }
+        } else {
+            self.triangles(s, leaf);
+        }
+        self.cull = self.best.query.cull(self.best.limit);
+        ControlFlow::Continue(())
+    }
+}
+
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InWide<'_, '_, G, F, O> {
+    /// Looks at a block of triangles: those whose boxes are near enough, nearest first.
+    #[inline(always)]
+    fn triangles<S: Simd>(&mut self, s: S, leaf: ChildRef) {
+        let query = self.best.query;
+        let CornerLanes { corners: [a, b, c], count, ids } = CornerLanes::of(s, &self.tree.arena, leaf, query.time);
+        let (mut lower, mut upper) = (a, a);
+        for axis in 0..3 {
+            lower[axis] = s.min(a[axis], s.min(b[axis], c[axis]));
+            upper[axis] = s.max(a[axis], s.max(b[axis], c[axis]));
+        }
+        let distances = query.distances(s, lower, upper);
+        let mut near = s.le(distances, s.splat(self.cull)) & ((1u32 << count) - 1) as Mask;
+        if near == 0 {
+            return;
+        }
+        let mut lanes = [[[0.0; LANES]; 3]; 3];
+        for (to, from) in lanes.iter_mut().flatten().zip([a, b, c].into_iter().flatten()) {
+            s.store(from, to);
+        }
+        while near != 0 {
+            let least = s.reduce_min_u(s.select_u(near, s.to_bits(distances), s.splat_u(u32::MAX)));
+            let nearest = s.eq(distances, s.splat(f32::from_bits(least))) & near;
+            let lane = nearest.trailing_zeros() as usize % LANES;
+            self.observer.primitive_tests(1);
+            let candidate = query.on_triangle(corners_in(&lanes, lane));
+            self.best.offer(candidate, self.tree.arena.ints()[ids + lane]);
+            near &= !(1 << lane) & s.le(distances, s.splat(query.cull(self.best.limit)));
+        }
+    }
+}
+
+/// The faces in a row of a node at a time.
+#[inline(always)]
+fn face<S: Simd, const ROWS: usize>(s: S, block: &NodeBlock, row: usize, time: S::F) -> S::F {
+    let at = s.load(lanes_at(block, row * LANES));
+    if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, (row + 6) * LANES)), time, at) } else { at }
+}
+
+#[inline(always)]
+fn corners_in(lanes: &[[Lanes<f32>; 3]; 3], lane: usize) -> [Vec3; 3] {
+    let [a, b, c] = lanes;
+    [
+        Vec3::new(a[0][lane], a[1][lane], a[2][lane]),
+        Vec3::new(b[0][lane], b[1][lane], b[2][lane]),
+        Vec3::new(c[0][lane], c[1][lane], c[2][lane]),
+    ]
+}
+
+/// The search through the wide layout, to be dispatched to an instruction set.
+struct Wide<'a, 'b, G, F, O> {
+    tree: &'a WideTree,
+    best: &'b mut Best<'a, G, F>,
+    observer: &'b mut O,
+}
+
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Kernel for Wide<'_, '_, G, F, O> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Wide { tree, best, observer } = self;
+        if tree.root == ChildRef::NOTHING {
+            return;
+        }
+        let mut memory = StackOf::new();
+        let mut cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
+        let traversal = WideTraversal::new(&tree.arena);
+        let cull = best.query.cull(best.limit);
+        let mut query = InWide { tree, best, cull, observer };
+        while traversal.advance(s, &mut cursor, &mut query).is_continue() {}
+    }
+}
+
+/// A cell of the k-d layout to be visited later: how far away it begins along each axis.
+#[derive(Clone, Copy)]
+struct Cell {
+    node: u32,
+    gap: DVec3,
+}
+
+/// The search through the k-d layout, nearer cells first (Arya and Mount, "Algorithms for Fast Vector Quantization",
+/// 1993: the distance to a cell is known from that to its parent by one axis).
+fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
+    tree: &KdTree,
+    best: &mut Best<'_, G, F>,
+    observer: &mut impl Observer,
+) {
+    if tree.nodes.is_empty() {
+        return;
+    }
+    let (query, time) = (best.query, best.query.time);
+    let (low, high) = (tree.root.min.as_dvec3(), tree.root.max.as_dvec3());
+    let slack = f64::from(16.0 * ULP) * low.abs().max(high.abs()).max_element();
+    let gap = (low - query.inside).max(query.inside - high).max(DVec3::splat(slack)) - slack;
+    let mut memory = StackMemory::<Cell, DEPTH_LIMIT>::new();
+    let mut stack = memory.stack(DEPTH_LIMIT);
+    let mut cell = Cell { node: 0, gap };
+    loop {
+        let reach = query.reach(best.limit);
+        // Squares of f64 err by 2^-53 each; infinite where the reach is.
+        if cell.gap.length_squared() <= reach * reach * (1.0 + 1e-12) {
+            match tree.nodes[cell.node as usize].view() {
+                KdView::Inner { plane, right } => {
+                    observer.node();
+                    let to_plane = query.inside[plane.axis] - f64::from(plane.position + plane.velocity * time);
+                    let (near, far) = if to_plane < 0.0 { (cell.node + 1, right) } else { (right, cell.node + 1) };
+                    let mut gap = cell.gap;
+                    gap[plane.axis] = gap[plane.axis].max(to_plane.abs() - slack);
+                    stack.push(Cell { node: far, gap });
+                    cell.node = near;
+                    continue;
+                }
+                KdView::Leaf { first, count } => {
+                    observer.leaf();
+                    for reference in &tree.references[first as usize..][..count as usize] {
+                        if !reference.lives_at(time) {
+                            observer.time_skip();
+                            continue;
+                        }
+                        observer.primitive_tests(1);
+                        if let Some(candidate) = best.set.closest_point(reference.id, query) {
+                            best.offer(candidate, reference.id);
+                        }
+                    }
+                }
+            }
+        }
+        match stack.pop() {
+            Some(next) => cell = next,
+            None => return,
+        }
+    }
+}
+
+/// The best answer before anything was looked at.
+fn begin<'a, G, F>(set: &'a G, query: &'a Query, filter: &'a F) -> Best<'a, G, F> {
+    Best { set, filter, query, found: None, limit: query.max_distance }
+}
+
+/// The nearest point in the wide layout.
+pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
+    simd: SimdLevel,
+    tree: &WideTree,
+    set: &G,
+    query: &ClosestPointQuery,
+    filter: &impl Filter<ClosestPoint>,
+    observer: &mut impl Observer,
+) -> Option<ClosestPoint> {
+    let query = Query::new(query, set.frame())?;
+    let mut best = begin(set, &query, filter);
+    dispatch(simd, Wide { tree, best: &mut best, observer });
+    best.finish()
+}
+
+/// The nearest point in the k-d layout.
+pub(super) fn closest_point_in_kd<G: ClosestPointSource>(
+    tree: &KdTree,
+    set: &G,
+    query: &ClosestPointQuery,
+    filter: &impl Filter<ClosestPoint>,
+    observer: &mut impl Observer,
+) -> Option<ClosestPoint> {
+    let query = Query::new(query, set.frame())?;
+    let mut best = begin(set, &query, filter);
+    search_kd(tree, &mut best, observer);
+    best.finish()
+}
+
+/// The nearest point by asking every primitive of a set: what all layouts must agree with.
+pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
+    set: &G,
+    query: &ClosestPointQuery,
+    filter: &impl Filter<ClosestPoint>,
+) -> Option<ClosestPoint> {
+    let query = Query::new(query, set.frame())?;
+    let mut best = begin(set, &query, filter);
+    for id in 0..set.len() as u32 {
+        if let Some(candidate) = set.closest_point(id, &query) {
+            best.offer(candidate, id);
+        }
+    }
+    best.finish()
+}

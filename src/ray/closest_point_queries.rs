@@ -1,0 +1,102 @@
+//! Nearest points as callers ask for them.
+
+use super::batch_order::in_parallel;
+use super::closest_point::{ClosestPoint, ClosestPointQuery, closest_point_in_kd, closest_point_in_wide};
+use super::compiled::Layout;
+use super::filter::{Everything, Filter, Visible};
+use super::observer::Observer;
+use super::ray_tree::{Geometry, RayTree};
+use glam::DVec3;
+
+impl<G: Geometry> RayTree<G> {
+    fn closest_point_by(
+        &self,
+        query: &ClosestPointQuery,
+        filter: &impl Filter<ClosestPoint>,
+        observer: &mut impl Observer,
+    ) -> Option<ClosestPoint> {
+        let set = &self.geometry;
+        match &self.layout {
+            Layout::Wide(tree) => closest_point_in_wide(self.simd, tree, set, query, filter, observer),
+            Layout::Kd(tree) => closest_point_in_kd(tree, set, query, filter, observer),
+        }
+    }
+
+    /// The nearest point on anything in the tree at a time of the shutter, if it is no farther than `max_distance`
+    /// (infinity is fine): how far, where, and on which primitive; of several at the same distance (as an f32) the one
+    /// on the lowest (mesh, primitive). `point` is a `Vec3` or `DVec3` in world coordinates.
+    ///
+    /// Triangles are surfaces, those without area points and segments, and [`MovingSphere`](crate::MovingSphere)s are
+    /// surfaces too: from inside, the nearest point is on the skin. The caller's own primitives take part if they implement
+    /// [`Primitive::closest_point`].
+    ///
+    /// Answers are exact in the sense of [`BruteForce::closest_point`](crate::baseline::BruteForce::closest_point): the same
+    /// bits as from asking each primitive. The distance from a triangle is computed in f64 and rounded to f32; it is never
+    /// too small, and too large by less than 2e-8 of the triangle's longest edge.
+    ///
+    /// Returns `None` for a point that is NaN, infinite or beyond
+    /// [`MAX_COORDINATE`](crate::MAX_COORDINATE), a time outside `[0, 1]`, and a `max_distance` that is negative or NaN.
+    ///
+    /// Takes O(log n) for points near the surface; from very far away (1e19 scene sizes) nothing can be told apart and
+    /// every primitive is looked at. After Ericson, *Real-Time Collision Detection*, section 5.1.5.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
+    /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let close = open.iter().map(|p| p + Vec3::Z).collect();
+    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
+    /// let near = tree.closest_point(Vec3::new(0.25, 0.5, 3.0), 0.5, f32::INFINITY).unwrap();
+    /// assert_eq!((near.distance, near.point), (2.5, DVec3::new(0.25, 0.5, 0.5)));
+    /// assert_eq!((near.mesh, near.primitive, near.u, near.v), (0, 0, 0.25, 0.5));
+    /// assert_eq!(tree.closest_point(Vec3::new(0.25, 0.5, 3.0), 0.5, 2.0), None);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<ClosestPoint> {
+        let query = ClosestPointQuery { point: point.into(), time, max_distance };
+        self.closest_point_by(&query, &Everything, &mut ())
+    }
+
+    /// [`RayTree::closest_point`] among the points that `accept` accepts, on meshes whose
+    /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure: it is asked about some points
+    /// only.
+    pub fn closest_point_filtered(
+        &self,
+        query: &ClosestPointQuery,
+        mask: u32,
+        accept: impl Fn(&ClosestPoint) -> bool,
+    ) -> Option<ClosestPoint> {
+        self.closest_point_by(query, &Visible { mask, accept }, &mut ())
+    }
+
+    /// [`RayTree::closest_point`], telling `observer` what it does.
+    pub fn closest_point_observed(
+        &self,
+        query: &ClosestPointQuery,
+        observer: &mut impl Observer,
+    ) -> Option<ClosestPoint> {
+        self.closest_point_by(query, &Everything, observer)
+    }
+
+    /// [`RayTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
+    /// order.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// let queries = [1.0, 3.0].map(|z| ClosestPointQuery::new(Vec3::Z * z, 0.0).within(2.0));
+    /// let mut answers = Vec::new();
+    /// tree.closest_points(&queries, &mut answers);
+    /// assert_eq!(answers.iter().map(Option::is_some).collect::<Vec<_>>(), [true, false]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<ClosestPoint>>) {
+        answers.clear();
+        answers.resize(queries.len(), None);
+        in_parallel(queries, answers, |queries: &[ClosestPointQuery], answers: &mut [Option<ClosestPoint>]| {
+            for (query, answer) in queries.iter().zip(answers) {
+                *answer = self.closest_point_by(query, &Everything, &mut ());
+            }
+        });
+    }
+}

@@ -1,0 +1,172 @@
+//! Traversals of the caller's own through a [`RayTree`].
+
+use super::compiled::Layout;
+use super::ray_tree::{Geometry, RayTree};
+use crate::geometry::{Aabb, Box3, Frame, KeyTime, ULP};
+use crate::layout::{ChildRef, Kind, WideTree};
+use crate::mbkd::{KdTree, KdView};
+use crate::primitive::PrimitiveSet;
+use crate::traverse::{Hierarchy, Visitor, traverse};
+use core::ops::ControlFlow;
+
+/// A primitive in a leaf of a [`RayTree`], as a [`Visitor`] meets it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TreePrimitive {
+    /// The mesh, as an index into what the tree was built of (0 for the caller's own primitives).
+    pub mesh: u32,
+    /// The triangle within its mesh, or the primitive's index.
+    pub primitive: u32,
+}
+
+/// What is in a leaf: primitives that exist at the time.
+fn primitives<'a>(
+    set: &'a impl PrimitiveSet,
+    time: f32,
+    ids: impl Iterator<Item = u32> + 'a,
+) -> impl Iterator<Item = TreePrimitive> + 'a {
+    ids.filter(move |&id| set.always_active() || set.active(id).contains(time)).map(|id| {
+        let (mesh, primitive) = set.name(id);
+        TreePrimitive { mesh, primitive }
+    })
+}
+
+fn to_world(frame: Frame, b: Box3) -> Aabb {
+    Aabb { min: frame.to_world(b.min), max: frame.to_world(b.max) }
+}
+
+/// The wide layout at a time.
+struct WideAt<'a, G> {
+    tree: &'a WideTree,
+    set: &'a G,
+    time: f32,
+}
+
+impl<G: Geometry> Hierarchy for WideAt<'_, G> {
+    type Node = ChildRef;
+    type Item = TreePrimitive;
+
+    fn roots(&self, roots: &mut Vec<ChildRef>) {
+        roots.extend(Some(self.tree.root).filter(|&root| root != ChildRef::NOTHING));
+    }
+
+    fn expand(&self, node: ChildRef, children: &mut Vec<(Aabb, ChildRef)>, items: &mut Vec<TreePrimitive>) {
+        let mut at = node;
+        while at.kind() == Kind::Time {
+            let parts = self.tree.children(at);
+            at = ChildRef(parts[KeyTime::new(self.time, parts.len() + 1).segment]);
+        }
+        if let Some(ids) = self.tree.ids::<G>(at) {
+            items.extend(primitives(self.set, self.time, ids.iter().copied()));
+        }
+        for (lane, child) in self.tree.children(at).iter().map(|&child| ChildRef(child)).enumerate() {
+            if child != ChildRef::NOTHING {
+                let [min, max] = self.tree.lane_box(at, lane, self.time);
+                children.push((to_world(self.set.frame(), Box3 { min, max }), child));
+            }
+        }
+    }
+}
+
+/// The k-d layout at a time. Its nodes have no boxes; the cells that planes make take their place.
+struct KdAt<'a, G> {
+    tree: &'a KdTree,
+    set: &'a G,
+    time: f32,
+    /// How far cells are grown: more than planes that move and the classification against them are rounded.
+    slack: f32,
+}
+
+impl<G: Geometry> Hierarchy for KdAt<'_, G> {
+    type Node = (u32, Box3);
+    type Item = TreePrimitive;
+
+    fn roots(&self, roots: &mut Vec<(u32, Box3)>) {
+        roots.extend((!self.tree.nodes.is_empty()).then_some((0, self.tree.root)));
+    }
+
+    fn expand(
+        &self,
+        (node, cell): (u32, Box3),
+        children: &mut Vec<(Aabb, (u32, Box3))>,
+        items: &mut Vec<TreePrimitive>,
+    ) {
+        match self.tree.nodes[node as usize].view() {
+            KdView::Inner { plane, right } => {
+                let at = plane.position + plane.velocity * self.time;
+                let (mut below, mut above) = (cell, cell);
+                below.max[plane.axis] = cell.max[plane.axis].min(at);
+                above.min[plane.axis] = cell.min[plane.axis].max(at);
+                for (child, cell) in [(node + 1, below), (right, above)] {
+                    // Beside a plane that has left the cell there is nothing but what rounding puts there.
+                    let bounds = Box3 { min: cell.min.min(cell.max), max: cell.max.max(cell.min) }.pad(self.slack);
+                    children.push((to_world(self.set.frame(), bounds), (child, cell)));
+                }
+            }
+            KdView::Leaf { first, count } => {
+                let references = &self.tree.references[first as usize..][..count as usize];
+                let ids = references.iter().filter(|r| r.lives_at(self.time)).map(|r| r.id);
+                items.extend(primitives(self.set, self.time, ids));
+            }
+        }
+    }
+}
+
+impl<G: Geometry> RayTree<G> {
+    /// Leads a [`Visitor`] through the tree as it is at a time of the shutter: a traversal of the caller's own, for
+    /// questions that no other query answers. Returns what the visitor said last; at a time outside `[0, 1]` it sees
+    /// nothing.
+    ///
+    /// A primitive may be met in several leaves. Boxes hold what is in them as it is at the time, including the rounding of
+    /// queries; those of the k-d policies are cells, which share their faces. A visitor is shown sixteen boxes per node,
+    /// one after the other: this is for questions asked now and then rather than a million times.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{Aabb, BuildParams, RayTree, TreePrimitive, TriangleMesh, Visitor, glam::{DVec3, Vec3}};
+    ///
+    /// /// Finds all triangles with a corner in a region.
+    /// struct Region<'a> {
+    ///     tree: &'a RayTree,
+    ///     time: f32,
+    ///     region: Aabb,
+    ///     found: Vec<TreePrimitive>,
+    /// }
+    /// impl Visitor<TreePrimitive> for Region<'_> {
+    ///     fn enter(&mut self, b: &Aabb) -> Option<f32> {
+    ///         let apart = b.min.cmpgt(self.region.max).any() || self.region.min.cmpgt(b.max).any();
+    ///         (!apart).then_some(0.0) // in any order
+    ///     }
+    ///     fn visit(&mut self, item: TreePrimitive) -> ControlFlow<()> {
+    ///         let corners = self.tree.triangle(item.mesh, item.primitive, self.time);
+    ///         if corners.iter().any(|&corner| self.region.contains(corner)) {
+    ///             self.found.push(item);
+    ///         }
+    ///         ControlFlow::Continue(())
+    ///     }
+    /// }
+    ///
+    /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let close = open.iter().map(|p| p + Vec3::Z * 10.0).collect();
+    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
+    /// for (time, expected) in [(0.0, 0), (0.5, 1)] {
+    ///     let region = Aabb { min: DVec3::new(-2.0, -2.0, 4.0), max: DVec3::new(2.0, 2.0, 6.0) };
+    ///     let mut query = Region { tree: &tree, time, region, found: Vec::new() };
+    ///     assert!(tree.traverse(time, &mut query).is_continue());
+    ///     assert_eq!(query.found.len(), expected);
+    /// }
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn traverse(&self, time: f32, visitor: &mut impl Visitor<TreePrimitive>) -> ControlFlow<()> {
+        if !(0.0..=1.0).contains(&time) {
+            return ControlFlow::Continue(());
+        }
+        let set = &self.geometry;
+        match &self.layout {
+            Layout::Wide(tree) => traverse(&WideAt { tree, set, time }, visitor),
+            Layout::Kd(tree) => {
+                let slack = 16.0 * ULP * tree.root.min.abs().max(tree.root.max.abs()).max_element();
+                traverse(&KdAt { tree, set, time, slack }, visitor)
+            }
+        }
+    }
+}

@@ -1,0 +1,8 @@
+//! Ways through the layouts that queries share.
+
+mod visitor;
+mod wide;
+
+pub use visitor::Visitor;
+pub(crate) use visitor::{Hierarchy, traverse};
+pub(crate) use wide::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal, children_of};

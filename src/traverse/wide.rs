@@ -1,0 +1,230 @@
+//! The way through the wide layout, whatever is asked: a ray, a point, a region.
+//!
+//! A query ([`WideQuery`]) looks at sixteen boxes at a time and says which of them to enter and how soon, looks at leaf
+//! blocks, and says what no longer matters. The traversal knows the rest: kinds of blocks, the hierarchy of the
+//! query's time, the order, the stack and what to fetch ahead of time.
+//!
+//! A query waits for the chain from one node's rows to the next node's address (some forty cycles, whatever else is done
+//! beside it), for memory and for mispredicted branches, more than for arithmetic. So the code is written for short
+//! chains, for knowing early what will be read, and for few branches that depend on the query.
+
+use crate::geometry::KeyTime;
+use crate::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
+use core::ops::ControlFlow;
+
+/// Places on the stack that are there without asking the heap: enough for a tree of ten levels.
+const STACK: usize = 352;
+
+/// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the
+/// cache, and where they are, a prefetch only costs.
+const AHEAD: usize = 8 << 20;
+
+/// Memory for the stack of one query.
+pub(crate) type StackOf = StackMemory<u64, STACK>;
+
+/// The rows of a node.
+pub(crate) type NodeBlock = [f32; LANES * LANES];
+
+/// What is asked of a tree in the wide layout.
+pub(crate) trait WideQuery<S: Simd> {
+    /// Whether near children are visited first; otherwise in any order.
+    const ORDERED: bool;
+    /// At which time of the shutter it looks.
+    fn time(&self) -> f32;
+    /// A node is about to be tested.
+    fn node(&mut self);
+    /// The children of a node of `ROWS` rows that are to be visited, and a key for each: those with lesser keys first. A
+    /// key below zero counts as zero. Lanes without a child have boxes from 1e30 down to -1e30.
+    fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F);
+    /// What has a greater key is of no interest any more. Not below zero.
+    fn limit(&self) -> f32;
+    /// Looks at a leaf block; `Break` ends the query.
+    fn leaf(&mut self, s: S, leaf: ChildRef) -> ControlFlow<()>;
+}
+
+/// Where a query stands.
+pub(crate) struct Cursor<'a> {
+    /// The block to visit next.
+    pub at: ChildRef,
+    /// Blocks to visit later: keys in the high halves, references in the low.
+    stack: Stack<'a, u64>,
+}
+
+impl<'a> Cursor<'a> {
+    #[inline(always)]
+    pub fn new(root: ChildRef, stack: Stack<'a, u64>) -> Cursor<'a> {
+        Cursor { at: root, stack }
+    }
+
+    /// Begins anew.
+    #[inline(always)]
+    pub fn restart(&mut self, root: ChildRef) {
+        self.at = root;
+        self.stack.clear();
+    }
+}
+
+/// A tree to be traversed.
+#[derive(Clone, Copy)]
+pub(crate) struct WideTraversal<'a> {
+    arena: &'a Arena,
+    /// Whether all blocks that a query will visit are prefetched as soon as they are known.
+    ahead: bool,
+}
+
+impl<'a> WideTraversal<'a> {
+    /// Of one query at a time.
+    #[inline(always)]
+    pub fn new(arena: &'a Arena) -> WideTraversal<'a> {
+        WideTraversal { arena, ahead: arena.len() > AHEAD }
+    }
+
+    /// Of several queries by turns, each of which prefetches its next block itself.
+    #[inline(always)]
+    pub fn by_turns(arena: &'a Arena) -> WideTraversal<'a> {
+        WideTraversal { arena, ahead: false }
+    }
+
+    /// Visits the next block. `Break` at the end of the query.
+    #[inline(always)]
+    pub fn advance<S: Simd, Q: WideQuery<S>>(self, s: S, cursor: &mut Cursor<'_>, query: &mut Q) -> ControlFlow<()> {
+        let at = cursor.at;
+        let next = match at.kind() {
+            Kind::Node => self.step::<S, NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
+            Kind::StillNode => self.step::<S, STILL_NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
+            Kind::Time => {
+                let words = &self.arena.ints()[at.at()..];
+                let part = KeyTime::new(query.time(), words[0] as usize + 1).segment;
+                Some(ChildRef(words[1 + part]))
+            }
+            _ => {
+                query.leaf(s, at)?;
+                None
+            }
+        };
+        if let Some(next) = next {
+            cursor.at = next;
+            return ControlFlow::Continue(());
+        }
+        let limit = u64::from(query.limit().to_bits());
+        loop {
+            match cursor.stack.pop() {
+                Some(entry) if entry >> 32 <= limit => {
+                    cursor.at = ChildRef(entry as u32);
+                    return ControlFlow::Continue(());
+                }
+                Some(_) => {}
+                None => return ControlFlow::Break(()),
+            }
+        }
+    }
+
+    /// Tests the sixteen boxes of a node, pushes all that are to be visited but one, and returns that: the nearest, or
+    /// any where order does not matter.
+    ///
+    /// Where it does not, a node of the same kind on top of the stack is tested as well: its rows are fetched and its
+    /// masks made while those of the first are.
+    #[inline(always)]
+    fn step<S: Simd, const ROWS: usize, Q: WideQuery<S>>(
+        self,
+        s: S,
+        node: ChildRef,
+        query: &mut Q,
+        stack: &mut Stack<'_, u64>,
+    ) -> Option<ChildRef> {
+        query.node();
+        if !Q::ORDERED
+            && let Some(top) = stack.top()
+            && let top = ChildRef(top as u32)
+            && top.kind() == node.kind()
+        {
+            stack.pop();
+            query.node();
+            let (a, b) = (self.arena.block(node.at()), self.arena.block(top.at()));
+            let (in_a, _) = query.enter::<ROWS>(s, a);
+            let (in_b, _) = query.enter::<ROWS>(s, b);
+            for (mask, block) in [(in_b, b), (in_a, a)] {
+                let children = children_of::<ROWS>(block);
+                if self.ahead {
+                    self.prefetch(children, mask);
+                }
+                stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), mask), mask.count_ones() as usize);
+            }
+            return None;
+        }
+        let block = self.arena.block(node.at());
+        let (mask, keys) = query.enter::<ROWS>(s, block);
+        let children = children_of::<ROWS>(block);
+        if mask == 0 {
+            return None;
+        }
+        let lane = Mask::BITS - 1 - mask.leading_zeros();
+        let first = ChildRef(children[lane as usize % LANES].to_bits());
+        let others = mask ^ (1 << lane);
+        if self.ahead {
+            self.prefetch(children, mask);
+        }
+        if !Q::ORDERED {
+            stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
+            return Some(first);
+        }
+        if others == 0 {
+            return Some(first);
+        }
+        Some(push_in_order::<S>(s, mask, keys, children, stack))
+    }
+
+    /// Prefetches the blocks of some children of a node.
+    #[inline(always)]
+    fn prefetch(self, children: &Lanes<f32>, mut mask: Mask) {
+        while mask != 0 {
+            let lane = mask.trailing_zeros() as usize % LANES;
+            mask &= mask - 1;
+            self.arena.prefetch_block(ChildRef(children[lane].to_bits()).at());
+        }
+    }
+}
+
+/// The row of a node's children.
+#[inline(always)]
+pub(crate) fn children_of<const ROWS: usize>(block: &NodeBlock) -> &Lanes<f32> {
+    lanes_at(block, (ROWS - 1) * LANES)
+}
+
+/// Pushes the children of the mask, of which there are at least two, farthest first, and returns the nearest.
+#[inline(always)]
+fn push_in_order<S: Simd>(s: S, mask: Mask, keys: S::F, children: &Lanes<f32>, stack: &mut Stack<'_, u64>) -> ChildRef {
+    let n = mask.count_ones() as usize;
+    let packed = s.compress(keys, mask);
+    let mut d = [0; LANES];
+    let mut c = [0; LANES];
+    s.store_u(s.to_bits(packed), &mut d);
+    s.store_u(s.compress_u(s.to_bits(s.load(children)), mask), &mut c);
+    let entry = |i: usize| u64::from(d[i]) << 32 | u64::from(c[i]);
+    if n <= 4 {
+        // A sorting network of four, the missing ones nearest and so last; the nearest that is there waits for
+        // two comparisons only.
+        let entry_or = |i: usize, missing: u64| if i < n { entry(i) } else { missing };
+        let nearest = entry(0).min(entry(1)).min(entry_or(2, u64::MAX).min(entry_or(3, u64::MAX)));
+        let descending = |a: u64, b: u64| if a < b { (b, a) } else { (a, b) };
+        let (a, b) = descending(entry(0), entry(1));
+        let (c, d) = descending(entry_or(2, 0), entry_or(3, 0));
+        let (a, c) = descending(a, c);
+        let (b, d) = descending(b, d);
+        let (b, c) = descending(b, c);
+        let _ = d;
+        stack.push_first([a, b, c], n - 1);
+        return ChildRef(nearest as u32);
+    }
+    let valid = ((1u32 << n) - 1) as Mask;
+    let mut places = [0; LANES];
+    for (i, place) in places.iter_mut().enumerate().take(n) {
+        let own = s.from_bits(s.splat_u(d[i]));
+        let farther = s.lt(own, packed) & valid;
+        let equal_before = s.eq(own, packed) & (((1u32 << i) - 1) as Mask);
+        *place = (farther.count_ones() + equal_before.count_ones()) as usize;
+    }
+    stack.push_ranked(n, |i| (places[i], entry(i)));
+    ChildRef(stack.pop().unwrap_or(0) as u32)
+}

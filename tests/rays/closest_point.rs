@@ -1,0 +1,223 @@
+//! The nearest point in a tree equals brute force over the same kernel, bit for bit: every layout, division of the
+//! shutter, instruction set and kind of primitive.
+
+use crate::brute_force::Brick;
+use crate::common::{Random, closed_sphere, grid, soup, variants};
+use mbkd::baseline::BruteForce;
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{
+    BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, Geometry, MovingSphere, Policy, Primitive,
+    RayTree, SimdLevel, TimeInterval, TriangleMesh, check_primitive,
+};
+use proptest::prelude::*;
+
+/// All policies, and divisions of the shutter that no automatic choice would make of small sets.
+fn all_variants() -> Vec<BuildParams> {
+    let divided = [Division::Whole, Division::Segments(3), Division::Copies(2)]
+        .map(|division| BuildParams { division, ..BuildParams::default() });
+    variants().into_iter().chain(divided).collect()
+}
+
+fn bits(found: Option<ClosestPoint>) -> Option<([u64; 3], [u32; 5])> {
+    found.map(|f| {
+        let point = f.point.to_array().map(f64::to_bits);
+        (point, [f.distance.to_bits(), f.u.to_bits(), f.v.to_bits(), f.mesh, f.primitive])
+    })
+}
+
+/// Compares one query on every instruction set.
+fn agree<G: Geometry>(trees: &[RayTree<G>], oracle: &BruteForce<G>, query: ClosestPointQuery) {
+    let expected = oracle.closest_point(&query);
+    for tree in trees {
+        let found = tree.closest_point(query.point, query.time, query.max_distance);
+        assert_eq!(bits(found), bits(expected), "{tree:?} {query:?}: {found:?} instead of {expected:?}");
+    }
+}
+
+/// A tree for each variant and instruction set.
+fn trees(meshes: &[TriangleMesh]) -> Vec<RayTree> {
+    let build = |params: &BuildParams| RayTree::build(meshes, params).unwrap();
+    let mut trees: Vec<RayTree> = all_variants().iter().map(build).collect();
+    for level in SimdLevel::available() {
+        trees.push(build(&BuildParams::default()).with_simd(level));
+    }
+    trees
+}
+
+/// Queries among things about the origin of half-size `reach`, some of them far away or with a greatest distance.
+fn random_query(random: &mut Random, reach: f32) -> ClosestPointQuery {
+    let near = random.vec() * reach;
+    let point = if random.below(8) == 0 { near * 1e6 } else { near };
+    let query = ClosestPointQuery::new(point, random.unit());
+    if random.below(3) == 0 { query.within(random.unit() * reach) } else { query }
+}
+
+fn grid_mesh() -> impl Strategy<Value = TriangleMesh> {
+    let point = (-3i8..=3, -3i8..=3, -3i8..=3).prop_map(|(x, y, z)| grid(x, y, z));
+    (1usize..5, 1usize..12, prop::bool::ANY).prop_flat_map(move |(keys, vertices, always)| {
+        let indices = prop::collection::vec((0..vertices as u32, 0..vertices as u32, 0..vertices as u32), 0..20);
+        let positions = prop::collection::vec(prop::collection::vec(point.clone(), vertices), keys);
+        (indices, positions).prop_map(move |(indices, positions)| {
+            let active = if always { TimeInterval::FULL } else { TimeInterval::new(0.25, 0.75).unwrap() };
+            TriangleMesh::new(indices.into_iter().map(|(a, b, c)| [a, b, c]).collect(), positions).with_active(active)
+        })
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 150, ..ProptestConfig::default() })]
+
+    /// Flat, touching and coincident triangles, with ties everywhere.
+    #[test]
+    fn soups_on_a_grid(meshes in prop::collection::vec(grid_mesh(), 1..4), seed: u64) {
+        let (oracle, trees) = (BruteForce::new(&meshes).unwrap(), trees(&meshes));
+        let mut random = Random(seed);
+        for _ in 0..20 {
+            let mut whole = || f64::from(random.signed() * 5.0).round() / 2.0;
+            let point = DVec3::new(whole(), whole(), whole());
+            let query = ClosestPointQuery::new(point, (random.unit() * 8.0).round() / 8.0);
+            agree(&trees, &oracle, if random.below(2) == 0 { query } else { query.within(1.0) });
+        }
+    }
+
+    #[test]
+    fn loose_soups(seed: u64, n in 1usize..300, keys in 1usize..5, size in 0.001f32..1.0, motion in 0.0f32..2.0) {
+        let mesh = soup(n, keys, size, motion, seed);
+        let (oracle, trees) = (BruteForce::new(std::slice::from_ref(&mesh)).unwrap(), trees(&[mesh]));
+        let mut random = Random(seed ^ 1);
+        for _ in 0..30 {
+            agree(&trees, &oracle, random_query(&mut random, 2.0));
+        }
+    }
+}
+
+#[test]
+fn long_triangles_that_are_cut_and_large_trees() {
+    let mut random = Random(4);
+    let mut needles = soup(3000, 2, 0.01, 0.1, 9);
+    if let mbkd::Keys::F32(keys) = &mut needles.keys {
+        let by: Vec<Vec3> = (0..keys[0].len() / 3).map(|_| random.vec()).collect();
+        for key in keys {
+            for (corners, by) in key.chunks_exact_mut(3).zip(&by) {
+                corners[1] += *by;
+            }
+        }
+    }
+    let meshes = [needles, closed_sphere(40, 3, 0.01, 5), soup(2000, 1, 0.1, 0.0, 6)];
+    let oracle = BruteForce::new(&meshes).unwrap();
+    let trees: Vec<RayTree> = [
+        BuildParams { wide_references: 4.0, ..BuildParams::default() },
+        BuildParams { division: Division::Segments(4), ..BuildParams::default() },
+        BuildParams::default().with_policy(Policy::Mbkd),
+    ]
+    .iter()
+    .map(|params| RayTree::build(&meshes, params).unwrap())
+    .collect();
+    for _ in 0..400 {
+        agree(&trees, &oracle, random_query(&mut random, 1.5));
+    }
+    // Far fewer are looked at than there are.
+    let mut work = Counters::default();
+    for _ in 0..100 {
+        trees[0].closest_point_observed(&ClosestPointQuery::new(random.vec(), random.unit()), &mut work);
+    }
+    assert!(work.primitive_tests < 100 * 100 && work.nodes > 100, "{work:?}");
+}
+
+#[test]
+fn points_on_the_surface_are_at_distance_zero() {
+    let mesh = soup(400, 2, 0.3, 0.5, 12);
+    let tree = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::default()).unwrap();
+    let mut random = Random(2);
+    for _ in 0..500 {
+        let time = random.unit();
+        let hit = mbkd::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive: random.below(400) as u32 };
+        let [a, b, c] = tree.vertices(&hit, time);
+        let corner = tree.closest_point(a, time, 0.0).unwrap();
+        assert_eq!((corner.distance, corner.point), (0.0, a));
+        let middle = tree.closest_point((a + b + c) / 3.0, time, 1e-6).unwrap();
+        assert!(middle.distance < 1e-7, "{middle:?}");
+    }
+}
+
+#[test]
+fn spheres_and_the_callers_own_primitives() {
+    let mut random = Random(17);
+    let balls: Vec<MovingSphere> = (0..300)
+        .map(|i| {
+            let key = |random: &mut Random| ((random.vec() * 4.0).as_dvec3().round(), f64::from(random.unit()));
+            let ball = MovingSphere::new((0..1 + i % 3).map(|_| key(&mut random)).collect());
+            if i % 5 == 0 { ball.with_active(TimeInterval::new(0.25, 0.75).unwrap()) } else { ball }
+        })
+        .chain([MovingSphere::new(vec![]), MovingSphere::fixed(DVec3::ONE, 0.0)])
+        .collect();
+    let bricks: Vec<Brick> = (0..300)
+        .map(|_| {
+            let low = (random.vec() * 4.0).round().as_dvec3();
+            Brick::new(low, f64::from(random.signed()) * 3.0)
+        })
+        .collect();
+    balls.iter().take(30).for_each(|ball| check_primitive(ball, 300).unwrap());
+    bricks.iter().take(30).for_each(|brick| check_primitive(brick, 300).unwrap());
+    fn compare<P: Primitive + Clone>(primitives: &[P], random: &mut Random) {
+        let oracle = BruteForce::of_primitives(primitives.to_vec()).unwrap();
+        let build = |params| RayTree::of_primitives(primitives.to_vec(), params).unwrap();
+        let trees: Vec<_> = all_variants().iter().map(build).collect();
+        for _ in 0..300 {
+            agree(&trees, &oracle, random_query(random, 6.0));
+        }
+    }
+    compare(&balls, &mut random);
+    compare(&bricks, &mut random);
+    let ball = RayTree::of_primitives(vec![MovingSphere::fixed(DVec3::X, 2.0)], &BuildParams::default()).unwrap();
+    let distance = |at: DVec3| ball.closest_point(at, 0.0, f32::INFINITY).unwrap().distance;
+    assert_eq!((distance(DVec3::X * 4.0), distance(DVec3::ZERO), distance(DVec3::X)), (1.0, 1.0, 2.0));
+}
+
+#[test]
+fn questions_that_mean_nothing_find_nothing() {
+    for policy in [Policy::Wide, Policy::Mbkd] {
+        let params = BuildParams::default().with_policy(policy);
+        let mesh = soup(50, 2, 0.5, 0.5, 1);
+        let tree = RayTree::build(&[mesh], &params).unwrap();
+        let ask = |x: f64, time: f32, most: f32| tree.closest_point(DVec3::new(x, 0.0, 0.0), time, most);
+        for (x, time, most) in [
+            (f64::NAN, 0.5, 1.0),
+            (f64::INFINITY, 0.5, f32::INFINITY),
+            (1e31, 0.5, f32::INFINITY),
+            (0.0, -0.1, 9.0),
+            (0.0, 1.1, 9.0),
+            (0.0, f32::NAN, 9.0),
+            (0.0, 0.5, -1.0),
+            (0.0, 0.5, f32::NAN),
+            (5.0, 0.5, 1.0),
+        ] {
+            assert_eq!(ask(x, time, most), None, "{x} {time} {most}");
+        }
+        let far = ask(1e30, 0.5, f32::INFINITY).unwrap();
+        assert!((far.distance - 1e30).abs() < 1e24);
+        assert!(ask(0.0, 0.5, f32::INFINITY).is_some() && ask(0.0, 1.0, f32::MAX).is_some());
+        let nothing = RayTree::build(&[], &params).unwrap();
+        assert_eq!(nothing.closest_point(Vec3::ZERO, 0.5, f32::INFINITY), None);
+    }
+}
+
+#[test]
+fn masks_filters_and_batches() {
+    let meshes: Vec<TriangleMesh> = (0..4).map(|i| soup(150, 2, 0.3, 0.5, 50 + i).with_mask(1 << i)).collect();
+    let oracle = BruteForce::new(&meshes).unwrap();
+    let mut random = Random(3);
+    let queries: Vec<ClosestPointQuery> = (0..700).map(|_| random_query(&mut random, 1.5)).collect();
+    for params in all_variants() {
+        let tree = RayTree::build(&meshes, &params).unwrap();
+        let mut answers = vec![None; 3];
+        tree.closest_points(&queries, &mut answers);
+        assert_eq!(answers.len(), queries.len());
+        for (i, (query, answer)) in (0..).zip(queries.iter().zip(answers)) {
+            assert_eq!(bits(answer), bits(tree.closest_point(query.point, query.time, query.max_distance)));
+            let odd = |p: &ClosestPoint| p.primitive % 2 == 1;
+            let found = tree.closest_point_filtered(query, i % 16, odd);
+            assert_eq!(bits(found), bits(oracle.closest_point_filtered(query, i % 16, odd)));
+        }
+    }
+}
