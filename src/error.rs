@@ -60,7 +60,8 @@ pub enum BuildError {
         /// The vertex.
         vertex: usize,
     },
-    /// A primitive of the caller's own type gave bounds that are NaN, infinite, too large or inverted.
+    /// A primitive of the caller's own type gave bounds that are NaN, infinite, too large or inverted, over the
+    /// time that it exists or another part of the shutter.
     BadBounds {
         /// The primitive's index.
         primitive: usize,

@@ -7,6 +7,7 @@
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
+use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
 
 /// A moving shape that a [`RayTree`](crate::RayTree) can hold.
@@ -15,10 +16,15 @@ use glam::DVec3;
 /// - [`bounds`](Primitive::bounds) hold, at every time of the interval, every point that
 ///   [`intersect`](Primitive::intersect) can report at that time, *including its own rounding*: pad them by
 ///   the error of the intersection arithmetic.
-/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`](crate::MAX_COORDINATE).
+/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`](crate::MAX_COORDINATE), over every part of the
+///   shutter, down to a single instant.
 /// - They hold every point that [`closest_point`](Primitive::closest_point) reports at that time, exactly.
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same question gets
 ///   the same answer, however often and on whichever thread it is asked.
+///
+/// A primitive that breaks the contract does no harm to others. Bounds that are no boxes end the build with
+/// [`BuildError::BadBounds`]. Bounds that do not hold what is hit, or that change from one call to the next, lose hits of
+/// this primitive. [`active`](Primitive::active) is asked once.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -47,7 +53,7 @@ use glam::DVec3;
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
 pub trait Primitive: Send + Sync {
-    /// Linear bounds over a part of the shutter, in world coordinates.
+    /// Linear bounds over a part of the shutter, in world coordinates. The primitive need not exist all of that time.
     fn bounds(&self, over: TimeInterval) -> LinearBounds;
 
     /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`.
@@ -133,6 +139,10 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn name(&self, id: u32) -> (u32, u32);
     /// The map between world and tree space.
     fn frame(&self) -> Frame;
+    /// What has been wrong with the answers of a caller's primitive since the set was made.
+    fn complaint(&self) -> Result<(), BuildError> {
+        Ok(())
+    }
     /// Bytes allocated.
     fn bytes(&self) -> usize;
 }
@@ -140,31 +150,47 @@ pub(crate) trait PrimitiveSet: Send + Sync {
 /// The caller's own primitives, as a [`RayTree`](crate::RayTree) holds them.
 pub struct Shapes<P> {
     shapes: Vec<P>,
+    /// When each exists; empty where all do throughout the shutter.
+    active: Vec<TimeInterval>,
     frame: Frame,
-    always_active: bool,
+    /// The lowest primitive that gave bad bounds over a part of its time, or [`NONE`].
+    bad: AtomicU32,
+}
+
+/// No primitive has this id.
+const NONE: u32 = u32::MAX;
+
+/// Bounds over a part of the time are used if they reach at most so many times as far from tree space's zero as those over
+/// the whole time. A chord shifted to hold the keys between reaches twice as far from where it began.
+const FARTHEST: f32 = 4.0;
+
+/// Whether bounds are boxes within [`MAX_COORDINATE`]: not NaN, infinite or inverted.
+fn are_boxes(bounds: LinearBounds) -> bool {
+    [bounds.begin, bounds.end].into_iter().all(|b| {
+        // Comparisons in this form also refuse NaN.
+        b.min.cmple(b.max).all() && b.min.abs().max(b.max.abs()).cmple(DVec3::splat(MAX_COORDINATE)).all()
+    })
 }
 
 impl<P: Primitive> Shapes<P> {
     /// Takes the shapes after checking their bounds over the whole time they exist.
     pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
-        if shapes.len() >= u32::MAX as usize {
+        if shapes.len() >= NONE as usize {
             return Err(BuildError::TooManyPrimitives { found: shapes.len() });
         }
+        let mut active: Vec<TimeInterval> = shapes.iter().map(Primitive::active).collect();
         let mut swept = Aabb::EMPTY;
-        for (primitive, shape) in shapes.iter().enumerate() {
-            let bounds = shape.bounds(shape.active());
-            for b in [bounds.begin, bounds.end] {
-                // Comparisons in this form also refuse NaN.
-                let fine =
-                    b.min.cmple(b.max).all() && b.min.abs().max(b.max.abs()).cmple(DVec3::splat(MAX_COORDINATE)).all();
-                if !fine {
-                    return Err(BuildError::BadBounds { primitive });
-                }
+        for (primitive, (shape, &active)) in shapes.iter().zip(&active).enumerate() {
+            let bounds = shape.bounds(active);
+            if !are_boxes(bounds) {
+                return Err(BuildError::BadBounds { primitive });
             }
             swept = swept.union(bounds.swept());
         }
-        let always_active = shapes.iter().all(|s| s.active() == TimeInterval::FULL);
-        Ok(Shapes { frame: Frame::around(swept), shapes, always_active })
+        if active.iter().all(|&active| active == TimeInterval::FULL) {
+            active = Vec::new();
+        }
+        Ok(Shapes { shapes, active, frame: Frame::around(swept), bad: AtomicU32::new(NONE) })
     }
 
     /// The shapes as they were given.
@@ -179,20 +205,30 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
     }
 
     fn active(&self, id: u32) -> TimeInterval {
-        self.shapes[id as usize].active()
+        if self.always_active() { TimeInterval::FULL } else { self.active[id as usize] }
     }
 
     fn always_active(&self) -> bool {
-        self.always_active
+        self.active.is_empty()
     }
 
+    /// Of a primitive that contradicts itself the bounds of all: they hold whatever it was first said to be.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
-        let bounds = self.shapes[id as usize].bounds(over);
         let outward = |b: Aabb| {
             let (min, max) = self.frame.outward(b);
             Box3 { min, max }
         };
-        LinearBox3 { begin: outward(bounds.begin), end: outward(bounds.end) }
+        let everything = || outward(self.frame.bounds);
+        let bounds = self.shapes[id as usize].bounds(over);
+        if !are_boxes(bounds) {
+            self.bad.fetch_min(id, Ordering::Relaxed);
+            return LinearBox3 { begin: everything(), end: everything() };
+        }
+        let bounds = LinearBox3 { begin: outward(bounds.begin), end: outward(bounds.end) };
+        if bounds.swept().magnitude() <= FARTHEST * self.frame.reach {
+            return bounds;
+        }
+        LinearBox3 { begin: everything(), end: everything() }
     }
 
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
@@ -203,7 +239,7 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
     }
 
     fn keys(&self, id: u32) -> usize {
-        let bounds = self.bounds(id, TimeInterval::FULL);
+        let bounds = self.bounds(id, self.active(id));
         if bounds.begin == bounds.end { 1 } else { 2 }
     }
 
@@ -223,7 +259,14 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         self.frame
     }
 
+    fn complaint(&self) -> Result<(), BuildError> {
+        match self.bad.load(Ordering::Relaxed) {
+            NONE => Ok(()),
+            primitive => Err(BuildError::BadBounds { primitive: primitive as usize }),
+        }
+    }
+
     fn bytes(&self) -> usize {
-        self.shapes.capacity() * size_of::<P>()
+        self.shapes.capacity() * size_of::<P>() + self.active.capacity() * size_of::<TimeInterval>()
     }
 }

@@ -487,4 +487,61 @@ mod tests {
         let names = meshes.iter().enumerate().flat_map(|(i, mesh)| (0..mesh.len()).map(move |t| (i as u32, t as u32)));
         assert!(names.eq((0..set.len() as u32).map(|id| set.name(id))));
     }
+
+    /// The largest distance of a kernel's vertex from the exact one, in ULP of the largest coordinate around its time.
+    /// Products and differences of f32 are exact in f64, or nearly.
+    fn largest_error(keys: usize) -> f64 {
+        let (mut state, mut worst) = (5, 0.0f64);
+        for _ in 0..200_000 {
+            let t = next(&mut state);
+            let (a, b) = (next(&mut state) * 2.0 - 1.0, next(&mut state) * 2.0 - 1.0);
+            let at = KeyTime::new(t, keys);
+            let kernel = f64::from(at.position(Vec3::splat(a), Vec3::splat(b)).x);
+            let s = f64::from(t) * (keys - 1) as f64 - at.segment as f64;
+            let exact = f64::from(a) + (f64::from(b) - f64::from(a)) * s;
+            worst = worst.max((kernel - exact).abs() / f64::from(a.abs().max(b.abs())));
+        }
+        worst / f64::from(ULP)
+    }
+
+    #[test]
+    fn the_slack_of_vertices_is_enough_and_has_to_grow_with_the_number_of_keys() {
+        for keys in [2, 3, 4, 12, 100, 200, 1000] {
+            let (error, slack) = (largest_error(keys), f64::from(Triangles::slack(keys, 1.0) / ULP));
+            assert!(error <= slack, "{keys} keys: {error} of {slack} ULP");
+            let without_growth = f64::from(Triangles::slack(2, 1.0) / ULP);
+            assert!(error > 0.5 && (error > without_growth || keys < 12), "{keys} keys: {error} ULP");
+        }
+    }
+
+    #[test]
+    fn bounds_hold_the_kernels_corners_exactly_and_would_not_without_slack() {
+        let mut state = 23;
+        for keys in [2usize, 12, 100] {
+            let mut lost = [0, 0];
+            for _ in 0..300 {
+                let mut point = || Vec3::new(next(&mut state), next(&mut state), next(&mut state)) * 2.0 - 1.0;
+                let positions: Vec<Vec<Vec3>> = (0..keys).map(|_| vec![point(); 3]).collect();
+                let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], positions)]).unwrap();
+                // Within one segment, where bounds are no chord around other keys.
+                let segment = (next(&mut state) * (keys - 1) as f32) as usize;
+                let key = |i: f32| (segment as f32 + i) / (keys - 1) as f32;
+                let over = TimeInterval::half_open(key(0.1), key(0.9)).unwrap();
+                let bounds = set.bounds(0, over);
+                let slack = Triangles::slack(keys, set.magnitude(0, over));
+                for _ in 0..50 {
+                    let t = over.begin() + over.duration() * next(&mut state);
+                    let w = f64::from(t - over.begin()) / f64::from(over.duration());
+                    let corner = set.corners(0, t)[0].as_dvec3();
+                    for (lost, pad) in lost.iter_mut().zip([0.0, slack]) {
+                        let face = |a: Vec3, b: Vec3| a.as_dvec3().lerp(b.as_dvec3(), w);
+                        let low = face(bounds.begin.min, bounds.end.min) + f64::from(pad);
+                        let high = face(bounds.begin.max, bounds.end.max) - f64::from(pad);
+                        *lost += usize::from(corner.cmplt(low).any() || corner.cmpgt(high).any());
+                    }
+                }
+            }
+            assert!(lost[0] == 0 && lost[1] > 100, "{keys} keys: {lost:?}");
+        }
+    }
 }

@@ -1,8 +1,8 @@
 //! What a ray hits of one primitive of a set.
 
 use super::hit::SetHit;
+use super::shear::Sheared;
 use super::tree_ray::TreeRay;
-use super::triangle::Sheared;
 use crate::layout::WideSource;
 use crate::primitive::{Primitive, Shapes, Triangles};
 use glam::Vec3;

@@ -18,6 +18,7 @@ mod leaf;
 mod observer;
 mod query;
 mod ray_tree;
+mod shear;
 mod traverser;
 mod tree_ray;
 mod triangle;

@@ -76,6 +76,7 @@ impl<G: Geometry> RayTree<G> {
                 (Layout::Kd(tree), statistics)
             }
         };
+        geometry.complaint()?;
         Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best(), queries: Queries::TABLE })
     }
 

@@ -1,7 +1,7 @@
 //! The ray of a query in tree space.
 
 use super::hit::SetHit;
-use super::triangle::Sheared;
+use super::shear::Sheared;
 use crate::geometry::{Frame, KERNEL_ULPS, Ray, ULP};
 use glam::{DVec3, Vec3, Vec3A};
 

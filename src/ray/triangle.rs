@@ -7,7 +7,7 @@
 //! ray cannot slip between them. In f64 the products of two f32 are exact and their difference is
 //! rounded once, which keeps the sign; so the test below is watertight.
 //!
-//! The lanes of the wide layout first look at the signs in f32 ([`Sheared`]): two rounded products and a
+//! The lanes of the wide layout first look at the signs in f32 ([`Sheared`](super::shear::Sheared)): two rounded products and a
 //! rounded difference never have the wrong sign, only sometimes a zero that should not be one. Lanes with
 //! agreeing signs or a zero go on to the f64 test, which alone decides, so every layout gives the
 //! same answers bit for bit.
@@ -24,67 +24,6 @@
 
 use super::hit::SetHit;
 use super::tree_ray::TreeRay;
-use core::hint::select_unpredictable;
-use glam::Vec3;
-
-/// The shear that turns a ray into an axis.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Sheared {
-    /// The ray's longest axis, and the other two.
-    pub kz: usize,
-    pub kx: usize,
-    pub ky: usize,
-    /// Slopes of the ray along `kx` and `ky`.
-    pub sx: f32,
-    pub sy: f32,
-    /// Component along `kz`.
-    pub dz: f32,
-}
-
-impl Sheared {
-    /// The shear of a direction whose longest component is not zero.
-    #[inline(always)]
-    pub fn new(dir: Vec3) -> Sheared {
-        let (x, y, z) = (dir.x.to_bits(), dir.y.to_bits(), dir.z.to_bits());
-        let size = |bits: u32| bits & 0x7fff_ffff;
-        let not_x = (size(y) > size(x)) | (size(z) > size(x));
-        let z_not_y = size(z) > size(y);
-        // Chosen among integers: numbers would take a trip through memory.
-        let pick = |of_x: u32, of_y: u32, of_z: u32| {
-            f32::from_bits(select_unpredictable(not_x, select_unpredictable(z_not_y, of_z, of_y), of_x))
-        };
-        let kz = usize::from(not_x) * (1 + usize::from(z_not_y));
-        // 0, 1, 2 cyclically, from a table of bits.
-        let (kx, ky) = (0b00_10_01 >> (2 * kz) & 3, 0b01_00_10 >> (2 * kz) & 3);
-        let dz = pick(x, y, z);
-        let inverse = 1.0 / dz;
-        Sheared { kz, kx, ky, sx: pick(y, z, x) * inverse, sy: pick(z, x, y) * inverse, dz }
-    }
-
-    /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
-    #[inline(always)]
-    pub fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
-        let a = v - origin;
-        // A branch that always goes the same way for one ray, where an index would go through memory.
-        let (x, y, z) = match self.kz {
-            0 => (a.y, a.z, a.x),
-            1 => (a.z, a.x, a.y),
-            _ => (a.x, a.y, a.z),
-        };
-        [x - self.sx * z, y - self.sy * z, z]
-    }
-
-    /// Whether the ray may pass through the triangle of three sheared corners.
-    #[inline(always)]
-    pub fn may_hit([a, b, c]: [[f32; 3]; 3]) -> bool {
-        // Most triangles are beside the ray, and signs in f32 say so: rounded products and their rounded
-        // difference never have the wrong sign, only sometimes a zero that should not be one.
-        let signs = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
-        let negative = (signs[0] < 0.0) | (signs[1] < 0.0) | (signs[2] < 0.0);
-        let positive = (signs[0] > 0.0) | (signs[1] > 0.0) | (signs[2] > 0.0);
-        !(negative & positive)
-    }
-}
 
 impl TreeRay {
     /// Decides whether the ray passes through the triangle of three sheared corners within its range and up to `limit`,
@@ -121,6 +60,7 @@ mod tests {
     use crate::geometry::Frame;
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
+    use glam::Vec3;
 
     fn tree_ray(origin: Vec3, dir: Vec3) -> TreeRay {
         TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD).unwrap()
@@ -164,5 +104,35 @@ mod tests {
         for corners in [[Vec3::ZERO; 3], [Vec3::NEG_X, Vec3::X, Vec3::X], [Vec3::NEG_X, Vec3::ZERO, Vec3::X]] {
             assert_eq!(intersect_triangle(&ray, corners), None);
         }
+    }
+
+    #[test]
+    fn edges_are_told_exactly_however_near_the_ray_passes() {
+        // The ray is the axis, corners are integers: products of 24 bits, whose differences i64 holds.
+        let mut state = 9u64;
+        let mut next = |bits: u32| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) as i64 % (1 << bits)
+        };
+        let ray = tree_ray(Vec3::ZERO, Vec3::Z);
+        let (mut near, mut inside) = (0, 0);
+        for _ in 0..100_000 {
+            // Two corners on opposite sides of the axis and nearly in a line with it, the third aside.
+            let (x, y) = (next(22) + 1, next(22) - (1 << 21));
+            let b = [x, y];
+            let c = [-x + next(3) - 4, -y + next(3) - 4];
+            let a = [-y / 2, x / 2];
+            let cross = |p: [i64; 2], q: [i64; 2]| p[0] * q[1] - p[1] * q[0];
+            let exact = [cross(c, b), cross(a, c), cross(b, a)];
+            let sum: i64 = exact.iter().sum();
+            let outside = exact.iter().any(|&e| e < 0) && exact.iter().any(|&e| e > 0);
+            let corners = [a, b, c].map(|[x, y]| [x as f32, y as f32, 1.0]);
+            let hit = ray.decide(corners, f32::INFINITY).is_some();
+            assert_eq!(hit, !outside && sum != 0, "{corners:?}");
+            // An edge function within 1e-6 of zero, relative to the sum, and on the wrong side.
+            near += u32::from(outside && exact.iter().any(|&e| e != 0 && (e as f64).abs() < 1e-6 * (sum as f64).abs()));
+            inside += u32::from(hit);
+        }
+        assert!(near > 1000 && inside > 1000, "{near} {inside}");
     }
 }

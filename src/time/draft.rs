@@ -63,8 +63,13 @@ pub(crate) fn time_slice(i: usize, n: usize) -> TimeInterval {
     if n == 1 {
         return TimeInterval::FULL;
     }
-    let begin = (i as f64 / n as f64 - 2.4e-7) as f32;
-    let end = if i + 1 == n { 2.0 } else { ((i + 1) as f64 / n as f64 + 2.4e-7) as f32 };
+    widened(i, n, 2.4e-7)
+}
+
+/// Slice `i` of `n`, wider by `by` on both sides.
+fn widened(i: usize, n: usize, by: f64) -> TimeInterval {
+    let begin = (i as f64 / n as f64 - by) as f32;
+    let end = if i + 1 == n { 2.0 } else { ((i + 1) as f64 / n as f64 + by) as f32 };
     TimeInterval::half_open(begin, end).expect("a time slice is not empty")
 }
 
@@ -147,5 +152,39 @@ pub(crate) fn prefetch_blocks<S: PrimitiveSet>(set: &S, draft: &Draft, of: &[Bin
     }
     for node in of.iter().skip(i + 1).take(1) {
         draft.references(node).iter().for_each(|r| set.prefetch_vertices(r.id()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::KeyTime;
+
+    /// Times near the bounds between slices that are not in the slice in which a query looks.
+    fn times_lost(slice: impl Fn(usize, usize) -> TimeInterval) -> usize {
+        let mut lost = 0;
+        for n in 2..=300 {
+            for i in 0..=n {
+                let bound = (i as f64 / n as f64) as f32;
+                for time in [
+                    bound.next_down().next_down(),
+                    bound.next_down(),
+                    bound,
+                    bound.next_up(),
+                    bound.next_up().next_up(),
+                ] {
+                    if (0.0..=1.0).contains(&time) {
+                        lost += usize::from(!slice(KeyTime::new(time, n + 1).segment, n).contains(time));
+                    }
+                }
+            }
+        }
+        lost
+    }
+
+    #[test]
+    fn slices_hold_the_times_that_queries_look_for_in_them_and_only_widened_ones_do() {
+        assert_eq!(times_lost(time_slice), 0);
+        assert!(times_lost(|i, n| widened(i, n, 0.0)) > 100);
     }
 }

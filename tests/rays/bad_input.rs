@@ -2,6 +2,7 @@
 
 use crate::common::{Random, difference, grid, random_ray, soup, variants};
 use core::ops::ControlFlow;
+use core::sync::atomic::{AtomicU32, Ordering};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
@@ -222,36 +223,164 @@ fn origins_far_outside() {
     }
 }
 
-/// A primitive that breaks its contract in the given way.
-struct Broken(fn(TimeInterval) -> LinearBounds);
+/// A primitive that breaks its contract: its bounds are made of those that are right and of how often they were asked for.
+struct Broken {
+    bounds: fn(TimeInterval, u32) -> LinearBounds,
+    active: fn(u32) -> TimeInterval,
+    asked: AtomicU32,
+}
+
+impl Broken {
+    fn new(bounds: fn(TimeInterval, u32) -> LinearBounds) -> Broken {
+        Broken { bounds, active: |_| TimeInterval::FULL, asked: AtomicU32::new(0) }
+    }
+
+    fn calls(&self) -> u32 {
+        self.asked.fetch_add(1, Ordering::Relaxed)
+    }
+}
 
 impl Primitive for Broken {
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0(over)
+        (self.bounds)(over, self.calls())
     }
     fn intersect(&self, _: &Ray) -> Option<Intersection> {
         Some(Intersection { t: f32::NAN, u: f32::NAN, v: 0.0 })
     }
+    fn active(&self) -> TimeInterval {
+        (self.active)(self.calls())
+    }
+}
+
+/// A box that moves by 5 during the shutter, and its bounds over a part of that.
+fn riser(over: TimeInterval) -> LinearBounds {
+    let at = |t: f32| Aabb { min: DVec3::splat(5.0 * f64::from(t)), max: DVec3::splat(5.0 * f64::from(t) + 1.0) };
+    LinearBounds { begin: at(over.begin()), end: at(over.end()) }
+}
+
+/// Sixty good spheres, so that planes and nodes are needed, and broken ones among them.
+enum Mixed {
+    Good(MovingSphere),
+    Bad(Broken),
+}
+
+impl Primitive for Mixed {
+    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+        match self {
+            Mixed::Good(good) => good.bounds(over),
+            Mixed::Bad(bad) => bad.bounds(over),
+        }
+    }
+    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+        match self {
+            Mixed::Good(good) => good.intersect(ray),
+            Mixed::Bad(bad) => bad.intersect(ray),
+        }
+    }
+    fn active(&self) -> TimeInterval {
+        match self {
+            Mixed::Good(good) => good.active(),
+            Mixed::Bad(bad) => bad.active(),
+        }
+    }
+}
+
+fn spheres() -> Vec<MovingSphere> {
+    let mut random = Random(12);
+    let mut place = || (random.vec().as_dvec3() * 4.0, 0.3);
+    (0..60).map(|_| MovingSphere::new(vec![place(), place()])).collect()
+}
+
+/// The spheres with a broken primitive before each.
+fn mixed(bad: impl Fn() -> Broken) -> Vec<Mixed> {
+    spheres().into_iter().flat_map(|good| [Mixed::Bad(bad()), Mixed::Good(good)]).collect()
+}
+
+fn assert_spheres_are_hit(tree: &RayTree<mbkd::Shapes<Mixed>>) {
+    let oracle = BruteForce::of_primitives(spheres()).unwrap();
+    let (mut random, mut hits) = (Random(13), 0);
+    for _ in 0..200 {
+        let ray = random_ray(&mut random, 8.0);
+        let expected = oracle.closest_hit(&ray).map(|hit| (hit.primitive * 2 + 1, hit.t));
+        assert_eq!(tree.closest_hit(&ray).map(|hit| (hit.primitive, hit.t)), expected);
+        hits += u32::from(expected.is_some());
+    }
+    assert!(hits > 20, "{hits}");
 }
 
 #[test]
-fn broken_primitives_are_refused_or_harmless() {
-    let nan = |_| LinearBounds::fixed(Aabb { min: DVec3::NAN, max: DVec3::NAN });
-    let inverted = |_| LinearBounds::fixed(Aabb::EMPTY);
-    let infinite = |_| LinearBounds::fixed(Aabb { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY });
+fn bounds_that_are_no_boxes_are_refused() {
+    let nan = |_, _| LinearBounds::fixed(Aabb { min: DVec3::NAN, max: DVec3::NAN });
+    let inverted = |_, _| LinearBounds::fixed(Aabb::EMPTY);
+    let infinite = |_, _| LinearBounds::fixed(Aabb { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY });
+    let too_large = |_, _| LinearBounds::fixed(Aabb { min: DVec3::ZERO, max: DVec3::splat(2e30) });
+    // Good the first time, over the whole shutter, and bad later: over parts of it, or whatever is asked for.
+    let nan_later = |over, call: u32| {
+        if call > 1 { LinearBounds::fixed(Aabb { min: DVec3::NAN, ..Aabb::EMPTY }) } else { riser(over) }
+    };
+    let inverted_later = |over, call: u32| if call > 1 { LinearBounds::fixed(Aabb::EMPTY) } else { riser(over) };
+    let infinite_parts = |over, _| {
+        let infinite = Aabb { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
+        if over == TimeInterval::FULL { riser(over) } else { LinearBounds { end: infinite, ..riser(over) } }
+    };
     for params in variants() {
-        for bad in [nan, inverted, infinite] {
-            let error = RayTree::of_primitives(vec![Broken(bad)], &params).unwrap_err();
+        for bad in [nan, inverted, infinite, too_large] {
+            let error = RayTree::of_primitives(vec![Broken::new(bad)], &params).unwrap_err();
             assert_eq!(error, BuildError::BadBounds { primitive: 0 });
         }
-        // Good over the whole shutter, NaN over parts of it, and answers that are no numbers.
-        let sometimes = |over: TimeInterval| {
-            let at = if over == TimeInterval::FULL { DVec3::ZERO } else { DVec3::NAN };
-            LinearBounds { begin: Aabb { min: at, max: at + 1.0 }, end: Aabb { min: at + 5.0, max: at + 6.0 } }
-        };
-        let tree = RayTree::of_primitives((0..50).map(|_| Broken(sometimes)).collect(), &params).unwrap();
-        assert_eq!(tree.closest_hit(&Ray::new(Vec3::splat(-1.0), Vec3::ONE)), None);
+        for bad in [nan_later, inverted_later] {
+            let shapes = [Mixed::Good(MovingSphere::fixed(DVec3::ZERO, 1.0))];
+            let shapes = shapes.into_iter().chain(mixed(|| Broken::new(bad))).collect();
+            let error = RayTree::of_primitives(shapes, &params).unwrap_err();
+            assert_eq!(error, BuildError::BadBounds { primitive: 1 }, "{params:?}");
+        }
+        // Not every build asks for parts.
+        match RayTree::of_primitives(mixed(|| Broken::new(infinite_parts)), &params) {
+            Ok(tree) => assert_spheres_are_hit(&tree),
+            Err(error) => assert!(matches!(error, BuildError::BadBounds { primitive } if primitive % 2 == 0)),
+        }
     }
+}
+
+#[test]
+fn primitives_that_contradict_themselves_do_no_harm_to_others() {
+    // Somewhere else at every call; far outside of where it was first said to be; a part of the time larger than the whole.
+    let jumping = |_, call: u32| {
+        let mut random = Random(u64::from(call) * 7919 + 1);
+        let mut place = |size: f64| {
+            let p = random.vec().as_dvec3() * 5.0;
+            Aabb { min: p, max: p + size }
+        };
+        LinearBounds { begin: place(0.5), end: place(2.0) }
+    };
+    let leaving = |over, call: u32| match call {
+        0 | 1 => riser(over),
+        _ => LinearBounds::fixed(Aabb { min: DVec3::splat(-1e30), max: DVec3::splat(1e30) }),
+    };
+    let elsewhere = |over, call: u32| match call {
+        0 | 1 => LinearBounds::fixed(Aabb { min: DVec3::ZERO, max: DVec3::splat(1e-9) }),
+        _ => LinearBounds { begin: Aabb { min: DVec3::splat(9.0), max: DVec3::splat(1e29) }, end: riser(over).end },
+    };
+    let growing = |over: TimeInterval, _| LinearBounds::fixed(riser(over).begin.pad(f64::from(1.0 - over.duration())));
+    for params in variants() {
+        for bad in [jumping, leaving, elsewhere, growing] {
+            for active in [|_| TimeInterval::FULL, |call: u32| flicker(call)] {
+                let tree = RayTree::of_primitives(mixed(|| Broken { active, ..Broken::new(bad) }), &params).unwrap();
+                assert_spheres_are_hit(&tree);
+                let _ = tree.validate();
+                // Alone they make a scene that is wrong from the start.
+                let alone = (0..50).map(|_| Broken { active, ..Broken::new(bad) }).collect();
+                let tree = RayTree::of_primitives(alone, &params).unwrap();
+                assert_eq!(tree.closest_hit(&Ray::new(Vec3::splat(-1.0), Vec3::ONE)), None);
+            }
+        }
+    }
+}
+
+/// Another part of the shutter at every call.
+fn flicker(call: u32) -> TimeInterval {
+    let begin = (call % 7) as f32 / 8.0;
+    TimeInterval::new(begin, begin + 0.125).unwrap()
 }
 
 #[test]

@@ -1,0 +1,63 @@
+//! The shear of the watertight test ([`super::triangle`]): a ray becomes an axis, and corners move along.
+
+use core::hint::select_unpredictable;
+use glam::Vec3;
+
+/// The shear that turns a ray into an axis.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sheared {
+    /// The ray's longest axis, and the other two.
+    pub kz: usize,
+    pub kx: usize,
+    pub ky: usize,
+    /// Slopes of the ray along `kx` and `ky`.
+    pub sx: f32,
+    pub sy: f32,
+    /// Component along `kz`.
+    pub dz: f32,
+}
+
+impl Sheared {
+    /// The shear of a direction whose longest component is not zero.
+    #[inline(always)]
+    pub fn new(dir: Vec3) -> Sheared {
+        let (x, y, z) = (dir.x.to_bits(), dir.y.to_bits(), dir.z.to_bits());
+        let size = |bits: u32| bits & 0x7fff_ffff;
+        let not_x = (size(y) > size(x)) | (size(z) > size(x));
+        let z_not_y = size(z) > size(y);
+        // Chosen among integers: numbers would take a trip through memory.
+        let pick = |of_x: u32, of_y: u32, of_z: u32| {
+            f32::from_bits(select_unpredictable(not_x, select_unpredictable(z_not_y, of_z, of_y), of_x))
+        };
+        let kz = usize::from(not_x) * (1 + usize::from(z_not_y));
+        // 0, 1, 2 cyclically, from a table of bits.
+        let (kx, ky) = (0b00_10_01 >> (2 * kz) & 3, 0b01_00_10 >> (2 * kz) & 3);
+        let dz = pick(x, y, z);
+        let inverse = 1.0 / dz;
+        Sheared { kz, kx, ky, sx: pick(y, z, x) * inverse, sy: pick(z, x, y) * inverse, dz }
+    }
+
+    /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
+    #[inline(always)]
+    pub fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
+        let a = v - origin;
+        // A branch that always goes the same way for one ray, where an index would go through memory.
+        let (x, y, z) = match self.kz {
+            0 => (a.y, a.z, a.x),
+            1 => (a.z, a.x, a.y),
+            _ => (a.x, a.y, a.z),
+        };
+        [x - self.sx * z, y - self.sy * z, z]
+    }
+
+    /// Whether the ray may pass through the triangle of three sheared corners.
+    #[inline(always)]
+    pub fn may_hit([a, b, c]: [[f32; 3]; 3]) -> bool {
+        // Most triangles are beside the ray, and signs in f32 say so: rounded products and their rounded
+        // difference never have the wrong sign, only sometimes a zero that should not be one.
+        let signs = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
+        let negative = (signs[0] < 0.0) | (signs[1] < 0.0) | (signs[2] < 0.0);
+        let positive = (signs[0] > 0.0) | (signs[1] > 0.0) | (signs[2] > 0.0);
+        !(negative & positive)
+    }
+}
