@@ -27,6 +27,7 @@ mod radii;
 mod reach;
 mod row;
 mod run;
+mod swept;
 mod torus;
 mod worker;
 
@@ -34,3 +35,4 @@ pub use csr::NeighborCsr;
 pub use error::ListError;
 pub use query::ListQuery;
 pub use radii::Radii;
+pub use swept::{Encounter, EncounterLists, certified_duration};
