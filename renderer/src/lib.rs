@@ -7,6 +7,7 @@
 mod animation;
 mod exr;
 mod film;
+pub mod fluid;
 mod font;
 mod heatmap;
 mod integrator;

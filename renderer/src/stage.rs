@@ -2,8 +2,8 @@
 
 use crate::materials::Surface;
 use crate::sky::Sky;
-use mbkd::TriangleMesh;
 use mbkd::glam::Vec3;
+use mbkd::{MovingSphere, TriangleMesh};
 use mbkd_scenes::{Camera, FlakeSphere};
 
 /// Meshes or spheres.
@@ -12,6 +12,15 @@ pub enum Things {
     Meshes(Vec<TriangleMesh>, Vec<Surface>),
     /// Spheres, coloured by level.
     Spheres(Vec<FlakeSphere>),
+    /// Meshes with their surfaces, and drops with their colours.
+    Fluid {
+        /// What stands still.
+        meshes: Vec<TriangleMesh>,
+        /// One for each mesh.
+        surfaces: Vec<Surface>,
+        /// What flows.
+        drops: Vec<(MovingSphere, Vec3)>,
+    },
 }
 
 impl Things {
@@ -20,6 +29,7 @@ impl Things {
         match self {
             Things::Meshes(meshes, _) => meshes.iter().map(TriangleMesh::len).sum(),
             Things::Spheres(spheres) => spheres.len(),
+            Things::Fluid { drops, .. } => drops.len(),
         }
     }
 
@@ -28,6 +38,7 @@ impl Things {
         match self {
             Things::Meshes(..) => "triangles",
             Things::Spheres(_) => "spheres",
+            Things::Fluid { .. } => "drops",
         }
     }
 }

@@ -18,7 +18,11 @@ pub struct World {
 enum Tree {
     Meshes { tree: RayTree, surfaces: Vec<Surface>, indices: Vec<Vec<[u32; 3]>> },
     Spheres { tree: RayTree<Shapes<MovingSphere>>, levels: Vec<u32> },
+    Fluid { solid: RayTree, surfaces: Vec<Surface>, drops: RayTree<Shapes<MovingSphere>>, colors: Vec<Vec3> },
 }
+
+/// The mesh that hits on drops of a fluid are given.
+const DROPS: u32 = u32::MAX;
 
 /// A point on a surface.
 pub struct Point {
@@ -49,6 +53,15 @@ impl World {
                     levels: spheres.iter().map(|sphere| sphere.level).collect(),
                 },
             },
+            Things::Fluid { meshes, surfaces, drops } => World {
+                lift: 1e-5,
+                tree: Tree::Fluid {
+                    solid: RayTree::build(meshes, params)?,
+                    surfaces: surfaces.clone(),
+                    drops: RayTree::of_primitives(drops.iter().map(|drop| drop.0.clone()).collect(), params)?,
+                    colors: drops.iter().map(|drop| drop.1).collect(),
+                },
+            },
         })
     }
 
@@ -57,6 +70,12 @@ impl World {
         match &self.tree {
             Tree::Meshes { tree, .. } => tree.closest_hit_observed(ray, observer),
             Tree::Spheres { tree, .. } => tree.closest_hit_observed(ray, observer),
+            Tree::Fluid { solid, drops, .. } => {
+                let behind = solid.closest_hit_observed(ray, observer);
+                let most = behind.map_or(ray.t_max, |hit| hit.t);
+                let drop = drops.closest_hit_observed(&ray.between(ray.t_min, most), observer);
+                drop.map(|hit| Hit { mesh: DROPS, ..hit }).or(behind)
+            }
         }
     }
 
@@ -65,6 +84,9 @@ impl World {
         match &self.tree {
             Tree::Meshes { tree, .. } => tree.any_hit_observed(ray, observer),
             Tree::Spheres { tree, .. } => tree.any_hit_observed(ray, observer),
+            Tree::Fluid { solid, drops, .. } => {
+                drops.any_hit_observed(ray, observer) || solid.any_hit_observed(ray, observer)
+            }
         }
     }
 
@@ -86,6 +108,15 @@ impl World {
                 let normal = facing((at - center).normalize_or_zero().as_vec3());
                 (normal, normal, color)
             }
+            Tree::Fluid { drops, colors, .. } if hit.mesh == DROPS => {
+                let drop = hit.primitive as usize;
+                let normal = facing((at - drops.primitives()[drop].at(ray.time).0).normalize_or_zero().as_vec3());
+                (normal, normal, colors[drop])
+            }
+            Tree::Fluid { solid, surfaces, .. } => {
+                let flat = facing(solid.normal(hit, ray.time));
+                (flat, flat, surfaces[hit.mesh as usize].color)
+            }
         };
         let lift = self.lift + 2e-6 * hit.t * ray.dir.length();
         Point { position: at + flat.as_dvec3() * f64::from(lift), normal, color }
@@ -95,7 +126,7 @@ impl World {
     pub fn statistics(&self) -> Statistics {
         match &self.tree {
             Tree::Meshes { tree, .. } => tree.statistics(),
-            Tree::Spheres { tree, .. } => tree.statistics(),
+            Tree::Spheres { tree, .. } | Tree::Fluid { drops: tree, .. } => tree.statistics(),
         }
     }
 }

@@ -95,8 +95,13 @@ impl Source {
 
     /// Position of a point at a key as the trees hold it.
     #[inline(always)]
-    fn at(&self, point: usize, key: usize) -> [f32; 3] {
+    pub(super) fn at(&self, point: usize, key: usize) -> [f32; 3] {
         self.positions[key * self.len + point]
+    }
+
+    /// Whether all live throughout, and ids are indices.
+    pub(super) fn is_plain(&self) -> bool {
+        self.alive.is_empty() && self.ids.is_empty()
     }
 
     /// When a point is alive.

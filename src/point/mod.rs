@@ -31,6 +31,7 @@ mod over_interval;
 mod partition;
 mod plane_splits;
 mod query;
+mod rebuild;
 mod search;
 mod select;
 mod snapshot;

@@ -232,6 +232,11 @@ impl MovingTree {
         self.references
     }
 
+    /// The ids of all references, in the order of the tree.
+    pub(super) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
+        self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
+    }
+
     /// Number of nodes.
     pub(super) fn node_count(&self) -> usize {
         self.nodes.len()

@@ -30,6 +30,8 @@ pub(super) struct StaticTree {
     /// As many as all bottom nodes have lanes for.
     blocks: Vec<PointBlock>,
     shape: Shape,
+    /// The spread of the leaves when the points were put in order; nothing if that was for this tree.
+    ordered_spread: Option<f64>,
 }
 
 /// Sizes of a complete tree.
@@ -111,6 +113,11 @@ impl StaticTree {
             *to = item;
         }
         order(memory, shape.leaf());
+        StaticTree::around(count, blocks, shape, &id_of)
+    }
+
+    /// The tree over items that are in order, in the memory of its blocks.
+    fn around(count: usize, blocks: Vec<PointBlock>, shape: Shape, id_of: &(impl Fn(u32) -> u32 + Sync)) -> StaticTree {
         let small = (0..shape.levels).find(|&level| shape.wide(level) <= MOST_PLAIN);
         let plain = shape.begin[small.unwrap_or(shape.levels)];
         let mut tree = StaticTree {
@@ -118,11 +125,12 @@ impl StaticTree {
             upper: huge_vec_of(Boxes::NONE, shape.nodes() - plain),
             blocks,
             shape,
+            ordered_spread: None,
         };
         if plain > 0 {
-            fill(count, &mut tree.blocks, &mut tree.lower[..shape.begin[1]], shape.leaf_blocks, &id_of);
+            fill(count, &mut tree.blocks, &mut tree.lower[..shape.begin[1]], shape.leaf_blocks, id_of);
         } else {
-            fill(count, &mut tree.blocks, &mut tree.upper[..shape.begin[1]], shape.leaf_blocks, &id_of);
+            fill(count, &mut tree.blocks, &mut tree.upper[..shape.begin[1]], shape.leaf_blocks, id_of);
         }
         for node in 0..shape.begin[1].min(plain) {
             if tree.lower[node].number_elsewhere().is_some() {
@@ -148,6 +156,40 @@ impl StaticTree {
             }
         }
         tree
+    }
+
+    /// The tree over the same points elsewhere, in almost the same order: only the points of a bottom node are put in
+    /// order again. `at` gives the place of an id.
+    pub(super) fn moved(self, count: usize, at: impl Fn(u32) -> [f32; 3] + Sync) -> StaticTree {
+        let spread = self.ordered_spread.unwrap_or_else(|| self.spread());
+        let StaticTree { mut blocks, shape, .. } = self;
+        move_items(count, &mut blocks, shape, &at);
+        let tree = StaticTree::around(count, blocks, shape, &|id| id);
+        StaticTree { ordered_spread: Some(spread), ..tree }
+    }
+
+    /// How much larger the leaves are than when all points were put in order.
+    pub(super) fn growth(&self) -> f64 {
+        let (before, now) = (self.ordered_spread, self.spread());
+        before.map_or(1.0, |before| if now > before { now / before } else { 1.0 })
+    }
+
+    /// The sides of all leaves' boxes.
+    fn spread(&self) -> f64 {
+        let of_node = |node: usize| {
+            let [lo, hi] = Boxed::faces_at(self, node, 0.0);
+            let mut sides = 0.0;
+            for lane in (0..LANES).filter(|&lane| lo[0][lane] <= hi[0][lane] && hi[0][lane] < f32::INFINITY) {
+                sides += (0..3).map(|axis| f64::from(hi[axis][lane]) - f64::from(lo[axis][lane])).sum::<f64>();
+            }
+            sides
+        };
+        (0..self.shape.begin[1]).map(of_node).sum()
+    }
+
+    /// The ids in the order of the tree.
+    pub(super) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
+        self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
     /// Keeps boxes apart from the lower levels, and returns the node that refers to them.
@@ -226,6 +268,31 @@ fn boxes_of(blocks: &[PointBlock], leaf_blocks: usize) -> Boxes {
         }
     }
     boxes
+}
+
+/// Turns blocks back into items, at new places, and puts those of each bottom node in order.
+fn move_items(count: usize, blocks: &mut [PointBlock], shape: Shape, at: &(impl Fn(u32) -> [f32; 3] + Sync)) {
+    let share = LANES * shape.leaf_blocks;
+    if blocks.len() > SHARE * share {
+        let (left, right) = blocks.split_at_mut(blocks.len() / share / 2 * share);
+        let before = (left.len() * LANES).min(count);
+        return super::order::join(
+            || move_items(before, left, shape, at),
+            || move_items(count - before, right, shape, at),
+        );
+    }
+    for (number, blocks) in blocks.chunks_mut(share).enumerate() {
+        let count = count.saturating_sub(number * share * LANES).min(share * LANES);
+        for block in &mut *blocks {
+            let ids = block.id;
+            for (item, id) in PointBlock::items(core::slice::from_mut(block)).iter_mut().zip(ids) {
+                if id != u32::MAX {
+                    *item = Item { at: at(id), index: id };
+                }
+            }
+        }
+        order(&mut PointBlock::items(blocks)[..count], shape.leaf());
+    }
 }
 
 /// Nodes that one thread fills at a time.
@@ -316,11 +383,10 @@ impl View for &StaticTree {
     }
     #[inline(always)]
     fn faces<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
-        if let Some(node) = self.lower.get(node) {
-            return node.face_rows(s);
+        match self.node(node) {
+            Node::Bytes(node) => node.face_rows(s),
+            Node::Floats(node) => (rows(s, &node.lo), rows(s, &node.hi)),
         }
-        let node = &self.upper[node - self.lower.len()];
-        (rows(s, &node.lo), rows(s, &node.hi))
     }
     #[inline(always)]
     fn positions<S: Simd>(&self, s: S, _target: &Target<S>, block: usize) -> [S::F; 3] {

@@ -157,7 +157,13 @@ impl PointTree {
         Ok(tree)
     }
 
-    fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {
+    /// Takes what is in the tree out, to be filled again.
+    pub(super) fn renew(&mut self, origin: DVec3, simd: SimdLevel) {
+        (self.origin, self.simd, self.stats) = (origin, simd, PointStats::default());
+        self.layers.clear();
+    }
+
+    pub(super) fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {
         let bytes = layer.bytes();
         let (references, nodes, levels) = match &layer {
             Layer::Still(tree) => (points, tree.node_count(), tree.levels()),

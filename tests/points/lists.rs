@@ -336,3 +336,123 @@ fn buffers_are_used_again() {
         assert_eq!((lists.bytes(), [lists.ids().as_ptr(), lists.points().as_ptr()]), (bytes, address));
     }
 }
+
+/// Large sets have boxes in bytes, except in nodes for which bytes are too coarse: those of tight clusters far apart.
+#[test]
+fn lists_of_tight_clusters_in_a_large_set() {
+    let mut rng = Rng(11);
+    let place = |i: usize| Vec3::new((i % 11) as f32, (i / 11 % 11) as f32, (i / 121) as f32);
+    let points: Vec<Vec3> = (0..300_000).map(|i| place(i / 200) + rng.vec() * 1e-3).collect();
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let mut lists = NeighborCsr::new();
+    tree.neighbor_lists(0.0, 5e-4).rows_by_id().run(&mut lists).unwrap();
+    for i in (0..points.len()).step_by(37) {
+        assert_eq!(lists.row(i).len() + 1, tree.query(points[i], 0.0).radius(5e-4).count(), "point {i}");
+    }
+}
+
+/// A tree that begins with the last step's order gives the same answers, and is built afresh where it must be.
+#[test]
+fn rebuilt_trees_answer_as_new_ones() {
+    for count in [0, 1, 16, 17, 300, 5_000] {
+        let mut rng = Rng(count as u64);
+        let mut points: Vec<Vec3> = (0..count).map(|_| rng.vec()).collect();
+        let params = PointParams::default();
+        let mut tree = PointTree::build(&points, &params).unwrap();
+        let (mut kept, mut afresh) = (0, 0);
+        for step in 0..40 {
+            let speed = if step == 30 { 0.5 } else { 0.002 };
+            points.iter_mut().for_each(|p| *p += rng.vec() * speed);
+            let same_order = tree.rebuild(&points, &params).unwrap();
+            if same_order {
+                kept += 1
+            } else {
+                afresh += 1
+            }
+            if step % 7 == 3 {
+                let order = tree.take_order();
+                points = order.iter().map(|&id| points[id as usize]).collect();
+            }
+            let new = PointTree::build(&points, &params).unwrap();
+            let lists = [&tree, &new].map(|tree| {
+                let mut lists = NeighborCsr::new();
+                tree.neighbor_lists(0.0, 0.15).rows_by_id().sorted().with_distances().run(&mut lists).unwrap();
+                lists
+            });
+            assert_eq!(lists[0].offsets(), lists[1].offsets(), "{count} points, step {step}");
+            assert_eq!(lists[0].ids(), lists[1].ids());
+            assert_eq!(lists[0].distances_squared(), lists[1].distances_squared());
+        }
+        if count >= 5_000 {
+            assert!(kept > 20 && afresh >= 1, "{count} points: {kept} kept, {afresh} afresh");
+        }
+        // Another set, one that moves, ids of its own, and one that can not be built.
+        points.push(Vec3::ONE);
+        assert!(!tree.rebuild(&points, &params).unwrap());
+        assert_eq!(tree.len(), count + 1);
+        assert!(tree.rebuild(&[Vec3::NAN] as &[Vec3], &params).is_err());
+        let bad = vec![Vec3::NAN; count + 1];
+        assert!(tree.rebuild(&bad, &params).is_err());
+        assert_eq!(tree.nearest(Vec3::ONE, 0.0).map(|n| n.distance_squared), Some(0.0), "as it was");
+        let ids: Vec<u32> = (0..count as u32 + 1).map(|i| 2 * i + 7).collect();
+        let set = PointArrays { keys: &[&points], alive: &[], ids: &ids };
+        assert!(!tree.rebuild(&set, &params).unwrap());
+        assert!(!tree.rebuild(&set, &params).unwrap(), "ids that are not indices are not kept");
+        assert!(!tree.rebuild(&points, &params).unwrap(), "nor taken for indices");
+        assert!(tree.rebuild(&points, &params).unwrap());
+    }
+}
+
+#[test]
+fn orders_of_moving_trees_name_each_point_once() {
+    for kind in ["random", "fast few", "short lives"] {
+        let cloud = cloud(kind, 500, &mut Rng(2));
+        for structure in STRUCTURES {
+            let mut tree = build(&cloud, structure, SimdLevel::best());
+            let before: Vec<_> = (0..20).map(|i| tree.nearest(cloud.keys[0][i], 0.5).unwrap()).collect();
+            let order = tree.take_order();
+            let mut sorted = order.clone();
+            sorted.sort_unstable();
+            assert!(sorted.into_iter().eq(0..500), "{kind}, {structure:?}");
+            for (i, before) in before.into_iter().enumerate() {
+                let after = tree.nearest(cloud.keys[0][i], 0.5).unwrap();
+                assert_eq!((order[after.id as usize], after.distance_squared), (before.id, before.distance_squared));
+            }
+        }
+    }
+}
+
+#[test]
+fn bulk_queries_equal_single_ones() {
+    for kind in ["uniform", "surface", "lattice", "random", "short lives", "huge"] {
+        let mut rng = Rng(77);
+        let cloud = cloud(kind, 2_000, &mut rng);
+        let size = cloud.keys.iter().flatten().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
+        let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+        let queries: Vec<Vec3> = (0..700).map(|_| rng.vec() * size * 1.2).collect();
+        let mut lists = NeighborCsr::new();
+        for (time, radius) in [(0.0, 0.3 * size), (rng.unit(), 0.1 * size), (1.0, 0.0)] {
+            tree.within_lists(&queries, time, radius, &mut lists).unwrap();
+            assert_eq!(lists.len(), queries.len());
+            for (query, row) in lists.iter() {
+                let mut row = row.to_vec();
+                row.sort_unstable();
+                let mut one: Vec<u32> =
+                    tree.within(queries[query as usize], time, radius).iter().map(|n| n.id).collect();
+                one.sort_unstable();
+                assert_eq!(row, one, "{kind}, query {query} at {time}");
+            }
+        }
+        assert_eq!(tree.within_lists(&[Vec3::NAN], 0.0, 1.0, &mut lists), Err(ListError::Query { query: 0 }));
+        assert_eq!(tree.within_lists(&queries, 0.0, -1.0, &mut lists), Err(ListError::Radius { id: None }));
+        assert_eq!(tree.within_lists(&queries, 2.0, 1.0, &mut lists), Err(ListError::Time));
+        tree.within_lists(&[] as &[Vec3], 0.0, 1.0, &mut lists).unwrap();
+        assert!(lists.is_empty());
+    }
+    // Positions in f64 far from zero.
+    let points: Vec<[f64; 3]> = (0..100).map(|i| [1e9 + f64::from(i) * 0.25, 3.0, -1e9]).collect();
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let mut lists = NeighborCsr::new();
+    tree.within_lists(&points, 0.0, 0.3, &mut lists).unwrap();
+    assert!(lists.iter().all(|(query, row)| row.len() == if query == 0 || query == 99 { 2 } else { 3 }));
+}

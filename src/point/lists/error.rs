@@ -41,6 +41,12 @@ pub enum ListError {
     },
     /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
     Origins,
+    /// A query point is not finite, or farther from the origin than
+    /// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE).
+    Query {
+        /// Its number.
+        query: usize,
+    },
     /// Lists were asked for in the order of ids, but an id is not less than the number of points, or occurs twice.
     Ids {
         /// Such an id.
@@ -61,6 +67,7 @@ impl fmt::Display for ListError {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
             }
             ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
+            ListError::Query { query } => write!(f, "query point {query} is not finite, or too far from the origin"),
             ListError::Ids { id } => {
                 write!(f, "id {id} is not the index of a point; ask for the lists in the order of the tree")
             }

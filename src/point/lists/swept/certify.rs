@@ -84,9 +84,9 @@ impl PointTree {
         let firsts = sweep.run(
             || f32::INFINITY,
             |first, own, meeting| {
-                if let Some((other, encounter)) = meeting
+                if let Some((others, i, encounter)) = meeting
                     && encounter.enter < *first
-                    && !listed(own, other)
+                    && !listed(own, &others.flight(i))
                 {
                     *first = encounter.enter;
                 }

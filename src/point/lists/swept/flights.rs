@@ -1,6 +1,7 @@
 //! Blocks of points on their ways, and the walk of a group of them through a tree.
 
-use super::encounter::{Window, at};
+use super::encounter::{Encounter, Others, Window, at, greater, lesser};
+use crate::geometry::TimeInterval;
 use crate::point::lists::gather::{BoxRows, BoxVector, Picks};
 use crate::point::over_interval::{Boxed, Flight};
 use crate::point::snapshot::{rows, squared};
@@ -20,12 +21,17 @@ pub(super) fn phases<T: Boxed>(tree: &T, times: [f32; 2]) -> [f64; 2] {
     [window.phase(window.times[0] - ROUNDING), window.phase(window.times[1] + ROUNDING)]
 }
 
-/// Sixteen points on their ways, and where they are at both ends of a range of times, drift taken off; the first
-/// coordinate is infinite where there is none.
+/// Sixteen points on their ways, in rows, and where they are at both ends of a range of times, drift taken off; there
+/// the first coordinate is infinite where there is none.
 #[derive(Clone, Debug)]
+#[repr(align(64))]
 pub(super) struct Block {
-    pub(super) flights: [Option<Flight>; LANES],
     ends: [[Lanes<f32>; 3]; 2],
+    open: [Lanes<f32>; 3],
+    close: [Lanes<f32>; 3],
+    begin: Lanes<f32>,
+    end: Lanes<f32>,
+    id: Lanes<u32>,
     lo: [f32; 3],
     hi: [f32; 3],
     magnitude: f64,
@@ -35,23 +41,81 @@ impl Block {
     /// The points of a block of a tree between two phases of their segment.
     #[inline(always)]
     fn new<T: Boxed>(tree: &T, block: usize, phases: [f64; 2], drift: [f64; 3]) -> Block {
-        let mut ends = [[[f32::INFINITY; LANES]; 3]; 2];
-        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        let mut magnitude = drift.iter().fold(0.0f64, |most, x| most.max(x.abs()));
-        let flights: [Option<Flight>; LANES] = core::array::from_fn(|lane| tree.flight(block, lane));
-        for (lane, flight) in flights.iter().enumerate() {
-            let Some(flight) = flight else { continue };
+        let row = [0.0; LANES];
+        let mut points = Block {
+            ends: [[[f32::INFINITY; LANES]; 3]; 2],
+            open: [row; 3],
+            close: [row; 3],
+            begin: row,
+            end: row,
+            id: [u32::MAX; LANES],
+            lo: [f32::INFINITY; 3],
+            hi: [f32::NEG_INFINITY; 3],
+            magnitude: drift.iter().fold(0.0f64, |most, x| greater(most, x.abs())),
+        };
+        for lane in 0..LANES {
+            let Some(flight) = tree.flight(block, lane) else { continue };
             for axis in 0..3 {
-                let place = [at(flight, axis, phases[0]), at(flight, axis, phases[1])];
-                magnitude = magnitude.max(place[0].abs()).max(place[1].abs());
-                for (end, x) in ends.iter_mut().zip([place[0], place[1] - drift[axis]]) {
-                    let x = x as f32;
-                    end[axis][lane] = x;
-                    (lo[axis], hi[axis]) = (lo[axis].min(x), hi[axis].max(x));
-                }
+                (points.open[axis][lane], points.close[axis][lane]) = (flight.open[axis], flight.close[axis]);
             }
+            (points.begin[lane], points.end[lane]) = (flight.life.begin(), flight.life.end_bound());
+            points.id[lane] = flight.id;
         }
-        Block { flights, ends, lo, hi, magnitude }
+        for axis in 0..3 {
+            let (mut lo, mut hi) = (row, row);
+            let mut most = [0.0f64; LANES];
+            for lane in 0..LANES {
+                let there = points.id[lane] != u32::MAX;
+                let open = f64::from(points.open[axis][lane]);
+                let way = f64::from(points.close[axis][lane]) - open;
+                let (first, last) = (open + way * phases[0], open + way * phases[1]);
+                most[lane] = greater(first.abs(), last.abs());
+                let [first, last] = [first as f32, (last - drift[axis]) as f32];
+                points.ends[0][axis][lane] = if there { first } else { f32::INFINITY };
+                points.ends[1][axis][lane] = if there { last } else { f32::INFINITY };
+                lo[lane] = if !there {
+                    f32::INFINITY
+                } else if first < last {
+                    first
+                } else {
+                    last
+                };
+                hi[lane] = if !there {
+                    f32::NEG_INFINITY
+                } else if first > last {
+                    first
+                } else {
+                    last
+                };
+            }
+            points.lo[axis] = lo.into_iter().fold(f32::INFINITY, |a, b| if b < a { b } else { a });
+            points.hi[axis] = hi.into_iter().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
+            points.magnitude = most.into_iter().fold(points.magnitude, greater);
+        }
+        points
+    }
+
+    /// A point of the block.
+    pub(super) fn flight(&self, lane: usize) -> Option<Flight> {
+        let life = TimeInterval::half_open(self.begin[lane], self.end[lane])?;
+        let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| row[lane]));
+        (self.id[lane] != u32::MAX).then_some(Flight { id: self.id[lane], open, close, life })
+    }
+
+    /// Appends the lanes of a mask to others.
+    #[inline(always)]
+    fn append<S: Simd>(&self, s: S, hits: Mask, others: &mut Others) {
+        let at = others.len;
+        others.make_room(at + 2 * LANES);
+        let Others { open, close, begin, end, id, len } = others;
+        let rows = self.open.iter().chain(&self.close).chain([&self.begin, &self.end]);
+        for (to, row) in open.iter_mut().chain(close).chain([begin, end]).zip(rows) {
+            let to: &mut Lanes<f32> = (&mut to[at..at + LANES]).try_into().expect("sixteen");
+            s.store(s.compress(s.load(row), hits), to);
+        }
+        let to: &mut Lanes<u32> = (&mut id[at..at + LANES]).try_into().expect("sixteen");
+        s.store_u(s.compress_u(s.load_u(&self.id), hits), to);
+        *len += hits.count_ones() as usize;
     }
 }
 
@@ -126,18 +190,6 @@ fn counting<T: Boxed>(tree: &T, node: usize, times: [f32; 2]) -> Mask {
     (0..LANES).fold(0, |mask, lane| mask | Mask::from(begin[lane] <= last && first <= end[lane]) << lane)
 }
 
-/// The greater; one instruction, which takes no care of NaN.
-#[inline(always)]
-fn greater(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-/// The lesser, likewise.
-#[inline(always)]
-fn lesser(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
 /// A block that a group can meet.
 struct Partner {
     block: Block,
@@ -192,32 +244,49 @@ impl Partners {
         }
     }
 
-    /// Calls `meet` for each point that may come within `radius` of the point in `lane` of a block of the group, and
-    /// possibly for some that do not.
+    /// Calls `found` for each encounter within `radius` of the point in `lane` of a block of the group.
     #[inline(always)]
     pub(super) fn meet<S: Simd>(
         &self,
         s: S,
-        (block, lane): (&Block, usize),
+        (block, lane, own): (&Block, usize, &Flight),
         radius: f64,
-        picks: &mut Picks,
-        mut meet: impl FnMut(&Flight, &Window),
+        memory: &mut Memory,
+        mut found: impl FnMut(&Others, usize, Encounter),
     ) {
         let [from, to] = [0, 1].map(|end| [0, 1, 2].map(|axis| block.ends[end][axis][lane]));
-        let lo = core::array::from_fn(|axis| from[axis].min(to[axis]));
-        let hi = core::array::from_fn(|axis| from[axis].max(to[axis]));
+        let lo = core::array::from_fn(|axis| if from[axis] < to[axis] { from[axis] } else { to[axis] });
+        let hi = core::array::from_fn(|axis| if from[axis] > to[axis] { from[axis] } else { to[axis] });
+        let Memory { picks, others } = memory;
+        others.len = 0;
+        let square = radius * radius;
+        let mut looked_at: Option<&Window> = None;
         for &pick in picks.near(s, &self.boxes, (lo, hi), squared_up(radius)) {
             let Partner { block, window, bound } = &self.blocks[pick as usize];
-            let mut hits = passing(s, block, from, to, *bound);
-            while hits != 0 {
-                let lane = hits.trailing_zeros() as usize;
-                hits &= hits - 1;
-                if let Some(flight) = &block.flights[lane] {
-                    meet(flight, window);
-                }
+            let hits = passing(s, block, from, to, *bound) & !s.eq_u(s.load_u(&block.id), s.splat_u(own.id));
+            if hits == 0 {
+                continue;
             }
+            if let Some(before) = looked_at
+                && before != window
+            {
+                before.encounters(own, others, square, |i, encounter| found(others, i, encounter));
+                others.len = 0;
+            }
+            looked_at = Some(window);
+            block.append(s, hits, others);
+        }
+        if let Some(window) = looked_at {
+            window.encounters(own, others, square, |i, encounter| found(others, i, encounter));
         }
     }
+}
+
+/// Memory for the partners of a point.
+#[derive(Default)]
+pub(super) struct Memory {
+    picks: Picks,
+    others: Others,
 }
 
 /// The square of a radius, rounded up to a finite f32.

@@ -1,11 +1,10 @@
 //! All encounters of a set with itself during an interval.
 
-use super::encounter::{Encounter, Window};
-use super::flights::{Group, Partners};
+use super::encounter::{Encounter, Others, Window};
+use super::flights::{Group, Memory, Partners};
 use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::lists::error::ListError;
-use crate::point::lists::gather::Picks;
 use crate::point::moving_tree::MovingTree;
 use crate::point::over_interval::{Boxed, Flight};
 use crate::point::partition::Layer;
@@ -78,7 +77,7 @@ impl PointTree {
         let sweep = Sweep::new(self, [interval.begin(), interval.end()], radius, None);
         let shares = sweep.run(Rows::default, |rows, own, meeting| match meeting {
             None => rows.begin(own.id),
-            Some((_, encounter)) => rows.encounters.push(encounter),
+            Some((.., encounter)) => rows.encounters.push(encounter),
         });
         let mut lists = EncounterLists { offsets: vec![0], ..EncounterLists::default() };
         for rows in shares {
@@ -263,7 +262,7 @@ impl<'a> Sweep<'a> {
     pub(super) fn run<R: Send>(
         &self,
         start: impl Fn() -> R + Sync,
-        visit: impl Fn(&mut R, &Flight, Option<(&Flight, Encounter)>) + Sync,
+        visit: impl Fn(&mut R, &Flight, Option<(&Others, usize, Encounter)>) + Sync,
     ) -> Vec<R> {
         parallel::map(self.groups.len().div_ceil(SHARE), |share| {
             let groups = &self.groups[share * SHARE..self.groups.len().min((share + 1) * SHARE)];
@@ -294,11 +293,11 @@ struct Share<'a, R, F> {
     visit: &'a F,
 }
 
-impl<R, F: Fn(&mut R, &Flight, Option<(&Flight, Encounter)>)> Kernel for Share<'_, R, F> {
+impl<R, F: Fn(&mut R, &Flight, Option<(&Others, usize, Encounter)>)> Kernel for Share<'_, R, F> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let (mut partners, mut picks) = (Partners::default(), Picks::default());
+        let (mut partners, mut memory) = (Partners::default(), Memory::default());
         let Share { sweep, groups, result, visit } = self;
         for &(number, node) in groups {
             let part = &sweep.parts[number];
@@ -314,17 +313,12 @@ impl<R, F: Fn(&mut R, &Flight, Option<(&Flight, Encounter)>)> Kernel for Share<'
                     Tree::Moving(tree) => partners.add(s, tree, &group, window, sweep.radius),
                 }
             }
-            let square = sweep.radius * sweep.radius;
             for block in &group.blocks {
-                for (lane, own) in block.flights.iter().enumerate() {
-                    let Some(own) = own else { continue };
+                for lane in 0..LANES {
+                    let Some(own) = &block.flight(lane) else { continue };
                     visit(result, own, None);
-                    partners.meet(s, (block, lane), sweep.radius, &mut picks, |other, window| {
-                        if other.id != own.id
-                            && let Some(encounter) = window.encounter(own, other, square)
-                        {
-                            visit(result, own, Some((other, encounter)));
-                        }
+                    partners.meet(s, (block, lane, own), sweep.radius, &mut memory, |others, i, encounter| {
+                        visit(result, own, Some((others, i, encounter)));
                     });
                 }
             }

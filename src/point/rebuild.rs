@@ -1,0 +1,107 @@
+//! From step to step of a simulation: a tree that begins with the order of the last one, and points in its order.
+
+use super::build::Source;
+use super::error::PointError;
+use super::partition::Layer;
+use super::stats::PointLayerKind;
+use super::tree::{PointParams, PointTree};
+use crate::primitive::PointSet;
+use std::collections::HashMap;
+
+/// Growth of the leaves' boxes up to which the order of the last step is kept. A search visits more leaves the larger
+/// they are; this much costs neighbour lists about what putting all points in order again does.
+const MOST_GROWTH: f64 = 1.1;
+
+impl PointTree {
+    /// Builds the tree again for the next step of a simulation, in which the points have moved a little: the same tree
+    /// as [`PointTree::build`] gives, up to how fast it is, at a fraction of the cost.
+    ///
+    /// Points stay in the part of the tree where they were, and are put in order only among the few hundred around
+    /// them. That is checked: where the boxes of leaves have grown by more than a tenth since all points were last put in
+    /// order, or if the set has another size, moves during the shutter or has ids of its own, the tree is built afresh.
+    /// Returns whether the order was kept. After an error the tree is as it was.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let mut points: Vec<[f32; 3]> = (0..1000).map(|i| [i as f32, 0.0, 0.0]).collect();
+    /// let mut tree = PointTree::build(&points, &PointParams::default())?;
+    /// points.iter_mut().for_each(|p| p[0] += 0.1);
+    /// assert!(tree.rebuild(&points, &PointParams::default())?);
+    /// assert_eq!(tree.nearest([7.0f32, 0.0, 0.0], 0.0).unwrap().distance_squared, 0.1f32.powi(2));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
+        let fits = points.len() == self.len() && points.keys() == 1 && matches!(self.layers[..], [Layer::Still(_)]);
+        if !fits {
+            *self = PointTree::build(points, params)?;
+            return Ok(false);
+        }
+        params.validate()?;
+        let source = Source::read(points)?;
+        if !source.is_plain() || !self.has_ids_of(source.len) {
+            *self = PointTree::build(points, params)?;
+            return Ok(false);
+        }
+        let Some(Layer::Still(tree)) = self.layers.pop() else { unreachable!("the layer was looked at") };
+        let mut tree = tree.moved(source.len, |id| source.at(id as usize, 0));
+        let kept = tree.growth() <= MOST_GROWTH;
+        if !kept {
+            tree = source.still_tree(source.len, 0..source.len);
+        }
+        let (len, origin) = (source.len, source.origin);
+        self.renew(origin, params.simd);
+        let why = if kept { "nothing moves; the order of the last step" } else { "nothing moves" };
+        self.add(Layer::Still(tree), PointLayerKind::Static, len, why.into());
+        Ok(kept)
+    }
+
+    /// Whether the ids are 0, 1, 2, … `len`, in any order.
+    fn has_ids_of(&mut self, len: usize) -> bool {
+        let mut seen = vec![0u64; len.div_ceil(64)];
+        let Some(Layer::Still(tree)) = self.layers.first_mut() else { return false };
+        tree.ids_in_order().all(|id| {
+            let (word, bit) = (*id as usize / 64, 1 << (*id % 64));
+            (*id as usize) < len && core::mem::replace(&mut seen[word], seen[word] | bit) & bit == 0
+        })
+    }
+
+    /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the
+    /// points by it: place `i` of what is returned holds the id that point `i` had so far.
+    ///
+    /// A simulation that brings its arrays into this order finds neighbours close in memory, and may
+    /// [`rebuild`](PointTree::rebuild) this tree from them.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let mut points = [[9.0f32; 3], [0.0; 3], [8.0; 3]];
+    /// let mut tree = PointTree::build(&points, &PointParams::default())?;
+    /// points = tree.take_order().iter().map(|&id| points[id as usize]).collect::<Vec<_>>().try_into().unwrap();
+    /// let found = tree.nearest([8.1f32; 3], 0.0).unwrap();
+    /// assert_eq!(points[found.id as usize], [8.0; 3]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn take_order(&mut self) -> Vec<u32> {
+        let mut order = Vec::with_capacity(self.len());
+        if let [Layer::Still(tree)] = &mut self.layers[..] {
+            // Each point has one place.
+            for id in tree.ids_in_order() {
+                order.push(core::mem::replace(id, order.len() as u32));
+            }
+            return order;
+        }
+        let mut numbers = HashMap::with_capacity(self.len());
+        let mut renumber = |id: &mut u32| {
+            *id = *numbers.entry(*id).or_insert_with(|| {
+                order.push(*id);
+                order.len() as u32 - 1
+            });
+        };
+        for layer in &mut self.layers {
+            match layer {
+                Layer::Still(tree) => tree.ids_in_order().for_each(&mut renumber),
+                Layer::Moving(parts) => parts.iter_mut().flat_map(|part| part.ids_in_order()).for_each(&mut renumber),
+            }
+        }
+        order
+    }
+}
