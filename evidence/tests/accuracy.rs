@@ -127,6 +127,36 @@ fn approaches_in_f32() {
     points(&F32, true);
 }
 
+/// Distances of closest approach are those of the input as it stands, however far and fast points are.
+#[test]
+fn approaches_of_far_and_fast_points_are_exact() {
+    let list: Vec<PointStructure> = structures().into_iter().map(|(_, s)| s).collect();
+    let plain = point_cases().into_iter().find(|case| case.name.0 == "keys" && case.keys == 2).unwrap();
+    for (scale, speed, offset) in [
+        (1.0, 0.0, 0.0),
+        (1.0, 1e3, 0.0),
+        (1.0, 1e6, 0.0),
+        (1.0, 1e6, 1e6),
+        (1.0, 1e12, 1e3),
+        (1.0, 1e3, 1e12),
+        (1e-25, 0.1, 0.0),
+        (1e-25, 1e6, 10.0),
+    ] {
+        for keys in [2, 5] {
+            let case = PointCase { scale, speed, offset, keys, ..plain.clone() };
+            let mut random = Random(5);
+            for (tally, (structure, _)) in
+                compare_approaches(&case, &list, 12, &mut random).unwrap().iter().zip(structures())
+            {
+                let about = format!("scale {scale}, speed {speed}, offset {offset}, {keys} keys, {structure}");
+                assert!(tally.as_given.len() >= tally.queries, "{about}");
+                assert!(tally.as_given.worst_ulps() <= 0.501, "{about}: {} ulp", tally.as_given.worst_ulps());
+                assert!(tally.worst_as_given <= 1.001, "{about}: farther by {} ulp", tally.worst_as_given);
+            }
+        }
+    }
+}
+
 /// A million rays; with a fault of one triangle they get out.
 #[test]
 fn closed_meshes_do_not_leak() {

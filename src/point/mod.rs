@@ -20,6 +20,7 @@ mod byte_boxes;
 mod choose;
 mod error;
 mod fast;
+mod flyby;
 mod iter;
 mod linear_bounds;
 mod lists;

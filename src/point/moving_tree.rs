@@ -451,7 +451,7 @@ impl Boxed for MovingTree {
         let rows = &self.blocks[block];
         let life = self.lives.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
         let life = life.unwrap_or(Some(TimeInterval::FULL))?;
-        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| row[lane]));
+        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| f64::from(row[lane])));
         (rows.id[lane] != u32::MAX).then_some(Flight { id: rows.id[lane], open, close, life })
     }
 }

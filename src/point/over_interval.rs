@@ -6,8 +6,8 @@ use crate::simd::Lanes;
 /// A point between two keys, as a search for the closest approach sees it.
 pub(super) struct Flight {
     pub(super) id: u32,
-    pub(super) open: [f32; 3],
-    pub(super) close: [f32; 3],
+    pub(super) open: [f64; 3],
+    pub(super) close: [f64; 3],
     /// The whole life, not a piece of it.
     pub(super) life: TimeInterval,
 }

@@ -382,7 +382,7 @@ impl Boxed for StaticTree {
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let block = &self.blocks[block];
-        let at = block.at.map(|row| row[lane]);
+        let at = block.at.map(|row| f64::from(row[lane]));
         let id = block.id[lane];
         (id != u32::MAX).then_some(Flight { id, open: at, close: at, life: TimeInterval::FULL })
     }

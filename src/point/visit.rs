@@ -59,7 +59,10 @@ impl LayersAt<'_> {
             for block in place.at..place.at + place.blocks {
                 for lane in (0..LANES).filter(|&lane| tree.counts(block, lane, self.time)) {
                     if let Some(flight) = tree.flight(block, lane) {
-                        let position = at.position(Vec3::from(flight.open), Vec3::from(flight.close));
+                        let position = at.position(
+                            Vec3::from(flight.open.map(|x| x as f32)),
+                            Vec3::from(flight.close.map(|x| x as f32)),
+                        );
                         items.push(TreePoint { id: flight.id, position: self.to_world(position.to_array()) });
                     }
                 }
