@@ -93,17 +93,17 @@ fn spheres() {
 
 /// All cases of some families; every structure.
 fn points(families: &[&str], approaches: bool) {
-    let list: Vec<PointStructure> = structures().into_iter().map(|(_, s)| s).collect();
     let cases: Vec<PointCase> = point_cases().into_iter().filter(|c| families.contains(&c.name.0)).collect();
     assert!(cases.len() >= families.len());
     for case in &cases {
+        let list: Vec<PointStructure> = structures(case.wide).into_iter().map(|(_, s)| s).collect();
         let mut random = Random(11);
         let tallies = if approaches {
             compare_approaches(case, &list, 8, &mut random)
         } else {
             compare_neighbors(case, &list, 50, &mut random, |_| ())
         };
-        for (tally, (structure, _)) in tallies.unwrap().iter().zip(structures()) {
+        for (tally, (structure, _)) in tallies.unwrap().iter().zip(structures(case.wide)) {
             let about = format!("{:?}, {structure}: {tally:?}", case.name).chars().take(200).collect::<String>();
             assert!(tally.is_right(), "{about}");
             assert!(tally.distance.len() >= tally.queries, "{about}");
@@ -123,6 +123,13 @@ fn neighbors_in_f32() {
 }
 
 #[test]
+fn neighbors_and_approaches_in_f64() {
+    let families = ["f64, offset", "f64, clusters apart", "f64, still, clusters apart"];
+    points(&families, false);
+    points(&families, true);
+}
+
+#[test]
 fn approaches_in_f32() {
     points(&F32, true);
 }
@@ -130,7 +137,7 @@ fn approaches_in_f32() {
 /// Distances of closest approach are those of the input as it stands, however far and fast points are.
 #[test]
 fn approaches_of_far_and_fast_points_are_exact() {
-    let list: Vec<PointStructure> = structures().into_iter().map(|(_, s)| s).collect();
+    let list: Vec<PointStructure> = structures(false).into_iter().map(|(_, s)| s).collect();
     let plain = point_cases().into_iter().find(|case| case.name.0 == "keys" && case.keys == 2).unwrap();
     for (scale, speed, offset) in [
         (1.0, 0.0, 0.0),
@@ -146,7 +153,7 @@ fn approaches_of_far_and_fast_points_are_exact() {
             let case = PointCase { scale, speed, offset, keys, ..plain.clone() };
             let mut random = Random(5);
             for (tally, (structure, _)) in
-                compare_approaches(&case, &list, 12, &mut random).unwrap().iter().zip(structures())
+                compare_approaches(&case, &list, 12, &mut random).unwrap().iter().zip(structures(false))
             {
                 let about = format!("scale {scale}, speed {speed}, offset {offset}, {keys} keys, {structure}");
                 assert!(tally.as_given.len() >= tally.queries, "{about}");

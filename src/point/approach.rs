@@ -76,6 +76,7 @@ impl Way {
     #[inline(always)]
     fn bounds<T: Boxed>(&self, tree: &T, node: usize) -> Lanes<f64> {
         let (keys, segment, part) = tree.part();
+        let [of_segment, of_size] = T::SLACK;
         let segments = (keys.max(2) - 1) as f64;
         let [mut begin, mut end] = tree.times(node);
         let first = self.times[0].max(part[0]);
@@ -110,7 +111,7 @@ impl Way {
             let mut square = [0.0; LANES];
             for axis in 0..3 {
                 for lane in 0..LANES {
-                    let slack = size[lane] * (segments * 1e-6 + 1e-12) + most * 1e-12;
+                    let slack = size[lane] * (segments * of_segment + of_size) + most * of_size;
                     let low = lo[axis][lane] - at[axis][lane] - slack;
                     let high = at[axis][lane] - hi[axis][lane] - slack;
                     let below = lesser(low_before[axis][lane], low);
@@ -207,19 +208,24 @@ impl PointTree {
         interval: TimeInterval,
         keep: impl Fn(u32) -> bool,
     ) -> Option<Approach> {
-        let [from, to] = [from, to].map(|p| p.relative(self.origin).as_dvec3());
+        let relative = [from, to].map(|p| p.relative(self.origin).as_dvec3());
         // Also false for NaN.
         let valid = |p: DVec3| p.abs().cmple(DVec3::splat(MAX_POINT_COORDINATE)).all();
-        if !valid(from) || !valid(to) {
+        if !relative.into_iter().all(valid) {
             return None;
         }
-        let way = Way { from, to, times: [interval.begin().into(), interval.end().into()] };
+        let times = [interval.begin().into(), interval.end().into()];
+        let exact = Way { from: from.wide(), to: to.wide(), times };
+        let way = Way { from: relative[0], to: relative[1], times };
         let mut best = None;
         for layer in &self.layers {
             match layer {
                 Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut best),
                 Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut best)),
             }
+        }
+        for tree in self.precise.iter().flat_map(|layer| &layer.parts) {
+            exact.search(self.simd, tree, &keep, &mut best);
         }
         best
     }

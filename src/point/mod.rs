@@ -31,6 +31,7 @@ mod order;
 mod over_interval;
 mod partition;
 mod plane_splits;
+mod precise;
 mod query;
 mod search;
 mod select;

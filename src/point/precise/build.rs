@@ -55,11 +55,12 @@ impl PreciseTree {
             for (lane, place) in places.iter().enumerate() {
                 let point = place.point as usize;
                 let (keys, life) = (keys(point), life(place));
+                let [begin, end] = keys.map(|p| p.to_array());
                 let alive = life.intersect(part.interval).unwrap_or(part.interval);
                 for axis in 0..3 {
-                    tree.begins[block][axis][lane] = keys[0][axis];
+                    tree.begins[block][axis][lane] = begin[axis];
                     if moves {
-                        tree.ends[block][axis][lane] = keys[1][axis];
+                        tree.ends[block][axis][lane] = end[axis];
                     }
                 }
                 tree.ids[block][lane] = source.id(point);

@@ -49,11 +49,8 @@ const TINY: f64 = 1e-22;
 pub(super) const FULL: f64 = 1.0;
 
 impl Hull {
-    pub(super) const NONE: Hull = Hull {
-        lo: [DVec3::INFINITY; 2],
-        hi: [DVec3::NEG_INFINITY; 2],
-        times: [f32::INFINITY, f32::NEG_INFINITY],
-    };
+    pub(super) const NONE: Hull =
+        Hull { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2], times: [f32::INFINITY, f32::NEG_INFINITY] };
 
     /// A point at the begin and at the end of a part, on its way between two keys.
     pub(super) fn of_point(ends: [DVec3; 2], keys: [DVec3; 2], times: [f32; 2]) -> Hull {
@@ -114,4 +111,54 @@ fn below([begin, end]: [f64; 2], moves: bool, padding: f64) -> (f32, f32) {
     let at = least - (least.abs() + 4.0 * wide.abs()) * (UNIT * padding);
     let near = at as f32;
     (if f64::from(near) > at { near.next_down() } else { near }, slope)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn next(state: &mut u64) -> f64 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    /// How many points are, exactly, outside of the faces of their node as queries compute them: relative to its middle,
+    /// at times of the part.
+    fn lost(padding: f64) -> usize {
+        let (mut state, mut lost) = (3, 0);
+        for round in 0..400 {
+            let offset = [0.0, 1e9, -3e3][round % 3];
+            let speed = [0.0, 1e-3, 5.0][round / 3 % 3];
+            let moves = speed > 0.0;
+            let mut place = |by: f64| DVec3::new(next(&mut state), next(&mut state), next(&mut state)) * by;
+            let points: Vec<[DVec3; 2]> = (0..16)
+                .map(|_| {
+                    let a = place(1.0) + offset;
+                    [a, a + place(speed)]
+                })
+                .collect();
+            let hulls: Vec<Hull> = points.iter().map(|&ends| Hull::of_point(ends, ends, [0.0, 1.0])).collect();
+            let (node, _) = Node::over(&hulls, moves, padding);
+            for step in 0..=8 {
+                let w = f64::from(step) / 8.0;
+                for (lane, [a, b]) in points.iter().enumerate() {
+                    for axis in 0..3 {
+                        let Middle { at, way, slack } = node.middle;
+                        let p = (a[axis] - at[axis]) + ((b[axis] - a[axis]) - way[axis]) * w;
+                        let face = |at: f32, slope: f32| f64::from(at + slope * w as f32);
+                        let lo = face(node.boxes.lo[axis][lane], node.slopes.lo[axis][lane]);
+                        let hi = face(node.boxes.hi[axis][lane], node.slopes.hi[axis][lane]);
+                        lost += usize::from(p < lo - slack || p > hi + slack);
+                    }
+                }
+            }
+        }
+        lost
+    }
+
+    #[test]
+    fn faces_hold_their_points_and_would_not_without_padding() {
+        assert_eq!(lost(FULL), 0);
+        assert!(lost(0.0) > 20, "a padding that no point needs");
+    }
 }

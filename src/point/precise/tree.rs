@@ -11,7 +11,7 @@
 
 use super::hull::Middle;
 use crate::geometry::TimeInterval;
-use crate::point::moving_reference::Part;
+use crate::point::moving_reference::{Part, exact_phase};
 use crate::point::moving_tree::{Times, counting};
 use crate::point::over_interval::{Boxed, Flight};
 use crate::point::snapshot::{Boxes, Target, View, diagonal, rows, squared};
@@ -102,6 +102,13 @@ impl PreciseTree {
         self.shape.levels
     }
 
+    /// Where a time lies between the keys; exact.
+    #[inline(always)]
+    fn phase_at(&self, time: f32) -> f64 {
+        let Part { keys, segment, phases: [begin, end], .. } = self.part;
+        exact_phase(time, keys, segment).clamp(begin, end)
+    }
+
     /// Where a phase between the keys lies in the part, in [0, 1].
     #[inline(always)]
     fn within(&self, phase: f64) -> f64 {
@@ -112,7 +119,7 @@ impl PreciseTree {
     /// The tree at a time, which lies in its part, asked from a place.
     #[inline(always)]
     pub(in crate::point) fn at<const MOVING: bool>(&self, query: DVec3, time: f32) -> PreciseView<'_, MOVING> {
-        let phase = if MOVING { self.part.exact_phase(time) } else { 0.0 };
+        let phase = if MOVING { self.phase_at(time) } else { 0.0 };
         let (step, from_end) = nearer(phase);
         let within = if MOVING { self.within(phase) } else { 0.0 };
         PreciseView { tree: self, query: query.to_array(), time, within, step, from_end }
@@ -143,10 +150,7 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
         }
         let (slopes, w) = (&self.tree.slopes[node], s.splat(self.within as f32));
         let ([ax, ay, az], [bx, by, bz]) = (rows(s, &slopes.lo), rows(s, &slopes.hi));
-        (
-            [lo[0] + ax * w, lo[1] + ay * w, lo[2] + az * w],
-            [hi[0] + bx * w, hi[1] + by * w, hi[2] + bz * w],
-        )
+        ([lo[0] + ax * w, lo[1] + ay * w, lo[2] + az * w], [hi[0] + bx * w, hi[1] + by * w, hi[2] + bz * w])
     }
 
     /// The middle of a node at the time.
@@ -226,8 +230,10 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     fn boxes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> (S::F, Mask) {
         let (lo, hi) = self.relative(s, node);
         let (low, high) = self.around(node);
-        let gap = |axis: usize| s.max_with_zero(lo[axis] - s.splat(high[axis]), s.splat(low[axis]) - hi[axis]);
-        let (x, y, z) = (gap(0), gap(1), gap(2));
+        // No closure: it might not be inlined.
+        let x = s.max_with_zero(lo[0] - s.splat(high[0]), s.splat(low[0]) - hi[0]);
+        let y = s.max_with_zero(lo[1] - s.splat(high[1]), s.splat(low[1]) - hi[1]);
+        let z = s.max_with_zero(lo[2] - s.splat(high[2]), s.splat(low[2]) - hi[2]);
         let widest = s.max_signed(s.max_signed(x, y), z);
         let holding = s.le_signed(widest, s.splat(0.0));
         let distances = squared::<S>(x, y, z) * s.splat(LESS);
@@ -305,7 +311,10 @@ impl Boxed for PreciseTree {
         let (_, _, [first, last]) = Boxed::part(self);
         let interval = self.part.interval;
         let Some(times) = self.node_times.get(node) else {
-            return [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { first } else { f64::INFINITY }), [last; LANES]];
+            return [
+                self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { first } else { f64::INFINITY }),
+                [last; LANES],
+            ];
         };
         [
             times.begin.map(|t| if t <= interval.begin() { first } else { t.into() }),
@@ -315,14 +324,14 @@ impl Boxed for PreciseTree {
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         let (boxes, slopes, middle) = (&self.nodes[node], self.slopes.get(node), &self.middles[node]);
+        let w = phase.map(|phase| self.within(phase));
         let mut faces = [[[0.0; LANES]; 3]; 2];
         for (number, (faces, boxes)) in faces.iter_mut().zip([&boxes.lo, &boxes.hi]).enumerate() {
             for axis in 0..3 {
                 for lane in 0..LANES {
-                    let w = self.within(phase[lane]);
                     let slope = slopes.map_or(0.0, |slopes| [&slopes.lo, &slopes.hi][number][axis][lane]);
-                    let place = middle.at[axis] + middle.way[axis] * w;
-                    faces[axis][lane] = place + (f64::from(boxes[axis][lane]) + f64::from(slope) * w);
+                    let place = middle.at[axis] + middle.way[axis] * w[lane];
+                    faces[axis][lane] = place + (f64::from(boxes[axis][lane]) + f64::from(slope) * w[lane]);
                 }
             }
         }
@@ -339,7 +348,10 @@ impl Boxed for PreciseTree {
         let close = self.ends.get(block).map_or(open, |rows| rows.map(|row| row[lane]));
         (id != u32::MAX).then_some(Flight { id, open, close, life })
     }
+    fn phase(&self, time: f32) -> f64 {
+        self.phase_at(time)
+    }
     fn position(&self, flight: &Flight, time: f32) -> DVec3 {
-        between([flight.open, flight.close].map(DVec3::from_array), self.part.exact_phase(time))
+        between([flight.open, flight.close].map(DVec3::from_array), self.phase_at(time))
     }
 }
