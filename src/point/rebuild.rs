@@ -37,8 +37,8 @@ impl PointTree {
             return Ok(false);
         }
         params.validate()?;
-        let source = Source::read(points)?;
-        if !source.is_plain() || !self.has_ids_of(source.len) {
+        let source = Source::read(points, params.round_to_f32)?;
+        if source.is_precise() || !source.is_plain() || !self.has_ids_of(source.len) {
             *self = PointTree::build(points, params)?;
             return Ok(false);
         }
@@ -102,6 +102,8 @@ impl PointTree {
                 Layer::Moving(parts) => parts.iter_mut().flat_map(|part| part.ids_in_order()).for_each(&mut renumber),
             }
         }
+        let precise = self.precise.iter_mut().flat_map(|layer| &mut layer.parts);
+        precise.flat_map(|part| part.ids_in_order()).for_each(&mut renumber);
         order
     }
 }

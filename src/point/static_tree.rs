@@ -8,7 +8,7 @@
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
 use super::over_interval::{Boxed, Flight};
-use super::snapshot::{Boxes, Target, View, diagonal, outside, rows, squared};
+use super::snapshot::{Boxes, Placed, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
@@ -177,10 +177,10 @@ impl StaticTree {
     /// The sides of all leaves' boxes.
     fn spread(&self) -> f64 {
         let of_node = |node: usize| {
-            let [lo, hi] = Boxed::faces_at(self, node, 0.0);
+            let [lo, hi] = Boxed::faces(self, node, &[0.0; LANES]);
             let mut sides = 0.0;
-            for lane in (0..LANES).filter(|&lane| lo[0][lane] <= hi[0][lane] && hi[0][lane] < f32::INFINITY) {
-                sides += (0..3).map(|axis| f64::from(hi[axis][lane]) - f64::from(lo[axis][lane])).sum::<f64>();
+            for lane in (0..LANES).filter(|&lane| lo[0][lane] <= hi[0][lane] && hi[0][lane] < f64::INFINITY) {
+                sides += (0..3).map(|axis| hi[axis][lane] - lo[axis][lane]).sum::<f64>();
             }
             sides
         };
@@ -382,17 +382,6 @@ impl View for &StaticTree {
         squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
     }
     #[inline(always)]
-    fn faces<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
-        match self.node(node) {
-            Node::Bytes(node) => node.face_rows(s),
-            Node::Floats(node) => (rows(s, &node.lo), rows(s, &node.hi)),
-        }
-    }
-    #[inline(always)]
-    fn positions<S: Simd>(&self, s: S, _target: &Target<S>, block: usize) -> [S::F; 3] {
-        rows(s, &self.blocks[block].at)
-    }
-    #[inline(always)]
     fn expect_node(&self, node: usize) {
         match self.lower.get(node) {
             Some(node) => prefetch(node),
@@ -412,6 +401,20 @@ impl View for &StaticTree {
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
         &self.blocks[block].id
+    }
+}
+
+impl Placed for &StaticTree {
+    #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        match self.node(node) {
+            Node::Bytes(node) => node.face_rows(s),
+            Node::Floats(node) => (rows(s, &node.lo), rows(s, &node.hi)),
+        }
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, _target: &Target<S>, block: usize) -> [S::F; 3] {
+        rows(s, &self.blocks[block].at)
     }
 }
 
@@ -435,20 +438,18 @@ impl Boxed for StaticTree {
     }
     #[inline(always)]
     fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        self.faces_at(node, 0.0).map(|face| face.map(|row| row.map(f64::from)))
-    }
-    fn faces_at(&self, node: usize, _phase: f32) -> [[Lanes<f32>; 3]; 2] {
-        match self.node(node) {
+        let faces = match self.node(node) {
             Node::Bytes(node) => node.all_faces(),
             Node::Floats(node) => [node.lo, node.hi],
-        }
+        };
+        faces.map(|face| face.map(|row| row.map(f64::from)))
     }
     fn counts(&self, _block: usize, _lane: usize, _time: f32) -> bool {
         true
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         let block = &self.blocks[block];
-        let at = block.at.map(|row| row[lane]);
+        let at = block.at.map(|row| f64::from(row[lane]));
         let id = block.id[lane];
         (id != u32::MAX).then_some(Flight { id, open: at, close: at, life: TimeInterval::FULL })
     }

@@ -88,7 +88,7 @@ impl Window {
                 (early[lane], late[lane]) = (self.phase(begin[lane]), self.phase(end[lane]));
             }
             for axis in 0..3 {
-                let (open, close) = (f64::from(own.open[axis]), f64::from(own.close[axis]));
+                let (open, close) = (own.open[axis], own.close[axis]);
                 for lane in 0..WIDE {
                     let (other, way) = (at(&others.open[axis], lane), at(&others.close[axis], lane));
                     let way = way - other;
@@ -161,8 +161,8 @@ impl Others {
         let life = TimeInterval::half_open(self.begin[i], self.end[i]);
         Flight {
             id: self.id[i],
-            open: [0, 1, 2].map(|axis| self.open[axis][i]),
-            close: [0, 1, 2].map(|axis| self.close[axis][i]),
+            open: [0, 1, 2].map(|axis| self.open[axis][i].into()),
+            close: [0, 1, 2].map(|axis| self.close[axis][i].into()),
             life: life.unwrap_or(TimeInterval::FULL),
         }
     }
@@ -182,7 +182,7 @@ pub(super) fn lesser(a: f64, b: f64) -> f64 {
 
 /// A coordinate at a phase of the segment.
 pub(super) fn at(flight: &Flight, axis: usize, phase: f64) -> f64 {
-    let (open, close) = (f64::from(flight.open[axis]), f64::from(flight.close[axis]));
+    let (open, close) = (flight.open[axis], flight.close[axis]);
     open + (close - open) * phase
 }
 

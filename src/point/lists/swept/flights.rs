@@ -56,7 +56,9 @@ impl Block {
         for lane in 0..LANES {
             let Some(flight) = tree.flight(block, lane) else { continue };
             for axis in 0..3 {
-                (points.open[axis][lane], points.close[axis][lane]) = (flight.open[axis], flight.close[axis]);
+                // Trees of f32 positions only.
+                points.open[axis][lane] = flight.open[axis] as f32;
+                points.close[axis][lane] = flight.close[axis] as f32;
             }
             (points.begin[lane], points.end[lane]) = (flight.life.begin(), flight.life.end_bound());
             points.id[lane] = flight.id;
@@ -98,7 +100,7 @@ impl Block {
     /// A point of the block.
     pub(super) fn flight(&self, lane: usize) -> Option<Flight> {
         let life = TimeInterval::half_open(self.begin[lane], self.end[lane])?;
-        let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| row[lane]));
+        let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| f64::from(row[lane])));
         (self.id[lane] != u32::MAX).then_some(Flight { id: self.id[lane], open, close, life })
     }
 
