@@ -61,7 +61,11 @@ impl PointTree {
         let Some(Layer::Still(tree)) = self.layers.first_mut() else { return false };
         tree.ids_in_order().all(|id| {
             let (word, bit) = (*id as usize / 64, 1 << (*id % 64));
-            (*id as usize) < len && core::mem::replace(&mut seen[word], seen[word] | bit) & bit == 0
+            if *id as usize >= len || seen[word] & bit != 0 {
+                return false;
+            }
+            seen[word] |= bit;
+            true
         })
     }
 
