@@ -46,7 +46,7 @@ impl<P: Primitive> BruteForce<Shapes<P>> {
 impl<G: Geometry> BruteForce<G> {
     /// All accepted hits in the order of ids.
     fn visit(&self, ray: &Ray, filter: &impl Filter, mut visitor: impl FnMut(Hit)) {
-        let Some(ray) = TreeRay::new(ray, &self.geometry.frame()) else { return };
+        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return };
         for id in 0..self.geometry.len() as u32 {
             if self.geometry.active(id).contains(ray.time)
                 && filter.sees(|| self.geometry.mask(id))

@@ -138,7 +138,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Mesh and primitive as the caller numbers them.
     fn name(&self, id: u32) -> (u32, u32);
     /// The map between world and tree space.
-    fn frame(&self) -> Frame;
+    fn frame(&self) -> &Frame;
     /// What has been wrong with the answers of a caller's primitive since the set was made.
     fn complaint(&self) -> Result<(), BuildError> {
         Ok(())
@@ -255,8 +255,8 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         (0, id)
     }
 
-    fn frame(&self) -> Frame {
-        self.frame
+    fn frame(&self) -> &Frame {
+        &self.frame
     }
 
     fn complaint(&self) -> Result<(), BuildError> {

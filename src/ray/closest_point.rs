@@ -427,7 +427,7 @@ pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, set.frame())?;
+    let query = Query::new(query, *set.frame())?;
     let mut best = begin(set, &query, filter);
     dispatch(simd, Wide { tree, best: &mut best, observer });
     best.finish()
@@ -441,7 +441,7 @@ pub(super) fn closest_point_in_kd<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, set.frame())?;
+    let query = Query::new(query, *set.frame())?;
     let mut best = begin(set, &query, filter);
     search_kd(tree, &mut best, observer);
     best.finish()
@@ -453,7 +453,7 @@ pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
     query: &ClosestPointQuery,
     filter: &impl Filter<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, set.frame())?;
+    let query = Query::new(query, *set.frame())?;
     let mut best = begin(set, &query, filter);
     for id in 0..set.len() as u32 {
         if let Some(candidate) = set.closest_point(id, &query) {

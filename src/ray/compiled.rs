@@ -58,12 +58,12 @@ impl<G: RaySource> Queries<G> {
     /// The addresses of all queries; whoever names them compiles them.
     pub(super) const TABLE: Queries<G> = Queries {
         closest: Forms {
-            plain: |on, ray| on.closest(ray, &Everything, &mut ()),
+            plain: Queries::plain_closest,
             filtered: |on, ray, seen| on.closest(ray, seen, &mut ()),
             observed: |on, ray, mut watch| on.closest(ray, &Everything, &mut watch),
         },
         any: Forms {
-            plain: |on, ray| on.any(ray, &Everything, &mut ()),
+            plain: Queries::plain_any,
             filtered: |on, ray, seen| on.any(ray, seen, &mut ()),
             observed: |on, ray, mut watch| on.any(ray, &Everything, &mut watch),
         },
@@ -73,6 +73,16 @@ impl<G: RaySource> Queries<G> {
         interleaved_closest: |on, rays, hits| on.interleaved::<Closests>(rays, hits),
         interleaved_any: |on, rays, hits| on.interleaved::<Anys>(rays, hits),
     };
+
+    /// The plain queries are functions of their own: the address of a closure is that of a shim which calls it.
+    fn plain_closest(on: Target<'_, G>, ray: &Ray) -> Option<Hit> {
+        on.closest(ray, &Everything, &mut ())
+    }
+
+    /// The same for whether there is a hit.
+    fn plain_any(on: Target<'_, G>, ray: &Ray) -> bool {
+        on.any(ray, &Everything, &mut ())
+    }
 }
 
 impl<G> Clone for Target<'_, G> {

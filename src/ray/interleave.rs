@@ -110,7 +110,7 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
         }
         let scene = Scene { arena: &tree.arena, set, filter: &Everything };
         let traversal = WideTraversal::by_turns(&tree.arena);
-        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, &set.frame())?)));
+        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {

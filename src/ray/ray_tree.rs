@@ -264,7 +264,7 @@ impl<G: Geometry> RayTree<G> {
         if let Layout::Wide(tree) = &self.layout
             && (0.0..=1.0).contains(&time)
         {
-            tree.boxes(time, self.geometry.frame(), &mut visitor);
+            tree.boxes(time, *self.geometry.frame(), &mut visitor);
         }
     }
 

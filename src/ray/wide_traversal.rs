@@ -50,7 +50,7 @@ impl Slabs {
     fn new(ray: &TreeRay) -> Slabs {
         let inverse = ray.inverse;
         let at_origin = -Vec3A::from(ray.origin) * inverse + ray.behind;
-        let pad = inverse.abs() * ray.slack;
+        let pad = ray.pad;
         Slabs {
             near: [backward(ray.world.dir.x), backward(ray.world.dir.y), backward(ray.world.dir.z)],
             inverse,
@@ -256,7 +256,7 @@ mod tests {
             let ray = Ray::new(origin, target - origin);
             let Some(mut ray) = TreeRay::new(&ray, &Frame::WORLD) else { continue };
             let Some(hit) = intersect_triangle(&ray, [a, b, c]) else { continue };
-            ray.slack *= part;
+            ray.pad *= part;
             let pad = KERNEL_ULPS * ULP * part;
             let hull = [a, b, c].into_iter().fold(Box3::EMPTY, Box3::include);
             let hull = hull.pad(pad * hull.magnitude());
