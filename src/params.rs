@@ -151,9 +151,13 @@ impl BuildParams {
 
     /// The depth budget for `n` primitives.
     pub(crate) fn depth_for(&self, n: usize) -> u32 {
-        let usual = 8 + 13 * (usize::BITS - n.leading_zeros()) / 10;
-        self.max_depth.unwrap_or(usual).min(DEPTH_LIMIT as u32)
+        self.max_depth.unwrap_or(usual_depth(n)).min(DEPTH_LIMIT as u32)
     }
+}
+
+/// The greatest depth of a k-d tree over `n` things unless another is asked for.
+pub(crate) fn usual_depth(n: usize) -> u32 {
+    (8 + 13 * (usize::BITS - n.leading_zeros()) / 10).min(DEPTH_LIMIT as u32)
 }
 
 #[cfg(test)]

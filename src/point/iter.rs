@@ -2,18 +2,27 @@
 
 use super::neighbor::Neighbor;
 use super::partition::{Layer, LayerView};
+use super::plane_tree::PlaneView;
 use super::query::{Gather, NeighborQuery};
 use super::search::Keep;
 use super::search::candidates::Candidates;
+use super::search::planes::{self, PlaneFront};
 use super::search::radius::{Front, leaves};
 use super::snapshot::View;
 use crate::simd::{Kernel, Simd, dispatch};
+
+/// Where the search of a layer stands.
+#[allow(clippy::large_enum_variant)] // in place, so that iterating allocates nothing for it
+enum Progress {
+    Boxes(Front),
+    Planes(PlaneFront),
+}
 
 /// Iterator over the points within the radius of a query; made by [`NeighborQuery::iter`].
 pub struct WithinIter<'a, K> {
     query: NeighborQuery<'a, K>,
     layer: usize,
-    front: Option<Front>,
+    front: Option<Progress>,
     /// Found in the last bottom node and not yet handed out.
     candidates: Candidates,
     next: usize,
@@ -74,6 +83,7 @@ impl<K: Keep> Kernel for Step<'_, '_, '_, K> {
             LayerView::Still(view) => step(s, self.iter, &view),
             LayerView::Moving(view) => step(s, self.iter, &view),
             LayerView::Timed(view) => step(s, self.iter, &view),
+            LayerView::Planes(view) => step_planes(s, self.iter, &view),
         }
     }
 }
@@ -82,10 +92,27 @@ impl<K: Keep> Kernel for Step<'_, '_, '_, K> {
 fn step<S: Simd, V: View, K: Keep>(s: S, iter: &mut WithinIter<'_, K>, view: &V) -> bool {
     let bound = s.splat(iter.query.bound);
     let target = view.target(s, iter.query.point);
-    let front = iter.front.get_or_insert_with(|| Front::begin(view));
+    let front = match iter.front.get_or_insert_with(|| Progress::Boxes(Front::begin(view))) {
+        Progress::Boxes(front) => front,
+        Progress::Planes(_) => return false,
+    };
     let Some(found) = front.next(s, view, &target, bound, &mut ()) else { return false };
     let mut sink = Gather { candidates: &mut iter.candidates, keep: &iter.query.keep };
     // A sink that never breaks.
     let _ = leaves(s, view, &target, bound, found, &mut sink, &mut ());
+    true
+}
+
+#[inline(always)]
+fn step_planes<S: Simd, K: Keep>(s: S, iter: &mut WithinIter<'_, K>, view: &PlaneView<'_>) -> bool {
+    let NeighborQuery { bound, point, .. } = iter.query;
+    let front = match iter.front.get_or_insert_with(|| Progress::Planes(PlaneFront::begin())) {
+        Progress::Planes(front) => front,
+        Progress::Boxes(_) => return false,
+    };
+    let Some(found) = front.next(view, point, bound, || ()) else { return false };
+    let mut sink = Gather { candidates: &mut iter.candidates, keep: &iter.query.keep };
+    // A sink that never breaks.
+    let _ = planes::leaf(s, view, point, bound, found, &mut sink, &mut ());
     true
 }

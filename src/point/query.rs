@@ -8,7 +8,7 @@ use super::search::nearest::Best;
 use super::search::radius::Sink;
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepIf, NeighborWork, Observe, kept};
-use super::snapshot::View;
+use super::snapshot::Leaves;
 use super::tree::PointTree;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::simd::{Kernel, LANES, Mask, Simd, dispatch};
@@ -299,7 +299,7 @@ pub(super) struct Gather<'a, K> {
 impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
     const TAKES_NONE: bool = true;
     #[inline(always)]
-    fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);
         self.candidates.reserve(0);
         self.candidates.push(s, distance, s.load_u(ids), kept(self.keep, ids, hits));
@@ -315,7 +315,7 @@ struct Count<'q, K> {
 impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
     const TAKES_NONE: bool = true;
     #[inline(always)]
-    fn take<V: View>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: Leaves>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
         self.count += kept(self.keep, view.ids(block), hits).count_ones() as usize;
         ControlFlow::Continue(())
     }
@@ -329,7 +329,7 @@ struct Visit<'q, K, F> {
 impl<S: Simd, K: Keep, F: FnMut(Neighbor) -> ControlFlow<()>> Sink<S> for Visit<'_, K, F> {
     const TAKES_NONE: bool = false;
     #[inline(always)]
-    fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);
         let mut rest = kept(self.keep, ids, hits);
         let mut distances = [0.0; LANES];

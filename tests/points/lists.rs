@@ -6,14 +6,8 @@ use mbkd::{
     glam::Vec3,
 };
 
-const STRUCTURES: [PointStructure; 6] = [
-    PointStructure::Automatic,
-    PointStructure::Linear,
-    PointStructure::Slabs(3),
-    PointStructure::CutFast,
-    PointStructure::Mbkd,
-    PointStructure::LifeLevels(3),
-];
+const STRUCTURES: [PointStructure; 4] =
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
 
 fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();

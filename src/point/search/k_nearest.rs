@@ -15,8 +15,9 @@ use super::sort::sort_lanes;
 use super::waiting::Waiting;
 use super::walk::{Collect, LANE_BITS, keys, smallest, unpack};
 use super::{Keep, Observe, kept};
-use crate::point::snapshot::{Target, View};
+use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
+use core::ops::Range;
 
 /// How often a threshold is guessed before the search goes on without.
 const GUESSES: u32 = 3;
@@ -202,7 +203,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
 
     /// Looks at the leaves on the list.
     #[inline(always)]
-    fn look<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+    fn look<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
         let leaves = self.waiting.take();
         let blocks = view.leaf_blocks();
         self.candidates.reserve(leaves.len() * blocks * LANES);
@@ -379,7 +380,19 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
     }
 
     #[inline(always)]
-    fn end<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+    fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, blocks: Range<usize>) {
+        for block in blocks {
+            self.waiting.add_leaf(block);
+            if self.waiting.many() {
+                self.look(s, view, target);
+            }
+        }
+        // What comes next depends on the threshold.
+        self.look(s, view, target);
+    }
+
+    #[inline(always)]
+    fn end<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
         if !self.waiting.is_empty() {
             self.look(s, view, target);
         }

@@ -6,6 +6,7 @@
 pub(super) mod candidates;
 pub(super) mod k_nearest;
 pub(super) mod nearest;
+pub(super) mod planes;
 pub(super) mod radius;
 pub(super) mod sort;
 mod waiting;
@@ -57,10 +58,10 @@ pub(super) trait Observe {
 
 impl Observe for () {}
 
-/// Work of a query in nodes and blocks, sixteen lanes each.
+/// Work of a query in nodes and blocks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct NeighborWork {
-    /// Nodes visited: sixteen boxes each.
+    /// Nodes visited: sixteen boxes each, or one plane in a k-d tree.
     pub nodes: u64,
     /// Blocks tested: sixteen points each.
     pub blocks: u64,
