@@ -23,7 +23,7 @@ use super::order::Item;
 use super::over_interval::Flight;
 use super::snapshot::{Leaves, Target};
 use super::static_tree::StaticTree;
-use crate::geometry::{Box3, KeyTime};
+use crate::geometry::{Box3, KeyTime, Plane};
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::simd::{LANES, Lanes, Simd};
 use glam::Vec3;
@@ -85,7 +85,7 @@ impl PlaneTree {
             if let KdView::Inner { plane, right } = nodes[i].view() {
                 let (left, right) = (i + 1, right as usize);
                 slack[i] = slack[left].max(slack[right]);
-                let own = raised(0.5 * UNIT * f64::from(plane.velocity).abs());
+                let own = raised(plane_error(&plane));
                 slack[left] = (slack[left] + own).next_up();
                 slack[right] = (slack[right] + own).next_up();
             }
@@ -178,6 +178,12 @@ fn raised(x: f64) -> f32 {
     ((x + TINY) as f32).next_up()
 }
 
+/// How far a plane is from where the build saw it at the time at which a point crosses it.
+#[inline(always)]
+pub(super) fn plane_error(plane: &Plane) -> f64 {
+    0.5 * UNIT * f64::from(plane.velocity).abs()
+}
+
 /// How far a point may be computed from where the build saw it, planes that stand still given.
 fn error(m: &Mover, segments: usize) -> f32 {
     let axis = |i: usize| {
@@ -228,7 +234,7 @@ impl Leaves for PlaneView<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Plane, TimeInterval};
+    use crate::geometry::TimeInterval;
     use crate::point::build::parts;
 
     fn random(state: &mut u64) -> f32 {

@@ -1,10 +1,11 @@
 //! The walk through the k-d layout: down to the leaf at the query first, then the far sides of planes, nearest planes
 //! last passed first.
 //!
-//! **Why no search loses a neighbour.** For each subtree the walk keeps, per axis, how far the query is outside of it at
-//! least. At a plane that stands at s at the query's time this is `|s − q|` for the far side, less the slack of the
-//! subtree: a point below is computed at p with `p ≥ s − slack` (or `≤`, mirrored), so `|p − q| ≥ |s − q| − slack`. The
-//! difference is taken in f64 and lowered by 2^-50 of itself, more than f64 rounds on the way, so it is below the exact
+//! **Why no search loses a neighbour.** For each subtree the walk keeps, per axis, how far the query is from the planes
+//! that it has passed: `g = |s − q|` for a plane that stands at s at the query's time, less what the plane is rounded by.
+//! A point below is computed at p with `p ≥ s − slack` (or `≤`, mirrored), so `|p − q| ≥ g − slack`, with the slack of any
+//! subtree that the point is in: the deeper, the less it is where one point far away makes it large. The difference is
+//! taken in f64 from a `g` lowered by 2^-50 of itself, more than f64 rounds on the way, so it is below the exact
 //! `|p − q|`; rounded to f32 it is at most the `|d|` that the point's distance is computed from, since rounding to
 //! nearest is monotone. Squares and sums are taken in the order of [`squared`](crate::point::snapshot::squared), which is
 //! monotone too: the subtree's distance is never above that of a point in it, and culling what is *strictly* farther
@@ -15,7 +16,7 @@ use super::radius::Sink;
 use super::walk::Collect;
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::KdView;
-use crate::point::plane_tree::PlaneView;
+use crate::point::plane_tree::{PlaneView, plane_error};
 use crate::point::snapshot::Leaves;
 use crate::simd::Simd;
 use core::ops::{ControlFlow, Range};
@@ -27,8 +28,15 @@ struct Entry {
     node: u32,
     /// Lower bound of the squared distances in it.
     distance: f32,
-    /// How far the query is outside of it, per axis, at least.
-    outside: [f32; 3],
+    /// How far the query is outside of it, per axis, at least, if nothing in it were rounded.
+    gaps: [f64; 3],
+}
+
+/// Lower bound of the squared distances in a subtree with this slack.
+#[inline(always)]
+fn distance(gaps: &[f64; 3], slack: f64) -> f32 {
+    let [x, y, z] = gaps.map(|gap| if gap > slack { (gap - slack) as f32 } else { 0.0 });
+    (x * x + y * y) + z * z
 }
 
 /// Where a walk stands. Below each plane on the way down at most one side waits.
@@ -41,7 +49,7 @@ impl PlaneFront {
     /// Before the root.
     #[inline(always)]
     pub(in crate::point) fn begin() -> PlaneFront {
-        let root = Entry { node: 0, distance: 0.0, outside: [0.0; 3] };
+        let root = Entry { node: 0, distance: 0.0, gaps: [0.0; 3] };
         PlaneFront { waiting: [root; DEPTH_LIMIT + 1], count: 1 }
     }
 
@@ -56,8 +64,8 @@ impl PlaneFront {
     ) -> Option<Range<usize>> {
         loop {
             self.count = self.count.checked_sub(1)?;
-            let Entry { mut node, distance, outside } = self.waiting[self.count];
-            if distance > bound {
+            let Entry { mut node, distance: least, gaps } = self.waiting[self.count];
+            if least > bound {
                 continue;
             }
             loop {
@@ -70,15 +78,19 @@ impl PlaneFront {
                         node_visited();
                         let gap = plane.at(view.time) - f64::from(point[plane.axis]);
                         let (near, far) = if gap > 0.0 { (node + 1, right) } else { (right, node + 1) };
-                        let beyond = (gap.abs() * BELOW_ONE - view.tree.slack(far)) as f32;
-                        let mut outside = outside;
-                        let axis = &mut outside[plane.axis];
+                        let beyond = gap.abs() * BELOW_ONE - plane_error(&plane);
+                        let mut far_gaps = gaps;
+                        let axis = &mut far_gaps[plane.axis];
                         *axis = if beyond > *axis { beyond } else { *axis };
-                        let [x, y, z] = outside;
-                        let distance = (x * x + y * y) + z * z;
-                        if distance <= bound {
-                            self.waiting[self.count] = Entry { node: far, distance, outside };
+                        let far_distance = distance(&far_gaps, view.tree.slack(far));
+                        if far_distance <= bound {
+                            self.waiting[self.count] = Entry { node: far, distance: far_distance, gaps: far_gaps };
                             self.count += 1;
+                        }
+                        // What is far away may be left behind: then the planes above say more.
+                        let slack = view.tree.slack(near);
+                        if 2.0 * slack < view.tree.slack(node) && distance(&gaps, slack) > bound {
+                            break;
                         }
                         node = near;
                     }
