@@ -14,7 +14,7 @@ use crate::bvh::{BinaryNode, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::parallel;
-use crate::params::{BuildParams, Division};
+use crate::params::{Division, WideParams};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
@@ -31,7 +31,7 @@ struct Subtree {
 impl WideTree {
     /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each draft and each
     /// written group.
-    pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
+    pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
         let mut tree = WideTree { arena, root: ChildRef::NOTHING, presplit: false, blocks, counts };
         let groups = groups(set);
@@ -56,7 +56,7 @@ impl WideTree {
         &mut self,
         set: &S,
         ids: &[u32],
-        params: &BuildParams,
+        params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
         if let Division::Copies(copies) = params.division {
@@ -109,7 +109,7 @@ impl WideTree {
         ids: &[u32],
         parts: usize,
         segment_of: impl Fn(usize) -> usize,
-        params: &BuildParams,
+        params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
         let mut written = Vec::with_capacity(parts);
@@ -132,7 +132,7 @@ impl WideTree {
         set: &S,
         ids: &[u32],
         copies: usize,
-        params: &BuildParams,
+        params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
         self.in_slices(set, ids, copies, |_| 0, params, step)

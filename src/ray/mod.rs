@@ -32,7 +32,7 @@ mod wide_tests;
 pub use crate::error::BuildError;
 pub use crate::geometry::Ray;
 pub use crate::layout::{Statistics, TreeBox, ValidationError};
-pub use crate::params::{BuildParams, Division, Policy};
+pub use crate::params::{BuildParams, Division, KdParams, Policy, WideParams};
 pub use crate::primitive::Intersection;
 pub use crate::simd::SimdLevel;
 pub use crate::traverse::Visitor;

@@ -63,14 +63,14 @@ impl<G> core::fmt::Debug for RayTree<G> {
 impl<G: Geometry> RayTree<G> {
     fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
         params.validate()?;
-        let (layout, statistics) = match params.policy {
-            Policy::Wide => {
+        let (layout, statistics) = match &params.policy {
+            Policy::Wide(params) => {
                 let tree = WideTree::build(&geometry, params, progress)?;
                 geometry.written();
                 let statistics = tree.statistics(&geometry);
                 (Layout::Wide(tree), statistics)
             }
-            Policy::Mbkd | Policy::ClassicKd => {
+            Policy::Kd(params) => {
                 let (tree, times) = build_kd(&geometry, params, progress)?;
                 let statistics = tree.statistics(&geometry).with_times(times);
                 (Layout::Kd(tree), statistics)
@@ -287,7 +287,7 @@ impl RayTree {
     /// same for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished
     /// tree and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
     /// divided by time, and the tree itself beyond 300 where there are separate trees for parts of the shutter
-    /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the procedural
+    /// ([`WideParams::bytes_per_primitive`](crate::WideParams::bytes_per_primitive) bounds them). Measured as allocated bytes on the procedural
     /// scenes (`scenes/`) at full size.
     ///
     /// # Errors
