@@ -80,7 +80,7 @@ pub use point::{
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
-    PrimitiveError, Shapes, SurfacePoint, TriangleMesh, Triangles, check_primitive,
+    PrimitiveError, Scene, Shape, Shapes, SurfacePoint, TriangleMesh, check_primitive,
 };
 pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree, TreePrimitive};
 pub use simd::SimdLevel;

@@ -1,7 +1,7 @@
 //! Rays that carry their own time, and the tree that says what they hit.
 //!
-//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_primitives`] the caller's own primitives
-//! ([`Primitive`](crate::Primitive)); [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
+//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and the caller's own primitives
+//! ([`Primitive`](crate::Primitive)) together, [`RayTree::of_primitives`] those of one type; [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
 //! [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 
 mod batch_order;

@@ -72,11 +72,11 @@ fn the_tree_is_the_same_for_any_number_of_threads() {
 #[cfg(feature = "rayon")]
 fn same_for_any_number_of_threads(meshes: &[TriangleMesh]) {
     use crate::layout::WideTree;
-    use crate::primitive::Triangles;
+    use crate::primitive::Scene;
     use crate::progress::Progress;
 
-    let set = Triangles::new(meshes).unwrap();
-    let params = BuildParams::default();
+    let set = Scene::new(meshes, Vec::new()).unwrap();
+    let params = WideParams::default();
     let words = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let tree = pool.install(|| WideTree::build(&set, &params, &Progress::new(None)).unwrap());
