@@ -36,7 +36,7 @@ fn square(keys: &[Vec3]) -> TriangleMesh {
 }
 
 fn stage(mesh: TriangleMesh, color: f32, sky: Sky, camera: Camera) -> Stage {
-    let things = Things::Meshes(vec![mesh], vec![Surface::plain(Vec3::splat(color))]);
+    let things = Things::meshes(vec![mesh], vec![Surface::plain(Vec3::splat(color))]);
     Stage { name: "test".into(), things, camera, aperture: 0.0, focus: None, sky }
 }
 

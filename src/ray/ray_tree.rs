@@ -51,7 +51,7 @@ pub struct RayTree<G = Scene> {
     pub(super) layout: Layout,
     statistics: Statistics,
     pub(super) simd: SimdLevel,
-    queries: Queries<G>,
+    pub(super) queries: Queries<G>,
 }
 
 impl<G> core::fmt::Debug for RayTree<G> {
@@ -81,7 +81,7 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// What queries are asked of.
-    fn target(&self) -> Target<'_, G> {
+    pub(super) fn target(&self) -> Target<'_, G> {
         Target { layout: &self.layout, geometry: &self.geometry, simd: self.simd }
     }
 
