@@ -72,7 +72,7 @@ pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
 pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
-pub use params::{BuildParams, Division, Policy};
+pub use params::{BuildParams, Division, KdParams, Policy, WideParams};
 pub use point::{
     Approach, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer, NeighborCsr, NeighborLists,
     NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats, PointStructure,
@@ -80,7 +80,7 @@ pub use point::{
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
-    PrimitiveError, Shapes, SurfacePoint, TriangleMesh, Triangles, check_primitive,
+    PrimitiveError, Scene, Shape, Shapes, SurfacePoint, TriangleMesh, check_primitive,
 };
 pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree, TreePrimitive};
 pub use simd::SimdLevel;

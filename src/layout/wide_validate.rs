@@ -5,6 +5,7 @@ use super::leaf_block::WideSource;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
+use crate::primitive::PrimitiveSet;
 use crate::simd::LANES;
 
 /// Times at which a tree is walked; the odd numbers fall into every time part and on no boundary.
@@ -53,9 +54,10 @@ impl WideTree {
             }
         }
         // It is known of each piece of a motion in which leaf block it is.
-        for id in (0..set.len() as u32).filter(|_| !S::LISTS) {
-            for segment in 0..set.keys(id).max(2) - 1 {
-                let leaf = self.blocks.get(set.piece(id, segment)).map(|&leaf| ChildRef(leaf));
+        let triangles = set.triangles();
+        for (id, triangles) in triangles.into_iter().flat_map(|t| (0..t.len() as u32).map(move |id| (id, t))) {
+            for segment in 0..triangles.keys(id).max(2) - 1 {
+                let leaf = self.blocks.get(triangles.piece(id, segment)).map(|&leaf| ChildRef(leaf));
                 if !leaf.and_then(|leaf| self.ids::<S>(leaf)).is_some_and(|ids| ids.contains(&id)) {
                     return Err(ValidationError::References { node: 0 });
                 }

@@ -192,14 +192,14 @@ impl<M: Moving> Builder<'_, M> {
 mod tests {
     use super::*;
     use crate::mbkd::build_kd;
-    use crate::params::BuildParams;
+    use crate::params::KdParams;
     use crate::primitive::Triangles;
     use crate::scene;
 
     #[cfg(feature = "rayon")]
     #[test]
     fn the_same_tree_on_any_number_of_threads() {
-        for params in [BuildParams::paper(), BuildParams { moving_planes: true, ..BuildParams::paper() }] {
+        for params in [KdParams::paper(), KdParams { moving_planes: true, ..KdParams::paper() }] {
             for name in ["hairball", "hall"] {
                 let scene = (scene::find(name).unwrap().make)(30_000);
                 let set = Triangles::new(&scene.meshes).unwrap();
@@ -222,7 +222,7 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let mut before = 0;
         for max_references in [1.0, 2.0, 8.0, 30.0] {
-            let params = BuildParams { max_references, ..BuildParams::paper() };
+            let params = KdParams { max_references, ..KdParams::paper() };
             let (tree, _) = build_kd(&set, &params, &Progress::new(None)).unwrap();
             let n = tree.references.len();
             assert!(n <= (max_references * 5_000.0) as usize && n >= before, "{n} with {max_references}");
@@ -236,7 +236,7 @@ mod tests {
         let scene = (scene::find("hall").unwrap().make)(5_000);
         let set = Triangles::new(&scene.meshes).unwrap();
         for max_depth in [0, 1, 7] {
-            let params = BuildParams { max_depth: Some(max_depth), ..BuildParams::paper() };
+            let params = KdParams { max_depth: Some(max_depth), ..KdParams::paper() };
             let (tree, _) = build_kd(&set, &params, &Progress::new(None)).unwrap();
             assert_eq!((tree.depth, tree.validate(&set)), (max_depth, Ok(())));
         }

@@ -129,7 +129,7 @@ mod tests {
             let key = |x: f32| at(x).into_iter().chain(frame).collect::<Vec<Vec3>>();
             let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![key(-1.0), key(0.2)]);
             let set = Triangles::new(&[mesh]).unwrap();
-            let params = crate::params::BuildParams::paper();
+            let params = crate::params::KdParams::paper();
             let source = Primitives { set: &set, params: &params };
             let cube = Box3 { min: Vec3::NEG_ONE, max: Vec3::ONE };
             let root = LinearBox3 { begin: cube, end: cube };

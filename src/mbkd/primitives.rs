@@ -9,7 +9,7 @@ use super::times::BuildTimes;
 use crate::error::BuildError;
 use crate::geometry::{Box3, Extent, LinearBox3, Plane, TimeInterval};
 use crate::limits::MAX_NODES;
-use crate::params::{BuildParams, Policy};
+use crate::params::KdParams;
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
 use glam::Vec3;
@@ -17,7 +17,7 @@ use glam::Vec3;
 /// Builds a k-d tree over primitives by the policy of `params`, which must be valid.
 pub(crate) fn build_kd<S: PrimitiveSet>(
     set: &S,
-    params: &BuildParams,
+    params: &KdParams,
     progress: &Progress,
 ) -> Result<(KdTree, BuildTimes), BuildError> {
     let things = Primitives { set, params };
@@ -49,7 +49,7 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
 /// Primitives and how planes are chosen among them.
 pub(crate) struct Primitives<'a, S> {
     pub set: &'a S,
-    pub params: &'a BuildParams,
+    pub params: &'a KdParams,
 }
 
 impl<S: PrimitiveSet> Primitives<'_, S> {
@@ -62,7 +62,7 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
 
     /// The classic tree knows no intervals: it sees boxes swept over the shutter, which stand still.
     fn swept(&self) -> bool {
-        self.params.policy == Policy::ClassicKd
+        !self.params.intervals
     }
 
     /// Linear bounds over an interval.

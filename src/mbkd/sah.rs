@@ -12,7 +12,7 @@
 
 use super::reference::{Reference, home};
 use crate::geometry::{Box3, LinearBox3, Plane};
-use crate::params::BuildParams;
+use crate::params::KdParams;
 
 /// Where a primitive is.
 #[derive(Clone, Copy, Debug)]
@@ -45,17 +45,17 @@ pub(crate) struct Split {
 }
 
 /// How much a reference counts.
-pub(crate) fn weight(reference: &BoxReference, params: &BuildParams) -> f64 {
+pub(crate) fn weight(reference: &BoxReference, params: &KdParams) -> f64 {
     if params.time_weighted { f64::from(reference.interval.duration()) } else { 1.0 }
 }
 
 /// The cost of a leaf with the given sum of weights.
-pub(crate) fn leaf_cost(weight: f64, params: &BuildParams) -> f64 {
+pub(crate) fn leaf_cost(weight: f64, params: &KdParams) -> f64 {
     f64::from(params.intersection_cost) * weight
 }
 
 /// The cheapest plane through a cell (given at plane time), if there is any candidate.
-pub(crate) fn best_split(references: &[BoxReference], cell: Box3, params: &BuildParams) -> Option<Split> {
+pub(crate) fn best_split(references: &[BoxReference], cell: Box3, params: &KdParams) -> Option<Split> {
     let mut best: Option<Split> = None;
     for axis in 0..3 {
         let mut consider = |velocity: f32| {
@@ -164,7 +164,7 @@ fn best_on_axis(
     cell: Box3,
     axis: usize,
     velocity: f32,
-    params: &BuildParams,
+    params: &KdParams,
 ) -> Option<Split> {
     let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
     for r in references.iter().filter(|r| r.votes) {

@@ -7,7 +7,7 @@ use super::reference::Moving;
 use super::sah::{Bounds, BoxReference};
 use super::trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::geometry::{LinearBox3, Plane, TimeInterval};
-use crate::params::BuildParams;
+use crate::params::KdParams;
 use crate::primitive::{MovingSphere, PrimitiveSet, Shapes};
 use glam::Vec3;
 
@@ -112,7 +112,7 @@ impl Compared {
 #[test]
 fn points_and_spheres_of_radius_zero_differ_by_the_rounding_only() {
     let (points, set) = both_kinds(600);
-    let params = BuildParams::default();
+    let params = KdParams::default();
     let spheres = Primitives { set: &set, params: &params };
     let tree = build_kd_over_points(POINTS, points.clone(), 8.0 * points.len() as f64);
     assert!(tree.depth >= 5 && tree.references.len() > points.len() * 5 / 4, "{} references", tree.references.len());

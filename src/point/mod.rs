@@ -17,6 +17,7 @@ mod batch;
 mod build;
 mod byte_boxes;
 mod choose;
+mod compiled;
 mod error;
 mod fast;
 mod iter;

@@ -107,14 +107,18 @@ impl PointTree {
     /// different length, parameters out of range. An empty set is a tree that finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
         params.validate()?;
-        let source = Source::read(points)?;
+        Ok(PointTree::of(&Source::read(points)?, params))
+    }
+
+    /// Builds the tree of what was read.
+    fn of(source: &Source, params: &PointParams) -> PointTree {
         let (len, keys, origin) = (source.len, source.keys, source.origin);
         let mut tree = PointTree { origin, simd: params.simd, layers: Vec::new(), stats: PointStats::default(), len };
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
         let count = still.iter().filter(|&&s| s).count();
         if count == len {
             tree.add(Layer::Still(source.still_tree(len, 0..len)), PointLayerKind::Static, len, "nothing moves".into());
-            return Ok(tree);
+            return tree;
         }
         let apart = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
         if apart {
@@ -137,17 +141,17 @@ impl PointTree {
                     let mut fast = vec![false; len];
                     movers.iter().filter(|m| m.fast).for_each(|m| fast[m.id as usize] = true);
                     let slow = moving.clone().filter(|&i| !fast[i]);
-                    tree.add(moving_layer(&source, slow.clone(), choice.plan), kind(choice.plan), slow.count(), why);
+                    tree.add(moving_layer(source, slow.clone(), choice.plan), kind(choice.plan), slow.count(), why);
                     let fast = moving.filter(|&i| fast[i]);
                     let why = "fast points, apart from the others".to_string();
-                    tree.add(moving_layer(&source, fast.clone(), plan), kind(plan), fast.count(), why);
-                    return Ok(tree);
+                    tree.add(moving_layer(source, fast.clone(), plan), kind(plan), fast.count(), why);
+                    return tree;
                 }
                 (choice.plan, why)
             }
         };
-        tree.add(moving_layer(&source, moving.clone(), plan), kind(plan), moving.count(), why);
-        Ok(tree)
+        tree.add(moving_layer(source, moving.clone(), plan), kind(plan), moving.count(), why);
+        tree
     }
 
     fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {

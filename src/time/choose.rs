@@ -20,7 +20,7 @@ use crate::bvh::{BinaryNode, Reference, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
-use crate::params::{BuildParams, Division};
+use crate::params::{Division, WideParams};
 use crate::primitive::PrimitiveSet;
 
 /// A subtree of a draft that divides the shutter.
@@ -71,7 +71,7 @@ const SAMPLE: core::ops::RangeInclusive<usize> = 2048..=4096;
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another.
-pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &BuildParams) -> Vec<Region> {
+pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WideParams) -> Vec<Region> {
     let forced = |division| vec![Region { node: 0, division, cost: draft.collapse.total() }];
     match params.division {
         Division::Automatic => {}
@@ -219,7 +219,7 @@ struct Growth(f32);
 
 impl Growth {
     /// What the budget leaves for regions when all else has its usual size, the same for all of them.
-    fn allowed(draft: &Draft, regions: &[u32], params: &BuildParams) -> Growth {
+    fn allowed(draft: &Draft, regions: &[u32], params: &WideParams) -> Growth {
         let bytes = |references: f64| references * f64::from(BYTES_PER_REFERENCE);
         let all = draft.references.len() as f64;
         let divided = regions.iter().map(|&x| f64::from(draft.binary[x as usize].count)).sum::<f64>();
@@ -244,7 +244,7 @@ fn waiting(growth: f32) -> f32 {
 }
 
 /// Decides on a region by what its divisions would cost in samples of it.
-fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &BuildParams) -> Option<Region> {
+fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &WideParams) -> Option<Region> {
     let samples = samples(draft, node);
     let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| draft.binary[x as usize].moving);
     let cost_of = |of: &[u32]| of.iter().map(|&x| draft.collapse.cost(x)).sum::<f32>();
@@ -285,7 +285,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
 }
 
 /// Mean cost of separate trees for equal parts of the shutter over the primitives of a subtree.
-fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &BuildParams) -> f32 {
+fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &WideParams) -> f32 {
     let ids = primitives(draft, of);
     let params = params_of_copies(params, parts);
     let cost = |i: usize| draft_tree(set, &ids, time_slice(i, parts), 0, &params).collapse.total();
@@ -293,8 +293,8 @@ fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, p
 }
 
 /// What copies are built with: the memory for cuts is divided between them.
-pub(crate) fn params_of_copies(params: &BuildParams, parts: usize) -> BuildParams {
-    BuildParams { bytes_per_primitive: params.bytes_per_primitive / parts as f32, ..params.clone() }
+pub(crate) fn params_of_copies(params: &WideParams, parts: usize) -> WideParams {
+    WideParams { bytes_per_primitive: params.bytes_per_primitive / parts as f32, ..*params }
 }
 
 /// The primitives below a node, sorted, each once.
@@ -366,7 +366,7 @@ mod tests {
     fn regions_of(scene: &scene::Scene) -> (Vec<Region>, Vec<f64>) {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let params = BuildParams::default();
+        let params = WideParams::default();
         let draft = draft_tree(&set, &ids, TimeInterval::FULL, 0, &params);
         let regions = regions(&set, &draft, &params);
         for pair in regions.windows(2) {

@@ -8,7 +8,7 @@
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary, neighbourhoods, presplit};
 use crate::geometry::{Box3, TimeInterval};
 use crate::parallel;
-use crate::params::BuildParams;
+use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
 use crate::simd::huge_vec;
 use core::ops::RangeInclusive;
@@ -79,9 +79,9 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     ids: &[u32],
     over: TimeInterval,
     segment: usize,
-    params: &BuildParams,
+    params: &WideParams,
 ) -> Draft {
-    let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
+    let budget = params.max_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
     let elongated = budget > 1.0 && area_ratio(set, ids, over) >= MIN_AREA_RATIO;
     // Room for what is split off from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };

@@ -6,8 +6,8 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildError, BuildParams, Intersection, LinearBounds, MovingSphere, Primitive, Ray, RayTree, TimeInterval,
-    TriangleMesh,
+    Aabb, BuildError, BuildParams, Intersection, KdParams, LinearBounds, MovingSphere, Primitive, Ray, RayTree,
+    TimeInterval, TriangleMesh, WideParams,
 };
 
 fn build(mesh: TriangleMesh) -> Result<RayTree, BuildError> {
@@ -385,9 +385,12 @@ fn flicker(call: u32) -> TimeInterval {
 
 #[test]
 fn bad_parameters_are_named() {
-    let params = BuildParams { max_references: f32::NAN, ..BuildParams::default() };
-    let error = RayTree::build(&[], &params).unwrap_err();
-    assert!(matches!(error, BuildError::Parameter { name: "max_references", .. }), "{error}");
+    let kd = BuildParams::kd(KdParams { max_references: f32::NAN, ..KdParams::default() });
+    let wide = BuildParams::wide(WideParams { max_references: f32::NAN, ..WideParams::default() });
+    for params in [kd, wide] {
+        let error = RayTree::build(&[], &params).unwrap_err();
+        assert!(matches!(error, BuildError::Parameter { name: "max_references", .. }), "{error}");
+    }
 }
 
 #[test]

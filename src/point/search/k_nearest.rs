@@ -14,7 +14,7 @@ use super::candidates::{Candidates, append};
 use super::sort::sort_lanes;
 use super::waiting::Waiting;
 use super::walk::{Collect, LANE_BITS, keys, smallest, unpack};
-use super::{Keep, Observe, kept};
+use super::{Keep, Observe};
 use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 use core::ops::Range;
@@ -215,7 +215,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                 self.observe.block();
                 let distance = view.point_distances(s, target, block);
                 let names = view.ids(block);
-                let under = kept(self.keep, names, s.le(distance, limit));
+                let under = self.keep.kept(names, s.le(distance, limit));
                 end = append(s, distances, ids, end, (distance, s.load_u(names)), under);
             }
         }
@@ -279,7 +279,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             for block in leaf..leaf + blocks {
                 self.observe.block();
                 let distance = view.point_distances(s, target, block);
-                let under = kept(self.keep, view.ids(block), s.le(distance, s.splat(self.threshold)));
+                let under = self.keep.kept(view.ids(block), s.le(distance, s.splat(self.threshold)));
                 let distance = s.select(under, distance, s.splat(f32::INFINITY));
                 self.candidates.write(s, end, distance);
                 least = s.min(distance, least);

@@ -8,7 +8,7 @@
 
 use super::planes::PlaneFront;
 use super::walk::{keys, smallest, unpack};
-use super::{Keep, Observe, kept};
+use super::{Keep, Observe};
 use crate::limits::MAX_LEVELS;
 use crate::point::plane_tree::PlaneView;
 use crate::point::snapshot::{Leaves, NEAR, Target, View};
@@ -56,7 +56,7 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
             let id = s.load_u(ids);
             let nearer = s.lt(distance, self.distance);
             let tied = s.eq(distance, self.distance) & s.lt_u(id, self.id);
-            let take = kept(self.keep, ids, nearer | tied);
+            let take = self.keep.kept(ids, nearer | tied);
             let near = if K::ASKS { s.select(take, distance, s.splat(f32::INFINITY)) } else { distance };
             // The bits of distances are in their order, and NaN, where there is no point, is above all of them.
             *least = s.min_u(*least, s.to_bits(near));
