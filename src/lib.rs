@@ -18,6 +18,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `limits` | every limit of what the crate takes |
+//! | `tuning` | every fitted constant, with the command that fits it |
 //! | `error` | why a build refuses its input |
 //! | `parallel` | the same for many things, on several threads |
 //! | `simd` | sixteen lanes with run-time dispatch, and the memory they read; the only `unsafe` code |
@@ -66,6 +67,7 @@ pub mod ray;
 mod simd;
 mod time;
 mod traverse;
+mod tuning;
 
 pub use error::{BuildError, IntervalError};
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};

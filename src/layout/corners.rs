@@ -5,13 +5,13 @@
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
-use crate::primitive::Scene;
+use crate::primitive::{Scene, Triangles};
 use glam::Vec3;
 
 impl WideTree {
     /// The corners of a triangle at a time, bit for bit as queries see them.
-    pub fn corners(&self, set: &Scene, id: u32, time: f32) -> [Vec3; 3] {
-        let keys = set.triangles.keys(id);
+    pub fn corners(&self, set: &Triangles, id: u32, time: f32) -> [Vec3; 3] {
+        let keys = set.keys(id);
         let at = KeyTime::new(time, keys);
         match self.piece(set, id, at.segment) {
             Some((begin, _)) if keys == 1 => begin,
@@ -21,8 +21,8 @@ impl WideTree {
     }
 
     /// The corners of a triangle at both keys of a segment. There are none where the tree is broken.
-    pub(crate) fn piece(&self, set: &Scene, id: u32, segment: usize) -> Option<([Vec3; 3], [Vec3; 3])> {
-        let leaf = ChildRef(*self.blocks.get(set.triangles.piece(id, segment))?);
+    pub(crate) fn piece(&self, set: &Triangles, id: u32, segment: usize) -> Option<([Vec3; 3], [Vec3; 3])> {
+        let leaf = ChildRef(*self.blocks.get(set.piece(id, segment))?);
         let lane = self.ids::<Scene>(leaf)?.iter().position(|&other| other == id)?;
         let (begin, end) = match leaf.kind() {
             Kind::StillLeaf | Kind::SharedStillLeaf => (0, 0),

@@ -15,33 +15,10 @@ use super::search::k_nearest::KNearest;
 use super::search::{KeepAll, NeighborWork};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
+use crate::tuning::points::{
+    BLOCK_PRICE, COLD, GAIN, HALF_COLD, REFERENCE_BYTES, SAMPLE, SAMPLES, SEARCH_PRICE, SEARCHES,
+};
 use glam::Vec3;
-
-/// Points of each sample, samples, and searches in each of them.
-const SAMPLE: usize = 1 << 15;
-const SAMPLES: usize = 2;
-const SEARCHES: usize = 192;
-
-/// Price of a block in nodes: a node has twelve rows and leads on, a block has six and does not.
-const BLOCK_PRICE: f64 = 0.7;
-
-/// What a search costs besides, in nodes: setting out and putting the found ones in order.
-const SEARCH_PRICE: f64 = 6.0;
-
-/// What a search costs besides when all it touches comes from memory, in nodes: some eight nodes of twelve cache lines
-/// and eight blocks of seven, each line about as dear as a node in the cache. Whatever a search visits beyond that
-/// lies beside it and is asked for ahead, so this does not grow with the work.
-const COLD: f64 = 150.0;
-
-/// Bytes of a structure of which half is found in no cache, by searches that follow each other through space at times of
-/// their own: the more trees they are spread over, the less one finds of what the one before has fetched.
-const HALF_COLD: f64 = 430e6;
-
-/// Bytes of a reference with its share of nodes.
-const REFERENCE_BYTES: f64 = 32.0;
-
-/// A structure must be this much cheaper than a smaller one to be taken.
-const GAIN: f64 = 0.93;
 
 /// What was tried and what it costs per search, in node visits of a small tree.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,11 +3,7 @@
 use super::moving_reference::{Mover, Part};
 use super::order::{Item, include, order};
 use crate::simd::LANES;
-
-/// A mover is fast when it moves farther, relative to its neighbours, than this many times the size of
-/// a leaf: that which they share at mid-part, or the median of all leaves if that is smaller. (What has left the crowd by
-/// then shares a large leaf with few others.)
-const FAST: f64 = 2.0;
+use crate::tuning::points::FAST;
 
 /// Marks the movers that move far relative to their neighbours.
 pub(super) fn mark_fast(movers: &mut [Mover], part: &Part) {

@@ -14,12 +14,6 @@
 use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
 
-/// Bytes of leaves above which a search finds most of them in no cache.
-pub(super) const FAR: usize = 32 << 20;
-
-/// Bytes of leaves up to which a search finds most of them in a near cache.
-pub(super) const NEAR: usize = 2 << 20;
-
 /// Coordinates of the query point in all lanes, and the query's time as the tree wants it.
 #[derive(Clone, Copy)]
 pub(super) struct Target<S: Simd> {

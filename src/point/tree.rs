@@ -9,6 +9,7 @@ use super::stats::{PointLayerKind, PointLayerStats, PointStats};
 use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
 use crate::simd::SimdLevel;
+use crate::tuning::points::APART;
 use glam::DVec3;
 
 /// Which structure moving points are put into. Answers do not depend on it.
@@ -92,9 +93,6 @@ pub struct PointTree {
     stats: PointStats,
     len: usize,
 }
-
-/// A set is divided into what stands still and what does not where at least this share does.
-const APART: f64 = 0.5;
 
 impl PointTree {
     /// Builds the tree of a set of points: a slice, array or vector of positions (`Vec3`, `DVec3`,

@@ -261,3 +261,27 @@ fn corners_come_back_from_leaf_blocks_as_they_were_given() {
         assert!(tree.vertices(&beyond, 0.5).iter().all(|p| p.is_nan()));
     }
 }
+
+#[test]
+fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
+    use crate::layout::{ChildRef, ValidationError, WideTree};
+    use crate::primitive::Scene;
+    use crate::progress::Progress;
+    use crate::simd::LANES;
+
+    let mut state = 9;
+    let meshes = [soup(200, 1, 0.1, 0.0, &mut state), soup(200, 2, 0.1, 0.3, &mut state)];
+    let set = Scene::new(&meshes, Vec::new()).unwrap();
+    let params = WideParams { division: Division::Whole, ..WideParams::default() };
+    let mut tree = WideTree::build(&set, &params, &Progress::new(None)).unwrap();
+    assert_eq!(tree.validate(&set), Ok(()));
+    let (root, children) = (tree.root.at(), tree.children(tree.root).to_vec());
+    // Each upper face of x of the root's boxes, moved inward a little; put back afterwards.
+    for lane in (0..LANES).filter(|&lane| children[lane] != ChildRef::NOTHING.0) {
+        let face = &mut tree.arena.floats_mut()[root + LANES + lane];
+        let whole = *face;
+        *face -= 0.01;
+        assert!(matches!(tree.validate(&set), Err(ValidationError::Bounds { .. })), "lane {lane}");
+        tree.arena.floats_mut()[root + LANES + lane] = whole;
+    }
+}

@@ -14,7 +14,7 @@
 //! divisions only while the last step paid. Neighbours that come to the same decision become one region again, so
 //! a scene that is the same everywhere gets one tree with one division.
 
-use super::draft::{BYTES_PER_REFERENCE, Draft, draft_tree, time_slice};
+use super::draft::{Draft, draft_tree, time_slice};
 use super::slices::{SharedLeaves, slice_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
@@ -22,6 +22,11 @@ use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::primitive::PrimitiveSet;
+use crate::tuning::slices::{
+    LEAST_PIECE, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
+    NODE_BYTES_SHARE, NODE_LATENCY_SHARE, PIECES, SAMPLE, SAMPLES,
+};
+use crate::tuning::wide::BYTES_PER_REFERENCE;
 
 /// A subtree of a draft that divides the shutter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,40 +37,6 @@ pub(crate) struct Region {
     /// Expected cost of a ray in it, divided so.
     pub cost: f32,
 }
-
-/// Pieces that a draft is taken apart into, about, and the fewest references of one.
-const PIECES: usize = 256;
-const LEAST_PIECE: usize = 1024;
-
-/// References of a piece that are looked at.
-const LOOK: u32 = 64;
-
-/// Dividing a piece pays where boxes made for each half of the shutter have less than this part of the area.
-const MAX_AREA_OF_HALVES: f32 = 0.87;
-
-/// A region must gain this part of the cost of the whole.
-const MIN_GAIN: f32 = 0.002;
-
-/// Halves of a region whose looseness differs by more than this are regions of their own.
-const MAX_DIFFERENCE: f32 = 0.15;
-
-/// What a ray waits for is mostly nodes. So segments, which share leaf blocks, count as this part of copies there:
-/// two cost 7 to 30 % more than their steps and tests say, four 20 to 60 % (coherent, debris, tornado, hairball).
-const NODE_LATENCY_SHARE: f32 = 0.8;
-
-/// A division is taken where it costs less than this part of the whole: it takes memory and time to build.
-const MAX_SPLIT_COST: f32 = 0.87;
-
-/// Two segments must cost less than this part of the whole for copies to be tried.
-const MAX_TWO_SLICES_COST: f32 = 0.85;
-
-/// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which segments share.
-const NODE_BYTES_SHARE: f32 = 0.45;
-
-/// A division is decided on so many subtrees, that together are a sixteenth of all references of a region, each of so
-/// many. Smaller ones would say too little for copies: what meets in them at mid-shutter parts company.
-const SAMPLES: core::ops::RangeInclusive<usize> = 4..=6;
-const SAMPLE: core::ops::RangeInclusive<usize> = 2048..=4096;
 
 /// Copies never make the tree larger than this, three quarters of what its references can number.
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;

@@ -11,8 +11,9 @@ use super::walk::{keys, smallest, unpack};
 use super::{Keep, Observe};
 use crate::limits::MAX_LEVELS;
 use crate::point::plane_tree::PlaneView;
-use crate::point::snapshot::{Leaves, NEAR, Target, View};
+use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd};
+use crate::tuning::points::NEAR;
 use glam::Vec3;
 
 /// The best so far, lane by lane.

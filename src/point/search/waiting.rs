@@ -6,8 +6,9 @@
 //! the few leaves that a bound lowered in between would have spared. Leaves of big trees are asked for as they are
 //! listed.
 
-use crate::point::snapshot::{FAR, Leaves};
+use crate::point::snapshot::Leaves;
 use crate::simd::{LANES, Mask, Simd};
+use crate::tuning::points::FAR;
 
 /// Most leaves on a list.
 const ROOM: usize = 4 * LANES;
