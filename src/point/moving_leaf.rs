@@ -179,8 +179,12 @@ impl MovingLeaves {
         s.select(counting, distances, s.splat(f32::INFINITY))
     }
 
+    /// Number of blocks.
+    pub(super) fn len(&self) -> usize {
+        self.blocks.len()
+    }
+
     /// When a lane of a block counts.
-    #[cfg(test)]
     pub(super) fn times(&self, block: usize, lane: usize) -> [f32; 2] {
         let times = &self.times[block];
         [times.begin[lane], times.end[lane]]

@@ -19,6 +19,7 @@
 
 use super::moving_leaf::{Leaf, MovingLeaves};
 use super::moving_reference::{Mover, Part, phase};
+use super::moving_tree::MovingTree;
 use super::order::Item;
 use super::over_interval::Flight;
 use super::snapshot::{Leaves, Target};
@@ -159,6 +160,19 @@ impl PlaneTree {
             self.leaves.counting(KeyTime::new(time, self.part.keys), time).unzip();
         let item = |(index, place): (usize, &Vec3)| Item { at: place.to_array(), index: index as u32 };
         StaticTree::build(places.len(), places.iter().enumerate().map(item), |index| ids[index as usize])
+    }
+
+    /// The same points under boxes that move.
+    pub(super) fn boxed(&self) -> MovingTree {
+        let lanes = (0..self.leaves.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
+        let movers = lanes.filter_map(|(block, lane)| {
+            let Flight { id, open, close, life } = self.leaves.flight(block, lane)?;
+            let alive = life.intersect(self.part.interval)?;
+            // A point has a reference in each leaf that it comes through, and one begins when it does.
+            let first = self.leaves.times(block, lane)[0] == alive.begin();
+            first.then_some(Mover { open, close, alive, life, id, fast: false })
+        });
+        MovingTree::build(&movers.collect::<Vec<_>>(), self.part)
     }
 
     /// The tree at a time, which lies in its part.

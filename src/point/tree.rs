@@ -5,6 +5,7 @@ use super::choose::{Trial, choose};
 use super::error::PointError;
 use super::fast::mark_fast;
 use super::partition::{Layer, LayerView};
+use super::plane_tree::PlaneTree;
 use super::stats::{PointLayerKind, PointLayerStats, PointStats};
 use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
@@ -171,12 +172,24 @@ impl PointTree {
         self.layers.push(layer);
     }
 
+    /// The tree with moving boxes over what k-d trees hold; `None` where it has boxes everywhere.
+    pub(super) fn boxed(&self) -> Option<PointTree> {
+        self.replaced(|layer| match layer {
+            Layer::Planes(parts) => Layer::Moving(parts.iter().map(PlaneTree::boxed).collect()),
+            _ => layer.clone(),
+        })
+    }
+
     /// The tree with boxes over what k-d trees hold at a time; `None` where it has boxes everywhere.
     pub(super) fn boxed_at(&self, time: f32) -> Option<PointTree> {
-        let boxed = |layer: &Layer| match layer.at(time) {
+        self.replaced(|layer| match layer.at(time) {
             LayerView::Planes(view) => Layer::Still(view.tree.still_at(time)),
             _ => layer.clone(),
-        };
+        })
+    }
+
+    /// The tree with other layers in the place of k-d trees, if there are any.
+    fn replaced(&self, boxed: impl Fn(&Layer) -> Layer) -> Option<PointTree> {
         if !self.layers.iter().any(|layer| matches!(layer, Layer::Planes(_))) {
             return None;
         }

@@ -6,10 +6,10 @@ use mbkd::{
     glam::Vec3,
 };
 
-const STRUCTURES: [PointStructure; 4] =
+pub const STRUCTURES: [PointStructure; 4] =
     [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
 
-fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
+pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
     let params = PointParams { structure, simd, max_references: 3.0 };
     PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()

@@ -7,6 +7,8 @@ mod exact;
 mod fickle;
 #[cfg(feature = "rayon")]
 mod lists;
+#[cfg(feature = "rayon")]
+mod lists_swept;
 mod outliers;
 mod property;
 mod support;
