@@ -58,10 +58,13 @@ fn k_nearest<K: Keep, O: Observe>(
 /// The work of finding the `k` nearest.
 pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
-    match query {
-        Either::All(query) => k_nearest(query, k, &mut candidates, &mut found, &mut work),
-        Either::Some(query) => k_nearest(query, k, &mut candidates, &mut found, &mut work),
-    }
+    // Nobody waits for this: one form is enough.
+    let all = |_: &Lanes<u32>, mask: Mask| mask;
+    let query = match query {
+        Either::All(query) => query.keeping(KeepLanes(&all)),
+        Either::Some(query) => *query,
+    };
+    k_nearest(&query, k, &mut candidates, &mut found, &mut work);
     work
 }
 
@@ -94,7 +97,15 @@ pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates,
 pub(super) fn count(query: Either<'_, '_>) -> usize {
     match query {
         Either::All(query) => dispatch(query.tree.simd, Counting(query)),
-        Either::Some(query) => dispatch(query.tree.simd, Counting(query)),
+        Either::Some(query) => {
+            let mut count = 0;
+            // A visitor that never breaks.
+            let _ = for_each_block(&query.keeping(KeepAll), &mut |ids, _, hits| {
+                count += query.keep.kept(ids, hits).count_ones() as usize;
+                ControlFlow::Continue(())
+            });
+            count
+        }
     }
 }
 
@@ -179,31 +190,29 @@ impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
     }
 }
 
-struct Count<'q, K> {
-    keep: &'q K,
-    count: usize,
-}
+/// How many points there are.
+struct Count(usize);
 
-impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
+impl<S: Simd> Sink<S> for Count {
     const TAKES_NONE: bool = true;
     #[inline(always)]
-    fn take<V: Leaves>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
-        self.count += self.keep.kept(view.ids(block), hits).count_ones() as usize;
+    fn take<V: Leaves>(&mut self, _: S, _: &V, _: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
+        self.0 += hits.count_ones() as usize;
         ControlFlow::Continue(())
     }
 }
 
-struct Counting<'q, 'a, K>(&'q NeighborQuery<'a, K>);
+struct Counting<'q, 'a>(&'q NeighborQuery<'a, KeepAll>);
 
-impl<K: Keep> Kernel for Counting<'_, '_, K> {
+impl Kernel for Counting<'_, '_> {
     type Output = usize;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> usize {
         let q = self.0;
-        let mut sink = Count { keep: &q.keep, count: 0 };
+        let mut sink = Count(0);
         // A sink that never breaks.
         let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
-        sink.count
+        sink.0
     }
 }
 
