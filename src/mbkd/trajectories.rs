@@ -58,15 +58,15 @@ impl Trajectories {
         open + (close - open) * phase
     }
 
-    /// Mean velocity of the references along an axis, each weighted by how long it counts.
-    fn mean_velocity<'a>(&self, references: impl Iterator<Item = &'a PointReference>, axis: usize) -> f32 {
-        let (mut way, mut time) = (0.0, 0.0);
-        for r in references {
+    /// Median velocity of the references along an axis: one that is very fast has no say in how a plane moves.
+    fn median_velocity<'a>(&self, references: impl Iterator<Item = &'a PointReference>, axis: usize) -> f32 {
+        let velocity = |r: &PointReference| {
             let Line { begin, end } = self.extent(r, axis).lower;
-            way += end - begin;
-            time += f64::from(r.interval.duration());
-        }
-        if time > 0.0 { (way / time) as f32 } else { 0.0 }
+            ((end - begin) / f64::from(r.interval.duration())) as f32
+        };
+        let mut velocities: Vec<f32> = references.map(velocity).filter(|v| v.is_finite()).collect();
+        let rank = velocities.len() / 2;
+        if velocities.is_empty() { 0.0 } else { *velocities.select_nth_unstable_by(rank, f32::total_cmp).1 }
     }
 }
 
@@ -114,14 +114,14 @@ impl Moving for Trajectories {
     }
 
     /// A plane through the median of where the references are in the middle of their intervals: BP references too, which
-    /// are most of them where points move far. It moves with the mean of them.
+    /// are most of them where points move far. It moves with the median of them.
     fn choose(&self, normal: &[PointReference], bp: &[PointReference], _cell: LinearBox3) -> Option<Plane> {
         let all = || normal.iter().chain(bp);
         if normal.len() + bp.len() <= LEAF {
             return None;
         }
         let spread = |axis: usize| {
-            let velocity = self.mean_velocity(all(), axis);
+            let velocity = self.median_velocity(all(), axis);
             let mut spread = Spread { velocity, places: Vec::new(), width: 0.0, motion: 0.0 };
             spread.places.reserve_exact(normal.len() + bp.len());
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
