@@ -57,8 +57,14 @@ struct Rebased {
 
 impl Triangles {
     /// Checks the meshes and copies them into tree space.
+    #[cfg(test)]
     pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
-        let mut swept = Aabb::EMPTY;
+        Triangles::beside(meshes, Aabb::EMPTY)
+    }
+
+    /// Checks the meshes and copies them into a tree space that holds what else there is, too.
+    pub(crate) fn beside(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
+        let mut swept = others;
         for (i, mesh) in meshes.iter().enumerate() {
             swept = swept.union(mesh.validate(i)?);
         }
@@ -338,14 +344,6 @@ impl PrimitiveSet for Triangles {
         let magnitude = if whole { bounds.swept().magnitude() } else { self.magnitude(id, over) };
         let slack = Triangles::slack(keys, magnitude);
         LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
-    }
-
-    fn keys(&self, id: u32) -> usize {
-        Triangles::keys(self, id)
-    }
-
-    fn linear(&self) -> bool {
-        Triangles::linear(self)
     }
 
     #[inline(always)]

@@ -17,9 +17,7 @@ pub fn structures() -> Vec<(&'static str, PointStructure)> {
         ("automatic", PointStructure::Automatic),
         ("linear", PointStructure::Linear),
         ("slabs", PointStructure::Slabs(3)),
-        ("cut fast", PointStructure::CutFast),
         ("mbkd", PointStructure::Mbkd),
-        ("life levels", PointStructure::LifeLevels(2)),
     ]
 }
 
