@@ -6,6 +6,7 @@
 
 use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
+use super::precise::Asked;
 use super::query::NeighborQuery;
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
@@ -14,7 +15,7 @@ use super::search::radius::Sink;
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
 use super::snapshot::Leaves;
-use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 
 /// A query without or with a filter.
@@ -24,17 +25,46 @@ pub(super) enum Either<'q, 'a> {
     Some(&'q NeighborQuery<'a, KeepLanes<'q>>),
 }
 
+impl Either<'_, '_> {
+    /// Asks points that are kept in f64, if they are.
+    #[inline(always)]
+    fn precise<R>(self, run: impl FnOnce(&Asked<'_>) -> R) -> Option<R> {
+        match self {
+            Either::All(query) => query.is_precise().then(|| query.asked(run)),
+            Either::Some(query) => query.is_precise().then(|| query.asked(run)),
+        }
+    }
+
+    #[inline(always)]
+    fn simd(self) -> SimdLevel {
+        match self {
+            Either::All(query) => query.tree.simd,
+            Either::Some(query) => query.tree.simd,
+        }
+    }
+}
+
 /// The nearest point; the query must find something.
 pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
-    let found = match query {
-        Either::All(query) => dispatch(query.tree.simd, Nearest(query)),
-        Either::Some(query) => dispatch(query.tree.simd, Nearest(query)),
+    let found = match query.precise(|asked| asked.nearest()) {
+        Some(found) => found,
+        None => match query {
+            Either::All(query) => dispatch(query.tree.simd, Nearest(query)),
+            Either::Some(query) => dispatch(query.tree.simd, Nearest(query)),
+        },
     };
     found.map(|(id, distance_squared)| Neighbor { id, distance_squared })
 }
 
 /// The `k` nearest points in order, into an empty list.
 pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+    let precise = query.precise(|asked| asked.nearest_n(k, candidates, found, &mut NeighborWork::default()));
+    if let Some(in_order) = precise {
+        if !in_order {
+            nearest_in_order(query.simd(), k, candidates, found);
+        }
+        return;
+    }
     match query {
         Either::All(query) => k_nearest(query, k, candidates, found, &mut ()),
         Either::Some(query) => k_nearest(query, k, candidates, found, &mut ()),
@@ -58,6 +88,9 @@ fn k_nearest<K: Keep, O: Observe>(
 /// The work of finding the `k` nearest.
 pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
+    if query.precise(|asked| asked.nearest_n(k, &mut candidates, &mut found, &mut work)).is_some() {
+        return work;
+    }
     // Nobody waits for this: one form is enough.
     let all = |_: &Lanes<u32>, mask: Mask| mask;
     let query = match query {
@@ -70,6 +103,9 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
 
 /// Gathers all points within the radius.
 fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
+    if query.precise(|asked| asked.collect(candidates)).is_some() {
+        return;
+    }
     match query {
         Either::All(query) => dispatch(query.tree.simd, Collecting { query, candidates }),
         Either::Some(query) => dispatch(query.tree.simd, Collecting { query, candidates }),
@@ -86,15 +122,15 @@ pub(super) fn collect(query: Either<'_, '_>, candidates: &mut Candidates, found:
 /// All points within the radius in order, into an empty list.
 pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     gather(query, candidates);
-    let simd = match query {
-        Either::All(query) => query.tree.simd,
-        Either::Some(query) => query.tree.simd,
-    };
-    all_in_order(simd, candidates, found);
+    all_in_order(query.simd(), candidates, found);
 }
 
 /// The number of points within the radius.
 pub(super) fn count(query: Either<'_, '_>) -> usize {
+    let mut candidates = Candidates::default();
+    if query.precise(|asked| asked.collect(&mut candidates)).is_some() {
+        return candidates.count;
+    }
     match query {
         Either::All(query) => dispatch(query.tree.simd, Counting(query)),
         Either::Some(query) => {
@@ -114,6 +150,9 @@ pub(super) type VisitBlock<'a> = &'a mut dyn FnMut(&Lanes<u32>, &Lanes<f32>, Mas
 
 /// Calls `visit` with all blocks that have points within the radius, until it breaks.
 pub(super) fn for_each_block(query: &NeighborQuery<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
+    if query.is_precise() {
+        return query.asked(|asked| asked.for_each_block(visit));
+    }
     dispatch(query.tree.simd, Visiting { query, visit })
 }
 
@@ -232,7 +271,7 @@ impl Kernel for Visiting<'_, '_, '_> {
 }
 
 /// Hands blocks on.
-struct Visit<'v>(VisitBlock<'v>);
+pub(super) struct Visit<'v>(pub(super) VisitBlock<'v>);
 
 impl<S: Simd> Sink<S> for Visit<'_> {
     const TAKES_NONE: bool = false;

@@ -36,7 +36,8 @@ struct Search<'a> {
 }
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
-    /// An iterator over the points within the radius, in no particular order. It searches as it goes.
+    /// An iterator over the points within the radius, in no particular order. It searches as it goes, but among
+    /// points that are kept in f64 all at once.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -48,7 +49,11 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn iter(self) -> WithinIter<'a, K> {
         let query = self.keeping(KeepAll);
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
-        let search = Search { query, layer, front: None, candidates: Candidates::default(), next: 0 };
+        let mut candidates = Candidates::default();
+        if query.bound >= 0.0 && query.is_precise() {
+            query.asked(|asked| asked.collect(&mut candidates));
+        }
+        let search = Search { query, layer, front: None, candidates, next: 0 };
         WithinIter { search, keep: self.keep }
     }
 }

@@ -195,7 +195,7 @@ impl MovingLeaves {
         let rows = &self.blocks[block];
         let life = self.lives.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
         let life = life.unwrap_or(Some(TimeInterval::FULL))?;
-        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| row[lane]));
+        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| f64::from(row[lane])));
         (rows.id[lane] != u32::MAX).then_some(Flight { id: rows.id[lane], open, close, life })
     }
 }

@@ -8,7 +8,7 @@ use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
 use super::moving_reference::{Mover, Part, phase};
 use super::order::{Item, order};
 use super::over_interval::{Boxed, Flight};
-use super::snapshot::{Leaves, Target, View, diagonal, outside, rows};
+use super::snapshot::{Leaves, Placed, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel;
@@ -230,6 +230,13 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         diagonal::<S>(lo, line(s, &boxes.hi, &boxes.hi_slope, target.phase))
     }
     #[inline(always)]
+    fn expect_node(&self, node: usize) {
+        prefetch(&self.tree.nodes[node]);
+    }
+}
+
+impl<const TIMED: bool> Placed for MovingView<'_, TIMED> {
+    #[inline(always)]
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
         let boxes = &self.tree.nodes[node];
         let mut lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
@@ -243,10 +250,6 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     #[inline(always)]
     fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
         self.tree.leaves.positions::<S, TIMED>(s, self.at, target, block)
-    }
-    #[inline(always)]
-    fn expect_node(&self, node: usize) {
-        prefetch(&self.tree.nodes[node]);
     }
 }
 
@@ -271,12 +274,6 @@ impl Boxed for MovingTree {
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         self.nodes[node].faces(phase)
-    }
-    fn faces_at(&self, node: usize, phase: f32) -> [[Lanes<f32>; 3]; 2] {
-        let LinearBoxes { lo, lo_slope, hi, hi_slope } = &self.nodes[node];
-        [(lo, lo_slope), (hi, hi_slope)].map(|(at, slope)| {
-            core::array::from_fn(|axis| core::array::from_fn(|lane| at[axis][lane] + slope[axis][lane] * phase))
-        })
     }
     fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
         self.leaves.counts(block, lane, time)

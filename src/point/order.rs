@@ -23,7 +23,7 @@ pub(super) fn order(items: &mut [Item], leaf: usize) {
 }
 
 /// Points below a child of the root: the largest full subtree that does not hold all.
-fn subtree(count: usize, leaf: usize) -> usize {
+pub(super) fn subtree(count: usize, leaf: usize) -> usize {
     let mut block = leaf;
     while block * LANES < count {
         block *= LANES;
@@ -32,7 +32,7 @@ fn subtree(count: usize, leaf: usize) -> usize {
 }
 
 /// Points in the left part of a range that consists of subtrees of `block` points.
-fn left_part(count: usize, block: usize) -> usize {
+pub(super) fn left_part(count: usize, block: usize) -> usize {
     count.div_ceil(block).div_ceil(2) * block
 }
 

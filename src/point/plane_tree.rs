@@ -166,7 +166,8 @@ impl PlaneTree {
     pub(super) fn boxed(&self) -> MovingTree {
         let lanes = (0..self.leaves.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
         let movers = lanes.filter_map(|(block, lane)| {
-            let Flight { id, open, close, life } = self.leaves.flight(block, lane)?;
+            let flight = self.leaves.flight(block, lane)?;
+            let (Flight { id, life, .. }, [open, close]) = (flight, flight.ends());
             let alive = life.intersect(self.part.interval)?;
             // A point has a reference in each leaf that it comes through, and one begins when it does.
             let first = self.leaves.times(block, lane)[0] == alive.begin();
@@ -298,7 +299,7 @@ mod tests {
                 let Some(flight) = tree.flight(block, lane) else { continue };
                 let [begin, end] = tree.leaves.times(block, lane);
                 for time in [begin, end.next_down().min(1.0)] {
-                    let at = KeyTime::new(time, keys).position(flight.open.into(), flight.close.into());
+                    let at = flight.position(KeyTime::new(time, keys));
                     for &(plane, side, slack) in planes {
                         let outside = -side * (f64::from(at[plane.axis]) - plane.at(time));
                         worst = worst.max(outside / slack);

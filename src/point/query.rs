@@ -2,13 +2,15 @@
 
 use super::compiled::{self, Either};
 use super::neighbor::Neighbor;
+use super::precise::{Allowed, Asked};
 use super::search::candidates::Candidates;
 use super::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
 use super::tree::PointTree;
 use crate::limits::MAX_POINT_COORDINATE;
+use crate::primitive::Position;
 use crate::simd::{LANES, Lanes, Mask};
 use core::ops::ControlFlow;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Memory for results and candidates. Reused from query to query, a loop allocates nothing once the
 /// buffer has grown to what its queries need.
@@ -51,6 +53,8 @@ impl NeighborBuffer {
 pub struct NeighborQuery<'a, K = KeepAll> {
     pub(super) tree: &'a PointTree,
     pub(super) point: Vec3,
+    /// The same as it was given.
+    exact: DVec3,
     pub(super) time: f32,
     /// Squared distance up to which points count; negative where nothing does.
     pub(super) bound: f32,
@@ -61,11 +65,20 @@ pub struct NeighborQuery<'a, K = KeepAll> {
 
 impl<'a> NeighborQuery<'a> {
     #[inline(always)]
-    pub(super) fn new(tree: &'a PointTree, point: Vec3, time: f32) -> Self {
+    pub(super) fn new(tree: &'a PointTree, at: impl Position, time: f32) -> Self {
+        let (exact, point) = (at.wide(), at.relative(tree.origin));
         let most = Vec3::splat(MAX_POINT_COORDINATE as f32);
         // Also false for NaN.
         let valid = point.abs().cmple(most).all() && (0.0..=1.0).contains(&time);
-        NeighborQuery { tree, point, time, bound: if valid { f32::MAX } else { -1.0 }, shrink: 1.0, keep: KeepAll }
+        NeighborQuery {
+            tree,
+            point,
+            exact,
+            time,
+            bound: if valid { f32::MAX } else { -1.0 },
+            shrink: 1.0,
+            keep: KeepAll,
+        }
     }
 
     /// Only points whose id the predicate returns true for. It must be pure: it may be asked more than
@@ -119,8 +132,8 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// The same query with another filter.
     #[inline(always)]
     pub(super) fn keeping<L>(&self, keep: L) -> NeighborQuery<'a, L> {
-        let NeighborQuery { tree, point, time, bound, shrink, keep: _ } = *self;
-        NeighborQuery { tree, point, time, bound, shrink, keep }
+        let NeighborQuery { tree, point, exact, time, bound, shrink, keep: _ } = *self;
+        NeighborQuery { tree, point, exact, time, bound, shrink, keep }
     }
 
     /// Runs the query as one of those that are compiled in this crate.
@@ -132,6 +145,29 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         } else {
             run(Either::All(&self.keeping(KeepAll)))
         }
+    }
+
+    /// Whether the points are kept in f64.
+    #[inline(always)]
+    pub(super) fn is_precise(&self) -> bool {
+        !self.tree.precise.is_empty()
+    }
+
+    /// Asks the same of points in f64.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn asked<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
+        let keep = |id| self.keep.keep(id);
+        let PointTree { precise, simd, .. } = self.tree;
+        run(&Asked {
+            layers: precise,
+            simd: *simd,
+            point: self.exact,
+            time: self.time,
+            bound: self.bound,
+            shrink: self.shrink,
+            keep: Allowed(K::ASKS.then_some(&keep as &dyn Fn(u32) -> bool)),
+        })
     }
 
     /// The nearest point; of several at the same distance the one with the lowest id.

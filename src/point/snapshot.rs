@@ -76,6 +76,12 @@ pub(super) trait View: Leaves {
     }
     /// Squared diagonals of the child boxes.
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
+    /// A node that will soon be tested, probably.
+    fn expect_node(&self, node: usize);
+}
+
+/// A tree at a time, all of whose positions are f32 ones in one place: what neighbour lists need.
+pub(super) trait Placed: View {
     /// Lower and upper faces of the child boxes; the lower ones are above the upper where there is no child at this
     /// time.
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]);
@@ -87,8 +93,6 @@ pub(super) trait View: Leaves {
         let (lo, hi) = self.faces(s, target, node);
         s.le(lo[0], hi[0])
     }
-    /// A node that will soon be tested, probably.
-    fn expect_node(&self, node: usize);
 }
 
 /// The squared length of `(x, y, z)`, in the one order of operations that all answers share.

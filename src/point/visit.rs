@@ -1,6 +1,5 @@
 //! Traversals of the caller's own through a [`PointTree`].
 
-use super::moving_reference::phase;
 use super::over_interval::{Boxed, Flight};
 use super::partition::Layer;
 use super::plane_tree::PlaneTree;
@@ -50,39 +49,40 @@ impl LayersAt<'_> {
         Vec3::from(p).as_dvec3() + self.tree.origin
     }
 
+    /// Children or points of a place in a tree whose positions are relative to `origin`.
     fn expand_in(
         &self,
         tree: &impl Boxed,
+        origin: DVec3,
         place: Place,
         children: &mut Vec<(Aabb, Place)>,
         items: &mut Vec<TreePoint>,
     ) {
-        let (keys, segment, _) = tree.part();
-        let at = KeyTime::new(self.time, keys);
         let Some(level) = place.level else {
             for (block, lane) in lanes(place.at..place.at + place.blocks) {
                 if tree.counts(block, lane, self.time) {
-                    items.extend(tree.flight(block, lane).map(|flight| self.point(&flight, at)));
+                    let at = |flight: &Flight| tree.position(flight, self.time) + origin;
+                    items.extend(tree.flight(block, lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
                 }
             }
             return;
         };
         let (first, stride) = tree.behind(level, place.at);
         let [begin, end] = tree.times(place.at);
-        let [min, max] = tree.faces_at(place.at, phase(at, segment));
+        let [min, max] = tree.faces(place.at, &[tree.phase(self.time); LANES]);
         let time = f64::from(self.time);
         for lane in (0..LANES).filter(|&lane| begin[lane] <= time && time <= end[lane]) {
             let (level, blocks) = (level.checked_sub(1), if level == 0 { stride } else { 0 });
             let child = Place { level, at: first + lane * stride, blocks, ..place };
-            children.push((self.bounds(min.map(|row| row[lane]), max.map(|row| row[lane])), child));
+            let corner = |faces: [[f64; LANES]; 3]| DVec3::from_array(faces.map(|row| row[lane])) + origin;
+            children.push((Aabb { min: corner(min), max: corner(max) }, child));
         }
     }
 }
 
 impl LayersAt<'_> {
     fn point(&self, flight: &Flight, at: KeyTime) -> TreePoint {
-        let position = at.position(Vec3::from(flight.open), Vec3::from(flight.close));
-        TreePoint { id: flight.id, position: self.to_world(position.to_array()) }
+        TreePoint { id: flight.id, position: self.to_world(flight.position(at).to_array()) }
     }
 
     /// The same in a k-d tree: cells of its planes at the time, grown by their slack.
@@ -139,13 +139,23 @@ impl Hierarchy for LayersAt<'_> {
                 }
             });
         }
+        for (number, of) in self.tree.precise.iter().enumerate() {
+            let (layer, part) = (self.tree.layers.len() + number, of.part_at(self.time));
+            let (level, at) = of.parts[part].top();
+            roots.push(Place { layer, part, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
+        }
     }
 
     fn expand(&self, place: Place, children: &mut Vec<(Aabb, Place)>, items: &mut Vec<TreePoint>) {
-        match &self.tree.layers[place.layer] {
-            Layer::Still(tree) => self.expand_in(tree, place, children, items),
-            Layer::Moving(parts) => self.expand_in(&parts[place.part], place, children, items),
-            Layer::Planes(parts) => self.expand_planes(&parts[place.part], place, children, items),
+        let origin = self.tree.origin;
+        match self.tree.layers.get(place.layer) {
+            Some(Layer::Still(tree)) => self.expand_in(tree, origin, place, children, items),
+            Some(Layer::Moving(parts)) => self.expand_in(&parts[place.part], origin, place, children, items),
+            Some(Layer::Planes(parts)) => self.expand_planes(&parts[place.part], place, children, items),
+            None => {
+                let layer = &self.tree.precise[place.layer - self.tree.layers.len()];
+                self.expand_in(&layer.parts[place.part], DVec3::ZERO, place, children, items);
+            }
         }
     }
 }

@@ -84,7 +84,7 @@ impl Scene {
     pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
         let extent = ShapesExtent::of(&shapes)?;
         let triangles = Triangles::beside(meshes, extent.swept)?;
-        let shapes = Shapes::within(shapes, extent, triangles.frame());
+        let shapes = Shapes::within(shapes, extent, *triangles.frame());
         let found = triangles.len() + shapes.len();
         if found >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found });
@@ -175,7 +175,7 @@ impl PrimitiveSet for Scene {
         }
     }
 
-    fn frame(&self) -> Frame {
+    fn frame(&self) -> &Frame {
         self.triangles.frame()
     }
 
