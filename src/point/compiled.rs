@@ -6,7 +6,6 @@
 
 use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
-use super::query::NeighborQuery;
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
@@ -14,17 +13,40 @@ use super::search::radius::Sink;
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
 use super::snapshot::Leaves;
+use super::tree::PointTree;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, dispatch};
 use core::ops::ControlFlow;
+use glam::Vec3;
+
+/// What is asked of a tree.
+#[derive(Clone, Copy)]
+pub(super) struct Search<'a, K> {
+    pub tree: &'a PointTree,
+    pub point: Vec3,
+    pub time: f32,
+    /// Squared distance up to which points count; not negative.
+    pub bound: f32,
+    /// Factor on the bound for boxes: 1, or less where answers may be approximate.
+    pub shrink: f32,
+    pub keep: K,
+}
+
+impl<'a, K> Search<'a, K> {
+    /// The same with another filter.
+    fn keeping<L>(&self, keep: L) -> Search<'a, L> {
+        let Search { tree, point, time, bound, shrink, keep: _ } = *self;
+        Search { tree, point, time, bound, shrink, keep }
+    }
+}
 
 /// A query without or with a filter.
 #[derive(Clone, Copy)]
 pub(super) enum Either<'q, 'a> {
-    All(&'q NeighborQuery<'a, KeepAll>),
-    Some(&'q NeighborQuery<'a, KeepLanes<'q>>),
+    All(&'q Search<'a, KeepAll>),
+    Some(&'q Search<'a, KeepLanes<'q>>),
 }
 
-/// The nearest point; the query must find something.
+/// The nearest point.
 pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
     let found = match query {
         Either::All(query) => dispatch(query.tree.simd, Nearest(query)),
@@ -43,7 +65,7 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
 
 #[inline(always)]
 fn k_nearest<K: Keep, O: Observe>(
-    query: &NeighborQuery<'_, K>,
+    query: &Search<'_, K>,
     k: usize,
     candidates: &mut Candidates,
     found: &mut Vec<Neighbor>,
@@ -113,11 +135,11 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
 pub(super) type VisitBlock<'a> = &'a mut dyn FnMut(&Lanes<u32>, &Lanes<f32>, Mask) -> ControlFlow<()>;
 
 /// Calls `visit` with all blocks that have points within the radius, until it breaks.
-pub(super) fn for_each_block(query: &NeighborQuery<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
+pub(super) fn for_each_block(query: &Search<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
     dispatch(query.tree.simd, Visiting { query, visit })
 }
 
-struct Nearest<'q, 'a, K>(&'q NeighborQuery<'a, K>);
+struct Nearest<'q, 'a, K>(&'q Search<'a, K>);
 
 impl<K: Keep> Kernel for Nearest<'_, '_, K> {
     type Output = Option<(u32, f32)>;
@@ -132,7 +154,7 @@ impl<K: Keep> Kernel for Nearest<'_, '_, K> {
 }
 
 struct NearestN<'q, 'a, 'b, K, O> {
-    query: &'q NeighborQuery<'a, K>,
+    query: &'q Search<'a, K>,
     k: usize,
     candidates: &'b mut Candidates,
     found: &'b mut Vec<Neighbor>,
@@ -157,7 +179,7 @@ impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, K, O> {
 }
 
 struct Collecting<'q, 'a, 'b, K> {
-    query: &'q NeighborQuery<'a, K>,
+    query: &'q Search<'a, K>,
     candidates: &'b mut Candidates,
 }
 
@@ -202,7 +224,7 @@ impl<S: Simd> Sink<S> for Count {
     }
 }
 
-struct Counting<'q, 'a>(&'q NeighborQuery<'a, KeepAll>);
+struct Counting<'q, 'a>(&'q Search<'a, KeepAll>);
 
 impl Kernel for Counting<'_, '_> {
     type Output = usize;
@@ -217,7 +239,7 @@ impl Kernel for Counting<'_, '_> {
 }
 
 struct Visiting<'q, 'a, 'v> {
-    query: &'q NeighborQuery<'a, KeepAll>,
+    query: &'q Search<'a, KeepAll>,
     visit: VisitBlock<'v>,
 }
 

@@ -1,6 +1,6 @@
 //! Queries as callers see them: where, when, how far, which points, and then what to do with them.
 
-use super::compiled::{self, Either};
+use super::compiled::{self, Either, Search};
 use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
@@ -123,14 +123,21 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         NeighborQuery { tree, point, time, bound, shrink, keep }
     }
 
+    /// What is asked of the tree, with another filter.
+    #[inline(always)]
+    fn search<L>(&self, keep: L) -> Search<'a, L> {
+        let NeighborQuery { tree, point, time, bound, shrink, keep: _ } = *self;
+        Search { tree, point, time, bound, shrink, keep }
+    }
+
     /// Runs the query as one of those that are compiled in this crate.
     #[inline(always)]
     fn run<R>(&self, run: impl FnOnce(Either<'_, 'a>) -> R) -> R {
         if K::ASKS {
             let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
-            run(Either::Some(&self.keeping(KeepLanes(&kept))))
+            run(Either::Some(&self.search(KeepLanes(&kept))))
         } else {
-            run(Either::All(&self.keeping(KeepAll)))
+            run(Either::All(&self.search(KeepAll)))
         }
     }
 
@@ -228,7 +235,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if !self.finds_something() {
             return ControlFlow::Continue(());
         }
-        compiled::for_each_block(&self.keeping(KeepAll), &mut |ids, distances, hits| {
+        compiled::for_each_block(&self.search(KeepAll), &mut |ids, distances, hits| {
             let mut rest = self.keep.kept(ids, hits);
             while rest != 0 {
                 let lane = rest.trailing_zeros() as usize % LANES;
