@@ -6,8 +6,7 @@
 
 use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
-use super::precise::Asked;
-use super::query::NeighborQuery;
+use super::precise::{Allowed, Asked};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
@@ -15,14 +14,65 @@ use super::search::radius::Sink;
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
 use super::snapshot::Leaves;
+use super::tree::PointTree;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
+use glam::{DVec3, Vec3};
+
+/// What is asked of a tree.
+#[derive(Clone, Copy)]
+pub(super) struct Search<'a, K> {
+    pub tree: &'a PointTree,
+    /// Where, relative to the tree's origin.
+    pub point: Vec3,
+    /// Where, as the caller gave it.
+    pub exact: DVec3,
+    pub time: f32,
+    /// Squared distance up to which points count; not negative.
+    pub bound: f32,
+    /// Factor on the bound for boxes: 1, or less where answers may be approximate.
+    pub shrink: f32,
+    pub keep: K,
+}
+
+impl<'a, K> Search<'a, K> {
+    /// The same with another filter.
+    fn keeping<L>(&self, keep: L) -> Search<'a, L> {
+        let Search { tree, point, exact, time, bound, shrink, keep: _ } = *self;
+        Search { tree, point, exact, time, bound, shrink, keep }
+    }
+}
+
+impl<K: Keep> Search<'_, K> {
+    /// Whether the points are kept in f64.
+    #[inline(always)]
+    pub(super) fn is_precise(&self) -> bool {
+        !self.tree.precise.is_empty()
+    }
+
+    /// Asks the same of points in f64.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn asked<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
+        let keep = |id| self.keep.keep(id);
+        let PointTree { precise, simd, .. } = self.tree;
+        run(&Asked {
+            layers: precise,
+            simd: *simd,
+            point: self.exact,
+            time: self.time,
+            bound: self.bound,
+            shrink: self.shrink,
+            keep: Allowed(K::ASKS.then_some(&keep as &dyn Fn(u32) -> bool)),
+        })
+    }
+}
 
 /// A query without or with a filter.
 #[derive(Clone, Copy)]
 pub(super) enum Either<'q, 'a> {
-    All(&'q NeighborQuery<'a, KeepAll>),
-    Some(&'q NeighborQuery<'a, KeepLanes<'q>>),
+    All(&'q Search<'a, KeepAll>),
+    Some(&'q Search<'a, KeepLanes<'q>>),
 }
 
 impl Either<'_, '_> {
@@ -44,7 +94,7 @@ impl Either<'_, '_> {
     }
 }
 
-/// The nearest point; the query must find something.
+/// The nearest point.
 pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
     let found = match query.precise(|asked| asked.nearest()) {
         Some(found) => found,
@@ -73,7 +123,7 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
 
 #[inline(always)]
 fn k_nearest<K: Keep, O: Observe>(
-    query: &NeighborQuery<'_, K>,
+    query: &Search<'_, K>,
     k: usize,
     candidates: &mut Candidates,
     found: &mut Vec<Neighbor>,
@@ -149,14 +199,14 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
 pub(super) type VisitBlock<'a> = &'a mut dyn FnMut(&Lanes<u32>, &Lanes<f32>, Mask) -> ControlFlow<()>;
 
 /// Calls `visit` with all blocks that have points within the radius, until it breaks.
-pub(super) fn for_each_block(query: &NeighborQuery<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
+pub(super) fn for_each_block(query: &Search<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
     if query.is_precise() {
         return query.asked(|asked| asked.for_each_block(visit));
     }
     dispatch(query.tree.simd, Visiting { query, visit })
 }
 
-struct Nearest<'q, 'a, K>(&'q NeighborQuery<'a, K>);
+struct Nearest<'q, 'a, K>(&'q Search<'a, K>);
 
 impl<K: Keep> Kernel for Nearest<'_, '_, K> {
     type Output = Option<(u32, f32)>;
@@ -171,7 +221,7 @@ impl<K: Keep> Kernel for Nearest<'_, '_, K> {
 }
 
 struct NearestN<'q, 'a, 'b, K, O> {
-    query: &'q NeighborQuery<'a, K>,
+    query: &'q Search<'a, K>,
     k: usize,
     candidates: &'b mut Candidates,
     found: &'b mut Vec<Neighbor>,
@@ -196,7 +246,7 @@ impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, K, O> {
 }
 
 struct Collecting<'q, 'a, 'b, K> {
-    query: &'q NeighborQuery<'a, K>,
+    query: &'q Search<'a, K>,
     candidates: &'b mut Candidates,
 }
 
@@ -241,7 +291,7 @@ impl<S: Simd> Sink<S> for Count {
     }
 }
 
-struct Counting<'q, 'a>(&'q NeighborQuery<'a, KeepAll>);
+struct Counting<'q, 'a>(&'q Search<'a, KeepAll>);
 
 impl Kernel for Counting<'_, '_> {
     type Output = usize;
@@ -256,7 +306,7 @@ impl Kernel for Counting<'_, '_> {
 }
 
 struct Visiting<'q, 'a, 'v> {
-    query: &'q NeighborQuery<'a, KeepAll>,
+    query: &'q Search<'a, KeepAll>,
     visit: VisitBlock<'v>,
 }
 

@@ -50,8 +50,9 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         let query = self.keeping(KeepAll);
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
         let mut candidates = Candidates::default();
-        if query.bound >= 0.0 && query.is_precise() {
-            query.asked(|asked| asked.collect(&mut candidates));
+        let search = query.search(KeepAll);
+        if query.bound >= 0.0 && search.is_precise() {
+            search.asked(|asked| asked.collect(&mut candidates));
         }
         let search = Search { query, layer, front: None, candidates, next: 0 };
         WithinIter { search, keep: self.keep }

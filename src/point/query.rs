@@ -1,8 +1,7 @@
 //! Queries as callers see them: where, when, how far, which points, and then what to do with them.
 
-use super::compiled::{self, Either};
+use super::compiled::{self, Either, Search};
 use super::neighbor::Neighbor;
-use super::precise::{Allowed, Asked};
 use super::search::candidates::Candidates;
 use super::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
 use super::tree::PointTree;
@@ -136,38 +135,22 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         NeighborQuery { tree, point, exact, time, bound, shrink, keep }
     }
 
+    /// What is asked of the tree, with another filter.
+    #[inline(always)]
+    pub(super) fn search<L>(&self, keep: L) -> Search<'a, L> {
+        let NeighborQuery { tree, point, exact, time, bound, shrink, keep: _ } = *self;
+        Search { tree, point, exact, time, bound, shrink, keep }
+    }
+
     /// Runs the query as one of those that are compiled in this crate.
     #[inline(always)]
     fn run<R>(&self, run: impl FnOnce(Either<'_, 'a>) -> R) -> R {
         if K::ASKS {
             let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
-            run(Either::Some(&self.keeping(KeepLanes(&kept))))
+            run(Either::Some(&self.search(KeepLanes(&kept))))
         } else {
-            run(Either::All(&self.keeping(KeepAll)))
+            run(Either::All(&self.search(KeepAll)))
         }
-    }
-
-    /// Whether the points are kept in f64.
-    #[inline(always)]
-    pub(super) fn is_precise(&self) -> bool {
-        !self.tree.precise.is_empty()
-    }
-
-    /// Asks the same of points in f64.
-    #[cold]
-    #[inline(never)]
-    pub(super) fn asked<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
-        let keep = |id| self.keep.keep(id);
-        let PointTree { precise, simd, .. } = self.tree;
-        run(&Asked {
-            layers: precise,
-            simd: *simd,
-            point: self.exact,
-            time: self.time,
-            bound: self.bound,
-            shrink: self.shrink,
-            keep: Allowed(K::ASKS.then_some(&keep as &dyn Fn(u32) -> bool)),
-        })
     }
 
     /// The nearest point; of several at the same distance the one with the lowest id.
@@ -264,7 +247,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if !self.finds_something() {
             return ControlFlow::Continue(());
         }
-        compiled::for_each_block(&self.keeping(KeepAll), &mut |ids, distances, hits| {
+        compiled::for_each_block(&self.search(KeepAll), &mut |ids, distances, hits| {
             let mut rest = self.keep.kept(ids, hits);
             while rest != 0 {
                 let lane = rest.trailing_zeros() as usize % LANES;
