@@ -10,8 +10,8 @@ use crate::stage::{Stage, Things};
 use crate::world::World;
 use indicatif::ProgressBar;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, MovingSphere, TriangleMesh};
-use mbkd_scenes::{Camera, View};
+use mbkd::{BuildParams, TriangleMesh};
+use mbkd_scenes::{Camera, FlakeSphere, View};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -48,13 +48,14 @@ pub struct Shot {
 
 /// Takes a picture of drops with this radius.
 pub fn expose(drops: &[Drop], radius: f32, tank: &Tank, shot: Shot) -> Result<Photo, String> {
-    let moving = |drop: &Drop| {
-        let ends = [drop.at - drop.way * 0.5, drop.at + drop.way * 0.5];
-        let keys = ends.map(|at| (at.as_dvec3(), f64::from(radius)));
-        (MovingSphere::new(keys.into()), drop.color)
+    let sphere = |(number, drop): (usize, &Drop)| FlakeSphere {
+        centers: [drop.at - drop.way * 0.5, drop.at, drop.at + drop.way * 0.5],
+        radius,
+        level: number as u32,
     };
+    let spheres = drops.iter().enumerate().map(sphere).collect();
     let (meshes, surfaces) = furniture(tank);
-    let things = Things::Fluid { meshes, surfaces, drops: drops.iter().map(moving).collect() };
+    let things = Things { meshes, surfaces, spheres, colors: drops.iter().map(|drop| drop.color).collect() };
     let stage = Stage {
         name: "fluid".into(),
         things,

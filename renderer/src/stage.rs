@@ -2,43 +2,40 @@
 
 use crate::materials::Surface;
 use crate::sky::Sky;
+use mbkd::TriangleMesh;
 use mbkd::glam::Vec3;
-use mbkd::{MovingSphere, TriangleMesh};
 use mbkd_scenes::{Camera, FlakeSphere};
 
-/// Meshes or spheres.
-pub enum Things {
-    /// Triangle meshes, each with its surface.
-    Meshes(Vec<TriangleMesh>, Vec<Surface>),
+/// What there is to see.
+#[derive(Default)]
+pub struct Things {
+    /// Triangle meshes.
+    pub meshes: Vec<TriangleMesh>,
+    /// The surface of each mesh.
+    pub surfaces: Vec<Surface>,
     /// Spheres, coloured by level.
-    Spheres(Vec<FlakeSphere>),
-    /// Meshes with their surfaces, and drops with their colours.
-    Fluid {
-        /// What stands still.
-        meshes: Vec<TriangleMesh>,
-        /// One for each mesh.
-        surfaces: Vec<Surface>,
-        /// What flows.
-        drops: Vec<(MovingSphere, Vec3)>,
-    },
+    pub spheres: Vec<FlakeSphere>,
+    /// The colours of the levels; [`LEVELS`] if empty.
+    pub colors: Vec<Vec3>,
 }
 
 impl Things {
-    /// Number of triangles or spheres.
+    /// Triangle meshes, each with its surface.
+    pub fn meshes(meshes: Vec<TriangleMesh>, surfaces: Vec<Surface>) -> Things {
+        Things { meshes, surfaces, ..Things::default() }
+    }
+
+    /// Number of triangles and spheres.
     pub fn count(&self) -> usize {
-        match self {
-            Things::Meshes(meshes, _) => meshes.iter().map(TriangleMesh::len).sum(),
-            Things::Spheres(spheres) => spheres.len(),
-            Things::Fluid { drops, .. } => drops.len(),
-        }
+        self.meshes.iter().map(TriangleMesh::len).sum::<usize>() + self.spheres.len()
     }
 
     /// What they are called.
     pub fn noun(&self) -> &'static str {
-        match self {
-            Things::Meshes(..) => "triangles",
-            Things::Spheres(_) => "spheres",
-            Things::Fluid { .. } => "drops",
+        match (self.meshes.is_empty(), self.spheres.is_empty()) {
+            (_, true) => "triangles",
+            (true, false) => "spheres",
+            (false, false) => "triangles and spheres",
         }
     }
 }

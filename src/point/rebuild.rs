@@ -104,6 +104,7 @@ impl PointTree {
             match layer {
                 Layer::Still(tree) => tree.ids_in_order().for_each(&mut renumber),
                 Layer::Moving(parts) => parts.iter_mut().flat_map(|part| part.ids_in_order()).for_each(&mut renumber),
+                Layer::Planes(parts) => parts.iter_mut().flat_map(|part| part.ids_in_order()).for_each(&mut renumber),
             }
         }
         let precise = self.precise.iter_mut().flat_map(|layer| &mut layer.parts);

@@ -8,7 +8,7 @@
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
 use super::over_interval::{Boxed, Flight};
-use super::snapshot::{Boxes, Placed, Target, View, diagonal, outside, rows, squared};
+use super::snapshot::{Boxes, Leaves, Placed, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
@@ -276,10 +276,11 @@ fn move_items(count: usize, blocks: &mut [PointBlock], shape: Shape, at: &(impl 
     if blocks.len() > SHARE * share {
         let (left, right) = blocks.split_at_mut(blocks.len() / share / 2 * share);
         let before = (left.len() * LANES).min(count);
-        return super::order::join(
+        parallel::both(
             || move_items(before, left, shape, at),
             || move_items(count - before, right, shape, at),
         );
+        return;
     }
     for (number, blocks) in blocks.chunks_mut(share).enumerate() {
         let count = count.saturating_sub(number * share * LANES).min(share * LANES);
@@ -312,7 +313,7 @@ fn fill<N: FromBoxes>(
         let (nodes, more_nodes) = nodes.split_at_mut(half);
         let (blocks, more_blocks) = blocks.split_at_mut(half * share);
         let left = (half * share * LANES).min(count);
-        return super::order::join(
+        return parallel::both(
             || fill(left, blocks, nodes, leaf_blocks, id_of),
             || fill(count - left, more_blocks, more_nodes, leaf_blocks, id_of),
         );
@@ -339,6 +340,36 @@ fn fill<N: FromBoxes>(
     }
 }
 
+impl Leaves for &StaticTree {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        self.shape.leaf_blocks
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        Target::still(s, q)
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        let [x, y, z] = rows(s, &self.blocks[block].at);
+        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
+            blocks.iter().for_each(prefetch);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.blocks.len() * size_of::<PointBlock>()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+}
+
 impl View for &StaticTree {
     const BALL: f32 = 0.18;
 
@@ -355,14 +386,6 @@ impl View for &StaticTree {
         node * LANES * self.shape.leaf_blocks
     }
     #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        self.shape.leaf_blocks
-    }
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        Target::still(s, q)
-    }
-    #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
         match self.node(node) {
             Node::Bytes(node) => node.outside(s, &target.point),
@@ -377,30 +400,11 @@ impl View for &StaticTree {
         }
     }
     #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let [x, y, z] = rows(s, &self.blocks[block].at);
-        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
-    }
-    #[inline(always)]
     fn expect_node(&self, node: usize) {
         match self.lower.get(node) {
             Some(node) => prefetch(node),
             None => prefetch(&self.upper[node - self.lower.len()]),
         }
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
-            blocks.iter().for_each(prefetch);
-        }
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        self.blocks.len() * size_of::<PointBlock>()
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.blocks[block].id
     }
 }
 
