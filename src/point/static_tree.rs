@@ -276,11 +276,10 @@ fn move_items(count: usize, blocks: &mut [PointBlock], shape: Shape, at: &(impl 
     if blocks.len() > SHARE * share {
         let (left, right) = blocks.split_at_mut(blocks.len() / share / 2 * share);
         let before = (left.len() * LANES).min(count);
-        parallel::both(
+        return super::order::join(
             || move_items(before, left, shape, at),
             || move_items(count - before, right, shape, at),
         );
-        return;
     }
     for (number, blocks) in blocks.chunks_mut(share).enumerate() {
         let count = count.saturating_sub(number * share * LANES).min(share * LANES);
@@ -313,7 +312,7 @@ fn fill<N: FromBoxes>(
         let (nodes, more_nodes) = nodes.split_at_mut(half);
         let (blocks, more_blocks) = blocks.split_at_mut(half * share);
         let left = (half * share * LANES).min(count);
-        return parallel::both(
+        return super::order::join(
             || fill(left, blocks, nodes, leaf_blocks, id_of),
             || fill(count - left, more_blocks, more_nodes, leaf_blocks, id_of),
         );
