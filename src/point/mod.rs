@@ -20,6 +20,7 @@ mod byte_boxes;
 mod choose;
 mod error;
 mod fast;
+mod gather;
 mod iter;
 mod linear_bounds;
 mod lists;
@@ -44,6 +45,10 @@ pub use crate::primitive::{MovingPoint, PointArrays, PointColumns, PointSet, Pos
 pub use approach::Approach;
 pub use batch::NeighborLists;
 pub use error::PointError;
+pub use gather::{
+    Flux, GatherError, GatherParams, GatherQuery, GatherScratch, Gathered, Kernel, Photon, PhotonMap, PhotonTime,
+    VisiblePoint, VisiblePoints,
+};
 pub use iter::WithinIter;
 pub use lists::{ListError, ListQuery, NeighborCsr, Radii};
 pub use neighbor::Neighbor;

@@ -36,7 +36,7 @@ pub(super) fn order_with_time(items: &mut [Item], leaf: usize, time_levels: usiz
 }
 
 /// Points below a child of the root: the largest full subtree that does not hold all.
-fn subtree(count: usize, leaf: usize) -> usize {
+pub(super) fn subtree(count: usize, leaf: usize) -> usize {
     let mut block = leaf;
     while block * LANES < count {
         block *= LANES;
@@ -45,7 +45,7 @@ fn subtree(count: usize, leaf: usize) -> usize {
 }
 
 /// Points in the left part of a range that consists of subtrees of `block` points.
-fn left_part(count: usize, block: usize) -> usize {
+pub(super) fn left_part(count: usize, block: usize) -> usize {
     count.div_ceil(block).div_ceil(2) * block
 }
 

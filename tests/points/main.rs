@@ -5,6 +5,8 @@ mod api;
 mod approximate;
 mod exact;
 mod fickle;
+mod gather;
+mod gather_theory;
 #[cfg(feature = "rayon")]
 mod lists;
 mod outliers;
