@@ -12,7 +12,9 @@
 
 use kiddo::SquaredEuclidean;
 use mbkd::glam::Vec3;
-use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints};
+use mbkd::point::{
+    GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints,
+};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -57,7 +59,8 @@ fn main() {
         let mut args = std::env::args().skip_while(|arg| arg != name);
         args.nth(1).and_then(|n| n.parse().ok()).unwrap_or(default)
     };
-    let (photons, queries, rounds) = (number("--photons", 1_000_000), number("--queries", 50_000), number("--repeat", 5));
+    let (photons, queries, rounds) =
+        (number("--photons", 1_000_000), number("--queries", 50_000), number("--repeat", 5));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread can be started");
     pool.install(|| {
         gathers(photons, queries, rounds);
@@ -270,8 +273,12 @@ impl PointGrid {
     fn new(points: &[VisiblePoint]) -> PointGrid {
         let most = points.iter().map(|p| p.radius).fold(0.0, f32::max);
         let cells = (1.0 / most).floor().max(1.0);
-        let mut grid =
-            PointGrid { ends: vec![0; points.len().next_power_of_two() + 1], entries: vec![], inverse: cells, cells: cells as i32 };
+        let mut grid = PointGrid {
+            ends: vec![0; points.len().next_power_of_two() + 1],
+            entries: vec![],
+            inverse: cells,
+            cells: cells as i32,
+        };
         for point in points {
             grid.touched(point, |ends, cell| ends[cell + 1] += 1);
         }
@@ -291,7 +298,9 @@ impl PointGrid {
     }
 
     fn touched(&mut self, point: &VisiblePoint, mut each: impl FnMut(&mut [u32], usize)) {
-        let place = |p: Vec3| (p * self.inverse).floor().as_ivec3().clamp(mbkd::glam::IVec3::ZERO, mbkd::glam::IVec3::splat(self.cells));
+        let place = |p: Vec3| {
+            (p * self.inverse).floor().as_ivec3().clamp(mbkd::glam::IVec3::ZERO, mbkd::glam::IVec3::splat(self.cells))
+        };
         let (lo, hi) = (place(point.position - point.radius), place(point.position + point.radius));
         for z in lo.z..=hi.z {
             for y in lo.y..=hi.y {
@@ -325,7 +334,12 @@ fn inverse(count: usize, rounds: usize) {
     let begin = Instant::now();
     tree.set_radii(&radii).expect("radii are fine");
     let fit = begin.elapsed().as_secs_f64();
-    println!("visible points: build {:.0} ms, fitting {:.1} ms = {:.1} times as fast", build * 1e3, fit * 1e3, build / fit);
+    println!(
+        "visible points: build {:.0} ms, fitting {:.1} ms = {:.1} times as fast",
+        build * 1e3,
+        fit * 1e3,
+        build / fit
+    );
     let shrunk = |pass: usize| 0.97f32.powi(pass as i32);
     let (mut ours_pass, mut theirs_pass) = (0, 0);
     let mut counts = vec![0u32; count];

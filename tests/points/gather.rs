@@ -124,12 +124,12 @@ fn asked(photons: &[Photon<f32>], window: f32, rng: &mut Rng) -> Asked {
     let some = |rng: &mut Rng| rng.bits() as usize % photons.len().max(1);
     let at = |i: usize| photons.get(i).map_or(Vec3::ZERO, |p| p.position);
     let (here, there) = (at(some(rng)), at(some(rng)));
-    let scale = here.distance(there);
+    let (scale, most) = (here.distance(there), Vec3::splat(1e18));
     let radius = [f32::INFINITY, scale * 0.2, scale, scale * 3.0][rng.bits() as usize % 4].min(1e18);
     let radius = if radius.is_finite() && radius > 1e-15 { radius } else { f32::INFINITY };
     let k = [None, Some(1), Some(5), Some(17), Some(60), Some(1000)][rng.bits() as usize % 6];
     Asked {
-        at: if rng.bits().is_multiple_of(4) { here } else { here + (there - here) * rng.signed() },
+        at: if rng.bits().is_multiple_of(4) { here } else { (here + (there - here) * rng.signed()).clamp(-most, most) },
         normal: rng.vec().normalize_or(Vec3::Z),
         time: if rng.bits().is_multiple_of(4) { (rng.bits() % 5) as f32 / 4.0 } else { rng.unit() },
         k: k.or((radius == f32::INFINITY).then_some(8)),
@@ -307,6 +307,7 @@ proptest! {
                 }
                 // Radii shrink, and some grow.
                 seen.iter_mut().for_each(|p| p.radius *= if rng.bits().is_multiple_of(9) { 2.0 } else { 0.6 });
+                seen.iter_mut().for_each(|p| p.radius = p.radius.min(1e18));
                 points.set_radii(&seen.iter().map(|p| p.radius).collect::<Vec<_>>()).unwrap();
             }
         }

@@ -103,7 +103,11 @@ fn run(options: &Options) -> Result<(), String> {
         save_linear(&made.all, &beside(options, "_reference.pfm"))?;
         save_linear(&made.caustic, &beside(options, "_reference_caustic.pfm"))?;
         made.all.developed(EXPOSURE).save(&beside(options, "_reference.png"))?;
-        say(&format!("wrote {} and its caustic, in {} passes", beside(options, "_reference.pfm").display(), made.passes));
+        say(&format!(
+            "wrote {} and its caustic, in {} passes",
+            beside(options, "_reference.pfm").display(),
+            made.passes
+        ));
         return Ok(());
     }
     let ours = expose(&room, &settings, Method::RayTime, options.seconds, &stop, "gathered at ray time");

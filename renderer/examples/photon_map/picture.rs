@@ -106,10 +106,12 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
     let seed = settings.seed.wrapping_add(u64::from(number) << 20);
     let one_time = (method == Method::OneTime).then(|| time_of_pass(number));
     let photons = trace(room, settings.paths, one_time.map_or(Times::Spread, Times::At), seed);
-    let maps = [(&photons.caustic, settings.caustic), (&photons.indirect, settings.indirect)].map(|(photons, (_, w))| {
-        let params = GatherParams { window: if method == Method::RayTime { w } else { 1.0 }, ..GatherParams::default() };
-        PhotonMap::build(photons, &params).expect("traced photons are finite and in the shutter")
-    });
+    let maps =
+        [(&photons.caustic, settings.caustic), (&photons.indirect, settings.indirect)].map(|(photons, (_, w))| {
+            let params =
+                GatherParams { window: if method == Method::RayTime { w } else { 1.0 }, ..GatherParams::default() };
+            PhotonMap::build(photons, &params).expect("traced photons are finite and in the shutter")
+        });
     drop::<Photons>(photons);
     let samples = if method == Method::OneTime { 1 } else { settings.samples };
     let pixels: Vec<usize> = (0..settings.width * settings.height).collect();

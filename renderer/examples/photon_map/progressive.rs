@@ -41,7 +41,8 @@ pub struct Progressive {
 impl Progressive {
     /// Nothing yet.
     pub fn new(settings: &Settings) -> Progressive {
-        let fresh = Gathering { radius: settings.indirect.0 * 0.4, photons: 0.0, flux: Vec3::ZERO, new: (0, Vec3::ZERO) };
+        let fresh =
+            Gathering { radius: settings.indirect.0 * 0.4, photons: 0.0, flux: Vec3::ZERO, new: (0, Vec3::ZERO) };
         let pixels = settings.width * settings.height;
         Progressive { pixels: vec![fresh; pixels], direct: vec![Vec3::ZERO; pixels], rounds: 0, photon_passes: 0 }
     }
@@ -92,7 +93,8 @@ impl Progressive {
                     state.new.1 += photon.flux * color / (PI * seconds);
                 }
             };
-            tree.scatter(&all, at, window, &mut waiting, deposit).expect("traced photons are finite and in the shutter");
+            tree.scatter(&all, at, window, &mut waiting, deposit)
+                .expect("traced photons are finite and in the shutter");
             self.photon_passes += 1;
             for (_, state) in &mut waiting {
                 let (count, flux) = std::mem::take(&mut state.new);

@@ -55,7 +55,8 @@ fn enlarged(picture: &Picture, (x, y): (usize, usize), (width, height): (usize, 
     let mut large = Picture::filled(width * by, height * by, [0; 3]);
     for (i, pixel) in large.pixels.iter_mut().enumerate() {
         let (column, row) = (i % (width * by) / by, i / (width * by) / by);
-        *pixel = picture.pixels[(y + row).min(picture.height - 1) * picture.width + (x + column).min(picture.width - 1)];
+        *pixel =
+            picture.pixels[(y + row).min(picture.height - 1) * picture.width + (x + column).min(picture.width - 1)];
     }
     large
 }
