@@ -3,7 +3,8 @@
 use crate::geometry::TimeInterval;
 use crate::simd::Lanes;
 
-/// A point between two keys, as a search for the closest approach sees it.
+/// A point between two keys, as a search over a range of times sees it.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Flight {
     pub(super) id: u32,
     pub(super) open: [f32; 3],

@@ -6,7 +6,7 @@ use mbkd::{
     glam::Vec3,
 };
 
-const STRUCTURES: [PointStructure; 6] = [
+pub const STRUCTURES: [PointStructure; 6] = [
     PointStructure::Automatic,
     PointStructure::Linear,
     PointStructure::Slabs(3),
@@ -15,7 +15,7 @@ const STRUCTURES: [PointStructure; 6] = [
     PointStructure::LifeLevels(3),
 ];
 
-fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
+pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
     let params = PointParams { structure, simd, max_references: 3.0 };
     PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()

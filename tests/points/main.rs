@@ -9,6 +9,8 @@ mod gather;
 mod gather_theory;
 #[cfg(feature = "rayon")]
 mod lists;
+#[cfg(feature = "rayon")]
+mod lists_swept;
 mod outliers;
 mod property;
 mod support;

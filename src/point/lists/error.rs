@@ -20,6 +20,8 @@ pub enum ListError {
         /// The point whose radius it is; none where all have the same.
         id: Option<u32>,
     },
+    /// The skin is negative or NaN.
+    Skin,
     /// There are fewer radii than ids.
     MissingRadius {
         /// A point without a radius.
@@ -51,6 +53,7 @@ impl fmt::Display for ListError {
         match self {
             ListError::Radius { id: Some(id) } => write!(f, "the radius of point {id} is negative or NaN"),
             ListError::Radius { id: None } => f.write_str("the radius is negative or NaN"),
+            ListError::Skin => f.write_str("the skin is negative or NaN"),
             ListError::MissingRadius { id } => write!(f, "there is no radius for point {id}; give one for each id"),
             ListError::Time => f.write_str("the time is not in [0, 1]"),
             ListError::Period { axis } => write!(f, "the period of axis {axis} must be finite and above zero"),

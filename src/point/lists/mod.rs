@@ -9,6 +9,8 @@
 //! Data flows `query` (what is asked) → `prepare` (groups of leaves) → `gather` (candidates of a group) → `row` (the list
 //! of a point) → `worker` (a share of the groups) → `run` (all threads) → `csr` (all lists, one behind the other).
 //!
+//! [`swept`] makes lists over an interval of time.
+//!
 //! **Why no neighbour is lost.** The proof is that of [`super::snapshot`], with a box in the place of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']` the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded once, is
 //! along every axis at most the computed `|p − q|`, because rounding is monotone; so are squares and sums. What is
@@ -27,6 +29,7 @@ mod radii;
 mod reach;
 mod row;
 mod run;
+mod swept;
 mod torus;
 mod worker;
 
@@ -34,3 +37,4 @@ pub use csr::NeighborCsr;
 pub use error::ListError;
 pub use query::ListQuery;
 pub use radii::Radii;
+pub use swept::{Encounter, EncounterLists, certified_duration};

@@ -1,0 +1,265 @@
+//! Lists over an interval and lists with a skin against comparing all pairs, at every time at which anything changes.
+
+use crate::lists::{STRUCTURES, build};
+use crate::support::{Cloud, KINDS, Rng, cloud};
+use mbkd::{
+    Encounter, EncounterLists, ListError, MovingPoint, NeighborCsr, PointParams, PointStructure, PointTree, SimdLevel,
+    TimeInterval, certified_duration, glam::DVec3, glam::Vec3,
+};
+
+/// The encounter of two points, one segment between keys after the other, in f64.
+fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> Option<Encounter> {
+    let segments = (cloud.keys.len().max(2) - 1) as f64;
+    let mut all: Option<Encounter> = None;
+    for segment in 0..segments as usize {
+        let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
+        let lives = [i, j].map(|k| cloud.alive[k]);
+        let begin = lives.iter().fold(times[0].max(ends[0]), |t, life| t.max(life.begin().into()));
+        let end = lives.iter().fold(times[1].min(ends[1]), |t, life| t.min(life.end().into()));
+        if begin > end {
+            continue;
+        }
+        let place = |k: usize, time: f64| {
+            let key = |number: usize| cloud.keys[number.min(cloud.keys.len() - 1)][k].as_dvec3();
+            let phase = (time * segments - segment as f64).clamp(0.0, 1.0);
+            key(segment) + (key(segment + 1) - key(segment)) * phase
+        };
+        let dot = |a: DVec3, b: DVec3| (a.x * b.x + a.y * b.y) + a.z * b.z;
+        let (first, last) = (place(j, begin) - place(i, begin), place(j, end) - place(i, end));
+        let way = last - first;
+        let (speed, approach) = (dot(way, way), -dot(first, way));
+        let w = if speed > 0.0 { (approach / speed).clamp(0.0, 1.0) } else { 0.0 };
+        let nearest = first + way * w;
+        let distance = dot(nearest, nearest);
+        if distance > square {
+            continue;
+        }
+        let outside = dot(first, first) - square;
+        let root = (approach * approach - speed * outside).max(0.0).sqrt();
+        let enter = if outside <= 0.0 { 0.0 } else { (outside / (approach + root)).clamp(0.0, w) };
+        let leave = if dot(last, last) <= square { 1.0 } else { ((approach + root) / speed).clamp(w, 1.0) };
+        let time = |w: f64| (begin + (end - begin) * w) as f32;
+        let (enter, leave, closest) = (time(enter), time(leave), time(w));
+        let distance_squared = distance as f32;
+        let all = all.get_or_insert(Encounter { id: j as u32, enter, leave, closest, distance_squared });
+        if (distance_squared, closest) < (all.distance_squared, all.closest) {
+            (all.distance_squared, all.closest) = (distance_squared, closest);
+        }
+        (all.enter, all.leave) = (all.enter.min(enter), all.leave.max(leave));
+    }
+    all
+}
+
+fn meet_all(cloud: &Cloud, interval: TimeInterval, radius: f32) -> Vec<Vec<Encounter>> {
+    let times = [interval.begin(), interval.end()].map(f64::from);
+    let square = f64::from(radius) * f64::from(radius);
+    let row = |i| (0..cloud.len()).filter(|&j| j != i).filter_map(|j| meet(cloud, (i, j), times, square)).collect();
+    (0..cloud.len()).map(row).collect()
+}
+
+fn check(found: &EncounterLists, expected: &[Vec<Encounter>], what: &str) {
+    let mut rows = vec![None; expected.len()];
+    for (id, row) in found.iter() {
+        let mut row = row.to_vec();
+        row.sort_unstable_by_key(|e| e.id);
+        assert!(rows[id as usize].replace(row).is_none(), "{what}: point {id} has two lists");
+    }
+    for (i, (row, expected)) in rows.iter().zip(expected).enumerate() {
+        assert_eq!(row.as_deref().unwrap_or_default(), expected, "{what}: point {i}");
+    }
+}
+
+/// Sets of every kind, some with more than two keys.
+fn clouds(count: usize) -> impl Iterator<Item = (String, Cloud, Rng)> {
+    KINDS.into_iter().enumerate().map(move |(number, kind)| {
+        let mut rng = Rng(500 + number as u64);
+        let mut cloud = cloud(kind, count, &mut rng);
+        if number % 3 != 0 {
+            for _ in 0..number % 3 {
+                let last = cloud.keys.last().unwrap();
+                let next = last.iter().zip(&cloud.keys[0]).map(|(a, b)| if rng.unit() < 0.5 { *a } else { *b });
+                let next = next.collect();
+                cloud.keys.push(next);
+            }
+        }
+        (format!("{kind}, {} keys", cloud.keys.len()), cloud, rng)
+    })
+}
+
+fn size(cloud: &Cloud) -> f32 {
+    cloud.keys.iter().flatten().fold(1e-40, |most, p| p.abs().max_element().max(most))
+}
+
+#[test]
+fn swept_lists_equal_comparing_all_pairs() {
+    for (kind, cloud, mut rng) in clouds(100) {
+        let trees: Vec<_> = STRUCTURES
+            .into_iter()
+            .flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)))
+            .map(|(s, simd)| (build(&cloud, s, simd), format!("{kind}, {s:?}, {simd}")))
+            .collect();
+        let (a, b) = (rng.unit() * 0.9, rng.unit() * 1e-3);
+        let intervals = [(0.0, 1.0), (0.25, 0.5), (a, a + 0.1), (a, a + b), (1.0f32.next_down(), 1.0)];
+        for (begin, end) in intervals.into_iter().filter(|(begin, end)| begin < end) {
+            let interval = TimeInterval::new(begin, end).unwrap();
+            for radius in [size(&cloud) * 0.2, 0.0, size(&cloud) * 1e-3] {
+                let expected = meet_all(&cloud, interval, radius);
+                for (tree, what) in &trees {
+                    let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                    check(&found, &expected, &format!("{what}, {begin}..{end}, radius {radius}"));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn larger_sets_swept_on_all_numbers_of_threads() {
+    for kind in ["random", "coherent", "fast few", "wild speeds", "short lives"] {
+        let cloud = cloud(kind, 800, &mut Rng(5));
+        let interval = TimeInterval::new(0.2, 0.7).unwrap();
+        let expected = meet_all(&cloud, interval, 0.2);
+        for structure in STRUCTURES {
+            let tree = build(&cloud, structure, SimdLevel::best());
+            let found = [1, 3].map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| tree.neighbor_lists_swept(interval, 0.2)).unwrap()
+            });
+            assert_eq!(found[0], found[1], "{kind}, {structure:?}");
+            check(&found[0], &expected, &format!("{kind}, {structure:?}"));
+        }
+    }
+}
+
+/// At all times before the returned one, lists at the time hold nothing that is not in the lists with a skin; and the
+/// time is the last of which that can be said.
+#[test]
+fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
+    let (mut cut_short, mut complete) = (0, 0);
+    for (kind, cloud, mut rng) in clouds(90) {
+        let size = size(&cloud);
+        for structure in [PointStructure::Automatic, PointStructure::Mbkd, PointStructure::Slabs(2)] {
+            let tree = build(&cloud, structure, SimdLevel::best());
+            for (time, until, skin) in
+                [(0.0, 1.0, 0.05), (rng.unit() * 0.5, 0.8, 0.2), (0.5, 0.5 + 1e-3, 1e-3), (0.3, 1.0, 0.0)]
+            {
+                let (radius, skin) = (0.1 * size, skin * size);
+                let what = format!("{kind}, {structure:?}, {time}..{until}, radius {radius}, skin {skin}");
+                let mut lists = NeighborCsr::new();
+                let good = tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists).unwrap();
+                assert!((time..=until).contains(&good), "{what}: {good}");
+                let mut listed = vec![vec![false; cloud.len()]; cloud.len()];
+                for (id, row) in lists.iter() {
+                    row.iter().for_each(|&other| listed[id as usize][other as usize] = true);
+                }
+                // When a pair that is missing comes within the radius, and within one that is larger by rounding.
+                let (mut first, mut at_the_earliest) = (f64::INFINITY, f64::INFINITY);
+                let mut events =
+                    vec![time, good.next_down(), time + (good - time) * 0.5, time + (good - time) * rng.unit()];
+                let segments = (cloud.keys.len().max(2) - 1) as f64;
+                let next_key = ((f64::from(time) * segments).floor() + 1.0) / segments;
+                let times = [f64::from(time), f64::from(until).min(next_key)];
+                for (i, row) in listed.iter().enumerate() {
+                    for j in (0..i).filter(|&j| !row[j]) {
+                        let mut enter = |radius: f64| {
+                            let met = meet(&cloud, (i, j), times, radius * radius);
+                            let near = met.map(|e| [e.enter.next_down(), e.enter, e.enter.next_up()]);
+                            events.extend(near.into_iter().flatten());
+                            met.map_or(f64::INFINITY, |e| e.enter.into())
+                        };
+                        first = first.min(enter(radius.into()));
+                        at_the_earliest = at_the_earliest.min(enter(f64::from(radius) + f64::from(size) * 1e-5));
+                    }
+                }
+                assert!(f64::from(good) <= first, "{what}: {good}, but a pair is missing from {first}");
+                let earliest = at_the_earliest.min(times[1]) - 2e-6;
+                assert!(f64::from(good) >= earliest, "{what}: {good}, though nothing is missing before {earliest}");
+                if f64::from(good) < times[1] - 1e-5 {
+                    cut_short += 1
+                } else {
+                    complete += 1
+                }
+                for t in events.into_iter().filter(|&t| time <= t && t < good) {
+                    for i in (0..cloud.len()).filter(|&i| cloud.alive[i].contains(t)) {
+                        for j in (0..i).filter(|&j| cloud.alive[j].contains(t) && !listed[i][j]) {
+                            let d = cloud.at(j, t) - cloud.at(i, t);
+                            let distance = (d.x * d.x + d.y * d.y) + d.z * d.z;
+                            assert!(
+                                distance > radius * radius || radius * radius == 0.0,
+                                "{what}: {i} and {j} at {t}, before {good}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+    assert!(cut_short > 20 && complete > 20, "both cases: {cut_short}, {complete}");
+}
+
+#[test]
+fn a_pair_that_just_touches_the_radius_and_points_in_the_same_place() {
+    // Two pass at a distance of exactly one; two are always in the same place.
+    let points = [
+        MovingPoint::new(Vec3::new(-2.0, 1.0, 0.0), Vec3::new(2.0, 1.0, 0.0)),
+        MovingPoint::fixed(Vec3::ZERO),
+        MovingPoint::fixed(Vec3::ZERO),
+    ];
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let row = |radius: f32, interval: TimeInterval| {
+        let lists = tree.neighbor_lists_swept(interval, radius).unwrap();
+        let mut row = lists.iter().find(|(id, _)| *id == 1).unwrap().1.to_vec();
+        row.sort_unstable_by_key(|e| e.id);
+        row
+    };
+    let touch = Encounter { id: 0, enter: 0.5, leave: 0.5, closest: 0.5, distance_squared: 1.0 };
+    let always = Encounter { id: 2, enter: 0.0, leave: 1.0, closest: 0.0, distance_squared: 0.0 };
+    assert_eq!(row(1.0, TimeInterval::FULL), [touch, always]);
+    assert_eq!(row(1.0f32.next_down(), TimeInterval::FULL), [always]);
+    assert_eq!(row(0.0, TimeInterval::FULL), [always]);
+    assert_eq!(row(1.0, TimeInterval::new(0.0, 0.5).unwrap())[0], touch);
+    assert_eq!(row(1.0, TimeInterval::new(0.0, 0.5f32.next_down()).unwrap()).len(), 1);
+}
+
+#[test]
+fn bad_questions_get_errors_and_empty_sets_empty_lists() {
+    let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
+    let mut lists = NeighborCsr::new();
+    for bad in [-1.0, f32::NAN] {
+        let radius = Err(ListError::Radius { id: None });
+        assert_eq!(tree.neighbor_lists_swept(TimeInterval::FULL, bad).map(|_| ()), radius.clone());
+        tree.neighbor_lists(0.0, 9.0).run(&mut lists).unwrap();
+        assert_eq!(tree.neighbor_lists_with_skin(0.0, bad, 1.0, 1.0, &mut lists).map(|_| ()), radius);
+        assert!(lists.is_empty());
+        assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, bad, 1.0, &mut lists), Err(ListError::Skin));
+        assert!(!ListError::Skin.to_string().is_empty());
+    }
+    for (time, until) in [(-0.1, 1.0), (0.5, 0.4), (0.5, 1.1), (f32::NAN, 1.0), (0.0, f32::NAN), (1.5, 1.6)] {
+        assert_eq!(tree.neighbor_lists_with_skin(time, 1.0, 1.0, until, &mut lists), Err(ListError::Time));
+    }
+    for radius in [f32::INFINITY, 1e30] {
+        let lists = tree.neighbor_lists_swept(TimeInterval::FULL, radius).unwrap();
+        assert_eq!(lists.encounters().len(), 2);
+    }
+    let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
+    assert!(empty.neighbor_lists_swept(TimeInterval::FULL, 1.0).unwrap().is_empty());
+    assert_eq!(empty.neighbor_lists_with_skin(0.25, 1.0, 1.0, 0.75, &mut lists), Ok(0.75));
+}
+
+#[test]
+fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
+    let mut rng = Rng(1);
+    for _ in 0..1000 {
+        let [radius, skin, speed] = [0, 1, 2].map(|_| 10f32.powf(rng.signed() * 3.0));
+        let time = f64::from(certified_duration(radius, skin, speed));
+        // Two points just outside of the lists, each as fast as any.
+        let apart = f64::from(radius + skin) * (1.0 - 1e-7);
+        assert!(apart - 2.0 * f64::from(speed) * time >= f64::from(radius) || time == 0.0);
+        assert!(
+            time >= f64::from(skin) / (2.0 * f64::from(speed)) * 0.99 - f64::from(radius) * 1e-6 / f64::from(speed)
+        );
+    }
+    assert_eq!(certified_duration(1.0, 1.0, 0.0), f32::INFINITY);
+    assert_eq!(certified_duration(1.0, f32::NAN, 1.0), 0.0);
+    assert_eq!(certified_duration(-1.0, 1.0, 1.0), 0.0);
+}
