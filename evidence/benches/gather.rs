@@ -11,7 +11,7 @@
 //! each pass; ours fits its tree to the new radii.
 
 use kiddo::SquaredEuclidean;
-use mbkd::glam::Vec3;
+use mbkd::glam::{IVec3, Vec3};
 use mbkd::point::{
     GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints,
 };
@@ -139,7 +139,7 @@ fn k_nearest(
             near.clear();
             let place = at.to_array();
             tree.query(&place).within::<SquaredEuclidean<f32>>(radius * radius).unsorted().visit(|found| {
-                let id = found.item as u32;
+                let id = found.item;
                 if (stamp(&photons[id as usize]) - time).abs() <= window {
                     near.push((found.distance, id));
                 }
@@ -298,9 +298,7 @@ impl PointGrid {
     }
 
     fn touched(&mut self, point: &VisiblePoint, mut each: impl FnMut(&mut [u32], usize)) {
-        let place = |p: Vec3| {
-            (p * self.inverse).floor().as_ivec3().clamp(mbkd::glam::IVec3::ZERO, mbkd::glam::IVec3::splat(self.cells))
-        };
+        let place = |p: Vec3| (p * self.inverse).floor().as_ivec3().clamp(IVec3::ZERO, IVec3::splat(self.cells));
         let (lo, hi) = (place(point.position - point.radius), place(point.position + point.radius));
         for z in lo.z..=hi.z {
             for y in lo.y..=hi.y {

@@ -121,7 +121,7 @@ fn run(options: &Options) -> Result<(), String> {
     let reference = reference(options, &settings)?;
     let panel = |name: &str, made: &Pictures| {
         let mut text = vec![name.to_string(), format!("{:.0} s, {} passes", options.seconds, made.passes)];
-        if let Some((all, caustic)) = &reference {
+        if let Some([all, caustic]) = &reference {
             let Errors { all, caustic } = errors(made, all, caustic);
             say(&format!("{name}: relative MSE {all:.5}, in the caustic {caustic:.5}"));
             text.push(format!("relative MSE {all:.5}"));
@@ -187,13 +187,13 @@ fn beside(options: &Options, end: &str) -> PathBuf {
 }
 
 /// The reference's light and caustic, if there is one of this size.
-fn reference(options: &Options, settings: &Settings) -> Result<Option<(Vec<Vec3>, Vec<Vec3>)>, String> {
+fn reference(options: &Options, settings: &Settings) -> Result<Option<[Vec<Vec3>; 2]>, String> {
     let (all, caustic) = (beside(options, "_reference.pfm"), beside(options, "_reference_caustic.pfm"));
     if !all.exists() || !caustic.exists() {
         return Ok(None);
     }
     let (all, caustic) = (read_pfm(&all, settings)?, read_pfm(&caustic, settings)?);
-    Ok(all.zip(caustic))
+    Ok(all.zip(caustic).map(|(all, caustic)| [all, caustic]))
 }
 
 /// A portable float map as this program writes it; `None` if it has another size.

@@ -76,9 +76,9 @@ fn one(
     stored: &mut Vec<(bool, Photon<Vec3>)>,
 ) {
     let time = match times {
-        Times::Spread => sampler.next(),
+        Times::Spread => sampler.unit(),
         Times::At(time) => {
-            sampler.next();
+            sampler.unit();
             time
         }
     };
@@ -109,7 +109,7 @@ fn one(
         match spot.surface {
             Surface::Lamp => return,
             Surface::Glass => {
-                dir = through_glass(dir, spot.normal, sampler.next());
+                dir = through_glass(dir, spot.normal, sampler.unit());
                 at = lifted(spot.position, dir);
             }
             Surface::Matte(color) => {
@@ -120,7 +120,7 @@ fn one(
                 }
                 through_glass_only = false;
                 let survives = color.max_element();
-                if sampler.next() >= survives {
+                if sampler.unit() >= survives {
                     return;
                 }
                 flux *= color / survives;

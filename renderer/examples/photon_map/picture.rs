@@ -79,7 +79,7 @@ pub fn look(room: &Room, mut ray: Ray, sampler: &mut Sampler) -> Seen {
                 return Seen { light: Vec3::ZERO, spot: Some((Spot { normal, ..spot }, color, depth > 0)) };
             }
             Surface::Glass => {
-                let dir = through_glass(ray.dir, spot.normal, sampler.next());
+                let dir = through_glass(ray.dir, spot.normal, sampler.unit());
                 ray = Ray::new(lifted(spot.position, dir), dir).at_time(ray.time);
             }
         }
@@ -125,7 +125,7 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
                     for sample in 0..samples {
                         // As many samples as there may ever be: the sequence goes on from pass to pass.
                         let mut sampler = Sampler::new(settings.seed, pixel as u64, number * samples + sample, 1 << 20);
-                        let own = sampler.next();
+                        let own = sampler.unit();
                         let time = one_time.unwrap_or(own);
                         let light = radiance(room, settings, method, &maps, (pixel, time), &mut sampler, &mut scratch);
                         sum = [sum[0] + light[0], sum[1] + light[1]];

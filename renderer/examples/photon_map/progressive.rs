@@ -55,7 +55,7 @@ impl Progressive {
             .into_par_iter()
             .map(|pixel| {
                 let mut sampler = Sampler::new(settings.seed, pixel as u64, rounds, 1 << 20);
-                let time = sampler.next();
+                let time = sampler.unit();
                 let seen = look(room, camera_ray(room, settings, pixel, time, &mut sampler), &mut sampler);
                 let direct = match &seen.spot {
                     Some((spot, color, _)) => room.direct(spot, *color, time, sampler.square()),

@@ -29,8 +29,7 @@ impl Default for GatherParams {
 impl GatherParams {
     /// An error for the first field that is out of range.
     pub fn validate(&self) -> Result<(), GatherError> {
-        // Also false for NaN.
-        if !(self.window > 0.0) {
+        if self.window.is_nan() || self.window <= 0.0 {
             return Err(GatherError::Parameter { name: "window", expected: "greater than 0" });
         }
         if self.neighbors == 0 {

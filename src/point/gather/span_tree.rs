@@ -43,8 +43,10 @@ impl SpanNode {
     };
 
     fn set(&mut self, lane: usize, span: &Span) {
-        for axis in 0..4 {
-            (self.lo[axis][lane], self.hi[axis][lane]) = (span[0][axis], span[1][axis]);
+        for (rows, ends) in [(&mut self.lo, span[0]), (&mut self.hi, span[1])] {
+            for (row, end) in rows.iter_mut().zip(ends) {
+                row[lane] = end;
+            }
         }
     }
 
@@ -86,9 +88,9 @@ impl<B: SpanBlock> SpanTree<B> {
         order(items, queries);
         let shape = Shape::with_leaf(items.len(), 1);
         let mut blocks = huge_vec_of(B::EMPTY, items.len().div_ceil(LANES));
-        let mut work: Vec<(usize, (&mut [B], &[Item]))> =
-            blocks.chunks_mut(SHARE * LANES).zip(items.chunks(SHARE * LANES * LANES)).enumerate().collect();
-        parallel::each(&mut work, |(share, (blocks, items))| {
+        let mut work: Vec<(usize, &mut [B])> = blocks.chunks_mut(SHARE * LANES).enumerate().collect();
+        parallel::each(&mut work, |(share, blocks)| {
+            let items = &items[*share * SHARE * LANES * LANES..];
             for (i, (block, items)) in blocks.iter_mut().zip(items.chunks(LANES)).enumerate() {
                 for (lane, item) in items.iter().enumerate() {
                     let place = ((*share * SHARE * LANES + i) * LANES + lane) as u32;
