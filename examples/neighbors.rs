@@ -36,9 +36,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if let Some(meeting) = tree.closest_approach(probe, -probe, TimeInterval::FULL) {
         println!(
             "flying through, the closest encounter is spark {} at time {:.3}, {:.5} away",
-            meeting.id,
-            meeting.time,
-            meeting.distance_squared.sqrt()
+            meeting.id, meeting.time, meeting.distance
         );
     }
     Ok(())

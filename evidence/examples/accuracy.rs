@@ -182,12 +182,12 @@ fn neighbors(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box
     report.line("|---|---|---|---|---|---|---|---|---|---|---|");
     let cases = point_cases();
     let bar = bar(cases.len(), "points")?;
-    let list: Vec<_> = structures().into_iter().map(|(_, s)| s).collect();
     type Rows = Result<[Vec<OrderTally>; 2], String>;
     let rows: Vec<Rows> = cases
         .par_iter()
         .enumerate()
         .map(|(i, case)| {
+            let list: Vec<_> = structures(case.wide).into_iter().map(|(_, s)| s).collect();
             let mut random = Random(args.seed.wrapping_mul(1_299_709) + i as u64);
             let found = compare_neighbors(case, &list, samples / 10, &mut random, |_| ()).map_err(|e| e.to_string())?;
             let approaches = compare_approaches(case, &list, samples / 50, &mut random).map_err(|e| e.to_string())?;
@@ -208,7 +208,7 @@ fn neighbors(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box
         let mut cells = format!("| {family} | {value} |");
         for (kind, tallies) in ["neighbours", "approaches"].iter().zip(kinds) {
             let mut all = OrderTally::default();
-            for ((structure, _), tally) in structures().iter().zip(tallies) {
+            for ((structure, _), tally) in structures(case.wide).iter().zip(tallies) {
                 if !tally.is_right() {
                     report.faults.push(format!(
                         "{family} {value}, {kind}, {structure}: {} in wrong order (worst by {} units), {} wrong counts, {} \

@@ -93,17 +93,17 @@ fn spheres() {
 
 /// All cases of some families; every structure.
 fn points(families: &[&str], approaches: bool) {
-    let list: Vec<PointStructure> = structures().into_iter().map(|(_, s)| s).collect();
     let cases: Vec<PointCase> = point_cases().into_iter().filter(|c| families.contains(&c.name.0)).collect();
     assert!(cases.len() >= families.len());
     for case in &cases {
+        let list: Vec<PointStructure> = structures(case.wide).into_iter().map(|(_, s)| s).collect();
         let mut random = Random(11);
         let tallies = if approaches {
             compare_approaches(case, &list, 8, &mut random)
         } else {
             compare_neighbors(case, &list, 50, &mut random, |_| ())
         };
-        for (tally, (structure, _)) in tallies.unwrap().iter().zip(structures()) {
+        for (tally, (structure, _)) in tallies.unwrap().iter().zip(structures(case.wide)) {
             let about = format!("{:?}, {structure}: {tally:?}", case.name).chars().take(200).collect::<String>();
             assert!(tally.is_right(), "{about}");
             assert!(tally.distance.len() >= tally.queries, "{about}");
@@ -123,8 +123,45 @@ fn neighbors_in_f32() {
 }
 
 #[test]
+fn neighbors_and_approaches_in_f64() {
+    let families = ["f64, offset", "f64, clusters apart", "f64, still, clusters apart"];
+    points(&families, false);
+    points(&families, true);
+}
+
+#[test]
 fn approaches_in_f32() {
     points(&F32, true);
+}
+
+/// Distances of closest approach are those of the input as it stands, however far and fast points are.
+#[test]
+fn approaches_of_far_and_fast_points_are_exact() {
+    let list: Vec<PointStructure> = structures(false).into_iter().map(|(_, s)| s).collect();
+    let plain = point_cases().into_iter().find(|case| case.name.0 == "keys" && case.keys == 2).unwrap();
+    for (scale, speed, offset) in [
+        (1.0, 0.0, 0.0),
+        (1.0, 1e3, 0.0),
+        (1.0, 1e6, 0.0),
+        (1.0, 1e6, 1e6),
+        (1.0, 1e12, 1e3),
+        (1.0, 1e3, 1e12),
+        (1e-25, 0.1, 0.0),
+        (1e-25, 1e6, 10.0),
+    ] {
+        for keys in [2, 5] {
+            let case = PointCase { scale, speed, offset, keys, ..plain.clone() };
+            let mut random = Random(5);
+            for (tally, (structure, _)) in
+                compare_approaches(&case, &list, 12, &mut random).unwrap().iter().zip(structures(false))
+            {
+                let about = format!("scale {scale}, speed {speed}, offset {offset}, {keys} keys, {structure}");
+                assert!(tally.as_given.len() >= tally.queries, "{about}");
+                assert!(tally.as_given.worst_ulps() <= 0.501, "{about}: {} ulp", tally.as_given.worst_ulps());
+                assert!(tally.worst_as_given <= 1.001, "{about}: farther by {} ulp", tally.worst_as_given);
+            }
+        }
+    }
 }
 
 /// A million rays; with a fault of one triangle they get out.

@@ -181,8 +181,12 @@ fn distances() {
     assert_eq!(d.squared, Dyadic::new(25.0));
     assert_eq!(d.error_of(25.0f32.next_up()), ulp32(25.0));
     // 2 |dx| (5 + 1 + 1) + 2 |dy| 3, in half ulps: the query, the point, its time.
-    let expected = (8.0 * 7.0 + 6.0 * 3.0) * HALF_ULP_F32;
+    let expected = (8.0 * 7.0 + 6.0 * 3.0) * HALF_ULP_F32 + (7.0 * 7.0 + 3.0 * 3.0) * HALF_ULP_F32.powi(2);
     assert!((d.doubt / expected - 1.0).abs() < 1e-12, "{}", d.doubt / HALF_ULP_F32);
+    // What lies in one place is apart by all of its doubt.
+    let still = Moving::new(0.5, 1, Given::F32, |_| DVec3::X);
+    let d = ExactDistance::new(DVec3::X, Given::F32, &still);
+    assert_eq!((d.near, d.doubt), (0.0, (2.0 * HALF_ULP_F32).powi(2)));
 }
 
 #[test]

@@ -26,6 +26,12 @@ struct Face {
 /// enough that the line lies beyond the bound at both ends; this is arranged in f64, whose own rounding
 /// (2^-53) vanishes beside the float step. A face that does not move is moved by `pad` and rounded outward.
 fn face(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64) -> Face {
+    face_by(begin, end, over, side, pad, 2.0)
+}
+
+/// The same, moved by another multiple of the rounding of the query.
+#[inline(always)]
+fn face_by(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64, roundings: f64) -> Face {
     let outward = |x: f64| {
         let at = x as f32;
         // Beyond zero as far as what is padded is.
@@ -45,7 +51,7 @@ fn face(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64) -> Face {
     let velocity = if t1 > t0 { ((b1 - b0) / (t1 - t0)) as f32 } else { 0.0 };
     let v = f64::from(velocity);
     let line = side * (side * (b0 - v * t0)).max(side * (b1 - v * t1));
-    let slack = f64::from(f32::EPSILON) * 2.0 * (line.abs() + v.abs());
+    let slack = f64::from(f32::EPSILON) * roundings * (line.abs() + v.abs());
     let at = (line + side * (slack + pad)) as f32;
     Face { at: if side > 0.0 { at.next_up() } else { at.next_down() }, velocity }
 }
@@ -235,8 +241,17 @@ impl<L: Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError>
 mod tests {
     use super::*;
 
+    /// With the rounding of the query not taken into account, one face in a hundred is computed inside of its bound.
     #[test]
     fn faces_lie_beyond_their_bounds_as_the_query_computes_them() {
+        let lost = faces_inside(2.0);
+        assert!(lost == 0, "{lost} of 1.8 million");
+        assert!(faces_inside(0.0) > 1000, "a slack that nothing needs");
+    }
+
+    /// How many faces, moved by so many roundings, are computed on the wrong side of their bounds.
+    fn faces_inside(roundings: f64) -> usize {
+        let mut lost = 0;
         let mut state = 1u64;
         let mut next = || {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -248,7 +263,7 @@ mod tests {
             let Some(over) = TimeInterval::half_open(a.min(b), a.max(b)) else { continue };
             let (begin, end) = (next(), next() * scale);
             for side in [-1.0f32, 1.0] {
-                let f = face(begin, end, over, f64::from(side), 0.0);
+                let f = face_by(begin, end, over, f64::from(side), 0.0, roundings);
                 for j in 0..=8 {
                     let t = (over.begin() + over.duration() * (j as f32 / 8.0)).min(over.end());
                     let w = f64::from(t - over.begin()) / f64::from(over.end() - over.begin()).max(1e-30);
@@ -256,11 +271,16 @@ mod tests {
                     for computed in [f.velocity.mul_add(t, f.at), f.velocity * t + f.at] {
                         // The bound itself is computed with an error of f64 and of t - begin in f32.
                         let slack = 2.0 * f64::from(f32::EPSILON) * f64::from((end - begin).abs()) * w;
-                        assert!(f64::from(side) * (f64::from(computed) - bound) >= -slack, "{over:?} {t} {side}");
+                        lost += usize::from(f64::from(side) * (f64::from(computed) - bound) < -slack);
                     }
                 }
             }
         }
+        lost
+    }
+
+    #[test]
+    fn a_still_face_is_its_bound() {
         let still = face(0.1, 0.1, TimeInterval::FULL, 1.0, 0.0);
         assert_eq!((still.at, still.velocity), (0.1, 0.0));
     }

@@ -45,8 +45,10 @@ pub(super) struct Source {
     pub(super) keys: usize,
     /// What positions are relative to.
     pub(super) origin: DVec3,
-    /// Positions at the first key, then those at the second, and so on.
+    /// Positions at the first key, then those at the second, and so on, relative to the origin.
     positions: Vec<[f32; 3]>,
+    /// The same in f64, as they were given; empty where f32 is enough.
+    exact: Vec<DVec3>,
     /// Lives; empty where all points live throughout.
     alive: Vec<TimeInterval>,
     /// Ids; empty where they are the indices.
@@ -54,8 +56,9 @@ pub(super) struct Source {
 }
 
 impl Source {
-    /// Reads a set and checks everything that can be wrong with it.
-    pub(super) fn read<P: PointSet + ?Sized>(points: &P) -> Result<Source, PointError> {
+    /// Reads a set and checks everything that can be wrong with it. If it is said to `round_to_f32`, f64 positions are
+    /// dropped.
+    pub(super) fn read<P: PointSet + ?Sized>(points: &P, round_to_f32: bool) -> Result<Source, PointError> {
         let (len, keys) = (points.len(), points.keys());
         if let Some((name, expected, found)) = points.mismatch() {
             return Err(PointError::Length { name, expected, found });
@@ -69,7 +72,11 @@ impl Source {
         if len >= u32::MAX as usize {
             return Err(PointError::TooManyPoints { found: len });
         }
-        let (origin, positions) = if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
+        let (origin, positions, mut exact) =
+            if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
+        if round_to_f32 {
+            exact = Vec::new();
+        }
         let mut alive = Vec::new();
         let mut ids = Vec::new();
         for point in 0..len {
@@ -90,7 +97,7 @@ impl Source {
                 *to = id;
             }
         }
-        Ok(Source { len, keys, origin, positions, alive, ids })
+        Ok(Source { len, keys, origin, positions, exact, alive, ids })
     }
 
     /// Position of a point at a key as the trees hold it.
@@ -99,8 +106,19 @@ impl Source {
         self.positions[key * self.len + point]
     }
 
+    /// Position of a point at a key as it was given, in sets that need f64.
+    #[inline(always)]
+    pub(super) fn exact(&self, point: usize, key: usize) -> DVec3 {
+        self.exact[key * self.len + point]
+    }
+
+    /// Whether the set needs f64.
+    pub(super) fn is_precise(&self) -> bool {
+        !self.exact.is_empty()
+    }
+
     /// When a point is alive.
-    fn alive(&self, point: usize) -> TimeInterval {
+    pub(super) fn alive(&self, point: usize) -> TimeInterval {
         self.alive.get(point).copied().unwrap_or(TimeInterval::FULL)
     }
 
@@ -112,8 +130,15 @@ impl Source {
 
     /// Whether a point neither moves nor lives for a part of the shutter only.
     pub(super) fn stands_still(&self, point: usize) -> bool {
+        if self.alive(point) != TimeInterval::FULL {
+            return false;
+        }
+        if self.is_precise() {
+            let first = self.exact(point, 0);
+            return (1..self.keys).all(|key| self.exact(point, key) == first);
+        }
         let first = self.at(point, 0);
-        self.alive(point) == TimeInterval::FULL && (1..self.keys).all(|key| self.at(point, key) == first)
+        (1..self.keys).all(|key| self.at(point, key) == first)
     }
 
     /// A static tree of `count` of the points.
@@ -141,8 +166,11 @@ impl Source {
     }
 }
 
+/// The origin, positions relative to it, and positions in f64 where these say more.
+type Read = (DVec3, Vec<[f32; 3]>, Vec<DVec3>);
+
 /// Positions of a set of f32 ones, bit for bit.
-fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<(DVec3, Vec<[f32; 3]>), PointError> {
+fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
     let mut positions = Vec::with_capacity(len * keys);
     for key in 0..keys {
         for point in 0..len {
@@ -150,11 +178,12 @@ fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<(
             positions.push(at.as_vec3().to_array());
         }
     }
-    Ok((DVec3::ZERO, positions))
+    Ok((DVec3::ZERO, positions, Vec::new()))
 }
 
-/// Positions of a set of f64 ones relative to their middle, and where that is.
-fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<(DVec3, Vec<[f32; 3]>), PointError> {
+/// Positions of a set of f64 ones relative to their middle, and as they were given. Where all are f32 numbers around zero,
+/// they are taken as such.
+fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
     let mut wide = Vec::with_capacity(len * keys);
     let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for key in 0..keys {
@@ -167,9 +196,23 @@ fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result
             wide.push(at);
         }
     }
-    let origin = if wide.is_empty() { DVec3::ZERO } else { lo * 0.5 + hi * 0.5 };
-    let place = |(i, at): (usize, DVec3)| Ok(checked(at - origin, i % len, i / len)?.as_vec3().to_array());
-    Ok((origin, wide.into_iter().enumerate().map(place).collect::<Result<_, PointError>>()?))
+    let single = |at: &DVec3| at.as_vec3().as_dvec3() == *at;
+    // Where zero is far from the set, query points would lose more by being f32 numbers than relative to its middle.
+    let around_zero = lo.cmple(DVec3::ZERO).all() && hi.cmpge(DVec3::ZERO).all();
+    if wide.is_empty() || (around_zero && wide.iter().all(single)) {
+        return narrow_of(&wide, len);
+    }
+    let origin = lo * 0.5 + hi * 0.5;
+    let place = |(i, at): (usize, &DVec3)| Ok(checked(*at - origin, i % len, i / len)?.as_vec3().to_array());
+    let positions = wide.iter().enumerate().map(place).collect::<Result<_, PointError>>()?;
+    Ok((origin, positions, wide))
+}
+
+/// f64 positions that are f32 numbers.
+fn narrow_of(wide: &[DVec3], len: usize) -> Result<Read, PointError> {
+    let place = |(i, at): (usize, &DVec3)| Ok(checked(*at, i % len, i / len)?.as_vec3().to_array());
+    let positions = wide.iter().enumerate().map(place).collect::<Result<_, PointError>>()?;
+    Ok((DVec3::ZERO, positions, Vec::new()))
 }
 
 /// A position, if it is finite and not too large.

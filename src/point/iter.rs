@@ -22,12 +22,17 @@ pub struct WithinIter<'a, K> {
 impl<'a, K: Keep> WithinIter<'a, K> {
     pub(super) fn new(query: NeighborQuery<'a, K>) -> Self {
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
-        WithinIter { query, layer, front: None, candidates: Candidates::default(), next: 0 }
+        let mut candidates = Candidates::default();
+        if query.bound >= 0.0 && query.is_precise() {
+            query.asked(|asked| asked.collect(&mut candidates));
+        }
+        WithinIter { query, layer, front: None, candidates, next: 0 }
     }
 }
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
-    /// An iterator over the points within the radius, in no particular order. It searches as it goes.
+    /// An iterator over the points within the radius, in no particular order. It searches as it goes, but among
+    /// points that are kept in f64 all at once.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};

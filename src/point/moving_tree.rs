@@ -9,7 +9,7 @@ use super::linear_bounds::{Hull, LinearBoxes, Span};
 use super::moving_reference::{Mover, Part, phase};
 use super::order::{Item, join, order_with_time};
 use super::over_interval::{Boxed, Flight};
-use super::snapshot::{Target, View, diagonal, outside, rows, squared};
+use super::snapshot::{Placed, Target, View, diagonal, outside, rows, squared};
 use super::static_tree::Shape;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
@@ -29,12 +29,12 @@ const EMPTY: Block = Block { open: [[f32::MAX; LANES]; 3], close: [[f32::MAX; LA
 /// When each of sixteen lanes counts: `begin <= t < end`.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-struct Times {
-    begin: Lanes<f32>,
-    end: Lanes<f32>,
+pub(super) struct Times {
+    pub(super) begin: Lanes<f32>,
+    pub(super) end: Lanes<f32>,
 }
 
-const NEVER: Times = Times { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
+pub(super) const NEVER: Times = Times { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
 
 /// Points that move or live for a while, in a 16-ary tree for one part of the shutter.
 #[derive(Clone)]
@@ -301,7 +301,7 @@ pub(super) struct MovingView<'a, const TIMED: bool> {
 
 /// Lanes that count at the time.
 #[inline(always)]
-fn counting<S: Simd>(s: S, times: &Times, time: S::F) -> Mask {
+pub(super) fn counting<S: Simd>(s: S, times: &Times, time: S::F) -> Mask {
     s.le(s.load(&times.begin), time) & s.lt(time, s.load(&times.end))
 }
 
@@ -377,6 +377,27 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         s.select(counting, distances, s.splat(f32::INFINITY))
     }
     #[inline(always)]
+    fn expect_node(&self, node: usize) {
+        prefetch(&self.tree.nodes[node]);
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(block) = self.tree.blocks.get(block) {
+            prefetch(block);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.tree.blocks.len() * size_of::<Block>()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.tree.blocks[block].id
+    }
+}
+
+impl<const TIMED: bool> Placed for MovingView<'_, TIMED> {
+    #[inline(always)]
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
         let boxes = &self.tree.nodes[node];
         let mut lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
@@ -395,24 +416,6 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
             at[0] = s.select(counting, at[0], s.splat(f32::INFINITY));
         }
         at
-    }
-    #[inline(always)]
-    fn expect_node(&self, node: usize) {
-        prefetch(&self.tree.nodes[node]);
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        if let Some(block) = self.tree.blocks.get(block) {
-            prefetch(block);
-        }
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        self.tree.blocks.len() * size_of::<Block>()
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.tree.blocks[block].id
     }
 }
 
@@ -438,12 +441,6 @@ impl Boxed for MovingTree {
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         self.nodes[node].faces(phase)
     }
-    fn faces_at(&self, node: usize, phase: f32) -> [[Lanes<f32>; 3]; 2] {
-        let LinearBoxes { lo, lo_slope, hi, hi_slope } = &self.nodes[node];
-        [(lo, lo_slope), (hi, hi_slope)].map(|(at, slope)| {
-            core::array::from_fn(|axis| core::array::from_fn(|lane| at[axis][lane] + slope[axis][lane] * phase))
-        })
-    }
     fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
         self.block_times.get(block).is_none_or(|times| times.begin[lane] <= time && time < times.end[lane])
     }
@@ -451,7 +448,7 @@ impl Boxed for MovingTree {
         let rows = &self.blocks[block];
         let life = self.lives.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
         let life = life.unwrap_or(Some(TimeInterval::FULL))?;
-        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| row[lane]));
+        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| f64::from(row[lane])));
         (rows.id[lane] != u32::MAX).then_some(Flight { id: rows.id[lane], open, close, life })
     }
 }

@@ -1,20 +1,25 @@
 //! A tree as a search over a range of times sees it.
 
-use crate::geometry::TimeInterval;
+use super::moving_reference::phase;
+use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::Lanes;
+use glam::{DVec3, Vec3};
 
 /// A point between two keys, as a search over a range of times sees it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Flight {
     pub(super) id: u32,
-    pub(super) open: [f32; 3],
-    pub(super) close: [f32; 3],
+    pub(super) open: [f64; 3],
+    pub(super) close: [f64; 3],
     /// The whole life, not a piece of it.
     pub(super) life: TimeInterval,
 }
 
 /// A tree whose boxes can be looked at over a range of times. Times are f64 within the shutter.
 pub(super) trait Boxed {
+    /// How far faces may be off by rounding, relative to their size: for each segment between keys, because of times that
+    /// are rounded, and besides.
+    const SLACK: [f64; 2] = [1e-6, 1e-12];
     /// Number of keys, the segment between two of them, and the times the tree answers for.
     fn part(&self) -> (usize, usize, [f64; 2]);
     /// Level and number of the root.
@@ -25,10 +30,19 @@ pub(super) trait Boxed {
     fn times(&self, node: usize) -> [Lanes<f64>; 2];
     /// Lower and upper faces, each lane at a phase of its own.
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2];
-    /// Lower and upper faces at one phase, as queries at a time compute them.
-    fn faces_at(&self, node: usize, phase: f32) -> [[Lanes<f32>; 3]; 2];
     /// Whether a lane of a block counts at a time.
     fn counts(&self, block: usize, lane: usize, time: f32) -> bool;
     /// A point of a block.
     fn flight(&self, block: usize, lane: usize) -> Option<Flight>;
+    /// Where queries at a time see a point.
+    fn position(&self, flight: &Flight, time: f32) -> DVec3 {
+        let at = KeyTime::new(time, self.part().0);
+        let [open, close] = [flight.open, flight.close].map(|p| Vec3::from_array(p.map(|x| x as f32)));
+        at.position(open, close).as_dvec3()
+    }
+    /// Where a time lies between the keys.
+    fn phase(&self, time: f32) -> f64 {
+        let (keys, segment, _) = self.part();
+        phase(KeyTime::new(time, keys), segment).into()
+    }
 }

@@ -2,6 +2,7 @@
 
 use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
+use super::precise::{Allowed, Asked};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
@@ -11,9 +12,10 @@ use super::search::{Keep, KeepAll, KeepIf, NeighborWork, Observe, kept};
 use super::snapshot::View;
 use super::tree::PointTree;
 use crate::limits::MAX_POINT_COORDINATE;
+use crate::primitive::Position;
 use crate::simd::{Kernel, LANES, Mask, Simd, dispatch};
 use core::ops::ControlFlow;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Memory for results and candidates. Reused from query to query, a loop allocates nothing once the
 /// buffer has grown to what its queries need.
@@ -56,6 +58,8 @@ impl NeighborBuffer {
 pub struct NeighborQuery<'a, K = KeepAll> {
     pub(super) tree: &'a PointTree,
     pub(super) point: Vec3,
+    /// The same as it was given.
+    exact: DVec3,
     pub(super) time: f32,
     /// Squared distance up to which points count; negative where nothing does.
     pub(super) bound: f32,
@@ -66,11 +70,20 @@ pub struct NeighborQuery<'a, K = KeepAll> {
 
 impl<'a> NeighborQuery<'a> {
     #[inline(always)]
-    pub(super) fn new(tree: &'a PointTree, point: Vec3, time: f32) -> Self {
+    pub(super) fn new(tree: &'a PointTree, at: impl Position, time: f32) -> Self {
+        let (exact, point) = (at.wide(), at.relative(tree.origin));
         let most = Vec3::splat(MAX_POINT_COORDINATE as f32);
         // Also false for NaN.
         let valid = point.abs().cmple(most).all() && (0.0..=1.0).contains(&time);
-        NeighborQuery { tree, point, time, bound: if valid { f32::MAX } else { -1.0 }, shrink: 1.0, keep: KeepAll }
+        NeighborQuery {
+            tree,
+            point,
+            exact,
+            time,
+            bound: if valid { f32::MAX } else { -1.0 },
+            shrink: 1.0,
+            keep: KeepAll,
+        }
     }
 
     /// Only points whose id the predicate returns true for. It must be pure: it may be asked more than
@@ -85,8 +98,8 @@ impl<'a> NeighborQuery<'a> {
     /// ```
     #[inline(always)]
     pub fn filter<F: Fn(u32) -> bool>(self, predicate: F) -> NeighborQuery<'a, KeepIf<F>> {
-        let NeighborQuery { tree, point, time, bound, shrink, keep: _ } = self;
-        NeighborQuery { tree, point, time, bound, shrink, keep: KeepIf(predicate) }
+        let NeighborQuery { tree, point, exact, time, bound, shrink, keep: _ } = self;
+        NeighborQuery { tree, point, exact, time, bound, shrink, keep: KeepIf(predicate) }
     }
 }
 
@@ -122,13 +135,41 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         self.bound >= 0.0
     }
 
+    /// Whether the points are kept in f64.
+    #[inline(always)]
+    pub(super) fn is_precise(&self) -> bool {
+        !self.tree.precise.is_empty()
+    }
+
+    /// Asks the same of points in f64.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn asked<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
+        let keep = |id| self.keep.keep(id);
+        let PointTree { precise, simd, .. } = self.tree;
+        run(&Asked {
+            layers: precise,
+            simd: *simd,
+            point: self.exact,
+            time: self.time,
+            bound: self.bound,
+            shrink: self.shrink,
+            keep: Allowed(K::ASKS.then_some(&keep as &dyn Fn(u32) -> bool)),
+        })
+    }
+
     /// The nearest point; of several at the same distance the one with the lowest id.
     #[inline(always)]
     pub fn nearest(self) -> Option<Neighbor> {
         if !self.finds_something() {
             return None;
         }
-        dispatch(self.tree.simd, Nearest(&self)).map(|(id, distance_squared)| Neighbor { id, distance_squared })
+        let found = if self.is_precise() {
+            self.asked(|asked| asked.nearest())
+        } else {
+            dispatch(self.tree.simd, Nearest(&self))
+        };
+        found.map(|(id, distance_squared)| Neighbor { id, distance_squared })
     }
 
     /// The `k` nearest points in order of (distance, id); all where there are fewer.
@@ -145,7 +186,11 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if self.finds_something() && k > 0 {
             let candidates = &mut buffer.candidates;
             let found = &mut buffer.found;
-            let done = dispatch(self.tree.simd, NearestN { query: &self, k, candidates, found, observe: &mut () });
+            let done = if self.is_precise() {
+                self.asked(|asked| asked.nearest_n(k, candidates, found, &mut NeighborWork::default()))
+            } else {
+                dispatch(self.tree.simd, NearestN { query: &self, k, candidates, found, observe: &mut () })
+            };
             if !done {
                 nearest_in_order(self.tree.simd, k, candidates, &mut buffer.found);
             }
@@ -159,7 +204,11 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if self.finds_something() && k > 0 {
             let candidates = &mut Candidates::default();
             let found = &mut Vec::new();
-            dispatch(self.tree.simd, NearestN { query: &self, k, candidates, found, observe: &mut work });
+            if self.is_precise() {
+                self.asked(|asked| asked.nearest_n(k, candidates, found, &mut work));
+            } else {
+                dispatch(self.tree.simd, NearestN { query: &self, k, candidates, found, observe: &mut work });
+            }
         }
         work
     }
@@ -177,7 +226,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         buffer.found.clear();
         if self.finds_something() {
             let candidates = &mut buffer.candidates;
-            dispatch(self.tree.simd, Collecting { query: &self, candidates });
+            self.gather(candidates);
             let pairs = candidates.ids[..candidates.count].iter().zip(&candidates.distances);
             buffer.found.extend(pairs.map(|(&id, &distance_squared)| Neighbor { id, distance_squared }));
         }
@@ -197,16 +246,30 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         buffer.found.clear();
         if self.finds_something() {
             let candidates = &mut buffer.candidates;
-            dispatch(self.tree.simd, Collecting { query: &self, candidates });
+            self.gather(candidates);
             all_in_order(self.tree.simd, candidates, &mut buffer.found);
         }
         &buffer.found
+    }
+
+    #[inline(always)]
+    fn gather(&self, candidates: &mut Candidates) {
+        if self.is_precise() {
+            self.asked(|asked| asked.collect(candidates));
+        } else {
+            dispatch(self.tree.simd, Collecting { query: self, candidates });
+        }
     }
 
     /// How many points are within the radius.
     pub fn count(self) -> usize {
         if !self.finds_something() {
             return 0;
+        }
+        if self.is_precise() {
+            let mut candidates = Candidates::default();
+            self.asked(|asked| asked.collect(&mut candidates));
+            return candidates.count;
         }
         dispatch(self.tree.simd, Counting(&self))
     }
@@ -226,9 +289,12 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// assert_eq!((flow, sum), (ControlFlow::Continue(()), 3.0));
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
-    pub fn for_each(self, visit: impl FnMut(Neighbor) -> ControlFlow<()>) -> ControlFlow<()> {
+    pub fn for_each(self, mut visit: impl FnMut(Neighbor) -> ControlFlow<()>) -> ControlFlow<()> {
         if !self.finds_something() {
             return ControlFlow::Continue(());
+        }
+        if self.is_precise() {
+            return self.asked(|asked| asked.visit(&mut visit));
         }
         dispatch(self.tree.simd, Visiting { query: &self, visit })
     }
@@ -321,9 +387,9 @@ impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
     }
 }
 
-struct Visit<'q, K, F> {
-    keep: &'q K,
-    visit: F,
+pub(super) struct Visit<'q, K, F> {
+    pub(super) keep: &'q K,
+    pub(super) visit: F,
 }
 
 impl<S: Simd, K: Keep, F: FnMut(Neighbor) -> ControlFlow<()>> Sink<S> for Visit<'_, K, F> {

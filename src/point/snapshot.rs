@@ -72,6 +72,18 @@ pub(super) trait View: Copy {
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
     /// Squared distances to the points; infinite where there is no point at this time.
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
+    /// A node that will soon be tested, probably.
+    fn expect_node(&self, node: usize);
+    /// A leaf that will soon be tested, probably.
+    fn expect_leaf(&self, block: usize);
+    /// Bytes of all leaves: tells how far away most of them are, and so whether it pays to ask for them early.
+    fn leaf_bytes(&self) -> usize;
+    /// Ids of a block's points.
+    fn ids(&self, block: usize) -> &Lanes<u32>;
+}
+
+/// A tree at a time, all of whose positions are f32 ones in one place: what neighbour lists need.
+pub(super) trait Placed: View {
     /// Lower and upper faces of the child boxes; the lower ones are above the upper where there is no child at this
     /// time.
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]);
@@ -83,14 +95,6 @@ pub(super) trait View: Copy {
         let (lo, hi) = self.faces(s, target, node);
         s.le(lo[0], hi[0])
     }
-    /// A node that will soon be tested, probably.
-    fn expect_node(&self, node: usize);
-    /// A leaf that will soon be tested, probably.
-    fn expect_leaf(&self, block: usize);
-    /// Bytes of all leaves: tells how far away most of them are, and so whether it pays to ask for them early.
-    fn leaf_bytes(&self) -> usize;
-    /// Ids of a block's points.
-    fn ids(&self, block: usize) -> &Lanes<u32>;
 }
 
 /// The squared length of `(x, y, z)`, in the one order of operations that all answers share.

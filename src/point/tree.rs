@@ -4,8 +4,11 @@ use super::build::{Cut, Plan, Source, moving_layer, parts};
 use super::choose::{Trial, choose};
 use super::error::PointError;
 use super::fast::mark_fast;
+use super::moving_reference::Part;
 use super::partition::Layer;
+use super::precise::{PreciseLayer, PreciseTree};
 use super::stats::{PointLayerKind, PointLayerStats, PointStats};
+use crate::geometry::TimeInterval;
 use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
 use crate::simd::SimdLevel;
@@ -45,13 +48,21 @@ pub struct PointParams {
     /// Most references per point, for cutting and for parts of the shutter; at least 1, default 8. A
     /// reference takes 32 to 48 bytes. Forced slabs are built as asked.
     pub max_references: f32,
+    /// Whether positions given in f64 are rounded to f32, relative to the middle of the set: off by up to 2^-25 of its
+    /// size, but as small and as fast as f32 positions. Default: no, answers are exact in f64.
+    pub round_to_f32: bool,
     /// Instruction set of the queries; answers do not depend on it. Default: the widest of this CPU.
     pub simd: SimdLevel,
 }
 
 impl Default for PointParams {
     fn default() -> Self {
-        PointParams { structure: PointStructure::Automatic, max_references: 8.0, simd: SimdLevel::best() }
+        PointParams {
+            structure: PointStructure::Automatic,
+            max_references: 8.0,
+            round_to_f32: false,
+            simd: SimdLevel::best(),
+        }
     }
 }
 
@@ -96,9 +107,14 @@ pub struct PointTree {
     pub(super) origin: DVec3,
     pub(super) simd: SimdLevel,
     pub(super) layers: Vec<Layer>,
+    /// Layers of points in f64; then there are no others.
+    pub(super) precise: Vec<PreciseLayer>,
     stats: PointStats,
     len: usize,
 }
+
+/// The plan of what nothing was tried for.
+const UNCUT: Plan = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: 1.0 };
 
 /// A set is divided into what stands still and what does not where at least this share does.
 const APART: f64 = 0.5;
@@ -114,9 +130,14 @@ impl PointTree {
     /// different length, parameters out of range. An empty set is a tree that finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
         params.validate()?;
-        let source = Source::read(points)?;
+        let source = Source::read(points, params.round_to_f32)?;
         let (len, keys, origin) = (source.len, source.keys, source.origin);
-        let mut tree = PointTree { origin, simd: params.simd, layers: Vec::new(), stats: PointStats::default(), len };
+        let stats = PointStats::default();
+        let mut tree = PointTree { origin, simd: params.simd, layers: Vec::new(), precise: Vec::new(), stats, len };
+        if source.is_precise() {
+            tree.add_precise(&source, params)?;
+            return Ok(tree);
+        }
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
         let count = still.iter().filter(|&&s| s).count();
         if count == len {
@@ -155,6 +176,53 @@ impl PointTree {
         };
         tree.add(moving_layer(&source, moving.clone(), &plan), kind(&plan), moving.count(), why);
         Ok(tree)
+    }
+
+    /// Layers of points in f64: what stands still, and what does not.
+    fn add_precise(&mut self, source: &Source, params: &PointParams) -> Result<(), PointError> {
+        let (len, keys) = (source.len, source.keys);
+        let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
+        let count = still.iter().filter(|&&s| s).count();
+        let (plan, why) = match forced(params) {
+            Some(plan) if plan.cut != Cut::Nothing => {
+                let expected = "one that cuts nothing where positions are kept in f64 (or set `round_to_f32`)";
+                return Err(PointError::Parameter { name: "structure", expected });
+            }
+            Some(plan) => (plan, "asked for; positions in f64".to_string()),
+            None if count == len => (UNCUT, String::new()),
+            None => {
+                let segment = (keys.max(2) - 1) / 2;
+                let part = parts(keys, 1)[segment];
+                let movers = source.movers(&part, (0..len).filter(|&i| !still[i]), |i| i as u32);
+                let (_, trials) = choose(&movers, keys, segment, params.max_references, params.simd);
+                let uncut = trials.iter().filter(|trial| trial.plan.cut == Cut::Nothing && trial.fast.is_none());
+                let best = uncut.min_by(|a, b| a.cost.total_cmp(&b.cost));
+                (best.map_or(UNCUT, |trial| trial.plan), "costs least in trials of f32; positions in f64".to_string())
+            }
+        };
+        let apart = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
+        if apart {
+            let whole = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+            let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), 0, false);
+            let why = format!("{count} of {len} points stand still throughout; positions in f64");
+            self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
+        }
+        if count < len {
+            let moving = (0..len).filter(|&i| !(apart && still[i]));
+            let tree = |part: Part| PreciseTree::build(source, part, moving.clone(), plan.life_levels, true);
+            let trees = parts(keys, plan.parts).into_iter().map(tree).collect();
+            self.add_precise_layer(trees, kind(&plan), moving.count(), why);
+        }
+        Ok(())
+    }
+
+    fn add_precise_layer(&mut self, parts: Vec<PreciseTree>, kind: PointLayerKind, points: usize, why: String) {
+        let (references, nodes) =
+            (parts.iter().map(|p| p.references()).sum(), parts.iter().map(|p| p.node_count()).sum());
+        let (levels, bytes) =
+            (parts.iter().map(|p| p.levels()).max().unwrap_or(0), parts.iter().map(PreciseTree::bytes).sum());
+        self.stats.layers.push(PointLayerStats { kind, points, references, nodes, levels, bytes, why });
+        self.precise.push(PreciseLayer { parts });
     }
 
     fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {

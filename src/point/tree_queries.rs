@@ -9,7 +9,7 @@ impl PointTree {
     /// A query at `point` and `time`, to be refined (radius, predicate, approximation) and run.
     #[inline(always)]
     pub fn query<Q: Position>(&self, point: Q, time: f32) -> NeighborQuery<'_> {
-        NeighborQuery::new(self, point.relative(self.origin), time)
+        NeighborQuery::new(self, point, time)
     }
 
     /// The nearest point at a time; of several at the same distance the one with the lowest id.

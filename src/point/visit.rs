@@ -1,14 +1,13 @@
 //! Traversals of the caller's own through a [`PointTree`].
 
-use super::moving_reference::phase;
 use super::over_interval::Boxed;
 use super::partition::Layer;
 use super::tree::PointTree;
-use crate::geometry::{Aabb, KeyTime};
+use crate::geometry::Aabb;
 use crate::simd::LANES;
 use crate::traverse::{Hierarchy, Visitor, traverse};
 use core::ops::ControlFlow;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 /// A point in a leaf of a [`PointTree`], as a [`Visitor`] meets it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,29 +37,20 @@ struct LayersAt<'a> {
 }
 
 impl LayersAt<'_> {
-    fn bounds(&self, min: [f32; 3], max: [f32; 3]) -> Aabb {
-        Aabb { min: self.to_world(min), max: self.to_world(max) }
-    }
-
-    fn to_world(&self, p: [f32; 3]) -> DVec3 {
-        Vec3::from(p).as_dvec3() + self.tree.origin
-    }
-
+    /// Children or points of a place in a tree whose positions are relative to `origin`.
     fn expand_in(
         &self,
         tree: &impl Boxed,
+        origin: DVec3,
         place: Place,
         children: &mut Vec<(Aabb, Place)>,
         items: &mut Vec<TreePoint>,
     ) {
-        let (keys, segment, _) = tree.part();
-        let at = KeyTime::new(self.time, keys);
         let Some(level) = place.level else {
             for block in place.at..place.at + place.blocks {
                 for lane in (0..LANES).filter(|&lane| tree.counts(block, lane, self.time)) {
                     if let Some(flight) = tree.flight(block, lane) {
-                        let position = at.position(Vec3::from(flight.open), Vec3::from(flight.close));
-                        items.push(TreePoint { id: flight.id, position: self.to_world(position.to_array()) });
+                        items.push(TreePoint { id: flight.id, position: tree.position(&flight, self.time) + origin });
                     }
                 }
             }
@@ -68,12 +58,13 @@ impl LayersAt<'_> {
         };
         let (first, stride) = tree.behind(level, place.at);
         let [begin, end] = tree.times(place.at);
-        let [min, max] = tree.faces_at(place.at, phase(at, segment));
+        let [min, max] = tree.faces(place.at, &[tree.phase(self.time); LANES]);
         let time = f64::from(self.time);
         for lane in (0..LANES).filter(|&lane| begin[lane] <= time && time <= end[lane]) {
             let (level, blocks) = (level.checked_sub(1), if level == 0 { stride } else { 0 });
             let child = Place { level, at: first + lane * stride, blocks, ..place };
-            children.push((self.bounds(min.map(|row| row[lane]), max.map(|row| row[lane])), child));
+            let corner = |faces: [[f64; LANES]; 3]| DVec3::from_array(faces.map(|row| row[lane])) + origin;
+            children.push((Aabb { min: corner(min), max: corner(max) }, child));
         }
     }
 }
@@ -91,12 +82,22 @@ impl Hierarchy for LayersAt<'_> {
             };
             roots.push(Place { layer, part, level: Some(level), at, blocks: 0 });
         }
+        for (number, of) in self.tree.precise.iter().enumerate() {
+            let (layer, part) = (self.tree.layers.len() + number, of.part_at(self.time));
+            let (level, at) = of.parts[part].top();
+            roots.push(Place { layer, part, level: Some(level), at, blocks: 0 });
+        }
     }
 
     fn expand(&self, place: Place, children: &mut Vec<(Aabb, Place)>, items: &mut Vec<TreePoint>) {
-        match &self.tree.layers[place.layer] {
-            Layer::Still(tree) => self.expand_in(tree, place, children, items),
-            Layer::Moving(parts) => self.expand_in(&parts[place.part], place, children, items),
+        let origin = self.tree.origin;
+        match self.tree.layers.get(place.layer) {
+            Some(Layer::Still(tree)) => self.expand_in(tree, origin, place, children, items),
+            Some(Layer::Moving(parts)) => self.expand_in(&parts[place.part], origin, place, children, items),
+            None => {
+                let layer = &self.tree.precise[place.layer - self.tree.layers.len()];
+                self.expand_in(&layer.parts[place.part], DVec3::ZERO, place, children, items);
+            }
         }
     }
 }

@@ -110,7 +110,7 @@ fn closest_approach_equals_looking_at_every_point() {
                 match (found, wanted) {
                     (None, None) => {}
                     (Some(f), Some((d, _))) => {
-                        let error = (f64::from(f.distance_squared) - d).abs();
+                        let error = (f64::from(f.distance).powi(2) - d).abs();
                         assert!(error <= 1e-6 * (d + 1e-3), "{what}: {f:?} for {wanted:?}");
                         assert!(f.time >= interval.begin() && f.time <= interval.end(), "{what}");
                     }

@@ -19,7 +19,7 @@ const STRUCTURES: [PointStructure; 7] = [
 
 fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
-    let params = PointParams { structure, simd, max_references: 3.0 };
+    let params = PointParams { structure, simd, max_references: 3.0, ..PointParams::default() };
     PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()
 }
 

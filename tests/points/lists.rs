@@ -17,7 +17,7 @@ pub const STRUCTURES: [PointStructure; 6] = [
 
 pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
-    let params = PointParams { structure, simd, max_references: 3.0 };
+    let params = PointParams { structure, simd, max_references: 3.0, ..PointParams::default() };
     PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()
 }
 
@@ -316,7 +316,8 @@ fn bad_questions_get_errors() {
     let set = PointArrays { keys: &[&[[0.0f32; 3], [1.0; 3]]], alive: &[], ids: &[5, 1] };
     let named = PointTree::build(&set, &PointParams::default()).unwrap();
     assert_eq!(error(named.neighbor_lists(0.0, 1.0).rows_by_id()), ListError::Ids { id: 5 });
-    let wide = PointTree::build(&[[5.0f64; 3], [6.0; 3]], &PointParams::default()).unwrap();
+    let rounded = PointParams { round_to_f32: true, ..PointParams::default() };
+    let wide = PointTree::build(&[[5.0f64; 3], [6.0; 3]], &rounded).unwrap();
     assert_eq!(error(tree.neighbor_lists(0.0, 1.0).among(&wide)), ListError::Origins);
 }
 

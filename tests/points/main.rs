@@ -3,6 +3,7 @@
 #[cfg(feature = "rayon")]
 mod api;
 mod approximate;
+mod double;
 mod exact;
 mod fickle;
 mod gather;

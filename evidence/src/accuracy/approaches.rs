@@ -5,7 +5,7 @@ use super::cases::PointCase;
 use super::neighbors::Points;
 use super::random::Random;
 use super::tally::OrderTally;
-use crate::oracle::{ExactApproach, Given, approach};
+use crate::oracle::{ExactApproach, Given, approach, ulp32};
 use mbkd::{PointError, PointStructure, TimeInterval};
 
 /// Compares trees, one per structure, with the exact closest approaches of `count` moving queries.
@@ -49,7 +49,13 @@ pub fn compare_approaches(
             let excess = (own.squared.to_f64() - best.squared.to_f64()) / (own.unit() + best.unit());
             tally.worst_order = tally.worst_order.max(excess);
             tally.wrong_order += usize::from(excess > DOUBT);
-            tally.distance.add(own.squared.error_of(found.distance_squared), own.squared.to_f64(), own.doubt);
+            // The square of an f32 number is exact in f64.
+            let squared = f64::from(found.distance).powi(2);
+            tally.distance.add(own.squared.error_of(squared), own.squared.to_f64(), own.doubt);
+            // Roots of quotients that are good to 2^-51.
+            let [own_length, least] = [own, best].map(|exact| exact.squared.to_f64().max(0.0).sqrt());
+            tally.as_given.add(f64::from(found.distance) - own_length, own_length, 0.0);
+            tally.worst_as_given = tally.worst_as_given.max((own_length - least) / ulp32(least));
             // With more keys several moments may be equally near.
             if keys <= 2 {
                 tally.time.add(own.time.error_of(found.time), own.time.to_f64(), own.time_doubt);

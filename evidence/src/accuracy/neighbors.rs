@@ -11,16 +11,18 @@ use mbkd::{Neighbor, PointArrays, PointError, PointParams, PointStructure, Point
 /// Points of a set.
 const POINTS: usize = 200;
 
-/// The structures that are compared, by name.
-pub fn structures() -> Vec<(&'static str, PointStructure)> {
-    vec![
+/// The structures that are compared, by name: for f64 points (`wide`) those that cut nothing.
+pub fn structures(wide: bool) -> Vec<(&'static str, PointStructure)> {
+    let mut all = vec![
         ("automatic", PointStructure::Automatic),
         ("linear", PointStructure::Linear),
         ("slabs", PointStructure::Slabs(3)),
         ("cut fast", PointStructure::CutFast),
         ("mbkd", PointStructure::Mbkd),
         ("life levels", PointStructure::LifeLevels(2)),
-    ]
+    ];
+    all.retain(|(_, s)| !(wide && matches!(s, PointStructure::CutFast | PointStructure::Mbkd)));
+    all
 }
 
 /// A set of points as the caller gives it.

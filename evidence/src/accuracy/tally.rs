@@ -130,6 +130,10 @@ pub struct OrderTally {
     pub distance: Errors,
     /// Times of closest approach.
     pub time: Errors,
+    /// Distances of closest approach beside the exact ones of the input as it stands, without any doubt of it.
+    pub as_given: Errors,
+    /// How much farther the point that was found comes than the nearest one, in ulp of the distance, the worst.
+    pub worst_as_given: f64,
 }
 
 impl OrderTally {
@@ -142,6 +146,8 @@ impl OrderTally {
         self.broken_promises += other.broken_promises;
         self.distance.merge(other.distance);
         self.time.merge(other.time);
+        self.as_given.merge(other.as_given);
+        self.worst_as_given = self.worst_as_given.max(other.worst_as_given);
     }
 
     /// Whether every answer stands.

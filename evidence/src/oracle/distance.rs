@@ -19,7 +19,9 @@ impl ExactDistance {
     pub fn new(query: DVec3, given: Given, point: &Moving) -> ExactDistance {
         let between = &Vector::new(query) - &point.position;
         let squared = between.length_squared();
-        let doubt = 2.0 * between.to_dvec3().abs().dot(given.doubt(query) + point.doubt);
+        // The square moves by 2 |between| d + d², and where the points are nearer than their doubt the second is more.
+        let apart = given.doubt(query) + point.doubt;
+        let doubt = (2.0 * between.to_dvec3().abs() + apart).dot(apart);
         ExactDistance { near: squared.to_f64(), squared, doubt }
     }
 

@@ -149,20 +149,6 @@ impl<const METRIC: bool> View for StampedView<'_, METRIC> {
         self.far(s, in_space, s.max(time - target.time, target.time - time))
     }
     #[inline(always)]
-    fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
-        let (far, _) = self.boxes(s, target, node);
-        let there = s.lt(far, s.splat(f32::INFINITY));
-        let ([lx, ly, lz, _], [hx, hy, hz, _]) = (&self.tree.node(node).lo, &self.tree.node(node).hi);
-        let lo = s.select(there, s.load(lx), s.splat(f32::INFINITY));
-        ([lo, s.load(ly), s.load(lz)], [s.load(hx), s.load(hy), s.load(hz)])
-    }
-    #[inline(always)]
-    fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
-        let there = s.lt(self.point_distances(s, target, block), s.splat(f32::INFINITY));
-        let [x, y, z] = rows(s, &self.tree.blocks()[block].at);
-        [s.select(there, x, s.splat(f32::MAX)), y, z]
-    }
-    #[inline(always)]
     fn expect_node(&self, node: usize) {
         prefetch(self.tree.node(node));
     }

@@ -343,9 +343,9 @@ impl View for VisibleView<'_> {
         (s.select(inside, s.splat(0.0), s.splat(f32::INFINITY)), inside)
     }
     #[inline(always)]
-    fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
-        let (lo, hi) = self.faces(s, target, node);
-        diagonal::<S>(lo, hi)
+    fn box_sizes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> S::F {
+        let ([lx, ly, lz, _], [hx, hy, hz, _]) = (&self.tree.node(node).lo, &self.tree.node(node).hi);
+        diagonal::<S>([s.load(lx), s.load(ly), s.load(lz)], [s.load(hx), s.load(hy), s.load(hz)])
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
@@ -356,15 +356,6 @@ impl View for VisibleView<'_> {
         let late = s.max(time - target.time, target.time - time);
         let hit = s.le(distance, radius * radius) & s.le(late, s.splat(self.window));
         s.select(hit, distance, s.splat(f32::INFINITY))
-    }
-    #[inline(always)]
-    fn faces<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
-        let ([lx, ly, lz, _], [hx, hy, hz, _]) = (&self.tree.node(node).lo, &self.tree.node(node).hi);
-        ([s.load(lx), s.load(ly), s.load(lz)], [s.load(hx), s.load(hy), s.load(hz)])
-    }
-    #[inline(always)]
-    fn positions<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> [S::F; 3] {
-        rows(s, &self.tree.blocks()[block].at)
     }
     #[inline(always)]
     fn expect_node(&self, node: usize) {

@@ -41,6 +41,8 @@ pub enum ListError {
     },
     /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
     Origins,
+    /// A tree holds its positions in f64; lists are made of f32 ones.
+    Double,
     /// Lists were asked for in the order of ids, but an id is not less than the number of points, or occurs twice.
     Ids {
         /// Such an id.
@@ -61,6 +63,9 @@ impl fmt::Display for ListError {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
             }
             ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
+            ListError::Double => {
+                f.write_str("lists need positions in f32; build the tree with `round_to_f32` or from f32 positions")
+            }
             ListError::Ids { id } => {
                 write!(f, "id {id} is not the index of a point; ask for the lists in the order of the tree")
             }

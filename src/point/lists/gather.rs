@@ -4,7 +4,7 @@ use super::group::{Group, Spots};
 use super::radii::{Radii, bound_of};
 use super::reach::Reach;
 use super::torus::Torus;
-use crate::point::snapshot::{Target, View, squared};
+use crate::point::snapshot::{Placed, Target, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
 
 /// Boxes in rows, each with the candidate it is around and how far the points in it reach.
@@ -144,7 +144,7 @@ impl Candidates {
 
     /// Adds what the group can reach in a view, or what can reach the group.
     #[inline(always)]
-    pub(super) fn add<S: Simd, V: View>(
+    pub(super) fn add<S: Simd, V: Placed>(
         &mut self,
         s: S,
         (view, target): (&V, &Target<S>),

@@ -1,7 +1,7 @@
 //! The points of a group of leaves, whose lists are made together.
 
 use super::radii::{Radii, bound_of, squared_radius};
-use crate::point::snapshot::{Target, View};
+use crate::point::snapshot::{Placed, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
 /// Sixteen points at a time, in rows; where there is none, the first coordinate is infinite.
@@ -17,7 +17,7 @@ impl Spots {
 
     /// The points of a block at the view's time.
     #[inline(always)]
-    pub(super) fn of_block<S: Simd, V: View>(s: S, view: &V, target: &Target<S>, block: usize) -> Spots {
+    pub(super) fn of_block<S: Simd, V: Placed>(s: S, view: &V, target: &Target<S>, block: usize) -> Spots {
         let [x, y, z] = view.positions(s, target, block);
         let mut spots = Spots::NONE;
         let there = s.lt(x, s.splat(f32::MAX));
@@ -51,7 +51,7 @@ pub(super) struct Group {
 impl Group {
     /// Takes the points behind bottom node `node`.
     #[inline(always)]
-    pub(super) fn take<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, radii: &Radii) {
+    pub(super) fn take<S: Simd, V: Placed>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, radii: &Radii) {
         self.members.clear();
         (self.lo, self.hi, self.bound) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
         let mut lanes = view.present(s, target, node);

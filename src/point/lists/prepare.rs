@@ -6,7 +6,7 @@ use super::radii::Radii;
 use super::reach::{Measure, Reach};
 use super::torus::MOST_PERIODS;
 use crate::point::partition::{Layer, LayerView};
-use crate::point::snapshot::View;
+use crate::point::snapshot::Placed;
 use crate::simd::{Kernel, LANES, Simd, dispatch};
 use glam::Vec3;
 
@@ -84,7 +84,7 @@ struct Bottoms<'a, V> {
     groups: &'a mut Vec<Place>,
 }
 
-impl<V: View> Kernel for Bottoms<'_, V> {
+impl<V: Placed> Kernel for Bottoms<'_, V> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
@@ -117,7 +117,7 @@ struct Extent<V> {
     view: V,
 }
 
-impl<V: View> Kernel for Extent<V> {
+impl<V: Placed> Kernel for Extent<V> {
     type Output = [f32; 3];
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> [f32; 3] {

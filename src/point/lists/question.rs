@@ -44,6 +44,9 @@ impl Question<'_> {
         if !(0.0..=1.0).contains(&self.time) {
             return Err(ListError::Time);
         }
+        if !(self.tree.precise.is_empty() && self.among.precise.is_empty()) {
+            return Err(ListError::Double);
+        }
         if self.tree.origin() != self.among.origin() && !self.tree.is_empty() && !self.among.is_empty() {
             return Err(ListError::Origins);
         }

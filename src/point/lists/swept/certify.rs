@@ -75,7 +75,8 @@ impl PointTree {
         let until = until.min(rounded_down(next_key)).max(time);
         let bound = squared_radius(radius + skin);
         let listed = |a: &Flight, b: &Flight| {
-            let place = |flight: &Flight| at.position(Vec3::from_array(flight.open), Vec3::from_array(flight.close));
+            let key = |p: [f64; 3]| Vec3::from_array(p.map(|x| x as f32));
+            let place = |flight: &Flight| at.position(key(flight.open), key(flight.close));
             let d = place(b) - place(a);
             let both = a.life.contains(time) && b.life.contains(time);
             both && (d.x * d.x + d.y * d.y) + d.z * d.z <= bound

@@ -92,7 +92,7 @@ impl Window {
 
 /// A coordinate at a phase of the segment.
 pub(super) fn at(flight: &Flight, axis: usize, phase: f64) -> f64 {
-    let (open, close) = (f64::from(flight.open[axis]), f64::from(flight.close[axis]));
+    let (open, close) = (flight.open[axis], flight.close[axis]);
     open + (close - open) * phase
 }
 

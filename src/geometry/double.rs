@@ -1,0 +1,116 @@
+//! Numbers as sums of two f64: 106 bits, for the few answers that f64 can't give.
+//!
+//! Sums and products are exact up to 2^-102 of the result (T. J. Dekker, "A floating-point technique for extending the
+//! available precision", 1971; D. E. Knuth's sum of two numbers). Products are split by multiplication, not by a fused
+//! operation, so every CPU takes the same steps.
+
+use core::ops::{Add, Mul, Sub};
+
+/// `high + low`, where `low` is at most half an ulp of `high`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Double {
+    high: f64,
+    low: f64,
+}
+
+/// The sum, and what its rounding lost.
+fn sum(a: f64, b: f64) -> Double {
+    let high = a + b;
+    let of_b = high - a;
+    Double { high, low: (a - (high - of_b)) + (b - of_b) }
+}
+
+/// The same where `a` is not the smaller one.
+fn sum_in_order(a: f64, b: f64) -> Double {
+    let high = a + b;
+    Double { high, low: b - (high - a) }
+}
+
+/// The upper 26 bits, and the rest.
+fn split(a: f64) -> [f64; 2] {
+    let scaled = a * 134_217_729.0;
+    let upper = scaled - (scaled - a);
+    [upper, a - upper]
+}
+
+/// The product, and what its rounding lost.
+fn product(a: f64, b: f64) -> Double {
+    let high = a * b;
+    let ([a, a_rest], [b, b_rest]) = (split(a), split(b));
+    Double { high, low: ((a * b - high) + a * b_rest + a_rest * b) + a_rest * b_rest }
+}
+
+impl From<f64> for Double {
+    fn from(x: f64) -> Double {
+        Double { high: x, low: 0.0 }
+    }
+}
+
+impl Double {
+    /// The nearest f64.
+    pub fn to_f64(self) -> f64 {
+        self.high
+    }
+
+    /// The quotient, up to 2^-100.
+    pub fn over(self, by: Double) -> Double {
+        let first = self.high / by.high;
+        let rest = self - by * Double::from(first);
+        sum_in_order(first, rest.high / by.high)
+    }
+}
+
+impl Add for Double {
+    type Output = Double;
+    fn add(self, other: Double) -> Double {
+        let (high, low) = (sum(self.high, other.high), sum(self.low, other.low));
+        let partly = sum_in_order(high.high, high.low + low.high);
+        sum_in_order(partly.high, partly.low + low.low)
+    }
+}
+
+impl Sub for Double {
+    type Output = Double;
+    fn sub(self, other: Double) -> Double {
+        self + Double { high: -other.high, low: -other.low }
+    }
+}
+
+impl Mul for Double {
+    type Output = Double;
+    fn mul(self, other: Double) -> Double {
+        let of_high = product(self.high, other.high);
+        sum_in_order(of_high.high, of_high.low + (self.high * other.low + self.low * other.high))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sums and products of numbers of 20 bits and of very different sizes, which i128 holds.
+    #[test]
+    fn a_hundred_bits_are_kept() {
+        let mut state = 7u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 24) as i64 - (1 << 39)
+        };
+        for _ in 0..10_000 {
+            let (a, b, c, d) = (next(), next(), next() >> 20, next() >> 20);
+            let number = |x: i64| Double::from(x as f64);
+            let found = number(a) * number(b) + number(c) * number(d) - number(a);
+            let exact = i128::from(a) * i128::from(b) + i128::from(c) * i128::from(d) - i128::from(a);
+            assert_eq!(found.high as i128 + found.low as i128, exact);
+            let quotient = (number(a) * number(b)).over(number(b));
+            assert_eq!((quotient.high as i64, quotient.low), (a, 0.0));
+        }
+    }
+
+    #[test]
+    fn quotients_have_a_hundred_bits() {
+        let third = Double::from(1.0).over(Double::from(3.0));
+        let rest = third * Double::from(3.0) - Double::from(1.0);
+        assert!(third.low != 0.0 && rest.high.abs() < 2f64.powi(-100), "{rest:?}");
+    }
+}

@@ -1,0 +1,100 @@
+//! From f64 points to a tree.
+
+use super::hull::{FULL, Hull, Node};
+use super::order::{Place, order};
+use super::tree::{ABSENT, PreciseTree, between};
+use crate::geometry::TimeInterval;
+use crate::point::build::Source;
+use crate::point::moving_reference::Part;
+use crate::point::moving_tree::{NEVER, Times};
+use crate::point::static_tree::Shape;
+use crate::simd::{LANES, huge_vec_of};
+
+impl PreciseTree {
+    /// The tree over some points of a set for a part of the shutter. If nothing of it `moves`, all points have to stand still
+    /// and live throughout.
+    pub(in crate::point) fn build(
+        source: &Source,
+        part: Part,
+        points: impl Iterator<Item = usize>,
+        life_levels: usize,
+        moves: bool,
+    ) -> PreciseTree {
+        let later = (part.segment + 1).min(part.keys - 1);
+        let keys = |point: usize| [source.exact(point, part.segment), source.exact(point, later)];
+        let middle = 0.5 * (part.phases[0] + part.phases[1]);
+        let place = |point: usize| {
+            let alive = source.alive(point).intersect(part.interval)?;
+            let life = alive.begin() + alive.end_bound();
+            Some(Place { at: between(keys(point), middle), point: point as u32, life })
+        };
+        let mut places: Vec<Place> = points.filter_map(place).collect();
+        order(&mut places, life_levels);
+        let shape = Shape::with_leaf(places.len(), 1);
+        let blocks = places.len().div_ceil(LANES);
+        let life = |place: &Place| source.alive(place.point as usize);
+        let mortal = places.iter().any(|place| life(place) != TimeInterval::FULL);
+        let timed = places.iter().any(|place| life(place).intersect(part.interval) != Some(part.interval));
+        let mut tree = PreciseTree {
+            part,
+            shape,
+            nodes: Vec::with_capacity(shape.nodes()),
+            slopes: Vec::with_capacity(if moves { shape.nodes() } else { 0 }),
+            middles: Vec::with_capacity(shape.nodes()),
+            begins: huge_vec_of([[ABSENT; LANES]; 3], blocks),
+            ends: huge_vec_of([[ABSENT; LANES]; 3], if moves { blocks } else { 0 }),
+            ids: vec![[u32::MAX; LANES]; blocks],
+            node_times: Vec::new(),
+            block_times: vec![NEVER; if timed { blocks } else { 0 }],
+            lives: vec![NEVER; if mortal { blocks } else { 0 }],
+            references: places.len(),
+        };
+        let mut hulls = Vec::with_capacity(blocks);
+        for (block, places) in places.chunks(LANES).enumerate() {
+            let mut hull = Hull::NONE;
+            for (lane, place) in places.iter().enumerate() {
+                let point = place.point as usize;
+                let (keys, life) = (keys(point), life(place));
+                let [begin, end] = keys.map(|p| p.to_array());
+                let alive = life.intersect(part.interval).unwrap_or(part.interval);
+                for axis in 0..3 {
+                    tree.begins[block][axis][lane] = begin[axis];
+                    if moves {
+                        tree.ends[block][axis][lane] = end[axis];
+                    }
+                }
+                tree.ids[block][lane] = source.id(point);
+                let set = |to: &mut [Times], interval: TimeInterval| {
+                    if let Some(to) = to.get_mut(block) {
+                        (to.begin[lane], to.end[lane]) = (interval.begin(), interval.end_bound());
+                    }
+                };
+                set(&mut tree.block_times, alive);
+                set(&mut tree.lives, life);
+                let ends = part.phases.map(|phase| between(keys, phase));
+                hull = hull.union(&Hull::of_point(ends, keys, [alive.begin(), alive.end_bound()]));
+            }
+            hulls.push(hull);
+        }
+        drop(places);
+        for level in 0..shape.levels {
+            let mut above = Vec::with_capacity(hulls.len().div_ceil(LANES));
+            // Even a tree without points has its root.
+            for i in 0..shape.begin[level + 1] - shape.begin[level] {
+                let children = &hulls[(i * LANES).min(hulls.len())..((i + 1) * LANES).min(hulls.len())];
+                let (node, hull) = Node::over(children, moves, FULL);
+                tree.nodes.push(node.boxes);
+                tree.middles.push(node.middle);
+                if moves {
+                    tree.slopes.push(node.slopes);
+                }
+                if timed {
+                    tree.node_times.push(node.times);
+                }
+                above.push(hull);
+            }
+            hulls = above;
+        }
+        tree
+    }
+}

@@ -1,0 +1,195 @@
+//! Points given in f64, exactly.
+//!
+//! The picture to have in mind: the same pyramid of sixteen-wide nodes, but each node has a middle of its own in f64, and
+//! boxes in f32 relative to it; so boxes are as fine as what is in them, wherever that is. Leaves hold f64 positions. A
+//! search needs no more of a tree than lower bounds of distances to boxes, and distances to points: [`tree`] gives both,
+//! and the searches are the same as those of f32 points.
+//!
+//! The distance of a point is computed in f64 and rounded to f32 once; order, ties and radii go by that number.
+
+mod build;
+mod hull;
+mod order;
+mod tree;
+
+pub(super) use tree::{PreciseTree, PreciseView};
+
+use super::neighbor::Neighbor;
+use super::query::{Gather, Visit};
+use super::search::candidates::Candidates;
+use super::search::k_nearest::KNearest;
+use super::search::nearest::Best;
+use super::search::radius::within;
+use super::search::sort::few_in_order;
+use super::search::walk::walk;
+use super::search::{Keep, NeighborWork};
+use super::snapshot::View;
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
+use core::ops::ControlFlow;
+use glam::{DVec3, Vec3};
+
+/// Trees side by side in time, in order, without a gap; one where nothing moves.
+#[derive(Clone)]
+pub(super) struct PreciseLayer {
+    pub(super) parts: Vec<PreciseTree>,
+}
+
+/// A layer at a time, asked from a place.
+enum AtTime<'a> {
+    Still(PreciseView<'a, false>),
+    Moving(PreciseView<'a, true>),
+}
+
+impl PreciseLayer {
+    /// Which of the trees answers at a time in [0, 1].
+    pub(super) fn part_at(&self, time: f32) -> usize {
+        self.parts.partition_point(|tree| tree.part().interval.end_bound() <= time).min(self.parts.len() - 1)
+    }
+
+    #[inline(always)]
+    fn at(&self, point: DVec3, time: f32) -> AtTime<'_> {
+        let tree = &self.parts[self.part_at(time)];
+        if tree.moves() { AtTime::Moving(tree.at(point, time)) } else { AtTime::Still(tree.at(point, time)) }
+    }
+}
+
+/// A predicate on ids, if there is one. (Searches among f64 points are compiled once, here, not for each predicate.)
+#[derive(Clone, Copy)]
+pub(super) struct Allowed<'a>(pub(super) Option<&'a dyn Fn(u32) -> bool>);
+
+impl Keep for Allowed<'_> {
+    const ASKS: bool = true;
+    #[inline(always)]
+    fn keep(&self, id: u32) -> bool {
+        self.0.is_none_or(|keep| keep(id))
+    }
+}
+
+/// A query among f64 points.
+#[derive(Clone, Copy)]
+pub(super) struct Asked<'a> {
+    pub(super) layers: &'a [PreciseLayer],
+    pub(super) simd: SimdLevel,
+    pub(super) point: DVec3,
+    pub(super) time: f32,
+    /// Squared distance up to which points count.
+    pub(super) bound: f32,
+    /// Factor on the bound for boxes.
+    pub(super) shrink: f32,
+    pub(super) keep: Allowed<'a>,
+}
+
+/// Runs the same on each layer.
+macro_rules! for_each_layer {
+    ($asked:expr, $view:ident => $do:expr) => {
+        for layer in $asked.layers {
+            match layer.at($asked.point, $asked.time) {
+                AtTime::Still($view) => $do,
+                AtTime::Moving($view) => $do,
+            }
+        }
+    };
+}
+
+impl Asked<'_> {
+    /// Id and squared distance of the nearest point.
+    pub(super) fn nearest(&self) -> Option<(u32, f32)> {
+        dispatch(self.simd, Nearest(self))
+    }
+
+    /// Collects the k nearest points; whether they are in order.
+    pub(super) fn nearest_n(
+        &self,
+        k: usize,
+        candidates: &mut Candidates,
+        found: &mut Vec<Neighbor>,
+        work: &mut NeighborWork,
+    ) -> bool {
+        dispatch(self.simd, NearestN { asked: self, k, candidates, found, work })
+    }
+
+    /// Collects the points within the bound.
+    pub(super) fn collect(&self, candidates: &mut Candidates) {
+        dispatch(self.simd, Collecting { asked: self, candidates });
+    }
+
+    /// Shows the points within the bound to a visitor.
+    pub(super) fn visit(&self, visit: &mut dyn FnMut(Neighbor) -> ControlFlow<()>) -> ControlFlow<()> {
+        dispatch(self.simd, Visiting { asked: self, visit })
+    }
+}
+
+struct Nearest<'a>(&'a Asked<'a>);
+
+impl Kernel for Nearest<'_> {
+    type Output = Option<(u32, f32)>;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
+        let asked = self.0;
+        let observe = &mut ();
+        let mut best = Best::within(s, asked.bound, asked.shrink, &asked.keep, observe);
+        for_each_layer!(asked, view => best.search(s, &view, &view.target(s, Vec3::ZERO)));
+        best.finish(s)
+    }
+}
+
+struct NearestN<'a, 'b> {
+    asked: &'a Asked<'a>,
+    k: usize,
+    candidates: &'b mut Candidates,
+    found: &'b mut Vec<Neighbor>,
+    work: &'b mut NeighborWork,
+}
+
+impl Kernel for NearestN<'_, '_> {
+    type Output = bool;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let NearestN { asked, k, candidates, found, work } = self;
+        let mut search = KNearest::within(k, asked.bound, asked.shrink, candidates, &asked.keep, work);
+        loop {
+            for_each_layer!(asked, view => walk(s, &view, &view.target(s, Vec3::ZERO), &mut search));
+            if !search.again() {
+                break;
+            }
+        }
+        few_in_order(s, k, candidates, found)
+    }
+}
+
+struct Collecting<'a, 'b> {
+    asked: &'a Asked<'a>,
+    candidates: &'b mut Candidates,
+}
+
+impl Kernel for Collecting<'_, '_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Collecting { asked, candidates } = self;
+        candidates.count = 0;
+        let mut sink = Gather { candidates, keep: &asked.keep };
+        for_each_layer!(asked, view => {
+            // A sink that never breaks.
+            let _ = within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ());
+        });
+    }
+}
+
+struct Visiting<'a, 'b> {
+    asked: &'a Asked<'a>,
+    visit: &'b mut dyn FnMut(Neighbor) -> ControlFlow<()>,
+}
+
+impl Kernel for Visiting<'_, '_> {
+    type Output = ControlFlow<()>;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
+        let Visiting { asked, visit } = self;
+        let mut sink = Visit { keep: &asked.keep, visit };
+        for_each_layer!(asked, view => {
+            within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ())?;
+        });
+        ControlFlow::Continue(())
+    }
+}

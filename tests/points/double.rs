@@ -1,0 +1,220 @@
+//! Points given in f64: every answer equals that of looking at every point in f64, rounding the squared distance once.
+
+use crate::support::Rng;
+use core::ops::ControlFlow;
+use mbkd::glam::DVec3;
+use mbkd::{
+    Aabb, ListError, Neighbor, NeighborCsr, PointArrays, PointError, PointLayerKind, PointParams, PointStructure,
+    PointTree, SimdLevel, TimeInterval, TreePoint, Visitor,
+};
+
+struct Cloud {
+    keys: Vec<Vec<DVec3>>,
+    alive: Vec<TimeInterval>,
+}
+
+fn vec(rng: &mut Rng) -> DVec3 {
+    // More bits than f32 has.
+    rng.vec().as_dvec3() + rng.vec().as_dvec3() * 1e-9
+}
+
+impl Cloud {
+    /// Two clusters of this size, so far apart.
+    fn new(count: usize, keys: usize, (size, apart, speed): (f64, f64, f64), mortal: bool, rng: &mut Rng) -> Cloud {
+        let mut cloud = Cloud { keys: vec![Vec::new(); keys], alive: Vec::new() };
+        for i in 0..count {
+            let mut at = vec(rng) * size + DVec3::new(0.7, 1.0, -0.3) * (apart * (i % 2) as f64);
+            for key in &mut cloud.keys {
+                key.push(at);
+                at += vec(rng) * speed + DVec3::X * (3.0 * speed);
+            }
+            let begin = rng.unit() * 0.8;
+            let part = TimeInterval::new(begin, begin + 0.2).unwrap();
+            cloud.alive.push(if mortal && i % 3 == 0 { part } else { TimeInterval::FULL });
+        }
+        cloud
+    }
+
+    fn tree(&self, structure: PointStructure, simd: SimdLevel) -> Result<PointTree, PointError> {
+        let keys: Vec<&[DVec3]> = self.keys.iter().map(|key| &key[..]).collect();
+        let params = PointParams { structure, simd, ..PointParams::default() };
+        PointTree::build(&PointArrays { keys: &keys, alive: &self.alive, ids: &[] }, &params)
+    }
+
+    fn at(&self, point: usize, time: f32) -> DVec3 {
+        let segments = (self.keys.len() - 1).max(1);
+        let segment = ((time * segments as f32) as usize).min(segments - 1);
+        let (a, b) = (self.keys[segment][point], self.keys[(segment + 1).min(self.keys.len() - 1)][point]);
+        let phase = (f64::from(time) * segments as f64 - segment as f64).clamp(0.0, 1.0);
+        if phase < 0.5 { a + (b - a) * phase } else { b + (b - a) * (phase - 1.0) }
+    }
+
+    /// All points that exist, nearest first.
+    fn all(&self, q: DVec3, time: f32) -> Vec<Neighbor> {
+        let alive = (0..self.alive.len()).filter(|&i| self.alive[i].contains(time));
+        let neighbor = |i: usize| {
+            let d = self.at(i, time) - q;
+            let distance_squared = ((d.x * d.x + d.y * d.y) + d.z * d.z) as f32;
+            Neighbor { id: i as u32, distance_squared }
+        };
+        let mut all: Vec<Neighbor> = alive.map(neighbor).collect();
+        all.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared).then(a.id.cmp(&b.id)));
+        all
+    }
+}
+
+/// Every form of query at one place.
+fn compare(cloud: &Cloud, tree: &PointTree, q: DVec3, time: f32, about: &str) {
+    let all = cloud.all(q, time);
+    for k in [1, 3, 16, 40] {
+        let nearest = &all[..k.min(all.len())];
+        assert_eq!(tree.nearest_n(q, time, k), nearest, "{about}, {k} nearest");
+        let even: Vec<Neighbor> = all.iter().copied().filter(|n| n.id % 2 == 0).take(k).collect();
+        assert_eq!(tree.query(q, time).filter(|id| id % 2 == 0).nearest_n(k), even, "{about}, {k} even ones");
+    }
+    assert_eq!(tree.nearest(q, time), all.first().copied(), "{about}");
+    let radius = all.get(all.len() / 50).map_or(1.0, |n| n.distance_squared.sqrt());
+    let within: Vec<Neighbor> = all.iter().copied().filter(|n| n.distance_squared <= radius * radius).collect();
+    let query = tree.query(q, time).radius(radius);
+    assert_eq!(query.collect_sorted(), within, "{about}, within {radius}");
+    assert_eq!(query.count(), within.len());
+    assert_eq!(tree.nearest_n_within(q, time, 5, radius), within[..5.min(within.len())], "{about}");
+    let sorted = |mut found: Vec<Neighbor>| {
+        found.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared).then(a.id.cmp(&b.id)));
+        found
+    };
+    assert_eq!(sorted(query.iter().collect()), within);
+    let mut visited = Vec::new();
+    assert!(
+        query
+            .for_each(|n| {
+                visited.push(n);
+                ControlFlow::Continue(())
+            })
+            .is_continue()
+    );
+    assert_eq!(sorted(visited), within);
+    let near = query.approximate(0.5).nearest_n(8);
+    for (found, exact) in near.iter().zip(&within) {
+        assert!(found.distance_squared <= exact.distance_squared * 2.25 * 1.000_001, "{about}");
+    }
+    assert_eq!(near.len(), within.len().min(8));
+    assert_eq!(tree.nearest_n_batch(&[(q, time)], 4).get(0), &all[..4.min(all.len())]);
+}
+
+const STRUCTURES: [PointStructure; 4] =
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::LifeLevels(2)];
+
+#[test]
+fn every_query_equals_looking_at_every_point() {
+    let mut rng = Rng(17);
+    for (size, apart, speed) in
+        [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-3, 1e7, 1e3), (1e-20, 1e-3, 0.0)]
+    {
+        for (keys, mortal) in [(1, false), (2, false), (2, true), (4, true)] {
+            let cloud = Cloud::new(700, keys, (size, apart, speed), mortal, &mut rng);
+            for structure in STRUCTURES {
+                for simd in SimdLevel::available() {
+                    let tree = cloud.tree(structure, simd).unwrap();
+                    for round in 0..6 {
+                        let time = [0.0, 1.0, 0.25, 1.0 / 3.0, rng.unit(), rng.unit()][round];
+                        let near = cloud.at(round * 211, time);
+                        let q = near + vec(&mut rng) * size * [0.0, 1e-2, 1.0, 10.0, 1e6, 1.0][round];
+                        let about =
+                            format!("{size} {apart} {speed}, {keys} keys, {structure:?}, {simd}, {q} at {time}");
+                        compare(&cloud, &tree, q, time, &about);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A millimetre apart, ten thousand kilometres from each other: every point finds its own neighbours.
+#[test]
+fn clusters_far_apart_keep_their_spacing() {
+    let points: Vec<DVec3> = (0..1000)
+        .map(|i| {
+            DVec3::new(f64::from(i % 10), f64::from(i / 10 % 10), f64::from(i / 100 % 5)) * 1e-3
+                + DVec3::X * (1e7 * f64::from(i / 500))
+        })
+        .collect();
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    for (i, p) in points.iter().enumerate() {
+        let found = tree.query(*p, 0.0).filter(|id| id != i as u32).nearest().unwrap();
+        assert!((f64::from(found.distance_squared).sqrt() - 1e-3).abs() < 1e-8, "{i}: {found:?}");
+    }
+    let work = tree.query(points[7], 0.0).work(4);
+    assert!(work.blocks < 20, "{work:?}");
+}
+
+#[test]
+fn what_f64_points_can_not_do_is_refused() {
+    let cloud = Cloud::new(100, 2, (1.0, 1e7, 1.0), false, &mut Rng(1));
+    for structure in [PointStructure::CutFast, PointStructure::Mbkd] {
+        let error = cloud.tree(structure, SimdLevel::best()).unwrap_err();
+        assert!(matches!(error, PointError::Parameter { name: "structure", .. }), "{error}");
+    }
+    let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+    assert_eq!(tree.neighbor_lists(0.0, 1.0).run(&mut NeighborCsr::new()), Err(ListError::Double));
+    assert!(matches!(tree.neighbor_lists_swept(TimeInterval::FULL, 1.0), Err(ListError::Double)));
+    // Rounded, all of it works.
+    let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();
+    let set = PointArrays { keys: &keys, alive: &[], ids: &[] };
+    let params = PointParams { structure: PointStructure::Mbkd, round_to_f32: true, ..PointParams::default() };
+    let tree = PointTree::build(&set, &params).unwrap();
+    assert_eq!(tree.neighbor_lists(0.0, 1.0).run(&mut NeighborCsr::new()), Ok(()));
+}
+
+#[test]
+fn f32_numbers_given_in_f64_are_f32_points() {
+    let mut rng = Rng(9);
+    let points: Vec<[f32; 3]> = (0..5000).map(|_| rng.vec().to_array()).collect();
+    let wide: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
+    let [a, b] = [
+        PointTree::build(&points, &PointParams::default()).unwrap(),
+        PointTree::build(&wide, &PointParams::default()).unwrap(),
+    ];
+    assert_eq!((a.stats(), a.origin()), (b.stats(), b.origin()));
+    let more: Vec<[f64; 3]> = wide.iter().map(|p| p.map(|x| x + 1e-12)).collect();
+    let precise = PointTree::build(&more, &PointParams::default()).unwrap();
+    assert_eq!(precise.stats().layers[0].kind, PointLayerKind::Static);
+    assert!(precise.stats().bytes() > a.stats().bytes());
+}
+
+/// Sees whether boxes hold what is in them.
+struct Everything {
+    depth: Vec<Aabb>,
+    found: Vec<TreePoint>,
+}
+
+impl Visitor<TreePoint> for Everything {
+    fn enter(&mut self, b: &Aabb) -> Option<f32> {
+        self.depth.push(*b);
+        Some(0.0)
+    }
+    fn visit(&mut self, point: TreePoint) -> ControlFlow<()> {
+        assert!(self.depth.iter().any(|b| b.contains(point.position)), "{point:?} is in no box");
+        self.found.push(point);
+        ControlFlow::Continue(())
+    }
+}
+
+#[test]
+fn visitors_see_positions_in_f64() {
+    let cloud = Cloud::new(700, 2, (1e-3, 1e7, 1.0), true, &mut Rng(4));
+    for structure in STRUCTURES {
+        let tree = cloud.tree(structure, SimdLevel::best()).unwrap();
+        for time in [0.0, 0.4, 1.0] {
+            let mut all = Everything { depth: Vec::new(), found: Vec::new() };
+            assert!(tree.traverse(time, &mut all).is_continue());
+            let mut ids: Vec<u32> = all.found.iter().map(|p| p.id).collect();
+            ids.sort_unstable();
+            let alive: Vec<u32> = (0..700).filter(|&i| cloud.alive[i as usize].contains(time)).collect();
+            assert_eq!(ids, alive);
+            for p in &all.found {
+                assert_eq!(p.position, cloud.at(p.id as usize, time));
+            }
+        }
+    }
+}
