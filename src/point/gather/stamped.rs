@@ -6,7 +6,7 @@
 //! after rounding, so a box is never farther than what is in it (the proof in [`View`]'s module holds word for word).
 
 use super::span_tree::{Span, SpanBlock, SpanTree, around};
-use crate::point::snapshot::{Target, View, diagonal, outside, rows, squared};
+use crate::point::snapshot::{Leaves, Target, View, diagonal, outside, rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::Vec3;
 
@@ -90,6 +90,39 @@ impl<const METRIC: bool> StampedView<'_, METRIC> {
     }
 }
 
+impl<const METRIC: bool> Leaves for StampedView<'_, METRIC> {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        1
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        Target { time: s.splat(self.time), ..Target::still(s, q) }
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        let block = &self.tree.blocks()[block];
+        let [x, y, z] = rows(s, &block.at);
+        let in_space = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
+        let time = s.load(&block.time);
+        self.far(s, in_space, s.max(time - target.time, target.time - time))
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(block) = self.tree.blocks().get(block) {
+            prefetch(block);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        size_of_val(self.tree.blocks())
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.tree.blocks()[block].place
+    }
+}
+
 impl<const METRIC: bool> View for StampedView<'_, METRIC> {
     const BALL: f32 = 0.18;
 
@@ -104,14 +137,6 @@ impl<const METRIC: bool> View for StampedView<'_, METRIC> {
     #[inline(always)]
     fn first_block(&self, node: usize) -> usize {
         node * LANES
-    }
-    #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        1
-    }
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        Target { time: s.splat(self.time), ..Target::still(s, q) }
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
@@ -141,29 +166,7 @@ impl<const METRIC: bool> View for StampedView<'_, METRIC> {
         size * ((length + s.splat(f32::MIN_POSITIVE)) / s.max(seen, least))
     }
     #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let block = &self.tree.blocks()[block];
-        let [x, y, z] = rows(s, &block.at);
-        let in_space = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
-        let time = s.load(&block.time);
-        self.far(s, in_space, s.max(time - target.time, target.time - time))
-    }
-    #[inline(always)]
     fn expect_node(&self, node: usize) {
         prefetch(self.tree.node(node));
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        if let Some(block) = self.tree.blocks().get(block) {
-            prefetch(block);
-        }
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        size_of_val(self.tree.blocks())
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.tree.blocks()[block].place
     }
 }

@@ -19,11 +19,12 @@ use super::span_tree::{Span, SpanBlock, SpanTree, around};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::batch::morton_order;
-use crate::point::query::{Gather, NeighborBuffer};
+use crate::point::compiled::Gather;
+use crate::point::query::NeighborBuffer;
 use crate::point::search::KeepAll;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::radius::within;
-use crate::point::snapshot::{Target, View, diagonal, outside, rows, squared};
+use crate::point::snapshot::{Leaves, Target, View, diagonal, outside, rows, squared};
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, prefetch};
 use core::ops::ControlFlow;
 use glam::Vec3;
@@ -308,6 +309,41 @@ struct VisibleView<'a> {
     window: f32,
 }
 
+impl Leaves for VisibleView<'_> {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        1
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        Target { time: s.splat(self.time), ..Target::still(s, q) }
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        let block = &self.tree.blocks()[block];
+        let [x, y, z] = rows(s, &block.at);
+        let distance = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
+        let (radius, time) = (s.load(&block.radius), s.load(&block.time));
+        let late = s.max(time - target.time, target.time - time);
+        let hit = s.le(distance, radius * radius) & s.le(late, s.splat(self.window));
+        s.select(hit, distance, s.splat(f32::INFINITY))
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(block) = self.tree.blocks().get(block) {
+            prefetch(block);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        size_of_val(self.tree.blocks())
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.tree.blocks()[block].id
+    }
+}
+
 impl View for VisibleView<'_> {
     /// No search that counts neighbours goes through this.
     const BALL: f32 = 1.0;
@@ -325,14 +361,6 @@ impl View for VisibleView<'_> {
         node * LANES
     }
     #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        1
-    }
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        Target { time: s.splat(self.time), ..Target::still(s, q) }
-    }
-    #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
         let node = self.tree.node(node);
         let ([lx, ly, lz, begin], [hx, hy, hz, end]) = (&node.lo, &node.hi);
@@ -348,31 +376,7 @@ impl View for VisibleView<'_> {
         diagonal::<S>([s.load(lx), s.load(ly), s.load(lz)], [s.load(hx), s.load(hy), s.load(hz)])
     }
     #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let block = &self.tree.blocks()[block];
-        let [x, y, z] = rows(s, &block.at);
-        let distance = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
-        let (radius, time) = (s.load(&block.radius), s.load(&block.time));
-        let late = s.max(time - target.time, target.time - time);
-        let hit = s.le(distance, radius * radius) & s.le(late, s.splat(self.window));
-        s.select(hit, distance, s.splat(f32::INFINITY))
-    }
-    #[inline(always)]
     fn expect_node(&self, node: usize) {
         prefetch(self.tree.node(node));
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        if let Some(block) = self.tree.blocks().get(block) {
-            prefetch(block);
-        }
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        size_of_val(self.tree.blocks())
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.tree.blocks()[block].id
     }
 }
