@@ -8,7 +8,7 @@
 //! depend on the structure. Bounds are lowered by more than all rounding before they cull.
 
 use super::flyby::{Together, Way};
-use super::over_interval::Boxed;
+use super::over_interval::{Boxed, Flight};
 use super::partition::Layer;
 use super::tree::PointTree;
 use crate::geometry::TimeInterval;
@@ -34,6 +34,52 @@ impl Approach {
     /// Order of answers: nearer first, then earlier, then the lower id.
     fn key(&self) -> (u32, u32, u32) {
         (self.distance.to_bits(), self.time.to_bits(), self.id)
+    }
+}
+
+/// A point that may be the answer, as told from distances in f64.
+struct Contender {
+    /// It comes no nearer than this.
+    least: f64,
+    flight: Flight,
+    together: Together,
+}
+
+/// What is known so far.
+struct Contest {
+    /// What comes no nearer than this is no answer.
+    most: f64,
+    /// Exact distances take long, and few of these need one in the end.
+    contenders: Vec<Contender>,
+    best: Option<Approach>,
+}
+
+/// Contenders that wait for exact distances at most.
+const WAITING: usize = 64;
+
+impl Contest {
+    /// Takes note of a point that comes about so near, up to the slack.
+    fn enter(&mut self, way: &Way, (about, slack): (f64, f64), flight: Flight, together: Together) {
+        // What is farther by less than an ulp of f32 may be as near when rounded, and have the lower id.
+        self.most =
+            self.most.min((about + slack) * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1)));
+        self.contenders.push(Contender { least: about - slack, flight, together });
+        if self.contenders.len() == WAITING {
+            self.settle(way);
+        }
+    }
+
+    /// Exact distances for those that may still be the answer.
+    fn settle(&mut self, way: &Way) {
+        for Contender { least, flight, together } in self.contenders.drain(..) {
+            if least <= self.most {
+                let (time, distance) = together.closest(way, &flight);
+                let found = Approach { id: flight.id, time, distance };
+                if self.best.is_none_or(|best| found.key() < best.key()) {
+                    self.best = Some(found);
+                }
+            }
+        }
     }
 }
 
@@ -130,16 +176,15 @@ impl Way {
         core::array::from_fn(|lane| if begin[lane] <= end[lane] { least[lane] } else { f64::NAN })
     }
 
-    /// Improves `best` by the points of a tree.
-    fn search<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, best: &mut Option<Approach>) {
+    /// Enters the points of a tree into the contest.
+    fn search<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
         let (keys, segment, _) = tree.part();
-        // Squares of f32 are exact; the bound has slack for its own rounding.
-        let square = |x: f32| f64::from(x) * f64::from(x);
-        let worse = |bound: f64, best: &Option<Approach>| best.is_some_and(|b| bound > square(b.distance.next_up()));
+        // The bound has slack for the rounding of squares.
+        let worse = |bound: f64, contest: &Contest| bound > contest.most * contest.most;
         let (top, root) = tree.top();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
         while let Some(Reverse((bits, level, node))) = open.pop() {
-            if worse(f64::from_bits(bits), best) {
+            if worse(f64::from_bits(bits), contest) {
                 return;
             }
             let (first, stride) = tree.behind(level, node);
@@ -151,7 +196,7 @@ impl Way {
             }
             for lane in lanes {
                 let bound = bounds[lane];
-                if bound.is_nan() || worse(bound, best) {
+                if bound.is_nan() || worse(bound, contest) {
                     continue;
                 }
                 let child = first + lane * stride;
@@ -163,13 +208,8 @@ impl Way {
                     let Some(flight) = tree.flight(flight.0, flight.1) else { continue };
                     let Some(together) = Together::new(self, &flight, keys, segment) else { continue };
                     let (about, slack) = together.about(self, &flight);
-                    if best.is_some_and(|b| about - slack > f64::from(b.distance.next_up())) {
-                        continue;
-                    }
-                    let (time, distance) = together.closest(self, &flight);
-                    let found = Approach { id: flight.id, time, distance };
-                    if best.is_none_or(|b| found.key() < b.key()) && keep(flight.id) {
-                        *best = Some(found);
+                    if about - slack <= contest.most && keep(flight.id) {
+                        contest.enter(self, (about, slack), flight, together);
                     }
                 }
             }
@@ -217,16 +257,19 @@ impl PointTree {
         let times = [interval.begin().into(), interval.end().into()];
         let exact = Way { from: from.wide(), to: to.wide(), times };
         let way = Way { from: relative[0], to: relative[1], times };
-        let mut best = None;
+        // All positions are f64 ones, or all are f32 ones.
+        let way = if self.precise.is_empty() { way } else { exact };
+        let mut contest = Contest { most: f64::INFINITY, contenders: Vec::new(), best: None };
         for layer in &self.layers {
             match layer {
-                Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut best),
-                Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut best)),
+                Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut contest),
+                Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut contest)),
             }
         }
         for tree in self.precise.iter().flat_map(|layer| &layer.parts) {
-            exact.search(self.simd, tree, &keep, &mut best);
+            way.search(self.simd, tree, &keep, &mut contest);
         }
-        best
+        contest.settle(&way);
+        contest.best
     }
 }
