@@ -80,13 +80,13 @@ pub enum BuildError {
     TooLargeTree,
     /// A build parameter is outside its range.
     Parameter {
-        /// The field of [`crate::BuildParams`].
+        /// The field of [`crate::WideParams`] or [`crate::KdParams`].
         name: &'static str,
         /// What it has to be.
         expected: &'static str,
     },
     /// The tree would need more nodes or references than its indices can name; lower
-    /// [`crate::BuildParams::max_references`] or split the scene.
+    /// [`crate::KdParams::max_references`] or split the scene.
     TooManyReferences,
     /// The progress callback asked to stop.
     Cancelled,

@@ -18,6 +18,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `limits` | every limit of what the crate takes |
+//! | `tuning` | every fitted constant, with the command that fits it |
 //! | `error` | why a build refuses its input |
 //! | `parallel` | the same for many things, on several threads |
 //! | `simd` | sixteen lanes with run-time dispatch, and the memory they read; the only `unsafe` code |
@@ -66,13 +67,14 @@ pub mod ray;
 mod simd;
 mod time;
 mod traverse;
+mod tuning;
 
 pub use error::{BuildError, IntervalError};
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
 pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
-pub use params::{BuildParams, Division, Policy};
+pub use params::{BuildParams, Division, KdParams, Policy, WideParams};
 pub use point::{
     Approach, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer, NeighborCsr,
     NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats,
@@ -80,7 +82,7 @@ pub use point::{
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
-    PrimitiveError, Shapes, SurfacePoint, TriangleMesh, Triangles, check_primitive,
+    PrimitiveError, Scene, Shape, Shapes, SurfacePoint, TriangleMesh, check_primitive,
 };
 pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree, TreePrimitive};
 pub use simd::SimdLevel;

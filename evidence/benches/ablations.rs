@@ -5,7 +5,7 @@
 //! `cargo bench --bench ablations > ablations.md`
 
 use clap::Parser;
-use mbkd::{BuildParams, Counters, Ray, RayTree};
+use mbkd::{BuildParams, Counters, KdParams, Ray, RayTree};
 use mbkd_scenes::{self as scene, Scene};
 
 #[derive(Parser)]
@@ -77,14 +77,14 @@ fn less(a: f64, b: f64) -> f64 {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args = Args::parse();
-    let paper = BuildParams { max_references: args.references, max_depth: args.depth, ..BuildParams::paper() };
-    let variants: [(&str, BuildParams); 6] = [
-        ("the paper's tree", paper.clone()),
-        ("plain counts", BuildParams { time_weighted: false, ..paper.clone() }),
-        ("planes at t = 0", BuildParams { plane_time: 0.0, ..paper.clone() }),
-        ("planes at t = 1", BuildParams { plane_time: 1.0, ..paper.clone() }),
-        ("propagated references do not vote", BuildParams { propagated_vote: false, ..paper.clone() }),
-        ("moving planes", BuildParams { moving_planes: true, ..paper }),
+    let paper = KdParams { max_references: args.references, max_depth: args.depth, ..KdParams::paper() };
+    let variants: [(&str, KdParams); 6] = [
+        ("the paper's tree", paper),
+        ("plain counts", KdParams { time_weighted: false, ..paper }),
+        ("planes at t = 0", KdParams { plane_time: 0.0, ..paper }),
+        ("planes at t = 1", KdParams { plane_time: 1.0, ..paper }),
+        ("propagated references do not vote", KdParams { propagated_vote: false, ..paper }),
+        ("moving planes", KdParams { moving_planes: true, ..paper }),
     ];
     println!("About {} triangles per scene, {} camera rays.\n", args.triangles, args.side * args.side);
     println!("| scene | variant | references per triangle | duplicates % | steps per ray | tests per ray |");
@@ -99,7 +99,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let rays = rays(&scene, args.side);
         let mut rows = Vec::new();
         for (variant, params) in &variants {
-            let row = measure(&scene, &rays, params)?;
+            let row = measure(&scene, &rays, &BuildParams::kd(*params))?;
             println!(
                 "| {name} | {variant} | {:.2} | {:.1} | {:.1} | {:.1} |",
                 row.references, row.duplicates, row.steps, row.tests

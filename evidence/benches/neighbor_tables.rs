@@ -319,8 +319,8 @@ fn moving_tables(args: &Args) {
                 Arena::new_from_slice(&at).unwrap()
             })
             .collect();
-        use PointStructure::{Automatic, CutFast, Linear, Mbkd, Slabs};
-        let forced = [Linear, Slabs(2), Slabs(4), Slabs(8), Slabs(16), CutFast];
+        use PointStructure::{Automatic, Linear, Mbkd, Slabs};
+        let forced = [Linear, Slabs(2), Slabs(4), Slabs(8), Slabs(16)];
         let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
         let trees = built(&points, &structures);
         let radius = radius_for(&trees[0].0, &at, 40);
@@ -428,8 +428,8 @@ fn lives_tables(args: &Args) {
     let all = PointTree::build(&all, &PointParams::default()).unwrap();
     let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (rng.vec(), rng.unit())).collect();
     at.sort_by_key(|(q, _)| morton(*q));
-    use PointStructure::{Automatic, LifeLevels, Linear, Slabs};
-    let forced = [Linear, LifeLevels(2), LifeLevels(3), Slabs(4), Slabs(8), Slabs(16), Slabs(32)];
+    use PointStructure::{Automatic, Linear, Slabs};
+    let forced = [Linear, Slabs(4), Slabs(8), Slabs(16), Slabs(32)];
     let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
     let trees = built(&points, &structures);
     let radius = radius_for(&trees[0].0, &at, 40);

@@ -1,7 +1,7 @@
 //! Builds and ray queries of every policy, for regressions. `cargo bench --bench rays`
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use mbkd::{BuildParams, Counters, Policy, Ray, RayTree};
+use mbkd::{BuildParams, Counters, KdParams, Ray, RayTree};
 use mbkd_scenes::{self as scene, Scene};
 use std::hint::black_box;
 
@@ -10,12 +10,11 @@ const TRIANGLES: usize = 50_000;
 const SCENES: [&str; 3] = ["hall", "tornado", "hairball"];
 
 fn policies() -> [(&'static str, BuildParams); 4] {
-    let with = |policy| BuildParams::default().with_policy(policy);
     [
-        ("wide", with(Policy::Wide)),
-        ("mbkd", with(Policy::Mbkd)),
+        ("wide", BuildParams::default()),
+        ("mbkd", BuildParams::kd(KdParams::default())),
         ("paper", BuildParams::paper()),
-        ("classic", with(Policy::ClassicKd)),
+        ("classic", BuildParams::kd(KdParams::classic())),
     ]
 }
 

@@ -15,7 +15,7 @@ mod font;
 use clap::Parser;
 use film::Picture;
 use mbkd::glam::{DVec3, IVec2, Vec2, Vec3};
-use mbkd::{BuildParams, Division, Hit, Keys, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Division, Hit, Keys, RayTree, TriangleMesh, WideParams};
 use mbkd_scenes as scene;
 use std::path::PathBuf;
 
@@ -40,7 +40,7 @@ const SHADE: f32 = 0.93;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let path = Args::parse().output;
-    let whole = BuildParams { division: Division::Whole, ..BuildParams::default() };
+    let whole = BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() });
     let columns = [
         ("still", still(), BuildParams::default()),
         ("moving alike", flying(), BuildParams::default()),

@@ -188,11 +188,7 @@ fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Result<
 
 /// The tree of a stage, with a line about it.
 fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
-    let params = match policy {
-        Some(Policy::Mbkd) => BuildParams::paper(),
-        Some(policy) => BuildParams { policy, ..BuildParams::default() },
-        None => BuildParams::default(),
-    };
+    let params = BuildParams { policy: policy.unwrap_or_default() };
     let begin = Instant::now();
     let world = World::build(&stage.things, &params).map_err(|e| format!("{}: {e}", stage.name))?;
     let (spent, statistics) = (begin.elapsed(), world.statistics());

@@ -1,8 +1,8 @@
 //! The command line.
 
 use clap::{Parser, ValueEnum};
-use mbkd::Policy;
 use mbkd::glam::Vec3;
+use mbkd::{KdParams, Policy};
 use mbkd_scenes::{CATALOGUE, Camera, View};
 use std::path::PathBuf;
 
@@ -166,17 +166,26 @@ impl CameraKeys {
 }
 
 /// The policies that can be asked for by name.
-pub const POLICIES: &[(&str, Policy)] =
-    &[("wide", Policy::Wide), ("mbkd", Policy::Mbkd), ("classic-kd", Policy::ClassicKd)];
+pub fn policies() -> [(&'static str, Policy); 3] {
+    [
+        ("wide", Policy::default()),
+        ("mbkd", Policy::Kd(KdParams::paper())),
+        ("classic-kd", Policy::Kd(KdParams::classic())),
+    ]
+}
 
 /// A policy's name on the command line.
 pub fn policy_name(policy: Policy) -> &'static str {
-    POLICIES.iter().find(|(_, p)| *p == policy).map_or("?", |(name, _)| name)
+    policies().into_iter().find(|(_, p)| *p == policy).map_or("?", |(name, _)| name)
 }
 
 fn policy(text: &str) -> Result<Policy, String> {
-    let known = || POLICIES.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
-    POLICIES.iter().find(|(name, _)| *name == text).map(|(_, p)| *p).ok_or_else(|| format!("known are {}", known()))
+    let known = || policies().map(|(name, _)| name).join(", ");
+    policies()
+        .into_iter()
+        .find(|(name, _)| *name == text)
+        .map(|(_, p)| p)
+        .ok_or_else(|| format!("known are {}", known()))
 }
 
 fn scene_name(text: &str) -> Result<String, String> {

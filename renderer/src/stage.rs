@@ -6,28 +6,34 @@ use mbkd::TriangleMesh;
 use mbkd::glam::Vec3;
 use mbkd_scenes::{Camera, FlakeSphere};
 
-/// Meshes or spheres.
-pub enum Things {
-    /// Triangle meshes, each with its surface.
-    Meshes(Vec<TriangleMesh>, Vec<Surface>),
+/// What there is to see.
+#[derive(Default)]
+pub struct Things {
+    /// Triangle meshes.
+    pub meshes: Vec<TriangleMesh>,
+    /// The surface of each mesh.
+    pub surfaces: Vec<Surface>,
     /// Spheres, coloured by level.
-    Spheres(Vec<FlakeSphere>),
+    pub spheres: Vec<FlakeSphere>,
 }
 
 impl Things {
-    /// Number of triangles or spheres.
+    /// Triangle meshes, each with its surface.
+    pub fn meshes(meshes: Vec<TriangleMesh>, surfaces: Vec<Surface>) -> Things {
+        Things { meshes, surfaces, spheres: Vec::new() }
+    }
+
+    /// Number of triangles and spheres.
     pub fn count(&self) -> usize {
-        match self {
-            Things::Meshes(meshes, _) => meshes.iter().map(TriangleMesh::len).sum(),
-            Things::Spheres(spheres) => spheres.len(),
-        }
+        self.meshes.iter().map(TriangleMesh::len).sum::<usize>() + self.spheres.len()
     }
 
     /// What they are called.
     pub fn noun(&self) -> &'static str {
-        match self {
-            Things::Meshes(..) => "triangles",
-            Things::Spheres(_) => "spheres",
+        match (self.meshes.is_empty(), self.spheres.is_empty()) {
+            (_, true) => "triangles",
+            (true, false) => "spheres",
+            (false, false) => "triangles and spheres",
         }
     }
 }

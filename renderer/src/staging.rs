@@ -144,7 +144,7 @@ fn posed(options: &Options, pose: Pose, bounds: Bounds) -> Stage {
     let camera = own.unwrap_or_else(|| frame_box(bounds, options.azimuth, options.elevation, aspect));
     let name = options.mesh[0].file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let sky = Sky::studio(Vec3::new(-0.55, 0.75, 0.55));
-    Stage { name, things: Things::Meshes(meshes, surfaces), camera, aperture: 0.0, focus: None, sky }
+    Stage { name, things: Things::meshes(meshes, surfaces), camera, aperture: 0.0, focus: None, sky }
 }
 
 /// Two triangles under a box, far beyond its sides.
@@ -173,12 +173,12 @@ const FLAKE: usize = 66_430;
 pub fn scene_of(name: &str, size: Option<usize>) -> Result<Stage, String> {
     let (things, camera) = if name == "flake" {
         let (spheres, camera) = flake(size.unwrap_or(FLAKE));
-        (Things::Spheres(spheres), camera)
+        (Things { spheres, ..Things::default() }, camera)
     } else {
         let recipe = mbkd_scenes::find(name).ok_or_else(|| format!("there is no scene `{name}`"))?;
         let scene = (recipe.make)(size.unwrap_or(recipe.full.min(700_000)));
         let surfaces = scene.looks.iter().map(Surface::of).collect();
-        (Things::Meshes(scene.meshes, surfaces), scene.camera)
+        (Things::meshes(scene.meshes, surfaces), scene.camera)
     };
     let sky = match name {
         "hall" | "camera" => Sky::afternoon(Vec3::new(-0.55, 0.62, 0.22)),

@@ -10,12 +10,12 @@ use crate::staging::scene_of;
 use crate::world::World;
 use indicatif::ProgressBar;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Policy, TriangleMesh};
+use mbkd::{BuildParams, KdParams, Policy, TriangleMesh};
 use mbkd_scenes::{Camera, View};
 use std::sync::atomic::AtomicBool;
 
 fn exposed(stage: &Stage, policy: Policy, job: &Job) -> Film {
-    let world = World::build(&stage.things, &BuildParams { policy, ..BuildParams::default() }).unwrap();
+    let world = World::build(&stage.things, &BuildParams { policy }).unwrap();
     render(&world, stage, job, &AtomicBool::new(false), &ProgressBar::hidden()).0
 }
 
@@ -36,7 +36,7 @@ fn square(keys: &[Vec3]) -> TriangleMesh {
 }
 
 fn stage(mesh: TriangleMesh, color: f32, sky: Sky, camera: Camera) -> Stage {
-    let things = Things::Meshes(vec![mesh], vec![Surface::plain(Vec3::splat(color))]);
+    let things = Things::meshes(vec![mesh], vec![Surface::plain(Vec3::splat(color))]);
     Stage { name: "test".into(), things, camera, aperture: 0.0, focus: None, sky }
 }
 
@@ -77,7 +77,7 @@ fn blur_is_the_share_of_time_that_a_pixel_is_covered() {
     let stage =
         stage(moving, 0.0, furnace(), Camera { keys: vec![View::new(Vec3::new(0.0, 0.0, 1e3), Vec3::ZERO, 0.004)] });
     let (width, samples) = (48, 64);
-    for policy in [Policy::default(), Policy::Mbkd, Policy::ClassicKd] {
+    for policy in [Policy::default(), Policy::Kd(KdParams::paper()), Policy::Kd(KdParams::classic())] {
         let film = exposed(&stage, policy, &Job { bounces: 0, ..job(width, 16, samples) });
         // The square is half as high as the picture: rows 4 to 11.
         for (i, c) in film.linear().into_iter().enumerate().skip(4 * width).take(8 * width) {
@@ -126,7 +126,7 @@ fn a_seed_gives_the_same_file_on_any_number_of_threads() {
     };
     let one = bytes(1, &job, Policy::default());
     assert_eq!(bytes(3, &job, Policy::default()), one);
-    assert_eq!(bytes(2, &job, Policy::Mbkd), one, "policies answer alike");
+    assert_eq!(bytes(2, &job, Policy::Kd(KdParams::paper())), one, "policies answer alike");
     assert_ne!(bytes(2, &Job { seed: 4, ..job }, Policy::default()), one);
 }
 

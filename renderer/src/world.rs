@@ -3,21 +3,18 @@
 use crate::materials::Surface;
 use crate::stage::{LEVELS, Things};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{
-    BuildError, BuildParams, Hit, Keys, MovingSphere, Observer, Ray, RayTree, Shapes, Statistics, TriangleMesh,
-};
+use mbkd::{BuildError, BuildParams, Hit, Keys, MovingSphere, Observer, Ray, RayTree, Shape, Statistics, TriangleMesh};
 use mbkd_scenes::FlakeSphere;
 
 /// A tree and the surfaces of the things in it.
 pub struct World {
-    tree: Tree,
+    tree: RayTree,
+    /// The surface and the triangles of each mesh.
+    surfaces: Vec<(Surface, Vec<[u32; 3]>)>,
+    /// The level of each sphere.
+    levels: Vec<u32>,
     /// How far points are lifted off a surface before the next ray starts, relative to the distances involved.
     lift: f32,
-}
-
-enum Tree {
-    Meshes { tree: RayTree, surfaces: Vec<Surface>, indices: Vec<Vec<[u32; 3]>> },
-    Spheres { tree: RayTree<Shapes<MovingSphere>>, levels: Vec<u32> },
 }
 
 /// A point on a surface.
@@ -33,70 +30,56 @@ pub struct Point {
 impl World {
     /// Builds the tree of a stage.
     pub fn build(things: &Things, params: &BuildParams) -> Result<World, BuildError> {
-        Ok(match things {
-            Things::Meshes(meshes, surfaces) => World {
-                lift: 4e-6 * meshes.iter().map(extent).fold(0.0, f32::max),
-                tree: Tree::Meshes {
-                    tree: RayTree::build(meshes, params)?,
-                    surfaces: surfaces.clone(),
-                    indices: meshes.iter().map(|mesh| mesh.indices.clone()).collect(),
-                },
-            },
-            Things::Spheres(spheres) => World {
-                lift: 1e-5,
-                tree: Tree::Spheres {
-                    tree: RayTree::of_primitives(spheres.iter().map(moving).collect(), params)?,
-                    levels: spheres.iter().map(|sphere| sphere.level).collect(),
-                },
-            },
+        let Things { meshes, surfaces, spheres } = things;
+        let lift = 4e-6 * meshes.iter().map(extent).fold(0.0, f32::max);
+        Ok(World {
+            tree: RayTree::of_scene(meshes, spheres.iter().map(moving).collect(), params)?,
+            surfaces: surfaces.iter().cloned().zip(meshes.iter().map(|mesh| mesh.indices.clone())).collect(),
+            levels: spheres.iter().map(|sphere| sphere.level).collect(),
+            lift: if spheres.is_empty() { lift } else { lift.max(1e-5) },
         })
     }
 
     /// The nearest hit.
     pub fn closest(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
-        match &self.tree {
-            Tree::Meshes { tree, .. } => tree.closest_hit_observed(ray, observer),
-            Tree::Spheres { tree, .. } => tree.closest_hit_observed(ray, observer),
-        }
+        self.tree.closest_hit_observed(ray, observer)
     }
 
     /// Whether there is any hit.
     pub fn any(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
-        match &self.tree {
-            Tree::Meshes { tree, .. } => tree.any_hit_observed(ray, observer),
-            Tree::Spheres { tree, .. } => tree.any_hit_observed(ray, observer),
-        }
+        self.tree.any_hit_observed(ray, observer)
     }
 
     /// What is where a ray hit.
     pub fn point(&self, ray: &Ray, hit: &Hit) -> Point {
         let at = ray.point(hit.t);
         let facing = |normal: Vec3| if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
-        let (flat, normal, color) = match &self.tree {
-            Tree::Meshes { tree, surfaces, indices } => {
-                let (mesh, triangle) = (hit.mesh as usize, hit.primitive as usize);
-                let flat = facing(tree.normal(hit, ray.time));
-                let surface = &surfaces[mesh];
-                (flat, surface.normal_at(hit, ray.time, flat), surface.color_at(hit, indices[mesh][triangle]))
+        let (flat, normal, color) = match self.surfaces.get(hit.mesh as usize) {
+            Some((surface, indices)) => {
+                let flat = facing(self.tree.normal(hit, ray.time));
+                let color = surface.color_at(hit, indices[hit.primitive as usize]);
+                (flat, surface.normal_at(hit, ray.time, flat), color)
             }
-            Tree::Spheres { tree, levels } => {
-                let sphere = hit.primitive as usize;
-                let (center, _) = tree.primitives()[sphere].at(ray.time);
-                let color = LEVELS[levels[sphere] as usize % LEVELS.len()];
-                let normal = facing((at - center).normalize_or_zero().as_vec3());
-                (normal, normal, color)
+            None => {
+                let normal = facing(self.sphere_normal(hit, at, ray.time));
+                (normal, normal, LEVELS[self.levels[hit.primitive as usize] as usize % LEVELS.len()])
             }
         };
         let lift = self.lift + 2e-6 * hit.t * ray.dir.length();
         Point { position: at + flat.as_dvec3() * f64::from(lift), normal, color }
     }
 
+    /// The outward normal of the sphere that was hit.
+    fn sphere_normal(&self, hit: &Hit, at: DVec3, time: f32) -> Vec3 {
+        match &self.tree.shapes()[hit.primitive as usize] {
+            Shape::Sphere(sphere) => (at - sphere.at(time).0).normalize_or_zero().as_vec3(),
+            Shape::Own(_) => Vec3::ZERO,
+        }
+    }
+
     /// Figures of the tree.
     pub fn statistics(&self) -> Statistics {
-        match &self.tree {
-            Tree::Meshes { tree, .. } => tree.statistics(),
-            Tree::Spheres { tree, .. } => tree.statistics(),
-        }
+        self.tree.statistics()
     }
 }
 
@@ -108,6 +91,6 @@ fn extent(mesh: &TriangleMesh) -> f32 {
     }
 }
 
-fn moving(sphere: &FlakeSphere) -> MovingSphere {
-    MovingSphere::new(sphere.centers.map(|center| (center.as_dvec3(), f64::from(sphere.radius))).into())
+fn moving(sphere: &FlakeSphere) -> Shape {
+    MovingSphere::new(sphere.centers.map(|center| (center.as_dvec3(), f64::from(sphere.radius))).into()).into()
 }

@@ -1,7 +1,7 @@
 //! The oracle: every primitive, one after the other, through the same kernel.
 
 use crate::error::BuildError;
-use crate::primitive::{Primitive, Shapes, TriangleMesh, Triangles};
+use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
 use crate::ray::{
     ClosestPoint, ClosestPointQuery, Everything, Filter, Geometry, Hit, Ray, TreeRay, Visible, closest_point_of_all,
 };
@@ -19,7 +19,7 @@ use crate::ray::{
 /// assert_eq!(tree.closest_hit(&ray), BruteForce::new(&meshes)?.closest_hit(&ray));
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
-pub struct BruteForce<G = Triangles> {
+pub struct BruteForce<G = Scene> {
     geometry: G,
 }
 
@@ -29,7 +29,15 @@ impl BruteForce {
     /// # Errors
     /// What is wrong with a mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
     pub fn new(meshes: &[TriangleMesh]) -> Result<BruteForce, BuildError> {
-        Ok(BruteForce { geometry: Triangles::new(meshes)? })
+        BruteForce::of_scene(meshes, Vec::new())
+    }
+
+    /// Takes meshes and other shapes.
+    ///
+    /// # Errors
+    /// As [`RayTree::of_scene`](crate::RayTree::of_scene) reports them.
+    pub fn of_scene(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<BruteForce, BuildError> {
+        Ok(BruteForce { geometry: Scene::new(meshes, shapes)? })
     }
 }
 
@@ -46,7 +54,7 @@ impl<P: Primitive> BruteForce<Shapes<P>> {
 impl<G: Geometry> BruteForce<G> {
     /// All accepted hits in the order of ids.
     fn visit(&self, ray: &Ray, filter: &impl Filter, mut visitor: impl FnMut(Hit)) {
-        let Some(ray) = TreeRay::new(ray, &self.geometry.frame()) else { return };
+        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return };
         for id in 0..self.geometry.len() as u32 {
             if self.geometry.active(id).contains(ray.time)
                 && filter.sees(|| self.geometry.mask(id))

@@ -11,6 +11,7 @@ use super::reference::Reference;
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
 use crate::simd::{SimdLevel, concat, huge_vec};
+use crate::tuning::wide::CROWDED;
 use core::ops::RangeInclusive;
 use glam::Vec3;
 
@@ -139,10 +140,6 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
     }
     references
 }
-
-/// Where both sides of a split have this many times the area of the node, neither is likely to be split much better:
-/// parts of needles and hair. A leaf block of sixteen at once costs a query no more there.
-const CROWDED: f32 = 1.4;
 
 struct Builder {
     simd: SimdLevel,

@@ -12,19 +12,10 @@ use super::reference::{Packed, Reference};
 use crate::geometry::{Box3, Ends, LinearBox3, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+use crate::tuning::presplit::{LEAST_AREA, MAX_MOTION_RATIO, MIN_SAVING};
 
 /// Most parts of one reference.
 const BINS: usize = 8;
-
-/// Only references whose motion is at most this part of their length are cut.
-const MAX_MOTION_RATIO: f32 = 0.6;
-
-/// A part must save at least this times the area of an average reference: it costs memory and a test.
-const MIN_SAVING: f32 = 0.2;
-
-/// The area that is left when nothing can be gained, in areas of the triangle: about that of a triangle in
-/// random position.
-const LEAST_AREA: f32 = 4.0;
 
 /// Evenly spaced planes across a reference.
 #[derive(Clone, Copy)]

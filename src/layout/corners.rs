@@ -5,7 +5,7 @@
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
-use crate::primitive::Triangles;
+use crate::primitive::{Scene, Triangles};
 use glam::Vec3;
 
 impl WideTree {
@@ -23,7 +23,7 @@ impl WideTree {
     /// The corners of a triangle at both keys of a segment. There are none where the tree is broken.
     pub(crate) fn piece(&self, set: &Triangles, id: u32, segment: usize) -> Option<([Vec3; 3], [Vec3; 3])> {
         let leaf = ChildRef(*self.blocks.get(set.piece(id, segment))?);
-        let lane = self.ids::<Triangles>(leaf)?.iter().position(|&other| other == id)?;
+        let lane = self.ids::<Scene>(leaf)?.iter().position(|&other| other == id)?;
         let (begin, end) = match leaf.kind() {
             Kind::StillLeaf | Kind::SharedStillLeaf => (0, 0),
             Kind::SharedLeaf => (0, VERTEX_ROWS),

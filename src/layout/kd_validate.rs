@@ -36,6 +36,15 @@ pub enum ValidationError {
         /// The leaf.
         node: usize,
     },
+    /// A primitive sticks out of the boxes above its leaf at some time.
+    Bounds {
+        /// The primitive's id.
+        primitive: u32,
+        /// The time.
+        time: f32,
+        /// The leaf.
+        node: usize,
+    },
 }
 
 impl fmt::Display for ValidationError {
@@ -46,6 +55,9 @@ impl fmt::Display for ValidationError {
             ValidationError::References { node } => write!(f, "the references of leaf {node} are not its own"),
             ValidationError::Missing { primitive, time, node } => {
                 write!(f, "leaf {node} misses primitive {primitive} at time {time}")
+            }
+            ValidationError::Bounds { primitive, time, node } => {
+                write!(f, "primitive {primitive} of leaf {node} sticks out of a box above it at time {time}")
             }
         }
     }

@@ -1,47 +1,47 @@
 //! Writes leaf blocks: what a set of primitives stores of itself in the arena.
 
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
-use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
 use crate::simd::{Arena, LANES, Lanes};
 use glam::Vec3;
 
 /// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
 pub(crate) trait WideSource: PrimitiveSet {
-    /// Whether leaf blocks may be lists of ids.
-    const LISTS: bool;
-    /// Number of linear pieces of all motions, for each of which it is kept in which leaf block it is; none where
-    /// nobody asks. Known from [`WideSource::piece`].
-    fn pieces(&self) -> usize {
-        0
-    }
-    /// The piece of a primitive's motion in a key segment.
-    fn piece(&self, id: u32, _: usize) -> usize {
-        id as usize
-    }
+    /// Whether there may be triangles, whose leaf blocks hold them; leaf blocks of other primitives are lists of ids.
+    const TRIANGLES: bool;
+    /// The triangles, whose ids come first.
+    fn triangles(&self) -> Option<&Triangles>;
     /// Drops what leaf blocks hold now.
     fn written(&mut self) {}
     /// Writes a leaf block for the key segment that begins at key `segment`; nothing where the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef>;
 }
 
-impl WideSource for Triangles {
-    const LISTS: bool = false;
+impl WideSource for Scene {
+    const TRIANGLES: bool = true;
 
-    fn pieces(&self) -> usize {
-        Triangles::pieces(self)
-    }
-
-    #[inline]
-    fn piece(&self, id: u32, segment: usize) -> usize {
-        Triangles::piece(self, id, segment)
+    fn triangles(&self) -> Option<&Triangles> {
+        Some(&self.triangles)
     }
 
     fn written(&mut self) {
-        self.drop_vertices();
+        self.triangles.drop_vertices();
     }
 
+    #[inline]
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef> {
-        let most = ids.iter().map(|&id| Triangles::keys(self, id)).max().unwrap_or(1);
+        // What is in a block is of one kind, since the build keeps kinds apart.
+        match ids.first().and_then(|&id| self.shape(id)) {
+            None => self.triangles.write_leaf(arena, ids, segment),
+            Some(_) => write_list(arena, ids),
+        }
+    }
+}
+
+impl Triangles {
+    /// Writes a block of triangles.
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef> {
+        let most = ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1);
         let n = ids.len();
         arena.align();
         if most <= 2
@@ -134,14 +134,23 @@ impl Shared {
 }
 
 impl<P: Primitive> WideSource for Shapes<P> {
-    const LISTS: bool = true;
+    const TRIANGLES: bool = false;
+
+    fn triangles(&self) -> Option<&Triangles> {
+        None
+    }
 
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: usize) -> Option<ChildRef> {
-        arena.align();
-        let at = arena.grow(ids.len());
-        arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);
-        ChildRef::new(Kind::OwnLeaf, at, ids.len())
+        write_list(arena, ids)
     }
+}
+
+/// Writes a list of ids.
+fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {
+    arena.align();
+    let at = arena.grow(ids.len());
+    arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);
+    ChildRef::new(Kind::OwnLeaf, at, ids.len())
 }
 
 /// Writes the corners of one triangle into lane `lane` of nine rows of `n`.

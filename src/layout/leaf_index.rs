@@ -5,6 +5,7 @@ use super::statistics::Statistics;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS};
 use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
+use crate::primitive::Triangles;
 use crate::simd::{LANES, huge_vec};
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -44,7 +45,7 @@ const SOON: usize = 8;
 impl WideTree {
     /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
     pub(crate) fn index_leaves<S: WideSource>(&self, set: &S) -> (Counts, Vec<u32>) {
-        let pieces = set.pieces();
+        let pieces = set.triangles().map_or(0, Triangles::pieces);
         let nowhere = || {
             let mut blocks = huge_vec(pieces);
             parallel::fill(&mut blocks, pieces, |_| AtomicU32::new(ChildRef::NOTHING.0));
@@ -150,8 +151,10 @@ impl WideTree {
                 }
                 let ids = self.ids::<S>(ChildRef(leaf.at)).unwrap_or(&[]);
                 references += ids.len();
-                for &id in if blocks.is_empty() { &[] } else { ids } {
-                    let block = &blocks[set.piece(id, leaf.segment as usize)];
+                let triangles = set.triangles().filter(|_| !self.is_list::<S>(ChildRef(leaf.at)));
+                for (&id, triangles) in ids.iter().zip(core::iter::repeat(triangles)) {
+                    let Some(triangles) = triangles else { break };
+                    let block = &blocks[triangles.piece(id, leaf.segment as usize)];
                     if several {
                         block.fetch_min(leaf.at, Ordering::Relaxed);
                     } else {

@@ -1,7 +1,7 @@
 //! From primitives to the wide layout.
 //!
-//! Primitives are grouped by how they move. What stands still or moves linearly becomes one group; meshes
-//! with more keys get a time node with one tree per key segment. Every group is first drafted: the binary
+//! Primitives are grouped by how they move. Triangles that stand still or move linearly become one group; meshes
+//! with more keys get a time node with one tree per key segment; other primitives are the last group. Every group is first drafted: the binary
 //! tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees divide the shutter
 //! ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in which they are
 //! children like leaf blocks.
@@ -14,7 +14,8 @@ use crate::bvh::{BinaryNode, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::parallel;
-use crate::params::{BuildParams, Division};
+use crate::params::{Division, WideParams};
+use crate::primitive::{PrimitiveSet, Triangles};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
@@ -31,13 +32,20 @@ struct Subtree {
 impl WideTree {
     /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each draft and each
     /// written group.
-    pub fn build<S: WideSource>(set: &S, params: &BuildParams, progress: &Progress) -> Result<WideTree, BuildError> {
+    pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
-        let mut tree = WideTree { arena, root: ChildRef::NOTHING, presplit: false, blocks, counts };
-        let groups = groups(set);
+        let lists = if S::TRIANGLES { usize::MAX } else { 0 };
+        let mut tree = WideTree { arena, root: ChildRef::NOTHING, lists, presplit: false, blocks, counts };
+        let triangles = set.triangles().map_or(0, Triangles::len);
+        let listed: Vec<u32> = (triangles as u32..set.len() as u32).collect();
+        let of_triangles = set.triangles().map_or(Vec::new(), groups);
         let mut parts = Vec::new();
-        for (keys, ids) in groups {
+        for (keys, ids) in of_triangles.into_iter().chain((!listed.is_empty()).then_some((2, listed))) {
             let share = ids.len() as f64 / set.len() as f64;
+            if ids[0] as usize >= triangles {
+                // The last group: what is written from now on.
+                tree.lists = tree.arena.len();
+            }
             parts.push(match keys {
                 2 => tree.linear(set, &ids, params, &|done| step(progress, share * done))?,
                 // Motion of several pieces: each piece on its own.
@@ -56,7 +64,7 @@ impl WideTree {
         &mut self,
         set: &S,
         ids: &[u32],
-        params: &BuildParams,
+        params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
         if let Division::Copies(copies) = params.division {
@@ -109,7 +117,7 @@ impl WideTree {
         ids: &[u32],
         parts: usize,
         segment_of: impl Fn(usize) -> usize,
-        params: &BuildParams,
+        params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
         let mut written = Vec::with_capacity(parts);
@@ -132,7 +140,7 @@ impl WideTree {
         set: &S,
         ids: &[u32],
         copies: usize,
-        params: &BuildParams,
+        params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
         self.in_slices(set, ids, copies, |_| 0, params, step)
@@ -224,8 +232,8 @@ fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
     if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
 }
 
-/// The primitives by their number of keys, at least two, fewest keys first.
-fn groups<S: WideSource>(set: &S) -> Vec<(usize, Vec<u32>)> {
+/// The triangles by their number of keys, at least two, fewest keys first.
+fn groups(set: &Triangles) -> Vec<(usize, Vec<u32>)> {
     if set.linear() && set.len() > 0 {
         let mut ids = huge_vec(set.len());
         parallel::fill(&mut ids, set.len(), |id| id as u32);

@@ -8,6 +8,8 @@ use crate::simd::{Arena, LANES};
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
+    /// Leaf blocks of the set's own that begin at this word or behind it are lists of ids.
+    pub lists: usize,
     /// Whether parts of one primitive may be in several leaf blocks.
     pub(crate) presplit: bool,
     /// A leaf block in which each piece of a primitive's motion is, see [`WideSource::piece`].
@@ -44,10 +46,16 @@ impl WideTree {
         }
     }
 
+    /// Whether a leaf block is a list of ids.
+    #[inline(always)]
+    pub fn is_list<S: WideSource>(&self, leaf: ChildRef) -> bool {
+        !S::TRIANGLES || leaf.kind() == Kind::OwnLeaf && leaf.at() >= self.lists
+    }
+
     /// The primitives of a leaf block; nothing where it is not a whole one.
     pub fn ids<S: WideSource>(&self, of: ChildRef) -> Option<&[u32]> {
         let block = self.arena.ints().get(of.at()..)?;
-        let ids = Ids::of(of, block, S::LISTS)?;
+        let ids = Ids::of(of, block, self.is_list::<S>(of))?;
         Some(&block[ids.first..][..ids.count])
     }
 

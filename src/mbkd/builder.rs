@@ -1,23 +1,21 @@
 //! Building the paper's tree, top down.
 //!
-//! A node's plane is chosen by its Normal references at mid-shutter ([`best_split`]); they are duplicated, its BP
-//! references propagated ([`Children`]), and the children built in turn, in parallel where they are large. What
-//! a node does depends on its own references and budgets only, so the tree is the same for any number of threads.
+//! One recursion for primitives and points ([`Moving`] is what differs). A node's plane is chosen by its Normal
+//! references at mid-shutter; they are duplicated, its BP references propagated ([`Children`]), and the children built
+//! in turn, in parallel where they are large. What a node does depends on its own references and budgets only, so the
+//! tree is the same for any number of threads.
 //!
 //! Budgets: a node may produce so many references in its leaves altogether. A plane that needs more is refused
 //! (the node becomes a leaf); what the plane leaves over is divided between the children by the number of their
 //! references.
 
-use super::distribute::{Children, References};
 use super::kd_tree::{KdNode, KdReference, KdTree};
-use super::reference::{Reference, Source};
-use super::sah::{self, best_split};
+use super::partition::{Children, References};
+use super::reference::{Moving, Reference};
 use super::times::BuildTimes;
-use crate::error::BuildError;
 use crate::geometry::{Box3, LinearBox3, Plane};
 use crate::limits::MAX_NODES;
-use crate::params::{BuildParams, Policy};
-use crate::primitive::PrimitiveSet;
+use crate::parallel;
 use crate::progress::Progress;
 use std::time::Instant;
 
@@ -26,45 +24,46 @@ const PARALLEL_FROM: usize = 4096;
 /// Below this depth nothing is handed to other threads: merging costs a copy of the subtree per level.
 const PARALLEL_DEPTH: u32 = 8;
 
-/// Builds a k-d tree by the policy of `params`, which must be valid.
-pub(crate) fn build_kd<S: PrimitiveSet>(
-    set: &S,
-    params: &BuildParams,
+/// What a build may use. Reaching a limit makes a leaf.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Budget {
+    /// The greatest depth, at most [`DEPTH_LIMIT`](crate::limits::DEPTH_LIMIT).
+    pub depth: u32,
+    /// The greatest number of references in all leaves.
+    pub references: f64,
+    /// Whether a reference that was BP and lies on one side of a plane again takes part in choosing planes again.
+    pub propagated_vote: bool,
+}
+
+/// Builds a k-d tree over things, of which these are the references, and `root` holds all at every time. What is built
+/// means nothing after the caller has cancelled the build, or where it exceeds the limits of the layout.
+pub(crate) fn build<M: Moving>(
+    things: &M,
+    references: Vec<Reference<M::Bounds>>,
+    root: Box3,
+    budget: Budget,
     progress: &Progress,
-) -> Result<(KdTree, BuildTimes), BuildError> {
-    let source = Source { set, swept: params.policy == Policy::ClassicKd, plane_time: params.plane_time };
-    let mut references = References::default();
-    references.normal.extend((0..set.len() as u32).map(|id| source.reference(id)));
-    // The swept root: everything at every time. Padded, so that flat scenes have a volume.
-    let mut root = references.normal.iter().fold(Box3::EMPTY, |b, r| b.union(r.bounds.swept()));
-    if references.len() == 0 {
-        root = Box3 { min: glam::Vec3::ZERO, max: glam::Vec3::ZERO };
-    }
-    let root = root.pad(1e-5 * root.magnitude());
-    let cell = LinearBox3 { begin: root, end: root };
-    for r in &mut references.normal {
-        r.part = source.part(r, cell);
-    }
-    let budget = (set.len() as f64 * f64::from(params.max_references)).min(f64::from(u32::MAX)) as u64;
-    let builder = Builder { source: &source, params, max_depth: params.depth_for(set.len()), progress };
+) -> (KdTree, BuildTimes) {
+    let builder = Builder { things, budget, progress };
+    let node = Node {
+        cell: LinearBox3 { begin: root, end: root },
+        references: References { normal: references, bp: Vec::new() },
+        depth: 0,
+        budget: budget.references.min(f64::from(u32::MAX)) as u64,
+        fraction: 1.0,
+    };
     let mut out = Output::default();
-    builder.build(Node { cell, references, depth: 0, budget, fraction: 1.0 }, &mut out);
-    if progress.cancelled() {
-        return Err(BuildError::Cancelled);
-    }
-    if out.nodes.len() > MAX_NODES || out.references.len() > u32::MAX as usize {
-        return Err(BuildError::TooManyReferences);
-    }
+    builder.build(node, &mut out);
     out.nodes.shrink_to_fit();
     out.references.shrink_to_fit();
-    Ok((KdTree { root, nodes: out.nodes, references: out.references, depth: out.depth }, out.times))
+    (KdTree { root, nodes: out.nodes, references: out.references, depth: out.depth }, out.times)
 }
 
 /// A node about to be split or made a leaf.
-struct Node {
+struct Node<B> {
     /// The cell at shutter open and close.
     cell: LinearBox3,
-    references: References,
+    references: References<B>,
     depth: u32,
     /// References that the leaves below may hold altogether.
     budget: u64,
@@ -92,16 +91,15 @@ impl Output {
     }
 }
 
-struct Builder<'a, S> {
-    source: &'a Source<'a, S>,
-    params: &'a BuildParams,
-    max_depth: u32,
+struct Builder<'a, M> {
+    things: &'a M,
+    budget: Budget,
     progress: &'a Progress<'a>,
 }
 
-impl<S: PrimitiveSet> Builder<'_, S> {
+impl<M: Moving> Builder<'_, M> {
     /// Appends the subtree of a node to `out`. Recursion is bounded by the depth budget.
-    fn build(&self, node: Node, out: &mut Output) {
+    fn build(&self, node: Node<M::Bounds>, out: &mut Output) {
         out.depth = out.depth.max(node.depth);
         let Some((plane, [left, right])) = self.split(&node, &mut out.times) else {
             return self.leaf(&node, out);
@@ -112,7 +110,7 @@ impl<S: PrimitiveSet> Builder<'_, S> {
         let at = out.nodes.len();
         out.nodes.push(KdNode::leaf(0, 0));
         if parallel {
-            let (left, right) = join(
+            let (left, right) = parallel::both(
                 || {
                     let mut out = Output::default();
                     self.build(left, &mut out);
@@ -139,7 +137,7 @@ impl<S: PrimitiveSet> Builder<'_, S> {
         index.min(MAX_NODES - 1) as u32
     }
 
-    fn leaf(&self, node: &Node, out: &mut Output) {
+    fn leaf(&self, node: &Node<M::Bounds>, out: &mut Output) {
         let first = out.references.len() as u32;
         out.references.extend(node.references.iter().map(|r| KdReference::new(r.id, r.interval)));
         // In the order of ids: neighbours in memory, and independent of how the references came here.
@@ -148,88 +146,69 @@ impl<S: PrimitiveSet> Builder<'_, S> {
         self.progress.finished(node.fraction);
     }
 
-    /// The plane and the children, or nothing where the node becomes a leaf.
-    fn split(&self, node: &Node, times: &mut BuildTimes) -> Option<(Plane, [Node; 2])> {
+    /// The plane and the children; `None` where the node becomes a leaf.
+    fn split(&self, node: &Node<M::Bounds>, times: &mut BuildTimes) -> Option<(Plane, [Node<M::Bounds>; 2])> {
         let references = &node.references;
-        if node.depth >= self.max_depth || references.len() < 2 || self.progress.cancelled() {
+        if node.depth >= self.budget.depth || references.len() < 2 || self.progress.cancelled() {
             return None;
         }
-        let params = self.params;
         let start = Instant::now();
-        let total: f64 = references.normal.iter().filter(|r| r.votes).map(|r| sah::weight(r, params)).sum();
-        let leaf_cost = sah::leaf_cost(total, params);
-        let split = best_split(&references.normal, node.cell.at(params.plane_time), params);
+        let plane = self.things.choose(&references.normal, &references.bp, node.cell);
         let chosen = Instant::now();
         times.planes += chosen - start;
-        let split = split.filter(|s| s.cost < leaf_cost)?;
+        let plane = plane?;
 
-        let mut children = Children::new(self.source, split.plane, node.cell);
+        let mut children = Children::new(self.things, plane, node.cell);
         for r in &references.normal {
             children.duplicate(r);
         }
         let duplicated = Instant::now();
         times.duplication += duplicated - chosen;
         for r in &references.bp {
-            children.propagate(r, params.propagated_vote);
+            children.propagate(r, self.budget.propagated_vote);
         }
         times.propagation += duplicated.elapsed();
 
-        let counts = [0, 1].map(|side| children.references[side].len() as u64);
-        let sum = counts[0] + counts[1];
-        if sum > node.budget {
+        let [l, r] = [0, 1].map(|side| children.references[side].len());
+        let sum = (l + r) as u64;
+        if sum > node.budget || !self.things.worthwhile(references.len(), [l, r]) {
             return None;
         }
         let spare = (node.budget - sum) as f64;
-        let share = |n: u64| if sum > 0 { n as f64 / sum as f64 } else { 0.5 };
+        let share = |n: usize| if sum > 0 { n as f64 / sum as f64 } else { 0.5 };
         let [left, right] = children.references;
-        let child = |side: usize, references: References| Node {
+        let child = |side: usize, references: References<M::Bounds>| Node {
             cell: children.cells[side],
+            budget: references.len() as u64 + (spare * share(references.len())) as u64,
+            fraction: node.fraction * share(references.len()),
             references,
             depth: node.depth + 1,
-            budget: counts[side] + (spare * share(counts[side])) as u64,
-            fraction: node.fraction * share(counts[side]),
         };
-        Some((split.plane, [child(0, left), child(1, right)]))
+        Some((plane, [child(0, left), child(1, right)]))
     }
 }
-
-/// Both closures, in parallel where the crate may.
-#[cfg(feature = "rayon")]
-fn join<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
-    rayon::join(a, b)
-}
-
-#[cfg(not(feature = "rayon"))]
-fn join<A, B>(a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B) {
-    (a(), b())
-}
-
-/// Keeps `Reference` small: it is copied at every level.
-const _: () = assert!(size_of::<Reference>() <= 88);
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mbkd::build_kd;
+    use crate::params::KdParams;
     use crate::primitive::Triangles;
     use crate::scene;
 
-    fn serialized(name: &str, params: &BuildParams) -> Vec<u8> {
-        let scene = (scene::find(name).unwrap().make)(30_000);
-        let set = Triangles::new(&scene.meshes).unwrap();
-        build_kd(&set, params, &Progress::new(None)).unwrap().0.serialized()
-    }
-
     #[cfg(feature = "rayon")]
     #[test]
-    fn the_same_bytes_on_any_number_of_threads() {
-        for params in [BuildParams::paper(), BuildParams { moving_planes: true, ..BuildParams::paper() }] {
+    fn the_same_tree_on_any_number_of_threads() {
+        for params in [KdParams::paper(), KdParams { moving_planes: true, ..KdParams::paper() }] {
             for name in ["hairball", "hall"] {
+                let scene = (scene::find(name).unwrap().make)(30_000);
+                let set = Triangles::new(&scene.meshes).unwrap();
                 let on = |threads| {
                     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                    pool.install(|| serialized(name, &params))
+                    pool.install(|| build_kd(&set, &params, &Progress::new(None)).unwrap().0)
                 };
                 let one = on(1);
-                assert!(one.len() > 1_000_000, "large enough to be divided: {}", one.len());
+                assert!(one.bytes() > 1_000_000, "large enough to be divided: {}", one.bytes());
                 for threads in [2, 3, 8] {
                     assert!(on(threads) == one, "{name} with {threads} threads");
                 }
@@ -243,7 +222,7 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let mut before = 0;
         for max_references in [1.0, 2.0, 8.0, 30.0] {
-            let params = BuildParams { max_references, ..BuildParams::paper() };
+            let params = KdParams { max_references, ..KdParams::paper() };
             let (tree, _) = build_kd(&set, &params, &Progress::new(None)).unwrap();
             let n = tree.references.len();
             assert!(n <= (max_references * 5_000.0) as usize && n >= before, "{n} with {max_references}");
@@ -257,7 +236,7 @@ mod tests {
         let scene = (scene::find("hall").unwrap().make)(5_000);
         let set = Triangles::new(&scene.meshes).unwrap();
         for max_depth in [0, 1, 7] {
-            let params = BuildParams { max_depth: Some(max_depth), ..BuildParams::paper() };
+            let params = KdParams { max_depth: Some(max_depth), ..KdParams::paper() };
             let (tree, _) = build_kd(&set, &params, &Progress::new(None)).unwrap();
             assert_eq!((tree.depth, tree.validate(&set)), (max_depth, Ok(())));
         }

@@ -2,7 +2,8 @@
 //!
 //! This is the heart of the paper (section 3.1): a thing that crosses the plane during the shutter counts on
 //! each side for the time interval it spends there. It is one piece of code for triangles, spheres, the
-//! caller's primitives and points: all of them come as a linear [`Extent`] along the plane's axis.
+//! caller's primitives and points: all of them come as a linear [`Extent`] along the plane's axis, and differ
+//! in how the crossing times are rounded ([`Rounding`]).
 //! Repeated at every plane on the way down, with the interval that came out of the plane above, it is
 //! the paper's duplication (section 3.1.1) and propagation (section 3.1.2) alike.
 
@@ -13,6 +14,24 @@ use crate::geometry::{Extent, Line, Plane, TimeInterval};
 pub(crate) struct Sides {
     pub left: Option<TimeInterval>,
     pub right: Option<TimeInterval>,
+}
+
+/// How the times are rounded at which a thing crosses a plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rounding {
+    /// Both intervals outward: for things with an extent, which count on both sides for a while anyway.
+    Outward,
+    /// To the nearest float, which both intervals share: for points, which count on one side at every time.
+    ExactlyOnce,
+}
+
+/// When an extent is below the plane and when above it.
+#[inline]
+pub(crate) fn classify(extent: Extent, plane: Plane, rounding: Rounding) -> Sides {
+    match rounding {
+        Rounding::Outward => outward(extent, plane),
+        Rounding::ExactlyOnce => exactly_once(extent.lower, extent.interval, plane),
+    }
 }
 
 /// Signed distance to the plane at both ends of the interval.
@@ -61,7 +80,7 @@ fn negative_by(
 /// The left interval is {lower < plane}, the right one {upper > plane}; each is one interval because
 /// the bounds are linear. What only touches the plane belongs to the other side alone, and what lies in the
 /// plane throughout to the left: a ray that crosses the plane visits both sides with slack.
-pub(crate) fn classify(extent: Extent, plane: Plane) -> Sides {
+fn outward(extent: Extent, plane: Plane) -> Sides {
     let interval = extent.interval;
     let low = distance(extent.lower, interval, plane);
     let (high0, high1) = distance(extent.upper, interval, plane);
@@ -98,7 +117,7 @@ pub(crate) fn classify(extent: Extent, plane: Plane) -> Sides {
 ///
 /// A point in the plane is on the right. The crossing is one float, rounded to nearest: near it the point
 /// may be an ulp on the wrong side, for which queries that prune by planes keep slack.
-pub(crate) fn classify_point(position: Line, interval: TimeInterval, plane: Plane) -> Sides {
+fn exactly_once(position: Line, interval: TimeInterval, plane: Plane) -> Sides {
     let d = distance(position, interval, plane);
     if (d.0 < 0.0) == (d.1 < 0.0) {
         return if d.0 < 0.0 {
@@ -163,7 +182,7 @@ mod tests {
     #[test]
     fn the_papers_eight_cases_and_the_still_ones() {
         let full = TimeInterval::FULL;
-        let sides = |lower, upper| classify(extent(full, lower, upper), PLANE);
+        let sides = |lower, upper| classify(extent(full, lower, upper), PLANE, Rounding::Outward);
         // Still: left, right, straddling throughout.
         assert_eq!(sides((-2.0, -2.0), (-1.0, -1.0)), Sides { left: Some(full), right: None });
         assert_eq!(sides((1.0, 1.0), (2.0, 2.0)), Sides { left: None, right: Some(full) });
@@ -199,7 +218,7 @@ mod tests {
             ((1.0, -1.0), (1.0, -1.0)),
         ];
         for (lower, upper) in cases {
-            let sides = classify(extent(full, lower, upper), PLANE);
+            let sides = classify(extent(full, lower, upper), PLANE, Rounding::Outward);
             for i in 0..=1000 {
                 let t = i as f32 / 1000.0;
                 let inside = |side: Option<TimeInterval>| side.is_some_and(|s| s.contains(t));
@@ -222,7 +241,7 @@ mod tests {
             let upper = (lower.0 + next().abs(), lower.1 + next().abs());
             let plane = Plane { axis: 1, position: 0.3 * next() as f32, velocity: next() as f32 };
             let e = extent(interval, lower, upper);
-            let sides = classify(e, plane);
+            let sides = classify(e, plane, Rounding::Outward);
             for i in 0..50 {
                 let w = f64::from(i) / 50.0;
                 let t = interval.begin() + interval.duration() * w as f32;
@@ -235,7 +254,7 @@ mod tests {
                 assert!(at(e.lower) >= plane.at(t) - 1e-12 || holds(sides.left), "{e:?} {plane:?} {t} {sides:?}");
                 assert!(at(e.upper) <= plane.at(t) + 1e-12 || holds(sides.right), "{e:?} {plane:?} {t} {sides:?}");
             }
-            let point = classify_point(e.lower, interval, plane);
+            let point = classify(Extent { upper: e.lower, ..e }, plane, Rounding::ExactlyOnce);
             for i in 0..=50 {
                 let t = interval.begin() + interval.duration() * (i as f32 / 50.0);
                 let holds = |side: Option<TimeInterval>| side.is_some_and(|s| s.contains(t));

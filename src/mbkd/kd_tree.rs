@@ -91,17 +91,4 @@ impl KdTree {
     pub fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<KdNode>() + self.references.capacity() * size_of::<KdReference>()
     }
-
-    /// The tree as bytes, for comparing trees exactly.
-    #[cfg(test)]
-    pub fn serialized(&self) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        for n in &self.nodes {
-            bytes.extend([n.a, n.b, n.link].into_iter().flat_map(u32::to_le_bytes));
-        }
-        for r in &self.references {
-            bytes.extend([r.id, r.begin.to_bits(), r.end.to_bits()].into_iter().flat_map(u32::to_le_bytes));
-        }
-        bytes
-    }
 }

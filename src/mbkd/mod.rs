@@ -1,16 +1,27 @@
-//! The paper's build: references are classified against split planes over time intervals, duplicated and propagated.
+//! The paper's build, for primitives and points alike: references are classified against split planes over time intervals,
+//! duplicated and propagated.
+//!
+//! `classify` says when something is on which side of a plane, `partition` hands references to the children, `builder` is
+//! the recursion with its budgets, and every build ends in a [`KdTree`]. What differs is behind
+//! `reference::Moving`: `primitives` takes planes by the surface area heuristic (`sah`) and rounds intervals outward,
+//! `trajectories` takes the median and has each point on one side of a plane at every time.
 //!
 //! Source: X. Yang et al., "k-d Tree Construction Designed for Motion Blur".
 
 mod builder;
 mod classify;
-mod distribute;
 mod kd_tree;
+mod partition;
+mod primitives;
 mod reference;
 mod sah;
 mod times;
+mod trajectories;
 
-pub(crate) use builder::build_kd;
-pub(crate) use classify::classify_point;
-pub(crate) use kd_tree::{KdReference, KdTree, KdView};
+pub(crate) use kd_tree::{KdNode, KdReference, KdTree, KdView};
+pub(crate) use primitives::build_kd;
 pub(crate) use times::BuildTimes;
+pub(crate) use trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};
+
+#[cfg(test)]
+mod tests;

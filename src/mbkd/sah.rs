@@ -10,9 +10,24 @@
 //! Binning was preferred to sorted events because ramps make twice the events and because
 //! references that move do not keep one sorted order during the shutter.
 
-use super::reference::Reference;
-use crate::geometry::{Box3, Plane};
-use crate::params::BuildParams;
+use super::reference::{Reference, home};
+use crate::geometry::{Box3, LinearBox3, Plane};
+use crate::params::KdParams;
+
+/// Where a primitive is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    /// During the interval (the whole primitive, not only its part in the cell).
+    pub whole: LinearBox3,
+    /// Its part in the node's cell at its voting time ([`Reference::home`]).
+    pub part: Box3,
+}
+
+/// A reference of a primitive.
+pub(crate) type BoxReference = Reference<Bounds>;
+
+/// Keeps it small: it is copied at every level.
+const _: () = assert!(size_of::<BoxReference>() <= 88);
 
 /// Bins per axis.
 const BINS: usize = 32;
@@ -30,17 +45,17 @@ pub(crate) struct Split {
 }
 
 /// How much a reference counts.
-pub(crate) fn weight(reference: &Reference, params: &BuildParams) -> f64 {
+pub(crate) fn weight(reference: &BoxReference, params: &KdParams) -> f64 {
     if params.time_weighted { f64::from(reference.interval.duration()) } else { 1.0 }
 }
 
 /// The cost of a leaf with the given sum of weights.
-pub(crate) fn leaf_cost(weight: f64, params: &BuildParams) -> f64 {
+pub(crate) fn leaf_cost(weight: f64, params: &KdParams) -> f64 {
     f64::from(params.intersection_cost) * weight
 }
 
 /// The cheapest plane through a cell (given at plane time), if there is any candidate.
-pub(crate) fn best_split(references: &[Reference], cell: Box3, params: &BuildParams) -> Option<Split> {
+pub(crate) fn best_split(references: &[BoxReference], cell: Box3, params: &KdParams) -> Option<Split> {
     let mut best: Option<Split> = None;
     for axis in 0..3 {
         let mut consider = |velocity: f32| {
@@ -62,10 +77,10 @@ pub(crate) fn best_split(references: &[Reference], cell: Box3, params: &BuildPar
 }
 
 /// The mean velocity of the voters along an axis, weighted by the time they live.
-fn mean_velocity(references: &[Reference], axis: usize) -> f32 {
+fn mean_velocity(references: &[BoxReference], axis: usize) -> f32 {
     let (mut way, mut time) = (0.0f64, 0.0f64);
     for r in references.iter().filter(|r| r.votes) {
-        let (b, e) = (r.bounds.begin, r.bounds.end);
+        let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
         way += f64::from((e.min[axis] - b.min[axis]) + (e.max[axis] - b.max[axis])) * 0.5;
         time += f64::from(r.interval.duration());
     }
@@ -131,30 +146,30 @@ impl Edges {
 /// Lower and upper bound of a reference at the begin and end of its interval in the frame of a plane that moves
 /// with `velocity`, shrunk to its part in the cell.
 #[inline]
-fn lines(r: &Reference, axis: usize, velocity: f32, plane_time: f32) -> ([f32; 2], [f32; 2]) {
+fn lines(r: &BoxReference, axis: usize, velocity: f32, plane_time: f32) -> ([f32; 2], [f32; 2]) {
     let (begin, end) = (r.interval.begin(), r.interval.end());
-    let home = Reference::home(r.interval, plane_time);
+    let home = home(r.interval, plane_time);
     let w = if end > begin { (home - begin) / (end - begin) } else { 0.0 };
-    let (l0, l1) = (r.bounds.begin.min[axis], r.bounds.end.min[axis]);
-    let (u0, u1) = (r.bounds.begin.max[axis], r.bounds.end.max[axis]);
+    let (l0, l1) = (r.bounds.whole.begin.min[axis], r.bounds.whole.end.min[axis]);
+    let (u0, u1) = (r.bounds.whole.begin.max[axis], r.bounds.whole.end.max[axis]);
     // How far the part in the cell stays behind the whole primitive, at the voting time.
-    let raise = r.part.min[axis] - (l0 + (l1 - l0) * w);
-    let lower = r.part.max[axis] - (u0 + (u1 - u0) * w);
+    let raise = r.bounds.part.min[axis] - (l0 + (l1 - l0) * w);
+    let lower = r.bounds.part.max[axis] - (u0 + (u1 - u0) * w);
     let (s0, s1) = (velocity * (begin - plane_time), velocity * (end - plane_time));
     ([l0 + raise - s0, l1 + raise - s1], [u0 + lower - s0, u1 + lower - s1])
 }
 
 fn best_on_axis(
-    references: &[Reference],
+    references: &[BoxReference],
     cell: Box3,
     axis: usize,
     velocity: f32,
-    params: &BuildParams,
+    params: &KdParams,
 ) -> Option<Split> {
     let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
     for r in references.iter().filter(|r| r.votes) {
-        low = low.min(r.part.min[axis]);
-        high = high.max(r.part.max[axis]);
+        low = low.min(r.bounds.part.min[axis]);
+        high = high.max(r.bounds.part.max[axis]);
     }
     let edges = Edges::new(low.max(cell.min[axis]), high.min(cell.max[axis]));
     let (mut left, mut right) = (Ramps::ZERO, Ramps::ZERO);

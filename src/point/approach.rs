@@ -10,9 +10,11 @@
 use super::flyby::{Together, Way};
 use super::over_interval::{Boxed, Flight};
 use super::partition::Layer;
+use super::plane_tree::PlaneTree;
 use super::tree::PointTree;
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_POINT_COORDINATE;
+use crate::mbkd::KdView;
 use crate::primitive::Position;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use core::cmp::Reverse;
@@ -110,10 +112,23 @@ fn lesser(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
+/// Whether a lower bound of squared distances, which has slack for its own rounding, rules out anything better.
+#[inline(always)]
+fn worse(bound: f64, contest: &Contest) -> bool {
+    bound > contest.most * contest.most
+}
+
 /// Equal parts of an interval over which a box is bounded one by one.
 const STEPS: usize = 4;
 
 impl Way {
+    /// Where the query is at a time.
+    fn at(&self, time: f64) -> DVec3 {
+        let length = self.times[1] - self.times[0];
+        let w = if length > 0.0 { (time - self.times[0]) / length } else { 0.0 };
+        self.from + (self.to - self.from) * w
+    }
+
     /// Squared distances that no point of each lane's box falls below during the interval; NaN where nothing counts.
     ///
     /// Over each step both the box and the query move linearly, so the gap along an axis is least at an
@@ -179,8 +194,6 @@ impl Way {
     /// Enters the points of a tree into the contest.
     fn search<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
         let (keys, segment, _) = tree.part();
-        // The bound has slack for the rounding of squares.
-        let worse = |bound: f64, contest: &Contest| bound > contest.most * contest.most;
         let (top, root) = tree.top();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
         while let Some(Reverse((bits, level, node))) = open.pop() {
@@ -206,15 +219,77 @@ impl Way {
                 }
                 for flight in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
                     let Some(flight) = tree.flight(flight.0, flight.1) else { continue };
-                    let Some(together) = Together::new(self, &flight, keys, segment) else { continue };
-                    let (about, slack) = together.about(self, &flight);
-                    if about - slack <= contest.most && keep(flight.id) {
-                        contest.enter(self, (about, slack), flight, together);
-                    }
+                    self.enter(flight, keys, segment, keep, contest);
                 }
             }
         }
     }
+
+    /// Enters the points of a k-d tree: both sides of each plane, the nearer one first.
+    fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+        let part = tree.part();
+        let first = self.times[0].max(part.interval.begin().into());
+        let last = self.times[1].min(part.interval.end().into());
+        if first > last {
+            return;
+        }
+        let times: [f64; STEPS + 1] = core::array::from_fn(|i| first + (last - first) * (i as f64 / STEPS as f64));
+        let query = times.map(|time| self.at(time).to_array());
+        let mut open = vec![Beyond { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
+        while let Some(Beyond { node, distance, gaps }) = open.pop() {
+            if worse(distance, contest) {
+                continue;
+            }
+            match tree.node(node) {
+                KdView::Leaf { first, count } => {
+                    let blocks = first as usize..(first + count) as usize;
+                    for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
+                        let Some(flight) = tree.flight(block, lane) else { continue };
+                        self.enter(flight, part.keys, part.segment, keep, contest);
+                    }
+                }
+                KdView::Inner { plane, right } => {
+                    let axis = plane.axis;
+                    let at = times.map(|t| f64::from(plane.position) + f64::from(plane.velocity) * t);
+                    let size = (0..=STEPS).map(|i| at[i].abs() + query[i][axis].abs()).fold(0.0, f64::max);
+                    let child = |node: u32, sign: f64| {
+                        let mut gaps = gaps;
+                        let slack = tree.slack(node) + size * 1e-12;
+                        let gap = |i: usize| sign * (at[i] - query[i][axis]) - slack;
+                        for (step, least) in gaps[axis].iter_mut().enumerate() {
+                            // Linear over the step, so it is least at an end.
+                            *least = greater(*least, lesser(gap(step), gap(step + 1)));
+                        }
+                        let square = |step: usize| gaps.iter().map(|g| g[step] * g[step]).sum::<f64>();
+                        let least = (0..STEPS).map(square).fold(f64::INFINITY, f64::min);
+                        Beyond { node, distance: least * (1.0 - 1e-12), gaps }
+                    };
+                    let (below, above) = (child(node + 1, -1.0), child(right, 1.0));
+                    let above_first = above.distance < below.distance;
+                    open.extend(if above_first { [below, above] } else { [above, below] });
+                }
+            }
+        }
+    }
+
+    /// Enters a point that may be the answer.
+    fn enter(&self, flight: Flight, keys: usize, segment: usize, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+        let Some(together) = Together::new(self, &flight, keys, segment) else { return };
+        let (about, slack) = together.about(self, &flight);
+        if about - slack <= contest.most && keep(flight.id) {
+            contest.enter(self, (about, slack), flight, together);
+        }
+    }
+}
+
+/// A subtree of a k-d tree still to be visited.
+#[derive(Clone, Copy)]
+struct Beyond {
+    node: u32,
+    /// Squared distance that no point in it falls below.
+    distance: f64,
+    /// How far the query is outside of it over each step, per axis, at least.
+    gaps: [[f64; STEPS]; 3],
 }
 
 impl PointTree {
@@ -264,6 +339,7 @@ impl PointTree {
             match layer {
                 Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut contest),
                 Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut contest)),
+                Layer::Planes(parts) => parts.iter().for_each(|tree| way.search_planes(tree, &keep, &mut contest)),
             }
         }
         for tree in self.precise.iter().flat_map(|layer| &layer.parts) {

@@ -7,10 +7,10 @@
 
 use super::neighbor::Neighbor;
 use super::query::{NeighborBuffer, NeighborQuery};
-use super::snapshot::NEAR;
 use super::tree::PointTree;
 use crate::geometry::morton_code;
 use crate::primitive::Position;
+use crate::tuning::points::NEAR;
 use glam::Vec3;
 
 /// Neighbours of many queries: one list for each, in the order of the queries.

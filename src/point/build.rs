@@ -2,38 +2,42 @@
 //! shutter into parts.
 
 use super::error::PointError;
-use super::fast::mark_fast;
 use super::moving_reference::{Mover, Part, exact_phase};
 use super::moving_tree::MovingTree;
 use super::order::Item;
 use super::partition::Layer;
-use super::plane_splits;
+use super::plane_tree::PlaneTree;
 use super::static_tree::StaticTree;
 use crate::geometry::TimeInterval;
 use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::primitive::PointSet;
 use glam::DVec3;
 
-/// How movers are put into trees.
+/// How moving points are put into trees.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Plan {
-    /// Trees side by side in time, for each segment between keys.
-    pub(super) parts: usize,
-    /// Binary levels that separate by life.
-    pub(super) life_levels: usize,
-    /// What is cut at planes.
-    pub(super) cut: Cut,
-    /// Most references per mover when something is cut.
-    pub(super) references: f32,
+pub(super) enum Plan {
+    /// Trees of boxes, so many side by side in time for each segment between keys.
+    Boxes(usize),
+    /// One k-d tree for each segment, with at most so many references for each point.
+    Planes(f32),
 }
 
-/// What is cut at planes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Cut {
-    Nothing,
-    /// What moves far relative to its neighbours.
-    Fast,
-    Everything,
+impl Plan {
+    /// Trees for each segment between keys.
+    pub(super) fn parts(self) -> usize {
+        match self {
+            Plan::Boxes(parts) => parts,
+            Plan::Planes(_) => 1,
+        }
+    }
+
+    /// The layer over `movers` of each of these parts of the shutter.
+    pub(super) fn layer(self, parts: &[Part], movers: impl Fn(&Part) -> Vec<Mover>) -> Layer {
+        match self {
+            Plan::Boxes(_) => Layer::Moving(parts.iter().map(|p| MovingTree::build(&movers(p), *p)).collect()),
+            Plan::Planes(most) => Layer::Planes(parts.iter().map(|p| PlaneTree::build(&movers(p), *p, most)).collect()),
+        }
+    }
 }
 
 /// A set as it was read: each position, life and id once, so that a set which contradicts itself can not make the build
@@ -160,7 +164,7 @@ impl Source {
                 let life = self.alive(i);
                 let alive = life.intersect(part.interval)?;
                 let (open, close) = (self.at(i, part.segment), self.at(i, later));
-                Some(Mover { open, close, alive, life, id: id(i), cut: false })
+                Some(Mover { open, close, alive, life, id: id(i), fast: false })
             })
             .collect()
     }
@@ -260,20 +264,9 @@ fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
     t
 }
 
-/// Builds the tree of one part.
-pub(super) fn part_tree(mut movers: Vec<Mover>, part: Part, plan: &Plan) -> MovingTree {
-    match plan.cut {
-        Cut::Nothing => return MovingTree::complete(&movers, part, plan.life_levels),
-        Cut::Fast => mark_fast(&mut movers, &part),
-        Cut::Everything => movers.iter_mut().for_each(|m| m.cut = true),
-    }
-    plane_splits::build(movers, part, plan.references)
-}
-
 /// Builds a moving layer of some of the points.
-pub(super) fn moving_layer(source: &Source, select: impl Iterator<Item = usize> + Clone, plan: &Plan) -> Layer {
-    let tree = |part: Part| part_tree(source.movers(&part, select.clone(), |i| source.id(i)), part, plan);
-    Layer::Moving(parts(source.keys, plan.parts).into_iter().map(tree).collect())
+pub(super) fn moving_layer(source: &Source, select: impl Iterator<Item = usize> + Clone, plan: Plan) -> Layer {
+    plan.layer(&parts(source.keys, plan.parts()), |part| source.movers(part, select.clone(), |i| source.id(i)))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! in each structure that comes into question, and a few hundred searches among them are counted in
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
-use super::build::{Cut, Plan, part_tree, parts};
+use super::build::{Plan, parts};
 use super::fast::{mark_fast, places};
 use super::moving_reference::Mover;
 use super::order::order;
@@ -14,34 +14,11 @@ use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::{KeepAll, NeighborWork};
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
+use crate::tuning::points::{
+    BLOCK_PRICE, COLD, GAIN, HALF_COLD, REFERENCE_BYTES, SAMPLE, SAMPLES, SEARCH_PRICE, SEARCHES,
+};
 use glam::Vec3;
-
-/// Points of each sample, samples, and searches in each of them.
-const SAMPLE: usize = 1 << 15;
-const SAMPLES: usize = 2;
-const SEARCHES: usize = 192;
-
-/// Price of a block in nodes: a node has twelve rows and leads on, a block has six and does not.
-const BLOCK_PRICE: f64 = 0.7;
-
-/// What a search costs besides, in nodes: setting out and putting the found ones in order.
-const SEARCH_PRICE: f64 = 6.0;
-
-/// What a search costs besides when all it touches comes from memory, in nodes: some eight nodes of twelve cache lines
-/// and eight blocks of seven, each line about as dear as a node in the cache. Whatever a search visits beyond that
-/// lies beside it and is asked for ahead, so this does not grow with the work.
-const COLD: f64 = 150.0;
-
-/// Bytes of a structure of which half is found in no cache, by searches that follow each other through space at times of
-/// their own: the more trees they are spread over, the less one finds of what the one before has fetched.
-const HALF_COLD: f64 = 430e6;
-
-/// Bytes of a reference with its share of nodes.
-const REFERENCE_BYTES: f64 = 32.0;
-
-/// A structure must be this much cheaper than a smaller one to be taken.
-const GAIN: f64 = 0.93;
 
 /// What was tried and what it costs per search, in node visits of a small tree.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,38 +42,29 @@ struct Sample {
 
 /// The cheapest structure for movers, which are all those of one segment, and all that was tried.
 pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, simd: SimdLevel) -> (Trial, Vec<Trial>) {
-    let simple = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: most };
+    let simple = Plan::Boxes(1);
     if movers.is_empty() {
         let trial = Trial { plan: simple, fast: None, cost: 0.0, references: 0 };
         return (trial.clone(), vec![trial]);
     }
     let samples = samples(movers, keys, segment);
-    let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
-    let fast: usize = samples.iter().map(|s| s.movers.iter().filter(|m| m.cut).count()).sum();
+    let fast: usize = samples.iter().map(|s| s.movers.iter().filter(|m| m.fast).count()).sum();
     let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.movers.len()).sum::<usize>();
-    let trial = |plan: &Plan, fast: Option<&Plan>| {
+    let trial = |plan: Plan, fast: Option<Plan>| {
         let all = samples.iter().map(|s| work(s, plan, fast, simd));
         let (cost, references) = all.fold((0.0, 0), |sum, (cost, n)| (sum.0 + cost, sum.1 + n));
-        Trial { plan: *plan, fast: fast.copied(), cost: cost / samples.len() as f64, references }
+        Trial { plan, fast, cost: cost / samples.len() as f64, references }
     };
-    let mut others = vec![];
-    if mortal && keys <= 2 {
-        others.extend([2, 3].map(|life_levels| Plan { life_levels, ..simple }));
-    }
-    if few {
-        others.push(Plan { cut: Cut::Fast, references: most.min(1.5), ..simple });
-    }
-    let mut trials = vec![trial(&simple, None)];
-    trials.extend(others.iter().map(|plan| trial(plan, None)));
-    let finer = [2, 4, 8, 16, 32].map(|parts| Plan { parts, ..simple });
-    let affordable = |plan: &&Plan| {
-        let total: usize = movers.iter().map(|m| references(m.life, plan, keys)).sum();
+    let mut trials = vec![trial(simple, None)];
+    let finer = [2, 4, 8, 16, 32].map(Plan::Boxes);
+    let affordable = |plan: &Plan| {
+        let total: usize = movers.iter().map(|m| references(m.life, plan.parts(), keys)).sum();
         total as f64 <= f64::from(most) * movers.len() as f64
     };
     // Finer parts until twice finer does not help any more.
-    let mut refine = |fixed: Option<&Plan>| {
+    let mut refine = |fixed: Option<Plan>| {
         let mut before = f64::INFINITY;
-        for plan in finer.iter().filter(affordable) {
+        for plan in finer.into_iter().filter(affordable) {
             let (slow, fast) = fixed.map_or((plan, None), |slow| (slow, Some(plan)));
             let next = trial(slow, fast);
             let cost = next.cost;
@@ -109,7 +77,7 @@ pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, s
     };
     refine(None);
     if few {
-        refine(Some(&simple));
+        refine(Some(simple));
     }
     // Of those that cost about the least, the smallest; of equally small ones the first, the simplest.
     let least = trials.iter().map(|t| t.cost).fold(f64::INFINITY, f64::min);
@@ -119,11 +87,11 @@ pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, s
 }
 
 /// In how many trees of a segment a point counts.
-fn references(life: TimeInterval, plan: &Plan, keys: usize) -> usize {
+fn references(life: TimeInterval, parts: usize, keys: usize) -> usize {
     if keys > 2 {
-        return plan.parts;
+        return parts;
     }
-    let at = |t: f32| ((t * plan.parts as f32) as usize).min(plan.parts - 1);
+    let at = |t: f32| ((t * parts as f32) as usize).min(parts - 1);
     at(life.end()) - at(life.begin()) + 1
 }
 
@@ -152,18 +120,18 @@ fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Sample> {
 
 /// Counted and priced work of searches for eight neighbours, each layer in the middle part of its plan,
 /// and the references it takes.
-fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> (f64, usize) {
+fn work(sample: &Sample, plan: Plan, fast: Option<Plan>, simd: SimdLevel) -> (f64, usize) {
     let Sample { movers, keys, segment, scale } = sample;
-    let group = |plan: &Plan, keep: &dyn Fn(&Mover) -> bool| {
-        let part = parts(*keys, plan.parts)[segment * plan.parts + plan.parts / 2];
+    let group = |plan: Plan, keep: &dyn Fn(&Mover) -> bool| {
+        let count = plan.parts();
+        let part = parts(*keys, count)[segment * count + count / 2];
         let inside = |m: &Mover| Some(Mover { alive: m.life.intersect(part.interval)?, ..*m });
-        let inside: Vec<Mover> = movers.iter().filter(|m| keep(m)).filter_map(inside).collect();
-        let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, plan, *keys)).sum();
-        let layer = [Layer::Moving(vec![part_tree(inside, part, plan)])];
-        (layer, part.interval, references)
+        let layer = plan.layer(&[part], |_| movers.iter().filter(|m| keep(m)).filter_map(inside).collect());
+        let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, count, *keys)).sum();
+        ([layer], part.interval, references)
     };
     let groups = match fast {
-        Some(fast) => vec![group(plan, &|m| !m.cut), group(fast, &|m| m.cut)],
+        Some(fast) => vec![group(plan, &|m| !m.fast), group(fast, &|m| m.fast)],
         None => vec![group(plan, &|_| true)],
     };
     let mut candidates = Candidates::default();
@@ -180,12 +148,9 @@ fn work(sample: &Sample, plan: &Plan, fast: Option<&Plan>, simd: SimdLevel) -> (
         dispatch(simd, Count { layers: &layers, point, candidates: &mut candidates, work: &mut work });
         total += work.iter().map(|w| w.nodes as f64 + BLOCK_PRICE * w.blocks as f64).sum::<f64>();
     }
-    // The whole tree is deeper than that of the sample, and each life level makes one more way down.
-    let deeper = f64::from((*scale as u64).max(1).ilog2()) / f64::from(LANES.ilog2());
-    let ways = deeper * plan.life_levels as f64;
     let references: usize = groups.iter().map(|g| g.2).sum();
     let bytes = references as f64 * scale * REFERENCE_BYTES;
-    (SEARCH_PRICE + COLD * bytes / (bytes + HALF_COLD) + ways + total / SEARCHES as f64, references)
+    (SEARCH_PRICE + COLD * bytes / (bytes + HALF_COLD) + total / SEARCHES as f64, references)
 }
 
 /// One search, layer after layer, each at its own time; counts the work in each.

@@ -1,40 +1,43 @@
 //! Points that move far relative to their neighbours.
 
 use super::moving_reference::{Mover, Part};
-use super::order::{Item, order};
+use super::order::{Item, include, order};
 use crate::simd::LANES;
+use crate::tuning::points::FAST;
 
-/// A mover is fast when it moves farther, relative to its neighbours, than this many times the size of
-/// the leaf they would share.
-const FAST: f64 = 2.0;
-
-/// Marks the movers that move far relative to their neighbours, to be cut at planes.
+/// Marks the movers that move far relative to their neighbours.
 pub(super) fn mark_fast(movers: &mut [Mover], part: &Part) {
     let mut items = places(movers, part);
     order(&mut items, LANES);
-    for leaf in items.chunks(LANES) {
-        let mut way = [[0.0; LANES]; 3];
-        let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for (lane, item) in leaf.iter().enumerate() {
-            let m = &movers[item.index as usize];
-            for axis in 0..3 {
-                way[axis][lane] = f64::from(m.close[axis]) - f64::from(m.open[axis]);
-                lo[axis] = lo[axis].min(item.at[axis].into());
-                hi[axis] = hi[axis].max(item.at[axis].into());
-            }
-        }
-        let size = (hi[0] - lo[0]).max(hi[1] - lo[1]).max(hi[2] - lo[2]);
-        let usual = way.map(|mut row| {
+    let mut sizes: Vec<f32> = items.chunks(LANES).map(size).collect();
+    let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else { return };
+    let own = sizes.clone();
+    let (_, &mut median, _) = sizes.select_nth_unstable_by(half, f32::total_cmp);
+    for (leaf, size) in items.chunks(LANES).zip(own) {
+        let least = f64::from(size.min(median));
+        let way = |m: &Mover, axis: usize| f64::from(m.close[axis]) - f64::from(m.open[axis]);
+        let usual: [f64; 3] = core::array::from_fn(|axis| {
+            let mut row = [0.0; LANES];
             let row = &mut row[..leaf.len()];
+            row.iter_mut().zip(leaf).for_each(|(x, item)| *x = way(&movers[item.index as usize], axis));
             row.sort_unstable_by(f64::total_cmp);
             row[row.len() / 2]
         });
-        for (lane, item) in leaf.iter().enumerate() {
+        for item in leaf {
             let m = &mut movers[item.index as usize];
-            let far = (0..3).map(|a| (way[a][lane] - usual[a]).abs()).fold(0.0, f64::max) * m.span(part).duration();
-            m.cut = far > FAST * size;
+            let far = (0..3).map(|a| (way(m, a) - usual[a]).abs()).fold(0.0, f64::max);
+            m.fast = far * m.span(part).duration() > FAST * least;
         }
     }
+}
+
+/// The longest side of the box around some places.
+fn size(leaf: &[Item]) -> f32 {
+    let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for item in leaf {
+        include(&mut lo, &mut hi, item.at);
+    }
+    (hi[0] - lo[0]).max(hi[1] - lo[1]).max(hi[2] - lo[2])
 }
 
 /// Where movers are at mid-part.

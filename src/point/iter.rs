@@ -1,33 +1,38 @@
 //! Points within a radius as an iterator, which searches one bottom node at a time.
 
+use super::compiled::Gather;
 use super::neighbor::Neighbor;
 use super::partition::{Layer, LayerView};
-use super::query::{Gather, NeighborQuery};
-use super::search::Keep;
+use super::plane_tree::PlaneView;
+use super::query::NeighborQuery;
 use super::search::candidates::Candidates;
+use super::search::planes::{self, PlaneFront};
 use super::search::radius::{Front, leaves};
+use super::search::{Keep, KeepAll};
 use super::snapshot::View;
 use crate::simd::{Kernel, Simd, dispatch};
 
+/// Where the search of a layer stands.
+#[allow(clippy::large_enum_variant)] // in place, so that iterating allocates nothing for it
+enum Progress {
+    Boxes(Front),
+    Planes(PlaneFront),
+}
+
 /// Iterator over the points within the radius of a query; made by [`NeighborQuery::iter`].
 pub struct WithinIter<'a, K> {
-    query: NeighborQuery<'a, K>,
+    search: Search<'a>,
+    keep: K,
+}
+
+/// A search on its way, whatever the filter.
+struct Search<'a> {
+    query: NeighborQuery<'a, KeepAll>,
     layer: usize,
-    front: Option<Front>,
+    front: Option<Progress>,
     /// Found in the last bottom node and not yet handed out.
     candidates: Candidates,
     next: usize,
-}
-
-impl<'a, K: Keep> WithinIter<'a, K> {
-    pub(super) fn new(query: NeighborQuery<'a, K>) -> Self {
-        let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
-        let mut candidates = Candidates::default();
-        if query.bound >= 0.0 && query.is_precise() {
-            query.asked(|asked| asked.collect(&mut candidates));
-        }
-        WithinIter { query, layer, front: None, candidates, next: 0 }
-    }
 }
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
@@ -42,55 +47,98 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn iter(self) -> WithinIter<'a, K> {
-        WithinIter::new(self)
+        let query = self.keeping(KeepAll);
+        let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
+        let mut candidates = Candidates::default();
+        let search = query.search(KeepAll);
+        if query.bound >= 0.0 && search.is_precise() {
+            search.asked(|asked| asked.collect(&mut candidates));
+        }
+        let search = Search { query, layer, front: None, candidates, next: 0 };
+        WithinIter { search, keep: self.keep }
     }
 }
 
 impl<K: Keep> Iterator for WithinIter<'_, K> {
     type Item = Neighbor;
 
+    #[inline]
     fn next(&mut self) -> Option<Neighbor> {
-        while self.next == self.candidates.count {
-            let layer = self.query.tree.layers.get(self.layer)?;
-            (self.next, self.candidates.count) = (0, 0);
-            let level = self.query.tree.simd;
-            if !dispatch(level, Step { iter: self, layer }) {
+        loop {
+            let Search { candidates, next, .. } = &mut self.search;
+            while *next < candidates.count {
+                let (id, distance_squared) = (candidates.ids[*next], candidates.distances[*next]);
+                *next += 1;
+                if self.keep.keep(id) {
+                    return Some(Neighbor { id, distance_squared });
+                }
+            }
+            if !self.search.refill() {
+                return None;
+            }
+        }
+    }
+}
+
+impl Search<'_> {
+    /// Searches on until there are candidates; false at the end.
+    fn refill(&mut self) -> bool {
+        (self.next, self.candidates.count) = (0, 0);
+        while self.candidates.count == 0 {
+            let Some(layer) = self.query.tree.layers.get(self.layer) else { return false };
+            if !dispatch(self.query.tree.simd, Step { search: self, layer }) {
                 self.layer += 1;
                 self.front = None;
             }
         }
-        let i = self.next;
-        self.next += 1;
-        Some(Neighbor { id: self.candidates.ids[i], distance_squared: self.candidates.distances[i] })
+        true
     }
 }
 
 /// Searches the next bottom node of a layer; false where there is none.
-struct Step<'i, 'l, 'a, K> {
-    iter: &'i mut WithinIter<'a, K>,
+struct Step<'i, 'l, 'a> {
+    search: &'i mut Search<'a>,
     layer: &'l Layer,
 }
 
-impl<K: Keep> Kernel for Step<'_, '_, '_, K> {
+impl Kernel for Step<'_, '_, '_> {
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
-        match self.layer.at(self.iter.query.time) {
-            LayerView::Still(view) => step(s, self.iter, &view),
-            LayerView::Moving(view) => step(s, self.iter, &view),
-            LayerView::Timed(view) => step(s, self.iter, &view),
+        match self.layer.at(self.search.query.time) {
+            LayerView::Still(view) => step(s, self.search, &view),
+            LayerView::Moving(view) => step(s, self.search, &view),
+            LayerView::Timed(view) => step(s, self.search, &view),
+            LayerView::Planes(view) => step_planes(s, self.search, &view),
         }
     }
 }
 
 #[inline(always)]
-fn step<S: Simd, V: View, K: Keep>(s: S, iter: &mut WithinIter<'_, K>, view: &V) -> bool {
-    let bound = s.splat(iter.query.bound);
-    let target = view.target(s, iter.query.point);
-    let front = iter.front.get_or_insert_with(|| Front::begin(view));
+fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
+    let bound = s.splat(search.query.bound);
+    let target = view.target(s, search.query.point);
+    let front = match search.front.get_or_insert_with(|| Progress::Boxes(Front::begin(view))) {
+        Progress::Boxes(front) => front,
+        Progress::Planes(_) => return false,
+    };
     let Some(found) = front.next(s, view, &target, bound, &mut ()) else { return false };
-    let mut sink = Gather { candidates: &mut iter.candidates, keep: &iter.query.keep };
+    let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
     // A sink that never breaks.
     let _ = leaves(s, view, &target, bound, found, &mut sink, &mut ());
+    true
+}
+
+#[inline(always)]
+fn step_planes<S: Simd>(s: S, search: &mut Search<'_>, view: &PlaneView<'_>) -> bool {
+    let NeighborQuery { bound, point, .. } = search.query;
+    let front = match search.front.get_or_insert_with(|| Progress::Planes(PlaneFront::begin())) {
+        Progress::Planes(front) => front,
+        Progress::Boxes(_) => return false,
+    };
+    let Some(found) = front.next(view, point, bound, || ()) else { return false };
+    let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
+    // A sink that never breaks.
+    let _ = planes::leaf(s, view, point, bound, found, &mut sink, &mut ());
     true
 }

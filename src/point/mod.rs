@@ -2,35 +2,36 @@
 //!
 //! The picture to have in mind: a pyramid of 16-wide nodes over leaves of sixteen points. One vector
 //! instruction tests sixteen boxes or sixteen points. Where points move, boxes move with them, linearly
-//! in time; where points cross each other's cells, the paper's rule (cut them where they cross, with
-//! time intervals) or a split of the shutter keeps the boxes tight. A set that stands still has a tree
-//! without any of that.
+//! in time; where points cross each other's cells, a split of the shutter keeps the boxes tight. A set that stands still
+//! has a tree without any of that. Beside them stands the paper's k-d tree, in whose leaves points have time intervals.
 //!
 //! Data flows `primitive` (input) → `order` and `select` (who lies in which leaf) → `static_tree`
-//! or `moving_tree` (layouts) → `snapshot` (a layout at a time) → `search` (the searches) → `query`
-//! (what callers see).
+//! or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot` (a layout at a time) → `search` (the
+//! searches) → `query` (what callers see).
 //!
-//! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the cutting of what
-//! crosses planes; the rest is ours and measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
+//! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is ours and
+//! measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
 
 mod approach;
 mod batch;
 mod build;
 mod byte_boxes;
 mod choose;
+mod compiled;
 mod error;
 mod fast;
 mod flyby;
 mod iter;
 mod linear_bounds;
 mod lists;
+mod moving_leaf;
 mod moving_reference;
 mod moving_tree;
 mod neighbor;
 mod order;
 mod over_interval;
 mod partition;
-mod plane_splits;
+mod plane_tree;
 mod precise;
 mod query;
 mod search;

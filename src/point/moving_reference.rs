@@ -1,22 +1,19 @@
-//! Points between two keys: the references of moving trees, and the part of the shutter a tree covers.
+//! Points between two keys, and the part of the shutter a tree covers.
 
 use super::linear_bounds::Span;
 use crate::geometry::{KeyTime, TimeInterval};
 
-/// A point on a straight way between two keys, counting during `alive` in one place of a tree.
-///
-/// Where the way is cut at planes, several references of one point have intervals that meet but do
-/// not overlap.
+/// A point on a straight way between two keys, counting during `alive`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Mover {
     pub(super) open: [f32; 3],
     pub(super) close: [f32; 3],
     pub(super) alive: TimeInterval,
-    /// The whole life of the point, of which `alive` is a part.
+    /// The whole life of the point, of which `alive` is what falls into a part of the shutter.
     pub(super) life: TimeInterval,
     pub(super) id: u32,
-    /// Whether it may be cut where it crosses planes.
-    pub(super) cut: bool,
+    /// Whether it moves far relative to its neighbours.
+    pub(super) fast: bool,
 }
 
 /// The part of the shutter that a moving tree answers for: within one segment between two keys.

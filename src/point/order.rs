@@ -22,19 +22,6 @@ pub(super) fn order(items: &mut [Item], leaf: usize) {
     order_blocks(items, subtree(items.len(), leaf), leaf);
 }
 
-/// The same, but the first `time_levels` cuts go by `life` instead of by place.
-pub(super) fn order_with_time(items: &mut [Item], leaf: usize, time_levels: usize, life: &impl Fn(&Item) -> f32) {
-    let block = subtree(items.len(), leaf);
-    if time_levels == 0 || items.len() <= block {
-        return order_blocks(items, block, leaf);
-    }
-    let left = left_part(items.len(), block);
-    items.select_nth_unstable_by(left, |a, b| life(a).total_cmp(&life(b)).then(a.index.cmp(&b.index)));
-    let (low, high) = items.split_at_mut(left);
-    order_with_time(low, leaf, time_levels - 1, life);
-    order_with_time(high, leaf, time_levels - 1, life);
-}
-
 /// Points below a child of the root: the largest full subtree that does not hold all.
 pub(super) fn subtree(count: usize, leaf: usize) -> usize {
     let mut block = leaf;

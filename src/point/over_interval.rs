@@ -15,6 +15,19 @@ pub(super) struct Flight {
     pub(super) life: TimeInterval,
 }
 
+impl Flight {
+    /// Both ends of a point that is kept in f32.
+    pub(super) fn ends(&self) -> [[f32; 3]; 2] {
+        [self.open, self.close].map(|p| p.map(|x| x as f32))
+    }
+
+    /// Where queries at a time see a point that is kept in f32.
+    pub(super) fn position(&self, at: KeyTime) -> Vec3 {
+        let [open, close] = self.ends();
+        at.position(open.into(), close.into())
+    }
+}
+
 /// A tree whose boxes can be looked at over a range of times. Times are f64 within the shutter.
 pub(super) trait Boxed {
     /// How far faces may be off by rounding, relative to their size: for each segment between keys, because of times that
@@ -36,9 +49,7 @@ pub(super) trait Boxed {
     fn flight(&self, block: usize, lane: usize) -> Option<Flight>;
     /// Where queries at a time see a point.
     fn position(&self, flight: &Flight, time: f32) -> DVec3 {
-        let at = KeyTime::new(time, self.part().0);
-        let [open, close] = [flight.open, flight.close].map(|p| Vec3::from_array(p.map(|x| x as f32)));
-        at.position(open, close).as_dvec3()
+        flight.position(KeyTime::new(time, self.part().0)).as_dvec3()
     }
     /// Where a time lies between the keys.
     fn phase(&self, time: f32) -> f64 {

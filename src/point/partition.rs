@@ -3,12 +3,14 @@
 //! A set may be divided among layers, what stands still apart from what moves; a search goes through
 //! them one after the other with the same candidates and the same bound.
 
+use super::moving_reference::Part;
 use super::moving_tree::{MovingTree, MovingView};
+use super::plane_tree::{PlaneTree, PlaneView};
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
 use super::search::walk::{Collect, walk};
-use super::search::{Keep, Observe};
-use super::snapshot::View;
+use super::search::{Keep, Observe, planes};
+use super::snapshot::Leaves;
 use super::static_tree::StaticTree;
 use crate::simd::Simd;
 use core::ops::ControlFlow;
@@ -21,6 +23,8 @@ pub(super) enum Layer {
     Still(StaticTree),
     /// One tree for each part of the shutter, in order, without a gap.
     Moving(Vec<MovingTree>),
+    /// The same as k-d trees.
+    Planes(Vec<PlaneTree>),
 }
 
 /// A layer at a time.
@@ -30,6 +34,8 @@ pub(super) enum LayerView<'a> {
     Moving(MovingView<'a, false>),
     /// References have intervals.
     Timed(MovingView<'a, true>),
+    /// A k-d tree.
+    Planes(PlaneView<'a>),
 }
 
 impl Layer {
@@ -42,6 +48,7 @@ impl Layer {
                 let tree = &parts[self.part_at(time)];
                 if tree.timed() { LayerView::Timed(tree.at(time)) } else { LayerView::Moving(tree.at(time)) }
             }
+            Layer::Planes(parts) => LayerView::Planes(parts[self.part_at(time)].at(time)),
         }
     }
 
@@ -50,9 +57,8 @@ impl Layer {
     pub(super) fn part_at(&self, time: f32) -> usize {
         match self {
             Layer::Still(_) => 0,
-            Layer::Moving(parts) => {
-                parts.partition_point(|p| p.part().interval.end_bound() <= time).min(parts.len() - 1)
-            }
+            Layer::Moving(parts) => at_time(parts, MovingTree::part, time),
+            Layer::Planes(parts) => at_time(parts, PlaneTree::part, time),
         }
     }
 
@@ -61,8 +67,15 @@ impl Layer {
         match self {
             Layer::Still(tree) => tree.bytes(),
             Layer::Moving(parts) => parts.iter().map(MovingTree::bytes).sum(),
+            Layer::Planes(parts) => parts.iter().map(PlaneTree::bytes).sum(),
         }
     }
+}
+
+/// The tree that answers for a time.
+#[inline(always)]
+fn at_time<T>(trees: &[T], part: impl Fn(&T) -> &Part, time: f32) -> usize {
+    trees.partition_point(|tree| part(tree).interval.end_bound() <= time).min(trees.len() - 1)
 }
 
 /// Walks through all layers, nearest boxes first.
@@ -73,6 +86,7 @@ pub(super) fn walk_all<S: Simd, C: Collect<S>>(s: S, layers: &[Layer], (point, t
             LayerView::Still(view) => walk(s, &view, &view.target(s, point), collect),
             LayerView::Moving(view) => walk(s, &view, &view.target(s, point), collect),
             LayerView::Timed(view) => walk(s, &view, &view.target(s, point), collect),
+            LayerView::Planes(view) => planes::walk(s, &view, point, collect),
         }
     }
 }
@@ -90,6 +104,7 @@ pub(super) fn nearest_in_all<S: Simd, K: Keep, O: Observe>(
             LayerView::Still(view) => best.search(s, &view, &view.target(s, point)),
             LayerView::Moving(view) => best.search(s, &view, &view.target(s, point)),
             LayerView::Timed(view) => best.search(s, &view, &view.target(s, point)),
+            LayerView::Planes(view) => best.search_planes(s, &view, point),
         }
     }
 }
@@ -109,6 +124,7 @@ pub(super) fn within_all<S: Simd, T: Sink<S>, O: Observe>(
             LayerView::Still(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
             LayerView::Moving(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
             LayerView::Timed(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
+            LayerView::Planes(view) => planes::within(s, &view, point, bound, sink, observe)?,
         }
     }
     ControlFlow::Continue(())

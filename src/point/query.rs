@@ -1,19 +1,13 @@
 //! Queries as callers see them: where, when, how far, which points, and then what to do with them.
 
+use super::compiled::{self, Either, Search};
 use super::neighbor::Neighbor;
-use super::partition::{nearest_in_all, walk_all, within_all};
-use super::precise::{Allowed, Asked};
 use super::search::candidates::Candidates;
-use super::search::k_nearest::KNearest;
-use super::search::nearest::Best;
-use super::search::radius::Sink;
-use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
-use super::search::{Keep, KeepAll, KeepIf, NeighborWork, Observe, kept};
-use super::snapshot::View;
+use super::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
 use super::tree::PointTree;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::primitive::Position;
-use crate::simd::{Kernel, LANES, Mask, Simd, dispatch};
+use crate::simd::{LANES, Lanes, Mask};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -64,7 +58,7 @@ pub struct NeighborQuery<'a, K = KeepAll> {
     /// Squared distance up to which points count; negative where nothing does.
     pub(super) bound: f32,
     /// Factor on the bound for boxes: 1, or less where answers may be approximate.
-    shrink: f32,
+    pub(super) shrink: f32,
     pub(super) keep: K,
 }
 
@@ -98,8 +92,7 @@ impl<'a> NeighborQuery<'a> {
     /// ```
     #[inline(always)]
     pub fn filter<F: Fn(u32) -> bool>(self, predicate: F) -> NeighborQuery<'a, KeepIf<F>> {
-        let NeighborQuery { tree, point, exact, time, bound, shrink, keep: _ } = self;
-        NeighborQuery { tree, point, exact, time, bound, shrink, keep: KeepIf(predicate) }
+        self.keeping(KeepIf(predicate))
     }
 }
 
@@ -135,27 +128,29 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         self.bound >= 0.0
     }
 
-    /// Whether the points are kept in f64.
+    /// The same query with another filter.
     #[inline(always)]
-    pub(super) fn is_precise(&self) -> bool {
-        !self.tree.precise.is_empty()
+    pub(super) fn keeping<L>(&self, keep: L) -> NeighborQuery<'a, L> {
+        let NeighborQuery { tree, point, exact, time, bound, shrink, keep: _ } = *self;
+        NeighborQuery { tree, point, exact, time, bound, shrink, keep }
     }
 
-    /// Asks the same of points in f64.
-    #[cold]
-    #[inline(never)]
-    pub(super) fn asked<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
-        let keep = |id| self.keep.keep(id);
-        let PointTree { precise, simd, .. } = self.tree;
-        run(&Asked {
-            layers: precise,
-            simd: *simd,
-            point: self.exact,
-            time: self.time,
-            bound: self.bound,
-            shrink: self.shrink,
-            keep: Allowed(K::ASKS.then_some(&keep as &dyn Fn(u32) -> bool)),
-        })
+    /// What is asked of the tree, with another filter.
+    #[inline(always)]
+    pub(super) fn search<L>(&self, keep: L) -> Search<'a, L> {
+        let NeighborQuery { tree, point, exact, time, bound, shrink, keep: _ } = *self;
+        Search { tree, point, exact, time, bound, shrink, keep }
+    }
+
+    /// Runs the query as one of those that are compiled in this crate.
+    #[inline(always)]
+    fn run<R>(&self, run: impl FnOnce(Either<'_, 'a>) -> R) -> R {
+        if K::ASKS {
+            let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
+            run(Either::Some(&self.search(KeepLanes(&kept))))
+        } else {
+            run(Either::All(&self.search(KeepAll)))
+        }
     }
 
     /// The nearest point; of several at the same distance the one with the lowest id.
@@ -164,12 +159,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if !self.finds_something() {
             return None;
         }
-        let found = if self.is_precise() {
-            self.asked(|asked| asked.nearest())
-        } else {
-            dispatch(self.tree.simd, Nearest(&self))
-        };
-        found.map(|(id, distance_squared)| Neighbor { id, distance_squared })
+        self.run(compiled::nearest)
     }
 
     /// The `k` nearest points in order of (distance, id); all where there are fewer.
@@ -184,33 +174,18 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn nearest_n_into(self, k: usize, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
         if self.finds_something() && k > 0 {
-            let candidates = &mut buffer.candidates;
-            let found = &mut buffer.found;
-            let done = if self.is_precise() {
-                self.asked(|asked| asked.nearest_n(k, candidates, found, &mut NeighborWork::default()))
-            } else {
-                dispatch(self.tree.simd, NearestN { query: &self, k, candidates, found, observe: &mut () })
-            };
-            if !done {
-                nearest_in_order(self.tree.simd, k, candidates, &mut buffer.found);
-            }
+            self.run(|query| compiled::nearest_n(query, k, &mut buffer.candidates, &mut buffer.found));
         }
         &buffer.found
     }
 
     /// The work that [`NeighborQuery::nearest_n`] does for this query.
     pub fn work(self, k: usize) -> NeighborWork {
-        let mut work = NeighborWork::default();
         if self.finds_something() && k > 0 {
-            let candidates = &mut Candidates::default();
-            let found = &mut Vec::new();
-            if self.is_precise() {
-                self.asked(|asked| asked.nearest_n(k, candidates, found, &mut work));
-            } else {
-                dispatch(self.tree.simd, NearestN { query: &self, k, candidates, found, observe: &mut work });
-            }
+            self.run(|query| compiled::work(query, k))
+        } else {
+            NeighborWork::default()
         }
-        work
     }
 
     /// All points within the radius, in no particular order.
@@ -225,10 +200,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn collect_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
         if self.finds_something() {
-            let candidates = &mut buffer.candidates;
-            self.gather(candidates);
-            let pairs = candidates.ids[..candidates.count].iter().zip(&candidates.distances);
-            buffer.found.extend(pairs.map(|(&id, &distance_squared)| Neighbor { id, distance_squared }));
+            self.run(|query| compiled::collect(query, &mut buffer.candidates, &mut buffer.found));
         }
         &buffer.found
     }
@@ -245,33 +217,14 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn collect_sorted_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
         if self.finds_something() {
-            let candidates = &mut buffer.candidates;
-            self.gather(candidates);
-            all_in_order(self.tree.simd, candidates, &mut buffer.found);
+            self.run(|query| compiled::collect_sorted(query, &mut buffer.candidates, &mut buffer.found));
         }
         &buffer.found
     }
 
-    #[inline(always)]
-    fn gather(&self, candidates: &mut Candidates) {
-        if self.is_precise() {
-            self.asked(|asked| asked.collect(candidates));
-        } else {
-            dispatch(self.tree.simd, Collecting { query: self, candidates });
-        }
-    }
-
     /// How many points are within the radius.
     pub fn count(self) -> usize {
-        if !self.finds_something() {
-            return 0;
-        }
-        if self.is_precise() {
-            let mut candidates = Candidates::default();
-            self.asked(|asked| asked.collect(&mut candidates));
-            return candidates.count;
-        }
-        dispatch(self.tree.simd, Counting(&self))
+        if self.finds_something() { self.run(compiled::count) } else { 0 }
     }
 
     /// Calls `visit` for every point within the radius, in no particular order, until it returns
@@ -289,151 +242,19 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// assert_eq!((flow, sum), (ControlFlow::Continue(()), 3.0));
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
+    #[inline]
     pub fn for_each(self, mut visit: impl FnMut(Neighbor) -> ControlFlow<()>) -> ControlFlow<()> {
         if !self.finds_something() {
             return ControlFlow::Continue(());
         }
-        if self.is_precise() {
-            return self.asked(|asked| asked.visit(&mut visit));
-        }
-        dispatch(self.tree.simd, Visiting { query: &self, visit })
-    }
-}
-
-struct Nearest<'q, 'a, K>(&'q NeighborQuery<'a, K>);
-
-impl<K: Keep> Kernel for Nearest<'_, '_, K> {
-    type Output = Option<(u32, f32)>;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
-        let q = self.0;
-        let observe = &mut ();
-        let mut best = Best::within(s, q.bound, q.shrink, &q.keep, observe);
-        nearest_in_all(s, &q.tree.layers, (q.point, q.time), &mut best);
-        best.finish(s)
-    }
-}
-
-struct NearestN<'q, 'a, 'b, K, O> {
-    query: &'q NeighborQuery<'a, K>,
-    k: usize,
-    candidates: &'b mut Candidates,
-    found: &'b mut Vec<Neighbor>,
-    observe: &'b mut O,
-}
-
-impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, K, O> {
-    /// Whether what was found is in order already.
-    type Output = bool;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> bool {
-        let NearestN { query: q, k, candidates, found, observe } = self;
-        let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
-        loop {
-            walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);
-            if !search.again() {
-                break;
+        compiled::for_each_block(&self.search(KeepAll), &mut |ids, distances, hits| {
+            let mut rest = self.keep.kept(ids, hits);
+            while rest != 0 {
+                let lane = rest.trailing_zeros() as usize % LANES;
+                rest &= rest - 1;
+                visit(Neighbor { id: ids[lane], distance_squared: distances[lane] })?;
             }
-        }
-        few_in_order(s, k, candidates, found)
-    }
-}
-
-struct Collecting<'q, 'a, 'b, K> {
-    query: &'q NeighborQuery<'a, K>,
-    candidates: &'b mut Candidates,
-}
-
-impl<K: Keep> Kernel for Collecting<'_, '_, '_, K> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Collecting { query: q, candidates } = self;
-        candidates.count = 0;
-        let mut sink = Gather { candidates, keep: &q.keep };
-        // A sink that never breaks.
-        let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
-    }
-}
-
-/// Appends what is found to candidates.
-pub(super) struct Gather<'a, K> {
-    pub(super) candidates: &'a mut Candidates,
-    pub(super) keep: &'a K,
-}
-
-impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
-    const TAKES_NONE: bool = true;
-    #[inline(always)]
-    fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
-        let ids = view.ids(block);
-        self.candidates.reserve(0);
-        self.candidates.push(s, distance, s.load_u(ids), kept(self.keep, ids, hits));
-        ControlFlow::Continue(())
-    }
-}
-
-struct Count<'q, K> {
-    keep: &'q K,
-    count: usize,
-}
-
-impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
-    const TAKES_NONE: bool = true;
-    #[inline(always)]
-    fn take<V: View>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
-        self.count += kept(self.keep, view.ids(block), hits).count_ones() as usize;
-        ControlFlow::Continue(())
-    }
-}
-
-pub(super) struct Visit<'q, K, F> {
-    pub(super) keep: &'q K,
-    pub(super) visit: F,
-}
-
-impl<S: Simd, K: Keep, F: FnMut(Neighbor) -> ControlFlow<()>> Sink<S> for Visit<'_, K, F> {
-    const TAKES_NONE: bool = false;
-    #[inline(always)]
-    fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
-        let ids = view.ids(block);
-        let mut rest = kept(self.keep, ids, hits);
-        let mut distances = [0.0; LANES];
-        s.store(distance, &mut distances);
-        while rest != 0 {
-            let lane = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            (self.visit)(Neighbor { id: ids[lane], distance_squared: distances[lane] })?;
-        }
-        ControlFlow::Continue(())
-    }
-}
-
-struct Counting<'q, 'a, K>(&'q NeighborQuery<'a, K>);
-
-impl<K: Keep> Kernel for Counting<'_, '_, K> {
-    type Output = usize;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> usize {
-        let q = self.0;
-        let mut sink = Count { keep: &q.keep, count: 0 };
-        // A sink that never breaks.
-        let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
-        sink.count
-    }
-}
-
-struct Visiting<'q, 'a, K, F> {
-    query: &'q NeighborQuery<'a, K>,
-    visit: F,
-}
-
-impl<K: Keep, F: FnMut(Neighbor) -> ControlFlow<()>> Kernel for Visiting<'_, '_, K, F> {
-    type Output = ControlFlow<()>;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
-        let q = self.query;
-        let mut sink = Visit { keep: &q.keep, visit: self.visit };
-        within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ())
+            ControlFlow::Continue(())
+        })
     }
 }

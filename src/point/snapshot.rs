@@ -14,12 +14,6 @@
 use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
 
-/// Bytes of leaves above which a search finds most of them in no cache.
-pub(super) const FAR: usize = 32 << 20;
-
-/// Bytes of leaves up to which a search finds most of them in a near cache.
-pub(super) const NEAR: usize = 2 << 20;
-
 /// Coordinates of the query point in all lanes, and the query's time as the tree wants it.
 #[derive(Clone, Copy)]
 pub(super) struct Target<S: Simd> {
@@ -41,11 +35,27 @@ impl<S: Simd> Target<S> {
     }
 }
 
-/// A tree at a time.
+/// The leaves of a tree at a time: blocks of sixteen points, numbered over the whole tree.
+pub(super) trait Leaves: Copy {
+    /// Blocks per leaf.
+    fn leaf_blocks(&self) -> usize;
+    /// The query in all lanes.
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S>;
+    /// Squared distances to the points; infinite where there is no point at this time.
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
+    /// A leaf that will soon be tested, probably.
+    fn expect_leaf(&self, block: usize);
+    /// Bytes of all leaves: tells how far away most of them are, and so whether it pays to ask for them early.
+    fn leaf_bytes(&self) -> usize;
+    /// Ids of a block's points.
+    fn ids(&self, block: usize) -> &Lanes<u32>;
+}
+
+/// A tree of boxes at a time.
 ///
-/// Nodes are numbered over the whole tree, blocks too. Level 0 holds the bottom nodes, whose lanes
-/// are leaves; a leaf is [`View::leaf_blocks`] consecutive blocks of sixteen points.
-pub(super) trait View: Copy {
+/// Nodes are numbered over the whole tree. Level 0 holds the bottom nodes, whose lanes
+/// are leaves; a leaf is [`Leaves::leaf_blocks`] consecutive blocks of sixteen points.
+pub(super) trait View: Leaves {
     /// Squared radius of a ball that holds as many points as a leaf does, in squared diagonals of the leaf's box: a
     /// guess. It is about a fifth in space and on surfaces alike; boxes that have to hold moving points the whole time
     /// are larger than what is in them, and leaves in which few points exist at a time hold less.
@@ -56,10 +66,6 @@ pub(super) trait View: Copy {
     fn first_child(&self, level: usize, node: usize) -> usize;
     /// First block behind lane 0 of a bottom node; lane i leads `i * leaf_blocks` further.
     fn first_block(&self, node: usize) -> usize;
-    /// Blocks per leaf.
-    fn leaf_blocks(&self) -> usize;
-    /// The query in all lanes.
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S>;
     /// Squared distances to the child boxes, infinite where there is no child at this time; and which of them hold the
     /// point, which is known much sooner.
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask);
@@ -70,16 +76,8 @@ pub(super) trait View: Copy {
     }
     /// Squared diagonals of the child boxes.
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
-    /// Squared distances to the points; infinite where there is no point at this time.
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
     /// A node that will soon be tested, probably.
     fn expect_node(&self, node: usize);
-    /// A leaf that will soon be tested, probably.
-    fn expect_leaf(&self, block: usize);
-    /// Bytes of all leaves: tells how far away most of them are, and so whether it pays to ask for them early.
-    fn leaf_bytes(&self) -> usize;
-    /// Ids of a block's points.
-    fn ids(&self, block: usize) -> &Lanes<u32>;
 }
 
 /// A tree at a time, all of whose positions are f32 ones in one place: what neighbour lists need.

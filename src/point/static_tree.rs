@@ -8,7 +8,7 @@
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
 use super::over_interval::{Boxed, Flight};
-use super::snapshot::{Boxes, Placed, Target, View, diagonal, outside, rows, squared};
+use super::snapshot::{Boxes, Leaves, Placed, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
@@ -272,6 +272,36 @@ fn fill<N: FromBoxes>(
     }
 }
 
+impl Leaves for &StaticTree {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        self.shape.leaf_blocks
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        Target::still(s, q)
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        let [x, y, z] = rows(s, &self.blocks[block].at);
+        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
+            blocks.iter().for_each(prefetch);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.blocks.len() * size_of::<PointBlock>()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+}
+
 impl View for &StaticTree {
     const BALL: f32 = 0.18;
 
@@ -288,14 +318,6 @@ impl View for &StaticTree {
         node * LANES * self.shape.leaf_blocks
     }
     #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        self.shape.leaf_blocks
-    }
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        Target::still(s, q)
-    }
-    #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
         match self.node(node) {
             Node::Bytes(node) => node.outside(s, &target.point),
@@ -310,30 +332,11 @@ impl View for &StaticTree {
         }
     }
     #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let [x, y, z] = rows(s, &self.blocks[block].at);
-        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
-    }
-    #[inline(always)]
     fn expect_node(&self, node: usize) {
         match self.lower.get(node) {
             Some(node) => prefetch(node),
             None => prefetch(&self.upper[node - self.lower.len()]),
         }
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
-            blocks.iter().for_each(prefetch);
-        }
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        self.blocks.len() * size_of::<PointBlock>()
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.blocks[block].id
     }
 }
 

@@ -8,17 +8,12 @@ use core::fmt;
 pub enum PointLayerKind {
     /// The complete static tree.
     Static,
-    /// Moving trees with linear boxes, `parts` of them for each segment between keys; `life_levels`
-    /// binary levels on top separate by life.
+    /// Moving trees with linear boxes, `parts` of them for each segment between keys.
     Linear {
         /// Trees side by side in time.
         parts: usize,
-        /// Levels that separate by life.
-        life_levels: usize,
     },
-    /// A moving tree in which the fast points are cut at planes.
-    CutFast,
-    /// The paper's rule: everything that crosses a plane is cut there.
+    /// The paper's k-d tree, one for each segment between keys: what crosses a plane is on both sides of it.
     Mbkd,
 }
 
@@ -29,9 +24,9 @@ pub struct PointLayerStats {
     pub kind: PointLayerKind,
     /// Points in it.
     pub points: usize,
-    /// References to them: more than points where they are cut or in several trees.
+    /// References to them: more than points where they cross planes or are in several trees.
     pub references: usize,
-    /// Nodes.
+    /// Nodes: of sixteen boxes each, or planes in a k-d tree.
     pub nodes: usize,
     /// Levels of nodes of the deepest tree.
     pub levels: usize,

@@ -1,17 +1,19 @@
 //! The tree that callers build and ask.
 
-use super::build::{Cut, Plan, Source, moving_layer, parts};
+use super::build::{Plan, Source, moving_layer, parts};
 use super::choose::{Trial, choose};
 use super::error::PointError;
 use super::fast::mark_fast;
 use super::moving_reference::Part;
-use super::partition::Layer;
+use super::partition::{Layer, LayerView};
+use super::plane_tree::PlaneTree;
 use super::precise::{PreciseLayer, PreciseTree};
 use super::stats::{PointLayerKind, PointLayerStats, PointStats};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
 use crate::simd::SimdLevel;
+use crate::tuning::points::APART;
 use glam::DVec3;
 
 /// Which structure moving points are put into. Answers do not depend on it.
@@ -25,12 +27,8 @@ pub enum PointStructure {
     Linear,
     /// Linear boxes in this many trees side by side in time (at least 1): best for far incoherent motion.
     Slabs(usize),
-    /// Linear boxes; points that move far relative to their neighbours are cut at planes.
-    CutFast,
-    /// The paper's rule for everything: cut at each plane that is crossed, with time intervals.
+    /// The paper's k-d tree: a point that crosses a plane is on both sides, on each for the time it spends there.
     Mbkd,
-    /// Linear boxes; this many binary levels on top separate points by when they live.
-    LifeLevels(usize),
 }
 
 /// How a point tree is built.
@@ -45,7 +43,7 @@ pub struct PointParams {
     /// The structure of what moves. Default: automatic. What stands still throughout has the static
     /// structure in any case where the whole set does.
     pub structure: PointStructure,
-    /// Most references per point, for cutting and for parts of the shutter; at least 1, default 8. A
+    /// Most references per point, in the k-d tree and for parts of the shutter; at least 1, default 8. A
     /// reference takes 32 to 48 bytes. Forced slabs are built as asked.
     pub max_references: f32,
     /// Whether positions given in f64 are rounded to f32, relative to the middle of the set: off by up to 2^-25 of its
@@ -75,9 +73,6 @@ impl PointParams {
         match self.structure {
             PointStructure::Slabs(n) if n == 0 || n > MAX_SLABS => {
                 Err(PointError::Parameter { name: "structure", expected: "Slabs with 1 to 1024 of them" })
-            }
-            PointStructure::LifeLevels(n) if n > 4 => {
-                Err(PointError::Parameter { name: "structure", expected: "LifeLevels with at most 4 of them" })
             }
             _ => Ok(()),
         }
@@ -114,10 +109,7 @@ pub struct PointTree {
 }
 
 /// The plan of what nothing was tried for.
-const UNCUT: Plan = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: 1.0 };
-
-/// A set is divided into what stands still and what does not where at least this share does.
-const APART: f64 = 0.5;
+const SIMPLE: Plan = Plan::Boxes(1);
 
 impl PointTree {
     /// Builds the tree of a set of points: a slice, array or vector of positions (`Vec3`, `DVec3`,
@@ -130,12 +122,16 @@ impl PointTree {
     /// different length, parameters out of range. An empty set is a tree that finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
         params.validate()?;
-        let source = Source::read(points, params.round_to_f32)?;
+        PointTree::of(&Source::read(points, params.round_to_f32)?, params)
+    }
+
+    /// Builds the tree of what was read.
+    fn of(source: &Source, params: &PointParams) -> Result<PointTree, PointError> {
         let (len, keys, origin) = (source.len, source.keys, source.origin);
         let stats = PointStats::default();
         let mut tree = PointTree { origin, simd: params.simd, layers: Vec::new(), precise: Vec::new(), stats, len };
         if source.is_precise() {
-            tree.add_precise(&source, params)?;
+            tree.add_precise(source, params)?;
             return Ok(tree);
         }
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
@@ -163,18 +159,18 @@ impl PointTree {
                 if let Some(plan) = choice.fast {
                     mark_fast(&mut movers, &part);
                     let mut fast = vec![false; len];
-                    movers.iter().filter(|m| m.cut).for_each(|m| fast[m.id as usize] = true);
+                    movers.iter().filter(|m| m.fast).for_each(|m| fast[m.id as usize] = true);
                     let slow = moving.clone().filter(|&i| !fast[i]);
-                    tree.add(moving_layer(&source, slow.clone(), &choice.plan), kind(&choice.plan), slow.count(), why);
+                    tree.add(moving_layer(source, slow.clone(), choice.plan), kind(choice.plan), slow.count(), why);
                     let fast = moving.filter(|&i| fast[i]);
                     let why = "fast points, apart from the others".to_string();
-                    tree.add(moving_layer(&source, fast.clone(), &plan), kind(&plan), fast.count(), why);
+                    tree.add(moving_layer(source, fast.clone(), plan), kind(plan), fast.count(), why);
                     return Ok(tree);
                 }
                 (choice.plan, why)
             }
         };
-        tree.add(moving_layer(&source, moving.clone(), &plan), kind(&plan), moving.count(), why);
+        tree.add(moving_layer(source, moving.clone(), plan), kind(plan), moving.count(), why);
         Ok(tree)
     }
 
@@ -184,34 +180,34 @@ impl PointTree {
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
         let count = still.iter().filter(|&&s| s).count();
         let (plan, why) = match forced(params) {
-            Some(plan) if plan.cut != Cut::Nothing => {
-                let expected = "one that cuts nothing where positions are kept in f64 (or set `round_to_f32`)";
+            Some(Plan::Planes(_)) => {
+                let expected = "one without planes where positions are kept in f64 (or set `round_to_f32`)";
                 return Err(PointError::Parameter { name: "structure", expected });
             }
             Some(plan) => (plan, "asked for; positions in f64".to_string()),
-            None if count == len => (UNCUT, String::new()),
+            None if count == len => (SIMPLE, String::new()),
             None => {
                 let segment = (keys.max(2) - 1) / 2;
                 let part = parts(keys, 1)[segment];
                 let movers = source.movers(&part, (0..len).filter(|&i| !still[i]), |i| i as u32);
                 let (_, trials) = choose(&movers, keys, segment, params.max_references, params.simd);
-                let uncut = trials.iter().filter(|trial| trial.plan.cut == Cut::Nothing && trial.fast.is_none());
-                let best = uncut.min_by(|a, b| a.cost.total_cmp(&b.cost));
-                (best.map_or(UNCUT, |trial| trial.plan), "costs least in trials of f32; positions in f64".to_string())
+                let whole = trials.iter().filter(|trial| trial.fast.is_none());
+                let best = whole.min_by(|a, b| a.cost.total_cmp(&b.cost));
+                (best.map_or(SIMPLE, |trial| trial.plan), "costs least in trials of f32; positions in f64".to_string())
             }
         };
         let apart = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
         if apart {
             let whole = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
-            let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), 0, false);
+            let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), false);
             let why = format!("{count} of {len} points stand still throughout; positions in f64");
             self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
         }
         if count < len {
             let moving = (0..len).filter(|&i| !(apart && still[i]));
-            let tree = |part: Part| PreciseTree::build(source, part, moving.clone(), plan.life_levels, true);
-            let trees = parts(keys, plan.parts).into_iter().map(tree).collect();
-            self.add_precise_layer(trees, kind(&plan), moving.count(), why);
+            let tree = |part: Part| PreciseTree::build(source, part, moving.clone(), true);
+            let trees = parts(keys, plan.parts()).into_iter().map(tree).collect();
+            self.add_precise_layer(trees, kind(plan), moving.count(), why);
         }
         Ok(())
     }
@@ -234,9 +230,39 @@ impl PointTree {
                 parts.iter().map(|p| p.node_count()).sum(),
                 parts.iter().map(|p| p.levels()).max().unwrap_or(0),
             ),
+            Layer::Planes(parts) => (
+                parts.iter().map(|p| p.references()).sum(),
+                parts.iter().map(|p| p.node_count()).sum(),
+                parts.iter().map(|p| p.depth()).max().unwrap_or(0),
+            ),
         };
         self.stats.layers.push(PointLayerStats { kind, points, references, nodes, levels, bytes, why });
         self.layers.push(layer);
+    }
+
+    /// The tree with moving boxes over what k-d trees hold; `None` where it has boxes everywhere.
+    pub(super) fn boxed(&self) -> Option<PointTree> {
+        self.replaced(|layer| match layer {
+            Layer::Planes(parts) => Layer::Moving(parts.iter().map(PlaneTree::boxed).collect()),
+            _ => layer.clone(),
+        })
+    }
+
+    /// The tree with boxes over what k-d trees hold at a time; `None` where it has boxes everywhere.
+    pub(super) fn boxed_at(&self, time: f32) -> Option<PointTree> {
+        self.replaced(|layer| match layer.at(time) {
+            LayerView::Planes(view) => Layer::Still(view.tree.still_at(time)),
+            _ => layer.clone(),
+        })
+    }
+
+    /// The tree with other layers in the place of k-d trees, if there are any.
+    fn replaced(&self, boxed: impl Fn(&Layer) -> Layer) -> Option<PointTree> {
+        if !self.layers.iter().any(|layer| matches!(layer, Layer::Planes(_))) {
+            return None;
+        }
+        let layers = self.layers.iter().map(boxed).collect();
+        Some(PointTree { layers, precise: self.precise.clone(), stats: self.stats.clone(), ..*self })
     }
 
     /// Number of points.
@@ -268,35 +294,29 @@ impl core::fmt::Debug for PointTree {
 }
 
 /// The layer that a plan makes.
-fn kind(plan: &Plan) -> PointLayerKind {
-    match plan.cut {
-        Cut::Nothing => PointLayerKind::Linear { parts: plan.parts, life_levels: plan.life_levels },
-        Cut::Fast => PointLayerKind::CutFast,
-        Cut::Everything => PointLayerKind::Mbkd,
+fn kind(plan: Plan) -> PointLayerKind {
+    match plan {
+        Plan::Boxes(parts) => PointLayerKind::Linear { parts },
+        Plan::Planes(_) => PointLayerKind::Mbkd,
     }
 }
 
 /// The plan that was asked for; nothing where the choice is automatic.
 fn forced(params: &PointParams) -> Option<Plan> {
-    let plan = Plan { parts: 1, life_levels: 0, cut: Cut::Nothing, references: params.max_references };
     match params.structure {
         PointStructure::Automatic => None,
-        PointStructure::Linear => Some(plan),
-        PointStructure::Slabs(parts) => Some(Plan { parts, ..plan }),
-        PointStructure::CutFast => Some(Plan { cut: Cut::Fast, references: params.max_references.min(1.5), ..plan }),
-        PointStructure::Mbkd => Some(Plan { cut: Cut::Everything, ..plan }),
-        PointStructure::LifeLevels(life_levels) => Some(Plan { life_levels, ..plan }),
+        PointStructure::Linear => Some(Plan::Boxes(1)),
+        PointStructure::Slabs(parts) => Some(Plan::Boxes(parts)),
+        PointStructure::Mbkd => Some(Plan::Planes(params.max_references)),
     }
 }
 
 /// What was tried, in words.
 fn explain(trials: &[Trial], best: &Trial) -> String {
-    let plan = |plan: &Plan| match (plan.cut, plan.parts, plan.life_levels) {
-        (Cut::Fast, ..) => "fast points cut".to_string(),
-        (Cut::Everything, ..) => "all cut".to_string(),
-        (_, 1, 0) => "one linear tree".to_string(),
-        (_, 1, levels) => format!("{levels} life levels"),
-        (_, parts, _) => format!("{parts} parts"),
+    let plan = |plan: &Plan| match plan {
+        Plan::Boxes(1) => "one linear tree".to_string(),
+        Plan::Boxes(parts) => format!("{parts} parts"),
+        Plan::Planes(_) => "one k-d tree".to_string(),
     };
     let name = |trial: &Trial| match &trial.fast {
         Some(fast) => format!("fast points apart in {}", plan(fast)),

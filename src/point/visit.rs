@@ -1,13 +1,15 @@
 //! Traversals of the caller's own through a [`PointTree`].
 
-use super::over_interval::Boxed;
+use super::over_interval::{Boxed, Flight};
 use super::partition::Layer;
+use super::plane_tree::PlaneTree;
 use super::tree::PointTree;
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, KeyTime};
+use crate::mbkd::KdView;
 use crate::simd::LANES;
 use crate::traverse::{Hierarchy, Visitor, traverse};
-use core::ops::ControlFlow;
-use glam::DVec3;
+use core::ops::{ControlFlow, Range};
+use glam::{DVec3, Vec3};
 
 /// A point in a leaf of a [`PointTree`], as a [`Visitor`] meets it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +30,8 @@ struct Place {
     level: Option<usize>,
     at: usize,
     blocks: usize,
+    /// What holds it, in a k-d tree, where `at` is a node in any case.
+    cell: Aabb,
 }
 
 /// All layers at a time.
@@ -37,6 +41,14 @@ struct LayersAt<'a> {
 }
 
 impl LayersAt<'_> {
+    fn bounds(&self, min: [f32; 3], max: [f32; 3]) -> Aabb {
+        Aabb { min: self.to_world(min), max: self.to_world(max) }
+    }
+
+    fn to_world(&self, p: [f32; 3]) -> DVec3 {
+        Vec3::from(p).as_dvec3() + self.tree.origin
+    }
+
     /// Children or points of a place in a tree whose positions are relative to `origin`.
     fn expand_in(
         &self,
@@ -47,11 +59,10 @@ impl LayersAt<'_> {
         items: &mut Vec<TreePoint>,
     ) {
         let Some(level) = place.level else {
-            for block in place.at..place.at + place.blocks {
-                for lane in (0..LANES).filter(|&lane| tree.counts(block, lane, self.time)) {
-                    if let Some(flight) = tree.flight(block, lane) {
-                        items.push(TreePoint { id: flight.id, position: tree.position(&flight, self.time) + origin });
-                    }
+            for (block, lane) in lanes(place.at..place.at + place.blocks) {
+                if tree.counts(block, lane, self.time) {
+                    let at = |flight: &Flight| tree.position(flight, self.time) + origin;
+                    items.extend(tree.flight(block, lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
                 }
             }
             return;
@@ -69,6 +80,47 @@ impl LayersAt<'_> {
     }
 }
 
+impl LayersAt<'_> {
+    fn point(&self, flight: &Flight, at: KeyTime) -> TreePoint {
+        TreePoint { id: flight.id, position: self.to_world(flight.position(at).to_array()) }
+    }
+
+    /// The same in a k-d tree: cells of its planes at the time, grown by their slack.
+    fn expand_planes(
+        &self,
+        tree: &PlaneTree,
+        place: Place,
+        children: &mut Vec<(Aabb, Place)>,
+        items: &mut Vec<TreePoint>,
+    ) {
+        match tree.node(place.at as u32) {
+            KdView::Leaf { first, count } => {
+                let at = KeyTime::new(self.time, tree.part().keys);
+                for (block, lane) in lanes(first as usize..(first + count) as usize) {
+                    if tree.counts(block, lane, self.time) {
+                        items.extend(tree.flight(block, lane).map(|flight| self.point(&flight, at)));
+                    }
+                }
+            }
+            KdView::Inner { plane, right } => {
+                let (axis, left, right) = (plane.axis, place.at as u32 + 1, right);
+                let face = |by: f64| plane.at(self.time) + by + self.tree.origin[axis];
+                let (mut below, mut above) = (place.cell, place.cell);
+                below.max[axis] = below.max[axis].min(face(tree.slack(left)));
+                above.min[axis] = above.min[axis].max(face(-tree.slack(right)));
+                for (node, cell) in [(left, below), (right, above)] {
+                    children.push((cell, Place { at: node as usize, cell, ..place }));
+                }
+            }
+        }
+    }
+}
+
+/// All lanes of some blocks.
+fn lanes(blocks: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
+    blocks.flat_map(|block| (0..LANES).map(move |lane| (block, lane)))
+}
+
 impl Hierarchy for LayersAt<'_> {
     type Node = Place;
     type Item = TreePoint;
@@ -76,16 +128,21 @@ impl Hierarchy for LayersAt<'_> {
     fn roots(&self, roots: &mut Vec<Place>) {
         for (layer, of) in self.tree.layers.iter().enumerate() {
             let part = of.part_at(self.time);
-            let (level, at) = match of {
-                Layer::Still(tree) => tree.top(),
-                Layer::Moving(parts) => parts[part].top(),
-            };
-            roots.push(Place { layer, part, level: Some(level), at, blocks: 0 });
+            let place = Place { layer, part, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
+            let top = |(level, at)| Place { level: Some(level), at, ..place };
+            roots.push(match of {
+                Layer::Still(tree) => top(tree.top()),
+                Layer::Moving(parts) => top(parts[part].top()),
+                Layer::Planes(parts) => {
+                    let (root, slack) = (parts[part].root(), parts[part].slack(0));
+                    Place { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..place }
+                }
+            });
         }
         for (number, of) in self.tree.precise.iter().enumerate() {
             let (layer, part) = (self.tree.layers.len() + number, of.part_at(self.time));
             let (level, at) = of.parts[part].top();
-            roots.push(Place { layer, part, level: Some(level), at, blocks: 0 });
+            roots.push(Place { layer, part, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
         }
     }
 
@@ -94,6 +151,7 @@ impl Hierarchy for LayersAt<'_> {
         match self.tree.layers.get(place.layer) {
             Some(Layer::Still(tree)) => self.expand_in(tree, origin, place, children, items),
             Some(Layer::Moving(parts)) => self.expand_in(&parts[place.part], origin, place, children, items),
+            Some(Layer::Planes(parts)) => self.expand_planes(&parts[place.part], place, children, items),
             None => {
                 let layer = &self.tree.precise[place.layer - self.tree.layers.len()];
                 self.expand_in(&layer.parts[place.part], DVec3::ZERO, place, children, items);
@@ -111,7 +169,7 @@ impl PointTree {
     /// other: this is for questions asked now and then rather than a million times.
     ///
     /// ```
-    /// use core::ops::ControlFlow;
+    /// use core::ops::{ControlFlow, Range};
     /// use mbkd::{Aabb, MovingPoint, PointParams, PointTree, TreePoint, Visitor, glam::{DVec3, Vec3}};
     ///
     /// /// Finds the points that are above a plane, whose normal is `normal`.

@@ -119,10 +119,6 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = (id, over, cell);
         false
     }
-    /// Number of keys of a primitive's motion; 1 for what stands still.
-    fn keys(&self, id: u32) -> usize;
-    /// Whether no motion has more than two keys.
-    fn linear(&self) -> bool;
     /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
     /// Prefetches where the vertices of a primitive are; the vertices themselves follow with
@@ -138,7 +134,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Mesh and primitive as the caller numbers them.
     fn name(&self, id: u32) -> (u32, u32);
     /// The map between world and tree space.
-    fn frame(&self) -> Frame;
+    fn frame(&self) -> &Frame;
     /// What has been wrong with the answers of a caller's primitive since the set was made.
     fn complaint(&self) -> Result<(), BuildError> {
         Ok(())
@@ -172,9 +168,17 @@ fn are_boxes(bounds: LinearBounds) -> bool {
     })
 }
 
-impl<P: Primitive> Shapes<P> {
-    /// Takes the shapes after checking their bounds over the whole time they exist.
-    pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
+/// When and where shapes are. Each is asked once when it exists.
+pub(crate) struct ShapesExtent {
+    /// When each exists; empty where all do throughout the shutter.
+    active: Vec<TimeInterval>,
+    /// The box that holds all, always.
+    pub swept: Aabb,
+}
+
+impl ShapesExtent {
+    /// Of shapes whose bounds over the whole time they exist are boxes.
+    pub fn of<P: Primitive>(shapes: &[P]) -> Result<ShapesExtent, BuildError> {
         if shapes.len() >= NONE as usize {
             return Err(BuildError::TooManyPrimitives { found: shapes.len() });
         }
@@ -190,7 +194,21 @@ impl<P: Primitive> Shapes<P> {
         if active.iter().all(|&active| active == TimeInterval::FULL) {
             active = Vec::new();
         }
-        Ok(Shapes { shapes, active, frame: Frame::around(swept), bad: AtomicU32::new(NONE) })
+        Ok(ShapesExtent { active, swept })
+    }
+}
+
+impl<P: Primitive> Shapes<P> {
+    /// Takes the shapes after checking their bounds over the whole time they exist.
+    pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
+        let extent = ShapesExtent::of(&shapes)?;
+        let frame = Frame::around(extent.swept);
+        Ok(Shapes::within(shapes, extent, frame))
+    }
+
+    /// Shapes that were checked, in a tree space that holds them.
+    pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
+        Shapes { shapes, active: extent.active, frame, bad: AtomicU32::new(NONE) }
     }
 
     /// The shapes as they were given.
@@ -238,15 +256,6 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         }
     }
 
-    fn keys(&self, id: u32) -> usize {
-        let bounds = self.bounds(id, self.active(id));
-        if bounds.begin == bounds.end { 1 } else { 2 }
-    }
-
-    fn linear(&self) -> bool {
-        true
-    }
-
     fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
         None
     }
@@ -255,8 +264,8 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         (0, id)
     }
 
-    fn frame(&self) -> Frame {
-        self.frame
+    fn frame(&self) -> &Frame {
+        &self.frame
     }
 
     fn complaint(&self) -> Result<(), BuildError> {

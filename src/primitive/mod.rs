@@ -4,6 +4,7 @@ mod check;
 mod custom;
 mod mesh;
 mod points;
+mod scene;
 mod sphere;
 mod triangles;
 
@@ -12,5 +13,6 @@ pub(crate) use custom::PrimitiveSet;
 pub use custom::{Intersection, Primitive, Shapes, SurfacePoint};
 pub use mesh::{Keys, TriangleMesh};
 pub use points::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
+pub use scene::{Scene, Shape};
 pub use sphere::MovingSphere;
-pub use triangles::Triangles;
+pub(crate) use triangles::Triangles;

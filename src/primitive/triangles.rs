@@ -57,8 +57,14 @@ struct Rebased {
 
 impl Triangles {
     /// Checks the meshes and copies them into tree space.
+    #[cfg(test)]
     pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
-        let mut swept = Aabb::EMPTY;
+        Triangles::beside(meshes, Aabb::EMPTY)
+    }
+
+    /// Checks the meshes and copies them into a tree space that holds what else there is, too.
+    pub(crate) fn beside(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
+        let mut swept = others;
         for (i, mesh) in meshes.iter().enumerate() {
             swept = swept.union(mesh.validate(i)?);
         }
@@ -195,15 +201,21 @@ impl Triangles {
     }
 
     /// The corners at time `t`, exactly as queries see them.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
         let &Rebased { keys, stride, .. } = self.mesh(id);
+        let [a, b, c] = self.vertices(id);
+        // Each by itself: mapped arrays become calls.
         if keys == 1 {
-            return self.vertices(id).map(|v| self.position(v, 0));
+            return [self.position(a, 0), self.position(b, 0), self.position(c, 0)];
         }
         let at = KeyTime::new(t, keys);
-        let (a, b) = (at.segment * stride, (at.segment + 1) * stride);
-        self.vertices(id).map(|v| at.position(self.position(v, a), self.position(v, b)))
+        let (first, last) = (at.segment * stride, (at.segment + 1) * stride);
+        [
+            at.position(self.position(a, first), self.position(a, last)),
+            at.position(self.position(b, first), self.position(b, last)),
+            at.position(self.position(c, first), self.position(c, last)),
+        ]
     }
 
     /// The corners at both ends of an interval, up to the signs of zeros.
@@ -334,14 +346,6 @@ impl PrimitiveSet for Triangles {
         LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
     }
 
-    fn keys(&self, id: u32) -> usize {
-        Triangles::keys(self, id)
-    }
-
-    fn linear(&self) -> bool {
-        Triangles::linear(self)
-    }
-
     #[inline(always)]
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
         let [begin, end] = Triangles::ends(self, id, over);
@@ -394,8 +398,8 @@ impl PrimitiveSet for Triangles {
         (mesh as u32, id - self.meshes[mesh].first)
     }
 
-    fn frame(&self) -> Frame {
-        self.frame
+    fn frame(&self) -> &Frame {
+        &self.frame
     }
 
     fn bytes(&self) -> usize {

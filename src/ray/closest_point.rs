@@ -22,10 +22,10 @@
 use super::filter::Filter;
 use super::observer::Observer;
 use crate::geometry::{Frame, ULP, closest_on_triangle};
-use crate::layout::{ChildRef, CornerLanes, Kind, NODE_ROWS, WideSource, WideTree};
+use crate::layout::{ChildRef, CornerLanes, NODE_ROWS, WideSource, WideTree};
 use crate::limits::{DEPTH_LIMIT, MAX_COORDINATE};
 use crate::mbkd::{KdTree, KdView};
-use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, lanes_at};
 use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal, children_of};
 use core::ops::ControlFlow;
@@ -95,10 +95,13 @@ pub(crate) trait ClosestPointSource: WideSource {
     fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate>;
 }
 
-impl ClosestPointSource for Triangles {
+impl ClosestPointSource for Scene {
     #[inline]
     fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
-        Some(query.on_triangle(self.corners(id, query.time)))
+        match self.shape(id) {
+            None => Some(query.on_triangle(self.triangles.corners(id, query.time))),
+            Some(shape) => self.shapes.closest_point(shape, query),
+        }
     }
 }
 
@@ -263,7 +266,7 @@ impl<S: Simd, G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> WideQ
     #[inline(always)]
     fn leaf(&mut self, s: S, leaf: ChildRef) -> ControlFlow<()> {
         self.observer.leaf();
-        if G::LISTS && leaf.kind() == Kind::OwnLeaf {
+        if self.tree.is_list::<G>(leaf) {
             self.observer.primitive_tests(leaf.len());
             for &id in &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
                 if let Some(candidate) = self.best.set.closest_point(id, self.best.query) {
@@ -427,7 +430,7 @@ pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, set.frame())?;
+    let query = Query::new(query, *set.frame())?;
     let mut best = begin(set, &query, filter);
     dispatch(simd, Wide { tree, best: &mut best, observer });
     best.finish()
@@ -441,7 +444,7 @@ pub(super) fn closest_point_in_kd<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, set.frame())?;
+    let query = Query::new(query, *set.frame())?;
     let mut best = begin(set, &query, filter);
     search_kd(tree, &mut best, observer);
     best.finish()
@@ -453,7 +456,7 @@ pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
     query: &ClosestPointQuery,
     filter: &impl Filter<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, set.frame())?;
+    let query = Query::new(query, *set.frame())?;
     let mut best = begin(set, &query, filter);
     for id in 0..set.len() as u32 {
         if let Some(candidate) = set.closest_point(id, &query) {

@@ -1,27 +1,13 @@
 //! Nearest points as callers ask for them.
 
 use super::batch_order::in_parallel;
-use super::closest_point::{ClosestPoint, ClosestPointQuery, closest_point_in_kd, closest_point_in_wide};
-use super::compiled::Layout;
-use super::filter::{Everything, Filter, Visible};
+use super::closest_point::{ClosestPoint, ClosestPointQuery};
+use super::filter::Visible;
 use super::observer::Observer;
 use super::ray_tree::{Geometry, RayTree};
 use glam::DVec3;
 
 impl<G: Geometry> RayTree<G> {
-    fn closest_point_by(
-        &self,
-        query: &ClosestPointQuery,
-        filter: &impl Filter<ClosestPoint>,
-        observer: &mut impl Observer,
-    ) -> Option<ClosestPoint> {
-        let set = &self.geometry;
-        match &self.layout {
-            Layout::Wide(tree) => closest_point_in_wide(self.simd, tree, set, query, filter, observer),
-            Layout::Kd(tree) => closest_point_in_kd(tree, set, query, filter, observer),
-        }
-    }
-
     /// The nearest point on anything in the tree at a time of the shutter, if it is no farther than `max_distance`
     /// (infinity is fine): how far, where, and on which primitive; of several at the same distance (as an f32) the one
     /// on the lowest (mesh, primitive). `point` is a `Vec3` or `DVec3` in world coordinates.
@@ -53,7 +39,7 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<ClosestPoint> {
         let query = ClosestPointQuery { point: point.into(), time, max_distance };
-        self.closest_point_by(&query, &Everything, &mut ())
+        (self.queries.closest_point.plain)(self.target(), &query)
     }
 
     /// [`RayTree::closest_point`] among the points that `accept` accepts, on meshes whose
@@ -65,7 +51,7 @@ impl<G: Geometry> RayTree<G> {
         mask: u32,
         accept: impl Fn(&ClosestPoint) -> bool,
     ) -> Option<ClosestPoint> {
-        self.closest_point_by(query, &Visible { mask, accept }, &mut ())
+        (self.queries.closest_point.filtered)(self.target(), query, &Visible { mask, accept: &accept })
     }
 
     /// [`RayTree::closest_point`], telling `observer` what it does.
@@ -74,7 +60,7 @@ impl<G: Geometry> RayTree<G> {
         query: &ClosestPointQuery,
         observer: &mut impl Observer,
     ) -> Option<ClosestPoint> {
-        self.closest_point_by(query, &Everything, observer)
+        (self.queries.closest_point.observed)(self.target(), query, observer)
     }
 
     /// [`RayTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
@@ -95,7 +81,7 @@ impl<G: Geometry> RayTree<G> {
         answers.resize(queries.len(), None);
         in_parallel(queries, answers, |queries: &[ClosestPointQuery], answers: &mut [Option<ClosestPoint>]| {
             for (query, answer) in queries.iter().zip(answers) {
-                *answer = self.closest_point_by(query, &Everything, &mut ());
+                *answer = (self.queries.closest_point.plain)(self.target(), query);
             }
         });
     }

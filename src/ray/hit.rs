@@ -10,9 +10,10 @@ pub struct Hit {
     pub u: f32,
     /// Barycentric weight of the triangle's third vertex; the first has `1 - u - v`.
     pub v: f32,
-    /// The mesh, as an index into what the tree was built of (0 for the caller's own primitives).
+    /// The mesh, as an index into what the tree was built of; the number of meshes for one of the other shapes of a scene, so
+    /// 0 where there are only those.
     pub mesh: u32,
-    /// The triangle within its mesh, or the primitive's index.
+    /// The triangle within its mesh, or the shape's index.
     pub primitive: u32,
 }
 

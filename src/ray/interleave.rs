@@ -9,7 +9,7 @@ use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
 use super::hit::Hit;
 use super::intersect::RaySource;
-use super::traverser::Scene;
+use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use super::wide_traversal::{Forms, RayQuery};
 use crate::geometry::Ray;
@@ -108,9 +108,9 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
         if tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &tree.arena, set, filter: &Everything };
+        let traverser = Traverser { arena: &tree.arena, lists: tree.lists, set, filter: &Everything };
         let traversal = WideTraversal::by_turns(&tree.arena);
-        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, &set.frame())?)));
+        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<Turn<'_, A::Collect>> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
@@ -123,9 +123,9 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
             while i < group.len() {
                 let turn = &mut group[i];
                 let Turn { ray, forms, cursor, collect, .. } = turn;
-                let mut query = RayQuery { scene: &scene, ray, forms, collect, observer: &mut () };
+                let mut query = RayQuery { traverser: &traverser, ray, forms, collect, observer: &mut () };
                 if traversal.advance(s, cursor, &mut query).is_continue() {
-                    scene.arena.prefetch(cursor.at.at(), cursor.at.lines());
+                    traverser.arena.prefetch(cursor.at.at(), cursor.at.lines());
                     i += 1;
                     continue;
                 }

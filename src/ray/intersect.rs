@@ -4,7 +4,7 @@ use super::hit::SetHit;
 use super::shear::Sheared;
 use super::tree_ray::TreeRay;
 use crate::layout::WideSource;
-use crate::primitive::{Primitive, Shapes, Triangles};
+use crate::primitive::{Primitive, Scene, Shapes};
 use glam::Vec3;
 
 /// A set of primitives that rays can be tested against one by one.
@@ -13,14 +13,18 @@ pub(crate) trait RaySource: WideSource {
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit>;
 }
 
-impl RaySource for Triangles {
-    #[inline]
+impl RaySource for Scene {
+    #[inline(always)]
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
-        intersect_triangle(ray, self.corners(id, ray.time))
+        match self.shape(id) {
+            None => intersect_triangle(ray, self.triangles.corners(id, ray.time)),
+            Some(shape) => self.shapes.intersect(shape, ray),
+        }
     }
 }
 
 impl<P: Primitive> RaySource for Shapes<P> {
+    #[inline]
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
         let hit = self.shapes()[id as usize].intersect(&ray.world)?;
         ray.hit(hit.t, hit.u, hit.v)
@@ -28,8 +32,9 @@ impl<P: Primitive> RaySource for Shapes<P> {
 }
 
 /// Tests one triangle at the ray's time.
-#[inline]
-pub(crate) fn intersect_triangle(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
-    let corners = corners.map(|v| ray.shear.corner(v, ray.origin));
+#[inline(always)]
+pub(crate) fn intersect_triangle(ray: &TreeRay, [a, b, c]: [Vec3; 3]) -> Option<SetHit> {
+    // Each by itself: mapped arrays become calls.
+    let corners = [ray.shear.corner(a, ray.origin), ray.shear.corner(b, ray.origin), ray.shear.corner(c, ray.origin)];
     if Sheared::may_hit(corners) { ray.decide(corners, ray.t_max) } else { None }
 }

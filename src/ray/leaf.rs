@@ -9,13 +9,13 @@ use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::observer::Observer;
-use super::traverser::Scene;
+use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use crate::geometry::KeyTime;
 use crate::layout::{Between, CORNER_ROWS, ChildRef, VERTEX_ROWS, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
 
-impl<G: RaySource, F: Filter> Scene<'_, G, F> {
+impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// Tests the triangles of a leaf block; true ends the query.
     #[inline(always)]
     pub(super) fn leaf<S: Simd, const MOVING: bool>(

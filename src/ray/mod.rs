@@ -1,7 +1,7 @@
 //! Rays that carry their own time, and the tree that says what they hit.
 //!
-//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_primitives`] the caller's own primitives
-//! ([`Primitive`](crate::Primitive)); [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
+//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and the caller's own primitives
+//! ([`Primitive`](crate::Primitive)) together, [`RayTree::of_primitives`] those of one type; [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
 //! [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 
 mod batch_order;
@@ -32,7 +32,7 @@ mod wide_tests;
 pub use crate::error::BuildError;
 pub use crate::geometry::Ray;
 pub use crate::layout::{Statistics, TreeBox, ValidationError};
-pub use crate::params::{BuildParams, Division, Policy};
+pub use crate::params::{BuildParams, Division, KdParams, Policy, WideParams};
 pub use crate::primitive::Intersection;
 pub use crate::simd::SimdLevel;
 pub use crate::traverse::Visitor;

@@ -8,13 +8,14 @@ use crate::error::BuildError;
 use crate::layout::{Statistics, TreeBox, ValidationError, WideTree};
 use crate::mbkd::build_kd;
 use crate::params::{BuildParams, Policy};
-use crate::primitive::{Primitive, PrimitiveSet, Shapes, TriangleMesh, Triangles};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, Shape, Shapes, TriangleMesh};
 use crate::progress::{Callback, Progress};
 use crate::simd::SimdLevel;
+use crate::tuning::wide::CACHED;
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// What a [`RayTree`] is made of: [`Triangles`] or [`Shapes`]. Sealed; a bound for
+/// What a [`RayTree`] is made of: [`Scene`] or [`Shapes`]. Sealed; a bound for
 /// code that is generic over both.
 ///
 /// ```
@@ -46,12 +47,12 @@ impl<S: RaySource + ClosestPointSource> Geometry for S {}
 /// assert_eq!(tree.normal(&hit, ray.time), Vec3::Z);
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
-pub struct RayTree<G = Triangles> {
+pub struct RayTree<G = Scene> {
     pub(super) geometry: G,
     pub(super) layout: Layout,
     statistics: Statistics,
     pub(super) simd: SimdLevel,
-    queries: Queries<G>,
+    pub(super) queries: Queries<G>,
 }
 
 impl<G> core::fmt::Debug for RayTree<G> {
@@ -63,14 +64,14 @@ impl<G> core::fmt::Debug for RayTree<G> {
 impl<G: Geometry> RayTree<G> {
     fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
         params.validate()?;
-        let (layout, statistics) = match params.policy {
-            Policy::Wide => {
+        let (layout, statistics) = match &params.policy {
+            Policy::Wide(params) => {
                 let tree = WideTree::build(&geometry, params, progress)?;
                 geometry.written();
                 let statistics = tree.statistics(&geometry);
                 (Layout::Wide(tree), statistics)
             }
-            Policy::Mbkd | Policy::ClassicKd => {
+            Policy::Kd(params) => {
                 let (tree, times) = build_kd(&geometry, params, progress)?;
                 let statistics = tree.statistics(&geometry).with_times(times);
                 (Layout::Kd(tree), statistics)
@@ -81,7 +82,7 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// What queries are asked of.
-    fn target(&self) -> Target<'_, G> {
+    pub(super) fn target(&self) -> Target<'_, G> {
         Target { layout: &self.layout, geometry: &self.geometry, simd: self.simd }
     }
 
@@ -233,7 +234,7 @@ impl<G: Geometry> RayTree<G> {
 
     /// Checks that the tree is whole: links, depth, and that at sampled times, among them all at which something
     /// changes, each primitive is found wherever it is (in the k-d layout; in the wide one, that it is in some
-    /// leaf block). For tests; takes far longer than the build.
+    /// leaf block, and at nine times that the boxes above hold the corners of each triangle that was not split). For tests; takes far longer than the build.
     ///
     /// # Errors
     /// The first thing found wrong, which would be a defect of this crate.
@@ -264,7 +265,7 @@ impl<G: Geometry> RayTree<G> {
         if let Layout::Wide(tree) = &self.layout
             && (0.0..=1.0).contains(&time)
         {
-            tree.boxes(time, self.geometry.frame(), &mut visitor);
+            tree.boxes(time, *self.geometry.frame(), &mut visitor);
         }
     }
 
@@ -287,14 +288,41 @@ impl RayTree {
     /// same for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished
     /// tree and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
     /// divided by time, and the tree itself beyond 300 where there are separate trees for parts of the shutter
-    /// ([`BuildParams::bytes_per_primitive`] bounds them). Measured as allocated bytes on the procedural
+    /// ([`WideParams::bytes_per_primitive`](crate::WideParams::bytes_per_primitive) bounds them). Measured as allocated bytes on the procedural
     /// scenes (`scenes/`) at full size.
     ///
     /// # Errors
     /// What is wrong with a mesh or a parameter, and where: see [`BuildError`]. No triangles at all is fine: nothing
     /// is ever hit. Triangles without area are kept and never hit.
     pub fn build(meshes: &[TriangleMesh], params: &BuildParams) -> Result<RayTree, BuildError> {
-        RayTree::of(Triangles::new(meshes)?, params, &Progress::new(None))
+        RayTree::of_scene(meshes, Vec::new(), params)
+    }
+
+    /// Builds a tree of triangle meshes, spheres and the caller's own primitives together. A [`Hit`] on one of `shapes` has
+    /// the number of meshes as its [`mesh`](Hit::mesh), and the index into `shapes` as its
+    /// [`primitive`](Hit::primitive). Where `shapes` is empty this is [`RayTree::build`].
+    ///
+    /// Triangles and shapes have subtrees of their own below common nodes. Shapes have all bits of visibility masks.
+    ///
+    /// ```
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, TriangleMesh};
+    /// let floor = vec![Vec3::new(-9.0, -9.0, 0.0), Vec3::new(9.0, -9.0, 0.0), Vec3::new(0.0, 9.0, 0.0)];
+    /// let floor = TriangleMesh::fixed(vec![[0, 1, 2]], floor);
+    /// // A ball that rolls by.
+    /// let ball = MovingSphere::new(vec![(DVec3::new(-2.0, 0.0, 1.0), 1.0), (DVec3::new(2.0, 0.0, 1.0), 1.0)]);
+    /// let tree = RayTree::of_scene(&[floor], vec![ball.into()], &BuildParams::default())?;
+    /// let down = Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z);
+    /// let what = |time| tree.closest_hit(&down.at_time(time)).map(|hit| (hit.mesh, hit.primitive, hit.t));
+    /// assert_eq!(what(0.0), Some((0, 0, 5.0))); // the floor
+    /// assert_eq!(what(0.5), Some((1, 0, 3.0))); // the ball
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RayTree::build`] and [`RayTree::of_primitives`].
+    pub fn of_scene(meshes: &[TriangleMesh], shapes: Vec<Shape>, params: &BuildParams) -> Result<RayTree, BuildError> {
+        RayTree::of(Scene::new(meshes, shapes)?, params, &Progress::new(None))
     }
 
     /// [`RayTree::build`] that calls `progress` with the finished fraction (0 to 1) now and then, from any of its
@@ -304,17 +332,17 @@ impl RayTree {
         params: &BuildParams,
         progress: Callback<'_>,
     ) -> Result<RayTree, BuildError> {
-        RayTree::of(Triangles::new(meshes)?, params, &Progress::new(Some(progress)))
+        RayTree::of(Scene::new(meshes, Vec::new())?, params, &Progress::new(Some(progress)))
     }
 
     /// The corners of a triangle of a mesh at any time, exactly where queries see them. NaN where there is no such
     /// triangle. A time outside `[0, 1]` continues the motion.
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
-        match self.geometry.id(mesh, triangle) {
+        match self.geometry.triangles.id(mesh, triangle) {
             Some(id) => {
                 let corners = match &self.layout {
-                    Layout::Wide(tree) => tree.corners(&self.geometry, id, time),
-                    Layout::Kd(_) => self.geometry.corners(id, time),
+                    Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
+                    Layout::Kd(_) => self.geometry.triangles.corners(id, time),
                 };
                 corners.map(|p| self.geometry.frame().to_world(p))
             }
@@ -333,6 +361,11 @@ impl RayTree {
         let [a, b, c] = self.vertices(hit, time);
         (b - a).cross(c - a).normalize_or_zero().as_vec3()
     }
+
+    /// The shapes beside the meshes, as they were given.
+    pub fn shapes(&self) -> &[Shape] {
+        self.geometry.shapes.shapes()
+    }
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
@@ -350,9 +383,6 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         self.geometry.shapes()
     }
 }
-
-/// Trees up to this many bytes mostly stay in the caches, where neither the order of rays nor taking turns gains much.
-const CACHED: usize = 64 << 20;
 
 #[cfg(test)]
 mod tests {

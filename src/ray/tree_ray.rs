@@ -23,12 +23,16 @@ pub(crate) struct TreeRay {
     /// How much boxes must be larger than they are, per axis: [`KERNEL_ULPS`] of the origin's largest coordinate, or
     /// somewhat more.
     pub slack: f32,
+    /// The slack in units of `t`, per axis.
+    pub pad: Vec3A,
     /// How far behind its origin the ray begins; 0 for one that begins before it.
     pub behind: f32,
     /// How far the origin was led along the ray, in tree space.
     advance: f64,
     /// World `t` per tree `t`, a power of two.
     t_scale: f64,
+    /// What [`TreeRay::reach_at`] adds for the rounding of `t` whatever the distance is.
+    margin: f64,
     /// The ray as it was asked.
     pub world: Ray,
 }
@@ -45,6 +49,12 @@ pub(crate) const LEAST_COMPONENT: f32 = ULP;
 
 /// Slack whatever the origin is: more than products of denormal numbers lose.
 const LEAST_SLACK: f32 = 7.5e-37;
+
+/// Half an ULP of `t` above a distance and half an ULP below another are this part of it, with as much again to spare.
+const T_ROUNDING: f64 = 1.0 / 4194304.0;
+
+/// The same for a `t` that is denormal, in units of the direction.
+const T_DENORMAL: f64 = 1.0 / ((1u128 << 126) as f64 * 4194304.0);
 
 /// Exponent fields of a longest component with which reciprocals and slopes neither overflow nor lose bits, whatever
 /// the other components are.
@@ -112,6 +122,7 @@ impl TreeRay {
         let origin = origin.as_vec3();
         let mut of = TreeRay::scaled(ray, origin, slack(origin.abs().max_element()) + lost, frame.scale, dir);
         of.advance = advance;
+        of.margin += T_ROUNDING * advance.abs();
         // A step outward for the rounding of `t`, and one for that of the distance.
         let t_per_world = inverse_of_power(of.t_scale);
         let distance = |t: f32| (f64::from(t) * t_per_world - advance) as f32;
@@ -123,6 +134,7 @@ impl TreeRay {
             // Nothing is hit farther back than this, and rounding a sum with it is an ULP of as much.
             let back = 2.0 * (frame.reach + origin.abs().max_element());
             of.slack += 8.0 * ULP * back;
+            of.pad = of.inverse.abs() * of.slack;
             of.begin = of.begin.max(-back);
             of.behind = -of.begin;
         }
@@ -150,9 +162,11 @@ impl TreeRay {
             time: ray.time,
             shear,
             slack,
+            pad: inverse.abs() * slack,
             behind: 0.0,
             advance: 0.0,
             t_scale: inverse_of_power(t_per_world),
+            margin: T_DENORMAL * t_per_world,
             world: *ray,
         }
     }
@@ -163,10 +177,19 @@ impl TreeRay {
         ((distance + self.advance) * self.t_scale) as f32 + 0.0
     }
 
+    /// A distance in tree space beyond which no answer is as near as the one at this distance.
+    ///
+    /// Both are rounded to f32 (2^-24 of `distance + advance` each, or half the least denormal) and may then be equal; the sum here
+    /// leaves room for twice as much. It does not wait for the `t` of the answer, since the next box of the traversal waits for it.
+    #[inline(always)]
+    pub fn reach_at(&self, distance: f64) -> f32 {
+        (distance + (distance.abs() * T_ROUNDING + self.margin)) as f32
+    }
+
     /// A distance in tree space beyond which no answer is as near as `t`, up to the rounding of a distance, for which
     /// there is slack.
     #[inline(always)]
-    pub fn reach(&self, t: f32) -> f32 {
+    fn reach(&self, t: f32) -> f32 {
         (f64::from(t.next_up()) * inverse_of_power(self.t_scale) - self.advance) as f32
     }
 

@@ -45,11 +45,12 @@ impl TreeRay {
         if outside | (det == 0.0) {
             return None;
         }
-        let t = self.answer_at((u * az + v * bz + w * cz) / (det * f64::from(self.shear.dz)));
+        let distance = (u * az + v * bz + w * cz) / (det * f64::from(self.shear.dz));
+        let t = self.answer_at(distance);
         // NaN is no hit in this form.
         (self.t_min <= t && t <= limit).then(|| {
             let (u, v) = ((v / det) as f32, (w / det) as f32);
-            SetHit { t, reach: self.reach(t), u, v }
+            SetHit { t, reach: self.reach_at(distance), u, v }
         })
     }
 }

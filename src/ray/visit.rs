@@ -61,7 +61,7 @@ impl<G: Geometry> Hierarchy for WideAt<'_, G> {
         for (lane, child) in self.tree.children(at).iter().map(|&child| ChildRef(child)).enumerate() {
             if child != ChildRef::NOTHING {
                 let [min, max] = self.tree.lane_box(at, lane, self.time);
-                children.push((to_world(self.set.frame(), Box3 { min, max }), child));
+                children.push((to_world(*self.set.frame(), Box3 { min, max }), child));
             }
         }
     }
@@ -99,7 +99,7 @@ impl<G: Geometry> Hierarchy for KdAt<'_, G> {
                 for (child, cell) in [(node + 1, below), (right, above)] {
                     // Beside a plane that has left the cell there is nothing but what rounding puts there.
                     let bounds = Box3 { min: cell.min.min(cell.max), max: cell.max.max(cell.min) }.pad(self.slack);
-                    children.push((to_world(self.set.frame(), bounds), (child, cell)));
+                    children.push((to_world(*self.set.frame(), bounds), (child, cell)));
                 }
             }
             KdView::Leaf { first, count } => {

@@ -3,7 +3,7 @@
 
 use crate::baseline::BruteForce;
 use crate::simd::SimdLevel;
-use crate::{BuildParams, Counters, Division, Policy, Ray, RayTree, TimeInterval, TriangleMesh, scene};
+use crate::{BuildParams, Counters, Division, Ray, RayTree, TimeInterval, TriangleMesh, WideParams, scene};
 use glam::Vec3;
 
 fn random(state: &mut u64) -> f32 {
@@ -39,8 +39,7 @@ fn closest_hits_equal_brute_force_on_every_level() {
     ];
     for some in [&meshes[..1], &meshes[1..2], &meshes[2..3], &meshes[..]] {
         for level in SimdLevel::available() {
-            let params = BuildParams::default().with_policy(Policy::Wide);
-            let tree = RayTree::build(some, &params).unwrap().with_simd(level);
+            let tree = RayTree::build(some, &BuildParams::default()).unwrap().with_simd(level);
             let oracle = BruteForce::new(some).unwrap();
             let mut hits = 0;
             for _ in 0..1500 {
@@ -73,11 +72,11 @@ fn the_tree_is_the_same_for_any_number_of_threads() {
 #[cfg(feature = "rayon")]
 fn same_for_any_number_of_threads(meshes: &[TriangleMesh]) {
     use crate::layout::WideTree;
-    use crate::primitive::Triangles;
+    use crate::primitive::Scene;
     use crate::progress::Progress;
 
-    let set = Triangles::new(meshes).unwrap();
-    let params = BuildParams::default();
+    let set = Scene::new(meshes, Vec::new()).unwrap();
+    let params = WideParams::default();
     let words = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let tree = pool.install(|| WideTree::build(&set, &params, &Progress::new(None)).unwrap());
@@ -129,7 +128,7 @@ fn work(scene: &scene::Scene, params: &BuildParams) -> f64 {
 #[test]
 fn a_choice_for_each_part_takes_less_work_than_one_for_all_of_no_more_memory() {
     let scene = scene::mixed(160_000);
-    let of = |division| BuildParams { division, ..BuildParams::default() };
+    let of = |division| BuildParams::wide(WideParams { division, ..WideParams::default() });
     let bytes = |params: &BuildParams| RayTree::build(&scene.meshes, params).unwrap().statistics().bytes;
     let (own, size) = (work(&scene, &of(Division::Automatic)), bytes(&of(Division::Automatic)));
     let mut compared = 0;
@@ -164,7 +163,7 @@ fn the_budget_is_kept_and_more_of_it_never_makes_less() {
     for (i, meshes) in scenes.iter().enumerate() {
         let mut last = 0.0;
         for budget in [128.0, 256.0, 400.0, 700.0, 1024.0, 2000.0, 4000.0] {
-            let params = BuildParams { bytes_per_primitive: budget, ..BuildParams::default() };
+            let params = BuildParams::wide(WideParams { bytes_per_primitive: budget, ..WideParams::default() });
             let statistics = RayTree::build(meshes, &params).unwrap().statistics();
             let bytes = statistics.bytes as f32 / statistics.primitives as f32;
             println!("scene {i}, {budget}: {bytes}");
@@ -189,7 +188,8 @@ fn divisions_by_hand_answer_like_brute_force() {
         Division::Copies(5),
         Division::Copies(16),
     ] {
-        let tree = RayTree::build(&meshes, &BuildParams { division, ..BuildParams::default() }).unwrap();
+        let tree =
+            RayTree::build(&meshes, &BuildParams::wide(WideParams { division, ..WideParams::default() })).unwrap();
         tree.validate().unwrap();
         let references = tree.statistics().references;
         match division {
@@ -245,7 +245,8 @@ fn corners_come_back_from_leaf_blocks_as_they_were_given() {
     meshes.extend(scene::needles(2000, 0.05).meshes);
     let listed = RayTree::build(&meshes, &BuildParams::paper()).unwrap();
     for division in [Division::Automatic, Division::Segments(3), Division::Copies(2)] {
-        let tree = RayTree::build(&meshes, &BuildParams { division, ..BuildParams::default() }).unwrap();
+        let tree =
+            RayTree::build(&meshes, &BuildParams::wide(WideParams { division, ..WideParams::default() })).unwrap();
         tree.validate().unwrap();
         for (mesh, of) in meshes.iter().enumerate() {
             for primitive in 0..of.len() {
@@ -258,5 +259,29 @@ fn corners_come_back_from_leaf_blocks_as_they_were_given() {
         }
         let beyond = crate::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive: 40 };
         assert!(tree.vertices(&beyond, 0.5).iter().all(|p| p.is_nan()));
+    }
+}
+
+#[test]
+fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
+    use crate::layout::{ChildRef, ValidationError, WideTree};
+    use crate::primitive::Scene;
+    use crate::progress::Progress;
+    use crate::simd::LANES;
+
+    let mut state = 9;
+    let meshes = [soup(200, 1, 0.1, 0.0, &mut state), soup(200, 2, 0.1, 0.3, &mut state)];
+    let set = Scene::new(&meshes, Vec::new()).unwrap();
+    let params = WideParams { division: Division::Whole, ..WideParams::default() };
+    let mut tree = WideTree::build(&set, &params, &Progress::new(None)).unwrap();
+    assert_eq!(tree.validate(&set), Ok(()));
+    let (root, children) = (tree.root.at(), tree.children(tree.root).to_vec());
+    // Each upper face of x of the root's boxes, moved inward a little; put back afterwards.
+    for lane in (0..LANES).filter(|&lane| children[lane] != ChildRef::NOTHING.0) {
+        let face = &mut tree.arena.floats_mut()[root + LANES + lane];
+        let whole = *face;
+        *face -= 0.01;
+        assert!(matches!(tree.validate(&set), Err(ValidationError::Bounds { .. })), "lane {lane}");
+        tree.arena.floats_mut()[root + LANES + lane] = whole;
     }
 }

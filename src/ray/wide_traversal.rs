@@ -20,7 +20,7 @@ use super::filter::Filter;
 use super::intersect::RaySource;
 use super::leaf::LeafRay;
 use super::observer::Observer;
-use super::traverser::Scene;
+use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use super::walk::Walk;
 use crate::geometry::KeyTime;
@@ -50,7 +50,7 @@ impl Slabs {
     fn new(ray: &TreeRay) -> Slabs {
         let inverse = ray.inverse;
         let at_origin = -Vec3A::from(ray.origin) * inverse + ray.behind;
-        let pad = inverse.abs() * ray.slack;
+        let pad = ray.pad;
         Slabs {
             near: [backward(ray.world.dir.x), backward(ray.world.dir.y), backward(ray.world.dir.z)],
             inverse,
@@ -97,9 +97,9 @@ impl<S: Simd> Walk for Wide<'_, S> {
         if self.tree.root == ChildRef::NOTHING {
             return;
         }
-        let scene = Scene { arena: &self.tree.arena, set, filter };
+        let traverser = Traverser { arena: &self.tree.arena, lists: self.tree.lists, set, filter };
         let forms = Forms::new(ray);
-        let mut query = RayQuery { scene: &scene, ray, forms: &forms, collect, observer };
+        let mut query = RayQuery { traverser: &traverser, ray, forms: &forms, collect, observer };
         let mut cursor = Cursor::new(self.tree.root, self.stack);
         let traversal = WideTraversal::new(&self.tree.arena);
         while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
@@ -124,7 +124,7 @@ impl Forms {
 
 /// A ray on its way through the tree, with all that is asked of it.
 pub(super) struct RayQuery<'a, G, F, C, O> {
-    pub scene: &'a Scene<'a, G, F>,
+    pub traverser: &'a Traverser<'a, G, F>,
     pub ray: &'a TreeRay,
     pub forms: &'a Forms,
     pub collect: &'a mut C,
@@ -174,18 +174,19 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
 
     #[inline(always)]
     fn leaf(&mut self, s: S, at: ChildRef) -> ControlFlow<()> {
-        let RayQuery { scene, ray, forms, .. } = *self;
+        let RayQuery { traverser, ray, forms, .. } = *self;
         let (collect, observer, leaf_ray) = (&mut *self.collect, &mut *self.observer, &forms.leaf);
         let end = match at.kind() {
-            Kind::Leaf => scene.leaf::<S, true>(s, at, ray, leaf_ray, collect, observer),
-            Kind::StillLeaf => scene.leaf::<S, false>(s, at, ray, leaf_ray, collect, observer),
-            Kind::SharedLeaf => scene.shared::<S, true>(s, at, ray, leaf_ray, collect, observer),
-            Kind::SharedStillLeaf => scene.shared::<S, false>(s, at, ray, leaf_ray, collect, observer),
-            _ if G::LISTS => scene.list(at, ray, collect, observer),
+            _ if !G::TRIANGLES => traverser.list(at, ray, collect, observer),
+            Kind::Leaf => traverser.leaf::<S, true>(s, at, ray, leaf_ray, collect, observer),
+            Kind::StillLeaf => traverser.leaf::<S, false>(s, at, ray, leaf_ray, collect, observer),
+            Kind::SharedLeaf => traverser.shared::<S, true>(s, at, ray, leaf_ray, collect, observer),
+            Kind::SharedStillLeaf => traverser.shared::<S, false>(s, at, ray, leaf_ray, collect, observer),
+            _ if at.at() >= traverser.lists => traverser.list(at, ray, collect, observer),
             _ => {
-                let segments = scene.arena.ints()[at.at() + (2 * CORNER_ROWS + 1) * at.len()] as usize;
+                let segments = traverser.arena.ints()[at.at() + (2 * CORNER_ROWS + 1) * at.len()] as usize;
                 let between = Between::new(KeyTime::new(ray.time, segments + 1));
-                scene.leaf::<S, true>(s, at, ray, &leaf_ray.between(between), collect, observer)
+                traverser.leaf::<S, true>(s, at, ray, &leaf_ray.between(between), collect, observer)
             }
         };
         if end { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -256,7 +257,7 @@ mod tests {
             let ray = Ray::new(origin, target - origin);
             let Some(mut ray) = TreeRay::new(&ray, &Frame::WORLD) else { continue };
             let Some(hit) = intersect_triangle(&ray, [a, b, c]) else { continue };
-            ray.slack *= part;
+            ray.pad *= part;
             let pad = KERNEL_ULPS * ULP * part;
             let hull = [a, b, c].into_iter().fold(Box3::EMPTY, Box3::include);
             let hull = hull.pad(pad * hull.magnitude());

@@ -14,14 +14,19 @@
 //! divisions only while the last step paid. Neighbours that come to the same decision become one region again, so
 //! a scene that is the same everywhere gets one tree with one division.
 
-use super::draft::{BYTES_PER_REFERENCE, Draft, draft_tree, time_slice};
+use super::draft::{Draft, draft_tree, time_slice};
 use super::slices::{SharedLeaves, slice_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
-use crate::params::{BuildParams, Division};
+use crate::params::{Division, WideParams};
 use crate::primitive::PrimitiveSet;
+use crate::tuning::slices::{
+    LEAST_PIECE, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
+    NODE_BYTES_SHARE, NODE_LATENCY_SHARE, PIECES, SAMPLE, SAMPLES,
+};
+use crate::tuning::wide::BYTES_PER_REFERENCE;
 
 /// A subtree of a draft that divides the shutter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,45 +38,11 @@ pub(crate) struct Region {
     pub cost: f32,
 }
 
-/// Pieces that a draft is taken apart into, about, and the fewest references of one.
-const PIECES: usize = 256;
-const LEAST_PIECE: usize = 1024;
-
-/// References of a piece that are looked at.
-const LOOK: u32 = 64;
-
-/// Dividing a piece pays where boxes made for each half of the shutter have less than this part of the area.
-const MAX_AREA_OF_HALVES: f32 = 0.87;
-
-/// A region must gain this part of the cost of the whole.
-const MIN_GAIN: f32 = 0.002;
-
-/// Halves of a region whose looseness differs by more than this are regions of their own.
-const MAX_DIFFERENCE: f32 = 0.15;
-
-/// What a ray waits for is mostly nodes. So segments, which share leaf blocks, count as this part of copies there:
-/// two cost 7 to 30 % more than their steps and tests say, four 20 to 60 % (coherent, debris, tornado, hairball).
-const NODE_LATENCY_SHARE: f32 = 0.8;
-
-/// A division is taken where it costs less than this part of the whole: it takes memory and time to build.
-const MAX_SPLIT_COST: f32 = 0.87;
-
-/// Two segments must cost less than this part of the whole for copies to be tried.
-const MAX_TWO_SLICES_COST: f32 = 0.85;
-
-/// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which segments share.
-const NODE_BYTES_SHARE: f32 = 0.45;
-
-/// A division is decided on so many subtrees, that together are a sixteenth of all references of a region, each of so
-/// many. Smaller ones would say too little for copies: what meets in them at mid-shutter parts company.
-const SAMPLES: core::ops::RangeInclusive<usize> = 4..=6;
-const SAMPLE: core::ops::RangeInclusive<usize> = 2048..=4096;
-
 /// Copies never make the tree larger than this, three quarters of what its references can number.
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another.
-pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &BuildParams) -> Vec<Region> {
+pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WideParams) -> Vec<Region> {
     let forced = |division| vec![Region { node: 0, division, cost: draft.collapse.total() }];
     match params.division {
         Division::Automatic => {}
@@ -219,7 +190,7 @@ struct Growth(f32);
 
 impl Growth {
     /// What the budget leaves for regions when all else has its usual size, the same for all of them.
-    fn allowed(draft: &Draft, regions: &[u32], params: &BuildParams) -> Growth {
+    fn allowed(draft: &Draft, regions: &[u32], params: &WideParams) -> Growth {
         let bytes = |references: f64| references * f64::from(BYTES_PER_REFERENCE);
         let all = draft.references.len() as f64;
         let divided = regions.iter().map(|&x| f64::from(draft.binary[x as usize].count)).sum::<f64>();
@@ -244,7 +215,7 @@ fn waiting(growth: f32) -> f32 {
 }
 
 /// Decides on a region by what its divisions would cost in samples of it.
-fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &BuildParams) -> Option<Region> {
+fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &WideParams) -> Option<Region> {
     let samples = samples(draft, node);
     let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| draft.binary[x as usize].moving);
     let cost_of = |of: &[u32]| of.iter().map(|&x| draft.collapse.cost(x)).sum::<f32>();
@@ -285,7 +256,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
 }
 
 /// Mean cost of separate trees for equal parts of the shutter over the primitives of a subtree.
-fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &BuildParams) -> f32 {
+fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &WideParams) -> f32 {
     let ids = primitives(draft, of);
     let params = params_of_copies(params, parts);
     let cost = |i: usize| draft_tree(set, &ids, time_slice(i, parts), 0, &params).collapse.total();
@@ -293,8 +264,8 @@ fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, p
 }
 
 /// What copies are built with: the memory for cuts is divided between them.
-pub(crate) fn params_of_copies(params: &BuildParams, parts: usize) -> BuildParams {
-    BuildParams { bytes_per_primitive: params.bytes_per_primitive / parts as f32, ..params.clone() }
+pub(crate) fn params_of_copies(params: &WideParams, parts: usize) -> WideParams {
+    WideParams { bytes_per_primitive: params.bytes_per_primitive / parts as f32, ..*params }
 }
 
 /// The primitives below a node, sorted, each once.
@@ -366,7 +337,7 @@ mod tests {
     fn regions_of(scene: &scene::Scene) -> (Vec<Region>, Vec<f64>) {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let params = BuildParams::default();
+        let params = WideParams::default();
         let draft = draft_tree(&set, &ids, TimeInterval::FULL, 0, &params);
         let regions = regions(&set, &draft, &params);
         for pair in regions.windows(2) {

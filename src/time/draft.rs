@@ -8,33 +8,17 @@
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary, neighbourhoods, presplit};
 use crate::geometry::{Box3, TimeInterval};
 use crate::parallel;
-use crate::params::BuildParams;
+use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
-use crate::simd::huge_vec;
-use core::ops::RangeInclusive;
+use crate::simd::{LANES, huge_vec};
+use crate::tuning::presplit::{
+    MAX_PRESPLIT_COST, MIN_AREA_RATIO, PRESPLIT_SAMPLE, PRESPLIT_SAMPLES, UNCERTAIN_PRESPLIT_COST,
+};
+use crate::tuning::wide::{BINARY_LEAF, BYTES_PER_REFERENCE, LEAF_COST, NODE_COST, PRIMITIVE_COST, STILL_COST};
 
-/// What the steps of a query cost, relative to each other. A primitive at .15 instead of about .07 makes smaller leaves,
-/// which costs 4 to 10 % of the speed on the scenes coherent, debris and tornado.
-pub(crate) const COST_MODEL: CostModel = CostModel { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
-
-/// References at which the binary tree stops, or where they are crowded; the collapse joins its leaves again.
-const BINARY_LEAF: RangeInclusive<usize> = 8..=16;
-
-/// Pre-splitting is done where the expected cost of a ray falls below this part of what it was: it also takes memory.
-const MAX_PRESPLIT_COST: f32 = 0.95;
-
-/// Where a sample says that pre-splitting makes the cost so large a part of what it was, the next one is tried as well.
-const UNCERTAIN_PRESPLIT_COST: RangeInclusive<f32> = 0.9..=1.0;
-
-/// Pre-splitting is tried where the boxes have at least this many times the area of the triangles in them.
-const MIN_AREA_RATIO: f64 = 8.0;
-
-/// Pre-splitting is decided on neighbourhoods of a sixteenth of all references together, each in these bounds.
-const PRESPLIT_SAMPLES: usize = 2;
-const PRESPLIT_SAMPLE: RangeInclusive<usize> = 512..=4096;
-
-/// Bytes that a reference costs in nodes and leaf blocks together, at most about.
-pub(crate) const BYTES_PER_REFERENCE: f32 = 110.0;
+/// What the steps of a query cost, relative to each other.
+pub(crate) const COST_MODEL: CostModel =
+    CostModel { node: NODE_COST, leaf: LEAF_COST, primitive: PRIMITIVE_COST, still: STILL_COST, most: LANES };
 
 /// A drafted tree over an interval of the shutter in which all motion is linear.
 pub(crate) struct Draft {
@@ -79,9 +63,9 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     ids: &[u32],
     over: TimeInterval,
     segment: usize,
-    params: &BuildParams,
+    params: &WideParams,
 ) -> Draft {
-    let budget = params.wide_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
+    let budget = params.max_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
     let elongated = budget > 1.0 && area_ratio(set, ids, over) >= MIN_AREA_RATIO;
     // Room for what is split off from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };

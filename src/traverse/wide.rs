@@ -11,14 +11,11 @@
 use crate::geometry::KeyTime;
 use crate::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
+use crate::tuning::wide::AHEAD;
 use core::ops::ControlFlow;
 
 /// Places on the stack that are there without asking the heap: enough for a tree of ten levels.
 const STACK: usize = 352;
-
-/// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the
-/// cache, and where they are, a prefetch only costs.
-const AHEAD: usize = 8 << 20;
 
 /// Memory for the stack of one query.
 pub(crate) type StackOf = StackMemory<u64, STACK>;

@@ -16,13 +16,8 @@ fn tree_of(cloud: &Cloud, structure: PointStructure) -> PointTree {
     PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params(structure)).unwrap()
 }
 
-const STRUCTURES: [PointStructure; 5] = [
-    PointStructure::Automatic,
-    PointStructure::Linear,
-    PointStructure::Slabs(3),
-    PointStructure::Mbkd,
-    PointStructure::LifeLevels(2),
-];
+const STRUCTURES: [PointStructure; 4] =
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
 
 #[test]
 fn batches_equal_single_queries_for_any_number_of_threads() {
@@ -209,7 +204,7 @@ fn bad_input_is_a_typed_error() {
     }
     let found = u32::MAX as usize;
     assert_eq!(PointTree::build(&Endless, &p).err(), Some(PointError::TooManyPoints { found }));
-    for structure in [PointStructure::Slabs(0), PointStructure::Slabs(5000), PointStructure::LifeLevels(9)] {
+    for structure in [PointStructure::Slabs(0), PointStructure::Slabs(5000)] {
         assert!(matches!(PointTree::build(&two, &params(structure)), Err(PointError::Parameter { .. })));
     }
     for max_references in [0.5, f32::NAN, f32::INFINITY] {
@@ -293,8 +288,8 @@ const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
     ("uniform", PointStructure::Automatic, (5172, 7718)),
     ("coherent", PointStructure::Linear, (6244, 8659)),
     ("random", PointStructure::Slabs(4), (5646, 8316)),
-    ("fast few", PointStructure::Mbkd, (159651, 201497)),
-    ("short lives", PointStructure::LifeLevels(2), (9376, 22095)),
+    ("fast few", PointStructure::Mbkd, (60646, 34276)),
+    ("short lives", PointStructure::Mbkd, (135553, 88732)),
 ];
 
 #[test]
@@ -305,7 +300,7 @@ fn automatic_says_what_and_why() {
         tree.stats().clone()
     };
     let coherent = kinds("coherent");
-    assert_eq!(coherent.layers[0].kind, PointLayerKind::Linear { parts: 1, life_levels: 0 });
+    assert_eq!(coherent.layers[0].kind, PointLayerKind::Linear { parts: 1 });
     assert!(coherent.layers[0].why.contains("costs least"));
     let fast = kinds("fast few");
     assert!(fast.layers[0].why.contains("fast points apart"), "not tried: {fast}");

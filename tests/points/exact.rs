@@ -7,14 +7,12 @@ use mbkd::{
     SimdLevel, TimeInterval, glam::Vec3,
 };
 
-const STRUCTURES: [PointStructure; 7] = [
+const STRUCTURES: [PointStructure; 5] = [
     PointStructure::Automatic,
     PointStructure::Linear,
     PointStructure::Slabs(1),
     PointStructure::Slabs(3),
-    PointStructure::CutFast,
     PointStructure::Mbkd,
-    PointStructure::LifeLevels(3),
 ];
 
 fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
@@ -193,7 +191,7 @@ fn every_point_is_in_exactly_one_place_at_every_crossing() {
     let mut rng = Rng(21);
     let count = 3000;
     let points: Vec<_> = (0..count).map(|_| MovingPoint::new(rng.vec(), rng.vec())).collect();
-    for structure in [PointStructure::Mbkd, PointStructure::CutFast] {
+    for structure in [PointStructure::Mbkd] {
         let params = PointParams { structure, max_references: 16.0, ..PointParams::default() };
         let tree = PointTree::build(&points, &params).unwrap();
         assert!(tree.stats().references_per_point() > 1.3, "nothing was cut: {}", tree.stats());

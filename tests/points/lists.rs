@@ -6,14 +6,8 @@ use mbkd::{
     glam::Vec3,
 };
 
-pub const STRUCTURES: [PointStructure; 6] = [
-    PointStructure::Automatic,
-    PointStructure::Linear,
-    PointStructure::Slabs(3),
-    PointStructure::CutFast,
-    PointStructure::Mbkd,
-    PointStructure::LifeLevels(3),
-];
+pub const STRUCTURES: [PointStructure; 4] =
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
 
 pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();

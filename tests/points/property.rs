@@ -35,9 +35,7 @@ fn structure() -> impl Strategy<Value = PointStructure> {
         Just(PointStructure::Automatic),
         Just(PointStructure::Linear),
         (1usize..6).prop_map(PointStructure::Slabs),
-        Just(PointStructure::CutFast),
         Just(PointStructure::Mbkd),
-        (0usize..4).prop_map(PointStructure::LifeLevels),
     ]
 }
 

@@ -51,10 +51,10 @@ fn every_point_is_met_once_where_it_is() {
         })
         .collect();
     let still: Vec<MovingPoint> = (0..3000).map(|_| MovingPoint::fixed(vec())).collect();
-    use PointStructure::{Automatic, CutFast, LifeLevels, Linear, Mbkd, Slabs};
+    use PointStructure::{Automatic, Linear, Mbkd, Slabs};
     let everywhere = Aabb { min: DVec3::splat(-9.0), max: DVec3::splat(9.0) };
     for points in [&moving, &still] {
-        for structure in [Automatic, Linear, Slabs(3), CutFast, Mbkd, LifeLevels(2)] {
+        for structure in [Automatic, Linear, Slabs(3), Mbkd] {
             let params = PointParams { structure, ..PointParams::default() };
             let tree = PointTree::build(points, &params).unwrap();
             for time in [0.0, 0.2, 0.5, 1.0] {

@@ -5,8 +5,8 @@ use crate::common::{Random, difference, grid, random_ray, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildParams, Intersection, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree, SurfacePoint,
-    TimeInterval, TriangleMesh, check_primitive,
+    Aabb, BuildParams, Intersection, KdParams, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree,
+    SurfacePoint, TimeInterval, TriangleMesh, check_primitive,
 };
 use proptest::prelude::*;
 
@@ -76,7 +76,12 @@ fn crossing_times(mesh: &TriangleMesh) -> Vec<f32> {
 
 /// Splits eagerly, so that small scenes become deep trees.
 fn eager(params: BuildParams) -> BuildParams {
-    BuildParams { intersection_cost: 50.0, max_references: params.max_references.max(40.0), ..params }
+    match params.policy {
+        Policy::Kd(kd) => {
+            BuildParams::kd(KdParams { intersection_cost: 50.0, max_references: kd.max_references.max(40.0), ..kd })
+        }
+        _ => params,
+    }
 }
 
 proptest! {
@@ -86,7 +91,7 @@ proptest! {
     fn soups_on_a_grid(meshes in prop::collection::vec(grid_mesh(), 1..4), rays in prop::collection::vec(grid_ray(), 24)) {
         let oracle = BruteForce::new(&meshes).unwrap();
         for params in variants() {
-            let tree = RayTree::build(&meshes, &eager(params.clone())).unwrap();
+            let tree = RayTree::build(&meshes, &eager(params)).unwrap();
             prop_assert_eq!(tree.validate(), Ok(()), "{:?}", params);
             for ray in &rays {
                 prop_assert_eq!(difference(&tree, &oracle, ray), None, "{:?}", params);
@@ -99,7 +104,7 @@ proptest! {
         let times = crossing_times(&mesh);
         let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
         for params in variants() {
-            let tree = RayTree::build(std::slice::from_ref(&mesh), &eager(params.clone())).unwrap();
+            let tree = RayTree::build(std::slice::from_ref(&mesh), &eager(params)).unwrap();
             for &time in times.iter().chain(&[0.0, 1.0]) {
                 prop_assert_eq!(difference(&tree, &oracle, &ray.at_time(time)), None, "{:?}", params);
             }
@@ -262,7 +267,7 @@ fn rays_that_begin_behind_their_origin() {
     let mut random = Random(31);
     let meshes = [soup(300, 2, 0.2, 0.3, 7), soup(300, 1, 0.2, 0.0, 8)];
     let oracle = BruteForce::new(&meshes).unwrap();
-    for params in [BuildParams::default(), BuildParams::default().with_policy(Policy::Mbkd)] {
+    for params in [BuildParams::default(), BuildParams::kd(KdParams::default())] {
         let tree = RayTree::build(&meshes, &params).unwrap();
         let mut behind = 0;
         for i in 0..4000 {
@@ -296,8 +301,8 @@ fn batches_answer_in_order() {
 #[test]
 fn all_hits_stops_when_told() {
     let mesh = soup(300, 2, 2.0, 0.1, 5);
-    for policy in [Policy::Mbkd, Policy::ClassicKd] {
-        let tree = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::default().with_policy(policy)).unwrap();
+    for params in [KdParams::default(), KdParams::classic()] {
+        let tree = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::kd(params)).unwrap();
         let ray = Ray::new(Vec3::new(-5.0, 0.1, 0.1), Vec3::X);
         let mut seen = 0;
         let flow = tree.all_hits(&ray, |_| {

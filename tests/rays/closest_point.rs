@@ -6,15 +6,15 @@ use crate::common::{Random, closed_sphere, grid, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, Geometry, MovingSphere, Policy, Primitive,
-    RayTree, SimdLevel, TimeInterval, TriangleMesh, check_primitive,
+    BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, Geometry, KdParams, MovingSphere, Primitive,
+    RayTree, SimdLevel, TimeInterval, TriangleMesh, WideParams, check_primitive,
 };
 use proptest::prelude::*;
 
 /// All policies, and divisions of the shutter that no automatic choice would make of small sets.
 fn all_variants() -> Vec<BuildParams> {
     let divided = [Division::Whole, Division::Segments(3), Division::Copies(2)]
-        .map(|division| BuildParams { division, ..BuildParams::default() });
+        .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
     variants().into_iter().chain(divided).collect()
 }
 
@@ -106,9 +106,9 @@ fn long_triangles_that_are_cut_and_large_trees() {
     let meshes = [needles, closed_sphere(40, 3, 0.01, 5), soup(2000, 1, 0.1, 0.0, 6)];
     let oracle = BruteForce::new(&meshes).unwrap();
     let trees: Vec<RayTree> = [
-        BuildParams { wide_references: 4.0, ..BuildParams::default() },
-        BuildParams { division: Division::Segments(4), ..BuildParams::default() },
-        BuildParams::default().with_policy(Policy::Mbkd),
+        BuildParams::wide(WideParams { max_references: 4.0, ..WideParams::default() }),
+        BuildParams::wide(WideParams { division: Division::Segments(4), ..WideParams::default() }),
+        BuildParams::kd(KdParams::default()),
     ]
     .iter()
     .map(|params| RayTree::build(&meshes, params).unwrap())
@@ -176,8 +176,7 @@ fn spheres_and_the_callers_own_primitives() {
 
 #[test]
 fn questions_that_mean_nothing_find_nothing() {
-    for policy in [Policy::Wide, Policy::Mbkd] {
-        let params = BuildParams::default().with_policy(policy);
+    for params in [BuildParams::default(), BuildParams::kd(KdParams::default())] {
         let mesh = soup(50, 2, 0.5, 0.5, 1);
         let tree = RayTree::build(&[mesh], &params).unwrap();
         let ask = |x: f64, time: f32, most: f32| tree.closest_point(DVec3::new(x, 0.0, 0.0), time, most);

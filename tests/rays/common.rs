@@ -5,17 +5,22 @@
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Geometry, Hit, Policy, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Geometry, Hit, KdParams, Ray, RayTree, TriangleMesh};
 
 /// Every policy under test, and the paper's policy in all its variants.
 pub fn variants() -> Vec<BuildParams> {
     vec![
         BuildParams::default(),
-        BuildParams::default().with_policy(Policy::Mbkd),
+        BuildParams::kd(KdParams::default()),
         BuildParams::paper(),
-        BuildParams { time_weighted: false, propagated_vote: false, plane_time: 0.0, ..BuildParams::paper() },
-        BuildParams { propagated_vote: false, plane_time: 1.0, max_references: 2.0, ..BuildParams::paper() },
-        BuildParams::default().with_policy(Policy::ClassicKd),
+        BuildParams::kd(KdParams {
+            time_weighted: false,
+            propagated_vote: false,
+            plane_time: 0.0,
+            ..KdParams::paper()
+        }),
+        BuildParams::kd(KdParams { propagated_vote: false, plane_time: 1.0, max_references: 2.0, ..KdParams::paper() }),
+        BuildParams::kd(KdParams::classic()),
     ]
 }
 

@@ -2,7 +2,7 @@
 //! belongs in the changelog with the new figures.
 
 use crate::common::Random;
-use mbkd::{BuildParams, Counters, Policy, RayTree, SimdLevel};
+use mbkd::{BuildParams, Counters, KdParams, RayTree, SimdLevel};
 use mbkd_scenes as scene;
 
 /// Nodes, leaves, references skipped by time and tests of 2000 camera rays at random times.
@@ -41,8 +41,8 @@ fn nodes_leaves_time_skips_and_tests() {
     for &(scene, tree, expected) in GOLDEN {
         let params = match tree {
             "paper" => BuildParams::paper(),
-            "moving planes" => BuildParams::default().with_policy(Policy::Mbkd),
-            "classic" => BuildParams::default().with_policy(Policy::ClassicKd),
+            "moving planes" => BuildParams::kd(KdParams::default()),
+            "classic" => BuildParams::kd(KdParams::classic()),
             _ => BuildParams::default(),
         };
         let got = counts(scene, &params);

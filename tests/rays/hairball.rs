@@ -3,7 +3,7 @@
 use crate::common::{Random, bits};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, Policy, Ray, RayTree};
+use mbkd::{BuildParams, KdParams, Ray, RayTree};
 use mbkd_scenes as scene;
 use std::thread;
 
@@ -15,7 +15,7 @@ fn full_size_equals_brute_force() {
     let mut random = Random(2);
     let rays: Vec<Ray> =
         (0..1000).map(|_| scene.camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect();
-    let paper = BuildParams { max_references: 3.0, ..BuildParams::default().with_policy(Policy::Mbkd) };
+    let paper = BuildParams::kd(KdParams { max_references: 3.0, ..KdParams::default() });
     let trees = [paper, BuildParams::default()].map(|params| RayTree::build(&scene.meshes, &params).unwrap());
     let oracle = BruteForce::new(&scene.meshes).unwrap();
     drop(scene);

@@ -8,6 +8,7 @@ mod common;
 mod golden;
 mod hairball;
 mod metamorphic;
+mod mixed;
 mod scenes;
 mod visitors;
 mod watertight;

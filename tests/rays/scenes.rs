@@ -4,7 +4,7 @@
 use crate::common::{Random, all_hits, bits, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Geometry, Hit, MovingSphere, Ray, RayTree};
+use mbkd::{BuildParams, Geometry, Hit, KdParams, MovingSphere, Ray, RayTree};
 use mbkd_scenes as scene;
 use std::thread;
 
@@ -51,8 +51,10 @@ fn check<G: Geometry>(name: &str, rays: &[Ray], oracle: &BruteForce<G>, build: i
     for (i, params) in variants().iter().enumerate() {
         let tree = build(params);
         assert!(tree.statistics().primitives >= PRIMITIVES, "{name} has {}", tree.statistics().primitives);
-        // Each policy once with all rays, the other variants of the paper's with some.
-        let step = if params == &BuildParams::default().with_policy(params.policy) { 1 } else { 10 };
+        // Each kind of tree once with all rays, the other variants of the paper's with some.
+        let defaults =
+            [BuildParams::default(), BuildParams::kd(KdParams::default()), BuildParams::kd(KdParams::classic())];
+        let step = if defaults.contains(params) { 1 } else { 10 };
         for (ray, expected) in rays.iter().zip(&expected).skip(if step == 1 { 0 } else { i }).step_by(step) {
             let got = tree.closest_hit(ray);
             assert_eq!(got.map(bits), expected.map(bits), "{name} {params:?} {ray:?}: {got:?}, not {expected:?}");

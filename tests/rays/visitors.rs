@@ -3,7 +3,7 @@
 use crate::common::{Random, soup, variants};
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
-use mbkd::{Aabb, BuildParams, Division, RayTree, TimeInterval, TreePrimitive, TriangleMesh, Visitor};
+use mbkd::{Aabb, BuildParams, Division, RayTree, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams};
 
 /// Meets everything in a region; everything at all where there is none.
 struct Region {
@@ -48,8 +48,8 @@ fn meshes() -> Vec<TriangleMesh> {
 }
 
 fn trees(meshes: &[TriangleMesh]) -> Vec<RayTree> {
-    let cut = BuildParams { wide_references: 4.0, ..BuildParams::default() };
-    let divided = BuildParams { division: Division::Segments(3), ..BuildParams::default() };
+    let cut = BuildParams::wide(WideParams { max_references: 4.0, ..WideParams::default() });
+    let divided = BuildParams::wide(WideParams { division: Division::Segments(3), ..WideParams::default() });
     variants().iter().chain([&cut, &divided]).map(|params| RayTree::build(meshes, params).unwrap()).collect()
 }
 

@@ -3,7 +3,7 @@
 use crate::Args;
 use crate::measure::{Built, COLUMNS, Row};
 use crate::rays::Rays;
-use mbkd::{BuildParams, Division};
+use mbkd::{BuildParams, Division, WideParams};
 use mbkd_scenes::Scene;
 
 /// Every way to divide the shutter by hand, each with cuts where they pay and without any.
@@ -25,9 +25,9 @@ fn by_hand() -> Vec<(String, BuildParams)> {
             Division::Copies(n) => format!("{n} copies"),
             _ => "whole".into(),
         };
-        let params = BuildParams { division, ..BuildParams::default() };
-        all.push((format!("{name} without cuts"), BuildParams { wide_references: 1.0, ..params.clone() }));
-        all.push((name, params));
+        let params = WideParams { division, ..WideParams::default() };
+        all.push((format!("{name} without cuts"), BuildParams::wide(WideParams { max_references: 1.0, ..params })));
+        all.push((name, BuildParams::wide(params)));
     }
     all
 }
@@ -39,7 +39,7 @@ pub fn compare(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) {
     println!("Speed of hand settings, relative to the automatic tree's.\n");
     println!("| setting | bytes per triangle | build s | {COLUMNS} |\n|---|---|---|---|---|---|---|---|---|");
     println!("| automatic | {:.0} | {:.2} | 1 | 1 | 1 | 1 | 1 | 1 |", automatic.bytes_per(n), automatic.seconds);
-    let budget = f64::from(BuildParams::default().bytes_per_primitive);
+    let budget = f64::from(WideParams::default().bytes_per_primitive);
     let own = automatic.work(rays);
     let (mut best, mut last) = (Row([1.0; 6]), None);
     let wanted = |name: &str| args.only.is_empty() || args.only.iter().any(|part| name.contains(part.as_str()));

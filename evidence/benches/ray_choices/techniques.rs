@@ -6,7 +6,7 @@ use crate::geometry::scene_size;
 use crate::measure::{Built, Row};
 use crate::rays::Rays;
 use mbkd::glam::Vec3;
-use mbkd::{BuildError, BuildParams, Division, Keys, Policy, SimdLevel, TriangleMesh};
+use mbkd::{BuildError, BuildParams, Division, KdParams, Keys, SimdLevel, TriangleMesh, WideParams};
 use mbkd_scenes::Scene;
 
 /// A row of the table.
@@ -32,8 +32,8 @@ pub fn switched_off(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) 
     let against = |without: &Built| Row::speed(automatic, without, rays, args.runs);
 
     for (order, name, params) in [
-        (0, "shutter divided", BuildParams { division: Division::Whole, ..params() }),
-        (1, "long triangles cut", BuildParams { wide_references: 1.0, ..params() }),
+        (0, "shutter divided", BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() })),
+        (1, "long triangles cut", BuildParams::wide(WideParams { max_references: 1.0, ..WideParams::default() })),
     ] {
         let without = Built::new(&scene.meshes, &params)?;
         if without.work(rays) != work {
@@ -60,7 +60,7 @@ pub fn switched_off(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) 
     let without = Built { tree: without.tree.with_simd(SimdLevel::PORTABLE), ..without };
     add(6, "the widest instructions instead of portable code", against(&without));
     if scene.triangles() <= KD_TRIANGLES {
-        let without = Built::new(&scene.meshes, &params().with_policy(Policy::Mbkd))?;
+        let without = Built::new(&scene.meshes, &BuildParams::kd(KdParams::default()))?;
         add(7, "the wide layout instead of the k-d tree", against(&without));
     }
     Ok(rows)

@@ -17,11 +17,9 @@ pub fn structures(wide: bool) -> Vec<(&'static str, PointStructure)> {
         ("automatic", PointStructure::Automatic),
         ("linear", PointStructure::Linear),
         ("slabs", PointStructure::Slabs(3)),
-        ("cut fast", PointStructure::CutFast),
         ("mbkd", PointStructure::Mbkd),
-        ("life levels", PointStructure::LifeLevels(2)),
     ];
-    all.retain(|(_, s)| !(wide && matches!(s, PointStructure::CutFast | PointStructure::Mbkd)));
+    all.retain(|(_, s)| !(wide && matches!(s, PointStructure::Mbkd)));
     all
 }
 

@@ -7,14 +7,14 @@ use super::tally::RayTally;
 use crate::oracle::{ExactRay, Given, Meeting, Moving, clearly_missed, meet_triangle};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, Geometry, Hit, Policy, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Geometry, Hit, KdParams, Ray, RayTree, TriangleMesh};
 
 /// The policies that are compared, by name.
 pub fn policies() -> Vec<(&'static str, BuildParams)> {
     vec![
         ("wide", BuildParams::default()),
-        ("k-d", BuildParams::default().with_policy(Policy::Mbkd)),
-        ("classic", BuildParams::default().with_policy(Policy::ClassicKd)),
+        ("k-d", BuildParams::kd(KdParams::default())),
+        ("classic", BuildParams::kd(KdParams::classic())),
     ]
 }
 

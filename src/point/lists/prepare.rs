@@ -28,13 +28,14 @@ impl Prepared {
     }
 }
 
-/// Runs a kernel on each layer of a tree at a time.
+/// Runs a kernel on each layer of a tree at a time. Lists are made over boxes only: see `PointTree::boxed_at`.
 macro_rules! at_time {
     ($layer:expr, $time:expr, $view:ident => $do:expr) => {
         match $layer.at($time) {
             LayerView::Still($view) => $do,
             LayerView::Moving($view) => $do,
             LayerView::Timed($view) => $do,
+            LayerView::Planes(_) => unreachable!("put into boxes before lists are made"),
         }
     };
 }

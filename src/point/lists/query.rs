@@ -25,7 +25,8 @@ impl PointTree {
     /// not depend on the latter two either.
     ///
     /// Cost: one walk through the tree for sixteen neighbouring leaves, then about one vector operation on sixteen
-    /// candidates for two to three neighbours found.
+    /// candidates for two to three neighbours found. Of [`PointStructure::Mbkd`](crate::PointStructure::Mbkd) the points
+    /// that exist at the time are put into a tree of boxes first.
     ///
     /// ```
     /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};
@@ -112,6 +113,16 @@ impl<'a> ListQuery<'a> {
         lists.points.clear();
         self.question.check()?;
         self.question.listing.torus = Torus::new(self.question.periods);
-        run::run(&self.question, lists)
+        let mut question = self.question;
+        let alone = core::ptr::eq(question.tree, question.among);
+        let tree = question.tree.boxed_at(question.time);
+        let among = if alone { None } else { question.among.boxed_at(question.time) };
+        if let Some(tree) = &tree {
+            question.tree = tree;
+        }
+        if let Some(among) = among.as_ref().or(tree.as_ref().filter(|_| alone)) {
+            question.among = among;
+        }
+        run::run(&question, lists)
     }
 }

@@ -7,7 +7,7 @@ use super::question::Question;
 use super::radii::Radii;
 use super::row::{Lists, Near};
 use crate::point::partition::LayerView;
-use crate::point::snapshot::View;
+use crate::point::snapshot::Leaves;
 use crate::simd::{Kernel, Simd};
 use core::ops::Range;
 use glam::Vec3;

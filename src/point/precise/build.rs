@@ -5,8 +5,8 @@ use super::order::{Place, order};
 use super::tree::{ABSENT, PreciseTree, between};
 use crate::geometry::TimeInterval;
 use crate::point::build::Source;
+use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::Part;
-use crate::point::moving_tree::{NEVER, Times};
 use crate::point::static_tree::Shape;
 use crate::simd::{LANES, huge_vec_of};
 
@@ -17,19 +17,17 @@ impl PreciseTree {
         source: &Source,
         part: Part,
         points: impl Iterator<Item = usize>,
-        life_levels: usize,
         moves: bool,
     ) -> PreciseTree {
         let later = (part.segment + 1).min(part.keys - 1);
         let keys = |point: usize| [source.exact(point, part.segment), source.exact(point, later)];
         let middle = 0.5 * (part.phases[0] + part.phases[1]);
         let place = |point: usize| {
-            let alive = source.alive(point).intersect(part.interval)?;
-            let life = alive.begin() + alive.end_bound();
-            Some(Place { at: between(keys(point), middle), point: point as u32, life })
+            source.alive(point).intersect(part.interval)?;
+            Some(Place { at: between(keys(point), middle), point: point as u32 })
         };
         let mut places: Vec<Place> = points.filter_map(place).collect();
-        order(&mut places, life_levels);
+        order(&mut places);
         let shape = Shape::with_leaf(places.len(), 1);
         let blocks = places.len().div_ceil(LANES);
         let life = |place: &Place| source.alive(place.point as usize);
@@ -45,8 +43,8 @@ impl PreciseTree {
             ends: huge_vec_of([[ABSENT; LANES]; 3], if moves { blocks } else { 0 }),
             ids: vec![[u32::MAX; LANES]; blocks],
             node_times: Vec::new(),
-            block_times: vec![NEVER; if timed { blocks } else { 0 }],
-            lives: vec![NEVER; if mortal { blocks } else { 0 }],
+            block_times: vec![Times::NEVER; if timed { blocks } else { 0 }],
+            lives: vec![Times::NEVER; if mortal { blocks } else { 0 }],
             references: places.len(),
         };
         let mut hulls = Vec::with_capacity(blocks);

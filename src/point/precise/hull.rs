@@ -7,7 +7,7 @@
 //! moves along a line; where that is computed in f64 it is off by less than 2^-49 of its largest coordinates, which
 //! queries keep away in addition ([`Middle::slack`]).
 
-use crate::point::moving_tree::{NEVER, Times};
+use crate::point::moving_leaf::Times;
 use crate::point::snapshot::Boxes;
 use glam::DVec3;
 
@@ -77,7 +77,7 @@ impl Node {
             boxes: Boxes::NONE,
             slopes: Boxes { lo: [[0.0; 16]; 3], hi: [[0.0; 16]; 3] },
             middle: Middle { at: [0.0; 3], way: [0.0; 3], slack: TINY },
-            times: NEVER,
+            times: Times::NEVER,
         };
         if children.is_empty() {
             return (node, hull);

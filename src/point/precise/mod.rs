@@ -14,8 +14,8 @@ mod tree;
 
 pub(super) use tree::{PreciseTree, PreciseView};
 
+use super::compiled::{Gather, Visit, VisitBlock};
 use super::neighbor::Neighbor;
-use super::query::{Gather, Visit};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
@@ -23,7 +23,7 @@ use super::search::radius::{Sink, within};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
 use super::search::{Keep, KeepAll, NeighborWork};
-use super::snapshot::View;
+use super::snapshot::Leaves;
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
@@ -113,8 +113,8 @@ impl Asked<'_> {
         dispatch(self.simd, Collecting { asked: self, candidates });
     }
 
-    /// Shows the points within the bound to a visitor.
-    pub(super) fn visit(&self, visit: &mut dyn FnMut(Neighbor) -> ControlFlow<()>) -> ControlFlow<()> {
+    /// Shows the blocks with points within the bound to a visitor, whatever is kept.
+    pub(super) fn for_each_block(&self, visit: VisitBlock<'_>) -> ControlFlow<()> {
         dispatch(self.simd, Visiting { asked: self, visit })
     }
 }
@@ -187,7 +187,7 @@ fn gather<S: Simd>(s: S, asked: &Asked<'_>, mut sink: impl Sink<S>) {
 
 struct Visiting<'a, 'b> {
     asked: &'a Asked<'a>,
-    visit: &'b mut dyn FnMut(Neighbor) -> ControlFlow<()>,
+    visit: VisitBlock<'b>,
 }
 
 impl Kernel for Visiting<'_, '_> {
@@ -195,7 +195,7 @@ impl Kernel for Visiting<'_, '_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
         let Visiting { asked, visit } = self;
-        let mut sink = Visit { keep: &asked.keep, visit };
+        let mut sink = Visit(visit);
         for_each_layer!(asked, view => {
             within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ())?;
         });

@@ -10,20 +10,18 @@ pub(super) struct Place {
     pub(super) at: DVec3,
     /// Its number in the set.
     pub(super) point: u32,
-    /// Begin plus end of its life.
-    pub(super) life: f32,
 }
 
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;
 
-/// Orders places so that leaf i holds the i-th sixteen of them; the first `life_levels` cuts go by life.
-pub(super) fn order(places: &mut [Place], life_levels: usize) {
-    blocks(places, subtree(places.len(), LANES), life_levels);
+/// Orders places so that leaf i holds the i-th sixteen of them.
+pub(super) fn order(places: &mut [Place]) {
+    blocks(places, subtree(places.len(), LANES));
 }
 
 /// Orders a range whose subtrees have `block` points each.
-fn blocks(places: &mut [Place], mut block: usize, life_levels: usize) {
+fn blocks(places: &mut [Place], mut block: usize) {
     while places.len() <= block {
         if block == LANES {
             return;
@@ -31,19 +29,14 @@ fn blocks(places: &mut [Place], mut block: usize, life_levels: usize) {
         block /= LANES;
     }
     let left = left_part(places.len(), block);
-    if life_levels > 0 {
-        places.select_nth_unstable_by(left, |a, b| a.life.total_cmp(&b.life).then(a.point.cmp(&b.point)));
-    } else {
-        let axis = widest_axis(places);
-        places.select_nth_unstable_by(left, |a, b| a.at[axis].total_cmp(&b.at[axis]).then(a.point.cmp(&b.point)));
-    }
+    let axis = widest_axis(places);
+    places.select_nth_unstable_by(left, |a, b| a.at[axis].total_cmp(&b.at[axis]).then(a.point.cmp(&b.point)));
     let (low, high) = places.split_at_mut(left);
-    let rest = life_levels.saturating_sub(1);
     if low.len() < SHARE {
-        blocks(low, block, rest);
-        blocks(high, block, rest);
+        blocks(low, block);
+        blocks(high, block);
     } else {
-        join(|| blocks(low, block, rest), || blocks(high, block, rest));
+        join(|| blocks(low, block), || blocks(high, block));
     }
 }
 

@@ -11,10 +11,10 @@
 
 use super::hull::Middle;
 use crate::geometry::TimeInterval;
+use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::{Part, exact_phase};
-use crate::point::moving_tree::{Times, counting};
 use crate::point::over_interval::{Boxed, Flight};
-use crate::point::snapshot::{Boxes, Target, View, diagonal, rows, squared};
+use crate::point::snapshot::{Boxes, Leaves, Target, View, diagonal, rows, squared};
 use crate::point::static_tree::Shape;
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
@@ -181,7 +181,7 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
     /// Lanes of a row of times that count.
     #[inline(always)]
     fn counting<S: Simd>(&self, s: S, times: &[Times], at: usize) -> Mask {
-        if times.is_empty() { Mask::MAX } else { counting(s, &times[at], s.splat(self.time)) }
+        if times.is_empty() { Mask::MAX } else { times[at].counting(s, s.splat(self.time)) }
     }
 
     /// A coordinate of the points of a block.
@@ -201,6 +201,50 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
     }
 }
 
+impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        1
+    }
+    /// The place of the query is known to the view, in f64.
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, _: Vec3) -> Target<S> {
+        Target::still(s, Vec3::ZERO)
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> S::F {
+        let (x, y, z) = (self.coordinate(block, 0), self.coordinate(block, 1), self.coordinate(block, 2));
+        let [qx, qy, qz] = self.query;
+        let mut distances = [0.0; LANES];
+        for lane in 0..LANES {
+            let (dx, dy, dz) = (x[lane] - qx, y[lane] - qy, z[lane] - qz);
+            distances[lane] = ((dx * dx + dy * dy) + dz * dz) as f32;
+        }
+        let distances = s.load(&distances);
+        if !MOVING || self.tree.block_times.is_empty() {
+            return distances;
+        }
+        s.select(self.counting(s, &self.tree.block_times, block), distances, s.splat(f32::INFINITY))
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(rows) = self.tree.begins.get(block) {
+            prefetch(rows);
+            if MOVING {
+                prefetch(&self.tree.ends[block]);
+            }
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        (self.tree.begins.len() + self.tree.ends.len()) * size_of::<Rows>()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.tree.ids[block]
+    }
+}
+
 impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     const BALL: f32 = if MOVING { 0.14 } else { 0.18 };
 
@@ -216,15 +260,6 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     #[inline(always)]
     fn first_block(&self, node: usize) -> usize {
         node * LANES
-    }
-    #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        1
-    }
-    /// The place of the query is known to the view, in f64.
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, _: Vec3) -> Target<S> {
-        Target::still(s, Vec3::ZERO)
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> (S::F, Mask) {
@@ -249,44 +284,12 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
         diagonal::<S>(lo, hi)
     }
     #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> S::F {
-        let (x, y, z) = (self.coordinate(block, 0), self.coordinate(block, 1), self.coordinate(block, 2));
-        let [qx, qy, qz] = self.query;
-        let mut distances = [0.0; LANES];
-        for lane in 0..LANES {
-            let (dx, dy, dz) = (x[lane] - qx, y[lane] - qy, z[lane] - qz);
-            distances[lane] = ((dx * dx + dy * dy) + dz * dz) as f32;
-        }
-        let distances = s.load(&distances);
-        if !MOVING || self.tree.block_times.is_empty() {
-            return distances;
-        }
-        s.select(self.counting(s, &self.tree.block_times, block), distances, s.splat(f32::INFINITY))
-    }
-    #[inline(always)]
     fn expect_node(&self, node: usize) {
         prefetch(&self.tree.nodes[node]);
         prefetch(&self.tree.middles[node]);
         if MOVING {
             prefetch(&self.tree.slopes[node]);
         }
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        if let Some(rows) = self.tree.begins.get(block) {
-            prefetch(rows);
-            if MOVING {
-                prefetch(&self.tree.ends[block]);
-            }
-        }
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        (self.tree.begins.len() + self.tree.ends.len()) * size_of::<Rows>()
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.tree.ids[block]
     }
 }
 

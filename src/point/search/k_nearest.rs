@@ -14,9 +14,10 @@ use super::candidates::{Candidates, append};
 use super::sort::sort_lanes;
 use super::waiting::Waiting;
 use super::walk::{Collect, LANE_BITS, keys, smallest, unpack};
-use super::{Keep, Observe, kept};
-use crate::point::snapshot::{Target, View};
+use super::{Keep, Observe};
+use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
+use core::ops::Range;
 
 /// How often a threshold is guessed before the search goes on without.
 const GUESSES: u32 = 3;
@@ -202,7 +203,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
 
     /// Looks at the leaves on the list.
     #[inline(always)]
-    fn look<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+    fn look<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
         let leaves = self.waiting.take();
         let blocks = view.leaf_blocks();
         self.candidates.reserve(leaves.len() * blocks * LANES);
@@ -214,7 +215,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                 self.observe.block();
                 let distance = view.point_distances(s, target, block);
                 let names = view.ids(block);
-                let under = kept(self.keep, names, s.le(distance, limit));
+                let under = self.keep.kept(names, s.le(distance, limit));
                 end = append(s, distances, ids, end, (distance, s.load_u(names)), under);
             }
         }
@@ -278,7 +279,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             for block in leaf..leaf + blocks {
                 self.observe.block();
                 let distance = view.point_distances(s, target, block);
-                let under = kept(self.keep, view.ids(block), s.le(distance, s.splat(self.threshold)));
+                let under = self.keep.kept(view.ids(block), s.le(distance, s.splat(self.threshold)));
                 let distance = s.select(under, distance, s.splat(f32::INFINITY));
                 self.candidates.write(s, end, distance);
                 least = s.min(distance, least);
@@ -379,7 +380,19 @@ impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
     }
 
     #[inline(always)]
-    fn end<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
+    fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, blocks: Range<usize>) {
+        for block in blocks {
+            self.waiting.add_leaf(block);
+            if self.waiting.many() {
+                self.look(s, view, target);
+            }
+        }
+        // What comes next depends on the threshold.
+        self.look(s, view, target);
+    }
+
+    #[inline(always)]
+    fn end<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
         if !self.waiting.is_empty() {
             self.look(s, view, target);
         }

@@ -6,12 +6,15 @@
 pub(super) mod candidates;
 pub(super) mod k_nearest;
 pub(super) mod nearest;
+pub(super) mod planes;
 pub(super) mod radius;
 pub(super) mod sort;
 mod waiting;
 pub(super) mod walk;
 
-/// A caller's predicate on ids, or none at all.
+use crate::simd::{LANES, Lanes, Mask};
+
+/// A caller's predicate on ids, or none at all: [`KeepAll`] or [`KeepIf`].
 ///
 /// Predicates must be pure: they may be asked about the same id more than once, or never.
 pub trait Keep {
@@ -19,6 +22,21 @@ pub trait Keep {
     const ASKS: bool;
     /// Whether this id may be an answer.
     fn keep(&self, id: u32) -> bool;
+    /// The mask without the lanes whose ids are refused.
+    #[doc(hidden)]
+    #[inline(always)]
+    fn kept(&self, ids: &[u32; LANES], mask: Mask) -> Mask {
+        if !Self::ASKS {
+            return mask;
+        }
+        let (mut rest, mut out) = (mask, 0);
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize;
+            out |= Mask::from(self.keep(ids[lane])) << lane;
+            rest &= rest - 1;
+        }
+        out
+    }
 }
 
 /// Keeps every id and costs nothing.
@@ -45,6 +63,24 @@ impl<F: Fn(u32) -> bool> Keep for KeepIf<F> {
     }
 }
 
+/// What [`Keep::kept`] of a caller's predicate is.
+pub(super) type KeptLanes<'a> = &'a dyn Fn(&Lanes<u32>, Mask) -> Mask;
+
+/// A caller's predicate behind one call for each block with something near: the searches need not be compiled for it.
+#[derive(Clone, Copy)]
+pub(super) struct KeepLanes<'a>(pub KeptLanes<'a>);
+
+impl Keep for KeepLanes<'_> {
+    const ASKS: bool = true;
+    fn keep(&self, id: u32) -> bool {
+        self.kept(&[id; LANES], 1) != 0
+    }
+    #[inline(always)]
+    fn kept(&self, ids: &Lanes<u32>, mask: Mask) -> Mask {
+        if mask == 0 { 0 } else { (self.0)(ids, mask) }
+    }
+}
+
 /// Counted work of a query. The unit type counts nothing and compiles to nothing.
 pub(super) trait Observe {
     /// A node's sixteen boxes were tested.
@@ -57,10 +93,10 @@ pub(super) trait Observe {
 
 impl Observe for () {}
 
-/// Work of a query in nodes and blocks, sixteen lanes each.
+/// Work of a query in nodes and blocks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct NeighborWork {
-    /// Nodes visited: sixteen boxes each.
+    /// Nodes visited: sixteen boxes each, or one plane in a k-d tree.
     pub nodes: u64,
     /// Blocks tested: sixteen points each.
     pub blocks: u64,
@@ -75,19 +111,4 @@ impl Observe for NeighborWork {
     fn block(&mut self) {
         self.blocks += 1;
     }
-}
-
-/// The mask without the lanes whose ids the predicate refuses.
-#[inline(always)]
-pub(super) fn kept<K: Keep>(keep: &K, ids: &crate::simd::Lanes<u32>, mask: crate::simd::Mask) -> crate::simd::Mask {
-    if !K::ASKS {
-        return mask;
-    }
-    let (mut rest, mut out) = (mask, 0);
-    while rest != 0 {
-        let lane = rest.trailing_zeros() as usize;
-        out |= u16::from(keep.keep(ids[lane])) << lane;
-        rest &= rest - 1;
-    }
-    out
 }

@@ -6,11 +6,15 @@
 //! What comes next hangs on the bound, so it is what the search waits for: it is kept apart from the ids, which are
 //! needed at the end only, and in all lanes, where it is compared with boxes.
 
+use super::planes::PlaneFront;
 use super::walk::{keys, smallest, unpack};
-use super::{Keep, Observe, kept};
+use super::{Keep, Observe};
 use crate::limits::MAX_LEVELS;
-use crate::point::snapshot::{NEAR, Target, View};
+use crate::point::plane_tree::PlaneView;
+use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd};
+use crate::tuning::points::NEAR;
+use glam::Vec3;
 
 /// The best so far, lane by lane.
 pub(in crate::point) struct Best<'a, S: Simd, K, O> {
@@ -45,7 +49,7 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
 
     /// Looks at the points of a leaf; their distances go into `least` at once, into the best with their ids later.
     #[inline(always)]
-    fn leaf<V: View>(&mut self, s: S, view: &V, target: &Target<S>, least: &mut S::U, leaf: usize) {
+    fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, least: &mut S::U, leaf: usize) {
         for block in leaf..leaf + view.leaf_blocks() {
             self.observe.block();
             let distance = view.point_distances(s, target, block);
@@ -53,7 +57,7 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
             let id = s.load_u(ids);
             let nearer = s.lt(distance, self.distance);
             let tied = s.eq(distance, self.distance) & s.lt_u(id, self.id);
-            let take = kept(self.keep, ids, nearer | tied);
+            let take = self.keep.kept(ids, nearer | tied);
             let near = if K::ASKS { s.select(take, distance, s.splat(f32::INFINITY)) } else { distance };
             // The bits of distances are in their order, and NaN, where there is no point, is above all of them.
             *least = s.min_u(*least, s.to_bits(near));
@@ -173,6 +177,20 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
             level -= 1;
         }
     }
+
+    /// Looks at all points of a k-d tree that may be nearer than the best so far.
+    #[inline(always)]
+    pub(in crate::point) fn search_planes(&mut self, s: S, view: &PlaneView<'_>, point: Vec3) {
+        let target = view.target(s, point);
+        let mut front = PlaneFront::begin();
+        while let Some(blocks) = front.next(view, point, s.lane(self.cull, 0), || self.observe.node()) {
+            let mut least = s.to_bits(self.least);
+            for block in blocks {
+                self.leaf(s, view, &target, &mut least, block);
+            }
+            self.tighten(s, least);
+        }
+    }
 }
 
 /// A box that holds the point, or where there is none the nearest one. A mask is known long before the least of sixteen
@@ -184,6 +202,6 @@ fn nearest_lane<S: Simd>(s: S, boxes: S::F, holding: Mask) -> usize {
 
 /// Binary logarithm of the number of blocks per leaf, which is 1 or 2.
 #[inline(always)]
-fn shift<V: View>(view: &V) -> usize {
+fn shift<V: Leaves>(view: &V) -> usize {
     view.leaf_blocks() >> 1
 }

@@ -3,7 +3,7 @@
 use super::Observe;
 use super::waiting::Waiting;
 use crate::limits::MAX_LEVELS;
-use crate::point::snapshot::{Target, View};
+use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{Mask, Simd};
 
 use core::ops::ControlFlow;
@@ -13,7 +13,7 @@ pub(in crate::point) trait Sink<S: Simd> {
     /// Whether it takes blocks without hits too: where that costs little, it costs less than a branch.
     const TAKES_NONE: bool;
     /// Takes the lanes of `hits`.
-    fn take<V: View>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
+    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
 }
 
 /// Where a search stands: the children still to be visited, level by level.

@@ -6,8 +6,9 @@
 //! the few leaves that a bound lowered in between would have spared. Leaves of big trees are asked for as they are
 //! listed.
 
-use crate::point::snapshot::{FAR, View};
+use crate::point::snapshot::Leaves;
 use crate::simd::{LANES, Mask, Simd};
+use crate::tuning::points::FAR;
 
 /// Most leaves on a list.
 const ROOM: usize = 4 * LANES;
@@ -43,7 +44,7 @@ impl Waiting {
     /// Adds lanes of the bottom node whose first block is `first`. There must be room, as there is after `many` was
     /// false.
     #[inline(always)]
-    pub(in crate::point) fn add<S: Simd, V: View>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
+    pub(in crate::point) fn add<S: Simd, V: Leaves>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
         let to: &mut [u32; LANES] = (&mut self.leaves[self.count..self.count + LANES]).try_into().expect("sixteen");
         let blocks = s.add_u(s.splat_u(first as u32), s.load_u(&OFFSETS[view.leaf_blocks() - 1]));
         s.store_u(s.compress_u(blocks, lanes), to);
@@ -54,6 +55,13 @@ impl Waiting {
                 view.expect_leaf(leaf as usize);
             }
         }
+    }
+
+    /// Adds a leaf; there must be room likewise.
+    #[inline(always)]
+    pub(in crate::point) fn add_leaf(&mut self, block: usize) {
+        self.leaves[self.count] = block as u32;
+        self.count += 1;
     }
 
     /// Whether it is time to look at them.

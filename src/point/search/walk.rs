@@ -7,8 +7,9 @@
 //! distance.
 
 use crate::limits::MAX_LEVELS;
-use crate::point::snapshot::{Target, View};
+use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd};
+use core::ops::Range;
 
 /// What is done with the bottom nodes that a walk comes to.
 pub(in crate::point) trait Collect<S: Simd> {
@@ -20,9 +21,11 @@ pub(in crate::point) trait Collect<S: Simd> {
     fn fresh(&self) -> bool;
     /// Looks at the leaves of a bottom node, whose squared distances are `boxes`.
     fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F);
+    /// Looks at a leaf of a tree without boxes.
+    fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, blocks: Range<usize>);
     /// The walk is over.
     #[inline(always)]
-    fn end<V: View>(&mut self, _s: S, _view: &V, _target: &Target<S>) {}
+    fn end<V: Leaves>(&mut self, _s: S, _view: &V, _target: &Target<S>) {}
 }
 
 /// The bits of a key that say the lane.

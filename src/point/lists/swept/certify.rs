@@ -68,6 +68,7 @@ impl PointTree {
         let keys = self.layers.iter().map(|layer| match layer {
             Layer::Still(_) => 1,
             Layer::Moving(parts) => parts[0].part().keys,
+            Layer::Planes(parts) => parts[0].part().keys,
         });
         let keys = keys.max().unwrap_or(1);
         let at = KeyTime::new(time, keys);
@@ -81,7 +82,9 @@ impl PointTree {
             let both = a.life.contains(time) && b.life.contains(time);
             both && (d.x * d.x + d.y * d.y) + d.z * d.z <= bound
         };
-        let sweep = Sweep::new(self, [time, until], radius, Some(at.segment)).allow_for_rounding();
+        let boxed = self.boxed();
+        let sweep =
+            Sweep::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(at.segment)).allow_for_rounding();
         let firsts = sweep.run(
             || f32::INFINITY,
             |first, own, meeting| {

@@ -78,7 +78,8 @@ impl PointTree {
         if radius.is_nan() || radius < 0.0 {
             return Err(ListError::Radius { id: None });
         }
-        let sweep = Sweep::new(self, [interval.begin(), interval.end()], radius, None);
+        let boxed = self.boxed();
+        let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), [interval.begin(), interval.end()], radius, None);
         let shares = sweep.run(Rows::default, |rows, own, meeting| match meeting {
             None => rows.begin(own.id),
             Some((_, encounter)) => rows.encounters.push(encounter),
@@ -229,6 +230,8 @@ impl<'a> Sweep<'a> {
             let before = parts.len();
             match layer {
                 Layer::Still(tree) => parts.push(Part { tree: Tree::Still(tree), times }),
+                // See `PointTree::boxed`.
+                Layer::Planes(_) => {}
                 Layer::Moving(trees) => {
                     for tree in trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.part().segment)) {
                         let interval = tree.part().interval;

@@ -7,40 +7,41 @@
 //! for the second.
 
 use super::classify::classify;
-use super::reference::{Reference, Source};
-use crate::geometry::{Box3, LinearBox3, Plane, TimeInterval};
-use crate::primitive::PrimitiveSet;
+use super::reference::{Moving, Reference};
+use crate::geometry::{LinearBox3, Plane};
 
 /// The references of a node under construction.
-#[derive(Debug, Default)]
-pub(crate) struct References {
+#[derive(Debug)]
+pub(crate) struct References<B> {
     /// In the cell at mid-shutter.
-    pub normal: Vec<Reference>,
+    pub normal: Vec<Reference<B>>,
     /// In the cell at another time: the paper's virtual BP node.
-    pub bp: Vec<Reference>,
+    pub bp: Vec<Reference<B>>,
 }
 
-impl References {
+impl<B> References<B> {
+    const NONE: References<B> = References { normal: Vec::new(), bp: Vec::new() };
+
     pub fn len(&self) -> usize {
         self.normal.len() + self.bp.len()
     }
 
-    pub fn iter(&self) -> impl Iterator<Item = &Reference> {
+    pub fn iter(&self) -> impl Iterator<Item = &Reference<B>> {
         self.normal.iter().chain(&self.bp)
     }
 }
 
 /// The two children of a node while references are handed to them.
-pub(crate) struct Children<'a, S> {
-    source: &'a Source<'a, S>,
+pub(crate) struct Children<'a, M: Moving> {
+    things: &'a M,
     plane: Plane,
     /// Cells at shutter open and close: left, right.
     pub cells: [LinearBox3; 2],
-    pub references: [References; 2],
+    pub references: [References<M::Bounds>; 2],
 }
 
-impl<'a, S: PrimitiveSet> Children<'a, S> {
-    pub fn new(source: &'a Source<'a, S>, plane: Plane, cell: LinearBox3) -> Children<'a, S> {
+impl<'a, M: Moving> Children<'a, M> {
+    pub fn new(things: &'a M, plane: Plane, cell: LinearBox3) -> Children<'a, M> {
         // A moving plane may leave the parent's cell at other times. Taking the plane for the child's face all
         // the same keeps the cell a superset of the true one, which is all that is asked of it.
         let (open, close) = (plane.position, plane.position + plane.velocity);
@@ -49,14 +50,14 @@ impl<'a, S: PrimitiveSet> Children<'a, S> {
         left.end.max[plane.axis] = close;
         right.begin.min[plane.axis] = open;
         right.end.min[plane.axis] = close;
-        Children { source, plane, cells: [left, right], references: Default::default() }
+        Children { things, plane, cells: [left, right], references: [References::NONE, References::NONE] }
     }
 
     /// Duplication: a Normal reference that crosses the plane goes to the Normal node of the side where it is at
     /// mid-shutter and, duplicated, to the BP node of the other (the paper's four cases from the left and four
     /// from the right). One that lies across the plane at mid-shutter goes to both Normal nodes, one that never
     /// crosses to one.
-    pub fn duplicate(&mut self, reference: &Reference) {
+    pub fn duplicate(&mut self, reference: &Reference<M::Bounds>) {
         self.assign(reference, reference.votes);
     }
 
@@ -64,73 +65,41 @@ impl<'a, S: PrimitiveSet> Children<'a, S> {
     /// of both if it lies across the plane throughout; one that crosses becomes Normal where it is at
     /// mid-shutter, or at the time of its interval that comes nearest, and stays BP on the other side: with the
     /// mirrored ones, six cases.
-    pub fn propagate(&mut self, reference: &Reference, propagated_vote: bool) {
+    pub fn propagate(&mut self, reference: &Reference<M::Bounds>, propagated_vote: bool) {
         self.assign(reference, propagated_vote);
     }
 
-    fn assign(&mut self, reference: &Reference, votes: bool) {
-        let sides = classify(reference.bounds.along(self.plane.axis, reference.interval), self.plane);
+    fn assign(&mut self, reference: &Reference<M::Bounds>, votes: bool) {
+        let sides = classify(self.things.extent(reference, self.plane.axis), self.plane, M::ROUNDING);
         let both = sides.left.is_some() && sides.right.is_some();
+        let home = reference.home(self.things.plane_time());
         for (side, interval) in [sides.left, sides.right].into_iter().enumerate() {
             let Some(interval) = interval else { continue };
-            let home = Reference::home(reference.interval, self.source.plane_time);
             let normal = !both || interval.contains(home);
-            let Some(child) = self.narrowed(reference, side, interval, both, normal && votes) else { continue };
+            let child = Reference { interval, votes: normal && votes, ..*reference };
+            let Some(child) = self.things.fitted(child, reference, self.cells[side], both) else { continue };
             let lists = &mut self.references[side];
             if normal { lists.normal.push(child) } else { lists.bp.push(child) }
         }
     }
-
-    /// The reference as the child sees it; nothing if the primitive never touches the child's cell.
-    fn narrowed(
-        &self,
-        reference: &Reference,
-        side: usize,
-        interval: TimeInterval,
-        cut: bool,
-        votes: bool,
-    ) -> Option<Reference> {
-        let mut child = Reference { interval, votes, ..*reference };
-        if interval != reference.interval {
-            child.bounds = self.source.bounds(child.id, interval);
-        }
-        let cell = self.cells[side];
-        if cut && self.source.misses(&child, over(cell, interval)) {
-            return None;
-        }
-        // The part changes where the plane cuts it, when it is looked at at another time, and when the reference
-        // begins to vote.
-        let home = |i| Reference::home(i, self.source.plane_time);
-        if votes && (cut || !reference.votes || home(interval) != home(reference.interval)) {
-            child.part = self.source.part(&child, cell);
-        }
-        Some(child)
-    }
-}
-
-/// A cell given at shutter open and close, as it is at the begin and end of an interval.
-fn over(cell: LinearBox3, interval: TimeInterval) -> LinearBox3 {
-    if cell.begin == cell.end {
-        return cell;
-    }
-    let at = |t: f32| -> Box3 { cell.at(t) };
-    LinearBox3 { begin: at(interval.begin()), end: at(interval.end()) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Box3;
+    use crate::mbkd::primitives::Primitives;
     use crate::primitive::{TriangleMesh, Triangles};
     use glam::Vec3;
 
     /// What became of the reference on each side: Normal or BP, and its interval.
     type Sides = [Option<(&'static str, f32, f32)>; 2];
 
-    fn sides(children: &Children<Triangles>) -> Sides {
+    fn sides(children: &Children<Primitives<Triangles>>) -> Sides {
         [0, 1].map(|side| {
             let References { normal, bp } = &children.references[side];
             assert!(normal.len() + bp.len() <= 1);
-            let seen = |kind, r: &Reference| (kind, r.interval.begin(), r.interval.end());
+            let seen = |kind, r: &Reference<_>| (kind, r.interval.begin(), r.interval.end());
             normal.first().map(|r| seen("Normal", r)).or(bp.first().map(|r| seen("BP", r)))
         })
     }
@@ -160,7 +129,8 @@ mod tests {
             let key = |x: f32| at(x).into_iter().chain(frame).collect::<Vec<Vec3>>();
             let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![key(-1.0), key(0.2)]);
             let set = Triangles::new(&[mesh]).unwrap();
-            let source = Source { set: &set, swept: false, plane_time: 0.5 };
+            let params = crate::params::KdParams::paper();
+            let source = Primitives { set: &set, params: &params };
             let cube = Box3 { min: Vec3::NEG_ONE, max: Vec3::ONE };
             let root = LinearBox3 { begin: cube, end: cube };
             let reference = source.reference(0);

@@ -1,0 +1,159 @@
+//! The build over primitives: planes by the surface area heuristic, intervals rounded outward.
+
+use super::builder::{Budget, build};
+use super::classify::Rounding;
+use super::kd_tree::KdTree;
+use super::reference::{Moving, Reference, home};
+use super::sah::{Bounds, BoxReference, best_split, leaf_cost, weight};
+use super::times::BuildTimes;
+use crate::error::BuildError;
+use crate::geometry::{Box3, Extent, LinearBox3, Plane, TimeInterval};
+use crate::limits::MAX_NODES;
+use crate::params::KdParams;
+use crate::primitive::PrimitiveSet;
+use crate::progress::Progress;
+use glam::Vec3;
+
+/// Builds a k-d tree over primitives by the policy of `params`, which must be valid.
+pub(crate) fn build_kd<S: PrimitiveSet>(
+    set: &S,
+    params: &KdParams,
+    progress: &Progress,
+) -> Result<(KdTree, BuildTimes), BuildError> {
+    let things = Primitives { set, params };
+    let mut references: Vec<_> = (0..set.len() as u32).map(|id| things.reference(id)).collect();
+    // The swept root: everything at every time. Padded, so that flat scenes have a volume.
+    let mut root = references.iter().fold(Box3::EMPTY, |b, r| b.union(r.bounds.whole.swept()));
+    if references.is_empty() {
+        root = Box3 { min: Vec3::ZERO, max: Vec3::ZERO };
+    }
+    let root = root.pad(1e-5 * root.magnitude());
+    for r in &mut references {
+        r.bounds.part = things.part(r, LinearBox3 { begin: root, end: root });
+    }
+    let budget = Budget {
+        depth: params.depth_for(set.len()),
+        references: set.len() as f64 * f64::from(params.max_references),
+        propagated_vote: params.propagated_vote,
+    };
+    let (tree, times) = build(&things, references, root, budget, progress);
+    if progress.cancelled() {
+        return Err(BuildError::Cancelled);
+    }
+    if tree.nodes.len() > MAX_NODES || tree.references.len() > u32::MAX as usize {
+        return Err(BuildError::TooManyReferences);
+    }
+    Ok((tree, times))
+}
+
+/// Primitives and how planes are chosen among them.
+pub(crate) struct Primitives<'a, S> {
+    pub set: &'a S,
+    pub params: &'a KdParams,
+}
+
+impl<S: PrimitiveSet> Primitives<'_, S> {
+    /// The reference of a whole primitive.
+    pub fn reference(&self, id: u32) -> BoxReference {
+        let interval = self.set.active(id);
+        let whole = self.bounds(id, interval);
+        Reference { id, interval, bounds: Bounds { whole, part: whole.swept() }, votes: true }
+    }
+
+    /// The classic tree knows no intervals: it sees boxes swept over the shutter, which stand still.
+    fn swept(&self) -> bool {
+        !self.params.intervals
+    }
+
+    /// Linear bounds over an interval.
+    fn bounds(&self, id: u32, interval: TimeInterval) -> LinearBox3 {
+        let bounds = self.set.bounds(id, interval);
+        if !self.swept() {
+            return bounds;
+        }
+        let swept = bounds.swept();
+        LinearBox3 { begin: swept, end: swept }
+    }
+
+    /// Whether moving bounds stand for the primitive itself, so that its shape may be looked at.
+    fn exact(&self, bounds: &LinearBox3) -> bool {
+        !self.swept() || bounds.begin == bounds.end
+    }
+
+    /// Bounds of the part of a reference in a cell at its voting time. Where nothing of it is in the cell
+    /// then, a place on the cell's surface.
+    fn part(&self, reference: &BoxReference, cell: LinearBox3) -> Box3 {
+        let home = reference.home(self.params.plane_time);
+        let cell = cell.at(home);
+        let whole = reference.bounds.whole;
+        let part = if self.exact(&whole) {
+            self.set.clipped(reference.id, home, cell)
+        } else {
+            whole.begin.intersection(cell)
+        };
+        if !part.is_empty() {
+            return part;
+        }
+        let duration = reference.interval.duration();
+        let w = if duration > 0.0 { (home - reference.interval.begin()) / duration } else { 0.0 };
+        let whole = whole.at(w);
+        let clamp = |p: Vec3| p.max(cell.min).min(cell.max);
+        Box3 { min: clamp(whole.min), max: clamp(whole.max) }
+    }
+}
+
+impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
+    type Bounds = Bounds;
+    const ROUNDING: Rounding = Rounding::Outward;
+
+    fn plane_time(&self) -> f32 {
+        self.params.plane_time
+    }
+
+    #[inline]
+    fn extent(&self, reference: &BoxReference, axis: usize) -> Extent {
+        reference.bounds.whole.along(axis, reference.interval)
+    }
+
+    fn choose(&self, normal: &[BoxReference], _bp: &[BoxReference], cell: LinearBox3) -> Option<Plane> {
+        let total: f64 = normal.iter().filter(|r| r.votes).map(|r| weight(r, self.params)).sum();
+        let split = best_split(normal, cell.at(self.params.plane_time), self.params)?;
+        (split.cost < leaf_cost(total, self.params)).then_some(split.plane)
+    }
+
+    /// The costs have decided.
+    fn worthwhile(&self, _before: usize, _children: [usize; 2]) -> bool {
+        true
+    }
+
+    fn fitted(
+        &self,
+        mut child: BoxReference,
+        parent: &BoxReference,
+        cell: LinearBox3,
+        crosses: bool,
+    ) -> Option<BoxReference> {
+        let (id, interval) = (child.id, child.interval);
+        if interval != parent.interval {
+            child.bounds.whole = self.bounds(id, interval);
+        }
+        if crosses && self.exact(&child.bounds.whole) && self.set.misses(id, interval, over(cell, interval)) {
+            return None;
+        }
+        // The part changes where the plane cuts it, when it is looked at at another time, and when the reference
+        // begins to vote.
+        let at = |i| home(i, self.params.plane_time);
+        if child.votes && (crosses || !parent.votes || at(interval) != at(parent.interval)) {
+            child.bounds.part = self.part(&child, cell);
+        }
+        Some(child)
+    }
+}
+
+/// A cell given at shutter open and close, as it is at the begin and end of an interval.
+fn over(cell: LinearBox3, interval: TimeInterval) -> LinearBox3 {
+    if cell.begin == cell.end {
+        return cell;
+    }
+    LinearBox3 { begin: cell.at(interval.begin()), end: cell.at(interval.end()) }
+}

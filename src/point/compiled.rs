@@ -1,0 +1,334 @@
+//! The queries as plain functions, compiled once in this crate.
+//!
+//! A search is compiled for each instruction set and each kind of tree. If callers instantiated it, every crate that asks
+//! a tree would compile all of that again, once for each of its filters. So a caller's filter is called through `dyn`, once
+//! for each block with something near, and what is compiled are two forms of each query: without and with a filter.
+
+use super::neighbor::Neighbor;
+use super::partition::{nearest_in_all, walk_all, within_all};
+use super::precise::{Allowed, Asked};
+use super::search::candidates::Candidates;
+use super::search::k_nearest::KNearest;
+use super::search::nearest::Best;
+use super::search::radius::Sink;
+use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
+use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
+use super::snapshot::Leaves;
+use super::tree::PointTree;
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
+use core::ops::ControlFlow;
+use glam::{DVec3, Vec3};
+
+/// What is asked of a tree.
+#[derive(Clone, Copy)]
+pub(super) struct Search<'a, K> {
+    pub tree: &'a PointTree,
+    /// Where, relative to the tree's origin.
+    pub point: Vec3,
+    /// Where, as the caller gave it.
+    pub exact: DVec3,
+    pub time: f32,
+    /// Squared distance up to which points count; not negative.
+    pub bound: f32,
+    /// Factor on the bound for boxes: 1, or less where answers may be approximate.
+    pub shrink: f32,
+    pub keep: K,
+}
+
+impl<'a, K> Search<'a, K> {
+    /// The same with another filter.
+    fn keeping<L>(&self, keep: L) -> Search<'a, L> {
+        let Search { tree, point, exact, time, bound, shrink, keep: _ } = *self;
+        Search { tree, point, exact, time, bound, shrink, keep }
+    }
+}
+
+impl<K: Keep> Search<'_, K> {
+    /// Whether the points are kept in f64.
+    #[inline(always)]
+    pub(super) fn is_precise(&self) -> bool {
+        !self.tree.precise.is_empty()
+    }
+
+    /// Asks the same of points in f64.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn asked<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
+        let keep = |id| self.keep.keep(id);
+        let PointTree { precise, simd, .. } = self.tree;
+        run(&Asked {
+            layers: precise,
+            simd: *simd,
+            point: self.exact,
+            time: self.time,
+            bound: self.bound,
+            shrink: self.shrink,
+            keep: Allowed(K::ASKS.then_some(&keep as &dyn Fn(u32) -> bool)),
+        })
+    }
+}
+
+/// A query without or with a filter.
+#[derive(Clone, Copy)]
+pub(super) enum Either<'q, 'a> {
+    All(&'q Search<'a, KeepAll>),
+    Some(&'q Search<'a, KeepLanes<'q>>),
+}
+
+impl Either<'_, '_> {
+    /// Asks points that are kept in f64, if they are.
+    #[inline(always)]
+    fn precise<R>(self, run: impl FnOnce(&Asked<'_>) -> R) -> Option<R> {
+        match self {
+            Either::All(query) => query.is_precise().then(|| query.asked(run)),
+            Either::Some(query) => query.is_precise().then(|| query.asked(run)),
+        }
+    }
+
+    #[inline(always)]
+    fn simd(self) -> SimdLevel {
+        match self {
+            Either::All(query) => query.tree.simd,
+            Either::Some(query) => query.tree.simd,
+        }
+    }
+}
+
+/// The nearest point.
+pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
+    let found = match query.precise(|asked| asked.nearest()) {
+        Some(found) => found,
+        None => match query {
+            Either::All(query) => dispatch(query.tree.simd, Nearest(query)),
+            Either::Some(query) => dispatch(query.tree.simd, Nearest(query)),
+        },
+    };
+    found.map(|(id, distance_squared)| Neighbor { id, distance_squared })
+}
+
+/// The `k` nearest points in order, into an empty list.
+pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+    let precise = query.precise(|asked| asked.nearest_n(k, candidates, found, &mut NeighborWork::default()));
+    if let Some(in_order) = precise {
+        if !in_order {
+            nearest_in_order(query.simd(), k, candidates, found);
+        }
+        return;
+    }
+    match query {
+        Either::All(query) => k_nearest(query, k, candidates, found, &mut ()),
+        Either::Some(query) => k_nearest(query, k, candidates, found, &mut ()),
+    }
+}
+
+#[inline(always)]
+fn k_nearest<K: Keep, O: Observe>(
+    query: &Search<'_, K>,
+    k: usize,
+    candidates: &mut Candidates,
+    found: &mut Vec<Neighbor>,
+    observe: &mut O,
+) {
+    let simd = query.tree.simd;
+    if !dispatch(simd, NearestN { query, k, candidates, found, observe }) {
+        nearest_in_order(simd, k, candidates, found);
+    }
+}
+
+/// The work of finding the `k` nearest.
+pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
+    let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
+    if query.precise(|asked| asked.nearest_n(k, &mut candidates, &mut found, &mut work)).is_some() {
+        return work;
+    }
+    // Nobody waits for this: one form is enough.
+    let all = |_: &Lanes<u32>, mask: Mask| mask;
+    let query = match query {
+        Either::All(query) => query.keeping(KeepLanes(&all)),
+        Either::Some(query) => *query,
+    };
+    k_nearest(&query, k, &mut candidates, &mut found, &mut work);
+    work
+}
+
+/// Gathers all points within the radius.
+fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
+    if query.precise(|asked| asked.collect(candidates)).is_some() {
+        return;
+    }
+    match query {
+        Either::All(query) => dispatch(query.tree.simd, Collecting { query, candidates }),
+        Either::Some(query) => dispatch(query.tree.simd, Collecting { query, candidates }),
+    }
+}
+
+/// All points within the radius in any order, into an empty list.
+pub(super) fn collect(query: Either<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+    gather(query, candidates);
+    let pairs = candidates.ids[..candidates.count].iter().zip(&candidates.distances);
+    found.extend(pairs.map(|(&id, &distance_squared)| Neighbor { id, distance_squared }));
+}
+
+/// All points within the radius in order, into an empty list.
+pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+    gather(query, candidates);
+    all_in_order(query.simd(), candidates, found);
+}
+
+/// The number of points within the radius.
+pub(super) fn count(query: Either<'_, '_>) -> usize {
+    let mut candidates = Candidates::default();
+    if query.precise(|asked| asked.collect(&mut candidates)).is_some() {
+        return candidates.count;
+    }
+    match query {
+        Either::All(query) => dispatch(query.tree.simd, Counting(query)),
+        Either::Some(query) => {
+            let mut count = 0;
+            // A visitor that never breaks.
+            let _ = for_each_block(&query.keeping(KeepAll), &mut |ids, _, hits| {
+                count += query.keep.kept(ids, hits).count_ones() as usize;
+                ControlFlow::Continue(())
+            });
+            count
+        }
+    }
+}
+
+/// What is called with the ids and squared distances of a block, and which lanes of it are within the radius.
+pub(super) type VisitBlock<'a> = &'a mut dyn FnMut(&Lanes<u32>, &Lanes<f32>, Mask) -> ControlFlow<()>;
+
+/// Calls `visit` with all blocks that have points within the radius, until it breaks.
+pub(super) fn for_each_block(query: &Search<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
+    if query.is_precise() {
+        return query.asked(|asked| asked.for_each_block(visit));
+    }
+    dispatch(query.tree.simd, Visiting { query, visit })
+}
+
+struct Nearest<'q, 'a, K>(&'q Search<'a, K>);
+
+impl<K: Keep> Kernel for Nearest<'_, '_, K> {
+    type Output = Option<(u32, f32)>;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
+        let q = self.0;
+        let observe = &mut ();
+        let mut best = Best::within(s, q.bound, q.shrink, &q.keep, observe);
+        nearest_in_all(s, &q.tree.layers, (q.point, q.time), &mut best);
+        best.finish(s)
+    }
+}
+
+struct NearestN<'q, 'a, 'b, K, O> {
+    query: &'q Search<'a, K>,
+    k: usize,
+    candidates: &'b mut Candidates,
+    found: &'b mut Vec<Neighbor>,
+    observe: &'b mut O,
+}
+
+impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, K, O> {
+    /// Whether what was found is in order already.
+    type Output = bool;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let NearestN { query: q, k, candidates, found, observe } = self;
+        let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
+        loop {
+            walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);
+            if !search.again() {
+                break;
+            }
+        }
+        few_in_order(s, k, candidates, found)
+    }
+}
+
+struct Collecting<'q, 'a, 'b, K> {
+    query: &'q Search<'a, K>,
+    candidates: &'b mut Candidates,
+}
+
+impl<K: Keep> Kernel for Collecting<'_, '_, '_, K> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Collecting { query: q, candidates } = self;
+        candidates.count = 0;
+        let mut sink = Gather { candidates, keep: &q.keep };
+        // A sink that never breaks.
+        let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
+    }
+}
+
+/// Appends what is found to candidates.
+pub(super) struct Gather<'a, K> {
+    pub(super) candidates: &'a mut Candidates,
+    pub(super) keep: &'a K,
+}
+
+impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
+    const TAKES_NONE: bool = true;
+    #[inline(always)]
+    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+        let ids = view.ids(block);
+        self.candidates.reserve(0);
+        self.candidates.push(s, distance, s.load_u(ids), self.keep.kept(ids, hits));
+        ControlFlow::Continue(())
+    }
+}
+
+/// How many points there are.
+struct Count(usize);
+
+impl<S: Simd> Sink<S> for Count {
+    const TAKES_NONE: bool = true;
+    #[inline(always)]
+    fn take<V: Leaves>(&mut self, _: S, _: &V, _: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
+        self.0 += hits.count_ones() as usize;
+        ControlFlow::Continue(())
+    }
+}
+
+struct Counting<'q, 'a>(&'q Search<'a, KeepAll>);
+
+impl Kernel for Counting<'_, '_> {
+    type Output = usize;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> usize {
+        let q = self.0;
+        let mut sink = Count(0);
+        // A sink that never breaks.
+        let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
+        sink.0
+    }
+}
+
+struct Visiting<'q, 'a, 'v> {
+    query: &'q Search<'a, KeepAll>,
+    visit: VisitBlock<'v>,
+}
+
+impl Kernel for Visiting<'_, '_, '_> {
+    type Output = ControlFlow<()>;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
+        let q = self.query;
+        let mut sink = Visit(self.visit);
+        within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ())
+    }
+}
+
+/// Hands blocks on.
+pub(super) struct Visit<'v>(pub(super) VisitBlock<'v>);
+
+impl<S: Simd> Sink<S> for Visit<'_> {
+    const TAKES_NONE: bool = false;
+    #[inline(always)]
+    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+        let mut distances = [0.0; LANES];
+        s.store(distance, &mut distances);
+        (self.0)(view.ids(block), &distances, hits)
+    }
+}

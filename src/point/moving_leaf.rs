@@ -1,0 +1,234 @@
+//! Leaves of moving points: blocks of sixteen in rows, and when each of them counts.
+
+use super::moving_reference::Mover;
+use super::over_interval::Flight;
+use super::snapshot::{Target, rows, squared};
+use crate::geometry::{KeyTime, TimeInterval};
+use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
+use glam::Vec3;
+
+/// Sixteen moving points in rows; absent ones stand where every squared distance is infinite.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct Block {
+    open: [Lanes<f32>; 3],
+    close: [Lanes<f32>; 3],
+    id: Lanes<u32>,
+}
+
+/// When each of sixteen lanes counts: `begin <= t < end`.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct Times {
+    pub(super) begin: Lanes<f32>,
+    pub(super) end: Lanes<f32>,
+}
+
+impl Times {
+    /// Sixteen lanes that never count.
+    pub(super) const NEVER: Times = Times { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
+
+    /// Sets one lane.
+    pub(super) fn set(&mut self, lane: usize, [begin, end]: [f32; 2]) {
+        (self.begin[lane], self.end[lane]) = (begin, end);
+    }
+
+    /// Lanes that count at a time.
+    #[inline(always)]
+    pub(super) fn counting<S: Simd>(&self, s: S, time: S::F) -> Mask {
+        s.le(s.load(&self.begin), time) & s.lt(time, s.load(&self.end))
+    }
+}
+
+/// A block in the making: its rows, when its lanes count, and when the points in them are alive altogether.
+#[derive(Clone, Copy)]
+pub(super) struct Leaf {
+    block: Block,
+    times: Times,
+    lives: Times,
+}
+
+impl Leaf {
+    /// Nothing in any lane.
+    pub(super) const EMPTY: Leaf = Leaf {
+        block: Block { open: [[f32::MAX; LANES]; 3], close: [[f32::MAX; LANES]; 3], id: [u32::MAX; LANES] },
+        times: Times::NEVER,
+        lives: Times::NEVER,
+    };
+
+    /// Sets one lane, which counts at `times`.
+    pub(super) fn set(&mut self, lane: usize, mover: &Mover, times: [f32; 2]) {
+        for axis in 0..3 {
+            self.block.open[axis][lane] = mover.open[axis];
+            self.block.close[axis][lane] = mover.close[axis];
+        }
+        self.block.id[lane] = mover.id;
+        self.times.set(lane, times);
+        self.lives.set(lane, [mover.life.begin(), mover.life.end_bound()]);
+    }
+}
+
+/// The leaves of a tree, one block each.
+#[derive(Clone)]
+pub(super) struct MovingLeaves {
+    blocks: Vec<Block>,
+    /// When lanes count; empty where everything counts throughout.
+    times: Vec<Times>,
+    /// Whole lives; empty where all points live throughout.
+    lives: Vec<Times>,
+}
+
+impl MovingLeaves {
+    /// So many empty leaves; `timed` where not everything counts throughout, `mortal` where not all points live
+    /// throughout.
+    pub(super) fn empty(count: usize, timed: bool, mortal: bool) -> MovingLeaves {
+        MovingLeaves {
+            blocks: huge_vec_of(Leaf::EMPTY.block, count),
+            times: vec![Times::NEVER; if timed { count } else { 0 }],
+            lives: vec![Times::NEVER; if mortal { count } else { 0 }],
+        }
+    }
+
+    /// All of them, to be filled.
+    pub(super) fn rows(&mut self) -> LeafRows<'_> {
+        LeafRows { blocks: &mut self.blocks, times: &mut self.times, lives: &mut self.lives }
+    }
+
+    /// Bytes allocated.
+    pub(super) fn bytes(&self) -> usize {
+        self.blocks.capacity() * size_of::<Block>()
+            + (self.times.capacity() + self.lives.capacity()) * size_of::<Times>()
+    }
+
+    /// Bytes of the blocks.
+    #[inline(always)]
+    pub(super) fn block_bytes(&self) -> usize {
+        self.blocks.len() * size_of::<Block>()
+    }
+
+    /// Ids of a block's points.
+    #[inline(always)]
+    pub(super) fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+
+    /// Asks for a block that will soon be tested, probably.
+    #[inline(always)]
+    pub(super) fn prefetch(&self, block: usize) {
+        if let Some(block) = self.blocks.get(block) {
+            prefetch(block);
+        }
+    }
+
+    /// Where the points of a block are, whether they count at this time or not.
+    #[inline(always)]
+    fn interpolated<S: Simd>(&self, s: S, at: KeyTime, target: &Target<S>, block: usize) -> [S::F; 3] {
+        let Block { open, close, .. } = &self.blocks[block];
+        let base = rows(s, if at.from_end { close } else { open });
+        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
+        [base[0] + (bx - ax) * target.step, base[1] + (by - ay) * target.step, base[2] + (bz - az) * target.step]
+    }
+
+    /// Where the points of a block are at a time; the first coordinate is infinite where there is no point then.
+    #[inline(always)]
+    pub(super) fn positions<S: Simd, const TIMED: bool>(
+        &self,
+        s: S,
+        at: KeyTime,
+        target: &Target<S>,
+        block: usize,
+    ) -> [S::F; 3] {
+        let mut places = self.interpolated(s, at, target, block);
+        if TIMED {
+            let counting = self.times[block].counting(s, target.time);
+            places[0] = s.select(counting, places[0], s.splat(f32::INFINITY));
+        }
+        places
+    }
+
+    /// Whether a lane of a block counts at a time.
+    pub(super) fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.times.get(block).is_none_or(|t| t.begin[lane] <= time && time < t.end[lane])
+    }
+
+    /// The points that count at a time, with their ids.
+    pub(super) fn counting(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
+        let lanes = (0..self.blocks.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
+        lanes.filter_map(move |(block, lane)| {
+            let Block { open, close, id } = &self.blocks[block];
+            let [open, close] = [open, close].map(|rows| Vec3::from_array(rows.map(|row| row[lane])));
+            (self.counts(block, lane, time) && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))
+        })
+    }
+
+    /// Squared distances to the points of a block at a time; infinite where there is no point then.
+    #[inline(always)]
+    pub(super) fn distances<S: Simd, const TIMED: bool>(
+        &self,
+        s: S,
+        at: KeyTime,
+        target: &Target<S>,
+        block: usize,
+    ) -> S::F {
+        let [x, y, z] = self.interpolated(s, at, target, block);
+        let distances = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
+        if !TIMED {
+            return distances;
+        }
+        let counting = self.times[block].counting(s, target.time);
+        s.select(counting, distances, s.splat(f32::INFINITY))
+    }
+
+    /// Number of blocks.
+    pub(super) fn len(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// When a lane of a block counts.
+    pub(super) fn times(&self, block: usize, lane: usize) -> [f32; 2] {
+        let times = &self.times[block];
+        [times.begin[lane], times.end[lane]]
+    }
+
+    /// A point of a block between its keys.
+    pub(super) fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
+        let rows = &self.blocks[block];
+        let life = self.lives.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
+        let life = life.unwrap_or(Some(TimeInterval::FULL))?;
+        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| f64::from(row[lane])));
+        (rows.id[lane] != u32::MAX).then_some(Flight { id: rows.id[lane], open, close, life })
+    }
+}
+
+/// Some of the leaves of a tree, to be filled.
+pub(super) struct LeafRows<'a> {
+    blocks: &'a mut [Block],
+    times: &'a mut [Times],
+    lives: &'a mut [Times],
+}
+
+impl<'a> LeafRows<'a> {
+    /// Their number.
+    pub(super) fn len(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// The first `count` of them and the rest.
+    pub(super) fn split_at(self, count: usize) -> [LeafRows<'a>; 2] {
+        let (blocks, more_blocks) = self.blocks.split_at_mut(count);
+        let (times, more_times) = self.times.split_at_mut(count.min(self.times.len()));
+        let (lives, more_lives) = self.lives.split_at_mut(count.min(self.lives.len()));
+        [LeafRows { blocks, times, lives }, LeafRows { blocks: more_blocks, times: more_times, lives: more_lives }]
+    }
+
+    /// Fills one of them.
+    pub(super) fn set(&mut self, i: usize, leaf: &Leaf) {
+        self.blocks[i] = leaf.block;
+        if let Some(times) = self.times.get_mut(i) {
+            *times = leaf.times;
+        }
+        if let Some(lives) = self.lives.get_mut(i) {
+            *lives = leaf.lives;
+        }
+    }
+}

@@ -1,0 +1,331 @@
+//! The k-d layout over points: the paper's tree for one part of the shutter.
+//!
+//! Inner nodes are planes that may move, the very nodes that rays walk through. A point that crosses a plane is in
+//! several leaves, in each for the time it spends there; at every time it is in exactly one of them, so nothing is
+//! found twice. Leaves are blocks of sixteen references with their intervals. Sections 3.1.1 and 3.1.2 of the paper;
+//! built by [`build_kd_over_points`], walked by [`PlaneFront`](super::search::planes::PlaneFront).
+//!
+//! **Slack.** A search passes by the far side of a plane where everything in it is too far away. A point that counts
+//! there at time t may be computed on the wrong side of the plane, by no more than the slack of the subtree. Let
+//! u = 2^-24 and a point go from a to b in a segment of 1/n of the shutter.
+//! - The computed position is off by at most (|b − a| + max(|a|, |b|))u: see [`super::linear_bounds`].
+//! - Queries compute t·n in f32, exact for n = 1: the phase is off by at most n·u, the position by |b − a|n·u.
+//! - The time of crossing is rounded to the nearest f32, by at most u/2. Until then the point moves by at most
+//!   |b − a|n·u/2 and the plane, whose velocity is w, by |w|u/2.
+//!
+//! All of this is raised by 2^-10 of itself, which covers the f64 rounding of the build, and by 2^-140 for what
+//! underflows. The first terms depend on the point: the slack of a subtree is that of the worst reference in it, so one
+//! point far away costs those searches that come near its own leaves. The last depends on the plane.
+
+use super::moving_leaf::{Leaf, MovingLeaves};
+use super::moving_reference::{Mover, Part, phase};
+use super::moving_tree::MovingTree;
+use super::order::Item;
+use super::over_interval::Flight;
+use super::snapshot::{Leaves, Target};
+use super::static_tree::StaticTree;
+use crate::geometry::{Box3, KeyTime, Plane};
+use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
+use crate::simd::{LANES, Lanes, Simd};
+use glam::Vec3;
+
+/// Points between two keys in the k-d layout.
+#[derive(Clone)]
+pub(super) struct PlaneTree {
+    part: Part,
+    /// Everything at every time, up to the slack.
+    root: Box3,
+    /// A leaf says its first block and how many blocks it has.
+    nodes: Vec<KdNode>,
+    /// How far a point below a node may be computed outside of the half-space of the plane above the node.
+    slack: Vec<f32>,
+    leaves: MovingLeaves,
+    depth: usize,
+    references: usize,
+}
+
+impl PlaneTree {
+    /// Builds the tree of one part of the shutter with at most `references` for each mover.
+    pub(super) fn build(movers: &[Mover], part: Part, references: f32) -> PlaneTree {
+        let reference = |(id, m): (usize, &Mover)| PointReference {
+            id: id as u32,
+            interval: m.alive,
+            bounds: Trajectory { open: m.open, close: m.close },
+            votes: true,
+        };
+        let all: Vec<_> = movers.iter().enumerate().map(reference).collect();
+        let segments = part.keys.max(2) - 1;
+        let points = Trajectories { segments, segment: part.segment, middle: part.middle() };
+        let tree = build_kd_over_points(points, all, movers.len() as f64 * f64::from(references));
+        let (mut nodes, references) = (tree.nodes, tree.references);
+        let mortal = movers.iter().any(|m| m.life != crate::TimeInterval::FULL);
+        let blocks = |node: &KdNode| match node.view() {
+            KdView::Leaf { count, .. } => (count as usize).div_ceil(LANES),
+            KdView::Inner { .. } => 0,
+        };
+        let mut leaves = MovingLeaves::empty(nodes.iter().map(blocks).sum(), true, mortal);
+        let (mut rows, mut next) = (leaves.rows(), 0);
+        let mut slack = vec![0.0; nodes.len()];
+        for (node, slack) in nodes.iter_mut().zip(&mut slack) {
+            let KdView::Leaf { first, count } = node.view() else { continue };
+            let own = &references[first as usize..][..count as usize];
+            let begin = next;
+            for lanes in own.chunks(LANES) {
+                let mut leaf = Leaf::EMPTY;
+                for (lane, r) in lanes.iter().enumerate() {
+                    leaf.set(lane, &movers[r.id as usize], [r.begin, r.end]);
+                }
+                rows.set(next, &leaf);
+                next += 1;
+            }
+            *slack = own.iter().map(|r| error(&movers[r.id as usize], segments)).fold(0.0, f32::max);
+            *node = KdNode::leaf(begin as u32, (next - begin) as u32);
+        }
+        // Children come behind their parents.
+        for i in (0..nodes.len()).rev() {
+            if let KdView::Inner { plane, right } = nodes[i].view() {
+                let (left, right) = (i + 1, right as usize);
+                slack[i] = slack[left].max(slack[right]);
+                let own = raised(plane_error(&plane));
+                slack[left] = (slack[left] + own).next_up();
+                slack[right] = (slack[right] + own).next_up();
+            }
+        }
+        PlaneTree {
+            part,
+            root: tree.root,
+            nodes,
+            slack,
+            leaves,
+            depth: tree.depth as usize,
+            references: references.len(),
+        }
+    }
+
+    /// Bytes allocated.
+    pub(super) fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<KdNode>() + self.slack.capacity() * size_of::<f32>() + self.leaves.bytes()
+    }
+
+    /// Number of references.
+    pub(super) fn references(&self) -> usize {
+        self.references
+    }
+
+    /// Number of planes.
+    pub(super) fn node_count(&self) -> usize {
+        self.nodes.len() / 2
+    }
+
+    /// Planes above the deepest leaf.
+    pub(super) fn depth(&self) -> usize {
+        self.depth
+    }
+
+    /// The part of the shutter it answers for.
+    pub(super) fn part(&self) -> &Part {
+        &self.part
+    }
+
+    /// Everything at every time, up to the slack of the root.
+    pub(super) fn root(&self) -> Box3 {
+        self.root
+    }
+
+    /// A node.
+    #[inline(always)]
+    pub(super) fn node(&self, node: u32) -> KdView {
+        self.nodes[node as usize].view()
+    }
+
+    /// How far a point below a node may be computed outside of the half-space of the plane above the node.
+    #[inline(always)]
+    pub(super) fn slack(&self, node: u32) -> f64 {
+        f64::from(self.slack[node as usize])
+    }
+
+    /// Whether a lane of a block counts at a time.
+    pub(super) fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.leaves.counts(block, lane, time)
+    }
+
+    /// A point of a block.
+    pub(super) fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
+        self.leaves.flight(block, lane)
+    }
+
+    /// The points that exist at a time, which lies in its part, where they are then, and their ids.
+    pub(super) fn still_at(&self, time: f32) -> StaticTree {
+        let (ids, places): (Vec<u32>, Vec<Vec3>) =
+            self.leaves.counting(KeyTime::new(time, self.part.keys), time).unzip();
+        let item = |(index, place): (usize, &Vec3)| Item { at: place.to_array(), index: index as u32 };
+        StaticTree::build(places.len(), places.iter().enumerate().map(item), |index| ids[index as usize])
+    }
+
+    /// The same points under boxes that move.
+    pub(super) fn boxed(&self) -> MovingTree {
+        let lanes = (0..self.leaves.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
+        let movers = lanes.filter_map(|(block, lane)| {
+            let flight = self.leaves.flight(block, lane)?;
+            let (Flight { id, life, .. }, [open, close]) = (flight, flight.ends());
+            let alive = life.intersect(self.part.interval)?;
+            // A point has a reference in each leaf that it comes through, and one begins when it does.
+            let first = self.leaves.times(block, lane)[0] == alive.begin();
+            first.then_some(Mover { open, close, alive, life, id, fast: false })
+        });
+        MovingTree::build(&movers.collect::<Vec<_>>(), self.part)
+    }
+
+    /// The tree at a time, which lies in its part.
+    #[inline(always)]
+    pub(super) fn at(&self, time: f32) -> PlaneView<'_> {
+        let at = KeyTime::new(time, self.part.keys);
+        PlaneView { tree: self, at, phase: phase(at, self.part.segment), time }
+    }
+}
+
+/// Bound of the relative rounding of one operation, with room for that of f64 on the way.
+const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
+
+/// Rounded up, with room for what underflows.
+fn raised(x: f64) -> f32 {
+    const TINY: f64 = 512.0 * f32::from_bits(1) as f64;
+    ((x + TINY) as f32).next_up()
+}
+
+/// How far a plane is from where the build saw it at the time at which a point crosses it.
+#[inline(always)]
+pub(super) fn plane_error(plane: &Plane) -> f64 {
+    0.5 * UNIT * f64::from(plane.velocity).abs()
+}
+
+/// How far a point may be computed from where the build saw it, planes that stand still given.
+fn error(m: &Mover, segments: usize) -> f32 {
+    let axis = |i: usize| {
+        let (a, b) = (f64::from(m.open[i]), f64::from(m.close[i]));
+        let along = if segments > 1 { 1.5 * segments as f64 } else { 0.5 };
+        (1.0 + along) * (b - a).abs() + a.abs().max(b.abs())
+    };
+    raised(UNIT * axis(0).max(axis(1)).max(axis(2)))
+}
+
+/// A k-d tree over points at a time.
+#[derive(Clone, Copy)]
+pub(super) struct PlaneView<'a> {
+    pub(super) tree: &'a PlaneTree,
+    at: KeyTime,
+    phase: f32,
+    pub(super) time: f32,
+}
+
+impl Leaves for PlaneView<'_> {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        1
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        let point = [s.splat(q.x), s.splat(q.y), s.splat(q.z)];
+        Target { point, step: s.splat(self.at.s), phase: s.splat(self.phase), time: s.splat(self.time) }
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        self.tree.leaves.distances::<S, true>(s, self.at, target, block)
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        self.tree.leaves.prefetch(block);
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.tree.leaves.block_bytes()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        self.tree.leaves.ids(block)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::TimeInterval;
+    use crate::point::build::parts;
+
+    fn random(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    /// Calls `visit` with the planes above each leaf, the sides it lies on (-1 below) with their slack, and its blocks.
+    fn leaves(
+        tree: &PlaneTree,
+        node: u32,
+        above: &mut Vec<(Plane, f64, f64)>,
+        visit: &mut impl FnMut(&[(Plane, f64, f64)], usize),
+    ) {
+        match tree.node(node) {
+            KdView::Leaf { first, count } => (first..first + count).for_each(|block| visit(above, block as usize)),
+            KdView::Inner { plane, right } => {
+                for (child, side) in [(node + 1, -1.0), (right, 1.0)] {
+                    above.push((plane, side, tree.slack(child)));
+                    leaves(tree, child, above, visit);
+                    above.pop();
+                }
+            }
+        }
+    }
+
+    /// How far points are computed on the wrong side of planes, at the first and last times at which they count there:
+    /// the most as a fraction of the slack.
+    fn worst(keys: usize, offset: f32, size: f32, speed: f32) -> f64 {
+        let mut state = 11;
+        let mut place = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random(&mut state) * by);
+        let movers: Vec<Mover> = (0..800)
+            .map(|id| {
+                let open = place(size).map(|x| x + offset);
+                let way = place(speed * size);
+                let close = core::array::from_fn(|i| open[i] + way[i]);
+                let alive = TimeInterval::FULL;
+                Mover { open, close, alive, life: alive, id, fast: false }
+            })
+            .collect();
+        let part = parts(keys, 1)[(keys - 1) / 2];
+        let inside: Vec<Mover> = movers.iter().map(|m| Mover { alive: part.interval, ..*m }).collect();
+        let tree = PlaneTree::build(&inside, part, 16.0);
+        let mut worst: f64 = 0.0;
+        leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {
+            for lane in 0..LANES {
+                let Some(flight) = tree.flight(block, lane) else { continue };
+                let [begin, end] = tree.leaves.times(block, lane);
+                for time in [begin, end.next_down().min(1.0)] {
+                    let at = flight.position(KeyTime::new(time, keys));
+                    for &(plane, side, slack) in planes {
+                        let outside = -side * (f64::from(at[plane.axis]) - plane.at(time));
+                        worst = worst.max(outside / slack);
+                    }
+                }
+            }
+        });
+        worst
+    }
+
+    #[test]
+    fn slack_covers_what_rounding_puts_on_the_wrong_side_and_little_more() {
+        for keys in [2, 3, 8, 100] {
+            for (offset, size, speed) in [
+                (0.0, 1.0, 1.0),
+                (0.0, 1e-3, 30.0),
+                (1000.0, 1.0, 0.1),
+                (-3e7, 1e3, 5.0),
+                (0.0, 1e18, 1.0),
+                (0.0, 1e-40, 2.0),
+            ] {
+                let worst = worst(keys, offset, size, speed);
+                let what = format!("{keys} keys, {offset} ± {size}, speed {speed}");
+                assert!(worst <= 1.0, "{what}: {worst} of the slack");
+                assert!(size < 1e-30 || worst > 0.02, "{what}: {worst} of the slack, which is far more than it takes");
+            }
+        }
+    }
+}

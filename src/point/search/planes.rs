@@ -1,0 +1,155 @@
+//! The walk through the k-d layout: down to the leaf at the query first, then the far sides of planes, nearest planes
+//! last passed first.
+//!
+//! **Why no search loses a neighbour.** For each subtree the walk keeps, per axis, how far the query is from the planes
+//! that it has passed: `g = |s − q|` for a plane that stands at s at the query's time, less what the plane is rounded by.
+//! A point below is computed at p with `p ≥ s − slack` (or `≤`, mirrored), so `|p − q| ≥ g − slack`, with the slack of any
+//! subtree that the point is in: the deeper, the less it is where one point far away makes it large. The difference is
+//! taken in f64 from a `g` lowered by 2^-50 of itself, more than f64 rounds on the way, so it is below the exact
+//! `|p − q|`; rounded to f32 it is at most the `|d|` that the point's distance is computed from, since rounding to
+//! nearest is monotone. Squares and sums are taken in the order of [`squared`](crate::point::snapshot::squared), which is
+//! monotone too: the subtree's distance is never above that of a point in it, and culling what is *strictly* farther
+//! than the bound keeps ties.
+
+use super::Observe;
+use super::radius::Sink;
+use super::walk::Collect;
+use crate::limits::DEPTH_LIMIT;
+use crate::mbkd::KdView;
+use crate::point::plane_tree::{PlaneView, plane_error};
+use crate::point::snapshot::Leaves;
+use crate::simd::Simd;
+use core::ops::{ControlFlow, Range};
+use glam::Vec3;
+
+/// A subtree still to be visited.
+#[derive(Clone, Copy)]
+struct Entry {
+    node: u32,
+    /// Lower bound of the squared distances in it.
+    distance: f32,
+    /// How far the query is outside of it, per axis, at least, if nothing in it were rounded.
+    gaps: [f64; 3],
+}
+
+/// Lower bound of the squared distances in a subtree with this slack.
+#[inline(always)]
+fn distance(gaps: &[f64; 3], slack: f64) -> f32 {
+    let [x, y, z] = gaps.map(|gap| if gap > slack { (gap - slack) as f32 } else { 0.0 });
+    (x * x + y * y) + z * z
+}
+
+/// Where a walk stands. Below each plane on the way down at most one side waits.
+pub(in crate::point) struct PlaneFront {
+    waiting: [Entry; DEPTH_LIMIT + 1],
+    count: usize,
+}
+
+impl PlaneFront {
+    /// Before the root.
+    #[inline(always)]
+    pub(in crate::point) fn begin() -> PlaneFront {
+        let root = Entry { node: 0, distance: 0.0, gaps: [0.0; 3] };
+        PlaneFront { waiting: [root; DEPTH_LIMIT + 1], count: 1 }
+    }
+
+    /// The blocks of the next leaf that may hold points within the bound; `None` at the end.
+    #[inline(always)]
+    pub(in crate::point) fn next(
+        &mut self,
+        view: &PlaneView<'_>,
+        point: Vec3,
+        bound: f32,
+        mut node_visited: impl FnMut(),
+    ) -> Option<Range<usize>> {
+        loop {
+            self.count = self.count.checked_sub(1)?;
+            let Entry { mut node, distance: least, gaps } = self.waiting[self.count];
+            if least > bound {
+                continue;
+            }
+            loop {
+                match view.tree.node(node) {
+                    KdView::Leaf { first, count } => {
+                        let first = first as usize;
+                        return Some(first..first + count as usize);
+                    }
+                    KdView::Inner { plane, right } => {
+                        node_visited();
+                        let gap = plane.at(view.time) - f64::from(point[plane.axis]);
+                        let (near, far) = if gap > 0.0 { (node + 1, right) } else { (right, node + 1) };
+                        let beyond = gap.abs() * BELOW_ONE - plane_error(&plane);
+                        let mut far_gaps = gaps;
+                        let axis = &mut far_gaps[plane.axis];
+                        *axis = if beyond > *axis { beyond } else { *axis };
+                        let far_distance = distance(&far_gaps, view.tree.slack(far));
+                        if far_distance <= bound {
+                            self.waiting[self.count] = Entry { node: far, distance: far_distance, gaps: far_gaps };
+                            self.count += 1;
+                        }
+                        // What is far away may be left behind: then the planes above say more.
+                        let slack = view.tree.slack(near);
+                        if 2.0 * slack < view.tree.slack(node) && distance(&gaps, slack) > bound {
+                            break;
+                        }
+                        node = near;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// 1 − 2^-50.
+const BELOW_ONE: f64 = 1.0 - 4.0 * f64::EPSILON;
+
+/// Visits leaves, nearest sides of planes first, until nothing within the bound is left.
+#[inline(always)]
+pub(in crate::point) fn walk<S: Simd, C: Collect<S>>(s: S, view: &PlaneView<'_>, point: Vec3, collect: &mut C) {
+    let target = view.target(s, point);
+    let mut front = PlaneFront::begin();
+    while let Some(blocks) = front.next(view, point, collect.cull(), || collect.node()) {
+        collect.leaf(s, view, &target, blocks);
+    }
+    collect.end(s, view, &target);
+}
+
+/// Hands every point within the bound to the sink.
+#[inline(always)]
+pub(in crate::point) fn within<S: Simd, T: Sink<S>, O: Observe>(
+    s: S,
+    view: &PlaneView<'_>,
+    point: Vec3,
+    bound: f32,
+    sink: &mut T,
+    observe: &mut O,
+) -> ControlFlow<()> {
+    let mut front = PlaneFront::begin();
+    while let Some(blocks) = front.next(view, point, bound, || observe.node()) {
+        leaf(s, view, point, bound, blocks, sink, observe)?;
+    }
+    ControlFlow::Continue(())
+}
+
+/// Hands the points of a leaf that are within the bound to the sink.
+#[inline(always)]
+pub(in crate::point) fn leaf<S: Simd, T: Sink<S>, O: Observe>(
+    s: S,
+    view: &PlaneView<'_>,
+    point: Vec3,
+    bound: f32,
+    blocks: Range<usize>,
+    sink: &mut T,
+    observe: &mut O,
+) -> ControlFlow<()> {
+    let target = view.target(s, point);
+    for block in blocks {
+        observe.block();
+        let distance = view.point_distances(s, &target, block);
+        let hits = s.le(distance, s.splat(bound));
+        if T::TAKES_NONE || hits != 0 {
+            sink.take(s, view, block, distance, hits)?;
+        }
+    }
+    ControlFlow::Continue(())
+}

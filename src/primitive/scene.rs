@@ -1,0 +1,189 @@
+//! Meshes, spheres and the caller's own primitives together.
+
+use super::custom::{Intersection, Primitive, PrimitiveSet, Shapes, ShapesExtent, SurfacePoint};
+use super::mesh::TriangleMesh;
+use super::sphere::MovingSphere;
+use super::triangles::Triangles;
+use crate::error::BuildError;
+use crate::geometry::{Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
+use glam::DVec3;
+
+/// Something that shares a tree with meshes ([`RayTree::of_scene`](crate::RayTree::of_scene)).
+///
+/// ```
+/// use mbkd::{MovingSphere, Shape, glam::DVec3};
+/// let ball: Shape = MovingSphere::fixed(DVec3::ZERO, 1.0).into();
+/// let own = Shape::own(MovingSphere::fixed(DVec3::X, 1.0)); // anything that implements `Primitive`
+/// assert!(matches!((ball, own), (Shape::Sphere(_), Shape::Own(_))));
+/// ```
+pub enum Shape {
+    /// A moving sphere.
+    Sphere(MovingSphere),
+    /// A primitive of the caller's own.
+    Own(Box<dyn Primitive>),
+}
+
+impl Shape {
+    /// A primitive of the caller's own.
+    pub fn own(primitive: impl Primitive + 'static) -> Shape {
+        Shape::Own(Box::new(primitive))
+    }
+}
+
+impl From<MovingSphere> for Shape {
+    fn from(sphere: MovingSphere) -> Shape {
+        Shape::Sphere(sphere)
+    }
+}
+
+impl Primitive for Shape {
+    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+        match self {
+            Shape::Sphere(sphere) => sphere.bounds(over),
+            Shape::Own(own) => own.bounds(over),
+        }
+    }
+
+    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+        match self {
+            Shape::Sphere(sphere) => sphere.intersect(ray),
+            Shape::Own(own) => own.intersect(ray),
+        }
+    }
+
+    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+        match self {
+            Shape::Sphere(sphere) => sphere.closest_point(point, time),
+            Shape::Own(own) => own.closest_point(point, time),
+        }
+    }
+
+    fn active(&self) -> TimeInterval {
+        match self {
+            Shape::Sphere(sphere) => sphere.active,
+            Shape::Own(own) => own.active(),
+        }
+    }
+}
+
+/// Triangle meshes and other shapes in one tree space, as a [`RayTree`](crate::RayTree) holds them.
+///
+/// The ids of triangles come first, so that the lowest id is the lowest (mesh, primitive).
+pub struct Scene {
+    pub(crate) triangles: Triangles,
+    pub(crate) shapes: Shapes<Shape>,
+    /// Number of triangles: the id of the first shape.
+    first: u32,
+    /// Number of meshes, by which shapes are named.
+    meshes: u32,
+    always_active: bool,
+}
+
+impl Scene {
+    /// Checks everything and brings it into one tree space.
+    pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
+        let extent = ShapesExtent::of(&shapes)?;
+        let triangles = Triangles::beside(meshes, extent.swept)?;
+        let shapes = Shapes::within(shapes, extent, *triangles.frame());
+        let found = triangles.len() + shapes.len();
+        if found >= u32::MAX as usize {
+            return Err(BuildError::TooManyPrimitives { found });
+        }
+        let always_active = triangles.always_active() && shapes.always_active();
+        let (first, meshes) = (triangles.len() as u32, meshes.len() as u32);
+        Ok(Scene { triangles, shapes, first, meshes, always_active })
+    }
+
+    /// The number of the shape with this id; `None` for a triangle.
+    #[inline(always)]
+    pub(crate) fn shape(&self, id: u32) -> Option<u32> {
+        id.checked_sub(self.first)
+    }
+}
+
+impl PrimitiveSet for Scene {
+    fn len(&self) -> usize {
+        self.triangles.len() + self.shapes.len()
+    }
+
+    fn active(&self, id: u32) -> TimeInterval {
+        match self.shape(id) {
+            None => self.triangles.active(id),
+            Some(shape) => self.shapes.active(shape),
+        }
+    }
+
+    #[inline(always)]
+    fn always_active(&self) -> bool {
+        self.always_active
+    }
+
+    #[inline(always)]
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
+        match self.shape(id) {
+            None => self.triangles.bounds(id, over),
+            Some(shape) => self.shapes.bounds(shape, over),
+        }
+    }
+
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
+        match self.shape(id) {
+            None => self.triangles.clipped(id, time, cell),
+            Some(shape) => self.shapes.clipped(shape, time, cell),
+        }
+    }
+
+    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+        match self.shape(id) {
+            None => self.triangles.misses(id, over, cell),
+            Some(shape) => self.shapes.misses(shape, over, cell),
+        }
+    }
+
+    #[inline(always)]
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+        match self.shape(id) {
+            None => PrimitiveSet::ends(&self.triangles, id, over),
+            Some(_) => None,
+        }
+    }
+
+    fn prefetch(&self, id: u32) {
+        if self.shape(id).is_none() {
+            self.triangles.prefetch(id);
+        }
+    }
+
+    fn prefetch_vertices(&self, id: u32) {
+        if self.shape(id).is_none() {
+            self.triangles.prefetch_vertices(id);
+        }
+    }
+
+    fn mask(&self, id: u32) -> u32 {
+        match self.shape(id) {
+            None => self.triangles.mask(id),
+            Some(_) => u32::MAX,
+        }
+    }
+
+    #[inline]
+    fn name(&self, id: u32) -> (u32, u32) {
+        match self.shape(id) {
+            None => self.triangles.name(id),
+            Some(shape) => (self.meshes, shape),
+        }
+    }
+
+    fn frame(&self) -> &Frame {
+        self.triangles.frame()
+    }
+
+    fn complaint(&self) -> Result<(), BuildError> {
+        self.shapes.complaint()
+    }
+
+    fn bytes(&self) -> usize {
+        self.triangles.bytes() + self.shapes.bytes()
+    }
+}
