@@ -6,15 +6,15 @@
 
 mod animation;
 mod exr;
-mod film;
-mod font;
+pub mod film;
+pub mod font;
 mod heatmap;
 mod integrator;
 mod materials;
 mod options;
 mod readers;
 mod render;
-mod sampling;
+pub mod sampling;
 mod sky;
 mod smooth;
 mod stage;
@@ -83,7 +83,7 @@ fn outputs(options: &Options) -> Result<Vec<PathBuf>, String> {
 }
 
 /// A flag that the first Ctrl-C sets; the second ends the program at once.
-fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
+pub fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     let handler = move || {
@@ -216,7 +216,8 @@ fn job(options: &Options) -> Job {
     }
 }
 
-fn bar(steps: u64) -> ProgressBar {
+/// A bar with the time left, for this many steps.
+pub fn bar(steps: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr_with_hz(10));
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} spent, {eta} left");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -224,7 +225,7 @@ fn bar(steps: u64) -> ProgressBar {
 }
 
 /// Prints a line; a reader that has gone away is no reason to stop.
-fn say(line: &str) {
+pub fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 

@@ -58,7 +58,7 @@ impl Sampler {
     }
 
     /// The next number in [0, 1).
-    pub fn next(&mut self) -> f32 {
+    pub fn unit(&mut self) -> f32 {
         let bits = if self.used < DIMENSIONS {
             let shift = mix(self.pixel, self.used as u64) as u32;
             let bits = shift.wrapping_add(self.sample.wrapping_mul(ALPHA[self.used]));
@@ -73,7 +73,7 @@ impl Sampler {
 
     /// A point of the unit square.
     pub fn square(&mut self) -> Vec2 {
-        Vec2::new(self.next(), self.next())
+        Vec2::new(self.unit(), self.unit())
     }
 
     /// A time in the stratum of this sample, in [0, 1).
@@ -84,7 +84,7 @@ impl Sampler {
         let n = u64::from(self.samples);
         let stratum = u64::from(self.sample) * stride(n) % n;
         // Below 1 for certain: sums of multiples of 2^-24 near 1 may round up.
-        ((stratum as f32 + self.next()) / self.samples as f32).min(1.0 - f32::EPSILON)
+        ((stratum as f32 + self.unit()) / self.samples as f32).min(1.0 - f32::EPSILON)
     }
 
     /// A point of the unit disk.

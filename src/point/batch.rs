@@ -55,7 +55,7 @@ impl NeighborLists {
 }
 
 /// Queries that one thread answers in a row.
-const RUN: usize = 512;
+pub(super) const RUN: usize = 512;
 
 impl PointTree {
     /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
@@ -131,7 +131,7 @@ impl PointTree {
 }
 
 /// Answers runs of the order, in parallel; the results in the order of the runs.
-fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
+pub(super) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
@@ -153,7 +153,7 @@ struct Run {
 }
 
 /// The indices of places along a Morton curve.
-fn morton_order(places: &[Vec3]) -> Vec<usize> {
+pub(super) fn morton_order(places: &[Vec3]) -> Vec<usize> {
     let finite = places.iter().copied().filter(|p| p.is_finite());
     let (lo, hi) = finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
     let cells = (1u32 << 21) as f32;

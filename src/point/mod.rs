@@ -21,6 +21,7 @@ mod compiled;
 mod error;
 mod fast;
 mod flyby;
+mod gather;
 mod iter;
 mod linear_bounds;
 mod lists;
@@ -47,6 +48,10 @@ pub use crate::primitive::{MovingPoint, PointArrays, PointColumns, PointSet, Pos
 pub use approach::Approach;
 pub use batch::NeighborLists;
 pub use error::PointError;
+pub use gather::{
+    Flux, GatherError, GatherParams, GatherQuery, GatherScratch, Gathered, Kernel, Photon, PhotonMap, PhotonTime,
+    VisiblePoint, VisiblePoints,
+};
 pub use iter::WithinIter;
 pub use lists::{Encounter, EncounterLists, ListError, ListQuery, NeighborCsr, Radii, certified_duration};
 pub use neighbor::Neighbor;

@@ -6,6 +6,8 @@ mod approximate;
 mod double;
 mod exact;
 mod fickle;
+mod gather;
+mod gather_theory;
 #[cfg(feature = "rayon")]
 mod lists;
 #[cfg(feature = "rayon")]

@@ -1,0 +1,211 @@
+//! Photons with times, gathered at the time of each camera ray: `cargo run --release --example photon_map`.
+//!
+//! A glass sphere flies through a room while the shutter is open and throws a caustic on the floor; a coloured ball
+//! passes a white wall and colours it. Without options it renders the same scene in three ways, each for the same time,
+//! and writes the first to photon_map.png and all of them to photon_map_sheet.png. `--help` lists the rest.
+
+mod photons;
+mod picture;
+mod progressive;
+mod room;
+mod sheet;
+
+use clap::Parser;
+use mbkd::glam::Vec3;
+use mbkd_renderer::film::save_linear;
+use mbkd_renderer::{bar, say, stop_on_interrupt};
+use photons::Paths;
+use picture::{Method, Pictures, Settings, pass};
+use progressive::Progressive;
+use room::Room;
+use sheet::{EXPOSURE, Errors, draw, errors};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Renders a moving caustic and a moving colour on a wall, with photons gathered at the time of each camera ray.
+///
+/// Without options: three ways to treat the photons' times, 30 seconds each, to photon_map.png and
+/// photon_map_sheet.png. With a reference (made by --reference, some minutes) the sheet says how far each is from it.
+#[derive(Parser, Debug)]
+#[command(name = "photon_map", max_term_width = 100)]
+struct Options {
+    /// Pixels across
+    #[arg(long, default_value_t = 560, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    width: u32,
+    /// Rows of pixels
+    #[arg(long, default_value_t = 420, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    height: u32,
+    /// How long each picture may take
+    #[arg(long, default_value_t = 30.0, value_name = "SECONDS", value_parser = seconds)]
+    seconds: f64,
+    /// Photon paths per pass
+    #[arg(long, default_value_t = 300_000, value_parser = clap::value_parser!(u32).range(1000..=100_000_000))]
+    photons: u32,
+    /// Camera samples per pixel and pass, where rays have times of their own
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    samples: u32,
+    /// Another seed, other noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Only the picture gathered at ray time
+    #[arg(long, conflicts_with_all = ["reference", "progressive"])]
+    alone: bool,
+    /// Make the reference instead: many passes with one time each and small radii, for --seconds (600 is good)
+    #[arg(long, conflicts_with = "progressive")]
+    reference: bool,
+    /// Progressive photon mapping with the inverse gather instead, until Ctrl-C
+    #[arg(long)]
+    progressive: bool,
+    /// Where to: a .png; sheet and reference are written beside it
+    #[arg(short, long, default_value = "photon_map.png", value_name = "FILE")]
+    output: PathBuf,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|x| *x > 0.0 && *x <= 1e6);
+    number.ok_or_else(|| "a number of seconds above 0".into())
+}
+
+fn main() -> ExitCode {
+    match run(&Options::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            let _ = writeln!(std::io::stderr(), "error: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(options: &Options) -> Result<(), String> {
+    if options.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
+        return Err(format!("{}: pictures are written as .png", options.output.display()));
+    }
+    let stop = stop_on_interrupt()?;
+    let room = Room::new().map_err(|e| e.to_string())?;
+    let settings = Settings {
+        width: options.width as usize,
+        height: options.height as usize,
+        paths: Paths { glass: options.photons as usize / 2, others: options.photons as usize / 2 },
+        caustic: (0.035, 0.015),
+        indirect: (0.22, 0.08),
+        samples: options.samples,
+        seed: options.seed,
+    };
+    if options.progressive {
+        return progressive(options, &room, &settings, &stop);
+    }
+    if options.reference {
+        let settings = Settings { caustic: (0.016, 1.0), indirect: (0.12, 1.0), seed: !options.seed, ..settings };
+        let made = expose(&room, &settings, Method::OneTime, options.seconds, &stop, "reference");
+        save_linear(&made.all, &beside(options, "_reference.pfm"))?;
+        save_linear(&made.caustic, &beside(options, "_reference_caustic.pfm"))?;
+        made.all.developed(EXPOSURE).save(&beside(options, "_reference.png"))?;
+        say(&format!(
+            "wrote {} and its caustic, in {} passes",
+            beside(options, "_reference.pfm").display(),
+            made.passes
+        ));
+        return Ok(());
+    }
+    let ours = expose(&room, &settings, Method::RayTime, options.seconds, &stop, "gathered at ray time");
+    ours.all.developed(EXPOSURE).save(&options.output)?;
+    say(&format!("wrote {}", options.output.display()));
+    if options.alone || stop.load(Ordering::Relaxed) {
+        return Ok(());
+    }
+    let one = expose(&room, &settings, Method::OneTime, options.seconds, &stop, "one time per pass");
+    let ignored = expose(&room, &settings, Method::Ignored, options.seconds, &stop, "time ignored");
+    let reference = reference(options, &settings)?;
+    let panel = |name: &str, made: &Pictures| {
+        let mut text = vec![name.to_string(), format!("{:.0} s, {} passes", options.seconds, made.passes)];
+        if let Some([all, caustic]) = &reference {
+            let Errors { all, caustic } = errors(made, all, caustic);
+            say(&format!("{name}: relative MSE {all:.5}, in the caustic {caustic:.5}"));
+            text.push(format!("relative MSE {all:.5}"));
+            text.push(format!("in the caustic {caustic:.5}"));
+        }
+        text
+    };
+    let panels = [
+        (&ignored.all, panel("time ignored", &ignored)),
+        (&one.all, panel("one time per pass", &one)),
+        (&ours.all, panel("gathered at ray time", &ours)),
+    ];
+    let path = beside(options, "_sheet.png");
+    draw(&panels).save(&path)?;
+    say(&format!("wrote {}", path.display()));
+    if reference.is_none() {
+        say("no reference of this size: --reference makes one, and the sheet then has errors");
+    }
+    Ok(())
+}
+
+/// Passes until the time is over or the program is interrupted; at least one.
+fn expose(room: &Room, settings: &Settings, method: Method, seconds: f64, stop: &AtomicBool, name: &str) -> Pictures {
+    let budget = Duration::from_secs_f64(seconds);
+    let bar = bar((1000.0 * seconds) as u64);
+    let (begin, mut pictures) = (Instant::now(), Pictures::new(settings));
+    loop {
+        pass(room, settings, method, &mut pictures);
+        let spent = begin.elapsed();
+        bar.set_position(spent.as_millis() as u64);
+        // A pass more, if more than half of it fits.
+        if spent + spent / (2 * pictures.passes) >= budget || stop.load(Ordering::Relaxed) {
+            break;
+        }
+    }
+    bar.finish_and_clear();
+    say(&format!("{name}: {} passes in {:.1} s", pictures.passes, begin.elapsed().as_secs_f64()));
+    pictures
+}
+
+/// Rounds of progressive photon mapping until interrupted; what is done is written every so often and at the end.
+fn progressive(options: &Options, room: &Room, settings: &Settings, stop: &AtomicBool) -> Result<(), String> {
+    let (begin, mut written, mut state) = (Instant::now(), Instant::now(), Progressive::new(settings));
+    let mut rounds = 0;
+    while !stop.load(Ordering::Relaxed) {
+        state.round(room, settings);
+        rounds += 1;
+        let _ = write!(std::io::stderr(), "\r{rounds} rounds in {:.0} s; Ctrl-C ends", begin.elapsed().as_secs_f64());
+        if written.elapsed() > Duration::from_secs(20) || rounds == 1 {
+            state.picture(settings).all.developed(EXPOSURE).save(&options.output)?;
+            written = Instant::now();
+        }
+    }
+    state.picture(settings).all.developed(EXPOSURE).save(&options.output)?;
+    say(&format!("\nwrote {} after {rounds} rounds", options.output.display()));
+    Ok(())
+}
+
+/// A path that begins like the picture's.
+fn beside(options: &Options, end: &str) -> PathBuf {
+    let stem = options.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    options.output.with_file_name(format!("{stem}{end}"))
+}
+
+/// The reference's light and caustic, if there is one of this size.
+fn reference(options: &Options, settings: &Settings) -> Result<Option<[Vec<Vec3>; 2]>, String> {
+    let (all, caustic) = (beside(options, "_reference.pfm"), beside(options, "_reference_caustic.pfm"));
+    if !all.exists() || !caustic.exists() {
+        return Ok(None);
+    }
+    let (all, caustic) = (read_pfm(&all, settings)?, read_pfm(&caustic, settings)?);
+    Ok(all.zip(caustic).map(|(all, caustic)| [all, caustic]))
+}
+
+/// A portable float map as this program writes it; `None` if it has another size.
+fn read_pfm(path: &Path, settings: &Settings) -> Result<Option<Vec<Vec3>>, String> {
+    let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let header = format!("PF\n{} {}\n-1.0\n", settings.width, settings.height);
+    let Some(body) = bytes.strip_prefix(header.as_bytes()) else { return Ok(None) };
+    if body.len() != 12 * settings.width * settings.height {
+        return Err(format!("{}: the file is not complete", path.display()));
+    }
+    let number = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+    let pixel = |bytes: &[u8]| Vec3::new(number(bytes), number(&bytes[4..]), number(&bytes[8..]));
+    let rows = body.chunks(12 * settings.width).rev();
+    Ok(Some(rows.flat_map(|row| row.chunks(12).map(pixel)).collect()))
+}

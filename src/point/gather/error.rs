@@ -1,0 +1,118 @@
+//! What can be wrong with photons and with gathers.
+
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::point::error::PointError;
+use core::fmt;
+
+/// Why a photon map could not be built, or a gather not be answered.
+///
+/// ```
+/// use mbkd::glam::Vec3;
+/// use mbkd::point::{GatherError, GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap};
+/// let photons = [Photon::at_time(Vec3::ZERO, Vec3::Z, 1.0f32, 0.5)];
+/// let map = PhotonMap::build(&photons, &GatherParams::default())?;
+/// let query = GatherQuery::new(Vec3::ZERO, Vec3::Z, 0.5).radius(0.1).window(-0.2);
+/// assert_eq!(map.gather(&query, &mut GatherScratch::new()).unwrap_err(), GatherError::Window);
+/// # Ok::<(), GatherError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum GatherError {
+    /// The flux of a photon is not finite.
+    Flux {
+        /// The photon.
+        photon: usize,
+    },
+    /// The normal of a photon is not finite.
+    PhotonNormal {
+        /// The photon.
+        photon: usize,
+    },
+    /// The time stamp of a photon is outside the shutter.
+    PhotonTime {
+        /// The photon.
+        photon: usize,
+    },
+    /// A position or velocity that a tree does not take, or too many photons.
+    Point(PointError),
+    /// A build parameter is out of its range.
+    Parameter {
+        /// The field of [`GatherParams`](crate::point::GatherParams).
+        name: &'static str,
+        /// What it has to be.
+        expected: &'static str,
+    },
+    /// The position of a query is not finite or too large.
+    Position,
+    /// The normal of a query is used and is not a unit vector.
+    Normal,
+    /// The time of a query is outside the shutter.
+    Time,
+    /// The window of a query is not greater than 0.
+    Window,
+    /// The window of a query is wider than the map was built for, and some of its photons are carried along.
+    WindowTooWide {
+        /// [`GatherParams::window`](crate::point::GatherParams::window).
+        most: f32,
+    },
+    /// A radius is negative, NaN or too large.
+    Radius,
+    /// A query wants 0 photons.
+    NoNeighbors,
+    /// A query has neither a number of photons nor a finite radius.
+    Unbounded,
+    /// The cosine or the thickness of a query is NaN, or the thickness is negative.
+    Cutoff,
+    /// The k nearest photons all lie exactly at the query, so that they cover no area.
+    NoArea,
+    /// The speed of a space-time metric is negative, not finite or too large.
+    Speed,
+    /// Space-time neighbours are asked of photons without a time stamp of their own.
+    NotStamped,
+    /// Arrays that belong together differ in length.
+    Length {
+        /// Length of the first.
+        expected: usize,
+        /// Length of the other.
+        found: usize,
+    },
+}
+
+impl From<PointError> for GatherError {
+    fn from(error: PointError) -> GatherError {
+        GatherError::Point(error)
+    }
+}
+
+impl fmt::Display for GatherError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            GatherError::Flux { photon } => write!(f, "the flux of photon {photon} is not finite; remove it"),
+            GatherError::PhotonNormal { photon } => write!(f, "the normal of photon {photon} is not finite"),
+            GatherError::PhotonTime { photon } => write!(f, "the time of photon {photon} is not in [0, 1]"),
+            GatherError::Point(error) => error.fmt(f),
+            GatherError::Parameter { name, expected } => write!(f, "`{name}` must be {expected}"),
+            GatherError::Position => {
+                write!(f, "the position of a query must be finite and at most {MAX_POINT_COORDINATE:e}")
+            }
+            GatherError::Normal => f.write_str("a query with a cutoff on normals or a thickness needs a unit normal"),
+            GatherError::Time => f.write_str("the time of a query must be in [0, 1]"),
+            GatherError::Window => f.write_str("the window of a query must be greater than 0"),
+            GatherError::WindowTooWide { most } => {
+                write!(f, "the window of a query is wider than the {most} that the map was built for")
+            }
+            GatherError::Radius => {
+                write!(f, "a radius must be at least 0, and infinite or at most {MAX_POINT_COORDINATE:e}")
+            }
+            GatherError::NoNeighbors => f.write_str("a query for 0 photons has no density; ask for at least 1"),
+            GatherError::Unbounded => f.write_str("give a query a number of photons, a radius or both"),
+            GatherError::Cutoff => f.write_str("a cosine must not be NaN, and a thickness must be at least 0"),
+            GatherError::NoArea => f.write_str("the nearest photons all lie at the query; give it a radius alone"),
+            GatherError::Speed => write!(f, "a speed must be from 0 to {MAX_POINT_COORDINATE:e}"),
+            GatherError::NotStamped => f.write_str("space-time neighbours need photons with a time stamp only"),
+            GatherError::Length { expected, found } => write!(f, "{found} elements where {expected} are needed"),
+        }
+    }
+}
+
+impl core::error::Error for GatherError {}

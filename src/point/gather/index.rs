@@ -1,0 +1,196 @@
+//! Where photons are, whatever they carry: the trees and what the tests of a query need.
+//!
+//! Photons with a time stamp lie in a tree over space and time, the others in a [`PointTree`]: those that live for a
+//! while, and those that are carried along, which live in it for as long as a window can see them. Each photon has a
+//! *place*: its number in the order of the first tree, or behind all of that one its number among the others. What
+//! belongs to photons is kept by place, so that what is near in space and time is near in memory.
+
+use super::error::GatherError;
+use super::params::GatherParams;
+use super::photon::{Photon, PhotonTime};
+use super::span_order::{Item, Queries};
+use super::stamped::{StampedBlock, StampedTree};
+use crate::geometry::{KeyTime, TimeInterval};
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::point::error::PointError;
+use crate::point::tree::{PointParams, PointTree};
+use crate::primitive::PointSet;
+use crate::simd::SimdLevel;
+use glam::{DVec3, Vec3};
+
+/// Photons without their flux.
+#[derive(Clone)]
+pub(super) struct Index {
+    pub(super) stamped: StampedTree,
+    /// Photons that live for a while or are carried along.
+    pub(super) others: Option<PointTree>,
+    riders: Vec<Rider>,
+    normals: Vec<Vec3>,
+    /// The caller's index of each photon.
+    pub(super) ids: Vec<u32>,
+    /// The widest window for photons that are carried along; infinite where there are none.
+    pub(super) most_window: f32,
+    pub(super) simd: SimdLevel,
+}
+
+/// A photon that lives for a while or is carried along.
+#[derive(Clone, Copy)]
+struct Rider {
+    open: Vec3,
+    close: Vec3,
+    clock: Clock,
+}
+
+/// How the time of a photon is weighed.
+#[derive(Clone, Copy)]
+pub(super) enum Clock {
+    /// By the difference to its stamp.
+    Stamp(f32),
+    /// Evenly: with 1 / duration.
+    Even(f32),
+}
+
+/// The riders as a set of points.
+struct Riders<'a> {
+    riders: &'a [Rider],
+    alive: &'a [TimeInterval],
+    first: u32,
+}
+
+impl PointSet for Riders<'_> {
+    const WIDE: bool = false;
+    fn len(&self) -> usize {
+        self.riders.len()
+    }
+    fn keys(&self) -> usize {
+        2
+    }
+    fn position(&self, point: usize, key: usize) -> DVec3 {
+        let rider = &self.riders[point];
+        (if key == 0 { rider.open } else { rider.close }).as_dvec3()
+    }
+    fn alive(&self, point: usize) -> TimeInterval {
+        self.alive[point]
+    }
+    fn id(&self, point: usize) -> u32 {
+        self.first + point as u32
+    }
+}
+
+impl Index {
+    /// Builds the trees.
+    pub(super) fn build<F>(photons: &[Photon<F>], params: &GatherParams) -> Result<Index, GatherError> {
+        params.validate()?;
+        if photons.len() >= u32::MAX as usize {
+            return Err(PointError::TooManyPoints { found: photons.len() }.into());
+        }
+        let (mut items, mut riders, mut alive, mut rider_ids) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut carried = false;
+        for (number, photon) in photons.iter().enumerate() {
+            if !photon.normal.is_finite() {
+                return Err(GatherError::PhotonNormal { photon: number });
+            }
+            let at = checked(photon.position, number, 0)?;
+            if let PhotonTime::At(time) | PhotonTime::Carried { time, .. } = photon.time
+                && !(0.0..=1.0).contains(&time)
+            {
+                return Err(GatherError::PhotonTime { photon: number });
+            }
+            let rider = match photon.time {
+                PhotonTime::At(time) => {
+                    items.push(Item { at: [at.x, at.y, at.z, time, 0.0], index: number as u32 });
+                    continue;
+                }
+                PhotonTime::During(life) => {
+                    alive.push(life);
+                    // A life of the last instant alone has no duration; it never comes from outside of this crate.
+                    let even = 1.0 / life.duration().max(f32::MIN_POSITIVE);
+                    Rider { open: at, close: at, clock: Clock::Even(even) }
+                }
+                PhotonTime::Carried { time, velocity } => {
+                    carried = true;
+                    // A little longer than the window; the exact test comes with the query.
+                    let reach = params.window + 1e-6 * (1.0 + params.window);
+                    alive.push(TimeInterval::half_open(time - reach, time + reach).unwrap_or(TimeInterval::FULL));
+                    let open = checked(at - velocity * time, number, 0)?;
+                    let close = checked(at + velocity * (1.0 - time), number, 1)?;
+                    Rider { open, close, clock: Clock::Stamp(time) }
+                }
+            };
+            riders.push(rider);
+            rider_ids.push(number as u32);
+        }
+        let first = items.len() as u32;
+        let queries = Queries { window: params.window.min(1.0), neighbors: Some(params.neighbors as f32) };
+        let stamped = StampedTree::build(&mut items, &queries, |block: &mut StampedBlock, lane, item, place| {
+            let [x, y, z, time, _] = item.at;
+            block.set(lane, Vec3::new(x, y, z), time, place);
+        });
+        let ids: Vec<u32> = items.iter().map(|item| item.index).chain(rider_ids).collect();
+        let others = if riders.is_empty() {
+            None
+        } else {
+            let structure = PointParams { structure: params.structure, simd: params.simd, ..PointParams::default() };
+            Some(PointTree::build(&Riders { riders: &riders, alive: &alive, first }, &structure)?)
+        };
+        Ok(Index {
+            stamped,
+            others,
+            riders,
+            normals: ids.iter().map(|&id| photons[id as usize].normal).collect(),
+            ids,
+            most_window: if carried { params.window } else { f32::INFINITY },
+            simd: params.simd,
+        })
+    }
+
+    /// How the time of the photon at a place is weighed.
+    #[inline(always)]
+    pub(super) fn clock(&self, place: u32) -> Clock {
+        match (place as usize).checked_sub(self.stamped.len()) {
+            None => Clock::Stamp(self.stamped.stamp(place)),
+            Some(rider) => self.riders[rider].clock,
+        }
+    }
+
+    /// Whether a window reaches the time of the photon at a place. Of photons in the tree of stamps the search has seen
+    /// to that already, and those that live for a while do not depend on it.
+    #[inline(always)]
+    pub(super) fn in_window(&self, place: u32, time: f32, window: f32) -> bool {
+        match (place as usize).checked_sub(self.stamped.len()).map(|rider| self.riders[rider].clock) {
+            Some(Clock::Stamp(stamp)) => (stamp - time).abs() <= window,
+            _ => true,
+        }
+    }
+
+    /// Where the photon at a place is at a time.
+    pub(super) fn position(&self, place: u32, at: KeyTime) -> Vec3 {
+        match (place as usize).checked_sub(self.stamped.len()) {
+            None => self.stamped.position(place),
+            Some(rider) => at.position(self.riders[rider].open, self.riders[rider].close),
+        }
+    }
+
+    /// The normal of the photon at a place.
+    #[inline(always)]
+    pub(super) fn normal(&self, place: u32) -> Vec3 {
+        self.normals[place as usize]
+    }
+
+    /// Bytes allocated.
+    pub(super) fn bytes(&self) -> usize {
+        self.stamped.bytes()
+            + self.others.as_ref().map_or(0, |tree| tree.stats().bytes())
+            + self.riders.capacity() * size_of::<Rider>()
+            + self.normals.capacity() * size_of::<Vec3>()
+            + self.ids.capacity() * size_of::<u32>()
+    }
+}
+
+/// A position, if it is finite and not too large.
+pub(super) fn checked(at: Vec3, point: usize, key: usize) -> Result<Vec3, PointError> {
+    if at.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all() {
+        return Ok(at);
+    }
+    Err(if at.is_finite() { PointError::TooLarge { point, key } } else { PointError::NonFinite { point, key } })
+}

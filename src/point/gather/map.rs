@@ -1,0 +1,299 @@
+//! The photon map: photons by place, and the density estimate.
+
+use super::error::GatherError;
+use super::index::{Clock, Index};
+use super::params::GatherParams;
+use super::photon::{Flux, Photon};
+use super::query::{GatherQuery, check_place};
+use super::scratch::GatherScratch;
+use super::search::PhotonSearch;
+use crate::geometry::KeyTime;
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::point::batch::{in_runs, morton_order};
+use crate::point::neighbor::Neighbor;
+use crate::point::query::NeighborBuffer;
+use crate::point::search::{Keep, KeepAll};
+use glam::Vec3;
+
+/// The answer of a gather.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gathered<F> {
+    /// Flux per area and time (the whole shutter being 1).
+    pub density: F,
+    /// Radius of the disc over which it was estimated: the query's, or the distance of the photon after the k nearest.
+    pub radius: f32,
+    /// Half width of the query's window.
+    pub window: f32,
+    /// The integral of the time kernel over that part of the window that is inside the shutter.
+    pub duration: f32,
+    /// How many photons were summed.
+    pub count: usize,
+    /// Whether that is as many as were wanted; false for a query by radius alone.
+    pub reached: bool,
+}
+
+/// Photons on surfaces, to be gathered at a time.
+///
+/// The density at (x, t) is estimated as in Cammarano and Jensen, "Time Dependent Photon Mapping" (2002), section 4:
+/// Σ flux · k_s(|p − x| / r) · k_t(|s − t| / w) / (A · D), where A is the integral of the space kernel over the disc of
+/// radius r, and D that of the time kernel over the part of the window that is inside the shutter. A photon that lives
+/// for a while has the weight 1 / duration in place of k_t / D.
+///
+/// With a number k of photons, r is the distance of the (k+1)-th nearest, which is not counted itself: for a locally
+/// constant density the estimate is then unbiased (Loftsgaarden and Quesenberry, 1965). Where a radius is given and
+/// no more than k photons lie within it, r is that radius. Where none is given and the map has no more than k photons that
+/// pass, the farthest of them takes the part of the (k+1)-th. A gather that finds nothing gives no light.
+///
+/// Sums are taken in order of (distance, index): they have the same bits for any structure, number of threads and
+/// instruction set. Distances are those of [`PointTree`](crate::PointTree); a photon that is carried along from
+/// `position` at `time` with `velocity` moves as the point with the ends `position - velocity * time` and
+/// `position + velocity * (1 - time)`.
+///
+/// ```
+/// use mbkd::glam::Vec3;
+/// use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap};
+/// // Light that sweeps along x, one unit per shutter: 40 photons per unit of time, each of flux 1 / 40.
+/// let sheet = (0..40 * 40).map(|i| {
+///     let (x, z) = ((i / 40) as f32 / 40.0, (i % 40) as f32 / 40.0);
+///     Photon::at_time(Vec3::new(x, 0.0, z), Vec3::Y, 1.0f32 / 1600.0, x)
+/// });
+/// let map = PhotonMap::build(&sheet.collect::<Vec<_>>(), &GatherParams::default())?;
+/// let mut scratch = GatherScratch::new();
+/// let at = |time| GatherQuery::new(Vec3::new(0.5, 0.0, 0.5), Vec3::Y, time).radius(0.2).window(0.1);
+/// assert!(map.gather(&at(0.5), &mut scratch)?.density > 1.0);
+/// assert_eq!(map.gather(&at(0.1), &mut scratch)?.density, 0.0);
+/// # Ok::<(), mbkd::point::GatherError>(())
+/// ```
+#[derive(Clone)]
+pub struct PhotonMap<F> {
+    pub(super) index: Index,
+    /// Flux by place.
+    flux: Vec<F>,
+}
+
+/// Tests of a query beyond distance and window.
+struct Accept<'a> {
+    index: &'a Index,
+    query: &'a GatherQuery<'a>,
+    at: KeyTime,
+}
+
+impl Keep for Accept<'_> {
+    const ASKS: bool = true;
+    #[inline]
+    fn keep(&self, place: u32) -> bool {
+        let Accept { index, query, at } = *self;
+        if !index.in_window(place, query.time, query.window) {
+            return false;
+        }
+        query.accepts(|| index.normal(place), || index.position(place, at))
+            && query.filter.is_none_or(|filter| filter(index.ids[place as usize]))
+    }
+}
+
+/// What a search has to know besides the photons it found.
+struct Disc {
+    radius: f32,
+    squared: f32,
+    count: usize,
+    reached: bool,
+}
+
+impl<F: Flux> PhotonMap<F> {
+    /// Builds the map of photons: O(n log n) time; about 40 bytes per photon with a time stamp and its flux.
+    ///
+    /// Errors: coordinates, normals and fluxes that are not finite, coordinates that are too large, times outside the
+    /// shutter, parameters out of range. An empty map gives no light.
+    pub fn build(photons: &[Photon<F>], params: &GatherParams) -> Result<PhotonMap<F>, GatherError> {
+        if let Some(photon) = photons.iter().position(|photon| !photon.flux.is_finite()) {
+            return Err(GatherError::Flux { photon });
+        }
+        let index = Index::build(photons, params)?;
+        let flux = index.ids.iter().map(|&id| photons[id as usize].flux).collect();
+        Ok(PhotonMap { index, flux })
+    }
+
+    /// Number of photons.
+    pub fn len(&self) -> usize {
+        self.flux.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.flux.is_empty()
+    }
+
+    /// Bytes allocated.
+    pub fn bytes(&self) -> usize {
+        self.index.bytes() + self.flux.capacity() * size_of::<F>()
+    }
+
+    /// The density of light at a place and time.
+    ///
+    /// Errors: see [`GatherError`]; a query that finds nothing is none.
+    pub fn gather(&self, query: &GatherQuery, scratch: &mut GatherScratch) -> Result<Gathered<F>, GatherError> {
+        let mut density = F::default();
+        let gathered = self.weigh(query, scratch, |place, weight| {
+            density = density + self.flux[place as usize] * weight;
+        })?;
+        Ok(Gathered { density, ..gathered })
+    }
+
+    /// Hands over the photons of a gather, nearest first, ties by index: `visit(index, weight)`, where the density is
+    /// the sum of what the photons carry, times their weights. For reflectances that depend on more than the flux.
+    ///
+    /// The density of the answer is left at no light.
+    pub fn gather_each(
+        &self,
+        query: &GatherQuery,
+        scratch: &mut GatherScratch,
+        mut visit: impl FnMut(u32, f32),
+    ) -> Result<Gathered<F>, GatherError> {
+        self.weigh(query, scratch, |place, weight| visit(self.index.ids[place as usize], weight))
+    }
+
+    /// Many gathers, on several threads, the answers in their order: what [`PhotonMap::gather`] gives for each of them.
+    ///
+    /// Allocates the answers and a scratch for each 512 of them. The error is that of the first query that has one.
+    pub fn gather_batch(&self, queries: &[GatherQuery]) -> Result<Vec<Gathered<F>>, GatherError> {
+        queries.iter().try_for_each(|query| query.check())?;
+        let places: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
+        let order = morton_order(&places);
+        let runs = in_runs(&order, |places| {
+            let mut scratch = GatherScratch::new();
+            places.iter().map(|&place| self.gather(&queries[place], &mut scratch)).collect::<Vec<_>>()
+        });
+        let mut answers = vec![None; queries.len()];
+        for (&place, answer) in order.iter().zip(runs.into_iter().flatten()) {
+            answers[place] = Some(answer);
+        }
+        answers.into_iter().flatten().collect()
+    }
+
+    /// The `k` photons nearest in a metric of space and time, `|p − position|² + (speed · (s − time))²`, in order of
+    /// (distance, index); all where there are fewer. For windows that adapt to what is there.
+    ///
+    /// The squared distance is computed in f32 as `((dx·dx + dy·dy) + dz·dz) + dt·dt` with `dt = |s − time| · speed`.
+    /// Errors: bad input, and photons without a stamp of their own in the map.
+    ///
+    /// ```
+    /// use mbkd::glam::Vec3;
+    /// use mbkd::point::{GatherParams, GatherScratch, Photon, PhotonMap};
+    /// let photons = [0.5, 0.7].map(|time| Photon::at_time(Vec3::X * (0.8 - time), Vec3::Y, 1.0f32, time));
+    /// let map = PhotonMap::build(&photons, &GatherParams::default())?;
+    /// let mut scratch = GatherScratch::new();
+    /// let nearest = |speed, scratch: &mut _| Ok(map.nearest_in_space_time(Vec3::ZERO, 0.5, speed, 1, scratch)?[0].id);
+    /// assert_eq!(nearest(0.0, &mut scratch)?, 1);
+    /// assert_eq!(nearest(10.0, &mut scratch)?, 0);
+    /// # Ok::<(), mbkd::point::GatherError>(())
+    /// ```
+    pub fn nearest_in_space_time<'s>(
+        &self,
+        position: Vec3,
+        time: f32,
+        speed: f32,
+        k: usize,
+        scratch: &'s mut GatherScratch,
+    ) -> Result<&'s [Neighbor], GatherError> {
+        check_place(position, time)?;
+        if !(0.0..=MAX_POINT_COORDINATE as f32).contains(&speed) {
+            return Err(GatherError::Speed);
+        }
+        if self.index.others.is_some() {
+            return Err(GatherError::NotStamped);
+        }
+        let buffer = &mut scratch.buffer;
+        buffer.found.clear();
+        if k > 0 {
+            let index = &self.index;
+            PhotonSearch::<_, true> { index, point: position, time, scale: speed, keep: &KeepAll }.nearest(
+                k,
+                f32::MAX,
+                buffer,
+            );
+            buffer.found.iter_mut().for_each(|n| n.id = index.ids[n.id as usize]);
+        }
+        Ok(&scratch.buffer.found)
+    }
+
+    /// Finds the photons of a query and hands over their places and weights.
+    fn weigh(
+        &self,
+        query: &GatherQuery,
+        scratch: &mut GatherScratch,
+        mut visit: impl FnMut(u32, f32),
+    ) -> Result<Gathered<F>, GatherError> {
+        query.check()?;
+        let index = &self.index;
+        if query.window > index.most_window {
+            return Err(GatherError::WindowTooWide { most: index.most_window });
+        }
+        let disc = find(index, query, &mut scratch.buffer);
+        let duration = query.clock.over_time(query.time.into(), query.window.into(), 0.0, 1.0) as f32;
+        let per_duration = 1.0 / duration;
+        let gathered = |count| Gathered {
+            density: F::default(),
+            radius: disc.radius,
+            window: query.window,
+            duration,
+            count,
+            reached: disc.reached,
+        };
+        if disc.count == 0 {
+            return Ok(gathered(0));
+        }
+        let per_area = (1.0 / query.space.over_disc(disc.radius.into())) as f32;
+        if !per_area.is_finite() {
+            return Err(GatherError::NoArea);
+        }
+        for near in &scratch.buffer.found[..disc.count] {
+            let in_time = match index.clock(near.id) {
+                Clock::Stamp(stamp) => {
+                    let x = (stamp - query.time) / query.window;
+                    query.clock.weight(x * x) * per_duration
+                }
+                Clock::Even(even) => even,
+            };
+            let in_space = query.space.weight(near.distance_squared / disc.squared);
+            visit(near.id, in_space * in_time * per_area);
+        }
+        Ok(gathered(disc.count))
+    }
+}
+
+impl<F> core::fmt::Debug for PhotonMap<F> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("PhotonMap").field("len", &self.flux.len()).finish_non_exhaustive()
+    }
+}
+
+/// The photons of a query, in order, in the buffer; and the disc they lie in.
+fn find(index: &Index, query: &GatherQuery, buffer: &mut NeighborBuffer) -> Disc {
+    // Photons that are carried along are told apart from others by the one test only.
+    if query.asks() || index.most_window < f32::INFINITY {
+        let accept = Accept { index, query, at: KeyTime::new(query.time, 2) };
+        find_kept(index, query, &accept, buffer)
+    } else {
+        find_kept(index, query, &KeepAll, buffer)
+    }
+}
+
+fn find_kept(index: &Index, query: &GatherQuery, keep: &impl Keep, buffer: &mut NeighborBuffer) -> Disc {
+    let GatherQuery { position, time, window, radius, .. } = *query;
+    let search = PhotonSearch::<_, false> { index, point: position, time, scale: window, keep };
+    let bound = (radius * radius).min(f32::MAX);
+    let Some(k) = query.neighbors else {
+        search.within(bound, buffer);
+        return Disc { radius, squared: bound, count: buffer.found.len(), reached: false };
+    };
+    search.nearest(k.saturating_add(1), bound, buffer);
+    let found = &buffer.found;
+    let rim = if found.len() > k || radius == f32::INFINITY { found.last() } else { None };
+    match rim {
+        Some(rim) => {
+            let (squared, count) = (rim.distance_squared, found.len() - 1);
+            Disc { radius: squared.sqrt(), squared, count, reached: count >= k }
+        }
+        None => Disc { radius, squared: bound, count: found.len(), reached: found.len() >= k },
+    }
+}

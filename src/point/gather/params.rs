@@ -1,0 +1,40 @@
+//! How a photon map is built.
+
+use super::error::GatherError;
+use crate::point::tree::PointStructure;
+use crate::simd::SimdLevel;
+
+/// How a photon map, or a set of visible points, is built. Answers do not depend on it, but for the limit that
+/// `window` is for photons that are carried along.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GatherParams {
+    /// Half width of the window that queries will mostly have; default 0.05. The tree is built for it. Photons that
+    /// are carried along take part in gathers with a window up to this only.
+    pub window: f32,
+    /// Photons that queries will mostly want, or find within their radius; default 50. The tree is built for it.
+    pub neighbors: u32,
+    /// Structure of photons that live for a while or are carried along; default: automatic.
+    pub structure: PointStructure,
+    /// Instruction set of the queries. Default: the widest of this CPU.
+    pub simd: SimdLevel,
+}
+
+impl Default for GatherParams {
+    fn default() -> Self {
+        let simd = SimdLevel::best();
+        GatherParams { window: 0.05, neighbors: 50, structure: PointStructure::Automatic, simd }
+    }
+}
+
+impl GatherParams {
+    /// An error for the first field that is out of range.
+    pub fn validate(&self) -> Result<(), GatherError> {
+        if self.window.is_nan() || self.window <= 0.0 {
+            return Err(GatherError::Parameter { name: "window", expected: "greater than 0" });
+        }
+        if self.neighbors == 0 {
+            return Err(GatherError::Parameter { name: "neighbors", expected: "at least 1" });
+        }
+        Ok(())
+    }
+}

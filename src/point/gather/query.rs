@@ -1,0 +1,148 @@
+//! What a gather is asked.
+
+use super::error::GatherError;
+use super::kernel::Kernel;
+use crate::limits::MAX_POINT_COORDINATE;
+use core::fmt;
+use glam::Vec3;
+
+/// A gather in preparation: where, on which surface, when; how many photons, how far, which of them, and how they are
+/// weighed. Give it a number of photons ([`GatherQuery::nearest`]), a radius, or both.
+///
+/// ```
+/// use mbkd::glam::Vec3;
+/// use mbkd::point::{GatherQuery, Kernel};
+/// let query = GatherQuery::new(Vec3::ZERO, Vec3::Z, 0.5)
+///     .nearest(50)
+///     .radius(0.1)
+///     .window(0.02)
+///     .cosine(0.7)
+///     .thickness(0.01)
+///     .kernels(Kernel::Epanechnikov, Kernel::Cone);
+/// # let _ = query;
+/// ```
+#[derive(Clone, Copy)]
+#[must_use = "a query does nothing until a map is asked"]
+pub struct GatherQuery<'f> {
+    pub(super) position: Vec3,
+    pub(super) normal: Vec3,
+    pub(super) time: f32,
+    pub(super) neighbors: Option<usize>,
+    pub(super) radius: f32,
+    pub(super) window: f32,
+    pub(super) cosine: Option<f32>,
+    pub(super) thickness: Option<f32>,
+    pub(super) space: Kernel,
+    pub(super) clock: Kernel,
+    pub(super) filter: Option<&'f (dyn Fn(u32) -> bool + Sync)>,
+}
+
+impl<'f> GatherQuery<'f> {
+    /// A gather at a place with a unit normal, at a time of the shutter. Unless refined it takes photons of all times,
+    /// of all normals, and weighs them equally.
+    pub fn new(position: Vec3, normal: Vec3, time: f32) -> GatherQuery<'f> {
+        GatherQuery {
+            position,
+            normal,
+            time,
+            neighbors: None,
+            radius: f32::INFINITY,
+            window: f32::INFINITY,
+            cosine: None,
+            thickness: None,
+            space: Kernel::Box,
+            clock: Kernel::Box,
+            filter: None,
+        }
+    }
+
+    /// The `k` nearest of the photons that pass all tests. The radius of the estimate is the distance of the next one
+    /// after them.
+    pub fn nearest(self, k: usize) -> Self {
+        GatherQuery { neighbors: Some(k), ..self }
+    }
+
+    /// No photons farther than this (squared distance at most `radius * radius`, in f32).
+    pub fn radius(self, radius: f32) -> Self {
+        GatherQuery { radius, ..self }
+    }
+
+    /// Half width of the window in time: photons stamped at s count where `|s - time| <= window` (in f32). Infinite
+    /// means that time is ignored.
+    pub fn window(self, window: f32) -> Self {
+        GatherQuery { window, ..self }
+    }
+
+    /// Only photons whose normal has at least this cosine with the query's.
+    pub fn cosine(self, least: f32) -> Self {
+        GatherQuery { cosine: Some(least), ..self }
+    }
+
+    /// Only photons in a disc of this half thickness: `|(photon - position) · normal| <= most`.
+    pub fn thickness(self, most: f32) -> Self {
+        GatherQuery { thickness: Some(most), ..self }
+    }
+
+    /// How photons are weighed by distance in space and in time.
+    pub fn kernels(self, space: Kernel, time: Kernel) -> Self {
+        GatherQuery { space, clock: time, ..self }
+    }
+
+    /// Only photons whose index among those that the map was built from the predicate returns true for. It must be
+    /// pure: it may be asked more than once, or never.
+    pub fn filter(self, predicate: &'f (dyn Fn(u32) -> bool + Sync)) -> Self {
+        GatherQuery { filter: Some(predicate), ..self }
+    }
+
+    /// An error for the first thing that is out of range.
+    pub(super) fn check(&self) -> Result<(), GatherError> {
+        let fine = |fine: bool, error| if fine { Ok(()) } else { Err(error) };
+        check_place(self.position, self.time)?;
+        fine(self.window > 0.0, GatherError::Window)?;
+        fine(valid_radius(self.radius), GatherError::Radius)?;
+        fine(self.neighbors != Some(0), GatherError::NoNeighbors)?;
+        fine(self.neighbors.is_some() || self.radius < f32::INFINITY, GatherError::Unbounded)?;
+        fine(self.cosine.is_none_or(|c| !c.is_nan()), GatherError::Cutoff)?;
+        fine(self.thickness.is_none_or(|t| t >= 0.0), GatherError::Cutoff)?;
+        let used = self.cosine.is_some() || self.thickness.is_some();
+        fine(!used || (self.normal.length_squared() - 1.0).abs() < 0.01, GatherError::Normal)
+    }
+
+    /// Whether photons have to be looked at one by one.
+    pub(super) fn asks(&self) -> bool {
+        self.cosine.is_some() || self.thickness.is_some() || self.filter.is_some()
+    }
+
+    /// Whether a photon with this normal and at this place passes.
+    #[inline(always)]
+    pub(super) fn accepts(&self, normal: impl FnOnce() -> Vec3, position: impl FnOnce() -> Vec3) -> bool {
+        self.cosine.is_none_or(|least| normal().dot(self.normal) >= least)
+            && self.thickness.is_none_or(|most| (position() - self.position).dot(self.normal).abs() <= most)
+    }
+}
+
+/// Whether a search may have this radius.
+pub(super) fn valid_radius(radius: f32) -> bool {
+    (0.0..=MAX_POINT_COORDINATE as f32).contains(&radius) || radius == f32::INFINITY
+}
+
+/// An error where a place is too far away or a time outside the shutter.
+pub(super) fn check_place(position: Vec3, time: f32) -> Result<(), GatherError> {
+    if !position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all() {
+        return Err(GatherError::Position);
+    }
+    if (0.0..=1.0).contains(&time) { Ok(()) } else { Err(GatherError::Time) }
+}
+
+impl fmt::Debug for GatherQuery<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("GatherQuery")
+            .field("position", &self.position)
+            .field("normal", &self.normal)
+            .field("time", &self.time)
+            .field("neighbors", &self.neighbors)
+            .field("radius", &self.radius)
+            .field("window", &self.window)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,136 @@
+//! Finding the photons of a gather: the searches of this module's siblings over both trees of an index.
+//!
+//! Searches know photons by place, and places depend on the tree. What callers get must not: among photons at the
+//! same distance the one with the lower index comes first. Ties are rare, so they are put right afterwards: inside the
+//! answer by sorting runs of equal distances, and where they reach beyond its end by a search for all of them.
+
+use super::index::Index;
+use super::stamped::StampedView;
+use crate::point::compiled::Gather;
+use crate::point::neighbor::Neighbor;
+use crate::point::partition::{Layer, walk_all, within_all};
+use crate::point::query::NeighborBuffer;
+use crate::point::search::Keep;
+use crate::point::search::candidates::Candidates;
+use crate::point::search::k_nearest::KNearest;
+use crate::point::search::radius::within;
+use crate::point::search::sort::{all_in_order, few_in_order, nearest_in_order};
+use crate::point::search::walk::walk;
+use crate::point::snapshot::Leaves;
+use crate::simd::{Kernel, Simd, dispatch};
+use glam::Vec3;
+
+/// A search in an index. With `METRIC`, `scale` is the speed of the metric, otherwise half the width of the window.
+pub(super) struct PhotonSearch<'a, K, const METRIC: bool> {
+    pub(super) index: &'a Index,
+    pub(super) point: Vec3,
+    pub(super) time: f32,
+    pub(super) scale: f32,
+    pub(super) keep: &'a K,
+}
+
+impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
+    /// The `k` nearest within the bound, in order of (distance, index), as places.
+    pub(super) fn nearest(&self, k: usize, bound: f32, buffer: &mut NeighborBuffer) {
+        let more = k.saturating_add(1);
+        let NeighborBuffer { candidates, found } = &mut *buffer;
+        found.clear();
+        if !dispatch(self.index.simd, Nearest { search: self, k: more, bound, candidates, found }) {
+            nearest_in_order(self.index.simd, more, candidates, found);
+        }
+        if found.len() > k {
+            let (last, next) = (found[k - 1].distance_squared, found[k].distance_squared);
+            if last == next {
+                self.within(last, buffer);
+            }
+            buffer.found.truncate(k);
+        }
+        self.settle_ties(&mut buffer.found);
+    }
+
+    /// All within the bound, in order of (distance, index), as places.
+    pub(super) fn within(&self, bound: f32, buffer: &mut NeighborBuffer) {
+        let NeighborBuffer { candidates, found } = &mut *buffer;
+        dispatch(self.index.simd, Within { search: self, bound, candidates });
+        all_in_order(self.index.simd, candidates, found);
+        self.settle_ties(found);
+    }
+
+    /// Puts photons at the same distance into the order of their indices.
+    fn settle_ties(&self, found: &mut [Neighbor]) {
+        let tied = |pair: &[Neighbor]| pair[0].distance_squared == pair[1].distance_squared;
+        if found.windows(2).any(tied) {
+            for run in found.chunk_by_mut(|a, b| a.distance_squared == b.distance_squared) {
+                run.sort_unstable_by_key(|n| self.index.ids[n.id as usize]);
+            }
+        }
+    }
+
+    /// The layers of photons without a stamp, which a metric knows nothing of.
+    #[inline(always)]
+    fn layers(&self) -> &[Layer] {
+        match &self.index.others {
+            Some(tree) if !METRIC => &tree.layers,
+            _ => &[],
+        }
+    }
+
+    #[inline(always)]
+    fn view(&self) -> StampedView<'_, METRIC> {
+        StampedView::new(&self.index.stamped, self.time, self.scale)
+    }
+}
+
+struct Nearest<'a, 'b, K, const METRIC: bool> {
+    search: &'a PhotonSearch<'a, K, METRIC>,
+    k: usize,
+    bound: f32,
+    candidates: &'b mut Candidates,
+    found: &'b mut Vec<Neighbor>,
+}
+
+impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
+    /// Whether what was found is in order already.
+    type Output = bool;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let Nearest { search: of, k, bound, candidates, found } = self;
+        let observe = &mut ();
+        let mut search = KNearest::within(k, bound, 1.0, candidates, of.keep, observe);
+        let view = of.view();
+        loop {
+            if of.index.stamped.len() > 0 {
+                walk(s, &view, &view.target(s, of.point), &mut search);
+            }
+            if !METRIC {
+                walk_all(s, of.layers(), (of.point, of.time), &mut search);
+            }
+            if !search.again() {
+                break;
+            }
+        }
+        few_in_order(s, k, candidates, found)
+    }
+}
+
+struct Within<'a, 'b, K, const METRIC: bool> {
+    search: &'a PhotonSearch<'a, K, METRIC>,
+    bound: f32,
+    candidates: &'b mut Candidates,
+}
+
+impl<K: Keep, const METRIC: bool> Kernel for Within<'_, '_, K, METRIC> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Within { search: of, bound, candidates } = self;
+        candidates.count = 0;
+        let view = of.view();
+        let mut sink = Gather { candidates, keep: of.keep };
+        // A sink that never breaks.
+        let _ = within(s, &view, &view.target(s, of.point), bound, &mut sink, &mut ());
+        if !METRIC {
+            let _ = within_all(s, of.layers(), (of.point, of.time), bound, &mut sink, &mut ());
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Bringing things that have a place, a time and perhaps a reach into the order of a complete tree.
+//!
+//! The picture to have in mind: boxes in space and time, grown by what a query can reach. The larger the grown boxes of
+//! two halves are, the more queries go into both. So a range is divided along the axis (x, y, z, time, or the reach
+//! itself) for which the grown boxes of the halves are least: a surface area heuristic for balls. Where the reach
+//! of queries is unknown because they want a number of neighbours, it is the radius that should hold them.
+//!
+//! The tree is that of [`Shape`](crate::point::static_tree::Shape): all subtrees full but the last of each level.
+
+use crate::point::order::{join, left_part, subtree};
+use crate::simd::LANES;
+
+/// Channels of an item: x, y, z, time, reach.
+pub(super) const CHANNELS: usize = 5;
+
+/// The channel of the time.
+pub(super) const TIME: usize = 3;
+
+/// The channel of the reach.
+pub(super) const REACH: usize = 4;
+
+/// Something to be ordered.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Item {
+    pub(super) at: [f32; CHANNELS],
+    pub(super) index: u32,
+}
+
+/// What queries reach.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Queries {
+    /// Half width of their window.
+    pub(super) window: f32,
+    /// How many neighbours they want; `None` where the items' own reach says how far they look.
+    pub(super) neighbors: Option<f32>,
+}
+
+/// Ranges shorter than this are not shared between threads.
+const SHARE: usize = 1 << 14;
+
+/// Most items that are looked at to choose an axis.
+const SAMPLE: usize = 128;
+
+/// Orders items so that leaf i holds the i-th run of sixteen.
+///
+/// O(n log n) time and O(log n) stack; the order is the same for any number of threads.
+pub(super) fn order(items: &mut [Item], queries: &Queries) {
+    divide(items, subtree(items.len(), LANES), queries);
+}
+
+fn divide(items: &mut [Item], mut block: usize, queries: &Queries) {
+    while items.len() <= block {
+        if block == LANES {
+            return;
+        }
+        block /= LANES;
+    }
+    let left = left_part(items.len(), block);
+    let channel = best_channel(items, queries);
+    items.select_nth_unstable_by(left, |a, b| a.at[channel].total_cmp(&b.at[channel]));
+    let (low, high) = items.split_at_mut(left);
+    if low.len() < SHARE {
+        divide(low, block, queries);
+        divide(high, block, queries);
+    } else {
+        join(|| divide(low, block, queries), || divide(high, block, queries));
+    }
+}
+
+/// The channel along which halves are best apart.
+fn best_channel(items: &[Item], queries: &Queries) -> usize {
+    let step = (items.len() / SAMPLE).max(1);
+    let (mut lo, mut hi) = ([f32::INFINITY; CHANNELS], [f32::NEG_INFINITY; CHANNELS]);
+    let mut reaches = [0.0; 2 * SAMPLE];
+    let mut count = 0;
+    for item in items.iter().step_by(step) {
+        for channel in 0..CHANNELS {
+            lo[channel] = lo[channel].min(item.at[channel]);
+            hi[channel] = hi[channel].max(item.at[channel]);
+        }
+        reaches[count] = item.at[REACH];
+        count += 1;
+    }
+    let extent: [f64; CHANNELS] = core::array::from_fn(|c| f64::from(hi[c]) - f64::from(lo[c]));
+    let window = 2.0 * f64::from(queries.window);
+    let reach = match queries.neighbors {
+        Some(k) => {
+            let share = (window / extent[TIME].max(f64::MIN_POSITIVE)).min(1.0);
+            let mut sides = [extent[0], extent[1], extent[2]];
+            sides.sort_unstable_by(f64::total_cmp);
+            let area = sides[2] * sides[1].max(1e-3 * sides[2]);
+            (f64::from(k) * area / (core::f64::consts::PI * items.len() as f64 * share)).sqrt()
+        }
+        None => f64::from(hi[REACH]),
+    };
+    let grown = |extent: &[f64; CHANNELS], reach: f64| -> f64 {
+        extent[..TIME].iter().map(|side| side + 2.0 * reach).product::<f64>() * (extent[TIME] + window)
+    };
+    let halved = |channel: usize| {
+        let mut half = extent;
+        half[channel] *= 0.5;
+        2.0 * grown(&half, reach)
+    };
+    let mut best = (halved(0), 0);
+    for channel in 1..REACH {
+        let cost = halved(channel);
+        if cost < best.0 {
+            best = (cost, channel);
+        }
+    }
+    if queries.neighbors.is_none() && lo[REACH] < hi[REACH] {
+        let (_, median, _) = reaches[..count].select_nth_unstable_by(count / 2, f32::total_cmp);
+        if grown(&extent, f64::from(*median)) + grown(&extent, reach) < best.0 {
+            return REACH;
+        }
+    }
+    best.1
+}

@@ -1,0 +1,172 @@
+//! The complete tree over boxes in space and time.
+//!
+//! Sixteen things in a block, sixteen blocks below a bottom node, sixteen nodes below each node above; no pointers. A
+//! node has the boxes of its children in x, y, z and time. What a block holds, and so which box is around it, is its
+//! own affair ([`SpanBlock`]): points with a time stamp, or balls of visible points. Boxes can be fitted anew when
+//! what is in the blocks has changed.
+
+use super::span_order::{Item, Queries, order};
+use crate::parallel;
+use crate::point::static_tree::Shape;
+use crate::simd::{LANES, Lanes, huge_vec_of};
+
+/// A box in space and time: lower and upper ends in x, y, z, time.
+pub(super) type Span = [[f32; 4]; 2];
+
+/// A block of sixteen things.
+pub(super) trait SpanBlock: Copy + Send + Sync {
+    /// A block without anything.
+    const EMPTY: Self;
+    /// The box around what is in it.
+    fn span(&self) -> Span;
+}
+
+/// Sixteen boxes in rows. Where there is none, the lower ends are above the upper ones; times stay finite, so that their
+/// products with 0 do.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct SpanNode {
+    pub(super) lo: [Lanes<f32>; 4],
+    pub(super) hi: [Lanes<f32>; 4],
+}
+
+/// Nothing, to be grown.
+const NOTHING: Span = [
+    [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::MAX],
+    [f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, -f32::MAX],
+];
+
+impl SpanNode {
+    const NONE: SpanNode = SpanNode {
+        lo: [[NOTHING[0][0]; LANES], [NOTHING[0][1]; LANES], [NOTHING[0][2]; LANES], [NOTHING[0][3]; LANES]],
+        hi: [[NOTHING[1][0]; LANES], [NOTHING[1][1]; LANES], [NOTHING[1][2]; LANES], [NOTHING[1][3]; LANES]],
+    };
+
+    fn set(&mut self, lane: usize, span: &Span) {
+        for (rows, ends) in [(&mut self.lo, span[0]), (&mut self.hi, span[1])] {
+            for (row, end) in rows.iter_mut().zip(ends) {
+                row[lane] = end;
+            }
+        }
+    }
+
+    fn span(&self) -> Span {
+        (0..LANES).fold(NOTHING, |all, lane| {
+            let of = |rows: &[Lanes<f32>; 4]| core::array::from_fn(|axis| rows[axis][lane]);
+            join(&all, &[of(&self.lo), of(&self.hi)])
+        })
+    }
+}
+
+/// The box around two.
+pub(super) fn join(a: &Span, b: &Span) -> Span {
+    let least = core::array::from_fn(|axis| a[0][axis].min(b[0][axis]));
+    [least, core::array::from_fn(|axis| a[1][axis].max(b[1][axis]))]
+}
+
+/// The box around lanes of a block, each of which is given as one; `None` where there is nothing.
+pub(super) fn around(lanes: impl Iterator<Item = Span>) -> Span {
+    lanes.fold(NOTHING, |all, lane| join(&all, &lane))
+}
+
+/// Blocks in a complete tree.
+#[derive(Clone)]
+pub(super) struct SpanTree<B> {
+    nodes: Vec<SpanNode>,
+    blocks: Vec<B>,
+    shape: Shape,
+    count: usize,
+}
+
+/// Bottom nodes that one thread fits at a time.
+const SHARE: usize = 32;
+
+impl<B: SpanBlock> SpanTree<B> {
+    /// Orders items and builds the tree. `put` writes an item into a lane of a block; things get
+    /// places in the order of the tree: sixteen times the number of the block, plus the lane.
+    pub(super) fn build(items: &mut [Item], queries: &Queries, put: impl Fn(&mut B, usize, &Item, u32) + Sync) -> Self {
+        order(items, queries);
+        let shape = Shape::with_leaf(items.len(), 1);
+        let mut blocks = huge_vec_of(B::EMPTY, items.len().div_ceil(LANES));
+        let mut work: Vec<(usize, &mut [B])> = blocks.chunks_mut(SHARE * LANES).enumerate().collect();
+        parallel::each(&mut work, |(share, blocks)| {
+            let items = &items[*share * SHARE * LANES * LANES..];
+            for (i, (block, items)) in blocks.iter_mut().zip(items.chunks(LANES)).enumerate() {
+                for (lane, item) in items.iter().enumerate() {
+                    let place = ((*share * SHARE * LANES + i) * LANES + lane) as u32;
+                    put(block, lane, item, place);
+                }
+            }
+        });
+        let nodes = huge_vec_of(SpanNode::NONE, shape.nodes());
+        let mut tree = SpanTree { nodes, blocks, shape, count: items.len() };
+        tree.fit();
+        tree
+    }
+
+    /// Fits the boxes to what is in the blocks: O(n), without ordering anything.
+    pub(super) fn fit(&mut self) {
+        self.change(|_| ());
+    }
+
+    /// Changes blocks, and fits the boxes to them.
+    pub(super) fn change(&mut self, change: impl Fn(&mut B) + Sync) {
+        let SpanTree { nodes, blocks, shape, .. } = self;
+        let bottom = &mut nodes[..shape.begin[1]];
+        let mut work: Vec<(&mut [SpanNode], &mut [B])> =
+            bottom.chunks_mut(SHARE).zip(blocks.chunks_mut(SHARE * LANES)).collect();
+        parallel::each(&mut work, |(nodes, blocks)| {
+            for (node, blocks) in nodes.iter_mut().zip(blocks.chunks_mut(LANES)) {
+                for (lane, block) in blocks.iter_mut().enumerate() {
+                    change(block);
+                    node.set(lane, &block.span());
+                }
+            }
+        });
+        for level in 1..shape.levels {
+            let (below, above) = nodes.split_at_mut(shape.begin[level]);
+            let children = &below[shape.begin[level - 1]..];
+            for (node, children) in above.iter_mut().zip(children.chunks(LANES)) {
+                for (lane, child) in children.iter().enumerate() {
+                    node.set(lane, &child.span());
+                }
+            }
+        }
+    }
+}
+
+impl<B> SpanTree<B> {
+    /// Number of things.
+    pub(super) fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Bytes allocated.
+    pub(super) fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<SpanNode>() + self.blocks.capacity() * size_of::<B>()
+    }
+
+    /// Level and number of the root.
+    #[inline(always)]
+    pub(super) fn root(&self) -> (usize, usize) {
+        (self.shape.levels - 1, self.shape.nodes() - 1)
+    }
+
+    /// First child of a node above the bottom.
+    #[inline(always)]
+    pub(super) fn first_child(&self, level: usize, node: usize) -> usize {
+        self.shape.begin[level - 1] + (node - self.shape.begin[level]) * LANES
+    }
+
+    /// A node.
+    #[inline(always)]
+    pub(super) fn node(&self, node: usize) -> &SpanNode {
+        &self.nodes[node]
+    }
+
+    /// All blocks.
+    #[inline(always)]
+    pub(super) fn blocks(&self) -> &[B] {
+        &self.blocks
+    }
+}

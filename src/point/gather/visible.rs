@@ -1,0 +1,382 @@
+//! The inverse of a gather: visible points wait, photons come and find the points they contribute to.
+//!
+//! The picture to have in mind: each visible point is a ball in space at a time, with a radius of its own. The boxes of
+//! the tree are around the balls, so a photon goes into a box only if it lies in it, and its window reaches the times in
+//! it. When radii shrink between passes the order of the tree stays and its boxes are fitted anew.
+//!
+//! **Why no point is missed.** A photon contributes where `(dx·dx + dy·dy) + dz·dz <= r·r`, each step rounded once.
+//! Rounding is monotone, so each rounded square alone is at most the rounded r·r: with u = 2^-24, |dx| is at most
+//! r (1 + 2u) if nothing underflows and p − x at most that times (1 + u). Squares that underflow add less than 2^-74
+//! to it. The boxes are around balls grown by 8u of their radius and 2^-73, each end rounded outward.
+
+use super::error::GatherError;
+use super::index::checked;
+use super::params::GatherParams;
+use super::query::check_place;
+use super::scratch::GatherScratch;
+use super::span_order::{Item, Queries, REACH, TIME};
+use super::span_tree::{Span, SpanBlock, SpanTree, around};
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::parallel;
+use crate::point::batch::morton_order;
+use crate::point::compiled::Gather;
+use crate::point::query::NeighborBuffer;
+use crate::point::search::KeepAll;
+use crate::point::search::candidates::Candidates;
+use crate::point::search::radius::within;
+use crate::point::snapshot::{Leaves, Target, View, diagonal, outside, rows, squared};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, prefetch};
+use core::ops::ControlFlow;
+use glam::Vec3;
+
+/// A point that a camera sees at a time, and how far photons may be from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VisiblePoint {
+    /// Where it is.
+    pub position: Vec3,
+    /// The time of the camera's ray, in the shutter.
+    pub time: f32,
+    /// Photons count up to this distance (squared distance at most `radius * radius`, in f32).
+    pub radius: f32,
+}
+
+/// Sixteen visible points in rows.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct VisibleBlock {
+    at: [Lanes<f32>; 3],
+    time: Lanes<f32>,
+    radius: Lanes<f32>,
+    id: Lanes<u32>,
+}
+
+impl SpanBlock for VisibleBlock {
+    const EMPTY: VisibleBlock = VisibleBlock {
+        at: [[f32::INFINITY; LANES]; 3],
+        time: [f32::MAX; LANES],
+        radius: [0.0; LANES],
+        id: [u32::MAX; LANES],
+    };
+
+    fn span(&self) -> Span {
+        around((0..LANES).filter(|&lane| self.id[lane] != u32::MAX).map(|lane| {
+            let (time, reach) = (self.time[lane], self.radius[lane] * (1.0 + GROWN) + TINY);
+            let end = |axis: usize, sign: f32| self.at[axis][lane] + sign * reach;
+            let lo = [0, 1, 2].map(|axis| end(axis, -1.0).next_down());
+            let hi = [0, 1, 2].map(|axis| end(axis, 1.0).next_up());
+            [[lo[0], lo[1], lo[2], time], [hi[0], hi[1], hi[2], time]]
+        }))
+    }
+}
+
+/// What balls are grown by, relative to their radius: 2^-21.
+const GROWN: f32 = 1.0 / 2_097_152.0;
+
+/// And absolutely: a little more than 2^-73.
+const TINY: f32 = 1.1e-22;
+
+/// Visible points, to be found by photons.
+///
+/// ```
+/// use mbkd::glam::Vec3;
+/// use mbkd::point::{GatherParams, GatherScratch, VisiblePoint, VisiblePoints};
+/// let seen = [0.2, 0.8].map(|time| VisiblePoint { position: Vec3::ZERO, time, radius: 0.5 });
+/// let mut points = VisiblePoints::build(&seen, &GatherParams::default())?;
+/// // How many photons each point has got.
+/// let mut counts = [0; 2];
+/// let photons = [(Vec3::X * 0.4, 0.25f32), (Vec3::X * 0.1, 0.75)];
+/// points.scatter(&photons, |p| *p, 0.1, &mut counts, |count, _, _| *count += 1)?;
+/// assert_eq!(counts, [1, 1]);
+/// points.set_radii(&[0.3, 0.3])?;
+/// points.scatter(&photons, |p| *p, 0.1, &mut counts, |count, _, _| *count += 1)?;
+/// assert_eq!(counts, [1, 2]);
+/// # Ok::<(), mbkd::point::GatherError>(())
+/// ```
+#[derive(Clone)]
+pub struct VisiblePoints {
+    tree: SpanTree<VisibleBlock>,
+    simd: SimdLevel,
+}
+
+/// Photons that one thread leads through the tree at a time.
+const CHUNK: usize = 4096;
+
+/// A photon that found a point.
+#[derive(Clone, Copy)]
+struct Hit {
+    point: u32,
+    photon: u32,
+    distance_squared: f32,
+}
+
+impl VisiblePoints {
+    /// Builds the tree: O(n log n) time, about 27 bytes per point.
+    ///
+    /// Errors: positions, times and radii that are not finite or out of range, parameters out of range.
+    pub fn build(points: &[VisiblePoint], params: &GatherParams) -> Result<VisiblePoints, GatherError> {
+        params.validate()?;
+        if points.len() >= u32::MAX as usize {
+            return Err(crate::point::error::PointError::TooManyPoints { found: points.len() }.into());
+        }
+        let mut items = Vec::with_capacity(points.len());
+        for (number, point) in points.iter().enumerate() {
+            let at = checked(point.position, number, 0)?;
+            check_place(at, point.time)?;
+            check_radius(point.radius)?;
+            items.push(Item { at: [at.x, at.y, at.z, point.time, point.radius], index: number as u32 });
+        }
+        let queries = Queries { window: params.window.min(1.0), neighbors: None };
+        let tree = SpanTree::build(&mut items, &queries, |block: &mut VisibleBlock, lane, item, _| {
+            for axis in 0..3 {
+                block.at[axis][lane] = item.at[axis];
+            }
+            (block.time[lane], block.radius[lane], block.id[lane]) = (item.at[TIME], item.at[REACH], item.index);
+        });
+        Ok(VisiblePoints { tree, simd: params.simd })
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.tree.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.tree.len() == 0
+    }
+
+    /// Bytes allocated.
+    pub fn bytes(&self) -> usize {
+        self.tree.bytes()
+    }
+
+    /// Gives all points new radii, by their index, and fits the tree to them: O(n), a small part of a build.
+    ///
+    /// The order of the tree stays that of the build, so searches are fast as long as radii shrink about alike. After an
+    /// error nothing has changed.
+    pub fn set_radii(&mut self, radii: &[f32]) -> Result<(), GatherError> {
+        if radii.len() != self.len() {
+            return Err(GatherError::Length { expected: self.len(), found: radii.len() });
+        }
+        radii.iter().try_for_each(|&radius| check_radius(radius))?;
+        self.tree.change(|block| {
+            for lane in 0..LANES {
+                if let Some(radius) = radii.get(block.id[lane] as usize) {
+                    block.radius[lane] = *radius;
+                }
+            }
+        });
+        Ok(())
+    }
+
+    /// Calls `visit(index, squared distance)` for each point that a photon contributes to: it is within the point's radius,
+    /// and its time within `window` of the point's. In no particular order.
+    pub fn for_each(
+        &self,
+        position: Vec3,
+        time: f32,
+        window: f32,
+        scratch: &mut GatherScratch,
+        mut visit: impl FnMut(u32, f32),
+    ) -> Result<(), GatherError> {
+        check_place(position, time)?;
+        check_window(window)?;
+        let NeighborBuffer { candidates, .. } = &mut scratch.buffer;
+        self.find(position, time, window, candidates);
+        for (&id, &distance) in candidates.ids[..candidates.count].iter().zip(&candidates.distances) {
+            visit(id, distance);
+        }
+        Ok(())
+    }
+
+    /// Leads photons to the points they contribute to: `deposit(state of the point, photon, squared distance)`, on several
+    /// threads. `at` says where and when a photon arrived; `states` has one state for each point.
+    ///
+    /// Each point gets its photons in an order that depends on the photons alone, so sums have the same bits for any
+    /// number of threads and instruction set. After an error nothing was deposited.
+    pub fn scatter<P: Sync, A: Send>(
+        &self,
+        photons: &[P],
+        at: impl Fn(&P) -> (Vec3, f32) + Sync,
+        window: f32,
+        states: &mut [A],
+        deposit: impl Fn(&mut A, &P, f32) + Sync,
+    ) -> Result<(), GatherError> {
+        check_window(window)?;
+        if states.len() != self.len() {
+            return Err(GatherError::Length { expected: self.len(), found: states.len() });
+        }
+        let mut places = Vec::with_capacity(photons.len());
+        for photon in photons {
+            let (position, time) = at(photon);
+            check_place(position, time)?;
+            places.push(position);
+        }
+        let order = morton_order(&places);
+        drop(places);
+        let threads = parallel::threads();
+        if threads == 1 {
+            let candidates = &mut Candidates::default();
+            for &photon in &order {
+                let (position, time) = at(&photons[photon]);
+                self.find(position, time, window, candidates);
+                for (&id, &distance) in candidates.ids[..candidates.count].iter().zip(&candidates.distances) {
+                    deposit(&mut states[id as usize], &photons[photon], distance);
+                }
+            }
+            return Ok(());
+        }
+        let share = states.len().div_ceil(threads).max(1);
+        for wave in order.chunks(4 * threads * CHUNK) {
+            let chunks: Vec<&[usize]> = wave.chunks(CHUNK).collect();
+            let lists = parallel::map(chunks.len(), |i| self.hits(photons, &at, window, chunks[i]));
+            let mut shares: Vec<(usize, &mut [A])> = states.chunks_mut(share).enumerate().collect();
+            parallel::each(&mut shares, |(number, states)| {
+                let begin = (*number * share) as u32;
+                for hit in lists.iter().flatten() {
+                    // Of points before this share the difference wraps around to a large number.
+                    if let Some(state) = states.get_mut(hit.point.wrapping_sub(begin) as usize) {
+                        deposit(state, &photons[hit.photon as usize], hit.distance_squared);
+                    }
+                }
+            });
+        }
+        Ok(())
+    }
+
+    /// What some photons find.
+    fn hits<P>(&self, photons: &[P], at: &impl Fn(&P) -> (Vec3, f32), window: f32, some: &[usize]) -> Vec<Hit> {
+        let (mut hits, candidates) = (Vec::new(), &mut Candidates::default());
+        for &photon in some {
+            let (position, time) = at(&photons[photon]);
+            self.find(position, time, window, candidates);
+            let pairs = candidates.ids[..candidates.count].iter().zip(&candidates.distances);
+            hits.extend(pairs.map(|(&point, &distance_squared)| Hit {
+                point,
+                photon: photon as u32,
+                distance_squared,
+            }));
+        }
+        hits
+    }
+
+    fn find(&self, position: Vec3, time: f32, window: f32, candidates: &mut Candidates) {
+        candidates.count = 0;
+        if !self.is_empty() {
+            let view = VisibleView { tree: &self.tree, time, window };
+            dispatch(self.simd, Found { view, position, candidates });
+        }
+    }
+}
+
+impl core::fmt::Debug for VisiblePoints {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("VisiblePoints").field("len", &self.len()).finish_non_exhaustive()
+    }
+}
+
+fn check_radius(radius: f32) -> Result<(), GatherError> {
+    let fine = (0.0..=MAX_POINT_COORDINATE as f32).contains(&radius);
+    if fine { Ok(()) } else { Err(GatherError::Radius) }
+}
+
+fn check_window(window: f32) -> Result<(), GatherError> {
+    if window > 0.0 { Ok(()) } else { Err(GatherError::Window) }
+}
+
+struct Found<'a, 'b> {
+    view: VisibleView<'a>,
+    position: Vec3,
+    candidates: &'b mut Candidates,
+}
+
+impl Kernel for Found<'_, '_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Found { view, position, candidates } = self;
+        let mut sink = Gather { candidates, keep: &KeepAll };
+        // A sink that never breaks.
+        let _: ControlFlow<()> = within(s, &view, &view.target(s, position), f32::MAX, &mut sink, &mut ());
+    }
+}
+
+/// The tree as a photon sees it: what it does not contribute to is infinitely far away.
+#[derive(Clone, Copy)]
+struct VisibleView<'a> {
+    tree: &'a SpanTree<VisibleBlock>,
+    time: f32,
+    window: f32,
+}
+
+impl Leaves for VisibleView<'_> {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        1
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        Target { time: s.splat(self.time), ..Target::still(s, q) }
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        let block = &self.tree.blocks()[block];
+        let [x, y, z] = rows(s, &block.at);
+        let distance = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
+        let (radius, time) = (s.load(&block.radius), s.load(&block.time));
+        let late = s.max(time - target.time, target.time - time);
+        let hit = s.le(distance, radius * radius) & s.le(late, s.splat(self.window));
+        s.select(hit, distance, s.splat(f32::INFINITY))
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        if let Some(block) = self.tree.blocks().get(block) {
+            prefetch(block);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        size_of_val(self.tree.blocks())
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.tree.blocks()[block].id
+    }
+}
+
+impl View for VisibleView<'_> {
+    /// No search that counts neighbours goes through this.
+    const BALL: f32 = 1.0;
+
+    #[inline(always)]
+    fn root(&self) -> (usize, usize) {
+        self.tree.root()
+    }
+    #[inline(always)]
+    fn first_child(&self, level: usize, node: usize) -> usize {
+        self.tree.first_child(level, node)
+    }
+    #[inline(always)]
+    fn first_block(&self, node: usize) -> usize {
+        node * LANES
+    }
+    #[inline(always)]
+    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
+        let node = self.tree.node(node);
+        let ([lx, ly, lz, begin], [hx, hy, hz, end]) = (&node.lo, &node.hi);
+        let lo = [s.load(lx), s.load(ly), s.load(lz)];
+        let (gap, _) = outside(s, &target.point, lo, [s.load(hx), s.load(hy), s.load(hz)]);
+        let late = s.max_with_zero(s.load(begin) - target.time, target.time - s.load(end));
+        let inside = s.le(gap, s.splat(0.0)) & s.le(late, s.splat(self.window));
+        (s.select(inside, s.splat(0.0), s.splat(f32::INFINITY)), inside)
+    }
+    #[inline(always)]
+    fn box_sizes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> S::F {
+        let ([lx, ly, lz, _], [hx, hy, hz, _]) = (&self.tree.node(node).lo, &self.tree.node(node).hi);
+        diagonal::<S>([s.load(lx), s.load(ly), s.load(lz)], [s.load(hx), s.load(hy), s.load(hz)])
+    }
+    #[inline(always)]
+    fn expect_node(&self, node: usize) {
+        prefetch(self.tree.node(node));
+    }
+}

@@ -1,0 +1,412 @@
+//! Gathers against comparing all photons, bit for bit; space-time neighbours and visible points likewise; bad input.
+
+use crate::support::{Cloud, KINDS, Rng, cloud};
+use mbkd::glam::Vec3;
+use mbkd::point::{
+    GatherError, GatherParams, GatherQuery, GatherScratch, Gathered, Kernel, Photon, PhotonMap, PhotonTime,
+    VisiblePoint, VisiblePoints,
+};
+use mbkd::{PointStructure, SimdLevel, TimeInterval};
+use proptest::prelude::*;
+
+/// A query with everything in the open.
+#[derive(Clone, Copy, Debug)]
+struct Asked {
+    at: Vec3,
+    normal: Vec3,
+    time: f32,
+    k: Option<usize>,
+    radius: f32,
+    window: f32,
+    cosine: Option<f32>,
+    thickness: Option<f32>,
+    kernels: [Kernel; 2],
+    odd_only: bool,
+}
+
+fn odd(id: u32) -> bool {
+    id % 2 == 1
+}
+
+impl Asked {
+    fn query(&self) -> GatherQuery<'static> {
+        let mut query = GatherQuery::new(self.at, self.normal, self.time).radius(self.radius).window(self.window);
+        query = query.kernels(self.kernels[0], self.kernels[1]);
+        if let Some(k) = self.k {
+            query = query.nearest(k);
+        }
+        if let Some(cosine) = self.cosine {
+            query = query.cosine(cosine);
+        }
+        if let Some(thickness) = self.thickness {
+            query = query.thickness(thickness);
+        }
+        if self.odd_only { query.filter(&odd) } else { query }
+    }
+
+    /// The answer by comparing all photons, and the photons with their weights.
+    fn brute(&self, photons: &[Photon<f32>]) -> (Gathered<f32>, Vec<(u32, f32)>) {
+        let mut near = Vec::new();
+        for (id, photon) in (0..).zip(photons) {
+            let (seen, at) = match photon.time {
+                PhotonTime::At(stamp) => ((stamp - self.time).abs() <= self.window, photon.position),
+                PhotonTime::During(life) => (life.contains(self.time), photon.position),
+                PhotonTime::Carried { time, velocity } => {
+                    let open = photon.position - velocity * time;
+                    let close = photon.position + velocity * (1.0 - time);
+                    let route = Cloud { keys: vec![vec![open], vec![close]], alive: vec![TimeInterval::FULL] };
+                    ((time - self.time).abs() <= self.window, route.at(0, self.time))
+                }
+            };
+            let d = at - self.at;
+            let passes = self.cosine.is_none_or(|least| photon.normal.dot(self.normal) >= least)
+                && self.thickness.is_none_or(|most| d.dot(self.normal).abs() <= most)
+                && (!self.odd_only || odd(id));
+            let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;
+            if seen && passes && squared <= (self.radius * self.radius).min(f32::MAX) {
+                near.push((squared, id));
+            }
+        }
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let k = self.k.unwrap_or(usize::MAX);
+        let rim = if near.len() > k {
+            Some(near[k].0)
+        } else if self.radius == f32::INFINITY {
+            near.pop().map(|last| last.0)
+        } else {
+            None
+        };
+        near.truncate(k);
+        let (radius, squared) = match rim {
+            Some(squared) => (squared.sqrt(), squared),
+            None => (self.radius, (self.radius * self.radius).min(f32::MAX)),
+        };
+        let [space, clock] = self.kernels;
+        let duration = clock.over_time(self.time.into(), self.window.into(), 0.0, 1.0) as f32;
+        let per_area = (1.0 / space.over_disc(radius.into())) as f32;
+        let weigh = |&(distance, id): &(f32, u32)| {
+            let in_time = match photons[id as usize].time {
+                PhotonTime::At(time) | PhotonTime::Carried { time, .. } => {
+                    let x = (time - self.time) / self.window;
+                    clock.weight(x * x) * (1.0 / duration)
+                }
+                PhotonTime::During(life) => 1.0 / life.duration(),
+            };
+            (id, space.weight(distance / squared) * in_time * per_area)
+        };
+        let weights: Vec<_> = near.iter().map(weigh).collect();
+        let density = weights.iter().fold(0.0, |sum, &(id, weight)| sum + photons[id as usize].flux * weight);
+        let reached = self.k.is_some_and(|k| near.len() >= k);
+        (Gathered { density, radius, window: self.window, duration, count: near.len(), reached }, weights)
+    }
+}
+
+/// Photons at the places of a cloud. `clock`: 0 stamps, 1 lives, 2 carried along, 3 all of them.
+fn photons(kind: &str, count: usize, clock: u32, rng: &mut Rng) -> Vec<Photon<f32>> {
+    let cloud = cloud(kind, count, rng);
+    let one = |i: usize| {
+        let time = if rng.bits().is_multiple_of(8) { (rng.bits() % 5) as f32 / 4.0 } else { rng.unit() };
+        let velocity = cloud.keys[cloud.keys.len() - 1][i] - cloud.keys[0][i];
+        let time = match if clock < 3 { clock } else { rng.bits() % 3 } {
+            0 => PhotonTime::At(time),
+            1 => {
+                let begin = 0.9 * time;
+                PhotonTime::During(TimeInterval::new(begin, begin + 0.02 + 0.08 * rng.unit()).unwrap())
+            }
+            _ => PhotonTime::Carried { time, velocity },
+        };
+        Photon { position: cloud.at(i, 0.3), normal: rng.vec().normalize_or(Vec3::X), flux: rng.unit() + 0.1, time }
+    };
+    (0..cloud.len()).map(one).collect()
+}
+
+fn asked(photons: &[Photon<f32>], window: f32, rng: &mut Rng) -> Asked {
+    let some = |rng: &mut Rng| rng.bits() as usize % photons.len().max(1);
+    let at = |i: usize| photons.get(i).map_or(Vec3::ZERO, |p| p.position);
+    let (here, there) = (at(some(rng)), at(some(rng)));
+    let (scale, most) = (here.distance(there), Vec3::splat(1e18));
+    let radius = [f32::INFINITY, scale * 0.2, scale, scale * 3.0][rng.bits() as usize % 4].min(1e18);
+    let radius = if radius.is_finite() && radius > 1e-15 { radius } else { f32::INFINITY };
+    let k = [None, Some(1), Some(5), Some(17), Some(60), Some(1000)][rng.bits() as usize % 6];
+    Asked {
+        at: if rng.bits().is_multiple_of(4) { here } else { (here + (there - here) * rng.signed()).clamp(-most, most) },
+        normal: rng.vec().normalize_or(Vec3::Z),
+        time: if rng.bits().is_multiple_of(4) { (rng.bits() % 5) as f32 / 4.0 } else { rng.unit() },
+        k: k.or((radius == f32::INFINITY).then_some(8)),
+        radius,
+        window: [window, 0.1 * window, 0.5 * window][rng.bits() as usize % 3],
+        cosine: rng.bits().is_multiple_of(3).then(|| rng.signed()),
+        thickness: rng.bits().is_multiple_of(3).then(|| scale * rng.unit()),
+        kernels: [0, 2].map(|shift| Kernel::ALL[rng.bits() as usize >> shift & 3]),
+        odd_only: rng.bits().is_multiple_of(4),
+    }
+}
+
+fn bits(g: &Gathered<f32>) -> (u32, u32, u32, usize, bool) {
+    (g.density.to_bits(), g.radius.to_bits(), g.duration.to_bits(), g.count, g.reached)
+}
+
+/// Compares gathers with brute force. Returns how many found something.
+fn compare(photons: &[Photon<f32>], params: &GatherParams, seed: u64, queries: usize, what: &str) -> usize {
+    let map = PhotonMap::build(photons, params).unwrap();
+    assert_eq!(map.len(), photons.len());
+    let (mut rng, mut scratch, mut found) = (Rng(seed), GatherScratch::new(), 0);
+    for _ in 0..queries {
+        let asked = asked(photons, params.window, &mut rng);
+        let (expected, weights) = asked.brute(photons);
+        let answer = map.gather(&asked.query(), &mut scratch);
+        if expected.count > 0 && (1.0 / asked.kernels[0].over_disc(expected.radius.into())) as f32 == f32::INFINITY {
+            assert_eq!(answer, Err(GatherError::NoArea), "{what}: {asked:?}");
+            continue;
+        }
+        assert_eq!(bits(&answer.unwrap()), bits(&expected), "{what}: {asked:?}");
+        let mut each = Vec::new();
+        map.gather_each(&asked.query(), &mut scratch, |id, weight| each.push((id, weight))).unwrap();
+        assert_eq!(each, weights, "{what}: {asked:?}");
+        found += usize::from(expected.count > 0);
+    }
+    found
+}
+
+#[test]
+fn gathers_are_those_of_brute_force_for_every_kind_of_photons() {
+    let mut found = 0;
+    for (seed, kind) in (0..).zip(KINDS) {
+        for clock in 0..4 {
+            let mut rng = Rng(1000 * seed + u64::from(clock));
+            let photons = photons(kind, [700, 40, 1500, 300][clock as usize], clock, &mut rng);
+            // What is carried along must stay within the bounds of coordinates.
+            if kind == "huge" && clock >= 2 {
+                continue;
+            }
+            let params = GatherParams { window: [0.3, 0.02, 2.0][seed as usize % 3], ..GatherParams::default() };
+            found += compare(&photons, &params, seed, 40, &format!("{kind}, clock {clock}"));
+        }
+    }
+    assert!(found > 1200, "only {found} gathers found something");
+}
+
+#[test]
+fn structures_and_instruction_sets_give_the_same_bits() {
+    use PointStructure::{Automatic, Linear, Mbkd, Slabs};
+    for kind in ["surface", "random", "lattice"] {
+        for structure in [Automatic, Linear, Slabs(3), Mbkd] {
+            for simd in SimdLevel::available() {
+                let mut rng = Rng(5);
+                let photons = photons(kind, 600, 3, &mut rng);
+                let params = GatherParams { window: 0.2, structure, simd, ..GatherParams::default() };
+                compare(&photons, &params, 9, 40, &format!("{kind}, {structure:?}, {simd}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn what_the_tree_was_built_for_changes_no_answer() {
+    let mut rng = Rng(8);
+    let photons = photons("surface", 3000, 0, &mut rng);
+    for (window, neighbors) in [(0.001, 1), (0.1, 50), (1e9, 5000), (f32::INFINITY, 1)] {
+        let map = PhotonMap::build(&photons, &GatherParams { window, neighbors, ..GatherParams::default() }).unwrap();
+        let (mut rng, mut scratch) = (Rng(9), GatherScratch::new());
+        for _ in 0..60 {
+            let asked = asked(&photons, 0.3, &mut rng);
+            let answer = map.gather(&asked.query(), &mut scratch).unwrap();
+            assert_eq!(bits(&answer), bits(&asked.brute(&photons).0), "{window}, {neighbors}: {asked:?}");
+        }
+    }
+}
+
+#[test]
+fn batches_are_single_gathers_for_any_number_of_threads() {
+    let mut rng = Rng(21);
+    let photons = photons("surface", 4000, 3, &mut rng);
+    let map = PhotonMap::build(&photons, &GatherParams { window: 0.2, ..GatherParams::default() }).unwrap();
+    let queries: Vec<_> = (0..1500).map(|_| asked(&photons, 0.2, &mut rng).query()).collect();
+    let mut scratch = GatherScratch::new();
+    let single: Vec<_> = queries.iter().map(|q| bits(&map.gather(q, &mut scratch).unwrap())).collect();
+    let batch = || map.gather_batch(&queries).unwrap().iter().map(bits).collect::<Vec<_>>();
+    assert!(batch() == single);
+    #[cfg(feature = "rayon")]
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        assert!(pool.install(batch) == single);
+        let other = || PhotonMap::build(&photons, &GatherParams { window: 0.2, ..GatherParams::default() }).unwrap();
+        let map = pool.install(other);
+        assert!(queries.iter().zip(&single).all(|(q, one)| bits(&map.gather(q, &mut scratch).unwrap()) == *one));
+    }
+    let mut bad = queries.clone();
+    bad[700] = bad[700].window(f32::NAN);
+    assert_eq!(map.gather_batch(&bad).unwrap_err(), GatherError::Window);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_gather_is_that_of_brute_force(seed: u64, kind in 0usize..KINDS.len(), count in 0usize..400, window in 0.001f32..1.5) {
+        let mut rng = Rng(seed);
+        let photons = photons(KINDS[kind], count, 0, &mut rng);
+        compare(&photons, &GatherParams { window, ..GatherParams::default() }, seed, 5, KINDS[kind]);
+    }
+
+    #[test]
+    fn space_time_neighbours_are_those_of_brute_force(
+        seed: u64, kind in 0usize..KINDS.len(), count in 0usize..600, k in 0usize..80, speed in 0usize..5,
+    ) {
+        let mut rng = Rng(seed);
+        let photons = photons(KINDS[kind], count, 0, &mut rng);
+        let map = PhotonMap::build(&photons, &GatherParams::default()).unwrap();
+        let speed = [0.0, 0.1, 1.0, 30.0, 1e18][speed];
+        let asked = asked(&photons, 1.0, &mut rng);
+        let metric = |photon: &Photon<f32>| {
+            let PhotonTime::At(time) = photon.time else { unreachable!() };
+            let (d, way) = (photon.position - asked.at, (time - asked.time).abs() * speed);
+            ((d.x * d.x + d.y * d.y) + d.z * d.z) + way * way
+        };
+        let mut all: Vec<(f32, u32)> = photons.iter().map(metric).zip(0..).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        all.truncate(k);
+        let mut scratch = GatherScratch::new();
+        let found = map.nearest_in_space_time(asked.at, asked.time, speed, k, &mut scratch).unwrap();
+        let found: Vec<_> = found.iter().map(|n| (n.distance_squared, n.id)).collect();
+        prop_assert_eq!(found, all);
+    }
+
+    #[test]
+    fn photons_find_the_visible_points_of_brute_force(seed: u64, kind in 0usize..KINDS.len(), count in 0usize..500) {
+        let mut rng = Rng(seed);
+        let places = photons(KINDS[kind], count.max(1), 0, &mut rng);
+        let scale = places[0].position.distance(places[places.len() - 1].position).clamp(1e-30, 1e18);
+        let mut seen: Vec<VisiblePoint> = places[..count]
+            .iter()
+            .map(|p| {
+                let PhotonTime::At(time) = p.time else { unreachable!() };
+                let radius = scale * 0.4 * [0.0, 0.03, 1.0][rng.bits() as usize % 3] * rng.unit();
+                VisiblePoint { position: p.position, time, radius }
+            })
+            .collect();
+        for simd in SimdLevel::available() {
+            let params = GatherParams { simd, ..GatherParams::default() };
+            let mut points = VisiblePoints::build(&seen, &params).unwrap();
+            let mut scratch = GatherScratch::new();
+            for pass in 0..3 {
+                for photon in places.iter().step_by(7) {
+                    let at = photon.position + rng.vec() * scale * 0.1 * (pass as f32);
+                    let (time, window) = (rng.unit(), [0.05, 0.5, f32::INFINITY][rng.bits() as usize % 3]);
+                    let mut expected: Vec<(u32, u32)> = (0..).zip(&seen).filter_map(|(id, p)| {
+                        let d = p.position - at;
+                        let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;
+                        let hit = squared <= p.radius * p.radius && (p.time - time).abs() <= window;
+                        hit.then_some((id, squared.to_bits()))
+                    }).collect();
+                    let mut found = Vec::new();
+                    points.for_each(at, time, window, &mut scratch, |id, d| found.push((id, d.to_bits()))).unwrap();
+                    found.sort_unstable();
+                    expected.sort_unstable();
+                    prop_assert_eq!(found, expected);
+                }
+                // Radii shrink, and some grow.
+                seen.iter_mut().for_each(|p| p.radius *= if rng.bits().is_multiple_of(9) { 2.0 } else { 0.6 });
+                seen.iter_mut().for_each(|p| p.radius = p.radius.min(1e18));
+                points.set_radii(&seen.iter().map(|p| p.radius).collect::<Vec<_>>()).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn scattering_sums_in_one_order_for_any_number_of_threads() {
+    let mut rng = Rng(77);
+    let seen: Vec<VisiblePoint> =
+        (0..5000).map(|_| VisiblePoint { position: rng.vec(), time: rng.unit(), radius: 0.3 * rng.unit() }).collect();
+    let photons: Vec<(Vec3, f32, f32)> = (0..20_000).map(|_| (rng.vec(), rng.unit(), rng.unit())).collect();
+    let points = VisiblePoints::build(&seen, &GatherParams::default()).unwrap();
+    let sums = || {
+        let mut sums = vec![0.0f32; seen.len()];
+        points.scatter(&photons, |p| (p.0, p.1), 0.1, &mut sums, |sum, p, d| *sum += p.2 * (1.0 - d)).unwrap();
+        sums.iter().map(|sum| sum.to_bits()).collect::<Vec<_>>()
+    };
+    let expected = sums();
+    assert!(expected.iter().any(|&sum| sum != 0));
+    #[cfg(feature = "rayon")]
+    for threads in [1, 2, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        assert!(pool.install(sums) == expected, "{threads} threads");
+    }
+}
+
+#[test]
+fn bad_input_is_a_typed_error_or_a_documented_answer() {
+    let photon = |x: f32, normal: Vec3, flux: f32, time| Photon { position: Vec3::X * x, normal, flux, time };
+    let build = |photon: Photon<f32>| {
+        let fine = Photon::at_time(Vec3::Y, Vec3::Z, 1.0, 0.5);
+        PhotonMap::build(&[fine, photon], &GatherParams::default()).map(|_| ()).unwrap_err()
+    };
+    let at = PhotonTime::At;
+    assert_eq!(build(photon(0.0, Vec3::Z, f32::NAN, at(0.5))), GatherError::Flux { photon: 1 });
+    assert_eq!(build(photon(0.0, Vec3::NAN, 1.0, at(0.5))), GatherError::PhotonNormal { photon: 1 });
+    for time in [-0.1, 1.1, f32::NAN] {
+        assert_eq!(build(photon(0.0, Vec3::Z, 1.0, at(time))), GatherError::PhotonTime { photon: 1 });
+    }
+    for (x, word) in [(f32::NAN, "not finite"), (2e18, "farther")] {
+        assert!(build(photon(x, Vec3::Z, 1.0, at(0.5))).to_string().contains(word));
+    }
+    let carried = PhotonTime::Carried { time: 0.5, velocity: Vec3::splat(f32::INFINITY) };
+    assert!(matches!(build(photon(0.0, Vec3::Z, 1.0, carried)), GatherError::Point(_)));
+    for window in [0.0, -1.0, f32::NAN] {
+        let params = GatherParams { window, ..GatherParams::default() };
+        assert!(PhotonMap::<f32>::build(&[], &params).is_err());
+    }
+
+    let mut scratch = GatherScratch::new();
+    let empty = PhotonMap::<f32>::build(&[], &GatherParams::default()).unwrap();
+    let query = GatherQuery::new(Vec3::ZERO, Vec3::Z, 0.5).radius(1.0).window(0.1);
+    let nothing = empty.gather(&query.nearest(5), &mut scratch).unwrap();
+    assert_eq!((nothing.density, nothing.count, nothing.reached, nothing.radius), (0.0, 0, false, 1.0));
+    assert!(empty.nearest_in_space_time(Vec3::ZERO, 0.5, 1.0, 3, &mut scratch).unwrap().is_empty());
+
+    let photons = [0.0, 0.0, 1.0].map(|x| photon(x, Vec3::Z, 1.0, at(0.5)));
+    let map = PhotonMap::build(&photons, &GatherParams::default()).unwrap();
+    let mut error = |query: &GatherQuery| map.gather(query, &mut scratch).unwrap_err();
+    let at = |position, time| GatherQuery::new(position, Vec3::Z, time).radius(1.0);
+    assert_eq!(error(&at(Vec3::NAN, 0.5)), GatherError::Position);
+    assert_eq!(error(&at(Vec3::ZERO, 1.5)), GatherError::Time);
+    assert_eq!(error(&at(Vec3::ZERO, f32::NAN)), GatherError::Time);
+    for window in [0.0, -1.0, f32::NAN] {
+        assert_eq!(error(&query.window(window)), GatherError::Window);
+    }
+    for radius in [-1.0, f32::NAN, 1e20] {
+        assert_eq!(error(&query.radius(radius)), GatherError::Radius);
+    }
+    assert_eq!(error(&query.nearest(0)), GatherError::NoNeighbors);
+    assert_eq!(error(&query.radius(f32::INFINITY)), GatherError::Unbounded);
+    assert_eq!(error(&query.cosine(f32::NAN)), GatherError::Cutoff);
+    assert_eq!(error(&query.thickness(-1.0)), GatherError::Cutoff);
+    let flat = GatherQuery::new(Vec3::ZERO, Vec3::ZERO, 0.5).radius(1.0);
+    assert_eq!(error(&flat.cosine(0.5)), GatherError::Normal);
+    assert_eq!(error(&query.radius(0.0)), GatherError::NoArea);
+    assert_eq!(error(&query.nearest(1)), GatherError::NoArea);
+    assert!(map.gather(&flat, &mut scratch).is_ok(), "a normal that nothing depends on is not looked at");
+    assert_eq!(map.nearest_in_space_time(Vec3::ZERO, 0.5, -1.0, 3, &mut scratch), Err(GatherError::Speed));
+
+    let carried = PhotonTime::Carried { time: 0.5, velocity: Vec3::X };
+    let moving = [Photon { time: carried, ..photons[0] }];
+    let map = PhotonMap::build(&moving, &GatherParams::default()).unwrap();
+    let error = map.gather(&query.window(0.06), &mut scratch).unwrap_err();
+    assert_eq!(error, GatherError::WindowTooWide { most: 0.05 });
+    assert_eq!(map.nearest_in_space_time(Vec3::ZERO, 0.5, 1.0, 3, &mut scratch), Err(GatherError::NotStamped));
+
+    let point = VisiblePoint { position: Vec3::ZERO, time: 0.5, radius: 1.0 };
+    let visible = |point| VisiblePoints::build(&[point], &GatherParams::default());
+    assert_eq!(visible(VisiblePoint { radius: f32::NAN, ..point }).unwrap_err(), GatherError::Radius);
+    assert_eq!(visible(VisiblePoint { time: 2.0, ..point }).unwrap_err(), GatherError::Time);
+    let mut points = visible(point).unwrap();
+    assert_eq!(points.set_radii(&[]).unwrap_err(), GatherError::Length { expected: 1, found: 0 });
+    assert_eq!(points.set_radii(&[-1.0]).unwrap_err(), GatherError::Radius);
+    let at = |p: &(Vec3, f32)| *p;
+    assert_eq!(points.scatter(&[(Vec3::NAN, 0.5)], at, 0.1, &mut [0], |_, _, _| ()), Err(GatherError::Position));
+    assert_eq!(
+        points.scatter(&[(Vec3::X, 0.5)], at, 0.1, &mut [0; 2], |_, _, _| ()).unwrap_err().to_string(),
+        "2 elements where 1 are needed"
+    );
+}
