@@ -14,12 +14,12 @@ mod tree;
 
 pub(super) use tree::{PreciseTree, PreciseView};
 
-use super::compiled::{Gather, Visit, VisitBlock};
 use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
+use super::search::sinks::{Gather, Visit, VisitBlock};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
 use super::search::{Keep, KeepAll, NeighborWork};
