@@ -50,15 +50,26 @@ fn crossing(interval: TimeInterval, (d0, d1): (f64, f64)) -> f64 {
 /// least 2^-24 of the value it is taken at (denormals near 0 are covered by the next smaller float being
 /// at or below the crossing all the same): one step outward after rounding to nearest contains it.
 fn negative(interval: TimeInterval, d: (f64, f64)) -> Option<TimeInterval> {
+    negative_by(interval, d, |t| t.next_down(), |t| t.next_up().next_up())
+}
+
+/// The same with other steps down to a begin and up to an end.
+#[inline(always)]
+fn negative_by(
+    interval: TimeInterval,
+    d: (f64, f64),
+    down: impl Fn(f32) -> f32,
+    up: impl Fn(f32) -> f32,
+) -> Option<TimeInterval> {
     match (d.0 < 0.0, d.1 < 0.0) {
         (true, true) => Some(interval),
         (false, false) => None,
         (true, false) => {
-            let end = (crossing(interval, d) as f32).next_up().next_up();
+            let end = up(crossing(interval, d) as f32);
             TimeInterval::half_open(interval.begin(), end.min(interval.end_bound()))
         }
         (false, true) => {
-            let begin = (crossing(interval, d) as f32).next_down();
+            let begin = down(crossing(interval, d) as f32);
             TimeInterval::half_open(begin.max(interval.begin()), interval.end_bound())
         }
     }
@@ -126,6 +137,42 @@ mod tests {
     use super::*;
 
     const PLANE: Plane = Plane { axis: 0, position: 0.0, velocity: 0.0 };
+
+    /// Times beside crossings, at which the distance is negative in whole numbers and which the interval does not hold,
+    /// with a begin and an end that were moved down and up.
+    fn lost_beside_crossings(down: impl Fn(f32) -> f32 + Copy, up: impl Fn(f32) -> f32 + Copy) -> [usize; 2] {
+        let mut state = 3u64;
+        let mut next = |below: i64| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) as i64 % below
+        };
+        let mut lost = [0, 0];
+        for round in 0..20_000 {
+            // Times from 1/2 to 1 are whole multiples of 2^-24.
+            let time = |units: i64| (units as f64 / f64::from(1 << 24)) as f32;
+            let (begin, end) = ((1 << 23) + next(1 << 20), (1 << 24) - next(1 << 20));
+            let interval = TimeInterval::new(time(begin), time(end)).expect("ordered");
+            let (a, b) = (1 + next(1 << 20), 1 + next(1 << 20));
+            let d = if round % 2 == 0 { (-a, b) } else { (a, -b) };
+            let found = negative_by(interval, (d.0 as f64, d.1 as f64), down, up);
+            let near = begin + (end - begin) * a / (a + b);
+            for units in (near - 3).max(begin)..=(near + 3).min(end) {
+                let is_negative = d.0 * (end - begin) + (d.1 - d.0) * (units - begin) < 0;
+                let held = found.is_some_and(|i| i.contains(time(units)));
+                lost[round % 2] += usize::from(is_negative && !held);
+            }
+        }
+        lost
+    }
+
+    #[test]
+    fn intervals_hold_the_times_beside_their_crossing_and_would_not_without_steps() {
+        assert_eq!(lost_beside_crossings(|t| t.next_down(), |t| t.next_up().next_up()), [0, 0]);
+        // One step up is what it takes; the others are for good measure.
+        assert_eq!(lost_beside_crossings(|t| t, |t| t.next_up()), [0, 0]);
+        let lost = lost_beside_crossings(|t| t, |t| t);
+        assert!(lost[0] > 1000 && lost[1] == 0, "{lost:?}");
+    }
 
     fn extent(interval: TimeInterval, lower: (f64, f64), upper: (f64, f64)) -> Extent {
         let line = |(begin, end)| Line { begin, end };

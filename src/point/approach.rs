@@ -39,6 +39,52 @@ impl Approach {
     }
 }
 
+/// A point that may be the answer, as told from distances in f64.
+struct Contender {
+    /// It comes no nearer than this.
+    least: f64,
+    flight: Flight,
+    together: Together,
+}
+
+/// What is known so far.
+struct Contest {
+    /// What comes no nearer than this is no answer.
+    most: f64,
+    /// Exact distances take long, and few of these need one in the end.
+    contenders: Vec<Contender>,
+    best: Option<Approach>,
+}
+
+/// Contenders that wait for exact distances at most.
+const WAITING: usize = 64;
+
+impl Contest {
+    /// Takes note of a point that comes about so near, up to the slack.
+    fn enter(&mut self, way: &Way, (about, slack): (f64, f64), flight: Flight, together: Together) {
+        // What is farther by less than an ulp of f32 may be as near when rounded, and have the lower id.
+        self.most =
+            self.most.min((about + slack) * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1)));
+        self.contenders.push(Contender { least: about - slack, flight, together });
+        if self.contenders.len() == WAITING {
+            self.settle(way);
+        }
+    }
+
+    /// Exact distances for those that may still be the answer.
+    fn settle(&mut self, way: &Way) {
+        for Contender { least, flight, together } in self.contenders.drain(..) {
+            if least <= self.most {
+                let (time, distance) = together.closest(way, &flight);
+                let found = Approach { id: flight.id, time, distance };
+                if self.best.is_none_or(|best| found.key() < best.key()) {
+                    self.best = Some(found);
+                }
+            }
+        }
+    }
+}
+
 /// [`Way::bounds`] of a node, compiled for an instruction set.
 struct Bounds<'a, T> {
     way: &'a Way,
@@ -68,10 +114,8 @@ fn lesser(a: f64, b: f64) -> f64 {
 
 /// Whether a lower bound of squared distances, which has slack for its own rounding, rules out anything better.
 #[inline(always)]
-fn worse(bound: f64, best: &Option<Approach>) -> bool {
-    // Squares of f32 are exact.
-    let square = |x: f32| f64::from(x) * f64::from(x);
-    best.is_some_and(|b| bound > square(b.distance.next_up()))
+fn worse(bound: f64, contest: &Contest) -> bool {
+    bound > contest.most * contest.most
 }
 
 /// Equal parts of an interval over which a box is bounded one by one.
@@ -147,13 +191,13 @@ impl Way {
         core::array::from_fn(|lane| if begin[lane] <= end[lane] { least[lane] } else { f64::NAN })
     }
 
-    /// Improves `best` by the points of a tree.
-    fn search<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, best: &mut Option<Approach>) {
+    /// Enters the points of a tree into the contest.
+    fn search<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
         let (keys, segment, _) = tree.part();
         let (top, root) = tree.top();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
         while let Some(Reverse((bits, level, node))) = open.pop() {
-            if worse(f64::from_bits(bits), best) {
+            if worse(f64::from_bits(bits), contest) {
                 return;
             }
             let (first, stride) = tree.behind(level, node);
@@ -165,7 +209,7 @@ impl Way {
             }
             for lane in lanes {
                 let bound = bounds[lane];
-                if bound.is_nan() || worse(bound, best) {
+                if bound.is_nan() || worse(bound, contest) {
                     continue;
                 }
                 let child = first + lane * stride;
@@ -175,14 +219,14 @@ impl Way {
                 }
                 for flight in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
                     let Some(flight) = tree.flight(flight.0, flight.1) else { continue };
-                    self.improve(&flight, keys, segment, keep, best);
+                    self.enter(flight, keys, segment, keep, contest);
                 }
             }
         }
     }
 
-    /// Improves `best` by the points of a k-d tree: both sides of each plane, the nearer one first.
-    fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, best: &mut Option<Approach>) {
+    /// Enters the points of a k-d tree: both sides of each plane, the nearer one first.
+    fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
         let part = tree.part();
         let first = self.times[0].max(part.interval.begin().into());
         let last = self.times[1].min(part.interval.end().into());
@@ -193,7 +237,7 @@ impl Way {
         let query = times.map(|time| self.at(time).to_array());
         let mut open = vec![Beyond { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
         while let Some(Beyond { node, distance, gaps }) = open.pop() {
-            if worse(distance, best) {
+            if worse(distance, contest) {
                 continue;
             }
             match tree.node(node) {
@@ -201,7 +245,7 @@ impl Way {
                     let blocks = first as usize..(first + count) as usize;
                     for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
                         let Some(flight) = tree.flight(block, lane) else { continue };
-                        self.improve(&flight, part.keys, part.segment, keep, best);
+                        self.enter(flight, part.keys, part.segment, keep, contest);
                     }
                 }
                 KdView::Inner { plane, right } => {
@@ -228,24 +272,12 @@ impl Way {
         }
     }
 
-    /// Improves `best` by a point.
-    fn improve(
-        &self,
-        flight: &Flight,
-        keys: usize,
-        segment: usize,
-        keep: &impl Fn(u32) -> bool,
-        best: &mut Option<Approach>,
-    ) {
-        let Some(together) = Together::new(self, flight, keys, segment) else { return };
-        let (about, slack) = together.about(self, flight);
-        if best.is_some_and(|b| about - slack > f64::from(b.distance.next_up())) {
-            return;
-        }
-        let (time, distance) = together.closest(self, flight);
-        let found = Approach { id: flight.id, time, distance };
-        if best.is_none_or(|b| found.key() < b.key()) && keep(flight.id) {
-            *best = Some(found);
+    /// Enters a point that may be the answer.
+    fn enter(&self, flight: Flight, keys: usize, segment: usize, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+        let Some(together) = Together::new(self, &flight, keys, segment) else { return };
+        let (about, slack) = together.about(self, &flight);
+        if about - slack <= contest.most && keep(flight.id) {
+            contest.enter(self, (about, slack), flight, together);
         }
     }
 }
@@ -300,17 +332,20 @@ impl PointTree {
         let times = [interval.begin().into(), interval.end().into()];
         let exact = Way { from: from.wide(), to: to.wide(), times };
         let way = Way { from: relative[0], to: relative[1], times };
-        let mut best = None;
+        // All positions are f64 ones, or all are f32 ones.
+        let way = if self.precise.is_empty() { way } else { exact };
+        let mut contest = Contest { most: f64::INFINITY, contenders: Vec::new(), best: None };
         for layer in &self.layers {
             match layer {
-                Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut best),
-                Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut best)),
-                Layer::Planes(parts) => parts.iter().for_each(|tree| way.search_planes(tree, &keep, &mut best)),
+                Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut contest),
+                Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut contest)),
+                Layer::Planes(parts) => parts.iter().for_each(|tree| way.search_planes(tree, &keep, &mut contest)),
             }
         }
         for tree in self.precise.iter().flat_map(|layer| &layer.parts) {
-            exact.search(self.simd, tree, &keep, &mut best);
+            way.search(self.simd, tree, &keep, &mut contest);
         }
-        best
+        contest.settle(&way);
+        contest.best
     }
 }

@@ -11,11 +11,12 @@ use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::Sink;
+use super::search::sinks::{Gather, Visit, VisitBlock};
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
 use super::snapshot::Leaves;
 use super::tree::PointTree;
-use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -195,9 +196,6 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
     }
 }
 
-/// What is called with the ids and squared distances of a block, and which lanes of it are within the radius.
-pub(super) type VisitBlock<'a> = &'a mut dyn FnMut(&Lanes<u32>, &Lanes<f32>, Mask) -> ControlFlow<()>;
-
 /// Calls `visit` with all blocks that have points within the radius, until it breaks.
 pub(super) fn for_each_block(query: &Search<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
     if query.is_precise() {
@@ -262,23 +260,6 @@ impl<K: Keep> Kernel for Collecting<'_, '_, '_, K> {
     }
 }
 
-/// Appends what is found to candidates.
-pub(super) struct Gather<'a, K> {
-    pub(super) candidates: &'a mut Candidates,
-    pub(super) keep: &'a K,
-}
-
-impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
-    const TAKES_NONE: bool = true;
-    #[inline(always)]
-    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
-        let ids = view.ids(block);
-        self.candidates.reserve(0);
-        self.candidates.push(s, distance, s.load_u(ids), self.keep.kept(ids, hits));
-        ControlFlow::Continue(())
-    }
-}
-
 /// How many points there are.
 struct Count(usize);
 
@@ -317,18 +298,5 @@ impl Kernel for Visiting<'_, '_, '_> {
         let q = self.query;
         let mut sink = Visit(self.visit);
         within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ())
-    }
-}
-
-/// Hands blocks on.
-pub(super) struct Visit<'v>(pub(super) VisitBlock<'v>);
-
-impl<S: Simd> Sink<S> for Visit<'_> {
-    const TAKES_NONE: bool = false;
-    #[inline(always)]
-    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
-        let mut distances = [0.0; LANES];
-        s.store(distance, &mut distances);
-        (self.0)(view.ids(block), &distances, hits)
     }
 }

@@ -1,6 +1,5 @@
 //! Points within a radius as an iterator, which searches one bottom node at a time.
 
-use super::compiled::Gather;
 use super::neighbor::Neighbor;
 use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneView;
@@ -8,6 +7,7 @@ use super::query::NeighborQuery;
 use super::search::candidates::Candidates;
 use super::search::planes::{self, PlaneFront};
 use super::search::radius::{Front, leaves};
+use super::search::sinks::Gather;
 use super::search::{Keep, KeepAll};
 use super::snapshot::View;
 use crate::simd::{Kernel, Simd, dispatch};

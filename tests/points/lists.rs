@@ -416,39 +416,3 @@ fn orders_of_moving_trees_name_each_point_once() {
         }
     }
 }
-
-#[test]
-fn bulk_queries_equal_single_ones() {
-    for kind in ["uniform", "surface", "lattice", "random", "short lives", "huge"] {
-        let mut rng = Rng(77);
-        let cloud = cloud(kind, 2_000, &mut rng);
-        let size = cloud.keys.iter().flatten().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
-        let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
-        let queries: Vec<Vec3> = (0..700).map(|_| rng.vec() * size * 1.2).collect();
-        let mut lists = NeighborCsr::new();
-        for (time, radius) in [(0.0, 0.3 * size), (rng.unit(), 0.1 * size), (1.0, 0.0)] {
-            tree.within_lists(&queries, time, radius, &mut lists).unwrap();
-            assert_eq!(lists.len(), queries.len());
-            for (query, row) in lists.iter() {
-                let mut row = row.to_vec();
-                row.sort_unstable();
-                let mut one: Vec<u32> =
-                    tree.within(queries[query as usize], time, radius).iter().map(|n| n.id).collect();
-                one.sort_unstable();
-                assert_eq!(row, one, "{kind}, query {query} at {time}");
-            }
-        }
-        assert_eq!(tree.within_lists(&[Vec3::NAN], 0.0, 1.0, &mut lists), Err(ListError::Query { query: 0 }));
-        assert_eq!(tree.within_lists(&queries, 0.0, -1.0, &mut lists), Err(ListError::Radius { id: None }));
-        assert_eq!(tree.within_lists(&queries, 2.0, 1.0, &mut lists), Err(ListError::Time));
-        tree.within_lists(&[] as &[Vec3], 0.0, 1.0, &mut lists).unwrap();
-        assert!(lists.is_empty());
-    }
-    // Positions in f64 far from zero.
-    let points: Vec<[f64; 3]> = (0..100).map(|i| [1e9 + f64::from(i) * 0.25, 3.0, -1e9]).collect();
-    let params = PointParams { round_to_f32: true, ..PointParams::default() };
-    let tree = PointTree::build(&points, &params).unwrap();
-    let mut lists = NeighborCsr::new();
-    tree.within_lists(&points, 0.0, 0.3, &mut lists).unwrap();
-    assert!(lists.iter().all(|(query, row)| row.len() == if query == 0 || query == 99 { 2 } else { 3 }));
-}

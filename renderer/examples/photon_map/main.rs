@@ -1,7 +1,7 @@
 //! Photons with times, gathered at the time of each camera ray: `cargo run --release --example photon_map`.
 //!
-//! A glass sphere flies through a room while the shutter is open and throws a caustic on the floor; a coloured ball
-//! passes a white wall and colours it. Without options it renders the same scene in three ways, each for the same time,
+//! A glass sphere flies through a room while the shutter is open and throws a caustic on the floor, and the camera goes
+//! along with it; a coloured ball passes a white wall and colours it. Without options it renders the same scene in three ways, each for the same time,
 //! and writes the first to photon_map.png and all of them to photon_map_sheet.png. `--help` lists the rest.
 
 mod photons;

@@ -182,9 +182,10 @@ impl<F: Flux> PhotonMap<F> {
     /// let photons = [0.5, 0.7].map(|time| Photon::at_time(Vec3::X * (0.8 - time), Vec3::Y, 1.0f32, time));
     /// let map = PhotonMap::build(&photons, &GatherParams::default())?;
     /// let mut scratch = GatherScratch::new();
-    /// let nearest = |speed, scratch: &mut _| Ok(map.nearest_in_space_time(Vec3::ZERO, 0.5, speed, 1, scratch)?[0].id);
-    /// assert_eq!(nearest(0.0, &mut scratch)?, 1);
-    /// assert_eq!(nearest(10.0, &mut scratch)?, 0);
+    /// let first = map.nearest_in_space_time(Vec3::ZERO, 0.5, 0.0, 1, &mut scratch)?[0].id;
+    /// assert_eq!(first, 1, "time does not count");
+    /// let first = map.nearest_in_space_time(Vec3::ZERO, 0.5, 10.0, 1, &mut scratch)?[0].id;
+    /// assert_eq!(first, 0, "a fifth of the shutter is as far as 2");
     /// # Ok::<(), mbkd::point::GatherError>(())
     /// ```
     pub fn nearest_in_space_time<'s>(

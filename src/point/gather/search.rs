@@ -6,7 +6,6 @@
 
 use super::index::Index;
 use super::stamped::StampedView;
-use crate::point::compiled::Gather;
 use crate::point::neighbor::Neighbor;
 use crate::point::partition::{Layer, walk_all, within_all};
 use crate::point::query::NeighborBuffer;
@@ -14,6 +13,7 @@ use crate::point::search::Keep;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::k_nearest::KNearest;
 use crate::point::search::radius::within;
+use crate::point::search::sinks::Gather;
 use crate::point::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use crate::point::search::walk::walk;
 use crate::point::snapshot::Leaves;

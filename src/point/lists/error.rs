@@ -41,12 +41,6 @@ pub enum ListError {
     },
     /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
     Origins,
-    /// A query point is not finite, or farther from the origin than
-    /// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE).
-    Query {
-        /// Its number.
-        query: usize,
-    },
     /// A tree holds its positions in f64; lists are made of f32 ones.
     Double,
     /// Lists were asked for in the order of ids, but an id is not less than the number of points, or occurs twice.
@@ -69,7 +63,6 @@ impl fmt::Display for ListError {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
             }
             ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
-            ListError::Query { query } => write!(f, "query point {query} is not finite, or too far from the origin"),
             ListError::Double => {
                 f.write_str("lists need positions in f32; build the tree with `round_to_f32` or from f32 positions")
             }

@@ -16,7 +16,6 @@
 //! along every axis at most the computed `|p − q|`, because rounding is monotone; so are squares and sums. What is
 //! *strictly* farther than the bound is left out. With periodic axes, [`torus`] says what is added.
 
-mod bulk;
 mod by_id;
 mod columns;
 mod csr;

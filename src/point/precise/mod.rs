@@ -14,15 +14,15 @@ mod tree;
 
 pub(super) use tree::{PreciseTree, PreciseView};
 
-use super::compiled::{Gather, Visit, VisitBlock};
 use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
-use super::search::radius::within;
+use super::search::radius::{Sink, within};
+use super::search::sinks::{Gather, Visit, VisitBlock};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
-use super::search::{Keep, NeighborWork};
+use super::search::{Keep, KeepAll, NeighborWork};
 use super::snapshot::Leaves;
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
@@ -168,12 +168,21 @@ impl Kernel for Collecting<'_, '_> {
     fn run<S: Simd>(self, s: S) {
         let Collecting { asked, candidates } = self;
         candidates.count = 0;
-        let mut sink = Gather { candidates, keep: &asked.keep };
-        for_each_layer!(asked, view => {
-            // A sink that never breaks.
-            let _ = within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ());
-        });
+        // Most points that are looked at count here, so that asking for each would be noticed.
+        if asked.keep.0.is_none() {
+            gather(s, asked, Gather { candidates, keep: &KeepAll });
+        } else {
+            gather(s, asked, Gather { candidates, keep: &asked.keep });
+        }
     }
+}
+
+#[inline(always)]
+fn gather<S: Simd>(s: S, asked: &Asked<'_>, mut sink: impl Sink<S>) {
+    for_each_layer!(asked, view => {
+        // A sink that never breaks.
+        let _ = within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ());
+    });
 }
 
 struct Visiting<'a, 'b> {

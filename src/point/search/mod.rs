@@ -8,6 +8,7 @@ pub(super) mod k_nearest;
 pub(super) mod nearest;
 pub(super) mod planes;
 pub(super) mod radius;
+pub(super) mod sinks;
 pub(super) mod sort;
 mod waiting;
 pub(super) mod walk;
