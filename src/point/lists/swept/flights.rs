@@ -63,7 +63,7 @@ impl Block {
             (points.begin[lane], points.end[lane]) = (flight.life.begin(), flight.life.end_bound());
             points.id[lane] = flight.id;
         }
-        for axis in 0..3 {
+        for (axis, drift) in drift.into_iter().enumerate() {
             let (mut lo, mut hi) = (row, row);
             let mut most = [0.0f64; LANES];
             for lane in 0..LANES {
@@ -72,7 +72,7 @@ impl Block {
                 let way = f64::from(points.close[axis][lane]) - open;
                 let (first, last) = (open + way * phases[0], open + way * phases[1]);
                 most[lane] = greater(first.abs(), last.abs());
-                let [first, last] = [first as f32, (last - drift[axis]) as f32];
+                let [first, last] = [first as f32, (last - drift) as f32];
                 points.ends[0][axis][lane] = if there { first } else { f32::INFINITY };
                 points.ends[1][axis][lane] = if there { last } else { f32::INFINITY };
                 lo[lane] = if !there {
