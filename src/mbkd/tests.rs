@@ -124,7 +124,9 @@ fn points_and_spheres_of_radius_zero_differ_by_the_rounding_only() {
     let [of_points, of_spheres, by_rounding] = compared.counts;
     assert_eq!(of_points, tree.references.len(), "the build made other references");
     assert_eq!(of_spheres, of_points + by_rounding);
-    assert!(by_rounding * 100 < of_points, "{by_rounding} of {of_spheres} references by rounding alone");
+    // A plane moves with the median velocity of its points, so one of them may lie in it all the time: on one side as a
+    // point, on both as a sphere.
+    assert!(by_rounding * 50 < of_points, "{by_rounding} of {of_spheres} references by rounding alone");
 }
 
 #[test]
