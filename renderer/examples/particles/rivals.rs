@@ -28,7 +28,7 @@ pub fn look(at: &[Vec3], radius: f32, lists: &mut NeighborCsr) -> Result<Look, S
     for (i, p) in points.iter().enumerate() {
         offsets.push(ids.len());
         let found = tree.query(p).within::<SquaredEuclidean<f32>>(radius * radius).unsorted().execute();
-        ids.extend(found.iter().map(|n| n.item as u32).filter(|&id| id as usize != i));
+        ids.extend(found.iter().map(|n| n.item).filter(|&id| id as usize != i));
     }
     let kiddo = begin.elapsed();
     let by_kiddo = ids.len();
