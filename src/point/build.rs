@@ -137,6 +137,11 @@ impl Source {
         self.ids.get(point).copied().unwrap_or(point as u32)
     }
 
+    /// Whether it is known without looking at any point that none moves or lives for a part of the shutter only.
+    pub(super) fn is_still(&self) -> bool {
+        self.keys <= 1 && self.alive.is_empty()
+    }
+
     /// Whether a point neither moves nor lives for a part of the shutter only.
     pub(super) fn stands_still(&self, point: usize) -> bool {
         if self.alive(point) != TimeInterval::FULL {
@@ -182,10 +187,16 @@ type Read = (DVec3, Vec<[f32; 3]>, Vec<DVec3>);
 fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
     let mut positions = Vec::with_capacity(len * keys);
     for key in 0..keys {
-        for point in 0..len {
-            let at = checked(points.position(point, key), point, key)?;
-            positions.push(at.as_vec3().to_array());
-        }
+        // Without a way out of the loop, which has to be as fast as a copy.
+        let mut wrong = Ok(());
+        positions.extend((0..len).map(|point| {
+            let at = points.position(point, key);
+            if wrong.is_ok() && !fits(at) {
+                wrong = checked(at, point, key).map(|_| ());
+            }
+            at.as_vec3().to_array()
+        }));
+        wrong?;
     }
     Ok((DVec3::ZERO, positions, Vec::new()))
 }
@@ -224,11 +235,17 @@ fn narrow_of(wide: &[DVec3], len: usize) -> Result<Read, PointError> {
     Ok((DVec3::ZERO, positions, Vec::new()))
 }
 
+/// Whether a position is finite and not too large.
+#[inline(always)]
+fn fits(at: DVec3) -> bool {
+    // Also false for NaN.
+    at.abs().cmple(DVec3::splat(MAX_POINT_COORDINATE)).all()
+}
+
 /// A position, if it is finite and not too large.
 #[inline(always)]
 fn checked(at: DVec3, point: usize, key: usize) -> Result<DVec3, PointError> {
-    // Also false for NaN.
-    if at.abs().max_element() <= MAX_POINT_COORDINATE && at.is_finite() {
+    if fits(at) {
         return Ok(at);
     }
     Err(if at.is_finite() { PointError::TooLarge { point, key } } else { PointError::NonFinite { point, key } })

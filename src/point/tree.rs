@@ -134,8 +134,11 @@ impl PointTree {
             tree.add_precise(source, params)?;
             return Ok(tree);
         }
-        let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
-        let count = still.iter().filter(|&&s| s).count();
+        let still: Vec<bool> = match source.is_still() {
+            true => Vec::new(),
+            false => (0..len).map(|i| source.stands_still(i)).collect(),
+        };
+        let count = if source.is_still() { len } else { still.iter().filter(|&&s| s).count() };
         if count == len {
             tree.add(Layer::Still(source.still_tree(len, 0..len)), PointLayerKind::Static, len, "nothing moves".into());
             return Ok(tree);
