@@ -122,7 +122,6 @@ impl TreeRay {
         let origin = origin.as_vec3();
         let mut of = TreeRay::scaled(ray, origin, slack(origin.abs().max_element()) + lost, frame.scale, dir);
         of.advance = advance;
-        of.margin += T_ROUNDING * advance.abs();
         // A step outward for the rounding of `t`, and one for that of the distance.
         let t_per_world = inverse_of_power(of.t_scale);
         let distance = |t: f32| (f64::from(t) * t_per_world - advance) as f32;
@@ -179,10 +178,14 @@ impl TreeRay {
 
     /// A distance in tree space beyond which no answer is as near as the one at this distance.
     ///
-    /// Both are rounded to f32 (2^-24 of `distance + advance` each, or half the least denormal) and may then be equal; the sum here
-    /// leaves room for twice as much. It does not wait for the `t` of the answer, since the next box of the traversal waits for it.
+    /// Both are rounded to f32 (2^-24 of themselves, or half the least denormal) and may then be equal; the sum here leaves room for
+    /// twice as much. It does not wait for the `t` of the answer, since the next box of the traversal waits for it. Only
+    /// rays that were led to the scene wait: the distance of their origin is rounded as well.
     #[inline(always)]
-    pub fn reach_at(&self, distance: f64) -> f32 {
+    pub fn reach_at(&self, distance: f64, t: f32) -> f32 {
+        if self.advance != 0.0 {
+            return self.reach(t);
+        }
         (distance + (distance.abs() * T_ROUNDING + self.margin)) as f32
     }
 

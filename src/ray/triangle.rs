@@ -50,7 +50,7 @@ impl TreeRay {
         // NaN is no hit in this form.
         (self.t_min <= t && t <= limit).then(|| {
             let (u, v) = ((v / det) as f32, (w / det) as f32);
-            SetHit { t, reach: self.reach_at(distance), u, v }
+            SetHit { t, reach: self.reach_at(distance, t), u, v }
         })
     }
 }

@@ -288,8 +288,8 @@ const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
     ("uniform", PointStructure::Automatic, (5172, 7718)),
     ("coherent", PointStructure::Linear, (6244, 8659)),
     ("random", PointStructure::Slabs(4), (5646, 8316)),
-    ("fast few", PointStructure::Mbkd, (60646, 34276)),
-    ("short lives", PointStructure::Mbkd, (135553, 88732)),
+    ("fast few", PointStructure::Mbkd, (50400, 20661)),
+    ("short lives", PointStructure::Mbkd, (135364, 88664)),
 ];
 
 #[test]
