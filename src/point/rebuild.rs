@@ -25,9 +25,9 @@ impl PointTree {
     /// use mbkd::{PointParams, PointTree};
     /// let mut points: Vec<[f32; 3]> = (0..1000).map(|i| [i as f32, 0.0, 0.0]).collect();
     /// let mut tree = PointTree::build(&points, &PointParams::default())?;
-    /// points.iter_mut().for_each(|p| p[0] += 0.1);
+    /// points.iter_mut().for_each(|p| p[0] += 0.25);
     /// assert!(tree.rebuild(&points, &PointParams::default())?);
-    /// assert_eq!(tree.nearest([7.0f32, 0.0, 0.0], 0.0).unwrap().distance_squared, 0.1f32.powi(2));
+    /// assert_eq!(tree.nearest([7.0f32, 0.0, 0.0], 0.0).unwrap().distance_squared, 0.0625);
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
