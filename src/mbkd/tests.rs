@@ -10,6 +10,7 @@ use crate::geometry::{LinearBox3, Plane, TimeInterval};
 use crate::params::KdParams;
 use crate::primitive::{MovingSphere, PrimitiveSet, Shapes};
 use glam::Vec3;
+use std::collections::BTreeSet;
 
 const POINTS: Trajectories = Trajectories { segments: 1, segment: 0, middle: 0.5 };
 
@@ -63,8 +64,11 @@ fn parted<'a, M: Moving>(
 const ROUNDING: f64 = 4e-7;
 
 struct Compared {
-    /// References in leaves: of points, of spheres, and of those that only the rounding makes.
-    counts: [usize; 3],
+    /// References in leaves: of points, of spheres, of those that only the rounding makes, and of those that touch.
+    counts: [usize; 4],
+    /// Spheres on the other side of a plane that their centre moves in: planes move with the median of velocities, so there is
+    /// one now and then. A point is on one side of such a plane, a sphere touches both.
+    in_planes: BTreeSet<u32>,
 }
 
 impl Compared {
@@ -80,8 +84,11 @@ impl Compared {
         let KdView::Inner { plane, right } = tree.nodes[node].view() else {
             self.counts[0] += points.len();
             self.counts[1] += boxes.len();
-            let alone = |r: &&BoxReference| points.iter().all(|p| p.id != r.id);
-            self.counts[2] += boxes.iter().filter(alone).count();
+            let alone = boxes.iter().filter(|r| points.iter().all(|p| p.id != r.id));
+            let (touching, rounded): (Vec<&BoxReference>, Vec<&BoxReference>) =
+                alone.partition(|r| self.in_planes.contains(&r.id));
+            self.counts[2] += rounded.len();
+            self.counts[3] += touching.len();
             return;
         };
         let (of_points, of_boxes) = (parted(&POINTS, plane, cell, &points), parted(spheres, plane, cell, &boxes));
@@ -97,10 +104,16 @@ impl Compared {
             }
             for outer in boxes.iter() {
                 let LinearBox3 { begin, end } = outer.bounds.whole;
+                let mut farthest: f64 = 0.0;
                 for (t, b) in [(outer.interval.begin(), begin), (outer.interval.end(), end)] {
                     let x = 0.5 * (f64::from(b.min[plane.axis]) + f64::from(b.max[plane.axis]));
                     let outside = if side == 0 { x - plane.at(t) } else { plane.at(t) - x };
+                    farthest = farthest.max(outside.abs());
                     assert!(outside <= ROUNDING, "{outer:?} counts {outside} outside of its side at {t}");
+                }
+                let long = outer.interval.end() - outer.interval.begin() > 0.01;
+                if long && farthest <= ROUNDING && points.iter().all(|p| p.id != outer.id) {
+                    self.in_planes.insert(outer.id);
                 }
             }
             let child = if side == 0 { node + 1 } else { right as usize };
@@ -118,15 +131,14 @@ fn points_and_spheres_of_radius_zero_differ_by_the_rounding_only() {
     assert!(tree.depth >= 5 && tree.references.len() > points.len() * 5 / 4, "{} references", tree.references.len());
     let boxes = (0..set.len() as u32).map(|id| spheres.reference(id)).collect();
     let cell = LinearBox3 { begin: tree.root, end: tree.root };
-    let mut compared = Compared { counts: [0; 3] };
+    let mut compared = Compared { counts: [0; 4], in_planes: BTreeSet::new() };
     let points = References { normal: points, bp: Vec::new() };
     compared.descend(&tree, 0, cell, points, (&spheres, References { normal: boxes, bp: Vec::new() }));
-    let [of_points, of_spheres, by_rounding] = compared.counts;
+    let [of_points, of_spheres, by_rounding, touching] = compared.counts;
     assert_eq!(of_points, tree.references.len(), "the build made other references");
-    assert_eq!(of_spheres, of_points + by_rounding);
-    // A plane moves with the median velocity of its points, so one of them may lie in it all the time: on one side as a
-    // point, on both as a sphere.
-    assert!(by_rounding * 50 < of_points, "{by_rounding} of {of_spheres} references by rounding alone");
+    assert_eq!(of_spheres, of_points + by_rounding + touching);
+    assert!(by_rounding * 100 < of_points, "{by_rounding} of {of_spheres} references by rounding alone");
+    assert_eq!(touching, compared.in_planes.len(), "each touches one plane, and on one leaf's side");
 }
 
 #[test]
