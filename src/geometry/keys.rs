@@ -5,7 +5,7 @@
 //! key itself at both keys and wherever `a == b`, which `(1 - t) * a + t * b` does not, and so moving
 //! and still geometry agree where they touch. Nothing is fused, so every CPU gets the same bits.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// A ray's time as a place between two keys, the same for every vertex of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +40,13 @@ impl KeyTime {
     #[inline(always)]
     pub fn position(self, a: Vec3, b: Vec3) -> Vec3 {
         (if self.from_end { b } else { a }) + (b - a) * self.s
+    }
+
+    /// The same place in f64, 2^29 times as near to the exact one.
+    #[inline(always)]
+    pub fn fine_position(self, a: Vec3, b: Vec3) -> DVec3 {
+        let (a, b) = (a.as_dvec3(), b.as_dvec3());
+        (if self.from_end { b } else { a }) + (b - a) * f64::from(self.s)
     }
 }
 

@@ -70,7 +70,13 @@ impl Frame {
     /// A world point in tree space, rounded to nearest.
     #[inline(always)]
     pub fn point(self, p: DVec3) -> Vec3 {
-        ((p - self.origin) * self.scale).as_vec3()
+        self.fine_point(p).as_vec3()
+    }
+
+    /// A world point in tree space, in f64.
+    #[inline(always)]
+    pub fn fine_point(self, p: DVec3) -> DVec3 {
+        (p - self.origin) * self.scale
     }
 
     /// A tree-space point in world space.

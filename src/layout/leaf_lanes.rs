@@ -103,6 +103,13 @@ impl Between {
         let base = per_key * usize::from(self.from_end);
         (base, per_key - base)
     }
+
+    /// A coordinate between the nearer key and the other in f64, as [`KeyTime::fine_position`] computes it.
+    #[inline(always)]
+    pub(crate) fn fine(self, base: f32, other: f32) -> f64 {
+        let (base, other) = (f64::from(base), f64::from(other));
+        base + (other - base) * f64::from(self.fraction)
+    }
 }
 
 #[cfg(test)]

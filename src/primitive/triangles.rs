@@ -218,6 +218,16 @@ impl Triangles {
         ]
     }
 
+    /// The corners at a time in f64 (see [`KeyTime::fine_position`]).
+    #[inline(always)]
+    pub(crate) fn fine_corners(&self, id: u32, t: f32) -> [DVec3; 3] {
+        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let at = KeyTime::new(t, keys);
+        let first = at.segment * stride;
+        let last = if keys == 1 { first } else { first + stride };
+        self.vertices(id).map(|v| at.fine_position(self.position(v, first), self.position(v, last)))
+    }
+
     /// The corners at both ends of an interval, up to the signs of zeros.
     #[inline(always)]
     pub(crate) fn ends(&self, id: u32, over: TimeInterval) -> [[Vec3; 3]; 2] {

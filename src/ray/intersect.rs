@@ -5,7 +5,7 @@ use super::shear::Sheared;
 use super::tree_ray::TreeRay;
 use crate::layout::WideSource;
 use crate::primitive::{Primitive, Scene, Shapes};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// A set of primitives that rays can be tested against one by one.
 pub(crate) trait RaySource: WideSource {
@@ -17,7 +17,10 @@ impl RaySource for Scene {
     #[inline(always)]
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
         match self.shape(id) {
-            None => intersect_triangle(ray, self.triangles.corners(id, ray.time)),
+            None => {
+                let fine = || self.triangles.fine_corners(id, ray.time);
+                intersect_triangle(ray, self.triangles.corners(id, ray.time), fine)
+            }
             Some(shape) => self.shapes.intersect(shape, ray),
         }
     }
@@ -31,10 +34,14 @@ impl<P: Primitive> RaySource for Shapes<P> {
     }
 }
 
-/// Tests one triangle at the ray's time.
+/// Tests one triangle at the ray's time: its corners in f32, and in f64 where they are needed.
 #[inline(always)]
-pub(crate) fn intersect_triangle(ray: &TreeRay, [a, b, c]: [Vec3; 3]) -> Option<SetHit> {
+pub(crate) fn intersect_triangle(
+    ray: &TreeRay,
+    [a, b, c]: [Vec3; 3],
+    fine: impl FnOnce() -> [DVec3; 3],
+) -> Option<SetHit> {
     // Each by itself: mapped arrays become calls.
     let corners = [ray.shear.corner(a, ray.origin), ray.shear.corner(b, ray.origin), ray.shear.corner(c, ray.origin)];
-    if Sheared::may_hit(corners) { ray.decide(corners, ray.t_max) } else { None }
+    if Sheared::may_hit(corners) { ray.decide(corners, ray.t_max, fine) } else { None }
 }

@@ -14,6 +14,7 @@ use super::tree_ray::TreeRay;
 use crate::geometry::KeyTime;
 use crate::layout::{Between, CORNER_ROWS, ChildRef, VERTEX_ROWS, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
+use glam::DVec3;
 
 impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// Tests the triangles of a leaf block; true ends the query.
@@ -60,7 +61,10 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 [lanes[3][i], lanes[4][i], lanes[5][i]],
                 [lanes[6][i], lanes[7][i], lanes[8][i]],
             ];
-            if self.offer(corners, leaf.at() + count * n + i, ray, collect) {
+            let (base, other) = between.rows(CORNER_ROWS);
+            let fine = |row| fine_vertex::<MOVING>(block, n, i, [base + row, other + row], between);
+            let fine = || [fine(0), fine(3), fine(6)];
+            if self.offer(corners, fine, leaf.at() + count * n + i, ray, collect) {
                 return true;
             }
         }
@@ -115,17 +119,28 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 [lanes[0][b], lanes[1][b], lanes[2][b]],
                 [lanes[0][c], lanes[1][c], lanes[2][c]],
             ];
-            if self.offer(corners, at + n + i, ray, collect) {
+            let (base, other) = between.rows(VERTEX_ROWS);
+            let fine = |lane| fine_vertex::<MOVING>(block, leaf.len(), lane, [base, other], between);
+            let fine = || [fine(a), fine(b), fine(c)];
+            if self.offer(corners, fine, at + n + i, ray, collect) {
                 return true;
             }
         }
         false
     }
 
-    /// Decides about a triangle of sheared corners, whose id is at word `id`; true ends the query.
+    /// Decides about a triangle of sheared corners, which are `fine` in f64 and whose id is at word `id`; true ends the
+    /// query.
     #[inline(always)]
-    fn offer(&self, corners: [[f32; 3]; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
-        let Some(hit) = ray.decide(corners, collect.limit()) else { return false };
+    fn offer(
+        &self,
+        corners: [[f32; 3]; 3],
+        fine: impl FnOnce() -> [DVec3; 3],
+        id: usize,
+        ray: &TreeRay,
+        collect: &mut impl Collect,
+    ) -> bool {
+        let Some(hit) = ray.decide(corners, collect.limit(), fine) else { return false };
         let id = self.arena.ints()[id];
         self.sees(id, ray) && collect.offer(Found { hit, id })
     }
@@ -198,6 +213,23 @@ fn vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, ax
         return at - origin;
     }
     at + (s.load_row(rows, other + axis) - at) * s.splat(between.fraction) - origin
+}
+
+/// A vertex in f64, whose coordinates at the nearer key and at the other begin with these rows of `n`.
+#[inline(always)]
+fn fine_vertex<const MOVING: bool>(
+    block: &[f32],
+    n: usize,
+    lane: usize,
+    [base, other]: [usize; 2],
+    between: Between,
+) -> DVec3 {
+    let at = |row: usize| block[row * n + lane];
+    let along = |axis: usize| match MOVING {
+        true => between.fine(at(base + axis), at(other + axis)),
+        false => f64::from(at(base + axis)),
+    };
+    DVec3::new(along(0), along(1), along(2))
 }
 
 /// What leaf blocks need of a ray, in memory.

@@ -28,7 +28,9 @@ pub(crate) struct TreeRay {
     /// How far behind its origin the ray begins; 0 for one that begins before it.
     pub behind: f32,
     /// How far the origin was led along the ray, in tree space.
-    advance: f64,
+    pub advance: f64,
+    /// The origin as it was asked, in tree space and f64.
+    pub from: DVec3,
     /// World `t` per tree `t`, a power of two.
     t_scale: f64,
     /// What [`TreeRay::reach_at`] adds for the rounding of `t` whatever the distance is.
@@ -70,7 +72,8 @@ impl TreeRay {
     /// what is in registers out of them, whether it is made or not.
     #[inline(always)]
     pub fn new(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
-        let origin = frame.point(ray.origin);
+        let from = frame.fine_point(ray.origin);
+        let origin = from.as_vec3();
         let field = longest(ray.dir) >> 23;
         let away = Vec3A::from(origin).abs();
         // Bits order like numbers, after all numbers come infinity and NaN, and after these what has a sign.
@@ -84,7 +87,7 @@ impl TreeRay {
             return TreeRay::unusual(ray, frame);
         }
         let dir = Direction { dir: ray.dir, field, more: 0 };
-        Some(TreeRay::scaled(ray, origin, slack(away.max_element()), frame.scale, dir))
+        Some(TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir))
     }
 
     /// The same for rays of any kind.
@@ -92,7 +95,7 @@ impl TreeRay {
     #[inline(never)]
     fn unusual(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
         let reach = f64::from(frame.reach);
-        let from = (ray.origin - frame.origin) * frame.scale;
+        let from = frame.fine_point(ray.origin);
         let longest = longest(ray.dir);
         // NaN fails every one of these comparisons.
         let fine = (longest.wrapping_sub(1) < f32::MAX.to_bits())
@@ -120,7 +123,8 @@ impl TreeRay {
             lost = (16.0 * f64::EPSILON * away) as f32;
         }
         let origin = origin.as_vec3();
-        let mut of = TreeRay::scaled(ray, origin, slack(origin.abs().max_element()) + lost, frame.scale, dir);
+        let slack = slack(origin.abs().max_element()) + lost;
+        let mut of = TreeRay::scaled(ray, from, origin, slack, frame.scale, dir);
         of.advance = advance;
         // A step outward for the rounding of `t`, and one for that of the distance.
         let t_per_world = inverse_of_power(of.t_scale);
@@ -141,7 +145,7 @@ impl TreeRay {
     }
 
     #[inline(always)]
-    fn scaled(ray: &Ray, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay {
+    fn scaled(ray: &Ray, from: DVec3, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay {
         let Direction { dir, field, more } = of;
         // 2^-exponent of the longest component, and 2^exponent.
         let (shrink, grow) = (f32::from_bits((254 - field) << 23), f32::from_bits(field << 23));
@@ -164,6 +168,7 @@ impl TreeRay {
             pad: inverse.abs() * slack,
             behind: 0.0,
             advance: 0.0,
+            from,
             t_scale: inverse_of_power(t_per_world),
             margin: T_DENORMAL * t_per_world,
             world: *ray,

@@ -256,7 +256,7 @@ mod tests {
             let target = a + (b - a) * (0.5 + 0.5 * next());
             let ray = Ray::new(origin, target - origin);
             let Some(mut ray) = TreeRay::new(&ray, &Frame::WORLD) else { continue };
-            let Some(hit) = intersect_triangle(&ray, [a, b, c]) else { continue };
+            let Some(hit) = intersect_triangle(&ray, [a, b, c], || [a, b, c].map(Vec3::as_dvec3)) else { continue };
             ray.pad *= part;
             let pad = KERNEL_ULPS * ULP * part;
             let hull = [a, b, c].into_iter().fold(Box3::EMPTY, Box3::include);
