@@ -2,7 +2,7 @@
 
 use super::batch_order::in_parallel;
 use super::closest_point::{ClosestPoint, ClosestPointQuery};
-use super::filter::Visible;
+use super::compiled::Guards;
 use super::observer::Observer;
 use super::ray_tree::{Geometry, RayTree};
 use glam::DVec3;
@@ -39,7 +39,7 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<ClosestPoint> {
         let query = ClosestPointQuery { point: point.into(), time, max_distance };
-        (self.queries.closest_point.plain)(self.target(), &query)
+        (self.queries.closest_point)(self.target(), &query)
     }
 
     /// [`RayTree::closest_point`] among the points that `accept` accepts, on meshes whose
@@ -51,7 +51,7 @@ impl<G: Geometry> RayTree<G> {
         mask: u32,
         accept: impl Fn(&ClosestPoint) -> bool,
     ) -> Option<ClosestPoint> {
-        (self.queries.closest_point.filtered)(self.target(), query, &Visible { mask, accept: &accept })
+        (self.queries.closest_point_guarded)(self.target(), query, Guards::filtered(mask, &accept))
     }
 
     /// [`RayTree::closest_point`], telling `observer` what it does.
@@ -60,7 +60,7 @@ impl<G: Geometry> RayTree<G> {
         query: &ClosestPointQuery,
         observer: &mut impl Observer,
     ) -> Option<ClosestPoint> {
-        (self.queries.closest_point.observed)(self.target(), query, observer)
+        (self.queries.closest_point_guarded)(self.target(), query, Guards::observed(observer))
     }
 
     /// [`RayTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
@@ -81,7 +81,7 @@ impl<G: Geometry> RayTree<G> {
         answers.resize(queries.len(), None);
         in_parallel(queries, answers, |queries: &[ClosestPointQuery], answers: &mut [Option<ClosestPoint>]| {
             for (query, answer) in queries.iter().zip(answers) {
-                *answer = (self.queries.closest_point.plain)(self.target(), query);
+                *answer = (self.queries.closest_point)(self.target(), query);
             }
         });
     }

@@ -91,27 +91,29 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
 /// Hands on every primitive once.
 ///
 /// A primitive may be met in several leaves. The ids of those that were handed on are remembered, so the memory is
-/// that of the answer: a short list, and a hash set once it is no longer short.
+/// that of the answer: a short list in place, and a hash set once it is no longer short.
 pub(crate) struct All<V> {
     t_max: f32,
     reach: f32,
     visitor: V,
-    few: Vec<u32>,
+    few: [u32; FEW],
+    count: usize,
     many: HashSet<u32>,
     /// What the visitor said last.
     pub flow: ControlFlow<()>,
 }
 
-impl<V> All<V> {
-    /// Ids up to this number are searched one by one.
-    const FEW: usize = 24;
+/// So many ids are searched one by one.
+const FEW: usize = 24;
 
+impl<V> All<V> {
     pub fn new(ray: &TreeRay, visitor: V) -> All<V> {
         All {
             t_max: ray.t_max,
             reach: ray.end,
             visitor,
-            few: Vec::new(),
+            few: [0; FEW],
+            count: 0,
             many: HashSet::new(),
             flow: ControlFlow::Continue(()),
         }
@@ -119,10 +121,11 @@ impl<V> All<V> {
 
     /// Whether the id is new; remembers it.
     fn first_time(&mut self, id: u32) -> bool {
-        if self.few.contains(&id) {
+        if self.few[..self.count].contains(&id) {
             false
-        } else if self.few.len() < All::<V>::FEW {
-            self.few.push(id);
+        } else if self.count < FEW {
+            self.few[self.count] = id;
+            self.count += 1;
             true
         } else {
             self.many.insert(id)

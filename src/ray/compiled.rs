@@ -3,7 +3,8 @@
 //! A query is generic over the geometry, the filter and the observer, and is compiled for each instruction set and layout.
 //! If callers instantiated it, every crate that asks a tree of triangles would compile all of that again. So a tree carries the
 //! addresses of its queries: those of triangles come from this crate, those of the caller's own primitives from the crate
-//! that builds the tree. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited block.
+//! that builds the tree. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited block;
+//! a query is compiled without them and, once more, with whichever of them there are ([`Guards`]).
 
 use super::closest_point::{
     ClosestPoint, ClosestPointQuery, ClosestPointSource, closest_point_in_kd, closest_point_in_wide,
@@ -33,26 +34,41 @@ pub(super) struct Target<'a, G> {
 /// The caller's function that is called with each hit.
 pub(super) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
 
-/// A mask and the caller's filter of what is found.
-pub(super) type Seen<'a, T> = Visible<&'a dyn Fn(&T) -> bool>;
-
-type Watch<'a> = &'a mut dyn Observer;
-
-/// A query `Q` that looks for a `T` and gives an `R`: plain, with a filter, and with an observer.
-pub(super) struct Forms<G, Q, T, R> {
-    pub plain: fn(Target<'_, G>, &Q) -> R,
-    pub filtered: fn(Target<'_, G>, &Q, &Seen<'_, T>) -> R,
-    pub observed: fn(Target<'_, G>, &Q, Watch<'_>) -> R,
+/// What a query may have beyond its plain form: a mask and the caller's filter of what is found, and an observer.
+///
+/// They are looked for at run time, so that one form of a query serves all that have any of them.
+pub(super) struct Guards<'a, T> {
+    visible: Option<Visible<&'a dyn Fn(&T) -> bool>>,
+    observer: Option<&'a mut dyn Observer>,
 }
+
+impl<'a, T> Guards<'a, T> {
+    pub const NONE: Guards<'a, T> = Guards { visible: None, observer: None };
+
+    pub fn filtered(mask: u32, accept: &'a dyn Fn(&T) -> bool) -> Guards<'a, T> {
+        Guards { visible: Some(Visible { mask, accept }), observer: None }
+    }
+
+    pub fn observed(observer: &'a mut dyn Observer) -> Guards<'a, T> {
+        Guards { visible: None, observer: Some(observer) }
+    }
+}
+
+/// A query `Q` that gives an `R`.
+type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
+
+/// The same among found `T`, with guards.
+type Guarded<G, Q, T, R> = fn(Target<'_, G>, &Q, Guards<'_, T>) -> R;
 
 /// All queries of a geometry.
 pub(super) struct Queries<G> {
-    pub closest: Forms<G, Ray, Hit, Option<Hit>>,
-    pub any: Forms<G, Ray, Hit, bool>,
-    pub closest_point: Forms<G, ClosestPointQuery, ClosestPoint, Option<ClosestPoint>>,
-    pub all: fn(Target<'_, G>, &Ray, Visitor<'_>) -> ControlFlow<()>,
-    pub all_filtered: fn(Target<'_, G>, &Ray, &Seen<'_, Hit>, Visitor<'_>) -> ControlFlow<()>,
-    pub all_observed: fn(Target<'_, G>, &Ray, Watch<'_>, Visitor<'_>) -> ControlFlow<()>,
+    pub closest: Plain<G, Ray, Option<Hit>>,
+    pub closest_guarded: Guarded<G, Ray, Hit, Option<Hit>>,
+    pub any: Plain<G, Ray, bool>,
+    pub closest_point: Plain<G, ClosestPointQuery, Option<ClosestPoint>>,
+    pub closest_point_guarded: Guarded<G, ClosestPointQuery, ClosestPoint, Option<ClosestPoint>>,
+    /// All hits; and, for a visitor that breaks at the first, any hit with guards.
+    pub all: fn(Target<'_, G>, &Ray, Guards<'_, Hit>, Visitor<'_>) -> ControlFlow<()>,
     /// Interleaved traversal of many rays through the wide layout.
     pub interleaved_closest: fn(Target<'_, G>, &[Ray], &mut [Option<Hit>]),
     pub interleaved_any: fn(Target<'_, G>, &[Ray], &mut [bool]),
@@ -61,24 +77,14 @@ pub(super) struct Queries<G> {
 impl<G: RaySource + ClosestPointSource> Queries<G> {
     /// The addresses of all queries; whoever names them compiles them.
     pub(super) const TABLE: Queries<G> = Queries {
-        closest: Forms {
-            plain: Queries::plain_closest,
-            filtered: |on, ray, seen| on.closest(ray, seen, &mut ()),
-            observed: |on, ray, mut watch| on.closest(ray, &Everything, &mut watch),
+        closest: Queries::plain_closest,
+        closest_guarded: |on, ray, Guards { visible, mut observer }| on.closest(ray, &visible, &mut observer),
+        any: Queries::plain_any,
+        closest_point: |on, query| on.closest_point(query, &Everything, &mut ()),
+        closest_point_guarded: |on, query, Guards { visible, mut observer }| {
+            on.closest_point(query, &visible, &mut observer)
         },
-        any: Forms {
-            plain: Queries::plain_any,
-            filtered: |on, ray, seen| on.any(ray, seen, &mut ()),
-            observed: |on, ray, mut watch| on.any(ray, &Everything, &mut watch),
-        },
-        closest_point: Forms {
-            plain: |on, query| on.closest_point(query, &Everything, &mut ()),
-            filtered: |on, query, seen| on.closest_point(query, seen, &mut ()),
-            observed: |on, query, mut watch| on.closest_point(query, &Everything, &mut watch),
-        },
-        all: |on, ray, visitor| on.all(ray, &Everything, &mut (), visitor),
-        all_filtered: |on, ray, seen, visitor| on.all(ray, seen, &mut (), visitor),
-        all_observed: |on, ray, mut watch, visitor| on.all(ray, &Everything, &mut watch, visitor),
+        all: |on, ray, Guards { visible, mut observer }, visitor| on.all(ray, &visible, &mut observer, visitor),
         interleaved_closest: |on, rays, hits| on.interleaved::<Closests>(rays, hits),
         interleaved_any: |on, rays, hits| on.interleaved::<Anys>(rays, hits),
     };

@@ -40,3 +40,15 @@ impl<T, F: Fn(&T) -> bool> Filter<T> for Visible<F> {
         (self.accept)(&hit())
     }
 }
+
+/// Perhaps a filter.
+impl<T, F: Filter<T>> Filter<T> for Option<F> {
+    #[inline(always)]
+    fn sees(&self, mask: impl FnOnce() -> u32) -> bool {
+        self.as_ref().is_none_or(|filter| filter.sees(mask))
+    }
+    #[inline(always)]
+    fn accepts(&self, hit: impl FnOnce() -> T) -> bool {
+        self.as_ref().is_none_or(|filter| filter.accepts(hit))
+    }
+}

@@ -40,18 +40,31 @@ pub trait Observer {
 /// Observes nothing.
 impl Observer for () {}
 
-impl Observer for &mut dyn Observer {
+/// Perhaps an observer.
+impl Observer for Option<&mut dyn Observer> {
+    #[inline(always)]
     fn node(&mut self) {
-        (**self).node();
+        if let Some(observer) = self {
+            observer.node();
+        }
     }
+    #[inline(always)]
     fn leaf(&mut self) {
-        (**self).leaf();
+        if let Some(observer) = self {
+            observer.leaf();
+        }
     }
+    #[inline(always)]
     fn time_skip(&mut self) {
-        (**self).time_skip();
+        if let Some(observer) = self {
+            observer.time_skip();
+        }
     }
+    #[inline(always)]
     fn primitive_tests(&mut self, count: usize) {
-        (**self).primitive_tests(count);
+        if let Some(observer) = self {
+            observer.primitive_tests(count);
+        }
     }
 }
 

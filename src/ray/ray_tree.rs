@@ -1,9 +1,9 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
 use super::closest_point::ClosestPointSource;
-use super::compiled::{Layout, Queries, Target};
+use super::compiled::{Guards, Layout, Queries, Target};
 use super::intersect::RaySource;
-use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, Visible, answer_in_order, in_parallel};
+use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::layout::{Statistics, TreeBox, ValidationError, WideTree};
 use crate::mbkd::build_kd;
@@ -88,12 +88,12 @@ impl<G: Geometry> RayTree<G> {
 
     /// The nearest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        (self.queries.closest.plain)(self.target(), ray)
+        (self.queries.closest)(self.target(), ray)
     }
 
     /// Whether the ray hits anything: for shadows. Stops at the first hit found.
     pub fn any_hit(&self, ray: &Ray) -> bool {
-        (self.queries.any.plain)(self.target(), ray)
+        (self.queries.any)(self.target(), ray)
     }
 
     /// Calls `visitor` with every primitive that the ray hits, each once (with its nearest hit), in no particular
@@ -115,17 +115,21 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(Hit) -> ControlFlow<()>) -> ControlFlow<()> {
-        (self.queries.all)(self.target(), ray, &mut visitor)
+        (self.queries.all)(self.target(), ray, Guards::NONE, &mut visitor)
+    }
+
+    fn any_hit_guarded(&self, ray: &Ray, guards: Guards<'_, Hit>) -> bool {
+        (self.queries.all)(self.target(), ray, guards, &mut |_| ControlFlow::Break(())).is_break()
     }
 
     /// [`RayTree::closest_hit`], telling `observer` what it does.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
-        (self.queries.closest.observed)(self.target(), ray, observer)
+        (self.queries.closest_guarded)(self.target(), ray, Guards::observed(observer))
     }
 
     /// [`RayTree::any_hit`], telling `observer` what it does.
     pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
-        (self.queries.any.observed)(self.target(), ray, observer)
+        self.any_hit_guarded(ray, Guards::observed(observer))
     }
 
     /// [`RayTree::all_hits`], telling `observer` what it does.
@@ -135,7 +139,7 @@ impl<G: Geometry> RayTree<G> {
         observer: &mut impl Observer,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        (self.queries.all_observed)(self.target(), ray, observer, &mut visitor)
+        (self.queries.all)(self.target(), ray, Guards::observed(observer), &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] among the hits that `accept` accepts on meshes whose
@@ -156,13 +160,13 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        (self.queries.closest.filtered)(self.target(), ray, &Visible { mask, accept: &accept })
+        (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &accept))
     }
 
     /// [`RayTree::any_hit`] among the hits that mask and filter let through
     /// (see [`RayTree::closest_hit_filtered`]).
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
-        (self.queries.any.filtered)(self.target(), ray, &Visible { mask, accept: &accept })
+        self.any_hit_guarded(ray, Guards::filtered(mask, &accept))
     }
 
     /// [`RayTree::all_hits`] among the hits that mask and filter let through
@@ -174,7 +178,7 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(&Hit) -> bool,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        (self.queries.all_filtered)(self.target(), ray, &Visible { mask, accept: &accept }, &mut visitor)
+        (self.queries.all)(self.target(), ray, Guards::filtered(mask, &accept), &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order;
@@ -195,12 +199,12 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
-        self.batch::<Closests>(rays, hits, self.queries.closest.plain, self.queries.interleaved_closest);
+        self.batch::<Closests>(rays, hits, self.queries.closest, self.queries.interleaved_closest);
     }
 
     /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
-        self.batch::<Anys>(rays, hits, self.queries.any.plain, self.queries.interleaved_any);
+        self.batch::<Anys>(rays, hits, self.queries.any, self.queries.interleaved_any);
     }
 
     fn batch<A: Asks>(
