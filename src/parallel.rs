@@ -1,40 +1,58 @@
 //! Doing the same for many things, on several threads where there are some.
 
 use core::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 /// `f(0)`, `f(1)`, … `f(n - 1)` in order; which thread does what changes nothing.
 pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        if n > 1 && rayon::current_num_threads() > 1 {
-            return (0..n).into_par_iter().with_max_len(1).map(&f).collect();
+    if n < 2 || threads() == 1 {
+        return (0..n).map(f).collect();
+    }
+    let mut results: Vec<Option<T>> = (0..n).map(|_| None).collect();
+    map_into(0, &mut results, &f);
+    // Each place has been written.
+    results.into_iter().flatten().collect()
+}
+
+/// Writes `f(first)` and so on. Half of it may be done by another thread, and half of that.
+fn map_into<T: Send>(first: usize, results: &mut [Option<T>], f: &(dyn Fn(usize) -> T + Sync)) {
+    match results {
+        [] => {}
+        [result] => *result = Some(f(first)),
+        _ => {
+            let half = results.len() / 2;
+            let (low, high) = results.split_at_mut(half);
+            join(&mut || map_into(first, low, f), &mut || map_into(first + half, high, f));
         }
     }
-    (0..n).map(&f).collect()
 }
 
 /// `f` of each item, in order.
 pub(crate) fn each<I: Send, T: Send>(items: &mut [I], f: impl Fn(&mut I) -> T + Sync) -> Vec<T> {
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        if items.len() > 1 && rayon::current_num_threads() > 1 {
-            return items.par_iter_mut().with_max_len(1).map(&f).collect();
-        }
-    }
-    items.iter_mut().map(f).collect()
+    let items: Vec<Mutex<&mut I>> = items.iter_mut().map(Mutex::new).collect();
+    // No other thread asks for the same item.
+    map(items.len(), |i| f(&mut items[i].lock().unwrap_or_else(PoisonError::into_inner)))
 }
 
 /// Does both, at the same time where there are threads for it.
 pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
+    let (mut a, mut b) = (Some(a), Some(b));
+    let (mut of_a, mut of_b) = (None, None);
+    join(&mut || of_a = a.take().map(|a| a()), &mut || of_b = b.take().map(|b| b()));
+    (of_a.expect("join calls the first"), of_b.expect("join calls the second"))
+}
+
+/// Calls both once, at the same time where there are threads for it.
+///
+/// What is done is behind `dyn`: rayon's code for it is long, and was a fifth of what this crate's compilation took when there was
+/// some for every closure.
+fn join(a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
     #[cfg(feature = "rayon")]
-    {
-        rayon::join(a, b)
-    }
+    rayon::join(a, b);
     #[cfg(not(feature = "rayon"))]
     {
-        (a(), b())
+        a();
+        b();
     }
 }
 

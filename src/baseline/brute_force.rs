@@ -1,5 +1,6 @@
 //! The oracle: every primitive, one after the other, through the same kernel.
 
+use super::spheres::Spheres;
 use crate::error::BuildError;
 use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
 use crate::ray::{
@@ -9,7 +10,8 @@ use crate::ray::{
 /// Answers ray queries by testing every primitive.
 ///
 /// Any other way to answer must agree with this one bit for bit. It has its own copy of what it tests and knows
-/// nothing of trees. O(n) per ray.
+/// nothing of trees. O(n) per ray: it looks at every primitive, and passes by those whose bounding spheres over the whole shutter the
+/// ray's line clearly misses.
 ///
 /// ```
 /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, baseline::BruteForce, glam::Vec3};
@@ -21,6 +23,7 @@ use crate::ray::{
 /// ```
 pub struct BruteForce<G = Scene> {
     geometry: G,
+    spheres: Spheres,
 }
 
 impl BruteForce {
@@ -37,7 +40,7 @@ impl BruteForce {
     /// # Errors
     /// As [`RayTree::of_scene`](crate::RayTree::of_scene) reports them.
     pub fn of_scene(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<BruteForce, BuildError> {
-        Ok(BruteForce { geometry: Scene::new(meshes, shapes)? })
+        Ok(BruteForce::over(Scene::new(meshes, shapes)?))
     }
 }
 
@@ -47,15 +50,20 @@ impl<P: Primitive> BruteForce<Shapes<P>> {
     /// # Errors
     /// As [`RayTree::of_primitives`](crate::RayTree::of_primitives) reports them.
     pub fn of_primitives(primitives: Vec<P>) -> Result<BruteForce<Shapes<P>>, BuildError> {
-        Ok(BruteForce { geometry: Shapes::new(primitives)? })
+        Ok(BruteForce::over(Shapes::new(primitives)?))
     }
 }
 
 impl<G: Geometry> BruteForce<G> {
+    fn over(geometry: G) -> BruteForce<G> {
+        let boxes = (0..geometry.len() as u32).map(|id| geometry.bounds(id, geometry.active(id)).swept());
+        BruteForce { spheres: boxes.collect(), geometry }
+    }
+
     /// All accepted hits in the order of ids.
     fn visit(&self, ray: &Ray, filter: &impl Filter, mut visitor: impl FnMut(Hit)) {
         let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return };
-        for id in 0..self.geometry.len() as u32 {
+        self.spheres.near(&ray, |id| {
             if self.geometry.active(id).contains(ray.time)
                 && filter.sees(|| self.geometry.mask(id))
                 && let Some(hit) = self.geometry.intersect(id, &ray)
@@ -65,7 +73,7 @@ impl<G: Geometry> BruteForce<G> {
                     visitor(hit);
                 }
             }
-        }
+        });
     }
 
     fn closest(&self, ray: &Ray, filter: &impl Filter) -> Option<Hit> {

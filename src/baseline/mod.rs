@@ -1,5 +1,6 @@
 //! What the trees are compared with.
 
 mod brute_force;
+mod spheres;
 
 pub use brute_force::BruteForce;

@@ -1,6 +1,7 @@
 //! Writes leaf blocks: what a set of primitives stores of itself in the arena.
 
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, sizes_of};
+use crate::geometry::Box3;
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
 use crate::simd::{Arena, LANES, Lanes};
 use glam::Vec3;
@@ -112,6 +113,14 @@ impl Shared {
         (shared.count < 3 * ids.len()).then_some(shared)
     }
 
+    /// How large the block is (see [`sizes_of`]).
+    fn sizes(&self, set: &Triangles, keys: usize) -> u32 {
+        sizes_of((0..keys).map(|key| {
+            let position = |lane: usize| set.position(self.vertices[lane], key * self.strides[lane] as usize);
+            (0..self.count).map(position).fold(Box3::EMPTY, Box3::include)
+        }))
+    }
+
     /// Writes the block, of one or two keys.
     fn write(&self, set: &Triangles, arena: &mut Arena, ids: &[u32], keys: usize) -> Option<ChildRef> {
         let (v, n) = (self.count, ids.len());
@@ -127,7 +136,7 @@ impl Shared {
         }
         let words = &mut arena.ints_mut()[at + row..];
         words[..n].copy_from_slice(&self.corners[..n]);
-        words[0] |= (n as u32 - 1) << 12;
+        words[0] |= (n as u32 - 1) << 12 | self.sizes(set, keys);
         words[n..2 * n].copy_from_slice(ids);
         ChildRef::new(if keys == 1 { Kind::SharedStillLeaf } else { Kind::SharedLeaf }, at, v)
     }

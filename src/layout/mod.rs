@@ -31,5 +31,7 @@ pub(crate) use leaf_block::WideSource;
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
-pub(crate) use wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};
+pub(crate) use wide_node::{
+    CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, block_sizes, shared_count,
+};
 pub(crate) use wide_tree::WideTree;

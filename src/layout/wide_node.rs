@@ -13,8 +13,10 @@
 //! | own leaf of n, of other primitives | n ids |
 //!
 //! In blocks with shared vertices, a word of the row of corners numbers the three vertices of a triangle in its
-//! lowest bits, four each; the next four bits of the first word are n - 1.
+//! lowest bits, four each; the next four bits of the first word are n - 1, and its upper half says how large the block is: the exponents of
+//! two powers of two, of which no difference of two vertices' coordinates is larger than the first, and no coordinate than the second.
 
+use crate::geometry::Box3;
 use crate::simd::{Arena, LANES};
 
 /// Rows of a node with moving boxes, and of one with still boxes; the last row holds the children.
@@ -88,6 +90,25 @@ impl Ids {
 #[inline(always)]
 pub(crate) fn shared_count(first_corners: u32) -> usize {
     (first_corners >> 12 & 15) as usize + 1
+}
+
+/// The upper half of the first word of the corners of a block with shared vertices, which are all within this box per key.
+pub(crate) fn sizes_of(keys: impl Iterator<Item = Box3>) -> u32 {
+    let (mut size, mut extent) = (0.0f32, 0.0f32);
+    for key in keys {
+        size = size.max(key.magnitude());
+        extent = extent.max((key.max - key.min).max_element());
+    }
+    // The next power of two, which is above the rounding of the difference as well.
+    let exponent = |x: f32| (x.to_bits() >> 23) + 1;
+    exponent(size) << 24 | exponent(extent) << 16
+}
+
+/// The largest coordinate of the vertices, and the largest difference of two, or somewhat more.
+#[inline(always)]
+pub(crate) fn block_sizes(first_corners: u32) -> (f32, f32) {
+    let power = |exponent: u32| f32::from_bits(exponent << 23);
+    (power(first_corners >> 24), power(first_corners >> 16 & 255))
 }
 
 /// A reference to a child: 25 bits of cache line, 4 bits of leaf length, 3 bits of kind.

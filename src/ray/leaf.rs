@@ -1,18 +1,18 @@
 //! Leaf blocks: one ray against up to sixteen triangles at a time.
 //!
-//! The picture: the corners of all triangles of a block are brought to the ray's time, moved to its origin and
-//! sheared onto its direction, exactly as [`super::triangle`] does it for one; the signs of the edge functions rule
-//! most of them out, and the few that are left are decided one by one in f64. Whatever begins here with two
-//! operations fused would no longer be the same answer as brute force, so nothing is.
+//! The corners of all triangles of a block are brought to the ray's time, moved to its origin and sheared onto its direction in
+//! f32; the signs of the edge functions rule most of them out, up to a margin, and the few that are left are decided one
+//! by one in f64 ([`super::triangle`]). That arithmetic is the same as brute force does, with nothing fused.
 
 use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::observer::Observer;
+use super::shear::margin;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use crate::geometry::KeyTime;
-use crate::layout::{Between, CORNER_ROWS, ChildRef, VERTEX_ROWS, shared_count};
+use crate::geometry::{KERNEL_ULPS, KeyTime, ULP};
+use crate::layout::{Between, CORNER_ROWS, ChildRef, VERTEX_ROWS, block_sizes, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
 use glam::DVec3;
 
@@ -45,26 +45,18 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let a = (xa - sx * za, ya - sy * za);
         let b = (xb - sx * zb, yb - sy * zb);
         let c = (xc - sx * zc, yc - sy * zc);
-        let mut inside = maybe_inside(s, a, b, c) & ((1u32 << n) - 1) as Mask;
-        if inside == 0 {
-            return false;
-        }
-        let mut lanes = [[0.0; LANES]; 9];
-        for (value, to) in [a.0, a.1, za, b.0, b.1, zb, c.0, c.1, zc].into_iter().zip(&mut lanes) {
-            s.store(value, to);
-        }
+        let aside = s.max(farther(s, a.0, a.1), s.max(farther(s, b.0, b.1), farther(s, c.0, c.1)));
+        let ahead = s.max(farther(s, za, zb), farther(s, zc, zc));
+        let stray = s.mul_add(aside + ahead, s.splat(KERNEL_ULPS * ULP), s.splat(2.0 * of.slack));
+        // As `margin` has it.
+        let margin = s.mul_add(s.splat(16.0) * stray, aside + stray, s.splat(f32::MIN_POSITIVE));
+        let mut inside = maybe_inside(s, a, b, c, margin) & ((1u32 << n) - 1) as Mask;
+        let (base, other) = between.rows(CORNER_ROWS);
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            let corners = [
-                [lanes[0][i], lanes[1][i], lanes[2][i]],
-                [lanes[3][i], lanes[4][i], lanes[5][i]],
-                [lanes[6][i], lanes[7][i], lanes[8][i]],
-            ];
-            let (base, other) = between.rows(CORNER_ROWS);
-            let fine = |row| fine_vertex::<MOVING>(block, n, i, [base + row, other + row], between);
-            let fine = || [fine(0), fine(3), fine(6)];
-            if self.offer(corners, fine, leaf.at() + count * n + i, ray, collect) {
+            let corner = |row| fine_vertex::<MOVING>(block, n, i, [base + row, other + row], between);
+            if self.offer([corner(0), corner(3), corner(6)], leaf.at() + count * n + i, ray, collect) {
                 return true;
             }
         }
@@ -101,46 +93,28 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let a = (s.permute(x, first), s.permute(y, first));
         let b = (s.permute(x, second), s.permute(y, second));
         let c = (s.permute(x, third), s.permute(y, third));
-        let mut inside = maybe_inside(s, a, b, c) & ((1u32 << n) - 1) as Mask;
-        if inside == 0 {
-            return false;
-        }
-        let mut lanes = [[0.0; LANES]; 3];
-        s.store(x, &mut lanes[0]);
-        s.store(y, &mut lanes[1]);
-        s.store(z, &mut lanes[2]);
+        let (size, extent) = block_sizes(words[0]);
+        let margin = margin(2.0 * extent, KERNEL_ULPS * ULP * size + of.slack);
+        let mut inside = maybe_inside(s, a, b, c, s.splat(margin)) & ((1u32 << n) - 1) as Mask;
+        let (base, other) = between.rows(VERTEX_ROWS);
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            let corners = words[i];
-            let (a, b, c) = (corners as usize & 15, (corners >> 4) as usize & 15, (corners >> 8) as usize & 15);
-            let corners = [
-                [lanes[0][a], lanes[1][a], lanes[2][a]],
-                [lanes[0][b], lanes[1][b], lanes[2][b]],
-                [lanes[0][c], lanes[1][c], lanes[2][c]],
-            ];
-            let (base, other) = between.rows(VERTEX_ROWS);
-            let fine = |lane| fine_vertex::<MOVING>(block, leaf.len(), lane, [base, other], between);
-            let fine = || [fine(a), fine(b), fine(c)];
-            if self.offer(corners, fine, at + n + i, ray, collect) {
+            let corner = |shift: u32| {
+                let vertex = (words[i] >> shift & 15) as usize;
+                fine_vertex::<MOVING>(block, leaf.len(), vertex, [base, other], between)
+            };
+            if self.offer([corner(0), corner(4), corner(8)], at + n + i, ray, collect) {
                 return true;
             }
         }
         false
     }
 
-    /// Decides about a triangle of sheared corners, which are `fine` in f64 and whose id is at word `id`; true ends the
-    /// query.
+    /// Decides about a triangle of these corners, whose id is at word `id`; true ends the query.
     #[inline(always)]
-    fn offer(
-        &self,
-        corners: [[f32; 3]; 3],
-        fine: impl FnOnce() -> [DVec3; 3],
-        id: usize,
-        ray: &TreeRay,
-        collect: &mut impl Collect,
-    ) -> bool {
-        let Some(hit) = ray.decide(corners, collect.limit(), fine) else { return false };
+    fn offer(&self, corners: [DVec3; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
+        let Some(hit) = ray.decide(corners, collect.limit()) else { return false };
         let id = self.arena.ints()[id];
         self.sees(id, ray) && collect.offer(Found { hit, id })
     }
@@ -176,16 +150,22 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     }
 }
 
-/// Lanes whose triangles the signs of the edge functions in f32 do not rule out (see [`super::triangle`]).
+/// Lanes whose triangles the edge functions in f32 do not rule out, up to a margin (see [`margin`]).
 #[inline(always)]
-fn maybe_inside<S: Simd>(s: S, a: (S::F, S::F), b: (S::F, S::F), c: (S::F, S::F)) -> Mask {
+fn maybe_inside<S: Simd>(s: S, a: (S::F, S::F), b: (S::F, S::F), c: (S::F, S::F), margin: S::F) -> Mask {
     let u = c.0 * b.1 - c.1 * b.0;
     let v = a.0 * c.1 - a.1 * c.0;
     let w = b.0 * a.1 - b.1 * a.0;
-    let zero = s.splat(0.0);
     let least = s.min(u, s.min(v, w));
     let greatest = s.max(u, s.max(v, w));
-    !(s.lt(least, zero) & s.lt(zero, greatest))
+    !(s.lt(least, s.splat(0.0) - margin) & s.lt(margin, greatest))
+}
+
+/// The greater of two sizes.
+#[inline(always)]
+fn farther<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
+    let size = s.splat_u(0x7fff_ffff);
+    s.max_signed(s.from_bits(s.to_bits(a) & size), s.from_bits(s.to_bits(b) & size))
 }
 
 /// One coordinate of the three corners of a block's triangles at the ray's time, exactly as `KeyTime::position`
@@ -241,6 +221,8 @@ pub(super) struct LeafRay {
     /// The slopes of the shear.
     sx: f32,
     sy: f32,
+    /// The ray's slack.
+    slack: f32,
     /// The ray's time between keys; with two of them, unless a block says otherwise.
     between: Between,
 }
@@ -254,6 +236,7 @@ impl LeafRay {
             origin: [o[k.kx & 3], o[k.ky & 3], o[k.kz & 3]],
             sx: k.sx,
             sy: k.sy,
+            slack: ray.slack,
             between: Between::new(KeyTime::new(ray.time, 2)),
         }
     }

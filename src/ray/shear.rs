@@ -1,5 +1,6 @@
 //! The shear of the watertight test ([`super::triangle`]): a ray becomes an axis, and corners move along.
 
+use crate::geometry::{KERNEL_ULPS, ULP};
 use core::hint::select_unpredictable;
 use glam::Vec3;
 
@@ -50,14 +51,33 @@ impl Sheared {
         [x - self.sx * z, y - self.sy * z, z]
     }
 
-    /// Whether the ray may pass through the triangle of three sheared corners.
+    /// Whether the ray may pass through the triangle of three sheared corners; `slack` is the ray's.
     #[inline(always)]
-    pub fn may_hit([a, b, c]: [[f32; 3]; 3]) -> bool {
-        // Most triangles are beside the ray, and signs in f32 say so: rounded products and their rounded
-        // difference never have the wrong sign, only sometimes a zero that should not be one.
+    pub fn may_hit([a, b, c]: [[f32; 3]; 3], slack: f32) -> bool {
         let signs = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
-        let negative = (signs[0] < 0.0) | (signs[1] < 0.0) | (signs[2] < 0.0);
-        let positive = (signs[0] > 0.0) | (signs[1] > 0.0) | (signs[2] > 0.0);
-        !(negative & positive)
+        let least = signs[0].min(signs[1]).min(signs[2]);
+        let greatest = signs[0].max(signs[1]).max(signs[2]);
+        if !(least < 0.0 && greatest > 0.0) {
+            return true;
+        }
+        let beside = |p: [f32; 3]| p[0].abs().max(p[1].abs());
+        let aside = beside(a).max(beside(b)).max(beside(c));
+        let ahead = a[2].abs().max(b[2].abs()).max(c[2].abs());
+        let margin = margin(aside, KERNEL_ULPS * ULP * (aside + ahead) + 2.0 * slack);
+        !(least < -margin && greatest > margin)
     }
+}
+
+/// How far below zero an edge function of f32 corners may be while that of the true ones is not, where
+/// the ray passes through the true triangle.
+///
+/// `aside` is at least how far the sheared corners of that triangle are from the ray, per axis; `stray` how far those in f32 are from the
+/// true ones: `KERNEL_ULPS` of the largest coordinate and of the origin's, of which translation and shear take 11. An edge function is
+/// `c x b`. Changing both corners by `stray` per axis changes it by at most `4 aside stray + 2 stray²`; its two
+/// products and their difference are rounded by less than `4u (aside + stray)²`, which is less than `2 stray (aside + stray)`, since
+/// `aside` is at most four times the largest coordinate. Together that is less than half of this. (Products that are denormal
+/// err by less than what is added.)
+#[inline(always)]
+pub(crate) fn margin(aside: f32, stray: f32) -> f32 {
+    16.0 * stray * (aside + stray) + f32::MIN_POSITIVE
 }

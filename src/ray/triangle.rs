@@ -1,107 +1,61 @@
 //! The watertight ray-triangle test (Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection",
-//! JCGT 2013), finished in f64.
+//! JCGT 2013), in f64.
 //!
-//! The ray is sheared onto an axis, the corners are translated and sheared with it in f32, and three
+//! The ray is sheared onto an axis, the corners are translated and sheared with it, and three
 //! edge functions of the sheared corners say on which sides the ray passes. Two triangles that share an
 //! edge compute the same sheared corners for it, so if the *sign* of an edge function is exact, the
-//! ray cannot slip between them. In f64 the products of two f32 are exact and their difference is
-//! rounded once, which keeps the sign; so the test below is watertight.
+//! ray cannot slip between them. All of this is done in f64, with the origin and the keys of the vertices as they were given. A rounded
+//! difference of rounded products never has the wrong sign, only sometimes a zero that should not be one; zeros are looked at
+//! again with 106 bits. So signs are exact, the test is watertight, and nothing is hit outside of the sheared triangle.
 //!
-//! The lanes of the wide layout first look at the signs in f32 ([`Sheared`](super::shear::Sheared)): two rounded products and a
-//! rounded difference never have the wrong sign, only sometimes a zero that should not be one. Lanes with
-//! agreeing signs or a zero go on to the f64 test, which alone decides, so every layout gives the
-//! same answers bit for bit.
+//! The sheared triangle differs from the true one by some 2^-53 of `|corner| + |origin|`. `t` is a weighted mean of the corners'
+//! depths, so it belongs to a point of the triangle that the ray passes within that distance. Boxes that hold the triangle and are
+//! grown by more never cull an accepted hit, not even of a triangle cut into parts: the point is in some part.
 //!
-//! The sheared f32 triangle differs from the true one by the rounding of translation and shear, by some ULP of
-//! `|corner| + |origin|` ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)): far more than a nearby hit may be off by, where the triangle is
-//! large. So that triangle only says *whether* there is a hit. *Where* it is, is computed from the true corners and the
-//! true origin in f64 ([`TreeRay::place`]).
+//! Most triangles are beside the ray, and f32 says so: the lanes of the wide layout, and [`Sheared::may_hit`] for one triangle, rule out what is
+//! beyond a margin for their rounding ([`margin`](super::shear::margin)). What is left is decided here, so every layout gives the same answers bit
+//! for bit.
 //!
-//! Traversals that grow boxes by more than `KERNEL_ULPS` never cull an accepted hit, not even of a triangle cut into
-//! parts, since the ray passes within it of the place of the hit, which is a point of the triangle:
-//!
-//! * where the ray passes through the true triangle, that is where it does;
-//! * otherwise there are two points of the triangle to choose from. One has the weights of the sheared triangle. There the ray passes
-//!   through zero, and all corners are within `KERNEL_ULPS` of the sheared ones, hence so is the same mean of them. The other
-//!   is taken only where it is nearer to the ray.
-//!
-//! All this holds for any coordinates within 2^102 of zero. Products of f32 may overflow or become denormal there: rounding
-//! is monotone, so a difference of rounded products still never has the wrong sign, and infinity less infinity is
-//! NaN, which is no sign. In f64 a product of two is at least 2^-298 and of three at most 2^306: nothing is lost.
+//! Coordinates are within 2^102 of zero in tree space and directions within 2^128, so no product overflows in f64, and those
+//! of numbers that are not denormal in f32 keep all their bits.
 
 use super::hit::SetHit;
 use super::tree_ray::TreeRay;
+use crate::geometry::Double;
 use glam::DVec3;
 
 impl TreeRay {
-    /// Decides whether the ray passes through the triangle of three sheared corners within its range and up to `limit`,
-    /// and where; `fine` are its corners in f64, in tree space.
+    /// Decides whether the ray passes through a triangle within its range and up to `limit`, and where. The corners are in
+    /// tree space.
     ///
     /// Triangles without area as seen by the ray are not hit.
     #[inline(always)]
-    pub fn decide(&self, corners: [[f32; 3]; 3], limit: f32, fine: impl FnOnce() -> [DVec3; 3]) -> Option<SetHit> {
-        // Each conversion by itself: mapped arrays become calls.
-        let [a, b, c] = corners;
-        let (ax, ay) = (f64::from(a[0]), f64::from(a[1]));
-        let (bx, by) = (f64::from(b[0]), f64::from(b[1]));
-        let (cx, cy) = (f64::from(c[0]), f64::from(c[1]));
-        let u = cx * by - cy * bx;
-        let v = ax * cy - ay * cx;
-        let w = bx * ay - by * ax;
+    pub fn decide(&self, [a, b, c]: [DVec3; 3], limit: f32) -> Option<SetHit> {
+        // Each by itself: mapped arrays become calls.
+        let (a, b, c) = (self.sheared(a), self.sheared(b), self.sheared(c));
+        let mut u = c.x * b.y - c.y * b.x;
+        let mut v = a.x * c.y - a.y * c.x;
+        let mut w = b.x * a.y - b.y * a.x;
+        if (u == 0.0) | (v == 0.0) | (w == 0.0) {
+            (u, v, w) = (exact_edge(c, b), exact_edge(a, c), exact_edge(b, a));
+        }
         let outside = ((u < 0.0) | (v < 0.0) | (w < 0.0)) & ((u > 0.0) | (v > 0.0) | (w > 0.0));
         let det = u + v + w;
         if outside | (det == 0.0) {
             return None;
         }
-        let Place { distance, u, v } = self.place(fine(), [u, v, w]);
+        let distance = (u * a.z + v * b.z + w * c.z) / (det * f64::from(self.shear.dz)) - self.advance;
         let t = self.answer_at(distance);
         // NaN is no hit in this form.
-        (self.t_min <= t && t <= limit).then(|| SetHit { t, reach: self.reach_at(distance, t), u, v })
-    }
-
-    /// Where the ray meets a triangle of these corners that it hits; `rough` are the edge functions that say so.
-    #[inline(always)]
-    fn place(&self, [a, b, c]: [DVec3; 3], rough: [f64; 3]) -> Place {
-        // Each by itself: mapped arrays become calls.
-        let (a, b, c) = (self.fine_sheared(a), self.fine_sheared(b), self.fine_sheared(c));
-        let u = c.x * b.y - c.y * b.x;
-        let v = a.x * c.y - a.y * c.x;
-        let w = b.x * a.y - b.y * a.x;
-        let outside = ((u < 0.0) | (v < 0.0) | (w < 0.0)) & ((u > 0.0) | (v > 0.0) | (w > 0.0));
-        let det = u + v + w;
-        if outside | (det == 0.0) {
-            return self.place_beside([a, b, c], [u, v, w], rough);
-        }
-        let depth = u * a.z + v * b.z + w * c.z;
-        Place { distance: self.fine_distance(depth, det), u: (v / det) as f32, v: (w / det) as f32 }
-    }
-
-    /// The same where the ray passes beside the triangle in f64.
-    #[cold]
-    #[inline(never)]
-    fn place_beside(&self, corners: [DVec3; 3], fine: [f64; 3], rough: [f64; 3]) -> Place {
-        let mean = |weights: [f64; 3]| {
-            let [a, b, c] = corners;
-            a * weights[0] + b * weights[1] + c * weights[2]
-        };
-        let sum = |weights: [f64; 3]| weights[0] + weights[1] + weights[2];
-        let sign = sum(fine).signum();
-        let clamped = fine.map(|e| (e * sign).max(0.0));
-        // From the ray, up to a factor that both have.
-        let beside = |weights: [f64; 3]| (mean(weights) / sum(weights)).truncate().abs().max_element();
-        // NaN, where all is clamped, is not less.
-        let weights = if beside(clamped) < beside(rough) { clamped } else { rough };
-        let det = sum(weights);
-        Place {
-            distance: self.fine_distance(mean(weights).z, det),
-            u: (weights[1] / det) as f32,
-            v: (weights[2] / det) as f32,
-        }
+        (self.t_min <= t && t <= limit).then(|| {
+            let (u, v) = ((v / det) as f32, (w / det) as f32);
+            SetHit { t, reach: self.reach_at(distance, t), u, v }
+        })
     }
 
     /// A corner relative to the ray: sheared x and y, both times the direction's longest component, and the unsheared depth.
     #[inline(always)]
-    fn fine_sheared(&self, corner: DVec3) -> DVec3 {
+    fn sheared(&self, corner: DVec3) -> DVec3 {
         let (p, d) = (corner - self.from, self.world.dir.as_dvec3());
         // A branch that always goes the same way for one ray, where an index would go through memory.
         let (x, y, z, dx, dy, dz) = match self.shear.kz {
@@ -111,28 +65,23 @@ impl TreeRay {
         };
         DVec3::new(x * dz - dx * z, y * dz - dy * z, z)
     }
-
-    /// The distance from the ray's origin in tree space at a depth, given with its weight.
-    #[inline(always)]
-    fn fine_distance(&self, depth: f64, weight: f64) -> f64 {
-        depth / (weight * f64::from(self.shear.dz)) - self.advance
-    }
 }
 
-/// Where a ray meets a triangle: a distance from the ray's origin in tree space, and the weights of the second and third
-/// corner.
-struct Place {
-    distance: f64,
-    u: f32,
-    v: f32,
+/// An edge function with the sign of the exact one, and zero only where that is.
+#[cold]
+#[inline(never)]
+fn exact_edge(p: DVec3, q: DVec3) -> f64 {
+    let product = |a: f64, b: f64| Double::from(a) * Double::from(b);
+    (product(p.x, q.y) - product(p.y, q.x)).to_f64()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Frame;
+    use crate::geometry::{Frame, KERNEL_ULPS, ULP};
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
+    use crate::ray::shear::{Sheared, margin};
     use glam::Vec3;
 
     fn intersect(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
@@ -175,6 +124,41 @@ mod tests {
         }
     }
 
+    /// Hits of triangles of many sizes at edges and corners that f32 rules out: with the margin, and without.
+    #[test]
+    fn f32_rules_out_no_hit_and_would_without_its_margin() {
+        let mut state = 15u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        let (mut hits, mut without) = (0, 0);
+        for i in 0..300_000 {
+            let size = 10f32.powi(-(i % 9));
+            let mut point = |scale: f32| Vec3::new(next(), next(), next()) * scale;
+            let place = point(1.0);
+            let corners = [point(size) + place, point(size) + place, point(size) + place];
+            let origin = point(3.0) * if i % 2 == 0 { 1.0 } else { size };
+            let target = corners[0].lerp(corners[1], if i % 3 == 0 { 0.0 } else { 0.5 + 0.5 * next() });
+            let Some(ray) = TreeRay::new(&Ray::new(origin, target - origin), &Frame::WORLD) else { continue };
+            if ray.decide(corners.map(Vec3::as_dvec3), f32::INFINITY).is_none() {
+                continue;
+            }
+            let [a, b, c] = corners.map(|p| ray.shear.corner(p, ray.origin));
+            assert!(Sheared::may_hit([a, b, c], ray.slack), "{corners:?} {:?}", ray.world);
+            let size = corners.into_iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+            let extent = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (corners[i] - corners[j]).abs().max_element());
+            let extent = extent.into_iter().fold(0.0, f32::max);
+            let margin = margin(2.0 * extent, KERNEL_ULPS * ULP * size + ray.slack);
+            let edges = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
+            let ruled_out = |margin: f32| edges.iter().any(|e| *e < -margin) && edges.iter().any(|e| *e > margin);
+            assert!(!ruled_out(margin), "{corners:?} {:?}", ray.world);
+            hits += 1;
+            without += usize::from(ruled_out(0.0));
+        }
+        assert!(hits > 50_000 && without > 1000, "{without} of {hits}");
+    }
+
     #[test]
     fn triangles_without_area_are_not_hit() {
         let ray = tree_ray(Vec3::new(0.0, 0.0, -1.0), Vec3::Z);
@@ -204,7 +188,7 @@ mod tests {
             let sum: i64 = exact.iter().sum();
             let outside = exact.iter().any(|&e| e < 0) && exact.iter().any(|&e| e > 0);
             let corners = [a, b, c].map(|[x, y]| [x as f32, y as f32, 1.0]);
-            let hit = ray.decide(corners, f32::INFINITY, || corners.map(|p| DVec3::from(p.map(f64::from)))).is_some();
+            let hit = ray.decide(corners.map(|p| DVec3::from(p.map(f64::from))), f32::INFINITY).is_some();
             assert_eq!(hit, !outside && sum != 0, "{corners:?}");
             // An edge function within 1e-6 of zero, relative to the sum, and on the wrong side.
             near += u32::from(outside && exact.iter().any(|&e| e != 0 && (e as f64).abs() < 1e-6 * (sum as f64).abs()));

@@ -26,6 +26,16 @@ fn zip<A: Copy, B: Copy, C: Copy + Default>(a: &Lanes<A>, b: &Lanes<B>, f: impl 
     out
 }
 
+/// As `map` of arrays, which takes the compiler longer.
+#[inline]
+fn each<A: Copy, C: Copy + Default>(a: &Lanes<A>, f: impl Fn(A) -> C) -> Lanes<C> {
+    let mut out = [C::default(); LANES];
+    for i in 0..LANES {
+        out[i] = f(a[i]);
+    }
+    out
+}
+
 #[inline]
 fn mask<A: Copy>(a: &Lanes<A>, b: &Lanes<A>, f: impl Fn(A, A) -> bool) -> Mask {
     let mut out = 0;
@@ -118,7 +128,7 @@ impl Simd for Portable {
     }
     #[inline]
     fn load_bytes(self, from: &Lanes<u8>) -> F {
-        F(from.map(f32::from))
+        F(each(from, f32::from))
     }
     #[inline]
     fn load_row(self, rows: &Rows, i: usize) -> F {
@@ -180,7 +190,7 @@ impl Simd for Portable {
     }
     #[inline]
     fn permute(self, a: F, index: U) -> F {
-        F(index.0.map(|i| a.0[i as usize % LANES]))
+        F(each(&index.0, |i| a.0[i as usize % LANES]))
     }
     #[inline]
     fn lane(self, a: F, i: usize) -> f32 {
@@ -196,11 +206,11 @@ impl Simd for Portable {
     }
     #[inline]
     fn to_bits(self, a: F) -> U {
-        U(a.0.map(f32::to_bits))
+        U(each(&a.0, f32::to_bits))
     }
     #[inline]
     fn from_bits(self, a: U) -> F {
-        F(a.0.map(f32::from_bits))
+        F(each(&a.0, f32::from_bits))
     }
 
     #[inline]
@@ -221,7 +231,7 @@ impl Simd for Portable {
     }
     #[inline]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
-        U(a.0.map(|lane| lane >> BITS))
+        U(each(&a.0, |lane| lane >> BITS))
     }
     #[inline]
     fn min_u(self, a: U, b: U) -> U {
