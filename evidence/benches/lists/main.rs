@@ -85,11 +85,12 @@ fn race(repeat: usize, count: usize, contestants: &mut [Contestant]) -> Vec<f64>
             }
         }
     }
-    let median = |times: &mut Vec<f64>| {
-        times.sort_by(f64::total_cmp);
-        times[times.len() / 2]
-    };
-    times.iter_mut().map(median).collect()
+    times.iter_mut().map(|times| median(times)).collect()
+}
+
+fn median(times: &mut [f64]) -> f64 {
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
 }
 
 fn table(title: &str, args: &Args, count: usize, mut contestants: Vec<Contestant>) -> Vec<f64> {
@@ -137,6 +138,9 @@ fn main() {
         }
         if wanted("bulk") {
             bulk(&args);
+        }
+        if wanted("growth") {
+            growth(&args);
         }
     });
     if wanted("threads") {
@@ -186,15 +190,16 @@ fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
             moving = tree.take_order().iter().map(|&id| moving[id as usize]).collect();
         }
         let rounds = 12;
-        let mut times = Vec::new();
+        let (mut times, mut builds) = (Vec::new(), Vec::new());
         for _ in 0..rounds {
             moving.iter_mut().for_each(|p| *p += rng.direction() * (0.1 * spacing));
             let start = Instant::now();
             kept += usize::from(tree.rebuild(&moving, &PointParams::default()).unwrap());
+            builds.push(start.elapsed().as_nanos() as f64 / count as f64);
             tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
             times.push(start.elapsed().as_nanos() as f64 / count as f64);
         }
-        (times.iter().sum::<f64>() / f64::from(rounds), kept, rounds)
+        (median(&mut times), median(&mut builds), kept, rounds)
     };
     let (mut buffer, tree) = (NeighborBuffer::new(), PointTree::build(&points, &PointParams::default()).unwrap());
     let mut columns = linkcell::PairColumns::default();
@@ -203,13 +208,6 @@ fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
     let mut k8 = 0.0;
     let mut contestants: Vec<Contestant> = vec![
         ("mbkd", Box::new(|| ours(&points, radius, &mut lists))),
-        (
-            "linkcell (f64 pairs with distances)",
-            Box::new(|| {
-                linkcell::pairs_within_columns(&wide, &cell, radius.into(), None, None, false, &mut columns).unwrap();
-                black_box(columns.len());
-            }),
-        ),
         (
             "kiddo's tree join (one of two builds timed)",
             Box::new({
@@ -225,6 +223,25 @@ fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
         ("grid of cells, plain", Box::new(|| plain(&points, radius, &mut plain_grid))),
         ("grid of cells, AVX-512 by hand", Box::new(|| vectors(&points, radius, &mut vector_grid))),
     ];
+    let mut linkcell_run = || {
+        linkcell::pairs_within_columns(&wide, &cell, radius.into(), None, None, false, &mut columns)
+            .map(|()| columns.len())
+    };
+    match linkcell_run() {
+        Ok(_) => contestants.push((
+            "linkcell (f64 pairs with distances)",
+            Box::new(move || {
+                black_box(linkcell_run().unwrap());
+            }),
+        )),
+        Err(refusal) => println!("linkcell refuses: {refusal:?}"),
+    }
+    contestants.push((
+        "(mbkd's build alone)",
+        Box::new(|| {
+            black_box(PointTree::build(&points, &PointParams::default()).unwrap().len());
+        }),
+    ));
     contestants.push((
         "(k = 8 of a static tree, queries in any order)",
         Box::new(|| {
@@ -238,9 +255,8 @@ fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
     let title = format!("{name}: {count} particles, {} neighbours each", args.neighbors);
     let times = table(&title, args, count, contestants);
     println!(
-        "  neighbours: mbkd {}, linkcell {}, plain grid {}, vectors {}",
+        "  neighbours: mbkd {}, plain grid {}, vectors {}",
         lists.neighbors(),
-        columns.len(),
         plain_grid.ids.len(),
         vector_grid.len
     );
@@ -251,10 +267,10 @@ fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
     );
     println!("  k = 8: {k8:.0} ns; lists, build included, relative to it {:.3}", times[0] / k8);
     for sorted in [false, true] {
-        let (time, kept, rounds) = steps(sorted);
+        let (time, build, kept, rounds) = steps(sorted);
         let arrays = if sorted { "in the tree's order" } else { "in any order" };
         println!(
-            "  steps of a tenth of the spacing, arrays {arrays}: {time:.1} ns, {:.3} of k = 8 (order kept in {kept} of {rounds})",
+            "  steps of a tenth of the spacing, arrays {arrays}: {time:.1} ns, {build:.1} of them rebuilding; {:.3} of k = 8 (order kept in {kept} of {rounds})",
             time / k8
         );
     }
@@ -283,7 +299,7 @@ fn radii(args: &Args) {
                 ids.clear();
                 for (p, r) in arrays.iter().zip(&own) {
                     let found = tree.query(p).within::<SquaredEuclidean<f32>>(r * r).unsorted().execute();
-                    ids.extend(found.iter().map(|n| n.item as u32));
+                    ids.extend(found.iter().map(|n| n.item));
                 }
             }),
         ),
@@ -345,6 +361,45 @@ fn pass(a: &MovingPoint, b: &MovingPoint, id: u32, radius: f32) -> Option<Encoun
     let inside = last.length_squared() <= radius * radius;
     let leave = if inside { 1.0 } else { ((approach + root) / speed).clamp(closest, 1.0) };
     Some(Encounter { id, enter, leave, closest, distance_squared })
+}
+
+/// What keeping the order of the first step costs, beside what putting particles in order costs: a random walk by a tenth
+/// of the spacing.
+fn growth(args: &Args) {
+    let mut rng = Rng(7);
+    let mut points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
+    let radius = radius(&points, args.neighbors);
+    let spacing = (1.0 / args.points as f32).cbrt();
+    let mut kept = PointTree::build(&points, &PointParams::default()).unwrap();
+    let (mut lists, mut more) = (NeighborCsr::new(), NeighborCsr::new());
+    println!("\na random walk by a tenth of the spacing, ns per particle: rebuilding and lists, building and lists");
+    for step in 1..=20 {
+        points.iter_mut().for_each(|p| *p += rng.direction() * (0.1 * spacing));
+        let mut times = [Vec::new(), Vec::new(), Vec::new(), Vec::new()];
+        let mut time = |place: usize, begin: Instant| {
+            times[place].push(begin.elapsed().as_nanos() as f64 / args.points as f64);
+        };
+        let begin = Instant::now();
+        let order_kept = kept.rebuild(&points, &PointParams::default()).unwrap();
+        time(0, begin);
+        for _ in 0..3 {
+            let begin = Instant::now();
+            let afresh = PointTree::build(&points, &PointParams::default()).unwrap();
+            time(2, begin);
+            let begin = Instant::now();
+            kept.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
+            time(1, begin);
+            let begin = Instant::now();
+            afresh.neighbor_lists(0.0, radius).run(&mut more).unwrap();
+            time(3, begin);
+        }
+        let [rebuilding, lists, building, fresh_lists] = times.map(|mut times| median(&mut times));
+        let slower = lists / fresh_lists;
+        let what = if order_kept { "kept" } else { "afresh" };
+        println!(
+            "  step {step:2}: {rebuilding:.0} + {lists:.0}, {building:.0} + {fresh_lists:.0}, {slower:.3} x ({what})"
+        );
+    }
 }
 
 /// Radius queries in bulk against a loop of single ones.
