@@ -2,7 +2,7 @@
 
 use crate::arrays::{slice, table, value_error};
 use crate::points::Points;
-use crate::threads::work;
+use crate::threads::on;
 use mbkd::point::NeighborColumns;
 use mbkd::{ListError, NeighborCsr, Radii};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
@@ -44,7 +44,7 @@ pub fn neighbor_lists<'py>(
         own if larger => Radii::Larger { own, others: own },
         own => Radii::Own(own),
     };
-    let lists = work(py, workers, None, |_| {
+    let lists = on(py, workers, || {
         let mut query = points.tree.neighbor_lists(time, radii);
         query = if pairs_once { query.pairs_once() } else { query };
         query = if distances { query.with_distances() } else { query };
@@ -78,7 +78,7 @@ pub fn neighbor_lists_with_skin<'py>(
     if points.periods.is_some() {
         return Err(PyValueError::new_err("lists with a skin are not for periodic boxes"));
     }
-    let made = work(py, workers, None, |_| {
+    let made = on(py, workers, || {
         let mut lists = NeighborCsr::new();
         let valid_until = points.tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists)?;
         Ok::<_, ListError>((NeighborColumns::from(lists), valid_until))

@@ -1,7 +1,7 @@
 //! Gathering photons at a time.
 
 use crate::arrays::{PerQuery, rows, slice, table, value_error};
-use crate::threads::{look_after, pool, work};
+use crate::threads::{look_after, on, pool};
 use mbkd::glam::Vec3;
 use mbkd::point::{GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -42,7 +42,7 @@ impl Photons {
             let [position, normal, flux] = [positions[i], normals[i], flux[i]].map(Vec3::from);
             Photon::at_time(position, normal, flux, times[i])
         };
-        let map = work(py, workers, None, |_| {
+        let map = on(py, workers, || {
             let photons: Vec<Photon<Vec3>> = (0..positions.len()).map(photon).collect();
             PhotonMap::build(&photons, &GatherParams { window, neighbors, ..GatherParams::default() })
         })?;

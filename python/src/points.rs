@@ -3,7 +3,7 @@
 use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, table, value_error};
 use crate::images::Periods;
 use crate::queries::{in_waves, order};
-use crate::threads::work;
+use crate::threads::on;
 use core::ops::ControlFlow;
 use mbkd::{
     Aabb, Neighbor, NeighborBuffer, PointArrays, PointParams, PointStructure, PointTree, TimeInterval, TreePoint,
@@ -57,7 +57,7 @@ impl Points {
         };
         let params =
             PointParams { structure: named(structure)?, max_references, round_to_f32, ..PointParams::default() };
-        let tree = work(py, workers, None, |_| build(&keys, &alive, &params))??;
+        let tree = on(py, workers, || build(&keys, &alive, &params))??;
         let periods = Periods::new(boxsize, bounds(&keys)).map_err(PyValueError::new_err)?;
         Ok(Points { tree, periods })
     }

@@ -2,7 +2,7 @@
 
 use crate::arrays::{PerQuery, Places, Positions, rows, slice, table, value_error};
 use crate::queries::in_waves;
-use crate::threads::{look_after, pool, work};
+use crate::threads::{long, look_after, pool};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, Hit, Keys, Ray, RayTree, TimeInterval, TriangleMesh};
@@ -90,7 +90,7 @@ impl Rays {
     #[new]
     fn new(py: Python<'_>, meshes: Vec<MeshArrays<'_>>, workers: isize, progress: Option<Py<PyAny>>) -> PyResult<Rays> {
         let meshes = meshes.iter().map(mesh).collect::<PyResult<Vec<_>>>()?;
-        let build = work(py, workers, progress.as_ref(), |control| {
+        let build = long(py, workers, progress.as_ref(), |control| {
             let hear = |done| if control.at(done) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
             RayTree::build_with_progress(&meshes, &BuildParams::default(), &hear)
         })?;

@@ -2,7 +2,7 @@
 
 use crate::arrays::value_error;
 use crate::points::Points;
-use crate::threads::work;
+use crate::threads::on;
 use mbkd::{Encounter, TimeInterval};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::PyValueError;
@@ -24,7 +24,7 @@ pub fn neighbor_lists_swept<'py>(
         return Err(PyValueError::new_err("swept lists are not for periodic boxes"));
     }
     let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
-    let found = work(py, workers, None, |_| {
+    let found = on(py, workers, || {
         let lists = points.tree.neighbor_lists_swept(interval, radius)?;
         let mut rows: Vec<&[Encounter]> = vec![&[]; points.tree.len()];
         lists.iter().for_each(|(id, row)| rows[id as usize] = row);

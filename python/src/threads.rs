@@ -1,21 +1,36 @@
 //! On how many threads something runs, how long work is interrupted, and how it tells how far it is.
 
+use crate::arrays::value_error;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// How often work that lasts is looked after.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// A pool for scipy's `workers`: that many threads, or with -1 one for each processor.
-///
-/// Made for each call and gone after it, so that processes that fork find none of which the threads are missing.
-pub fn pool(workers: isize) -> PyResult<ThreadPool> {
-    let threads = count(workers)?;
-    ThreadPoolBuilder::new().num_threads(threads).build().map_err(super::arrays::value_error)
+/// Pools that were asked for, by the process that made them: one that forks has none of the threads of its parent's.
+static POOLS: Mutex<Vec<(u32, usize, Arc<ThreadPool>)>> = Mutex::new(Vec::new());
+
+/// The pool for scipy's `workers`: that many threads, or with -1 one for each processor.
+pub fn pool(workers: isize) -> PyResult<Arc<ThreadPool>> {
+    let (process, threads) = (std::process::id(), count(workers)?);
+    let mut pools = POOLS.lock().map_err(value_error)?;
+    if let Some((.., pool)) = pools.iter().find(|(of, n, _)| (*of, *n) == (process, threads)) {
+        return Ok(pool.clone());
+    }
+    let pool = Arc::new(ThreadPoolBuilder::new().num_threads(threads).build().map_err(value_error)?);
+    pools.push((process, threads, pool.clone()));
+    Ok(pool)
+}
+
+/// Does work in a pool, without Python's lock.
+pub fn on<T: Send>(py: Python<'_>, workers: isize, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    let pool = pool(workers)?;
+    Ok(py.detach(|| pool.install(work)))
 }
 
 /// The number of threads.
@@ -52,10 +67,10 @@ pub fn look_after(py: Python<'_>, progress: Option<&Py<PyAny>>, done: f32) -> Py
     Ok(())
 }
 
-/// Does work in a pool, without Python's lock, and looks after it meanwhile.
+/// Does long work in a pool, without Python's lock, and looks after it meanwhile.
 ///
 /// Ctrl-C and an exception of `progress` ask the work to stop; it ends when it hears that.
-pub fn work<T: Send>(
+pub fn long<T: Send>(
     py: Python<'_>,
     workers: isize,
     progress: Option<&Py<PyAny>>,
