@@ -182,6 +182,8 @@ impl WideTree {
             timed: 0.0,
             duplication_time: 0.0,
             propagation_time: 0.0,
+            positions: set.positions()[0],
+            kept_positions: set.positions()[1],
             bytes: self.arena.bytes(),
             primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>(),
         }

@@ -112,6 +112,10 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
     /// Bounds of the part inside `cell` at one instant, for choosing planes; empty where there is none.
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
+    /// Vertex positions over all keys: as given, and those that are kept.
+    fn positions(&self) -> [usize; 2] {
+        [0, 0]
+    }
     /// Whether the primitive certainly stays clear of a cell during the whole interval, by more than the kernel's
     /// rounding, although its bounds do not: `cell` is the cell at the begin and end of the interval,
     /// linear in between. `false` is always right.

@@ -2,6 +2,7 @@
 
 mod check;
 mod custom;
+mod merge_keys;
 mod mesh;
 mod points;
 mod scene;

@@ -179,6 +179,10 @@ impl PrimitiveSet for Scene {
         self.triangles.frame()
     }
 
+    fn positions(&self) -> [usize; 2] {
+        self.triangles.positions()
+    }
+
     fn complaint(&self) -> Result<(), BuildError> {
         self.shapes.complaint()
     }

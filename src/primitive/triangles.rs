@@ -26,6 +26,8 @@ pub struct Triangles {
     /// The mesh of every [`BLOCK`]-th triangle, and of the last.
     mesh_at: Vec<u32>,
     always_active: bool,
+    /// Vertex positions over all keys: as given, and those that are kept.
+    counts: [usize; 2],
     /// Empty once leaf blocks hold them.
     vertices: Vertices,
 }
@@ -72,27 +74,26 @@ impl Triangles {
         if total >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found: total });
         }
-        let found: usize = meshes.iter().map(|mesh| mesh.keys.len() * mesh.keys.vertices(0)).sum();
+        let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
+        let frame = if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) };
+        // Keys that say nothing are left out: what stands still or moves straight pays nothing for them.
+        let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
+        let positions_of = |mesh: &TriangleMesh, keys: usize| keys * mesh.keys.vertices(0);
+        let given: usize = meshes.iter().map(|mesh| positions_of(mesh, mesh.keys.len())).sum();
+        let found: usize = meshes.iter().zip(&kept).map(|(mesh, &keys)| positions_of(mesh, keys)).sum();
         if found >= u32::MAX as usize {
             return Err(BuildError::TooManyPositions { found });
         }
-        let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
-        let frame = if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) };
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
         let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
         let (mut rebased, mut pieces) = (Vec::with_capacity(meshes.len()), 0);
-        for (i, mesh) in meshes.iter().enumerate() {
+        for (i, (mesh, keys)) in meshes.iter().zip(kept).enumerate() {
             let (first, place) = (corners.len() as u32, positions.len());
-            let (mut keys, vertices) = (mesh.keys.len(), mesh.keys.vertices(0));
+            let vertices = mesh.keys.vertices(0);
+            let step = segments(mesh.keys.len()) / segments(keys);
             for key in 0..keys {
-                parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(key, v)));
-            }
-            // Keys that all say the same are one key: what stands still pays nothing for motion.
-            let (key0, others) = positions[place..].split_at(vertices);
-            if others.chunks(vertices.max(1)).all(|key| key == key0) {
-                keys = 1;
-                positions.truncate(place + vertices);
+                parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(key * step, v)));
             }
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(|v| place as u32 + v));
             mesh_at.resize(corners.len().div_ceil(BLOCK), i as u32);
@@ -104,7 +105,8 @@ impl Triangles {
         mesh_at.push(meshes.iter().rposition(|mesh| !mesh.is_empty()).unwrap_or(0) as u32);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
         let vertices = Vertices { positions, corners };
-        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, vertices })
+        let counts = [given, found];
+        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, counts, vertices })
     }
 
     /// Drops the vertices: from now on there are names, masks and times, but no corners and no bounds.
@@ -389,6 +391,10 @@ impl PrimitiveSet for Triangles {
 
     fn mask(&self, id: u32) -> u32 {
         self.mesh(id).mask
+    }
+
+    fn positions(&self) -> [usize; 2] {
+        self.counts
     }
 
     #[inline]
