@@ -14,6 +14,7 @@
 
 mod corners;
 mod kd_validate;
+mod keyed_leaf;
 mod leaf_block;
 mod leaf_index;
 mod leaf_lanes;
@@ -27,6 +28,7 @@ mod wide_validate;
 mod write;
 
 pub use kd_validate::ValidationError;
+pub(crate) use keyed_leaf::KeyedLeaf;
 pub(crate) use leaf_block::WideSource;
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub use statistics::Statistics;

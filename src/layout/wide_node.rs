@@ -9,12 +9,13 @@
 //! | still leaf of n | rows of n: corners, ids |
 //! | moving leaf of v shared vertices | rows of v: x y z at the begin, the same at the end; rows of n: corners, ids |
 //! | still leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
-//! | own leaf of n, of triangles | as a moving leaf, for one segment between keys; behind it the number of segments |
+//! | own leaf, of triangles | with more than two keys: see [`super::keyed_leaf`] |
 //! | own leaf of n, of other primitives | n ids |
 //!
 //! In blocks with shared vertices, a word of the row of corners numbers the three vertices of a triangle in its
 //! lowest bits, four each; the next four bits of the first word are n - 1.
 
+use super::keyed_leaf::KeyedLeaf;
 use crate::simd::{Arena, LANES};
 
 /// Rows of a node with moving boxes, and of one with still boxes; the last row holds the children.
@@ -66,6 +67,10 @@ impl Ids {
     /// not a whole leaf.
     pub fn of(leaf: ChildRef, words: &[u32], lists: bool) -> Option<Ids> {
         let len = leaf.len();
+        if leaf.kind() == Kind::OwnLeaf && !lists {
+            let keyed = KeyedLeaf::of(words.get(..3)?, len);
+            return (keyed.words() <= words.len()).then(|| Ids { first: keyed.ids(), count: keyed.count });
+        }
         let direct = |rows: usize| Ids { first: rows * len, count: len };
         let shared = |rows: usize| {
             let corners = rows * len;
@@ -78,7 +83,7 @@ impl Ids {
             Kind::StillLeaf => direct(CORNER_ROWS),
             Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
             Kind::SharedStillLeaf => shared(VERTEX_ROWS)?,
-            Kind::OwnLeaf => direct(if lists { 0 } else { 2 * CORNER_ROWS }),
+            Kind::OwnLeaf => direct(0),
         };
         (ids.first + ids.count <= words.len()).then_some(ids)
     }

@@ -12,7 +12,9 @@ pub(crate) struct WideTree {
     pub lists: usize,
     /// Whether parts of one primitive may be in several leaf blocks.
     pub(crate) presplit: bool,
-    /// A leaf block in which each piece of a primitive's motion is, see [`WideSource::piece`].
+    /// The most slices of the shutter that have leaf blocks of their own.
+    pub(crate) slices: usize,
+    /// A leaf block in which each triangle is; of those with more than two keys one for each of the slices.
     pub(crate) blocks: Vec<u32>,
     pub(crate) counts: Counts,
 }
@@ -25,7 +27,11 @@ pub(crate) struct Counts {
     pub nodes: usize,
     pub moving_nodes: usize,
     pub leaves: usize,
+    /// Nodes that pick a child by time.
+    pub time_nodes: usize,
     pub references: usize,
+    /// Those of them in leaf blocks of triangles that stand still.
+    pub still_references: usize,
 }
 
 impl WideTree {

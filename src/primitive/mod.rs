@@ -1,5 +1,6 @@
 //! What moves: triangle meshes, spheres, the caller's own primitives, points.
 
+mod bent_bounds;
 mod check;
 mod custom;
 mod merge_keys;

@@ -14,10 +14,10 @@
 //! divisions only while the last step paid. Neighbours that come to the same decision become one region again, so
 //! a scene that is the same everywhere gets one tree with one division.
 
-use super::draft::{Draft, draft_tree, time_slice};
+use super::draft::{Draft, TimeSlice, draft_tree, time_slice};
 use super::slices::{SharedLeaves, slice_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
-use crate::geometry::{Box3, LinearBox3};
+use crate::geometry::LinearBox3;
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::{Division, WideParams};
@@ -98,20 +98,29 @@ struct Areas {
     halves: f32,
 }
 
-/// Adds up the boxes of a small subtree; returns the box at mid-shutter.
-fn look<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> Box3 {
+/// Adds up the boxes of a small subtree; returns the boxes for both halves of the shutter.
+fn look<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> [LinearBox3; 2] {
     let node = &draft.binary[x as usize];
-    let middle = if node.right == 0 {
-        let half = time_slice(0, 2);
-        draft.references(node).iter().map(|r| slice_bounds(set, r, draft, half).end).fold(Box3::EMPTY, Box3::union)
+    let union = |[a, b]: [LinearBox3; 2], [c, d]: [LinearBox3; 2]| [a.union(c), b.union(d)];
+    let halves = if node.right == 0 {
+        let of = draft.references(node).iter().map(|r| in_halves(set, draft, r));
+        of.fold([LinearBox3::EMPTY; 2], union)
     } else {
-        look(set, draft, x + 1, areas).union(look(set, draft, x + node.right, areas))
+        union(look(set, draft, x + 1, areas), look(set, draft, x + node.right, areas))
     };
-    let LinearBox3 { begin, end } = node.bounds;
     areas.whole += mean_half_area(&node.bounds);
-    let halves = [LinearBox3 { begin, end: middle }, LinearBox3 { begin: middle, end }];
     areas.halves += 0.5 * halves.iter().map(mean_half_area).sum::<f32>();
-    middle
+    halves
+}
+
+/// The bounds of a reference for both halves of the shutter. What moves linearly goes through one box at mid-shutter.
+fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearBox3; 2] {
+    let first = slice_bounds(set, r, draft, time_slice(0, 2));
+    if set.leaf_kind(r.id()) != 0 {
+        return [first, slice_bounds(set, r, draft, time_slice(1, 2))];
+    }
+    let LinearBox3 { begin, end } = r.bounds();
+    [LinearBox3 { begin, end: first.end }, LinearBox3 { begin: first.end, end }]
 }
 
 /// Sums over pieces, weighed by their costs.
@@ -259,7 +268,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
 fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &WideParams) -> f32 {
     let ids = primitives(draft, of);
     let params = params_of_copies(params, parts);
-    let cost = |i: usize| draft_tree(set, &ids, time_slice(i, parts), 0, &params).collapse.total();
+    let cost = |i: usize| draft_tree(set, &ids, TimeSlice { index: i, of: parts }, &params).collapse.total();
     (0..parts).map(cost).sum::<f32>() / parts as f32
 }
 
@@ -338,7 +347,7 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = WideParams::default();
-        let draft = draft_tree(&set, &ids, TimeInterval::FULL, 0, &params);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params);
         let regions = regions(&set, &draft, &params);
         for pair in regions.windows(2) {
             let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);

@@ -3,7 +3,11 @@
 use super::common::{Random, closed_sphere, difference, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, Counters, KdParams, Keys, Ray, RayTree, Statistics, TriangleMesh};
+use mbkd::{
+    BuildError, BuildParams, ClosestPointQuery, Counters, Division, KdParams, Keys, Ray, RayTree, Statistics,
+    TriangleMesh, WideParams,
+};
+use mbkd_scenes as scene;
 
 /// A mesh with straight segments sampled at more keys, as a program would do it in f32.
 fn sampled(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
@@ -49,7 +53,7 @@ fn rays(meshes: &[TriangleMesh], count: usize, seed: u64) -> Vec<Ray> {
 
 fn equals_brute_force(meshes: &[TriangleMesh], params: &BuildParams, count: usize) -> RayTree {
     let tree = RayTree::build(meshes, params).unwrap();
-    let oracle = BruteForce::build(meshes).unwrap();
+    let oracle = BruteForce::new(meshes).unwrap();
     for ray in rays(meshes, count, 5) {
         assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
     }
@@ -116,6 +120,131 @@ fn straight_motion_in_f64_merges_as_well() {
     let mesh = TriangleMesh::new(vec![[0, 1, 2], [2, 3, 4]], wide);
     let tree = RayTree::build(&[mesh], &BuildParams::default()).unwrap();
     assert_eq!(tree.statistics().kept_positions, 2 * at[0].len());
+}
+
+/// What stands still, moves straight and bends with two numbers of keys, in one place.
+fn mixed(seed: u64) -> Vec<TriangleMesh> {
+    let mut sphere = closed_sphere(6, 1, 0.2, seed);
+    sphere.mask = 2;
+    vec![
+        sphere,
+        closed_sphere(7, 2, 0.3, seed + 1),
+        closed_sphere(8, 4, 0.2, seed + 2),
+        soup(60, 65, 0.3, 0.05, seed + 3),
+        TriangleMesh::new(vec![], vec![Vec::<Vec3>::new(); 5]),
+        closed_sphere(6, 65, 0.02, seed + 4),
+    ]
+}
+
+#[test]
+fn bent_motion_equals_brute_force_however_the_shutter_is_divided() {
+    let divisions = [
+        Division::Automatic,
+        Division::Whole,
+        Division::Segments(3),
+        Division::Segments(16),
+        Division::Copies(3),
+        Division::Copies(4),
+        Division::Copies(16),
+    ];
+    for (i, division) in divisions.into_iter().enumerate() {
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        equals_brute_force(&mixed(i as u64), &params, 300);
+        for keys in [3, 5, 17, 257] {
+            equals_brute_force(&[closed_sphere(6, keys, 0.1, i as u64)], &params, 100);
+            equals_brute_force(&[soup(80, keys, 0.3, 2.0 / keys as f32, i as u64)], &params, 100);
+        }
+    }
+    for params in [BuildParams::paper(), BuildParams::kd(KdParams::default()), BuildParams::kd(KdParams::classic())] {
+        equals_brute_force(&mixed(9), &params, 100);
+    }
+}
+
+#[test]
+fn motion_that_ends_where_it_began_is_motion() {
+    let mut there = closed_sphere(8, 9, 0.5, 6);
+    if let Keys::F32(at) = &mut there.keys {
+        at[8] = at[0].clone();
+    }
+    for division in [Division::Automatic, Division::Whole, Division::Segments(4), Division::Copies(4)] {
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        equals_brute_force(&[there.clone()], &params, 300);
+    }
+}
+
+#[test]
+fn corners_and_closest_points_are_those_of_brute_force() {
+    let meshes = mixed(30);
+    for division in [Division::Automatic, Division::Copies(4), Division::Segments(3)] {
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let (tree, oracle) = (RayTree::build(&meshes, &params).unwrap(), BruteForce::new(&meshes).unwrap());
+        let kd = RayTree::build(&meshes, &BuildParams::paper()).unwrap();
+        let mut random = Random(8);
+        for _ in 0..200 {
+            let time = times(65, &mut random);
+            let point = random.vec().as_dvec3() * 1.5;
+            let query = ClosestPointQuery { point, time, max_distance: f32::MAX };
+            assert_eq!(tree.closest_point(point, time, f32::MAX), oracle.closest_point(&query));
+            let mesh = [0, 1, 2, 3, 5][random.below(5)];
+            let primitive = random.below(meshes[mesh as usize].len()) as u32;
+            assert_eq!(tree.triangle(mesh, primitive, time), kd.triangle(mesh, primitive, time));
+        }
+    }
+}
+
+#[test]
+fn leaf_blocks_hold_all_keys_once() {
+    let rock = (scene::turning(8000, 65)).meshes;
+    let tree = equals_brute_force(&rock, &BuildParams::default(), 60);
+    let statistics = tree.statistics();
+    let vertices = statistics.kept_positions * size_of::<Vec3>();
+    assert!(statistics.bytes < vertices * 5 / 2, "{} bytes, {vertices} of the vertices", statistics.bytes);
+    assert_eq!(statistics.positions, statistics.kept_positions);
+    // One tree for each of the 64 segments was 36 times as large.
+    let two = RayTree::build(&scene::turning(8000, 2).meshes, &BuildParams::default()).unwrap().statistics();
+    println!("{statistics:?}\n{two:?}");
+}
+
+#[test]
+fn rays_that_miss_a_bent_figure_do_the_same_as_beside_a_straight_one() {
+    let (two, many) = (scene::walking(30_000, 2), scene::walking(30_000, 17));
+    let build = |scene: &scene::Scene| RayTree::build(&scene.meshes, &BuildParams::default()).unwrap();
+    let (a, b) = (build(&two), build(&many));
+    let figure = two.meshes.len() as u32 - 2;
+    let mut random = Random(4);
+    let (mut hit, mut missed) = ([0, 0], [0, 0]);
+    for _ in 0..20_000 {
+        let ray = two.camera.ray(random.unit(), random.unit(), 1.0, random.unit());
+        let mut counters = [Counters::default(); 2];
+        let at = a.closest_hit_observed(&ray, &mut counters[0]);
+        b.closest_hit_observed(&ray, &mut counters[1]);
+        let sum = if at.is_some_and(|hit| hit.mesh >= figure) { &mut hit } else { &mut missed };
+        for (sum, counters) in sum.iter_mut().zip(counters) {
+            *sum += counters.nodes + counters.leaves;
+        }
+    }
+    println!("hit {hit:?} missed {missed:?}\n{:?}\n{:?}", a.statistics(), b.statistics());
+    assert!(missed[1].abs_diff(missed[0]) * 10 < missed[0], "{missed:?}");
+    assert!(hit[1] * 2 <= hit[0] * 3, "{hit:?}");
+}
+
+#[test]
+fn the_budget_holds_or_is_an_error() {
+    for (i, mesh) in
+        [soup(3000, 9, 0.2, 0.3, 3), soup(3000, 2, 0.05, 2.0, 4), closed_sphere(30, 33, 0.1, 5)].iter().enumerate()
+    {
+        for bytes_per_primitive in [128.0, 200.0, 1024.0] {
+            let params = BuildParams::wide(WideParams { bytes_per_primitive, ..WideParams::default() });
+            let keys = mesh.keys.len().max(2) - 2;
+            let allowed = (bytes_per_primitive as usize + 36 * keys) * mesh.len() + 8192;
+            match RayTree::build(std::slice::from_ref(mesh), &params) {
+                Ok(tree) => assert!(tree.statistics().bytes <= allowed, "{i} {bytes_per_primitive}"),
+                Err(error) => {
+                    assert!(matches!(error, BuildError::OverBudget { .. }) && bytes_per_primitive < 200.0, "{error}")
+                }
+            }
+        }
+    }
 }
 
 trait Vertices {
