@@ -23,7 +23,7 @@ use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::primitive::PrimitiveSet;
 use crate::tuning::slices::{
-    LEAST_PIECE, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
+    LEAST_PIECE, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN, NEAR_MOMENT,
     NODE_BYTES_SHARE, NODE_LATENCY_SHARE, PIECES, SAMPLE, SAMPLES,
 };
 use crate::tuning::wide::BYTES_PER_REFERENCE;
@@ -239,7 +239,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
     };
     let mut best = (MAX_SPLIT_COST, Division::Whole, 1.0);
     // Twice as many parts as long as that pays; returns the cost of two. The first step may fall a little short.
-    let mut climb = |kind: fn(usize) -> Division| {
+    let climb = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
         let (mut last, mut two, mut parts) = (1.1 * best.0, 1.0, 2);
         while parts <= MAX_TIME_SLICES && Growth::by(kind(parts), NODE_BYTES_SHARE) <= most.0 {
             let cost = cost(kind(parts));
@@ -248,7 +248,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
                 two = cost;
             }
             if time < best.0 {
-                best = (time, kind(parts), cost);
+                *best = (time, kind(parts), cost);
             }
             if time >= last || two > MAX_TWO_SLICES_COST {
                 break;
@@ -257,8 +257,13 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         }
         two
     };
-    if climb(Division::Segments) <= MAX_TWO_SLICES_COST {
-        climb(Division::Copies);
+    let two = climb(Division::Segments, &mut best);
+    // Motion that bends is divided for its chords, which segments do as well as copies. These could do no better than
+    // the tree for a moment.
+    let at_best = || (still + moving.iter().map(|&x| moment_cost(set, draft, x, params)).sum::<f32>()) / whole;
+    let done = set.bent() && best.2 < 1.0 && best.2 <= NEAR_MOMENT * at_best();
+    if two <= MAX_TWO_SLICES_COST && !done {
+        climb(Division::Copies, &mut best);
     }
     let (_, division, cost) = best;
     (division != Division::Whole).then(|| Region { node, division, cost: cost * draft.collapse.cost(node) })
@@ -270,6 +275,12 @@ fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, p
     let params = params_of_copies(params, parts);
     let cost = |i: usize| draft_tree(set, &ids, TimeSlice { index: i, of: parts }, &params).collapse.total();
     (0..parts).map(cost).sum::<f32>() / parts as f32
+}
+
+/// Cost of a tree for a short time in the middle of the shutter.
+fn moment_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &WideParams) -> f32 {
+    let slice = TimeSlice { index: MAX_TIME_SLICES / 2, of: MAX_TIME_SLICES };
+    draft_tree(set, &primitives(draft, of), slice, &params_of_copies(params, MAX_TIME_SLICES)).collapse.total()
 }
 
 /// What copies are built with: the memory for cuts is divided between them.

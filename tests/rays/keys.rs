@@ -198,7 +198,7 @@ fn leaf_blocks_hold_all_keys_once() {
     let tree = equals_brute_force(&rock, &BuildParams::default(), 60);
     let statistics = tree.statistics();
     let vertices = statistics.kept_positions * size_of::<Vec3>();
-    assert!(statistics.bytes < vertices * 5 / 2, "{} bytes, {vertices} of the vertices", statistics.bytes);
+    assert!(statistics.bytes < vertices * 3, "{} bytes, {vertices} of the vertices", statistics.bytes);
     assert_eq!(statistics.positions, statistics.kept_positions);
     // One tree for each of the 64 segments was 36 times as large.
     let two = RayTree::build(&scene::turning(8000, 2).meshes, &BuildParams::default()).unwrap().statistics();
