@@ -349,7 +349,6 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::TimeInterval;
     use crate::primitive::Triangles;
     use crate::scene;
 
