@@ -16,6 +16,7 @@ mod corners;
 mod kd_validate;
 mod keyed_leaf;
 mod leaf_block;
+mod leaf_ids;
 mod leaf_index;
 mod leaf_lanes;
 mod serialize;

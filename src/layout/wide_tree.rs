@@ -1,7 +1,8 @@
 //! A finished wide tree.
 
 use super::leaf_block::WideSource;
-use super::wide_node::{ChildRef, Ids, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::leaf_ids::Ids;
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and where it begins.
