@@ -107,6 +107,7 @@ impl Exr {
                 "compression" if value != [0] => return Err("it is compressed; merge what motion_blur wrote".into()),
                 "dataWindow" => windows[0] = Some(box_of(value)?),
                 "displayWindow" => windows[1] = Some(box_of(value)?),
+                "lineOrder" | "pixelAspectRatio" | "screenWindowCenter" | "screenWindowWidth" => {}
                 _ => attributes.push((name, kind, value.to_vec())),
             }
         }
