@@ -108,28 +108,24 @@ fn hand_over(py: Python<'_>, lists: NeighborCsr, points: Option<usize>, workers:
     }
     let order = Order { rows: &rows, from, to: &offsets };
     // Signed, as numpy and scipy count; no tree here has more than 2^31 points.
-    let from_ids = lists.ids();
-    let copy = |at: usize, to: &mut [i32]| {
-        to.iter_mut().zip(&from_ids[at..]).for_each(|(to, &id)| *to = id as i32);
-    };
-    let ids = filled(py, workers, &order, end, copy, |at| from_ids[at])?;
+    let ids = filled(py, workers, &order, end, |at, to: &mut [i32]| {
+        to.iter_mut().zip(&lists.ids()[at..]).for_each(|(to, &id)| *to = id as i32);
+    })?;
     let (squares, ways) = (lists.distances_squared(), lists.displacements());
     let distances = (!squares.is_empty() || end == 0).then(|| {
-        let copy = |at: usize, to: &mut [f32]| {
+        filled(py, workers, &order, squares.len(), |at, to: &mut [f32]| {
             to.iter_mut().zip(&squares[at..]).for_each(|(to, square)| *to = square.sqrt());
-        };
-        filled(py, workers, &order, squares.len(), copy, |at| squares[at].to_bits())
+        })
     });
     let displacements = (!ways[0].is_empty() || end == 0).then(|| {
         let array = PyArray2::zeros(py, [end, 3], false);
         let mut all = array.try_readwrite().map_err(value_error)?;
         let all = all.as_slice_mut().map_err(value_error)?.as_chunks_mut().0;
         on(py, workers, || {
-            let copy = |at: usize, to: &mut [[f32; 3]]| {
+            order.fill(all, &|at, to: &mut [[f32; 3]]| {
                 let there = ways.map(|column| &column[at..at + to.len()]);
                 to.iter_mut().enumerate().for_each(|(i, to)| *to = there.map(|column| column[i]));
-            };
-            order.fill(all, &copy, &|at| ways.into_iter().fold(0, |touched, column| touched ^ column[at].to_bits()));
+            });
         })?;
         Ok::<_, PyErr>(array)
     });
@@ -156,13 +152,12 @@ fn filled<'py, T: Element + Send>(
     order: &Order<'_>,
     length: usize,
     copy: impl Fn(usize, &mut [T]) + Sync,
-    touch: impl Fn(usize) -> u32 + Sync,
 ) -> PyResult<Bound<'py, PyArray1<T>>> {
     // An array of numpy's own, since it asks for large pages.
     let array = PyArray1::zeros(py, [length], false);
     let mut all = array.try_readwrite().map_err(value_error)?;
     let all = all.as_slice_mut().map_err(value_error)?;
-    on(py, workers, || order.fill(all, &copy, &touch))?;
+    on(py, workers, || order.fill(all, &copy))?;
     Ok(array)
 }
 
@@ -171,12 +166,6 @@ const ABSENT: u32 = u32::MAX;
 
 /// Rows that one task copies.
 const SHARE: usize = 4096;
-
-/// Rows that are read at the same time.
-const TOGETHER: usize = 16;
-
-/// Elements in a line of the cache.
-const LINE: usize = 16;
 
 /// Which row comes from where.
 #[derive(Clone, Copy)]
@@ -188,48 +177,23 @@ struct Order<'a> {
 }
 
 impl Order<'_> {
-    /// Fills the elements of these rows, halves at the same time: `copy(at, to)` copies from there on, `touch(at)` reads
-    /// there.
-    fn fill<T: Send>(
-        self,
-        to: &mut [T],
-        copy: &(impl Fn(usize, &mut [T]) + Sync),
-        touch: &(impl Fn(usize) -> u32 + Sync),
-    ) {
+    /// Fills the elements of these rows, halves at the same time: `copy(at, to)` copies from there on.
+    fn fill<T: Send>(self, to: &mut [T], copy: &(impl Fn(usize, &mut [T]) + Sync)) {
         if self.rows.len() > SHARE {
             let half = self.rows.len() / 2;
             let (left, right) = self.rows.split_at(half);
             let (to_left, to_right) = to.split_at_mut((self.to[half] - self.to[0]) as usize);
             rayon::join(
-                || Order { rows: left, to: &self.to[..=half], ..self }.fill(to_left, copy, touch),
-                || Order { rows: right, to: &self.to[half..], ..self }.fill(to_right, copy, touch),
+                || Order { rows: left, to: &self.to[..=half], ..self }.fill(to_left, copy),
+                || Order { rows: right, to: &self.to[half..], ..self }.fill(to_right, copy),
             );
             return;
         }
-        for (number, rows) in self.rows.chunks(TOGETHER).enumerate() {
-            self.copy(rows, &self.to[number * TOGETHER..], to, copy, touch);
-        }
-    }
-
-    /// Copies a few rows. They lie anywhere in memory, so all are touched first: the processor then waits for them at the
-    /// same time.
-    fn copy<T>(
-        &self,
-        rows: &[u32],
-        ends: &[i64],
-        to: &mut [T],
-        copy: &impl Fn(usize, &mut [T]),
-        touch: &impl Fn(usize) -> u32,
-    ) {
-        let mut touched = 0;
-        for &row in rows.iter().filter(|&&row| row != ABSENT) {
-            let (begin, end) = (self.from[row as usize], self.from[row as usize + 1]);
-            (begin..end).step_by(LINE).for_each(|at| touched ^= touch(at));
-        }
-        core::hint::black_box(touched);
-        for (&row, ends) in rows.iter().zip(ends.windows(2)).filter(|(row, _)| **row != ABSENT) {
-            let [begin, end] = [ends[0], ends[1]].map(|end| (end - self.to[0]) as usize);
-            copy(self.from[row as usize], &mut to[begin..end]);
+        for (&row, ends) in self.rows.iter().zip(self.to.windows(2)) {
+            if row != ABSENT {
+                let [begin, end] = [ends[0], ends[1]].map(|end| (end - self.to[0]) as usize);
+                copy(self.from[row as usize], &mut to[begin..end]);
+            }
         }
     }
 }

@@ -104,7 +104,8 @@ impl Exr {
             let value = rest.split_off(..length).ok_or(SHORT)?;
             match name.as_str() {
                 "channels" => channels = Some(channel_list(value)?),
-                "compression" if value != [0] => return Err("it is compressed; merge what motion_blur wrote".into()),
+                "compression" if value == [0] => {}
+                "compression" => return Err("it is compressed; merge what motion_blur wrote".into()),
                 "dataWindow" => windows[0] = Some(box_of(value)?),
                 "displayWindow" => windows[1] = Some(box_of(value)?),
                 "lineOrder" | "pixelAspectRatio" | "screenWindowCenter" | "screenWindowWidth" => {}
