@@ -1,8 +1,20 @@
 //! OpenEXR in its simplest form: one part, uncompressed rows of 32-bit channels ("Technical Introduction to OpenEXR" and
 //! "OpenEXR File Layout", openexr.com). Every reader takes it. Read are only files of the same form.
 
-use crate::render::Region;
 use mbkd::glam::Vec3;
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Its first column.
+    pub x: usize,
+    /// Its first row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
 
 /// A channel: a number for each pixel, row by row from the top.
 pub enum Channel {

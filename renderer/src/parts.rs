@@ -3,9 +3,9 @@
 //! A part is a picture like any other EXR, and holds besides the exact sums of its samples, and what picture it is a part
 //! of. Sums are whole numbers, so parts merge to the bits of the picture that is rendered in one go.
 
-use crate::exr::{Channel, Exr, colors};
+use crate::exr::{Channel, Exr, Region, colors};
 use crate::film::Film;
-use crate::render::{Job, Region};
+use crate::render::Job;
 use std::path::Path;
 
 /// What parts must have in common.

@@ -4,6 +4,7 @@
 //! the picture take a part of the samples each, so that an interrupted picture is complete and merely noisier; the first
 //! takes one sample of one pixel in sixteen, so that there is something to show at once.
 
+use crate::exr::Region;
 use crate::film::{Film, in_units};
 use crate::integrator::{camera_ray, radiance};
 use crate::sampling::Sampler;
@@ -42,19 +43,6 @@ pub struct Job {
     pub taken: (u32, u32),
     /// Which pixels are rendered.
     pub region: Region,
-}
-
-/// A rectangle of pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Region {
-    /// Its first column.
-    pub x: usize,
-    /// Its first row.
-    pub y: usize,
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
 }
 
 /// Pixels and samples that are rendered in one go.

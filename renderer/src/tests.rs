@@ -1,10 +1,11 @@
 //! Whole pictures whose light can be computed by hand, and the promise that a seed fixes the file.
 
 use crate::animation::Animation;
+use crate::exr::Region;
 use crate::film::{Film, in_units, save_linear};
 use crate::materials::Surface;
 use crate::parts::{Part, merge};
-use crate::render::{Job, Region, SQUARE, render};
+use crate::render::{Job, SQUARE, render};
 use crate::sky::Sky;
 use crate::stage::{Stage, Things};
 use crate::staging::scene_of;
