@@ -76,9 +76,9 @@ pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, KdParams, Policy, WideParams};
 pub use point::{
-    Approach, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer, NeighborCsr,
-    NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats,
-    PointStructure, PointTree, Radii, TreePoint, WithinIter, certified_duration,
+    Approach, BulkQuery, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer,
+    NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams,
+    PointStats, PointStructure, PointTree, Radii, TreePoint, WithinIter, certified_duration,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
