@@ -53,19 +53,19 @@ impl Spheres {
         let (o, d) = (Vec3A::from(ray.origin), Vec3A::from(dir.as_vec3()));
         let least = ray.slack + f32::MIN_POSITIVE;
         for (i, block) in self.blocks.iter().enumerate() {
-            let mut near = [false; BLOCK];
-            for lane in 0..BLOCK {
+            let mut far = [false; BLOCK];
+            for (lane, far) in far.iter_mut().enumerate() {
                 let (x, y, z) = (block.x[lane] - o.x, block.y[lane] - o.y, block.z[lane] - o.z);
                 let (a, b, c) = (y * d.z - z * d.y, z * d.x - x * d.z, x * d.y - y * d.x);
                 let reach = block.radius[lane] + 1e-3 * (x.abs() + y.abs() + z.abs()) + least;
-                // In this form squares that overflow or underflow are near.
-                near[lane] = !(a * a + b * b + c * c > reach * reach);
+                // In this form squares that overflow or underflow are not far.
+                *far = a * a + b * b + c * c > reach * reach;
             }
-            if near == [false; BLOCK] {
+            if far == [true; BLOCK] {
                 continue;
             }
             let count = BLOCK.min(self.len - i * BLOCK);
-            for lane in (0..count).filter(|&lane| near[lane]) {
+            for lane in (0..count).filter(|&lane| !far[lane]) {
                 visit((i * BLOCK + lane) as u32);
             }
         }

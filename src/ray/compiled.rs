@@ -34,11 +34,14 @@ pub(super) struct Target<'a, G> {
 /// The caller's function that is called with each hit.
 pub(super) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
 
+/// A mask and the caller's filter of what is found.
+type Seen<'a, T> = Visible<&'a dyn Fn(&T) -> bool>;
+
 /// What a query may have beyond its plain form: a mask and the caller's filter of what is found, and an observer.
 ///
 /// They are looked for at run time, so that one form of a query serves all that have any of them.
 pub(super) struct Guards<'a, T> {
-    visible: Option<Visible<&'a dyn Fn(&T) -> bool>>,
+    visible: Option<Seen<'a, T>>,
     observer: Option<&'a mut dyn Observer>,
 }
 
