@@ -101,3 +101,21 @@ mod scene;
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 mod readme {}
+
+/// The guides' examples, likewise.
+#[cfg(doctest)]
+mod guides {
+    #[doc = include_str!("../docs/from_embree.md")]
+    mod from_embree {}
+    #[doc = include_str!("../docs/from_kiddo_and_nanoflann.md")]
+    mod from_kiddo_and_nanoflann {}
+    #[doc = include_str!("../docs/gather.md")]
+    mod gather {}
+    #[doc = include_str!("../docs/limits.md")]
+    mod limits {}
+    #[doc = include_str!("../docs/particles.md")]
+    mod particles {}
+    #[cfg(feature = "rayon")]
+    #[doc = include_str!("../docs/threads.md")]
+    mod threads {}
+}
