@@ -17,6 +17,7 @@ mod kd_validate;
 mod leaf_block;
 mod leaf_index;
 mod leaf_lanes;
+mod root_bounds;
 mod serialize;
 mod statistics;
 mod tree_box;
@@ -27,7 +28,7 @@ mod wide_validate;
 mod write;
 
 pub use kd_validate::ValidationError;
-pub(crate) use leaf_block::WideSource;
+pub(crate) use leaf_block::{WideSource, write_list};
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;

@@ -75,7 +75,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     if presplits {
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
-    Draft { primitives: ids.len(), ..draft_with(references, over, segment, presplits) }
+    Draft { primitives: ids.len(), ..draft_with::<S>(references, over, segment, presplits) }
 }
 
 /// Whether pre-splitting pays in a few samples of neighbouring references.
@@ -90,7 +90,7 @@ fn presplit_pays<S: PrimitiveSet>(
     let most = (n / (16 * PRESPLIT_SAMPLES)).clamp(*PRESPLIT_SAMPLE.start(), *PRESPLIT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
     for sample in neighbourhoods(references, PRESPLIT_SAMPLES, most) {
-        let cost = |references: Vec<Reference>| draft_with(references, over, segment, true).collapse.total();
+        let cost = |references: Vec<Reference>| draft_with::<S>(references, over, segment, true).collapse.total();
         let mut split = sample.clone();
         presplit(&mut split, |id| set.ends(id, over), budget);
         let (split, whole) = parallel::both(|| cost(split), || cost(sample));
@@ -104,10 +104,16 @@ fn presplit_pays<S: PrimitiveSet>(
 }
 
 /// Drafts one tree; `presplit` says whether references may be parts of primitives.
-fn draft_with(mut references: Vec<Reference>, over: TimeInterval, segment: usize, presplit: bool) -> Draft {
-    let binary = build_binary(&mut references, BINARY_LEAF);
+fn draft_with<S: PrimitiveSet>(
+    mut references: Vec<Reference>,
+    over: TimeInterval,
+    segment: usize,
+    presplit: bool,
+) -> Draft {
+    let [stop, crowded] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
+    let binary = build_binary(&mut references, stop..=crowded);
     let collapse = Collapse::new(&binary, COST_MODEL, |node| {
-        (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
+        (node.count as usize <= S::PER_LEAF).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
     });
     let primitives = references.len();
     Draft { over, segment, references, primitives, presplit, binary, collapse }
