@@ -69,7 +69,8 @@ impl Placed {
 
     /// Compares all queries, and returns whether there is a hit.
     fn check(&self, ray: &Ray, mask: u32) -> bool {
-        let expected = self.hits(ray, None);
+        let mut expected = self.hits(ray, None);
+        expected.sort();
         let nearest = Placed::closest(&expected);
         assert_eq!(self.tree.closest_hit(ray).map(name), nearest, "{ray:?}");
         assert_eq!(self.tree.any_hit(ray), nearest.is_some(), "{ray:?}");
@@ -220,13 +221,13 @@ fn nested_instances_equal_brute_force_on_every_instruction_set() {
             }
         }
         let mut deepest = Placed::new(instances(&mut random, &of, 8, 0.5), &WideParams::default());
-        for depth in 1..MAX_NESTING {
+        for beside in of.iter().take(MAX_NESTING - 1) {
             let tree = Arc::into_inner(deepest.tree).unwrap().with_simd(level);
             deepest.tree = Arc::new(tree);
             compare(&deepest, &mut random, 150);
             // With trees of triangles among trees of instances.
             let inner = (InstanceOf::Instances(deepest.tree.clone()), Brute::Instances(Arc::new(deepest)));
-            let among = [inner.clone(), inner, of[depth].clone()];
+            let among = [inner.clone(), inner, beside.clone()];
             deepest = Placed::new(instances(&mut random, &among, 6, 0.5), &WideParams::default());
         }
         compare(&deepest, &mut random, 150);
@@ -353,8 +354,11 @@ fn near_instances_end_the_search_in_far_ones() {
     let mesh = [soup(3000, 2, 0.1, 0.05, 3)];
     let of = Arc::new(RayTree::build(&mesh, &BuildParams::default()).unwrap());
     let row = |n: usize| {
-        let at = |i: usize| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * 2.0 * i as f64));
-        InstanceTree::build((0..n).map(at).collect(), &WideParams::default()).unwrap()
+        // Turned, so that what passes one of them does not pass all.
+        let at =
+            |i: usize| DAffine3::from_rotation_translation(DQuat::from_rotation_z(i as f64), DVec3::Z * 2.0 * i as f64);
+        let instance = |i: usize| Instance::new(of.clone(), at(i));
+        InstanceTree::build((0..n).map(instance).collect(), &WideParams::default()).unwrap()
     };
     let (few, many) = (row(2), row(200));
     let (mut of_few, mut of_many) = (Counters::default(), Counters::default());
@@ -385,7 +389,7 @@ fn ten_thousand_instances_take_little_beyond_what_is_placed() {
     assert_eq!((statistics.instances, statistics.primitives, statistics.trees), (10_000, 100_000_000, 1));
     let own = of.statistics();
     assert_eq!(statistics.tree_bytes, own.bytes + own.primitive_bytes);
-    assert!(statistics.instance_bytes < 20 << 20, "{}", statistics.instance_bytes);
+    assert!(statistics.instance_bytes < 40 << 20, "{}", statistics.instance_bytes);
     assert_eq!(statistics.outermost.references, 10_000, "one instance in each leaf");
 }
 
