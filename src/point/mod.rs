@@ -54,7 +54,9 @@ pub use gather::{
     VisiblePoint, VisiblePoints,
 };
 pub use iter::WithinIter;
-pub use lists::{Encounter, EncounterLists, ListError, ListQuery, NeighborCsr, Radii, certified_duration};
+pub use lists::{
+    Encounter, EncounterLists, ListError, ListQuery, NeighborColumns, NeighborCsr, Radii, certified_duration,
+};
 pub use neighbor::Neighbor;
 pub use query::{NeighborBuffer, NeighborQuery};
 pub use search::{KeepAll, KeepIf, NeighborWork};

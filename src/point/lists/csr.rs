@@ -114,3 +114,46 @@ impl NeighborCsr {
             + workers
     }
 }
+
+/// The lists as plain vectors, for those who keep them elsewhere: an array of another language, say. Taken out of a
+/// [`NeighborCsr`] without copying; columns that were not asked for are empty.
+///
+/// ```
+/// use mbkd::{NeighborCsr, PointParams, PointTree};
+/// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?;
+/// let mut lists = NeighborCsr::new();
+/// tree.neighbor_lists(0.0, 2.0).rows_by_id().run(&mut lists)?;
+/// let columns = mbkd::point::NeighborColumns::from(lists);
+/// assert_eq!((columns.offsets, columns.ids), (vec![0, 1, 2], vec![1, 0]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NeighborColumns {
+    /// As [`NeighborCsr::offsets`].
+    pub offsets: Vec<usize>,
+    /// As [`NeighborCsr::points`].
+    pub points: Vec<u32>,
+    /// As [`NeighborCsr::ids`].
+    pub ids: Vec<u32>,
+    /// As [`NeighborCsr::distances_squared`].
+    pub distances_squared: Vec<f32>,
+    /// As [`NeighborCsr::displacements`].
+    pub displacements: [Vec<f32>; 3],
+}
+
+impl From<NeighborCsr> for NeighborColumns {
+    fn from(mut lists: NeighborCsr) -> NeighborColumns {
+        let length = lists.neighbors();
+        let displacements = if lists.displacements { length } else { 0 };
+        lists.columns.ids.truncate(length);
+        lists.columns.distances.truncate(if lists.distances { length } else { 0 });
+        lists.columns.displacements.iter_mut().for_each(|column| column.truncate(displacements));
+        NeighborColumns {
+            offsets: if lists.offsets.is_empty() { vec![0] } else { lists.offsets },
+            points: lists.points,
+            ids: lists.columns.ids,
+            distances_squared: lists.columns.distances,
+            displacements: lists.columns.displacements,
+        }
+    }
+}

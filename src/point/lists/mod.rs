@@ -33,7 +33,7 @@ mod swept;
 mod torus;
 mod worker;
 
-pub use csr::NeighborCsr;
+pub use csr::{NeighborColumns, NeighborCsr};
 pub use error::ListError;
 pub use query::ListQuery;
 pub use radii::Radii;

@@ -1,0 +1,85 @@
+"""What callers hand over, as the contiguous arrays that the compiled part takes."""
+
+from __future__ import annotations
+
+from typing import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+def floats(values: ArrayLike, name: str) -> np.ndarray:
+    """A C-contiguous array of float32 or float64.
+
+    Arrays that are that already are taken as they are; float16 becomes float32, and whole numbers float64.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{name} must be numbers, not {array.dtype}")
+    if array.dtype != np.float32 and array.dtype != np.float64:
+        array = array.astype(np.float32 if array.dtype == np.float16 else np.float64)
+    if not array.dtype.isnative:
+        array = array.astype(array.dtype.newbyteorder("="))
+    return np.ascontiguousarray(array)
+
+
+def places(values: ArrayLike, name: str) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Finite positions as rows (m, 3), and the shape that they had without the last axis."""
+    array = floats(values, name)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ValueError(f"{name} must have the shape (..., 3), not {array.shape}")
+    # A sum is finite unless something in it is not; only then it takes a look at each.
+    with np.errstate(all="ignore"):
+        suspicious = not np.isfinite(array.sum(dtype=np.float64))
+    if suspicious and not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite; check for nan or inf values")
+    return array.reshape(-1, 3), array.shape[:-1]
+
+
+def per_query(values: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarray:
+    """One float32 for all queries, or one for each of them."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{name} must be numbers, not {array.dtype}")
+    with np.errstate(over="ignore"):
+        array = array.astype(np.float32, copy=False)
+    if array.ndim == 0:
+        return array.reshape(1)
+    try:
+        return np.ascontiguousarray(np.broadcast_to(array, shape)).reshape(-1)
+    except ValueError:
+        raise ValueError(f"{name} has the shape {array.shape}, but there are queries of the shape {shape}") from None
+
+
+def keys_of(first: ArrayLike, later: ArrayLike | None, name: str) -> list[np.ndarray]:
+    """Positions (n, 3) at each key, of one precision, from (n, 3) or (K, n, 3) and those of later keys."""
+    array = floats(first, name)
+    arrays = [array] if array.ndim == 2 else list(array) if array.ndim == 3 else None
+    if arrays is None:
+        raise ValueError(f"{name} must have the shape (n, 3) or (K, n, 3), not {array.shape}")
+    if later is not None:
+        if array.ndim == 3:
+            raise ValueError(f"{name} has positions at all keys already; leave out `keys`")
+        more = floats(later, "keys")
+        if more.ndim not in (2, 3):
+            raise ValueError(f"keys must have the shape (n, 3) or (K - 1, n, 3), not {more.shape}")
+        arrays += [more] if more.ndim == 2 else list(more)
+    for key in arrays:
+        if key.shape[1] != 3:
+            raise ValueError(f"{name} have {key.shape[1]} coordinates instead of 3; give flat ones a third that is zero")
+        if key.shape != arrays[0].shape:
+            raise ValueError(f"positions of {len(key)} points at a later key, but of {len(arrays[0])} at the first")
+    kind = np.result_type(*arrays) if arrays else np.float32
+    return [np.ascontiguousarray(key, dtype=kind) for key in arrays]
+
+
+def only_euclidean(p: float) -> None:
+    """Refuses scipy's other metrics."""
+    if p != 2:
+        raise ValueError("distances are Euclidean: p must be 2")
+
+
+def interval(between: Sequence[float]) -> list[float]:
+    """Begin and end of a part of the shutter."""
+    begin, end = between
+    return [float(begin), float(end)]

@@ -1,0 +1,125 @@
+"""The compiled part: flat, C-contiguous arrays in and out. Use the classes of `mbkd` instead."""
+
+from typing import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Progress = Callable[[float], object] | None
+_F32 = NDArray[np.float32]
+_F64 = NDArray[np.float64]
+_I32 = NDArray[np.int32]
+_I64 = NDArray[np.int64]
+_Floats = _F32 | _F64
+_Hits = tuple[_F32, _I32, _I64, _F32, _F32]
+_Rays = tuple[_F64, _F32, _F32, _F32, _F32]
+_Columns = tuple[_I64, _I32, _I32, _F32 | None, _F32 | None]
+
+class Points:
+    def __new__(
+        cls,
+        keys: Sequence[_Floats],
+        lifetimes: _F32 | None,
+        boxsize: Sequence[float],
+        structure: str,
+        max_references: float,
+        round_to_f32: bool,
+        workers: int,
+    ) -> Points: ...
+    @property
+    def n(self) -> int: ...
+    @property
+    def nbytes(self) -> int: ...
+    def stats(self) -> str: ...
+    def query(
+        self,
+        points: _Floats,
+        times: _F32,
+        k: int,
+        eps: float,
+        bound: float,
+        workers: int,
+        progress: _Progress,
+    ) -> tuple[_F64, _I64]: ...
+    def within(
+        self, points: _Floats, radii: _F32, times: _F32, sorted: bool, workers: int, progress: _Progress
+    ) -> tuple[_I64, _I32]: ...
+    def count(self, points: _Floats, radii: _F32, times: _F32, workers: int, progress: _Progress) -> _I64: ...
+    def count_pairs(
+        self, other: Points, radii: Sequence[float], time: float, workers: int, progress: _Progress
+    ) -> list[int]: ...
+    def positions(self, time: float) -> _F64: ...
+    def closest_approach(
+        self, start: _F64, end: _F64, between: Sequence[float], workers: int, progress: _Progress
+    ) -> tuple[_F64, _I64, _F64]: ...
+
+class Rays:
+    def __new__(
+        cls,
+        meshes: Sequence[tuple[Sequence[_Floats], NDArray[np.uint32], Sequence[float], int]],
+        workers: int,
+        progress: _Progress,
+    ) -> Rays: ...
+    @property
+    def nbytes(self) -> int: ...
+    def stats(self) -> str: ...
+    def closest_hits(self, rays: _Rays, mask: int, workers: int, progress: _Progress) -> _Hits: ...
+    def any_hits(self, rays: _Rays, mask: int, workers: int, progress: _Progress) -> NDArray[np.bool_]: ...
+    def all_hits(self, rays: _Rays, mask: int, workers: int, progress: _Progress) -> tuple[_I64, _Hits]: ...
+    def closest_points(
+        self, points: _F64, times: _F32, most: _F32, workers: int, progress: _Progress
+    ) -> tuple[_F64, _Hits]: ...
+    def triangles(self, mesh: _I32, triangle: _I64, times: _F32) -> _F64: ...
+
+class Photons:
+    def __new__(
+        cls,
+        positions: _F32,
+        normals: _F32,
+        flux: _F32,
+        times: _F32,
+        window: float,
+        neighbors: int,
+        workers: int,
+    ) -> Photons: ...
+    @property
+    def n(self) -> int: ...
+    def gather(
+        self,
+        positions: _F32,
+        normals: _F32,
+        times: _F32,
+        k: int | None,
+        radius: float,
+        window: float,
+        cosine: float | None,
+        thickness: float | None,
+        kernels: Sequence[str],
+        workers: int,
+        progress: _Progress,
+    ) -> tuple[_F32, _F32, _I64]: ...
+
+def neighbor_lists(
+    points: Points,
+    time: float,
+    radii: _F32,
+    larger: bool,
+    among: Points | None,
+    pairs_once: bool,
+    distances: bool,
+    displacements: bool,
+    sorted: bool,
+    by_id: bool,
+    workers: int,
+) -> _Columns: ...
+def neighbor_lists_with_skin(
+    points: Points, time: float, radius: float, skin: float, until: float, workers: int
+) -> tuple[_Columns, float]: ...
+def neighbor_lists_swept(
+    points: Points, between: Sequence[float], radius: float, workers: int
+) -> tuple[_I64, _I32, Sequence[_F32]]: ...
+def certified_duration(radius: float, skin: float, speed: float) -> float:
+    """How long lists with a skin hold every pair within `radius`, if no point is ever faster than `speed`.
+
+    Infinite if nothing moves; 0 for arguments that are negative or NaN.
+    """

@@ -1,0 +1,100 @@
+"""Lists of neighbours, one behind the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class NeighborLists:
+    """Lists in compressed sparse rows: list ``i`` is ``ids[offsets[i]:offsets[i + 1]]``, or ``lists[i]``.
+
+    Attributes
+    ----------
+    offsets : int64 (m + 1,)
+        Where each list begins, and where the last one ends.
+    ids : int32 (total,)
+        The neighbours, list after list.
+    points : int32 (m,) or None
+        The point that each list belongs to; None where list i is that of point (or query) i.
+    distances : float32 (total,) or None
+        How far each neighbour is, if asked for.
+    displacements : float32 (total, 3) or None
+        The way from the point to each neighbour (to its nearest image in a periodic box), if asked for.
+    valid_until : float or None
+        Of lists with a skin: the time until which they hold every pair within the radius.
+    """
+
+    offsets: np.ndarray
+    ids: np.ndarray
+    points: np.ndarray | None = None
+    distances: np.ndarray | None = None
+    displacements: np.ndarray | None = None
+    valid_until: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def __getitem__(self, row: int) -> np.ndarray:
+        """The ids of one list (a view)."""
+        row = range(len(self))[row]
+        return self.ids[self.offsets[row] : self.offsets[row + 1]]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """How many neighbours each list has, int64 (m,)."""
+        return np.diff(self.offsets)
+
+    def pairs(self) -> np.ndarray:
+        """Rows (point, neighbour) of all lists, intp (total, 2)."""
+        points = np.arange(len(self), dtype=np.intp) if self.points is None else self.points
+        pairs = np.empty((len(self.ids), 2), dtype=np.intp)
+        pairs[:, 0] = np.repeat(points, self.counts)
+        pairs[:, 1] = self.ids
+        return pairs
+
+    def to_objects(self) -> np.ndarray:
+        """An array of Python lists (m,), as scipy has it: convenient for few, slow and large for many."""
+        rows = np.empty(len(self), dtype=object)
+        rows[:] = [self[row].tolist() for row in range(len(self))]
+        return rows
+
+    def __repr__(self) -> str:
+        return f"<NeighborLists: {len(self.ids)} neighbours in {len(self)} lists>"
+
+
+@dataclass(frozen=True, eq=False)
+class Encounters:
+    """Who comes within a radius of whom during an interval: list i is that of point i, sorted by id.
+
+    Attributes
+    ----------
+    offsets : int64 (n + 1,)
+    ids : int32 (total,)
+    enter, leave : float32 (total,)
+        The first and the last time within the radius.
+    closest : float32 (total,)
+        When the two are nearest.
+    distances : float32 (total,)
+        How far apart they are then.
+    """
+
+    offsets: np.ndarray
+    ids: np.ndarray
+    enter: np.ndarray
+    leave: np.ndarray
+    closest: np.ndarray
+    distances: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def __getitem__(self, row: int) -> np.ndarray:
+        """The ids of one list (a view)."""
+        row = range(len(self))[row]
+        return self.ids[self.offsets[row] : self.offsets[row + 1]]
+
+    def __repr__(self) -> str:
+        return f"<Encounters: {len(self.ids)} in {len(self)} lists>"

@@ -1,0 +1,140 @@
+"""Density estimates over photons with time stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _mbkd
+from ._arrays import per_query, places
+
+Progress = Callable[[float], object]
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """Answers of a gather, one row for each query.
+
+    Attributes
+    ----------
+    density : float32 (n,) or (n, 3)
+        Flux per area and time (the whole shutter being 1), in as many channels as the photons have.
+    radius : float32 (n,)
+        The radius of the disc over which it was estimated.
+    count : int64 (n,)
+        How many photons were summed.
+    """
+
+    density: np.ndarray
+    radius: np.ndarray
+    count: np.ndarray
+
+
+class PhotonMap:
+    """Photons on surfaces, to be gathered at a time (Cammarano and Jensen, 2002).
+
+    Parameters
+    ----------
+    positions : (n, 3)
+        Where photons arrived. All numbers are taken as float32.
+    normals : (n, 3)
+        Unit normals of the surface there.
+    flux : (n,) or (n, 3)
+        The light that each carries: energy over the whole shutter.
+    times : (n,)
+        When each arrived, in [0, 1].
+    window, neighbors
+        The half width of the window in time, and the number of photons, that queries will mostly have: the tree is built
+        for them. Answers do not depend on them.
+    workers : int
+        Threads for the build; -1 for all processors.
+    """
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        flux: ArrayLike,
+        times: ArrayLike,
+        *,
+        window: float = 0.05,
+        neighbors: int = 50,
+        workers: int = 1,
+    ) -> None:
+        where, facing = _rows(positions, "positions"), _rows(normals, "normals")
+        light = np.asarray(flux, dtype=np.float32)
+        self._gray = light.ndim == 1
+        if self._gray:
+            light = np.repeat(light[:, None], 3, axis=1)
+        if light.ndim != 2 or light.shape[1] != 3:
+            raise ValueError(f"flux must have the shape (n,) or (n, 3), not {light.shape}")
+        when = np.ascontiguousarray(times, dtype=np.float32)
+        if when.ndim != 1:
+            raise ValueError(f"times must have the shape (n,), not {when.shape}")
+        self._map = _mbkd.Photons(
+            where, facing, np.ascontiguousarray(light), when, window, neighbors, workers
+        )
+
+    def __len__(self) -> int:
+        return self._map.n
+
+    def __repr__(self) -> str:
+        return f"<PhotonMap of {len(self)} photons>"
+
+    def gather(
+        self,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        time: ArrayLike = 0.0,
+        *,
+        k: int | None = None,
+        radius: float = np.inf,
+        window: float = np.inf,
+        cosine: float | None = None,
+        thickness: float | None = None,
+        kernels: tuple[str, str] = ("box", "box"),
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> Gathered:
+        """The density of light at places (n, 3) with unit normals (n, 3) or (3,), each at its time.
+
+        Parameters
+        ----------
+        k, radius
+            The k nearest photons, those within a radius, or both: give at least one.
+        window : float
+            Half width of the window in time: photons stamped at s count where abs(s - time) <= window.
+        cosine, thickness : float, optional
+            Only photons whose normal has at least this cosine with that of the query; only those in a disc of this half
+            thickness.
+        kernels : (str, str)
+            Weights by distance in space and in time: 'box', 'cone', 'epanechnikov' or 'gaussian'.
+
+        Raises
+        ------
+        ValueError
+            Anything out of range, and a query with neither k nor radius.
+        """
+        where = _rows(positions, "positions")
+        facing = np.broadcast_to(np.asarray(normals, dtype=np.float32), where.shape)
+        density, reach, count = self._map.gather(
+            where,
+            np.ascontiguousarray(facing),
+            per_query(time, (len(where),), "time"),
+            k,
+            radius,
+            window,
+            cosine,
+            thickness,
+            list(kernels),
+            workers,
+            progress,
+        )
+        return Gathered(density[:, 0].copy() if self._gray else density, reach, count)
+
+
+def _rows(values: ArrayLike, name: str) -> np.ndarray:
+    return np.ascontiguousarray(places(values, name)[0], dtype=np.float32)

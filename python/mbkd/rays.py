@@ -1,0 +1,308 @@
+"""Rays and nearest points on triangle meshes whose vertices move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _mbkd
+from ._arrays import floats, interval, keys_of, per_query, places
+
+Progress = Callable[[float], object]
+EVERYTHING = 0xFFFF_FFFF
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What rays hit, one row for each ray (or for each hit of all hits).
+
+    Attributes
+    ----------
+    t : float32
+        Distance in units of the direction; ``inf`` where nothing is hit.
+    mesh : int32
+        The mesh, by its place among those that the tree was built of; -1 where nothing is hit.
+    triangle : int64
+        The triangle within its mesh; -1 where nothing is hit.
+    u, v : float32
+        Barycentric weights of the triangle's second and third corner; the first has 1 - u - v.
+    """
+
+    t: np.ndarray
+    mesh: np.ndarray
+    triangle: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+class RayTree:
+    """A tree of triangle meshes whose vertices may move, for rays and nearest points at any time.
+
+    Parameters
+    ----------
+    vertices : (V, 3) or (K, V, 3)
+        Positions, or positions at K keys that are spaced evenly over the shutter [0, 1]; linear in between. float32 is
+        kept bit for bit, float64 is rounded to float32 relative to the middle of the scene.
+    faces : (F, 3) of whole numbers
+        The corners of each triangle.
+    lifetime : (begin, end), optional
+        When the mesh exists.
+    workers : int
+        Threads for the build; -1 for all processors.
+    progress : callable, optional
+        Called with the finished fraction now and then. An exception ends the build, as Ctrl-C does.
+
+    Raises
+    ------
+    ValueError
+        Positions that are not finite or beyond 1e30, faces that name a vertex that is not there, wrong shapes.
+    TypeError
+        What is no array of numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from mbkd import RayTree
+    >>> open = np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]])
+    >>> tree = RayTree(np.stack([open, open + np.float32([0, 0, 1])]), [[0, 1, 2]])
+    >>> tree.closest_hits([[0, 0, 5], [0, 0, 5]], [0, 0, -1], time=[0, 0.5]).t
+    array([5. , 4.5], dtype=float32)
+    """
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        lifetime: Sequence[float] = (0.0, 1.0),
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> None:
+        self._tree = _mbkd.Rays([_mesh(vertices, faces, lifetime, EVERYTHING)], workers, progress)
+
+    @classmethod
+    def from_meshes(
+        cls,
+        meshes: Sequence[tuple[ArrayLike, ArrayLike]],
+        *,
+        lifetimes: Sequence[Sequence[float]] | None = None,
+        masks: Sequence[int] | None = None,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> RayTree:
+        """A tree of several meshes, pairs of vertices and faces as for one.
+
+        `lifetimes` says when each exists, `masks` (32 bits) which queries see it: those whose mask shares a bit.
+        """
+        lifetimes = [(0.0, 1.0)] * len(meshes) if lifetimes is None else lifetimes
+        masks = [EVERYTHING] * len(meshes) if masks is None else masks
+        if not len(meshes) == len(lifetimes) == len(masks):
+            raise ValueError(f"{len(meshes)} meshes, {len(lifetimes)} lifetimes and {len(masks)} masks")
+        parts = zip(meshes, lifetimes, masks)
+        tree = cls.__new__(cls)
+        tree._tree = _mbkd.Rays([_mesh(*mesh, life, mask) for mesh, life, mask in parts], workers, progress)
+        return tree
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the tree and its triangles take."""
+        return self._tree.nbytes
+
+    def stats(self) -> str:
+        """What the build made, as text."""
+        return self._tree.stats()
+
+    def __repr__(self) -> str:
+        return f"<RayTree, {self.nbytes / 1e6:.1f} MB>"
+
+    def closest_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> Hits:
+        """The nearest hit of each ray; of several at the same t that on the lowest (mesh, triangle).
+
+        Parameters
+        ----------
+        origins : (n, 3)
+            Where rays begin; float64 keeps what it has.
+        directions : (n, 3) or (3,)
+            Of any length but zero; t counts in that length. A ray whose direction is zero or not finite hits nothing.
+        time : float or (n,)
+            When each ray looks, in [0, 1].
+        t_min, t_max : float or (n,)
+            Hits count from t_min to t_max, both included.
+        mask : int
+            Sees the meshes whose mask shares a bit.
+        workers : int
+            Threads; -1 for all processors.
+        """
+        rays = _rays(origins, directions, time, t_min, t_max)
+        return Hits(*self._tree.closest_hits(rays, mask, workers, progress))
+
+    def all_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> tuple[np.ndarray, Hits]:
+        """All hits of all rays: the index of the ray of each (int64), and the hits, by ray and along each ray."""
+        rays = _rays(origins, directions, time, t_min, t_max)
+        index, hits = self._tree.all_hits(rays, mask, workers, progress)
+        return index, Hits(*hits)
+
+    def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
+        """Whether each ray hits anything, bool (n,). Options as of `closest_hits`."""
+        return _with(self._tree.any_hits, ray_origins, ray_directions, **options)
+
+    def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
+        """The triangle that each ray hits first, int64 (n,); -1 where there is none. Options as of `closest_hits`."""
+        return self.closest_hits(ray_origins, ray_directions, **options).triangle
+
+    def intersects_id(
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        multiple_hits: bool = True,
+        return_locations: bool = False,
+        **options,
+    ) -> tuple[np.ndarray, ...]:
+        """Triangles and rays of all hits (or of the first of each ray), and if asked for where they are.
+
+        Returns ``index_tri, index_ray`` and ``locations``, one row for each hit. Options as of `closest_hits`.
+        """
+        locations, index_ray, index_tri = self.intersects_location(
+            ray_origins, ray_directions, multiple_hits, **options
+        )
+        return (index_tri, index_ray, locations) if return_locations else (index_tri, index_ray)
+
+    def intersects_location(
+        self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True, **options
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where rays hit.
+
+        Returns
+        -------
+        locations : float64 (hits, 3)
+        index_ray : int64 (hits,)
+        index_tri : int64 (hits,)
+            One row for each hit: of all hits by ray and along each ray, or of the first hit of each ray that hits
+            anything. Options as of `closest_hits`.
+        """
+        if multiple_hits:
+            index_ray, hits = self.all_hits(ray_origins, ray_directions, **options)
+            t, triangle = hits.t, hits.triangle
+        else:
+            hits = self.closest_hits(ray_origins, ray_directions, **options)
+            index_ray = np.flatnonzero(hits.triangle >= 0)
+            t, triangle = hits.t[index_ray], hits.triangle[index_ray]
+        origins, directions = _ends(ray_origins, ray_directions)
+        directions = directions.astype(np.float64)
+        return origins[index_ray] + directions[index_ray] * t[:, None].astype(np.float64), index_ray, triangle
+
+    def closest_point(
+        self,
+        points: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        max_distance: ArrayLike = np.inf,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The nearest point of the surface to each point, as ``trimesh.proximity.closest_point``.
+
+        Parameters
+        ----------
+        points : (n, 3)
+        time : float or (n,)
+            When each query looks, in [0, 1].
+        max_distance : float or (n,)
+            What is farther away does not count.
+
+        Returns
+        -------
+        closest : float64 (n, 3)
+        distance : float32 (n,)
+        triangle_id : int64 (n,)
+            NaN, ``inf`` and -1 where nothing is near enough.
+        """
+        queries, shape = places(points, "points")
+        times, most = per_query(time, shape, "time"), per_query(max_distance, shape, "max_distance")
+        if not (most >= 0).all():
+            raise ValueError("max_distance must not be negative or NaN")
+        wide = np.ascontiguousarray(queries, dtype=np.float64)
+        closest, hits = self._tree.closest_points(wide, times, most, workers, progress)
+        return closest, hits[0], hits[2]
+
+    def triangles(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
+        """The corners of triangles at times, float64 (n, 3, 3), exactly where queries see them; NaN for no triangle."""
+        triangle = np.ascontiguousarray(triangle, dtype=np.int64).reshape(-1)
+        mesh = np.ascontiguousarray(np.broadcast_to(np.asarray(mesh, dtype=np.int32), triangle.shape))
+        return self._tree.triangles(mesh, triangle, per_query(time, triangle.shape, "time"))
+
+    def normals(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
+        """Unit normals of triangles at times, float64 (n, 3); NaN for triangles without area."""
+        a, b, c = np.moveaxis(self.triangles(mesh, triangle, time=time), 1, 0)
+        normals = np.cross(b - a, c - a)
+        with np.errstate(invalid="ignore"):
+            return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _with(query, origins, directions, *, time=0.0, t_min=0.0, t_max=np.inf, mask=EVERYTHING, workers=1, progress=None):
+    return query(_rays(origins, directions, time, t_min, t_max), mask, workers, progress)
+
+
+def _ends(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Origins in float64 and directions in float32, both (n, 3)."""
+    begin, to = floats(origins, "origins"), floats(directions, "directions")
+    for array, name in ((begin, "origins"), (to, "directions")):
+        if array.ndim not in (1, 2) or array.shape[-1] != 3:
+            raise ValueError(f"{name} must have the shape (n, 3), not {array.shape}")
+    begin = np.atleast_2d(begin)
+    try:
+        to = np.broadcast_to(to, begin.shape)
+    except ValueError:
+        raise ValueError(f"{len(begin)} origins and {len(to)} directions of rays") from None
+    return np.ascontiguousarray(begin, dtype=np.float64), np.ascontiguousarray(to, dtype=np.float32)
+
+
+def _rays(origins: ArrayLike, directions: ArrayLike, time, t_min, t_max) -> tuple[np.ndarray, ...]:
+    begin, to = _ends(origins, directions)
+    if not np.isfinite(begin).all():
+        raise ValueError("origins must be finite; check for nan or inf values")
+    numbers = [per_query(v, (len(begin),), n) for v, n in ((time, "time"), (t_min, "t_min"), (t_max, "t_max"))]
+    return (begin, to, *numbers)
+
+
+def _mesh(vertices: ArrayLike, faces: ArrayLike, lifetime: Sequence[float], mask: int) -> tuple:
+    corners = np.asarray(faces)
+    if corners.size == 0:
+        corners = np.empty((0, 3), np.uint32)
+    if corners.dtype.kind not in "iu":
+        raise TypeError(f"faces must be whole numbers, not {corners.dtype}")
+    if corners.ndim != 2 or corners.shape[1] != 3:
+        raise ValueError(f"faces must have the shape (F, 3), not {corners.shape}")
+    if corners.dtype != np.uint32 and len(corners):
+        if corners.min() < 0 or corners.max() > 0xFFFF_FFFF:
+            raise ValueError("faces must be indices of vertices: at least 0 and less than 2^32")
+    corners = np.ascontiguousarray(corners, dtype=np.uint32)
+    return keys_of(vertices, None, "vertices"), corners, interval(lifetime), mask

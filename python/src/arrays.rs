@@ -1,0 +1,124 @@
+//! Arrays of numpy as slices, and what is wrong with them as Python's errors.
+
+use mbkd::TimeInterval;
+use numpy::ndarray::Dimension;
+use numpy::{Element, PyArray, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray2};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+
+/// An error of the library: its message, as a `ValueError`.
+pub fn value_error(error: impl core::fmt::Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// The elements of an array, which must lie one behind the other.
+pub fn slice<'a, T: Element, D: Dimension>(array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
+    array.as_slice().map_err(value_error)
+}
+
+/// An array of `(n, 3)` positions, of the precision it was given in.
+pub enum Positions<'py> {
+    /// float32.
+    Single(PyReadonlyArray2<'py, f32>),
+    /// float64.
+    Double(PyReadonlyArray2<'py, f64>),
+}
+
+/// The same as slices.
+#[derive(Clone, Copy)]
+pub enum Places<'a> {
+    /// float32.
+    Single(&'a [[f32; 3]]),
+    /// float64.
+    Double(&'a [[f64; 3]]),
+}
+
+impl<'py> Positions<'py> {
+    /// Takes an array as it is; nothing is converted.
+    pub fn of(array: &Bound<'py, PyAny>) -> PyResult<Positions<'py>> {
+        if let Ok(array) = array.cast::<PyArray2<f32>>() {
+            return Ok(Positions::Single(array.try_readonly().map_err(value_error)?));
+        }
+        match array.cast::<PyArray2<f64>>() {
+            Ok(array) => Ok(Positions::Double(array.try_readonly().map_err(value_error)?)),
+            Err(_) => Err(PyTypeError::new_err("positions must be an array (n, 3) of float32 or float64")),
+        }
+    }
+
+    /// The rows.
+    pub fn places(&self) -> PyResult<Places<'_>> {
+        Ok(match self {
+            Positions::Single(array) => Places::Single(rows(array)?),
+            Positions::Double(array) => Places::Double(rows(array)?),
+        })
+    }
+}
+
+impl Places<'_> {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Places::Single(rows) => rows.len(),
+            Places::Double(rows) => rows.len(),
+        }
+    }
+
+    /// One of them, exactly.
+    pub fn wide(&self, i: usize) -> [f64; 3] {
+        match self {
+            Places::Single(rows) => rows[i].map(f64::from),
+            Places::Double(rows) => rows[i],
+        }
+    }
+}
+
+/// The rows of an array `(n, 3)`.
+pub fn rows<'a, T: Element>(array: &'a PyReadonlyArray<'_, T, numpy::Ix2>) -> PyResult<&'a [[T; 3]]> {
+    if array.as_array().ncols() != 3 {
+        return Err(PyValueError::new_err(format!(
+            "positions have three coordinates, not {}; give flat ones a third that is zero",
+            array.as_array().ncols()
+        )));
+    }
+    Ok(slice(array)?.as_chunks().0)
+}
+
+/// A number for each query, or one for all.
+#[derive(Clone, Copy)]
+pub struct PerQuery<'a>(&'a [f32]);
+
+impl<'a> PerQuery<'a> {
+    /// Of an array of length 1 or `count`.
+    pub fn new(values: &'a [f32], count: usize, name: &str) -> PyResult<PerQuery<'a>> {
+        if values.len() != 1 && values.len() != count {
+            let found = values.len();
+            return Err(PyValueError::new_err(format!("{name}: {found} values for {count} queries")));
+        }
+        Ok(PerQuery(values))
+    }
+
+    /// The same, of times in the shutter.
+    pub fn times(values: &'a [f32], count: usize) -> PyResult<PerQuery<'a>> {
+        if let Some(time) = values.iter().find(|time| !(0.0..=1.0).contains(*time)) {
+            return Err(PyValueError::new_err(format!("the time {time} is not in [0, 1]")));
+        }
+        PerQuery::new(values, count, "time")
+    }
+
+    /// That of a query.
+    #[inline]
+    pub fn of(self, query: usize) -> f32 {
+        if self.0.len() == 1 { self.0[0] } else { self.0[query] }
+    }
+}
+
+/// Times at which things exist, from rows of begin and end.
+pub fn intervals(rows: &[[f32; 2]]) -> PyResult<Vec<TimeInterval>> {
+    rows.iter().map(|&[begin, end]| TimeInterval::new(begin, end).map_err(value_error)).collect()
+}
+
+/// A vector as an array `(rows, columns)`, without a copy.
+pub fn table<T: Element>(py: Python<'_>, elements: Vec<T>, columns: usize) -> PyResult<Bound<'_, PyArray2<T>>> {
+    let rows = elements.len() / columns;
+    PyArray::from_vec(py, elements).reshape([rows, columns])
+}

@@ -1,0 +1,117 @@
+//! Gathering photons at a time.
+
+use crate::arrays::{PerQuery, rows, slice, table, value_error};
+use crate::threads::{look_after, on, pool};
+use mbkd::glam::Vec3;
+use mbkd::point::{GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// Gathers between two looks at Python.
+const BLOCK: usize = 1 << 15;
+
+/// A map of photons with time stamps.
+#[pyclass(frozen)]
+pub struct Photons {
+    map: PhotonMap<Vec3>,
+}
+
+/// Density (m, 3), radius, how many photons were summed.
+type Answers<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<i64>>);
+
+#[pymethods]
+impl Photons {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        positions: PyReadonlyArray2<'_, f32>,
+        normals: PyReadonlyArray2<'_, f32>,
+        flux: PyReadonlyArray2<'_, f32>,
+        times: PyReadonlyArray1<'_, f32>,
+        window: f32,
+        neighbors: u32,
+        workers: isize,
+    ) -> PyResult<Photons> {
+        let (positions, normals, flux) = (rows(&positions)?, rows(&normals)?, rows(&flux)?);
+        let times = slice(&times)?;
+        if [normals.len(), flux.len(), times.len()] != [positions.len(); 3] {
+            return Err(PyValueError::new_err("positions, normals, fluxes and times must be equally many"));
+        }
+        let photon = |i: usize| {
+            let [position, normal, flux] = [positions[i], normals[i], flux[i]].map(Vec3::from);
+            Photon::at_time(position, normal, flux, times[i])
+        };
+        let map = on(py, workers, || {
+            let photons: Vec<Photon<Vec3>> = (0..positions.len()).map(photon).collect();
+            PhotonMap::build(&photons, &GatherParams { window, neighbors, ..GatherParams::default() })
+        })?;
+        Ok(Photons { map: map.map_err(value_error)? })
+    }
+
+    /// Number of photons.
+    #[getter]
+    fn n(&self) -> usize {
+        self.map.len()
+    }
+
+    /// The density of light at places and times.
+    fn gather<'py>(
+        &self,
+        py: Python<'py>,
+        positions: PyReadonlyArray2<'py, f32>,
+        normals: PyReadonlyArray2<'py, f32>,
+        times: PyReadonlyArray1<'py, f32>,
+        k: Option<usize>,
+        radius: f32,
+        window: f32,
+        cosine: Option<f32>,
+        thickness: Option<f32>,
+        kernels: [String; 2],
+        workers: isize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Answers<'py>> {
+        let (positions, normals) = (rows(&positions)?, rows(&normals)?);
+        if normals.len() != positions.len() {
+            return Err(PyValueError::new_err(format!("{} normals for {} places", normals.len(), positions.len())));
+        }
+        let times = PerQuery::times(slice(&times)?, positions.len())?;
+        let (space, clock) = (kernel(&kernels[0])?, kernel(&kernels[1])?);
+        let query = |i: usize| {
+            let at = GatherQuery::new(Vec3::from(positions[i]), Vec3::from(normals[i]), times.of(i));
+            let mut query = at.radius(radius).window(window).kernels(space, clock);
+            query = k.map_or(query, |k| query.nearest(k));
+            query = cosine.map_or(query, |cosine| query.cosine(cosine));
+            thickness.map_or(query, |thickness| query.thickness(thickness))
+        };
+        let pool = pool(workers)?;
+        let mut answers: Vec<Gathered<Vec3>> = Vec::with_capacity(positions.len());
+        for begin in (0..positions.len()).step_by(BLOCK) {
+            let end = positions.len().min(begin + BLOCK);
+            let block = py.detach(|| {
+                let queries: Vec<GatherQuery<'_>> = (begin..end).map(query).collect();
+                pool.install(|| self.map.gather_batch(&queries))
+            });
+            answers.extend(block.map_err(value_error)?);
+            look_after(py, progress.as_ref(), end as f32 / positions.len() as f32)?;
+        }
+        let density = answers.iter().flat_map(|answer| answer.density.to_array()).collect();
+        let radius: Vec<f32> = answers.iter().map(|answer| answer.radius).collect();
+        let count: Vec<i64> = answers.iter().map(|answer| answer.count as i64).collect();
+        Ok((table(py, density, 3)?, radius.into_pyarray(py), count.into_pyarray(py)))
+    }
+}
+
+/// The kernel with this name.
+fn kernel(name: &str) -> PyResult<Kernel> {
+    Ok(match name {
+        "box" => Kernel::Box,
+        "cone" => Kernel::Cone,
+        "epanechnikov" => Kernel::Epanechnikov,
+        "gaussian" => Kernel::Gaussian,
+        _ => {
+            let names = "'box', 'cone', 'epanechnikov' or 'gaussian'";
+            return Err(PyValueError::new_err(format!("a kernel is {names}, not '{name}'")));
+        }
+    })
+}

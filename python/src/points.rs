@@ -1,0 +1,434 @@
+//! The tree of points and the queries that are asked one by one: k nearest, radius, counts, closest approach.
+
+use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, table, value_error};
+use crate::images::Periods;
+use crate::queries::{in_waves, order};
+use crate::threads::on;
+use core::ops::ControlFlow;
+use mbkd::{
+    Aabb, Neighbor, NeighborBuffer, PointArrays, PointParams, PointStructure, PointTree, TimeInterval, TreePoint,
+    Visitor,
+};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// A tree of points that may move and may exist for a while only.
+#[pyclass(frozen)]
+pub struct Points {
+    pub tree: PointTree,
+    pub periods: Option<Periods>,
+}
+
+/// Distances and ids.
+type Nearest<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
+
+/// Offsets and ids.
+type Lists<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>);
+
+/// Distances, ids and times.
+type Approaches<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+
+/// Arrays of one number for each query, or of one for all.
+type Numbers<'py> = PyReadonlyArray1<'py, f32>;
+
+#[pymethods]
+impl Points {
+    /// `keys`: positions (n, 3) at times that are spaced evenly over the shutter, all of one precision.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        keys: Vec<Bound<'_, PyAny>>,
+        lifetimes: Option<PyReadonlyArray2<'_, f32>>,
+        boxsize: [f64; 3],
+        structure: &str,
+        max_references: f32,
+        round_to_f32: bool,
+        workers: isize,
+    ) -> PyResult<Points> {
+        let keys = keys.iter().map(Positions::of).collect::<PyResult<Vec<_>>>()?;
+        let keys = keys.iter().map(Positions::places).collect::<PyResult<Vec<_>>>()?;
+        if keys.iter().any(|key| key.len() > i32::MAX as usize) {
+            return Err(PyValueError::new_err("more than 2^31 - 1 points"));
+        }
+        let alive = match &lifetimes {
+            Some(rows) => intervals(slice(rows)?.as_chunks().0)?,
+            None => Vec::new(),
+        };
+        let params =
+            PointParams { structure: named(structure)?, max_references, round_to_f32, ..PointParams::default() };
+        let tree = on(py, workers, || build(&keys, &alive, &params))??;
+        let periods = Periods::new(boxsize, bounds(&keys)).map_err(PyValueError::new_err)?;
+        Ok(Points { tree, periods })
+    }
+
+    /// Number of points.
+    #[getter]
+    fn n(&self) -> usize {
+        self.tree.len()
+    }
+
+    /// Bytes that the tree takes.
+    #[getter]
+    fn nbytes(&self) -> usize {
+        self.tree.stats().bytes()
+    }
+
+    /// What the tree consists of, and why.
+    fn stats(&self) -> String {
+        format!("{:#?}", self.tree.stats())
+    }
+
+    /// Distances and ids `(m, k)` of the k nearest points of each query, nearest first; `inf` and n where there are none.
+    fn query<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+        times: Numbers<'py>,
+        k: usize,
+        eps: f32,
+        bound: f32,
+        workers: isize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Nearest<'py>> {
+        let points = Positions::of(points)?;
+        let places = points.places()?;
+        let times = PerQuery::times(slice(&times)?, places.len())?;
+        let missing = self.tree.len() as i64;
+        let shape = [places.len(), k];
+        // Arrays of numpy's own, since it asks for large pages.
+        let (distances, ids) = (PyArray2::zeros(py, shape, false), PyArray2::zeros(py, shape, false));
+        let (mut d, mut i) =
+            (distances.try_readwrite().map_err(value_error)?, ids.try_readwrite().map_err(value_error)?);
+        let (d, i): (&mut [f64], &mut [i64]) =
+            (d.as_slice_mut().map_err(value_error)?, i.as_slice_mut().map_err(value_error)?);
+        let square = bound * bound;
+        let run = |queries: &[u32]| {
+            let mut buffer = NeighborBuffer::new();
+            let mut found: Vec<Neighbor> = Vec::with_capacity(queries.len() * k);
+            let mut ends = Vec::with_capacity(queries.len());
+            for &query in queries {
+                self.nearest(
+                    places,
+                    query as usize,
+                    times.of(query as usize),
+                    (bound, eps),
+                    k,
+                    &mut buffer,
+                    &mut found,
+                );
+                ends.push(found.len());
+            }
+            (found, ends)
+        };
+        in_waves(py, &order(py, places, self.nbytes()), workers, progress.as_ref(), run, |queries, (found, ends)| {
+            let mut begin = 0;
+            for (&query, end) in queries.iter().zip(ends) {
+                let row = query as usize * k..(query as usize + 1) * k;
+                let (d, i) = (&mut d[row.clone()], &mut i[row]);
+                let mut next = 0;
+                // As in scipy the bound itself is too far.
+                for near in found[begin..end].iter().filter(|near| near.distance_squared < square) {
+                    (d[next], i[next]) = (f64::from(near.distance_squared).sqrt(), near.id.into());
+                    next += 1;
+                }
+                d[next..].fill(f64::INFINITY);
+                i[next..].fill(missing);
+                begin = end;
+            }
+        })?;
+        Ok((distances, ids))
+    }
+
+    /// The points within the radius of each query: offsets `(m + 1)` and ids.
+    fn within<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+        radii: Numbers<'py>,
+        times: Numbers<'py>,
+        sorted: bool,
+        workers: isize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Lists<'py>> {
+        let points = Positions::of(points)?;
+        let places = points.places()?;
+        let times = PerQuery::times(slice(&times)?, places.len())?;
+        let radii = radii_of(slice(&radii)?, places.len())?;
+        let run = |queries: &[u32]| {
+            let mut buffer = NeighborBuffer::new();
+            let (mut found, mut ids, mut ends) = (Vec::new(), Vec::new(), Vec::with_capacity(queries.len()));
+            for &query in queries {
+                let place = query as usize;
+                let begin = ids.len();
+                let near = self.all_within(places, place, times.of(place), radii.of(place), &mut buffer, &mut found);
+                ids.extend(near.iter().map(|near| near.id as i32));
+                if sorted {
+                    ids[begin..].sort_unstable();
+                }
+                ends.push(ids.len());
+            }
+            (ids, ends)
+        };
+        let order = order(py, places, self.nbytes());
+        let mut runs: Vec<(Vec<i32>, Vec<usize>)> = Vec::new();
+        in_waves(py, &order, workers, progress.as_ref(), run, |_, run| runs.push(run))?;
+        Ok(py.detach(|| in_order_of_queries(&order, &runs)))
+            .map(|(offsets, ids)| (offsets.into_pyarray(py), ids.into_pyarray(py)))
+    }
+
+    /// How many points are within the radius of each query.
+    fn count<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+        radii: Numbers<'py>,
+        times: Numbers<'py>,
+        workers: isize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let points = Positions::of(points)?;
+        let places = points.places()?;
+        let times = PerQuery::times(slice(&times)?, places.len())?;
+        let radii = radii_of(slice(&radii)?, places.len())?;
+        let mut counts = vec![0; places.len()];
+        let run = |queries: &[u32]| self.counts(places, queries, |i| times.of(i), |i| radii.of(i));
+        in_waves(py, &order(py, places, self.nbytes()), workers, progress.as_ref(), run, |queries, run: Vec<i64>| {
+            queries.iter().zip(run).for_each(|(&query, count)| counts[query as usize] = count);
+        })?;
+        Ok(counts.into_pyarray(py))
+    }
+
+    /// For each radius how many pairs of a point of this tree and one of the other are no farther apart at a time.
+    fn count_pairs(
+        &self,
+        py: Python<'_>,
+        other: &Points,
+        radii: Vec<f32>,
+        time: f32,
+        workers: isize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Vec<i64>> {
+        let alike = match (&self.periods, &other.periods) {
+            (None, None) => true,
+            (Some(one), Some(other)) => one.same(other),
+            _ => false,
+        };
+        if !alike {
+            return Err(PyValueError::new_err("the two trees have different periodic boxes"));
+        }
+        PerQuery::times(&[time], 1)?;
+        radii_of(&radii, radii.len())?;
+        // In the order of the tree.
+        let places: Vec<[f64; 3]> = at(&self.tree, time).into_iter().map(|point| point.position.to_array()).collect();
+        let (places, order): (_, Vec<u32>) = (Places::Double(&places), (0..places.len() as u32).collect());
+        let mut sums = vec![0; radii.len()];
+        for (number, (sum, radius)) in sums.iter_mut().zip(radii).enumerate() {
+            let run = |queries: &[u32]| other.counts(places, queries, |_| time, |_| radius).into_iter().sum::<i64>();
+            let progress = if number == 0 { progress.as_ref() } else { None };
+            in_waves(py, &order, workers, progress, run, |_, of_run| *sum += of_run)?;
+        }
+        Ok(sums)
+    }
+
+    /// Where all points are at a time, `(n, 3)`; NaN for those that do not exist then.
+    fn positions<'py>(&self, py: Python<'py>, time: f32) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        PerQuery::times(&[time], 1)?;
+        let mut positions = vec![f64::NAN; 3 * self.tree.len()];
+        for point in at(&self.tree, time) {
+            let place = 3 * point.id as usize;
+            positions[place..place + 3].copy_from_slice(&point.position.to_array());
+        }
+        table(py, positions, 3)
+    }
+
+    /// Which points come nearest to queries that move from `from` to `to` between two times: distances, ids, times.
+    fn closest_approach<'py>(
+        &self,
+        py: Python<'py>,
+        from: PyReadonlyArray2<'py, f64>,
+        to: PyReadonlyArray2<'py, f64>,
+        between: [f32; 2],
+        workers: isize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Approaches<'py>> {
+        if self.periods.is_some() {
+            return Err(PyValueError::new_err("closest approach is not for periodic boxes"));
+        }
+        let (from, to) = (rows(&from)?, rows(&to)?);
+        if from.len() != to.len() {
+            return Err(PyValueError::new_err(format!("{} ends of {} ways", to.len(), from.len())));
+        }
+        let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
+        let (mut d, mut i) = (vec![f64::INFINITY; from.len()], vec![self.tree.len() as i64; from.len()]);
+        let mut t = vec![f64::NAN; from.len()];
+        let run = |queries: &[u32]| {
+            let one = |&query: &u32| self.tree.closest_approach(from[query as usize], to[query as usize], interval);
+            queries.iter().map(one).collect::<Vec<_>>()
+        };
+        in_waves(py, &order(py, Places::Double(from), 0), workers, progress.as_ref(), run, |queries, run| {
+            for (&query, near) in queries.iter().zip(run) {
+                let place = query as usize;
+                if let Some(near) = near {
+                    (d[place], i[place], t[place]) = (near.distance.into(), near.id.into(), near.time.into());
+                }
+            }
+        })?;
+        Ok((d.into_pyarray(py), i.into_pyarray(py), t.into_pyarray(py)))
+    }
+}
+
+impl Points {
+    /// Appends the k nearest of a query.
+    #[inline]
+    fn nearest(
+        &self,
+        places: Places<'_>,
+        query: usize,
+        time: f32,
+        (radius, eps): (f32, f32),
+        k: usize,
+        buffer: &mut NeighborBuffer,
+        found: &mut Vec<Neighbor>,
+    ) {
+        if let Some(periods) = &self.periods {
+            let at = (places.wide(query), time);
+            periods.neighbors(&self.tree, at, (radius, eps), Some(k), buffer, found);
+            return;
+        }
+        let query = match places {
+            Places::Single(rows) => self.tree.query(rows[query], time),
+            Places::Double(rows) => self.tree.query(rows[query], time),
+        };
+        let query = query.radius(radius).approximate(eps);
+        match k {
+            1 => found.extend(query.nearest()),
+            _ => found.extend_from_slice(query.nearest_n_into(k, buffer)),
+        }
+    }
+
+    /// The points within the radius of a query; `memory` is for those of periodic boxes.
+    #[inline]
+    fn all_within<'a>(
+        &self,
+        places: Places<'_>,
+        query: usize,
+        time: f32,
+        radius: f32,
+        buffer: &'a mut NeighborBuffer,
+        memory: &'a mut Vec<Neighbor>,
+    ) -> &'a [Neighbor] {
+        if let Some(periods) = &self.periods {
+            memory.clear();
+            periods.neighbors(&self.tree, (places.wide(query), time), (radius, 0.0), None, buffer, memory);
+            return memory;
+        }
+        match places {
+            Places::Single(rows) => self.tree.query(rows[query], time),
+            Places::Double(rows) => self.tree.query(rows[query], time),
+        }
+        .radius(radius)
+        .collect_into(buffer)
+    }
+
+    fn counts(
+        &self,
+        places: Places<'_>,
+        queries: &[u32],
+        time: impl Fn(usize) -> f32,
+        radius: impl Fn(usize) -> f32,
+    ) -> Vec<i64> {
+        let (mut buffer, mut memory) = (NeighborBuffer::new(), Vec::new());
+        let one = |&query: &u32| {
+            let query = query as usize;
+            let (time, radius) = (time(query), radius(query));
+            let count = match (&self.periods, places) {
+                (Some(_), _) => self.all_within(places, query, time, radius, &mut buffer, &mut memory).len(),
+                (None, Places::Single(rows)) => self.tree.query(rows[query], time).radius(radius).count(),
+                (None, Places::Double(rows)) => self.tree.query(rows[query], time).radius(radius).count(),
+            };
+            count as i64
+        };
+        queries.iter().map(one).collect()
+    }
+}
+
+/// Radii that are fine.
+fn radii_of(radii: &[f32], count: usize) -> PyResult<PerQuery<'_>> {
+    match radii.iter().find(|radius| radius.is_nan() || **radius < 0.0) {
+        Some(radius) => Err(PyValueError::new_err(format!("a radius must not be negative or NaN: {radius}"))),
+        None => PerQuery::new(radii, count, "r"),
+    }
+}
+
+/// The structure with this name.
+fn named(structure: &str) -> PyResult<PointStructure> {
+    match (structure, structure.strip_prefix("slabs:").map(str::parse)) {
+        ("automatic", _) => Ok(PointStructure::Automatic),
+        ("linear", _) => Ok(PointStructure::Linear),
+        ("mbkd", _) => Ok(PointStructure::Mbkd),
+        (_, Some(Ok(slabs))) => Ok(PointStructure::Slabs(slabs)),
+        _ => Err(PyValueError::new_err(format!(
+            "structure must be 'automatic', 'linear', 'mbkd' or 'slabs:N', not '{structure}'"
+        ))),
+    }
+}
+
+fn build(keys: &[Places<'_>], alive: &[TimeInterval], params: &PointParams) -> PyResult<PointTree> {
+    let single: Option<Vec<&[[f32; 3]]>> =
+        keys.iter().map(|key| if let Places::Single(rows) = key { Some(*rows) } else { None }).collect();
+    let double: Option<Vec<&[[f64; 3]]>> =
+        keys.iter().map(|key| if let Places::Double(rows) = key { Some(*rows) } else { None }).collect();
+    match (single, double) {
+        (Some(keys), _) => PointTree::build(&PointArrays { keys: &keys, alive, ids: &[] }, params),
+        (_, Some(keys)) => PointTree::build(&PointArrays { keys: &keys, alive, ids: &[] }, params),
+        _ => return Err(PyValueError::new_err("all keys must have one precision")),
+    }
+    .map_err(value_error)
+}
+
+/// The box around all points at all keys.
+fn bounds(keys: &[Places<'_>]) -> [[f64; 3]; 2] {
+    let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for p in keys.iter().flat_map(|key| (0..key.len()).map(|i| key.wide(i))) {
+        for axis in 0..3 {
+            (lo[axis], hi[axis]) = (lo[axis].min(p[axis]), hi[axis].max(p[axis]));
+        }
+    }
+    [lo, hi]
+}
+
+/// Where all points are at a time, in the order of the tree; each once.
+fn at(tree: &PointTree, time: f32) -> Vec<TreePoint> {
+    struct All(Vec<TreePoint>);
+    impl Visitor<TreePoint> for All {
+        fn enter(&mut self, _: &Aabb) -> Option<f32> {
+            Some(0.0)
+        }
+        fn visit(&mut self, point: TreePoint) -> ControlFlow<()> {
+            self.0.push(point);
+            ControlFlow::Continue(())
+        }
+    }
+    let mut all = All(Vec::with_capacity(tree.len()));
+    let _ = tree.traverse(time, &mut all);
+    all.0
+}
+
+/// Lists that were made in another order than that of the queries.
+fn in_order_of_queries(order: &[u32], runs: &[(Vec<i32>, Vec<usize>)]) -> (Vec<i64>, Vec<i32>) {
+    let mut lists: Vec<&[i32]> = vec![&[]; order.len()];
+    let made = runs.iter().flat_map(|(ids, ends)| {
+        let begins = core::iter::once(0).chain(ends.iter().copied());
+        begins.zip(ends).map(|(begin, &end)| &ids[begin..end])
+    });
+    order.iter().zip(made).for_each(|(&query, list)| lists[query as usize] = list);
+    let mut offsets = Vec::with_capacity(order.len() + 1);
+    offsets.push(0);
+    let mut ids = Vec::with_capacity(lists.iter().map(|list| list.len()).sum());
+    for list in lists {
+        ids.extend_from_slice(list);
+        offsets.push(ids.len() as i64);
+    }
+    (offsets, ids)
+}

@@ -1,0 +1,99 @@
+"""Neighbour lists against queries one by one."""
+
+import numpy as np
+import pytest
+from mbkd import PointTree, certified_duration
+
+RNG = np.random.default_rng(6)
+OPEN = RNG.random((400, 3), dtype=np.float32)
+CLOSE = OPEN + RNG.normal(0, 0.2, (400, 3)).astype(np.float32)
+
+
+def close_pairs(positions, r):
+    d = positions.astype(np.float32)[None] - positions.astype(np.float32)[:, None]
+    square = (d[..., 0] * d[..., 0] + d[..., 1] * d[..., 1]) + d[..., 2] * d[..., 2]
+    near = square <= np.float32(r) * np.float32(r)
+    np.fill_diagonal(near, False)
+    return near, np.sqrt(square), d
+
+
+@pytest.mark.parametrize("time", [0.0, 0.37, 1.0])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_lists_are_brute_force(time, workers):
+    tree = PointTree(OPEN, keys=CLOSE)
+    near, far, ways = close_pairs(tree.positions(time), 0.15)
+    lists = tree.neighbor_lists(0.15, time=time, distances=True, displacements=True, sorted=True, workers=workers)
+    assert [row.tolist() for row in lists] == [np.flatnonzero(row).tolist() for row in near]
+    i, j = lists.pairs().T
+    np.testing.assert_array_equal(lists.distances, far[i, j])
+    np.testing.assert_array_equal(lists.displacements, ways[i, j])
+    assert lists.ids.dtype == np.int32 and lists.offsets[-1] == len(lists.ids)
+
+    tree_order = tree.neighbor_lists(0.15, time=time, sorted=True, rows="tree")
+    assert {p: row.tolist() for p, row in zip(tree_order.points.tolist(), tree_order)} == dict(enumerate(row.tolist() for row in lists))
+    once = tree.neighbor_lists(0.15, time=time, pairs_once=True).pairs()
+    assert set(map(tuple, once.tolist())) == set(zip(*np.nonzero(np.triu(near))))
+    np.testing.assert_array_equal(tree.query_pairs(0.15, time=time), np.argwhere(np.triu(near)))
+
+
+def test_own_radii_and_another_set():
+    tree, other = PointTree(OPEN), PointTree(CLOSE[:50])
+    radii = RNG.random(400).astype(np.float32) * 0.2
+    d = np.linalg.norm(OPEN[None].astype(np.float64) - OPEN[:, None], axis=2) + np.eye(400) * 9
+    own, larger = d <= radii[:, None], d <= np.maximum(radii[:, None], radii)
+    assert [row.tolist() for row in tree.neighbor_lists(radii, sorted=True)] == [np.flatnonzero(r).tolist() for r in own]
+    lists = tree.neighbor_lists(radii, larger=True, sorted=True)
+    assert [row.tolist() for row in lists] == [np.flatnonzero(r).tolist() for r in larger]
+    among = tree.neighbor_lists(0.1, among=other, sorted=True)
+    expected = other.query_ball_point(OPEN, 0.1)
+    assert [row.tolist() for row in among] == [row.tolist() for row in expected]
+
+
+def test_periodic_lists_are_those_of_queries():
+    tree = PointTree(OPEN, boxsize=1)
+    lists = tree.neighbor_lists(0.2, sorted=True, displacements=True)
+    balls = tree.query_ball_point(OPEN, 0.2)
+    assert [row.tolist() for row in lists] == [[j for j in row if j != i] for i, row in enumerate(balls)]
+    assert np.abs(lists.displacements).max() <= 0.2
+
+
+def test_swept_lists_are_all_that_meet():
+    tree = PointTree(OPEN, keys=CLOSE)
+    met = tree.neighbor_lists_swept(0.1)
+    a, way = (x.astype(np.float64)[:, None] - x.astype(np.float64)[None] for x in (OPEN, CLOSE))
+    way = way - a
+    with np.errstate(invalid="ignore", divide="ignore"):
+        t = np.clip(-(a * way).sum(2) / (way * way).sum(2), 0, 1)
+    least = np.linalg.norm(a + way * t[..., None], axis=2)
+    np.fill_diagonal(least, 9)
+    assert [row.tolist() for row in met] == [np.flatnonzero(row <= 0.1).tolist() for row in least]
+    assert len(met.ids) > len(tree.neighbor_lists(0.1).ids)
+    points = np.repeat(np.arange(400), np.diff(met.offsets))
+    np.testing.assert_allclose(met.distances, least[points, met.ids], atol=1e-6)
+    assert (met.enter <= met.closest).all() and (met.closest <= met.leave).all()
+    part = tree.neighbor_lists_swept(0.1, (0.25, 0.5))
+    assert 0 < len(part.ids) < len(met.ids)
+
+
+def test_lists_with_a_skin_miss_nothing_until_they_say():
+    tree = PointTree(OPEN, keys=CLOSE)
+    lists = tree.neighbor_lists_with_skin(0.1, 0.05, time=0.25)
+    assert 0.25 < lists.valid_until < 1
+    listed = {(int(p), int(j)) for p, row in zip(lists.points, lists) for j in row}
+    for time in np.linspace(0.25, np.nextafter(np.float32(lists.valid_until), np.float32(0)), 20):
+        assert set(map(tuple, tree.query_pairs(0.1, time=time).tolist())) <= listed
+    assert 0 < certified_duration(0.1, 0.05, 2.0) <= 0.0125
+    still = PointTree(OPEN).neighbor_lists_with_skin(0.1, 0.05)
+    assert still.valid_until == 1
+
+
+def test_lists_of_points_that_do_not_exist_are_empty():
+    lives = np.tile(np.float32([0, 1]), (400, 1))
+    lives[::2] = [0, 0.5]
+    tree = PointTree(OPEN, lifetimes=lives)
+    lists = tree.neighbor_lists(0.2, time=0.75)
+    assert len(lists) == 400 and not lists.counts[::2].any() and (lists.ids % 2 == 1).all()
+    assert repr(lists).startswith("<NeighborLists") and lists[-1].tolist() == lists[399].tolist()
+    with pytest.raises(IndexError):
+        lists[400]
+    assert lists.to_objects()[1] == lists[1].tolist()

@@ -1,0 +1,41 @@
+"""Gathers against sums with numpy."""
+
+import numpy as np
+import pytest
+from mbkd import PhotonMap
+
+RNG = np.random.default_rng(8)
+POSITIONS = np.column_stack([RNG.random((3000, 2)), np.zeros(3000)]).astype(np.float32)
+TIMES = RNG.random(3000).astype(np.float32)
+FLUX = RNG.random((3000, 3)).astype(np.float32)
+UP = np.tile(np.float32([0, 0, 1]), (3000, 1))
+PLACES = np.column_stack([RNG.random((40, 2)) * 0.6 + 0.2, np.zeros(40)]).astype(np.float32)
+
+
+def test_a_gather_is_the_sum_of_photons():
+    photons = PhotonMap(POSITIONS, UP, FLUX, TIMES)
+    when = np.linspace(0.2, 0.8, 40).astype(np.float32)
+    found = photons.gather(PLACES, [0, 0, 1], when, radius=0.1, window=0.1)
+    for place, time, density, count in zip(PLACES, when, found.density, found.count):
+        counted = (np.linalg.norm(POSITIONS - place, axis=1) <= 0.1) & (np.abs(TIMES - time) <= np.float32(0.1))
+        assert abs(int(counted.sum()) - count) <= 1, "but for rounding at the edges"
+        np.testing.assert_allclose(density, FLUX[counted].sum(0) / (np.pi * 0.1**2 * 0.2), rtol=0.05)
+    gray = PhotonMap(POSITIONS, UP, FLUX[:, 0], TIMES).gather(PLACES, [0, 0, 1], when, radius=0.1, window=0.1)
+    np.testing.assert_array_equal(gray.density, found.density[:, 0])
+    most = photons.gather(PLACES, [0, 0, 1], 0.5, k=20, window=0.3, kernels=("cone", "gaussian"), cosine=0.5, workers=2)
+    assert (most.count == 20).all() and most.density.shape == (40, 3)
+
+
+WRONG = [
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES + 1), "time"),
+    (lambda: PhotonMap(POSITIONS, UP[1:], FLUX, TIMES), "equally many"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, window=0), "window"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1]), "radius"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1], radius=1, kernels=("tent", "box")), "kernel"),
+]
+
+
+@pytest.mark.parametrize("wrong, message", WRONG)
+def test_what_is_wrong_is_said(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        wrong()

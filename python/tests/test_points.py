@@ -1,0 +1,249 @@
+"""Queries of points against brute force with numpy and against scipy."""
+
+import itertools
+
+import numpy as np
+import pytest
+from mbkd import PointTree
+from scipy.spatial import cKDTree
+
+RNG = np.random.default_rng(5)
+SINGLE = RNG.random((500, 3), dtype=np.float32)
+DOUBLE = RNG.random((500, 3))
+QUERIES = RNG.random((60, 3)) * 1.4 - 0.2
+CLOSE = SINGLE + RNG.normal(0, 0.3, (500, 3)).astype(np.float32)
+
+
+def squares(positions, queries):
+    """Squared distances (m, n) in float32, in the order of the library's sums."""
+    d = positions.astype(np.float32)[None] - queries.astype(np.float32)[:, None]
+    return (d[..., 0] * d[..., 0] + d[..., 1] * d[..., 1]) + d[..., 2] * d[..., 2]
+
+
+def nearest(square, k):
+    """Ids (m, k) and distances of the k nearest, ties by id."""
+    ids = np.argsort(square, axis=1, kind="stable")[:, :k]
+    return np.sqrt(np.take_along_axis(square, ids, 1).astype(np.float64)), ids
+
+
+@pytest.mark.parametrize("k", [1, 2, 8, 40, 700, [1], [3, 1]])
+@pytest.mark.parametrize("points", [SINGLE, DOUBLE], ids=["f32", "f64"])
+def test_query_is_as_scipy(points, k):
+    theirs, ours = cKDTree(points), PointTree(points)
+    for x in (QUERIES, QUERIES[0], QUERIES.reshape(4, 15, 3), QUERIES[:0], QUERIES.astype(np.float32)[::2]):
+        d, i = theirs.query(x.astype(points.dtype), k)
+        distances, ids = ours.query(x.astype(points.dtype), k)
+        assert np.shape(distances) == np.shape(d) and np.shape(ids) == np.shape(i)
+        np.testing.assert_allclose(distances, d, rtol=2e-6)
+        np.testing.assert_array_equal(ids, i)
+        assert np.asarray(ids).dtype == np.asarray(i).dtype and np.asarray(distances).dtype == np.asarray(d).dtype
+
+
+def test_query_is_brute_force_to_the_bit():
+    square = squares(SINGLE, QUERIES)
+    for workers in (1, 3, -1):
+        d, i = PointTree(SINGLE, workers=workers).query(QUERIES.astype(np.float32), 7, workers=workers)
+        distances, ids = nearest(square, 7)
+        np.testing.assert_array_equal(i, ids)
+        np.testing.assert_array_equal(d, distances)
+
+
+@pytest.mark.parametrize("structure", ["automatic", "linear", "slabs:3", "mbkd"])
+def test_moving_points_are_those_of_a_snapshot(structure):
+    tree = PointTree(SINGLE, keys=CLOSE, structure=structure)
+    times = RNG.random(len(QUERIES)).astype(np.float32)
+    d, i = tree.query(QUERIES, 5, time=times)
+    for query, time, near, ids in zip(QUERIES, times, d, i):
+        positions = tree.positions(time)
+        exact = SINGLE + (CLOSE - SINGLE) * np.float64(time)
+        np.testing.assert_allclose(positions, exact, atol=3e-7)
+        distances, expected = nearest(squares(positions, query[None]), 5)
+        np.testing.assert_array_equal(ids, expected[0])
+        np.testing.assert_array_equal(near, distances[0])
+
+
+def test_many_keys_and_lifetimes():
+    keys = np.stack([SINGLE, CLOSE, SINGLE[::-1], CLOSE[::-1]])
+    lives = np.sort(RNG.random((500, 2)), axis=1).astype(np.float32)
+    tree = PointTree(keys, lifetimes=lives)
+    for time in (0.0, 0.2, 0.5, 1.0):
+        exist = (lives[:, 0] <= time) & ((time < lives[:, 1]) | ((time == 1) & (lives[:, 1] == 1)))
+        np.testing.assert_array_equal(~np.isnan(tree.positions(time)[:, 0]), exist)
+        d, i = tree.query(QUERIES, 400, time=time)
+        assert set(i[0][np.isfinite(d[0])]) == set(np.flatnonzero(exist)[: (d[0] < np.inf).sum()]) or exist.sum() > 400
+        assert ((i == 500) == np.isinf(d)).all()
+        assert len(tree.query_ball_point(QUERIES, 9, time=time).ids) == exist.sum() * len(QUERIES)
+    same = PointTree(keys[0], keys=keys[1:], lifetimes=lives)
+    np.testing.assert_array_equal(same.positions(0.3), tree.positions(0.3))
+
+
+def test_bounds_and_eps():
+    theirs, ours = cKDTree(DOUBLE), PointTree(DOUBLE)
+    for bound in (0, 0.05, 0.2, np.inf):
+        d, i = theirs.query(QUERIES, 4, distance_upper_bound=bound)
+        distances, ids = ours.query(QUERIES, 4, distance_upper_bound=bound)
+        np.testing.assert_array_equal(ids, i)
+        np.testing.assert_allclose(distances, d, rtol=1e-6)
+    # As in scipy the bound itself is too far.
+    assert PointTree([[0, 0, 0]]).query([1, 0, 0], distance_upper_bound=1) == (np.inf, 1)
+    exact, near = ours.query(QUERIES, 4)[0], ours.query(QUERIES, 4, eps=0.5)[0]
+    assert (near <= exact * 1.5 + 1e-6).all()
+
+
+@pytest.mark.parametrize("points", [SINGLE, DOUBLE], ids=["f32", "f64"])
+def test_balls(points):
+    theirs, ours = cKDTree(points), PointTree(points)
+    radii = RNG.random(len(QUERIES)) * 0.3
+    for r in (0.17, 0.0, radii):
+        lists = ours.query_ball_point(QUERIES, r, workers=2)
+        expected = theirs.query_ball_point(QUERIES, r, return_sorted=True)
+        assert [row.tolist() for row in lists] == expected.tolist()
+        np.testing.assert_array_equal(lists.counts, ours.query_ball_point(QUERIES, r, return_length=True))
+        objects = ours.query_ball_point(QUERIES.reshape(6, 10, 3), np.reshape(r, (6, 10)) if np.ndim(r) else r, output_type="object")
+        assert objects.shape == (6, 10) and objects.ravel().tolist() == expected.tolist()
+    assert sorted(ours.query_ball_point(QUERIES[0], 0.3, output_type="object")) == sorted(theirs.query_ball_point(QUERIES[0], 0.3))
+    assert isinstance(ours.query_ball_point(QUERIES[0], 0.3, return_length=True), int)
+    unsorted = ours.query_ball_point(QUERIES, 0.17, return_sorted=False)
+    np.testing.assert_array_equal(np.sort(unsorted[5]), ours.query_ball_point(QUERIES, 0.17)[5])
+
+
+@pytest.mark.parametrize("points", [SINGLE, DOUBLE], ids=["f32", "f64"])
+def test_pairs_and_counts(points):
+    theirs, ours = cKDTree(points), PointTree(points)
+    other, others = cKDTree(points[:77] + 0.1), PointTree(points[:77] + points.dtype.type(0.1))
+    assert ours.query_pairs(0.1, output_type="set") == theirs.query_pairs(0.1)
+    assert len(ours.query_pairs(0.0)) == 0
+    pairs = ours.query_pairs(0.1)
+    assert pairs.dtype == np.intp and (pairs[:, 0] < pairs[:, 1]).all()
+    assert (np.lexsort((pairs[:, 1], pairs[:, 0])) == np.arange(len(pairs))).all()
+    radii = np.array([0.0, 0.1, 0.4])
+    np.testing.assert_array_equal(ours.count_neighbors(others, radii), theirs.count_neighbors(other, radii))
+    assert ours.count_neighbors(ours, 0.1, workers=2) == theirs.count_neighbors(theirs, 0.1) == 500 + 2 * len(pairs)
+
+
+@pytest.mark.parametrize("box", [1.0, [1.0, 0.0, 1.5], [0.0, 1.0, 1.0]])
+@pytest.mark.parametrize("points", [SINGLE, DOUBLE], ids=["f32", "f64"])
+def test_periodic_boxes(points, box):
+    theirs, ours = cKDTree(points, boxsize=box), PointTree(points, boxsize=box)
+    for k in (1, 6, 500, 600):
+        d, i = theirs.query(QUERIES, k)
+        distances, ids = ours.query(QUERIES, k)
+        np.testing.assert_allclose(distances, d, rtol=1e-5, atol=1e-7)
+        assert (ids != i).mean() < 0.001, "but for near-ties"
+    for r in (0.1, 0.45, 0.8):
+        lists = ours.query_ball_point(QUERIES, r)
+        assert [row.tolist() for row in lists] == theirs.query_ball_point(QUERIES, r, return_sorted=True).tolist()
+        assert ours.count_neighbors(ours, r) == theirs.count_neighbors(theirs, r)
+    assert ours.query_pairs(0.2, output_type="set") == theirs.query_pairs(0.2)
+
+
+def test_periodic_boxes_that_points_leave():
+    close = SINGLE + RNG.normal(0, 0.7, (500, 3)).astype(np.float32)
+    tree = PointTree(SINGLE, keys=close, boxsize=1)
+    for time in (0.0, 0.5, 1.0):
+        there = cKDTree(tree.positions(time) % 1.0, boxsize=1)
+        d, _ = there.query(QUERIES, 9)
+        np.testing.assert_allclose(tree.query(QUERIES, 9, time=time)[0], d, rtol=1e-4, atol=1e-6)
+
+
+def test_closest_approach():
+    tree = PointTree(SINGLE, keys=CLOSE)
+    start, end = QUERIES[:20], QUERIES[20:40]
+    d, i, t = tree.closest_approach(start, end)
+    steps = np.linspace(0, 1, 2001)
+    for a, b, distance, index, time in zip(start, end, d, i, t):
+        ways = [a + (b - a) * s - (SINGLE + (CLOSE - SINGLE).astype(np.float64) * s) for s in steps]
+        far = np.linalg.norm(ways, axis=2)
+        assert distance <= far.min() + 1e-6 and distance >= far.min() - 2e-3
+        there = SINGLE[index] + (CLOSE[index] - SINGLE[index]).astype(np.float64) * time
+        assert abs(np.linalg.norm(a + (b - a) * time - there) - distance) < 1e-5
+    assert tree.closest_approach(start[0], end[0]) == (d[0], i[0], t[0])
+
+
+def test_input_of_any_kind():
+    ours = PointTree(SINGLE)
+    d, i = ours.query(QUERIES, 3)
+    for points in (SINGLE[:, ::-1][:, ::-1], np.asfortranarray(SINGLE), SINGLE.astype(">f4"), SINGLE.tolist()):
+        np.testing.assert_array_equal(PointTree(points).query(QUERIES, 3)[1], i)
+    assert PointTree([[0, 0, 0], [5, 0, 0]]).query([4, 0, 0]) == (1.0, 1)
+    assert PointTree(np.empty((0, 3))).query([[0, 0, 0]], 2)[1].tolist() == [[0, 0]]
+    rounded = PointTree(DOUBLE, round_to_f32=True)
+    np.testing.assert_allclose(rounded.query(QUERIES)[0], PointTree(DOUBLE).query(QUERIES)[0], atol=1e-6)
+    assert len(rounded.neighbor_lists(0.1)) == 500
+
+
+WRONG = [
+    (lambda: PointTree([[0, 0]]), ValueError, "coordinates"),
+    (lambda: PointTree([0, 0, 0]), ValueError, "shape"),
+    (lambda: PointTree([["a", "b", "c"]]), TypeError, "numbers"),
+    (lambda: PointTree([[1j, 0, 0]]), TypeError, "numbers"),
+    (lambda: PointTree([[np.nan, 0, 0]]), ValueError, "not finite"),
+    (lambda: PointTree(np.float32([[1e30, 0, 0]])), ValueError, "1e18"),
+    (lambda: PointTree(SINGLE, keys=CLOSE[1:]), ValueError, "499 points"),
+    (lambda: PointTree(SINGLE, lifetimes=[[0, 1]]), ValueError, "alive"),
+    (lambda: PointTree(SINGLE, lifetimes=np.full((500, 2), 0.5)), ValueError, "time interval"),
+    (lambda: PointTree(SINGLE, structure="best"), ValueError, "structure"),
+    (lambda: PointTree(SINGLE, structure="slabs:0"), ValueError, "structure"),
+    (lambda: PointTree(SINGLE, max_references=0), ValueError, "max_references"),
+    (lambda: PointTree(SINGLE, workers=0), ValueError, "workers"),
+    (lambda: PointTree(SINGLE, boxsize=0.5), ValueError, "periodic"),
+    (lambda: PointTree(SINGLE, boxsize=-1), ValueError, "boxsize"),
+    (lambda: PointTree(SINGLE).query([0, 0]), ValueError, "shape"),
+    (lambda: PointTree(SINGLE).query([0, 0, np.inf]), ValueError, "finite"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], 0), ValueError, "k must"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], p=1), ValueError, "Euclidean"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], time=1.5), ValueError, r"\[0, 1\]"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], time=np.nan), ValueError, r"\[0, 1\]"),
+    (lambda: PointTree(SINGLE).query(QUERIES, time=[0, 1]), ValueError, "time has the shape"),
+    (lambda: PointTree(SINGLE).query_ball_point([0, 0, 0], -1), ValueError, "radius"),
+    (lambda: PointTree(SINGLE).query_ball_point([0, 0, 0], np.nan), ValueError, "radius"),
+    (lambda: PointTree(SINGLE).neighbor_lists(-1), ValueError, "radius"),
+    (lambda: PointTree(DOUBLE).neighbor_lists(0.1), ValueError, "f32"),
+    (lambda: PointTree(SINGLE).neighbor_lists(np.ones(3)), ValueError, "r must"),
+]
+
+
+@pytest.mark.parametrize("wrong, error, message", WRONG)
+def test_what_is_wrong_is_said(wrong, error, message):
+    with pytest.raises(error, match=message):
+        wrong()
+
+
+def test_progress_is_told_and_may_end_a_query():
+    tree, many = PointTree(SINGLE), RNG.random((100_000, 3))
+    done = []
+    tree.query(many, progress=done.append)
+    assert len(done) > 2 and done == sorted(done) and done[-1] == 1.0
+
+    def enough(done):
+        raise RuntimeError("enough")
+
+    for ask in (lambda: tree.query(many, progress=enough), lambda: tree.query_ball_point(many, 0.1, progress=enough, workers=2)):
+        with pytest.raises(RuntimeError, match="enough"):
+            ask()
+
+
+def test_trees_are_asked_from_threads():
+    from concurrent.futures import ThreadPoolExecutor
+
+    tree = PointTree(SINGLE)
+    expected = tree.query(QUERIES, 3)[1]
+    with ThreadPoolExecutor(4) as pool:
+        for ids in pool.map(lambda _: tree.query(QUERIES, 3)[1], range(50)):
+            np.testing.assert_array_equal(ids, expected)
+
+
+def test_what_is_far_larger_than_the_cache_is_asked_in_another_order():
+    points = RNG.random((200_000, 3), dtype=np.float32)
+    queries = RNG.random((3000, 3), dtype=np.float32)
+    tree = PointTree(points)
+    assert tree.nbytes > 1 << 20
+    d, i = cKDTree(points).query(queries, 3)
+    ours = [tree.query(queries, 3, workers=workers) for workers in (1, 2)]
+    for distances, ids in ours:
+        np.testing.assert_allclose(distances, d, rtol=1e-5)
+        assert (ids != i).mean() < 0.001
+    for a, b in itertools.pairwise(ours) if hasattr(itertools, "pairwise") else []:
+        np.testing.assert_array_equal(a[1], b[1])
+    lists = tree.query_ball_point(queries, 0.02)
+    np.testing.assert_array_equal(lists.counts, tree.query_ball_point(queries, 0.02, return_length=True))

@@ -1,0 +1,145 @@
+"""Rays and nearest points against brute force with numpy."""
+
+import numpy as np
+import pytest
+from mbkd import RayTree
+
+RNG = np.random.default_rng(7)
+FACES = np.arange(300).reshape(100, 3)
+OPEN = (RNG.random((100, 1, 3)) + RNG.normal(0, 0.15, (100, 3, 3))).reshape(300, 3).astype(np.float32)
+CLOSE = OPEN + np.repeat(RNG.normal(0, 0.3, (100, 3)), 3, axis=0).astype(np.float32)
+ORIGINS = np.column_stack([RNG.random((200, 2)), np.full(200, 3.0)])
+DIRECTIONS = RNG.normal([0, 0, -1], 0.1, (200, 3)).astype(np.float32)
+TIMES = RNG.random(200).astype(np.float32)
+
+
+def crossings(origin, direction, time):
+    """t of each triangle at a time, nan where it is missed (Moeller and Trumbore)."""
+    corners = (OPEN + (CLOSE - OPEN).astype(np.float64) * time).reshape(100, 3, 3)
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    p = np.cross(direction.astype(np.float64), e2)
+    det = (e1 * p).sum(1)
+    s = origin - corners[:, 0]
+    u, q = (s * p).sum(1) / det, np.cross(s, e1)
+    v, t = (q * direction).sum(1) / det, (e2 * q).sum(1) / det
+    edge = np.minimum(np.minimum(u, v), 1 - u - v)
+    return np.where((edge > 0) & (t > 0), t, np.nan), edge
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_rays_hit_what_brute_force_hits(workers):
+    tree = RayTree(np.stack([OPEN, CLOSE]), FACES, workers=workers)
+    hits = tree.closest_hits(ORIGINS, DIRECTIONS, time=TIMES, workers=workers)
+    some = tree.intersects_any(ORIGINS, DIRECTIONS, time=TIMES, workers=workers)
+    index, every = tree.all_hits(ORIGINS, DIRECTIONS, time=TIMES, workers=workers)
+    locations, index_ray, index_tri = tree.intersects_location(ORIGINS, DIRECTIONS, time=TIMES)
+    np.testing.assert_array_equal(index_ray, index)
+    np.testing.assert_array_equal(index_tri, every.triangle)
+    checked = 0
+    for ray in range(200):
+        t, edge = crossings(ORIGINS[ray], DIRECTIONS[ray], TIMES[ray])
+        if np.abs(edge).min() < 1e-5:
+            continue  # at an edge: float64 decides otherwise than float32
+        checked += 1
+        hit = np.flatnonzero(~np.isnan(t))
+        assert some[ray] == (len(hit) > 0)
+        assert set(every.triangle[index == ray]) == set(hit)
+        if len(hit):
+            first = np.nanargmin(t)
+            assert hits.triangle[ray] == first and hits.mesh[ray] == 0
+            np.testing.assert_allclose(hits.t[ray], t[first], rtol=1e-5)
+        else:
+            assert (hits.t[ray], hits.triangle[ray], hits.mesh[ray]) == (np.inf, -1, -1)
+    assert checked > 150 and some.any() and not some.all()
+    np.testing.assert_array_equal(tree.intersects_first(ORIGINS, DIRECTIONS, time=TIMES), hits.triangle)
+    triangles, rays = tree.intersects_id(ORIGINS, DIRECTIONS, False, time=TIMES)
+    np.testing.assert_array_equal(rays, np.flatnonzero(some))
+    corners = tree.triangles(0, index_tri, time=TIMES[index_ray])
+    flat = ((locations - corners[:, 0]) * tree.normals(0, index_tri, time=TIMES[index_ray])).sum(1)
+    assert np.abs(flat).max() < 1e-5
+
+
+def test_many_rays_are_as_few():
+    tree = RayTree(np.stack([OPEN, CLOSE]), FACES)
+    reps = 700
+    many = [np.tile(a, (reps, 1)) for a in (ORIGINS, DIRECTIONS)]
+    told = []
+    hits = tree.closest_hits(*many, time=np.tile(TIMES, reps), workers=2, progress=told.append)
+    few = tree.closest_hits(ORIGINS, DIRECTIONS, time=TIMES)
+    np.testing.assert_array_equal(hits.t.reshape(reps, -1), np.tile(few.t, (reps, 1)))
+    np.testing.assert_array_equal(hits.triangle.reshape(reps, -1), np.tile(few.triangle, (reps, 1)))
+    some = tree.intersects_any(*many, time=np.tile(TIMES, reps))
+    np.testing.assert_array_equal(some, hits.triangle >= 0)
+    assert told[-1] == 1
+
+
+def test_meshes_masks_lifetimes_and_ranges():
+    square = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    meshes = [(square, [[0, 1, 2]]), (square + np.float32([0, 0, 1]), [[0, 1, 2]])]
+    tree = RayTree.from_meshes(meshes, masks=[1, 2], lifetimes=[(0, 1), (0, 0.5)])
+    down = ([[0.2, 0.2, 3]], [0, 0, -1])
+    assert tree.closest_hits(*down).mesh == 1
+    assert tree.closest_hits(*down, time=0.5).mesh == 0
+    assert tree.closest_hits(*down, mask=1).mesh == 0
+    assert tree.closest_hits(*down, mask=4).mesh == -1
+    assert tree.closest_hits(*down, t_min=2.5).t == 3 and tree.closest_hits(*down, t_max=1.5).mesh == -1
+    assert tree.intersects_any(*down, mask=2).tolist() == [True]
+    assert tree.all_hits(*down)[1].t.tolist() == [2, 3]
+    assert tree.closest_hits(down[0], [0, 0, 0]).mesh == -1
+    assert np.isnan(tree.triangles([-1, 0], [0, 9])).all()
+
+
+def test_closest_points():
+    tree = RayTree(np.stack([OPEN, CLOSE]), FACES)
+    points = RNG.random((50, 3)) * 2 - 0.5
+    closest, distance, triangle = tree.closest_point(points, time=TIMES[:50], workers=2)
+    np.testing.assert_allclose(np.linalg.norm(closest - points, axis=1), distance, rtol=1e-5)
+    # Points of a fine grid on all triangles are never nearer, and some is nearly as near.
+    u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60)))
+    inside = u + v <= 1
+    weights = np.column_stack([1 - u - v, u, v])[inside]
+    for point, time, far, index in zip(points, TIMES, distance, triangle):
+        corners = (OPEN + (CLOSE - OPEN).astype(np.float64) * time).reshape(100, 3, 3)
+        grid = np.einsum("gc,tcx->tgx", weights, corners)
+        least = np.linalg.norm(grid - point, axis=2).min(axis=1)
+        assert far <= least.min() + 1e-6 and least[index] <= far + 0.02
+    near = tree.closest_point(points, time=TIMES[:50], max_distance=0.01)[2]
+    np.testing.assert_array_equal(near >= 0, distance <= np.float32(0.01))
+
+
+def test_a_build_can_be_ended():
+    side = np.linspace(0, 1, 400, dtype=np.float32)
+    x, y = np.meshgrid(side, side)
+    vertices = np.column_stack([x.ravel(), y.ravel(), np.sin(40 * x * y).ravel()]).astype(np.float32)
+    corner = (np.arange(399)[:, None] * 400 + np.arange(399)).ravel()
+    faces = np.concatenate([np.column_stack([corner, corner + 1, corner + 400])] * 3)
+
+    def enough(done):
+        assert 0 <= done <= 1
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        RayTree(vertices, faces, progress=enough)
+
+
+WRONG = [
+    (lambda: RayTree(OPEN[:2], [[0, 1, 2]]), ValueError, "vertex 2"),
+    (lambda: RayTree(OPEN, [[0, 1, -2]]), ValueError, "indices"),
+    (lambda: RayTree(OPEN, [[0, 1]]), ValueError, "shape"),
+    (lambda: RayTree(OPEN, [[0.5, 1, 2]]), TypeError, "whole"),
+    (lambda: RayTree([[0, 0, np.nan]] * 3, [[0, 1, 2]]), ValueError, "NaN"),
+    (lambda: RayTree(OPEN[:, :2], FACES), ValueError, "coordinates"),
+    (lambda: RayTree(OPEN, FACES, lifetime=(1, 0)), ValueError, "interval"),
+    (lambda: RayTree.from_meshes([(OPEN, FACES)], masks=[]), ValueError, "masks"),
+    (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0]], [0, 0, 1]), ValueError, "shape"),
+    (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, 0]] * 2, [[0, 0, 1]] * 3), ValueError, "directions"),
+    (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, 0]], [0, 0, 1], time=-1), ValueError, r"\[0, 1\]"),
+    (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, np.nan]], [0, 0, 1]), ValueError, "finite"),
+    (lambda: RayTree(OPEN, FACES).closest_point([[0, 0, 0]], max_distance=-1), ValueError, "max_distance"),
+]
+
+
+@pytest.mark.parametrize("wrong, error, message", WRONG)
+def test_what_is_wrong_is_said(wrong, error, message):
+    with pytest.raises(error, match=message):
+        wrong()
