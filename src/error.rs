@@ -78,6 +78,13 @@ pub enum BuildError {
     },
     /// The tree would be larger than its references can number (2 GiB of nodes and leaf blocks).
     TooLargeTree,
+    /// The tree would be larger than [`crate::WideParams::bytes_per_primitive`] allows, also without splitting anything.
+    OverBudget {
+        /// Its bytes.
+        bytes: usize,
+        /// What is allowed.
+        budget: usize,
+    },
     /// A build parameter is outside its range.
     Parameter {
         /// The field of [`crate::WideParams`] or [`crate::KdParams`].
@@ -126,6 +133,9 @@ impl fmt::Display for BuildError {
             }
             BuildError::TooManyPositions { found } => {
                 write!(f, "{found} vertex positions are more than one tree can number (2^32 - 2); split the scene")
+            }
+            BuildError::OverBudget { bytes, budget } => {
+                write!(f, "the tree would take {bytes} bytes, but {budget} are allowed: raise bytes_per_primitive")
             }
             BuildError::TooLargeTree => {
                 write!(f, "the tree would be larger than 2 GiB; split the scene into several trees")

@@ -82,9 +82,9 @@ pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, KdParams, Policy, WideParams};
 pub use point::{
-    Approach, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer, NeighborCsr,
-    NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams, PointStats,
-    PointStructure, PointTree, Radii, TreePoint, WithinIter, certified_duration,
+    Approach, BulkQuery, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer,
+    NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams,
+    PointStats, PointStructure, PointTree, Radii, TreePoint, WithinIter, certified_duration,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
@@ -107,3 +107,21 @@ mod scene;
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 mod readme {}
+
+/// The guides' examples, likewise.
+#[cfg(doctest)]
+mod guides {
+    #[doc = include_str!("../docs/from_embree.md")]
+    mod from_embree {}
+    #[doc = include_str!("../docs/from_kiddo_and_nanoflann.md")]
+    mod from_kiddo_and_nanoflann {}
+    #[doc = include_str!("../docs/gather.md")]
+    mod gather {}
+    #[doc = include_str!("../docs/limits.md")]
+    mod limits {}
+    #[doc = include_str!("../docs/particles.md")]
+    mod particles {}
+    #[cfg(feature = "rayon")]
+    #[doc = include_str!("../docs/threads.md")]
+    mod threads {}
+}

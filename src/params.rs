@@ -69,12 +69,13 @@ pub struct WideParams {
     /// References per primitive that splitting long triangles beforehand may make, in [1, 8]. They are made only where the
     /// expected cost of a ray falls enough; memory grows with them. Default 1.58.
     pub max_references: f32,
-    /// Bytes per primitive that the tree may take, at least 128. More lets those parts of a scene in which neighbours part
+    /// Bytes per primitive that the tree may take, at least 128; 36 more for each triangle and each key beyond the second that its
+    /// motion bends at (and 8 KiB for every tree, however small). A tree that cannot be made smaller is an error
+    /// ([`BuildError::OverBudget`]). More lets those parts of a scene in which neighbours part
     /// company fast have more separate trees for parts of the shutter; what the rest of the scene does not need is
-    /// theirs. Without such parts, trees take 35 to 150 bytes whatever this says. Default 1024.
+    /// theirs. Without such parts, trees take 35 to 140 bytes whatever this says. Default 1024.
     pub bytes_per_primitive: f32,
-    /// How the shutter is divided. Meshes with more than two keys are divided at their keys and at nothing else. Default
-    /// [`Division::Automatic`].
+    /// How the shutter is divided. Default [`Division::Automatic`]; the others take whatever bytes they need.
     pub division: Division,
 }
 

@@ -80,6 +80,9 @@ pub(crate) mod slices {
     pub const MAX_SPLIT_COST: f32 = 0.87;
     /// Two segments must cost less than this part of the whole for copies to be tried.
     pub const MAX_TWO_SLICES_COST: f32 = 0.85;
+    /// Where the best segments of motion that bends cost at most this times what a tree for a moment costs, copies, which take
+    /// several times as long to build, are not tried (`cargo bench --bench keys`).
+    pub const NEAR_MOMENT: f32 = 1.25;
     /// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which segments share.
     pub const NODE_BYTES_SHARE: f32 = 0.45;
     /// A division is decided on so many subtrees, that together are a sixteenth of all references of a region, each of so

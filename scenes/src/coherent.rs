@@ -7,7 +7,8 @@ use super::random::Random;
 use super::shape::{Shape, animate};
 use super::turn::{cos_sin, rotation};
 use super::{Camera, Look, Scene, View};
-use glam::{IVec3, Vec3};
+use engine::TriangleMesh;
+use glam::{IVec3, Mat3, Vec3};
 
 /// The rock of about as many triangles.
 ///
@@ -16,6 +17,33 @@ use glam::{IVec3, Vec3};
 /// assert!(scene.triangles().abs_diff(5_000) < 500);
 /// ```
 pub fn coherent(triangles: usize) -> Scene {
+    let mesh = rock(triangles, 2, |time| {
+        (Vec3::new(0.12, 0.05, 0.04) * time, rotation(Vec3::new(0.48, 0.8, 0.36), 0.005 * time))
+    });
+    scene("coherent", mesh)
+}
+
+/// The same rock, turning by a quarter in place, at so many keys: motion that bends.
+///
+/// ```
+/// assert_eq!(mbkd_scenes::turning(2_000, 17).meshes[0].keys.len(), 17);
+/// ```
+pub fn turning(triangles: usize, keys: usize) -> Scene {
+    let mesh = rock(triangles, keys, |time| (Vec3::ZERO, rotation(Vec3::new(0.48, 0.8, 0.36), 0.25 * time)));
+    scene("turning", mesh)
+}
+
+fn scene(name: &str, mesh: TriangleMesh) -> Scene {
+    Scene {
+        name: name.into(),
+        meshes: vec![mesh],
+        looks: vec![Look::plain(Vec3::new(0.50, 0.44, 0.38))],
+        camera: Camera::fixed(View::new(Vec3::new(0.1, 0.5, 4.2), Vec3::new(0.1, 0.05, 0.0), 0.74)),
+    }
+}
+
+/// The rock of about as many triangles, and where it is at a time: its centre and how it is turned.
+fn rock(triangles: usize, keys: usize, at: impl Fn(f32) -> (Vec3, Mat3)) -> TriangleMesh {
     // Twice as many around as from pole to pole: 2 * 2r * r triangles.
     let rings = ((triangles as f32 / 4.0).sqrt() as usize).max(3);
     let around = 2 * rings;
@@ -27,21 +55,14 @@ pub fn coherent(triangles: usize) -> Scene {
         })
         .collect();
     let (south, north) = (displaced(Vec3::NEG_Z), displaced(Vec3::Z));
-    let mesh = animate(2, |time| {
-        let turn = rotation(Vec3::new(0.48, 0.8, 0.36), 0.005 * time);
-        let centre = Vec3::new(0.12, 0.05, 0.04) * time;
+    animate(keys, |time| {
+        let (centre, turn) = at(time);
         let mut shape = Shape::default();
         let place = |p: Vec3| centre + turn * p;
         let point = |ring: usize, k: usize| place(rock[ring * around + k]);
         shape.tube(Some(place(south)), rings, around, point, Some(place(north)));
         shape
-    });
-    Scene {
-        name: "coherent".into(),
-        meshes: vec![mesh],
-        looks: vec![Look::plain(Vec3::new(0.50, 0.44, 0.38))],
-        camera: Camera::fixed(View::new(Vec3::new(0.1, 0.5, 4.2), Vec3::new(0.1, 0.05, 0.0), 0.74)),
-    }
+    })
 }
 
 /// Hills in five octaves and a few craters, so that triangles differ in size and direction.

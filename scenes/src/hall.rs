@@ -24,11 +24,21 @@ const STONE: Vec3 = Vec3::new(0.74, 0.66, 0.53);
 /// assert!(scene.meshes.iter().any(|mesh| mesh.keys.len() == 2));
 /// ```
 pub fn hall(triangles: usize) -> Scene {
+    walking(triangles, 2)
+}
+
+/// The hall with its runner at so many keys: motion that bends beside what stands still.
+///
+/// ```
+/// let scene = mbkd_scenes::walking(20_000, 17);
+/// assert!(scene.meshes.iter().any(|mesh| mesh.keys.len() == 17));
+/// ```
+pub fn walking(triangles: usize, keys: usize) -> Scene {
     let mut scene = still(triangles - triangles / 6);
     // 20 limbs of 2 n^2 triangles.
     let around = ((triangles as f32 / 240.0).sqrt() as usize).max(4);
     for part in [Part::Skin, Part::Clothes] {
-        scene.meshes.push(animate(2, |time| running(part, time, around)));
+        scene.meshes.push(animate(keys, |time| running(part, time, around)));
     }
     scene.looks.push(Look::plain(Vec3::new(0.52, 0.30, 0.20)));
     scene.looks.push(Look::plain(Vec3::new(0.62, 0.07, 0.05)));

@@ -25,11 +25,11 @@ mod tornado;
 mod turn;
 
 pub use camera::{Camera, View};
-pub use coherent::coherent;
+pub use coherent::{coherent, turning};
 pub use debris::debris;
 pub use flake::{FlakeSphere, flake};
 pub use hairball::hairball;
-pub use hall::{camera, hall};
+pub use hall::{camera, hall, walking};
 pub use hand::hand;
 pub use mixed::mixed;
 pub use needles::needles;

@@ -40,6 +40,9 @@ impl BinaryNode {
 /// A finished binary tree; node 0 is the root. Empty without references.
 pub(crate) type BinaryTree = Vec<BinaryNode>;
 
+/// Tells the primitives that cannot be in one leaf block apart: those in a leaf have equal numbers.
+pub(crate) type LeafKind<'a> = dyn Fn(u32) -> u32 + Sync + 'a;
+
 /// Depth from which on references are halved by count.
 const SAH_DEPTH: u32 = 44;
 
@@ -61,7 +64,12 @@ pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
 
 /// Builds over references, which are reordered. Nodes of at most `leaf.start` references are not split on, and those of
 /// at most `leaf.end` not where things overlap so much that splitting hardly pays (see [`CROWDED`]).
-pub(crate) fn build_binary(references: &mut [Reference], leaf: RangeInclusive<usize>) -> BinaryTree {
+/// Leaves hold references of one kind.
+pub(crate) fn build_binary(
+    references: &mut [Reference],
+    leaf: RangeInclusive<usize>,
+    kinds: Option<&LeafKind<'_>>,
+) -> BinaryTree {
     let n = references.len();
     if n == 0 {
         return BinaryTree::new();
@@ -72,7 +80,7 @@ pub(crate) fn build_binary(references: &mut [Reference], leaf: RangeInclusive<us
         1 => usize::MAX,
         threads => PARALLEL.max(n / (PIECES * threads)),
     };
-    let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), alone };
+    let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), alone, kinds };
     let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
     match pieces.len() {
         1 => pieces.remove(0),
@@ -141,12 +149,14 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
     references
 }
 
-struct Builder {
+struct Builder<'a> {
     simd: SimdLevel,
     leaf: usize,
     crowded_leaf: usize,
     /// Up to this many references a subtree is built by one thread. It never changes the tree.
     alone: usize,
+    /// Where leaves may only hold references of one kind.
+    kinds: Option<&'a LeafKind<'a>>,
 }
 
 /// A subtree to be built.
@@ -162,7 +172,7 @@ struct Task {
     centres: Box3,
 }
 
-impl Builder {
+impl Builder<'_> {
     /// A subtree in pieces, to be put one behind the other.
     fn pieces(&self, references: &mut [Reference], task: Task) -> Vec<BinaryTree> {
         let n = references.len();
@@ -187,12 +197,16 @@ impl Builder {
     fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
         let (at, n) = (nodes.len(), references.len());
         nodes.push(BinaryNode::new(&task, n));
-        if n <= self.leaf || task.crowded && n <= self.crowded_leaf {
-            let moving = references.iter().any(Reference::moving);
-            nodes[at].moving = moving;
-            return moving;
-        }
-        let (low, high, middle) = self.divide(references, &task, table);
+        let (low, high, middle) = if n <= self.leaf || task.crowded && n <= self.crowded_leaf {
+            let Some(middle) = self.kinds.and_then(|kind| by_kind(references, kind)) else {
+                let moving = references.iter().any(Reference::moving);
+                nodes[at].moving = moving;
+                return moving;
+            };
+            self.cut(references, &task, middle)
+        } else {
+            self.divide(references, &task, table)
+        };
         let (low_references, high_references) = references.split_at_mut(middle);
         let left = self.subtree(low_references, low, nodes, table);
         nodes[at].right = (nodes.len() - at) as u32;
@@ -220,11 +234,27 @@ impl Builder {
             let crowded = areas >= CROWDED * mean_half_area(&task.bounds);
             return (side(0, crowded, split.low, low), side(middle, crowded, split.high, high), middle);
         }
-        let middle = references.len() / 2;
+        self.cut(references, task, references.len() / 2)
+    }
+
+    /// Both sides of references that are in order already, and the place between them.
+    fn cut(&self, references: &[Reference], task: &Task, middle: usize) -> (Task, Task, usize) {
         let of = |begin: usize, references: &[Reference]| {
             let (bounds, centres) = summary(self.simd, references);
-            side(begin, false, bounds, centres)
+            Task { first: task.first + begin as u32, depth: task.depth + 1, crowded: false, bounds, centres }
         };
         (of(0, &references[..middle]), of(middle, &references[middle..]), middle)
     }
+}
+
+/// Orders a few references by kind and returns where the first kind ends; nothing where there is one only.
+fn by_kind(references: &mut [Reference], kind: &LeafKind<'_>) -> Option<usize> {
+    let first = kind(references.first()?.id());
+    if references.iter().all(|r| kind(r.id()) == first) {
+        return None;
+    }
+    // Stable, so that the tree does not depend on how it is sorted.
+    references.sort_by_key(|r| kind(r.id()));
+    let least = kind(references[0].id());
+    Some(references.partition_point(|r| kind(r.id()) == least))
 }

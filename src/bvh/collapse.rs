@@ -294,7 +294,7 @@ mod tests {
                     Reference::new(LinearBox3 { begin: around(begin, size), end: around(end, size) }, id)
                 })
                 .collect();
-            let nodes = build_binary(&mut references, 4..=4);
+            let nodes = build_binary(&mut references, 4..=4, None);
             let collapse = Collapse::new(&nodes, COST_MODEL, leaf_cost);
             let (expected, made) = (least(&nodes, 0)[0], cost_of(&nodes, &collapse, 0));
             assert!((made / expected - 1.0).abs() < 1e-4, "{n}: {made} instead of {expected}");

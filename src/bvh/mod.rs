@@ -10,7 +10,7 @@ mod presplit;
 mod reference;
 mod replace_subtree;
 
-pub(crate) use builder::{BinaryNode, BinaryTree, build_binary, mean_half_area, neighbourhoods};
+pub(crate) use builder::{BinaryNode, BinaryTree, LeafKind, build_binary, mean_half_area, neighbourhoods};
 pub(crate) use collapse::{Collapse, CostModel, WideChild};
 pub(crate) use presplit::presplit;
 pub(crate) use reference::Reference;

@@ -134,7 +134,7 @@ mod tests {
                 Reference::new(LinearBox3 { begin: a, end: b }, id)
             })
             .collect();
-        let nodes = build_binary(&mut references, 4..=4);
+        let nodes = build_binary(&mut references, 4..=4, None);
         let new = || Collapse::new(&nodes, COST_MODEL, leaf_cost);
         // With the cost that they have anyway, taken as single children.
         let mut replaced = Vec::new();

@@ -31,6 +31,19 @@ impl KeyTime {
         KeyTime::in_segment(at - segment as f32, segment)
     }
 
+    /// The first time that [`KeyTime::new`] finds in a segment: the key, or a float or two beside it, since the product
+    /// with the number of segments is rounded.
+    pub fn first_time(segment: usize, keys: usize) -> f32 {
+        let mut t = (segment as f64 / (keys.max(2) - 1) as f64) as f32;
+        while t > 0.0 && KeyTime::new(t.next_down(), keys).segment >= segment {
+            t = t.next_down();
+        }
+        while t < 1.0 && KeyTime::new(t, keys).segment < segment {
+            t = t.next_up();
+        }
+        t
+    }
+
     #[inline]
     fn in_segment(s: f32, segment: usize) -> KeyTime {
         if s < 0.5 { KeyTime { segment, s, from_end: false } } else { KeyTime { segment, s: s - 1.0, from_end: true } }
@@ -46,6 +59,18 @@ impl KeyTime {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn segments_begin_at_their_first_times() {
+        for keys in 2..300 {
+            assert_eq!(KeyTime::first_time(0, keys), 0.0);
+            for segment in 1..keys - 1 {
+                let t = KeyTime::first_time(segment, keys);
+                assert_eq!(KeyTime::new(t, keys).segment, segment);
+                assert_eq!(KeyTime::new(t.next_down(), keys).segment, segment - 1);
+            }
+        }
+    }
 
     #[test]
     fn keys_are_hit_exactly_and_still_points_stay() {

@@ -111,7 +111,8 @@ mod tests {
                 let bounds = motions.bounds(&motion, &of, over, bulge);
                 for i in 0..=40 {
                     let w = f64::from(i) / 40.0;
-                    let time = f64::from(over.begin()) + w * f64::from(over.duration());
+                    let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
+                    let time = begin + w * (end - begin);
                     let (matrix, inner, bounds) = (motions.matrix(&motion, time), of.at(time), bounds.at(w));
                     outside[kind] += (0..8)
                         .map(|corner| {

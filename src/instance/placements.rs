@@ -11,6 +11,7 @@ use crate::parallel;
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::ray::TreeRay;
 use crate::simd::Arena;
+use crate::time::TimeSlice;
 use glam::DVec3;
 
 /// An instance as queries need it.
@@ -218,7 +219,7 @@ impl WideSource for Placements {
         (self.extents, self.slacks) = (Vec::new(), Vec::new());
     }
 
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: usize) -> Option<ChildRef> {
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: TimeSlice) -> Option<ChildRef> {
         write_list(arena, ids)
     }
 }

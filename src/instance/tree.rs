@@ -475,7 +475,8 @@ mod tests {
             let matrix3 = DMat3::from_cols(DVec3::X, shear, vec(&mut state).as_dvec3() + DVec3::Z * 2.0);
             let matrix = DAffine3 { matrix3, translation: vec(&mut state).as_dvec3() };
             let instance = Instance::new(tree.clone(), matrix);
-            let placed = InstanceTree::padded(vec![instance], &WideParams::default(), padding).expect("instances");
+            let placed = InstanceTree::padded(vec![instance.clone(), instance], &WideParams::default(), padding)
+                .expect("instances");
             for _ in 0..200 {
                 // The edges along y are those at which the box of the image is touched.
                 let edge = Vec3::new(

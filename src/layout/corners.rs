@@ -2,6 +2,7 @@
 //!
 //! Queries never ask for them this way; normals and whoever draws a triangle do.
 
+use super::keyed_leaf::KeyedLeaf;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
@@ -9,39 +10,52 @@ use crate::primitive::{Scene, Triangles};
 use glam::Vec3;
 
 impl WideTree {
-    /// The corners of a triangle at a time, bit for bit as queries see them.
+    /// The corners of a triangle at a time, bit for bit as queries see them. There are none where the tree is broken.
     pub fn corners(&self, set: &Triangles, id: u32, time: f32) -> [Vec3; 3] {
-        let keys = set.keys(id);
-        let at = KeyTime::new(time, keys);
-        match self.piece(set, id, at.segment) {
-            Some((begin, _)) if keys == 1 => begin,
-            Some((begin, end)) => core::array::from_fn(|i| at.position(begin[i], end[i])),
-            None => [Vec3::NAN; 3],
-        }
+        self.corners_at(set, id, time).unwrap_or([Vec3::NAN; 3])
     }
 
-    /// The corners of a triangle at both keys of a segment. There are none where the tree is broken.
-    pub(crate) fn piece(&self, set: &Triangles, id: u32, segment: usize) -> Option<([Vec3; 3], [Vec3; 3])> {
-        let leaf = ChildRef(*self.blocks.get(set.piece(id, segment))?);
+    fn corners_at(&self, set: &Triangles, id: u32, time: f32) -> Option<[Vec3; 3]> {
+        let (first, count) = set.entries_of(id, self.slices);
+        let leaf = ChildRef(*self.blocks.get(first + KeyTime::new(time, count + 1).segment)?);
         let lane = self.ids::<Scene>(leaf)?.iter().position(|&other| other == id)?;
-        let (begin, end) = match leaf.kind() {
-            Kind::StillLeaf | Kind::SharedStillLeaf => (0, 0),
-            Kind::SharedLeaf => (0, VERTEX_ROWS),
-            _ => (0, CORNER_ROWS),
+        let (at, n) = (leaf.at(), leaf.len());
+        let (linear, key) = (KeyTime::new(time, 2), CORNER_ROWS * n);
+        let corners = match leaf.kind() {
+            Kind::StillLeaf => return Some(self.own(at, n, lane)),
+            Kind::SharedStillLeaf => return Some(self.shared(at, n, at + VERTEX_ROWS * n + lane)),
+            Kind::SharedLeaf => {
+                let numbers = at + 2 * VERTEX_ROWS * n + lane;
+                (linear, self.shared(at, n, numbers), self.shared(at + VERTEX_ROWS * n, n, numbers))
+            }
+            Kind::OwnLeaf => {
+                let keyed = KeyedLeaf::read(self.arena.ints(), leaf);
+                let time = KeyTime::new(time, keyed.segments + 1);
+                let (rows, numbers) = (at + keyed.rows(time.segment), at + keyed.vertices() + lane);
+                match keyed.shared {
+                    true => (time, self.shared(rows, n, numbers), self.shared(rows + VERTEX_ROWS * n, n, numbers)),
+                    false => (time, self.own(rows, n, lane), self.own(rows + key, n, lane)),
+                }
+            }
+            _ => (linear, self.own(at, n, lane), self.own(at + key, n, lane)),
         };
-        Some((self.corners_in(leaf, lane, begin), self.corners_in(leaf, lane, end)))
+        let (time, begin, end) = corners;
+        Some(core::array::from_fn(|i| time.position(begin[i], end[i])))
     }
 
-    /// The corners in a lane of a leaf block, at the key whose rows begin with row `first`.
-    fn corners_in(&self, leaf: ChildRef, lane: usize, first: usize) -> [Vec3; 3] {
-        let (n, words) = (leaf.len(), &self.arena.floats()[leaf.at()..]);
-        let at = |row: usize, lane: usize| Vec3::from([0, 1, 2].map(|axis| words[(row + axis) * n + lane]));
-        let shared = match leaf.kind() {
-            Kind::SharedLeaf => 2 * VERTEX_ROWS,
-            Kind::SharedStillLeaf => VERTEX_ROWS,
-            _ => return [0, 3, 6].map(|row| at(first + row, lane)),
-        };
-        let vertices = self.arena.ints()[leaf.at() + shared * n + lane];
-        [0, 4, 8].map(|shift| at(first, (vertices >> shift & 15) as usize))
+    /// The corners in a lane of rows of n.
+    fn own(&self, rows: usize, n: usize, lane: usize) -> [Vec3; 3] {
+        [0, 3, 6].map(|row| self.place(rows + row * n, n, lane))
+    }
+
+    /// The shared vertices of a triangle in rows of n, whose numbers are a word of the arena.
+    fn shared(&self, rows: usize, n: usize, numbers: usize) -> [Vec3; 3] {
+        let vertices = self.arena.ints()[numbers];
+        [0, 4, 8].map(|shift| self.place(rows, n, (vertices >> shift & 15) as usize))
+    }
+
+    /// What three rows of n say in a lane.
+    fn place(&self, rows: usize, n: usize, lane: usize) -> Vec3 {
+        Vec3::from([0, 1, 2].map(|axis| self.arena.floats()[rows + axis * n + lane]))
     }
 }

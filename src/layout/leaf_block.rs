@@ -3,6 +3,7 @@
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
 use crate::simd::{Arena, LANES, Lanes};
+use crate::time::TimeSlice;
 use glam::Vec3;
 
 /// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
@@ -13,8 +14,8 @@ pub(crate) trait WideSource: PrimitiveSet {
     fn triangles(&self) -> Option<&Triangles>;
     /// Drops what leaf blocks hold now.
     fn written(&mut self) {}
-    /// Writes a leaf block for the key segment that begins at key `segment`; nothing where the arena is full.
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef>;
+    /// Writes a leaf block for queries of a slice of the shutter; nothing where the arena is full.
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef>;
 }
 
 impl WideSource for Scene {
@@ -29,10 +30,10 @@ impl WideSource for Scene {
     }
 
     #[inline]
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef> {
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         // What is in a block is of one kind, since the build keeps kinds apart.
         match ids.first().and_then(|&id| self.shape(id)) {
-            None => self.triangles.write_leaf(arena, ids, segment),
+            None => self.triangles.write_leaf(arena, ids, slice),
             Some(_) => write_list(arena, ids),
         }
     }
@@ -40,50 +41,47 @@ impl WideSource for Scene {
 
 impl Triangles {
     /// Writes a block of triangles.
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], segment: usize) -> Option<ChildRef> {
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         let most = ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1);
         let n = ids.len();
         arena.align();
-        if most <= 2
-            && let Some(shared) = Shared::of(self, ids)
-        {
+        if most > 2 {
+            return self.write_keyed(arena, ids, most, slice.segments(most));
+        }
+        if let Some(shared) = Shared::of(self, ids) {
             return shared.write(self, arena, ids, most);
         }
         let (kind, rows) = match most {
             1 => (Kind::StillLeaf, CORNER_ROWS),
-            2 => (Kind::Leaf, 2 * CORNER_ROWS),
-            _ => (Kind::OwnLeaf, 2 * CORNER_ROWS),
+            _ => (Kind::Leaf, 2 * CORNER_ROWS),
         };
-        let at = arena.grow(rows * n + n + usize::from(kind == Kind::OwnLeaf));
+        let at = arena.grow(rows * n + n);
         let (first_key, last_key) = arena.floats_mut()[at..at + rows * n].split_at_mut(CORNER_ROWS * n);
         for (lane, &id) in ids.iter().enumerate() {
-            let [first, last] = self.corners_around(id, segment);
+            let [first, last] = self.corners_at_both(id);
             write_corners(first_key, n, lane, first);
             if kind != Kind::StillLeaf {
                 write_corners(last_key, n, lane, last);
             }
         }
         arena.ints_mut()[at + rows * n..][..n].copy_from_slice(ids);
-        if kind == Kind::OwnLeaf {
-            arena.ints_mut()[at + rows * n + n] = most as u32 - 1;
-        }
         ChildRef::new(kind, at, n)
     }
 }
 
 /// The different vertices of a few triangles.
-struct Shared {
+pub(super) struct Shared {
     /// Their numbers, and how far apart their keys are.
     vertices: Lanes<u32>,
     strides: Lanes<u32>,
-    count: usize,
+    pub(super) count: usize,
     /// The vertices of each triangle, four bits each.
-    corners: Lanes<u32>,
+    pub(super) corners: Lanes<u32>,
 }
 
 impl Shared {
     /// Nothing where there are too many, or as many as corners: then each triangle has its own.
-    fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
+    pub(super) fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
         // A bit for each vertex that was there, so that most of those that were not need not be looked for.
         let mut seen = 0u64;
@@ -118,18 +116,26 @@ impl Shared {
         let row = keys * VERTEX_ROWS * v;
         let at = arena.grow(row + 2 * n);
         for (key, words) in arena.floats_mut()[at..at + row].chunks_exact_mut(VERTEX_ROWS * v).enumerate() {
-            for lane in 0..v {
-                let position = set.position(self.vertices[lane], key * self.strides[lane] as usize);
-                for axis in 0..3 {
-                    words[axis * v + lane] = position[axis];
-                }
-            }
+            self.write_key(set, words, key);
         }
         let words = &mut arena.ints_mut()[at + row..];
         words[..n].copy_from_slice(&self.corners[..n]);
         words[0] |= (n as u32 - 1) << 12;
         words[n..2 * n].copy_from_slice(ids);
         ChildRef::new(if keys == 1 { Kind::SharedStillLeaf } else { Kind::SharedLeaf }, at, v)
+    }
+}
+
+impl Shared {
+    /// Writes the rows of one key.
+    #[inline(always)]
+    pub(super) fn write_key(&self, set: &Triangles, words: &mut [f32], key: usize) {
+        for lane in 0..self.count {
+            let position = set.position(self.vertices[lane], key * self.strides[lane] as usize);
+            for axis in 0..3 {
+                words[axis * self.count + lane] = position[axis];
+            }
+        }
     }
 }
 
@@ -140,7 +146,7 @@ impl<P: Primitive> WideSource for Shapes<P> {
         None
     }
 
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: usize) -> Option<ChildRef> {
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: TimeSlice) -> Option<ChildRef> {
         write_list(arena, ids)
     }
 }
@@ -155,7 +161,7 @@ pub(crate) fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {
 
 /// Writes the corners of one triangle into lane `lane` of nine rows of `n`.
 #[inline(always)]
-fn write_corners(words: &mut [f32], n: usize, lane: usize, [a, b, c]: [Vec3; 3]) {
+pub(super) fn write_corners(words: &mut [f32], n: usize, lane: usize, [a, b, c]: [Vec3; 3]) {
     for (row, x) in words.chunks_exact_mut(n).zip([a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z]) {
         row[lane] = x;
     }

@@ -1,12 +1,14 @@
 //! Walks a finished tree once: how deep it is, what it holds, and in which leaf block each triangle is.
 
+use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::statistics::Statistics;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS};
 use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
-use crate::primitive::Triangles;
 use crate::simd::{LANES, huge_vec};
+use crate::time::TimeSlice;
+use core::ops::Range;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 /// A block to be visited.
@@ -14,15 +16,6 @@ use core::sync::atomic::{AtomicU32, Ordering};
 struct Visit {
     at: ChildRef,
     depth: u32,
-    /// The part of the time node next above.
-    part: u32,
-}
-
-/// A leaf block, and the key segment that it is of in its part of the shutter.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Leaf {
-    at: u32,
-    segment: u32,
 }
 
 /// What is found in a subtree.
@@ -31,8 +24,8 @@ struct Found {
     depth: u32,
     nodes: usize,
     moving_nodes: usize,
-    /// Below time nodes perhaps some of them several times.
-    leaves: Vec<Leaf>,
+    /// Leaf blocks; below time nodes perhaps some of them several times.
+    leaves: Vec<u32>,
     time_nodes: usize,
 }
 
@@ -43,18 +36,19 @@ const SUBTREES: usize = 128;
 const SOON: usize = 8;
 
 impl WideTree {
-    /// Counts, and says for each piece of a primitive's motion in which leaf block it is.
+    /// Counts, and says of each triangle in which leaf block it is.
     pub(crate) fn index_leaves<S: WideSource>(&self, set: &S) -> (Counts, Vec<u32>) {
-        let pieces = set.triangles().map_or(0, Triangles::pieces);
+        let entries = set.triangles().map_or(0, |triangles| triangles.entries(self.slices));
         let nowhere = || {
-            let mut blocks = huge_vec(pieces);
-            parallel::fill(&mut blocks, pieces, |_| AtomicU32::new(ChildRef::NOTHING.0));
+            let mut blocks = huge_vec(entries);
+            parallel::fill(&mut blocks, entries, |_| AtomicU32::new(ChildRef::NOTHING.0));
             blocks
         };
         let (found, blocks) = parallel::both(|| self.walked(), nowhere);
-        let references = self.find_blocks(set, &found, &blocks);
-        let Found { depth, nodes, moving_nodes, .. } = found;
-        let counts = Counts { depth, nodes, moving_nodes, leaves: found.leaves.len(), references };
+        let (references, still_references) = self.find_blocks(set, &found, &blocks);
+        let Found { depth, nodes, moving_nodes, time_nodes, .. } = found;
+        let leaves = found.leaves.len();
+        let counts = Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, still_references };
         (counts, blocks.into_iter().map(AtomicU32::into_inner).collect())
     }
 
@@ -62,7 +56,7 @@ impl WideTree {
     fn walked(&self) -> Found {
         let mut all = Found::default();
         let mut visits = Vec::new();
-        self.meet(Visit { at: self.root, depth: 0, part: 0 }, &mut all, &mut visits);
+        self.meet(Visit { at: self.root, depth: 0 }, &mut all, &mut visits);
         // Level by level, until there are enough of them.
         while visits.len() < SUBTREES && !visits.is_empty() {
             let mut below = Vec::new();
@@ -91,29 +85,25 @@ impl WideTree {
     }
 
     /// Counts a node and meets its children.
-    fn visit(&self, Visit { at, depth, part }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
-        let time = at.kind() == Kind::Time;
+    fn visit(&self, Visit { at, depth }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         found.nodes += 1;
         found.moving_nodes += usize::from(at.kind() == Kind::Node);
-        found.time_nodes += usize::from(time);
-        for (i, &child) in self.children(at).iter().enumerate() {
-            let part = if time { i as u32 } else { part };
-            self.meet(Visit { at: ChildRef(child), depth: depth + 1, part }, found, below);
+        found.time_nodes += usize::from(at.kind() == Kind::Time);
+        for &child in self.children(at) {
+            self.meet(Visit { at: ChildRef(child), depth: depth + 1 }, found, below);
         }
     }
 
     /// Notes a leaf block, without looking into it, or a node that is to be visited.
     fn meet(&self, visit: Visit, found: &mut Found, below: &mut Vec<Visit>) {
-        let Visit { at, depth, part } = visit;
+        let Visit { at, depth } = visit;
         if at == ChildRef::NOTHING {
             return;
         }
         let kind = at.kind();
         if kind.is_leaf() {
-            // Only motion of several pieces is in blocks of its own for each of them.
-            let segment = if kind == Kind::OwnLeaf { part } else { 0 };
             found.depth = found.depth.max(depth);
-            found.leaves.push(Leaf { at: at.0, segment });
+            found.leaves.push(at.0);
             return;
         }
         let rows = match kind {
@@ -129,47 +119,66 @@ impl WideTree {
     fn expect_ids(&self, block: u32) {
         let block = ChildRef(block);
         let rows = match block.kind() {
-            Kind::Leaf | Kind::OwnLeaf => 2 * CORNER_ROWS,
+            Kind::Leaf => 2 * CORNER_ROWS,
             Kind::StillLeaf => CORNER_ROWS,
             Kind::SharedLeaf => 2 * VERTEX_ROWS,
             Kind::SharedStillLeaf => VERTEX_ROWS,
+            Kind::OwnLeaf => 0,
             Kind::Node | Kind::StillNode | Kind::Time => return,
         };
         self.arena.prefetch(block.at() + rows * block.len(), 2);
     }
 
-    /// Writes down a leaf block for each piece of motion, and returns how many primitives there are in all blocks
-    /// together. Of several blocks that may have one piece it is the first, so that it does not matter who looks where.
-    fn find_blocks<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> usize {
+    /// Writes down a leaf block for each triangle, and returns how many primitives there are in all blocks together, and in
+    /// those of triangles that stand still. Of several blocks that may have one it is the first, so that it does not matter who
+    /// looks where.
+    fn find_blocks<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> (usize, usize) {
         let several = self.presplit || found.time_nodes > 0;
         let references = parallel::chunks(found.leaves.len(), |range| {
             let leaves = &found.leaves[range];
-            let mut references = 0;
-            for (i, leaf) in leaves.iter().enumerate() {
-                if let Some(soon) = leaves.get(i + SOON) {
-                    self.expect_ids(soon.at);
+            let (mut references, mut still) = (0, 0);
+            for (i, &leaf) in leaves.iter().enumerate() {
+                if let Some(&soon) = leaves.get(i + SOON) {
+                    self.expect_ids(soon);
                 }
-                let ids = self.ids::<S>(ChildRef(leaf.at)).unwrap_or(&[]);
+                let leaf = ChildRef(leaf);
+                let ids = self.ids::<S>(leaf).unwrap_or(&[]);
                 references += ids.len();
-                let triangles = set.triangles().filter(|_| !self.is_list::<S>(ChildRef(leaf.at)));
-                for (&id, triangles) in ids.iter().zip(core::iter::repeat(triangles)) {
-                    let Some(triangles) = triangles else { break };
-                    let block = &blocks[triangles.piece(id, leaf.segment as usize)];
-                    if several {
-                        block.fetch_min(leaf.at, Ordering::Relaxed);
-                    } else {
-                        block.store(leaf.at, Ordering::Relaxed);
+                if matches!(leaf.kind(), Kind::StillLeaf | Kind::SharedStillLeaf) {
+                    still += ids.len();
+                }
+                let Some(triangles) = set.triangles().filter(|_| !self.is_list::<S>(leaf)) else { continue };
+                let slices = self.slices_of(leaf);
+                for &id in ids {
+                    for slice in slices.clone() {
+                        let block = &blocks[triangles.entries_of(id, self.slices).0 + slice];
+                        if several {
+                            block.fetch_min(leaf.0, Ordering::Relaxed);
+                        } else {
+                            block.store(leaf.0, Ordering::Relaxed);
+                        }
                     }
                 }
             }
-            references
+            (references, still)
         });
-        references.into_iter().sum()
+        references.into_iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+    }
+
+    /// The slices of the shutter for which a leaf block has all keys; those of other blocks, which have all there are, count as one.
+    fn slices_of(&self, leaf: ChildRef) -> Range<usize> {
+        if leaf.kind() != Kind::OwnLeaf {
+            return 0..1;
+        }
+        let keyed = KeyedLeaf::read(self.arena.ints(), leaf);
+        let held = |&index: &usize| keyed.holds(TimeSlice { index, of: self.slices }.segments(keyed.segments + 1));
+        let first = (0..self.slices).find(held).unwrap_or(0);
+        first..(first..self.slices).take_while(held).last().map_or(first, |last| last + 1)
     }
 
     /// The figures of the tree.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
-        let Counts { depth, nodes, leaves, references, .. } = self.counts;
+        let Counts { depth, nodes, leaves, references, time_nodes, still_references, .. } = self.counts;
         let duplicates = references - set.len().min(references);
         Statistics {
             primitives: set.len(),
@@ -182,6 +191,10 @@ impl WideTree {
             timed: 0.0,
             duplication_time: 0.0,
             propagation_time: 0.0,
+            positions: set.positions()[0],
+            kept_positions: set.positions()[1],
+            still_references,
+            time_nodes,
             bytes: self.arena.bytes(),
             primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>(),
         }

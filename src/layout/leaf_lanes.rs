@@ -1,5 +1,6 @@
 //! The triangles of a leaf block at a time, sixteen at once.
 
+use super::keyed_leaf::KeyedLeaf;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
 use crate::geometry::KeyTime;
 use crate::simd::{Arena, Rows, Simd, lanes_at};
@@ -18,25 +19,34 @@ impl<S: Simd> CornerLanes<S> {
     #[inline(always)]
     pub fn of(s: S, arena: &Arena, leaf: ChildRef, time: f32) -> CornerLanes<S> {
         let (at, n) = (leaf.at(), leaf.len());
-        let floats = &arena.floats()[at..];
         let linear = Between::new(KeyTime::new(time, 2));
         match leaf.kind() {
-            Kind::StillLeaf => CornerLanes::own::<false>(s, floats, (at, n), linear),
-            Kind::SharedLeaf => CornerLanes::shared::<true>(s, arena, (at, n), linear),
-            Kind::SharedStillLeaf => CornerLanes::shared::<false>(s, arena, (at, n), linear),
+            Kind::StillLeaf => CornerLanes::own::<false>(s, arena, (at, n, at + CORNER_ROWS * n), linear),
+            Kind::SharedLeaf => CornerLanes::shared::<true>(s, arena, (at, n, at + 2 * VERTEX_ROWS * n), linear),
+            Kind::SharedStillLeaf => CornerLanes::shared::<false>(s, arena, (at, n, at + VERTEX_ROWS * n), linear),
             Kind::OwnLeaf => {
-                let segments = arena.ints()[at + (2 * CORNER_ROWS + 1) * n] as usize;
-                CornerLanes::own::<true>(s, floats, (at, n), Between::new(KeyTime::new(time, segments + 1)))
+                let keyed = KeyedLeaf::read(arena.ints(), leaf);
+                let time = KeyTime::new(time, keyed.segments + 1);
+                let (rows, between) = (at + keyed.rows(time.segment), Between::new(time));
+                match keyed.shared {
+                    true => CornerLanes::shared::<true>(s, arena, (rows, n, at + keyed.vertices()), between),
+                    false => CornerLanes::own::<true>(s, arena, (rows, n, at + keyed.ids()), between),
+                }
             }
-            _ => CornerLanes::own::<true>(s, floats, (at, n), linear),
+            _ => CornerLanes::own::<true>(s, arena, (at, n, at + 2 * CORNER_ROWS * n), linear),
         }
     }
 
-    /// Of triangles with corners of their own.
+    /// Of triangles with corners of their own: where their rows begin, how long these are, and where the ids begin.
     #[inline(always)]
-    fn own<const MOVING: bool>(s: S, floats: &[f32], (at, n): (usize, usize), between: Between) -> CornerLanes<S> {
+    fn own<const MOVING: bool>(
+        s: S,
+        arena: &Arena,
+        (at, n, ids): (usize, usize, usize),
+        between: Between,
+    ) -> CornerLanes<S> {
         let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
-        let rows = Rows::new(floats, n, count);
+        let rows = Rows::new(&arena.floats()[at..], n, count);
         let (base, other) = if MOVING { between.rows(CORNER_ROWS) } else { (0, 0) };
         let fraction = s.splat(between.fraction);
         let [mut first, mut second, mut third] = [[fraction; 3]; 3];
@@ -50,16 +60,21 @@ impl<S: Simd> CornerLanes<S> {
                 third[axis] = c + (c2 - c) * fraction;
             }
         }
-        CornerLanes { corners: [first, second, third], count: n, ids: at + count * n }
+        CornerLanes { corners: [first, second, third], count: n, ids }
     }
 
-    /// Of triangles that share vertices.
+    /// Of triangles that share vertices: where their rows begin, how long these are, and where their vertices' numbers do.
     #[inline(always)]
-    fn shared<const MOVING: bool>(s: S, arena: &Arena, (at, n): (usize, usize), between: Between) -> CornerLanes<S> {
+    fn shared<const MOVING: bool>(
+        s: S,
+        arena: &Arena,
+        (at, n, numbers): (usize, usize, usize),
+        between: Between,
+    ) -> CornerLanes<S> {
         let count = if MOVING { 2 * VERTEX_ROWS } else { VERTEX_ROWS };
         let rows = Rows::new(&arena.floats()[at..], n, count);
         let (base, other) = if MOVING { between.rows(VERTEX_ROWS) } else { (0, 0) };
-        let words = lanes_at(arena.ints(), at + count * n);
+        let words = lanes_at(arena.ints(), numbers);
         let triangles = shared_count(words[0]);
         let places = s.load_u(words);
         let fraction = s.splat(between.fraction);
@@ -72,7 +87,7 @@ impl<S: Simd> CornerLanes<S> {
             second[axis] = s.permute(vertices, s.shift_right::<4>(places));
             third[axis] = s.permute(vertices, s.shift_right::<8>(places));
         }
-        CornerLanes { corners: [first, second, third], count: triangles, ids: at + count * n + triangles }
+        CornerLanes { corners: [first, second, third], count: triangles, ids: numbers + triangles }
     }
 }
 

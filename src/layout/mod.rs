@@ -14,7 +14,9 @@
 
 mod corners;
 mod kd_validate;
+mod keyed_leaf;
 mod leaf_block;
+mod leaf_ids;
 mod leaf_index;
 mod leaf_lanes;
 mod root_bounds;
@@ -28,6 +30,7 @@ mod wide_validate;
 mod write;
 
 pub use kd_validate::ValidationError;
+pub(crate) use keyed_leaf::KeyedLeaf;
 pub(crate) use leaf_block::{WideSource, write_list};
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub use statistics::Statistics;

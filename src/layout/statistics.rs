@@ -27,6 +27,14 @@ pub struct Statistics {
     pub duplication_time: f64,
     /// Share of the building time spent in propagation: handing on the BP references.
     pub propagation_time: f64,
+    /// Vertex positions of all meshes, over all keys, as they were given.
+    pub positions: usize,
+    /// Those of them that are kept: keys on the straight line between others are not, nor keys of what stands still.
+    pub kept_positions: usize,
+    /// References to triangles that stand still, in leaf blocks without motion (wide trees).
+    pub still_references: usize,
+    /// Subtrees that are divided in time: nodes that pick a child by the time of the query (wide trees).
+    pub time_nodes: usize,
     /// Bytes allocated for the tree.
     pub bytes: usize,
     /// Bytes allocated for the primitives.
@@ -72,6 +80,10 @@ impl KdTree {
             timed: share(timed),
             duplication_time: 0.0,
             propagation_time: 0.0,
+            positions: set.positions()[0],
+            kept_positions: set.positions()[1],
+            still_references: 0,
+            time_nodes: 0,
             bytes: self.bytes(),
             primitive_bytes: set.bytes(),
         }

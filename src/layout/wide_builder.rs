@@ -1,7 +1,6 @@
 //! From primitives to the wide layout.
 //!
-//! Primitives are grouped by how they move. Triangles that stand still or move linearly become one group; meshes
-//! with more keys get a time node with one tree per key segment; other primitives are the last group. Every group is first drafted: the binary
+//! Triangles are one group, other primitives another. Every group is first drafted: the binary
 //! tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees divide the shutter
 //! ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in which they are
 //! children like leaf blocks.
@@ -19,8 +18,8 @@ use crate::primitive::{PrimitiveSet, Triangles};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, Region, SharedLeaves, draft_tree, params_of_copies, prefetch_blocks, primitives, regions,
-    time_slice,
+    COST_MODEL, Draft, Region, SharedLeaves, TimeSlice, draft_tree, params_of_copies, prefetch_blocks, primitives,
+    regions,
 };
 
 /// A subtree that is written: where it is over the whole shutter, and its root.
@@ -30,27 +29,51 @@ struct Subtree {
 }
 
 impl WideTree {
-    /// Builds over all primitives of a set. Progress is told, and cancelling noticed, after each draft and each
-    /// written group.
+    /// Builds over all primitives of a set within the bytes that the parameters allow. Progress is told, and cancelling
+    /// noticed, after each draft and each written group.
     pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
+        let budget = allowed_bytes(set, params);
+        let mut tree = WideTree::unlimited(set, params, progress)?;
+        if matches!(params.division, Division::Segments(_) | Division::Copies(_)) {
+            return Ok(tree);
+        }
+        // What the choices expected was too little: again with less, the last time without splitting and division.
+        for attempt in 0..ATTEMPTS {
+            let bytes = tree.arena.bytes();
+            if bytes <= budget {
+                return Ok(tree);
+            }
+            drop(tree);
+            let less = params.bytes_per_primitive * 0.8 * (budget as f32 / bytes as f32);
+            let params = match attempt + 1 < ATTEMPTS {
+                true => WideParams { bytes_per_primitive: less, ..*params },
+                false => WideParams { max_references: 1.0, division: Division::Whole, ..*params },
+            };
+            tree = WideTree::unlimited(set, &params, progress)?;
+        }
+        match tree.arena.bytes() {
+            bytes if bytes <= budget => Ok(tree),
+            bytes => Err(BuildError::OverBudget { bytes, budget }),
+        }
+    }
+
+    /// Builds whatever it weighs.
+    fn unlimited<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
         let lists = if S::TRIANGLES { usize::MAX } else { 0 };
-        let mut tree = WideTree { arena, root: ChildRef::NOTHING, lists, presplit: false, blocks, counts };
+        let mut tree = WideTree { arena, root: ChildRef::NOTHING, lists, presplit: false, slices: 1, blocks, counts };
         let triangles = set.triangles().map_or(0, Triangles::len);
         let listed: Vec<u32> = (triangles as u32..set.len() as u32).collect();
-        let of_triangles = set.triangles().map_or(Vec::new(), groups);
+        let mut of_triangles = huge_vec(triangles);
+        parallel::fill(&mut of_triangles, triangles, |id| id as u32);
         let mut parts = Vec::new();
-        for (keys, ids) in of_triangles.into_iter().chain((!listed.is_empty()).then_some((2, listed))) {
+        for ids in [of_triangles, listed].into_iter().filter(|ids: &Vec<u32>| !ids.is_empty()) {
             let share = ids.len() as f64 / set.len() as f64;
             if ids[0] as usize >= triangles {
                 // The last group: what is written from now on.
                 tree.lists = tree.arena.len();
             }
-            parts.push(match keys {
-                2 => tree.linear(set, &ids, params, &|done| step(progress, share * done))?,
-                // Motion of several pieces: each piece on its own.
-                _ => tree.in_slices(set, &ids, keys - 1, |part| part, params, &|done| step(progress, share * done))?,
-            });
+            parts.push(tree.group(set, &ids, params, &|done| step(progress, share * done))?);
         }
         tree.root = tree.join(parts)?;
         tree.arena.align();
@@ -59,8 +82,8 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds primitives that stand still or move linearly.
-    fn linear<S: WideSource>(
+    /// Builds triangles, or other primitives.
+    fn group<S: WideSource>(
         &mut self,
         set: &S,
         ids: &[u32],
@@ -70,7 +93,7 @@ impl WideTree {
         if let Division::Copies(copies) = params.division {
             return self.copies(set, ids, copies, params, step);
         }
-        let mut draft = draft_tree(set, ids, TimeInterval::FULL, 0, params);
+        let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params);
         step(0.5)?;
         let regions = regions(set, &draft, params);
         step(0.25)?;
@@ -109,32 +132,7 @@ impl WideTree {
         Ok(part)
     }
 
-    /// Builds a tree for each of equal parts of the shutter, and `segment_of` a part is the key segment that its leaf
-    /// blocks are written for.
-    fn in_slices<S: WideSource>(
-        &mut self,
-        set: &S,
-        ids: &[u32],
-        parts: usize,
-        segment_of: impl Fn(usize) -> usize,
-        params: &WideParams,
-        step: Step<'_>,
-    ) -> Result<Subtree, BuildError> {
-        let mut written = Vec::with_capacity(parts);
-        for i in 0..parts {
-            let draft = draft_tree(set, ids, time_slice(i, parts), segment_of(i), params);
-            let before = self.arena.len();
-            written.push(self.write_draft(set, &draft, &[])?);
-            if i == 0 {
-                // The others will be about as large; growing step by step would hold most of it twice.
-                self.arena.reserve((self.arena.len() - before) * (parts - 1) / 50 * 51);
-            }
-            step(1.0 / parts as f64)?;
-        }
-        self.over_time(written)
-    }
-
-    /// Builds copies for equal parts of the shutter over primitives that move linearly.
+    /// Builds a tree for each of equal parts of the shutter.
     fn copies<S: WideSource>(
         &mut self,
         set: &S,
@@ -143,7 +141,19 @@ impl WideTree {
         params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
-        self.in_slices(set, ids, copies, |_| 0, params, step)
+        self.slices = self.slices.max(copies);
+        let mut written = Vec::with_capacity(copies);
+        for index in 0..copies {
+            let draft = draft_tree(set, ids, TimeSlice { index, of: copies }, params);
+            let before = self.arena.len();
+            written.push(self.write_draft(set, &draft, &[])?);
+            if index == 0 {
+                // The others will be about as large; growing step by step would hold most of it twice.
+                self.arena.reserve((self.arena.len() - before) * (copies - 1) / 50 * 51);
+            }
+            step(1.0 / copies as f64)?;
+        }
+        self.over_time(written)
     }
 
     /// Puts a time node above trees for equal parts of the shutter.
@@ -224,41 +234,24 @@ impl WideTree {
     }
 }
 
+/// Builds after the first that are tried where a tree is larger than allowed.
+const ATTEMPTS: usize = 2;
+
+/// Bytes that every tree may have besides: of the smallest, nodes are hardly filled.
+const LEAST_BYTES: usize = 8192;
+
+/// What a tree may weigh: what is allowed for each primitive, and the positions at keys beyond the second.
+fn allowed_bytes<S: WideSource>(set: &S, params: &WideParams) -> usize {
+    let bytes = f64::from(params.bytes_per_primitive) * set.len() as f64;
+    bytes as usize + set.further_key_bytes() + LEAST_BYTES
+}
+
 /// Says that a fraction of a group is done; an error where the build was cancelled.
 pub(crate) type Step<'a> = &'a dyn Fn(f64) -> Result<(), BuildError>;
 
 fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
     progress.finished(done);
     if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
-}
-
-/// The triangles by their number of keys, at least two, fewest keys first.
-fn groups(set: &Triangles) -> Vec<(usize, Vec<u32>)> {
-    if set.linear() && set.len() > 0 {
-        let mut ids = huge_vec(set.len());
-        parallel::fill(&mut ids, set.len(), |id| id as u32);
-        return vec![(2, ids)];
-    }
-    let parts = parallel::chunks(set.len(), |ids| {
-        let mut groups: Vec<(usize, Vec<u32>)> = Vec::new();
-        for id in ids {
-            let keys = set.keys(id as u32).max(2);
-            match groups.iter_mut().find(|g| g.0 == keys) {
-                Some(group) => group.1.push(id as u32),
-                None => groups.push((keys, vec![id as u32])),
-            }
-        }
-        groups
-    });
-    let mut all: Vec<(usize, Vec<u32>)> = Vec::new();
-    for (keys, ids) in parts.into_iter().flatten() {
-        match all.iter_mut().find(|g| g.0 == keys) {
-            Some(group) => group.1.extend(ids),
-            None => all.push((keys, ids)),
-        }
-    }
-    all.sort_by_key(|g| g.0);
-    all
 }
 
 /// Writes leaf blocks. Of large scenes their primitives come from memory, so the next ones are asked for early.
@@ -279,7 +272,7 @@ fn leaf_blocks<S: WideSource>(
         let ids = &mut ids[..of.len()];
         // Sorted, so that a block does not depend on the order in which the build met its primitives.
         ids.sort_unstable();
-        *block = set.write_leaf(arena, distinct(ids), draft.segment).ok_or(BuildError::TooLargeTree)?;
+        *block = set.write_leaf(arena, distinct(ids), draft.slice).ok_or(BuildError::TooLargeTree)?;
     }
     Ok(())
 }

@@ -9,7 +9,7 @@
 //! | still leaf of n | rows of n: corners, ids |
 //! | moving leaf of v shared vertices | rows of v: x y z at the begin, the same at the end; rows of n: corners, ids |
 //! | still leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
-//! | own leaf of n, of triangles | as a moving leaf, for one segment between keys; behind it the number of segments |
+//! | own leaf, of triangles | with more than two keys: see [`super::keyed_leaf`] |
 //! | own leaf of n, of other primitives | n ids |
 //!
 //! In blocks with shared vertices, a word of the row of corners numbers the three vertices of a triangle in its
@@ -51,36 +51,6 @@ pub(crate) enum Kind {
 impl Kind {
     pub fn is_leaf(self) -> bool {
         !matches!(self, Kind::Node | Kind::StillNode | Kind::Time)
-    }
-}
-
-/// Where the ids of a leaf block lie.
-pub(crate) struct Ids {
-    /// The first, counted from the block's begin.
-    pub first: usize,
-    pub count: usize,
-}
-
-impl Ids {
-    /// Of a block that begins at `words[0]`; `lists` says what the set's own leaves are. Nothing where the block is
-    /// not a whole leaf.
-    pub fn of(leaf: ChildRef, words: &[u32], lists: bool) -> Option<Ids> {
-        let len = leaf.len();
-        let direct = |rows: usize| Ids { first: rows * len, count: len };
-        let shared = |rows: usize| {
-            let corners = rows * len;
-            let count = shared_count(*words.get(corners)?);
-            Some(Ids { first: corners + count, count })
-        };
-        let ids = match leaf.kind() {
-            Kind::Node | Kind::StillNode | Kind::Time => return None,
-            Kind::Leaf => direct(2 * CORNER_ROWS),
-            Kind::StillLeaf => direct(CORNER_ROWS),
-            Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
-            Kind::SharedStillLeaf => shared(VERTEX_ROWS)?,
-            Kind::OwnLeaf => direct(if lists { 0 } else { 2 * CORNER_ROWS }),
-        };
-        (ids.first + ids.count <= words.len()).then_some(ids)
     }
 }
 

@@ -1,7 +1,8 @@
 //! A finished wide tree.
 
 use super::leaf_block::WideSource;
-use super::wide_node::{ChildRef, Ids, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::leaf_ids::Ids;
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and where it begins.
@@ -12,7 +13,9 @@ pub(crate) struct WideTree {
     pub lists: usize,
     /// Whether parts of one primitive may be in several leaf blocks.
     pub(crate) presplit: bool,
-    /// A leaf block in which each piece of a primitive's motion is, see [`WideSource::piece`].
+    /// The most slices of the shutter that have leaf blocks of their own.
+    pub(crate) slices: usize,
+    /// A leaf block in which each triangle is; of those with more than two keys one for each of the slices.
     pub(crate) blocks: Vec<u32>,
     pub(crate) counts: Counts,
 }
@@ -25,7 +28,11 @@ pub(crate) struct Counts {
     pub nodes: usize,
     pub moving_nodes: usize,
     pub leaves: usize,
+    /// Nodes that pick a child by time.
+    pub time_nodes: usize,
     pub references: usize,
+    /// Those of them in leaf blocks of triangles that stand still.
+    pub still_references: usize,
 }
 
 impl WideTree {

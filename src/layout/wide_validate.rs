@@ -23,11 +23,12 @@ impl WideTree {
         for time in TIMES {
             self.validate_at(set, time)?;
         }
-        // It is known of each piece of a motion in which leaf block it is.
+        // It is known of each triangle in which leaf block it is, and in each slice of the shutter where it may be in others.
         let triangles = set.triangles();
         for (id, triangles) in triangles.into_iter().flat_map(|t| (0..t.len() as u32).map(move |id| (id, t))) {
-            for segment in 0..triangles.keys(id).max(2) - 1 {
-                let leaf = self.blocks.get(triangles.piece(id, segment)).map(|&leaf| ChildRef(leaf));
+            let (first, count) = triangles.entries_of(id, self.slices);
+            for entry in first..first + count {
+                let leaf = self.blocks.get(entry).map(|&leaf| ChildRef(leaf));
                 if !leaf.and_then(|leaf| self.ids::<S>(leaf)).is_some_and(|ids| ids.contains(&id)) {
                     return Err(ValidationError::References { node: 0 });
                 }

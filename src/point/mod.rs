@@ -6,7 +6,7 @@
 //! has a tree without any of that. Beside them stands the paper's k-d tree, in whose leaves points have time intervals.
 //!
 //! Data flows `primitive` (input) → `order` and `select` (who lies in which leaf) → `static_tree`
-//! or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot` (a layout at a time) → `search` (the
+//! or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at a time) → `search` (the
 //! searches) → `query` (what callers see).
 //!
 //! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is ours and
@@ -28,6 +28,7 @@ mod lists;
 mod moving_leaf;
 mod moving_reference;
 mod moving_tree;
+mod moving_view;
 mod neighbor;
 mod order;
 mod over_interval;
@@ -54,9 +55,7 @@ pub use gather::{
     VisiblePoint, VisiblePoints,
 };
 pub use iter::WithinIter;
-pub use lists::{
-    Encounter, EncounterLists, ListError, ListQuery, NeighborColumns, NeighborCsr, Radii, certified_duration,
-};
+pub use lists::{BulkQuery, Encounter, EncounterLists, ListError, ListQuery, NeighborCsr, Radii, certified_duration};
 pub use neighbor::Neighbor;
 pub use query::{NeighborBuffer, NeighborQuery};
 pub use search::{KeepAll, KeepIf, NeighborWork};

@@ -5,15 +5,15 @@
 
 use super::linear_bounds::{Hull, LinearBoxes, Span};
 use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
-use super::moving_reference::{Mover, Part, phase};
+use super::moving_reference::{Mover, Part};
+use super::moving_view::{AtTime, HasLeaves};
 use super::order::{Item, order};
 use super::over_interval::{Boxed, Flight};
-use super::snapshot::{Leaves, Placed, Target, View, diagonal, outside, rows};
+use super::snapshot::{Placed, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
-use crate::geometry::{KeyTime, TimeInterval};
+use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
-use glam::Vec3;
 
 /// Points that move or live for a while, in a 16-ary tree for one part of the shutter.
 #[derive(Clone)]
@@ -120,8 +120,7 @@ impl MovingTree {
     /// The tree at a time, which lies in its part.
     #[inline(always)]
     pub(super) fn at<const TIMED: bool>(&self, time: f32) -> MovingView<'_, TIMED> {
-        let at = KeyTime::new(time, self.part.keys);
-        MovingView { tree: self, at, phase: phase(at, self.part.segment), time }
+        AtTime::new(self, &self.part, time)
     }
 }
 
@@ -156,48 +155,21 @@ impl Fill<'_> {
     }
 }
 
-/// A moving tree at a time.
-#[derive(Clone, Copy)]
-pub(super) struct MovingView<'a, const TIMED: bool> {
-    tree: &'a MovingTree,
-    at: KeyTime,
-    phase: f32,
-    time: f32,
+impl HasLeaves for MovingTree {
+    #[inline(always)]
+    fn leaves(&self) -> &MovingLeaves {
+        &self.leaves
+    }
 }
+
+/// A moving tree at a time.
+pub(super) type MovingView<'a, const TIMED: bool> = AtTime<'a, MovingTree, TIMED>;
 
 /// Three rows of lines at a phase.
 #[inline(always)]
 fn line<S: Simd>(s: S, at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3], phase: S::F) -> [S::F; 3] {
     let ([x, y, z], [by_x, by_y, by_z]) = (rows(s, at), rows(s, slope));
     [x + by_x * phase, y + by_y * phase, z + by_z * phase]
-}
-
-impl<const TIMED: bool> Leaves for MovingView<'_, TIMED> {
-    #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        1
-    }
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        let point = [s.splat(q.x), s.splat(q.y), s.splat(q.z)];
-        Target { point, step: s.splat(self.at.s), phase: s.splat(self.phase), time: s.splat(self.time) }
-    }
-    #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        self.tree.leaves.distances::<S, TIMED>(s, self.at, target, block)
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        self.tree.leaves.prefetch(block);
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        self.tree.leaves.block_bytes()
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        self.tree.leaves.ids(block)
-    }
 }
 
 impl<const TIMED: bool> View for MovingView<'_, TIMED> {
@@ -254,7 +226,7 @@ impl<const TIMED: bool> Placed for MovingView<'_, TIMED> {
     }
     #[inline(always)]
     fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
-        self.tree.leaves.positions::<S, TIMED>(s, self.at, target, block)
+        self.places(s, target, block)
     }
 }
 

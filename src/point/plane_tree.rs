@@ -18,15 +18,15 @@
 //! point far away costs those searches that come near its own leaves. The last depends on the plane.
 
 use super::moving_leaf::{Leaf, MovingLeaves};
-use super::moving_reference::{Mover, Part, phase};
+use super::moving_reference::{Mover, Part};
 use super::moving_tree::MovingTree;
+use super::moving_view::{AtTime, HasLeaves};
 use super::order::Item;
 use super::over_interval::Flight;
-use super::snapshot::{Leaves, Target};
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::LANES;
 use glam::Vec3;
 
 /// Points between two keys in the k-d layout.
@@ -184,8 +184,7 @@ impl PlaneTree {
     /// The tree at a time, which lies in its part.
     #[inline(always)]
     pub(super) fn at(&self, time: f32) -> PlaneView<'_> {
-        let at = KeyTime::new(time, self.part.keys);
-        PlaneView { tree: self, at, phase: phase(at, self.part.segment), time }
+        AtTime::new(self, &self.part, time)
     }
 }
 
@@ -214,42 +213,15 @@ fn error(m: &Mover, segments: usize) -> f32 {
     raised(UNIT * axis(0).max(axis(1)).max(axis(2)))
 }
 
-/// A k-d tree over points at a time.
-#[derive(Clone, Copy)]
-pub(super) struct PlaneView<'a> {
-    pub(super) tree: &'a PlaneTree,
-    at: KeyTime,
-    phase: f32,
-    pub(super) time: f32,
+impl HasLeaves for PlaneTree {
+    #[inline(always)]
+    fn leaves(&self) -> &MovingLeaves {
+        &self.leaves
+    }
 }
 
-impl Leaves for PlaneView<'_> {
-    #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        1
-    }
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        let point = [s.splat(q.x), s.splat(q.y), s.splat(q.z)];
-        Target { point, step: s.splat(self.at.s), phase: s.splat(self.phase), time: s.splat(self.time) }
-    }
-    #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        self.tree.leaves.distances::<S, true>(s, self.at, target, block)
-    }
-    #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        self.tree.leaves.prefetch(block);
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        self.tree.leaves.block_bytes()
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        self.tree.leaves.ids(block)
-    }
-}
+/// A k-d tree over points at a time.
+pub(super) type PlaneView<'a> = AtTime<'a, PlaneTree, true>;
 
 #[cfg(test)]
 mod tests {

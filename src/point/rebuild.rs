@@ -8,17 +8,23 @@ use super::tree::{PointParams, PointTree};
 use crate::primitive::PointSet;
 use std::collections::HashMap;
 
-/// Growth of the leaves' boxes up to which the order of the last step is kept. A search visits more leaves the larger
-/// they are; this much costs neighbour lists about what putting all points in order again does.
-const MOST_GROWTH: f64 = 1.1;
+/// Growth of the leaves' boxes, added up over the steps, up to which the order is kept.
+///
+/// Keeping it costs a little in each step: a search visits the more leaves the larger they are. Putting all points in
+/// order costs once. Doing so when the former have added up to the latter costs at most twice what the best moment
+/// would have cost, however points move (the rule of renting or buying skis). Sides larger by a share g make neighbour
+/// lists slower by about 1.2 g, and ordering all points costs about a third of the lists' time more than keeping the
+/// order: so the sum of g is 0.3. `cargo bench --bench lists -- --only growth` measures both.
+const MOST_EXCESS: f64 = 0.3;
 
 impl PointTree {
     /// Builds the tree again for the next step of a simulation, in which the points have moved a little: the same tree
     /// as [`PointTree::build`] gives, up to how fast it is, at a fraction of the cost.
     ///
     /// Points stay in the part of the tree where they were, and are put in order only among the few hundred around
-    /// them. That is checked: where the boxes of leaves have grown by more than a tenth since all points were last put in
-    /// order, or if the set has another size, moves during the shutter or has ids of its own, the tree is built afresh.
+    /// them. That is checked: where larger boxes of leaves have cost as much since all points were last put in order as
+    /// doing so again costs, or if the set has another size, moves during the shutter or has ids of its own, the tree is
+    /// built afresh.
     /// Returns whether the order was kept. After an error the tree is as it was.
     ///
     /// ```
@@ -44,7 +50,7 @@ impl PointTree {
         }
         let Some(Layer::Still(tree)) = self.layers.pop() else { unreachable!("the layer was looked at") };
         let mut tree = tree.moved(source.len, |id| source.at(id as usize, 0));
-        let kept = tree.growth() <= MOST_GROWTH;
+        let kept = tree.excess() <= MOST_EXCESS;
         if !kept {
             tree = source.still_tree(source.len, 0..source.len);
         }

@@ -30,8 +30,17 @@ pub(super) struct StaticTree {
     /// As many as all bottom nodes have lanes for.
     blocks: Vec<PointBlock>,
     shape: Shape,
-    /// The spread of the leaves when the points were put in order; nothing if that was for this tree.
-    ordered_spread: Option<f64>,
+    /// What is known of the time when the points were put in order; nothing if that was for this tree.
+    ordered: Option<Ordered>,
+}
+
+/// When all points were put in order, and since.
+#[derive(Clone, Copy, Debug)]
+struct Ordered {
+    /// The spread of the leaves then.
+    spread: f64,
+    /// By how much leaves have been larger in all trees since, added up, as a share of their sides.
+    excess: f64,
 }
 
 /// Sizes of a complete tree.
@@ -125,7 +134,7 @@ impl StaticTree {
             upper: huge_vec_of(Boxes::NONE, shape.nodes() - plain),
             blocks,
             shape,
-            ordered_spread: None,
+            ordered: None,
         };
         if plain > 0 {
             fill(count, &mut tree.blocks, &mut tree.lower[..shape.begin[1]], shape.leaf_blocks, id_of);
@@ -161,17 +170,22 @@ impl StaticTree {
     /// The tree over the same points elsewhere, in almost the same order: only the points of a bottom node are put in
     /// order again. `at` gives the place of an id.
     pub(super) fn moved(self, count: usize, at: impl Fn(u32) -> [f32; 3] + Sync) -> StaticTree {
-        let spread = self.ordered_spread.unwrap_or_else(|| self.spread());
+        let mut ordered = self.ordered.unwrap_or_else(|| Ordered { spread: self.spread(), excess: 0.0 });
         let StaticTree { mut blocks, shape, .. } = self;
         move_items(count, &mut blocks, shape, &at);
-        let tree = StaticTree::around(count, blocks, shape, &|id| id);
-        StaticTree { ordered_spread: Some(spread), ..tree }
+        let mut tree = StaticTree::around(count, blocks, shape, &|id| id);
+        let spread = tree.spread();
+        if spread > ordered.spread {
+            ordered.excess += spread / ordered.spread - 1.0;
+        }
+        tree.ordered = Some(ordered);
+        tree
     }
 
-    /// How much larger the leaves are than when all points were put in order.
-    pub(super) fn growth(&self) -> f64 {
-        let (before, now) = (self.ordered_spread, self.spread());
-        before.map_or(1.0, |before| if now > before { now / before } else { 1.0 })
+    /// By how much leaves have been larger than when all points were put in order, as a share of their sides, added up
+    /// over the trees since.
+    pub(super) fn excess(&self) -> f64 {
+        self.ordered.map_or(0.0, |ordered| ordered.excess)
     }
 
     /// The sides of all leaves' boxes.

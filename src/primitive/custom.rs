@@ -115,6 +115,28 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
     /// Bounds of the part inside `cell` at one instant, for choosing planes; empty where there is none.
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
+    /// Primitives of different kinds do not lie in one leaf block: each number of keys above two is one.
+    fn leaf_kind(&self, id: u32) -> u32 {
+        let _ = id;
+        0
+    }
+    /// Whether primitives of one kind may share a leaf block, as far as memory is concerned.
+    fn fits_block(&self, ids: &[u32]) -> bool {
+        let _ = ids;
+        true
+    }
+    /// The most bytes that keys beyond the second take in leaf blocks which have each of them once.
+    fn further_key_bytes(&self) -> usize {
+        0
+    }
+    /// Whether there are primitives whose leaf blocks hold more than two keys.
+    fn bent(&self) -> bool {
+        self.further_key_bytes() > 0
+    }
+    /// Vertex positions over all keys: as given, and those that are kept.
+    fn positions(&self) -> [usize; 2] {
+        [0, 0]
+    }
     /// Whether the primitive certainly stays clear of a cell during the whole interval, by more than the kernel's
     /// rounding, although its bounds do not: `cell` is the cell at the begin and end of the interval,
     /// linear in between. `false` is always right.

@@ -1,7 +1,8 @@
 //! Triangle meshes whose vertices move.
 
+use super::merge_keys::kept_keys;
 use crate::error::BuildError;
-use crate::geometry::{Aabb, TimeInterval};
+use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
 use core::ops::Range;
@@ -66,6 +67,11 @@ impl From<Vec<Vec<DVec3>>> for Keys {
 ///
 /// One key: nothing moves. Two: every vertex moves on a straight line (the paper's case). More:
 /// piecewise linear. What is wrong with a mesh is reported when a tree is built of it.
+///
+/// Keys that say nothing cost nothing: where all vertices stay within 4u (u = 2^-24, relative to the coordinate) of the lines
+/// between every second, third, … key, a tree keeps only those, and one where all keys are equal. So a straight motion
+/// may be given with any number of keys. A mesh keeps the same keys for all its vertices; two meshes that
+/// share vertices move alike to the last bit if they keep the same number of keys.
 ///
 /// ```
 /// use mbkd::{TimeInterval, TriangleMesh, glam::Vec3};
@@ -145,6 +151,16 @@ impl TriangleMesh {
         match parts.into_iter().flatten().next() {
             Some(error) => Err(error),
             None => Ok(swept),
+        }
+    }
+
+    /// How many keys say what all of them say ([`super::merge_keys`]): of coordinates in f32 as they are given, of those in
+    /// f64 as they are stored.
+    pub(super) fn kept_keys(&self, frame: Frame) -> usize {
+        let (keys, vertices) = (self.keys.len(), self.keys.vertices(0));
+        match &self.keys {
+            Keys::F32(at) => kept_keys(keys, vertices, |key, v| at[key][v]),
+            Keys::F64(at) => kept_keys(keys, vertices, |key, v| frame.point(at[key][v])),
         }
     }
 

@@ -1,7 +1,9 @@
 //! What moves: triangle meshes, spheres, the caller's own primitives, points.
 
+mod bent_bounds;
 mod check;
 mod custom;
+mod merge_keys;
 mod mesh;
 mod points;
 mod scene;

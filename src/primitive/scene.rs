@@ -179,6 +179,25 @@ impl PrimitiveSet for Scene {
         self.triangles.frame()
     }
 
+    fn leaf_kind(&self, id: u32) -> u32 {
+        match self.shape(id) {
+            None => self.triangles.leaf_kind(id),
+            Some(_) => 0,
+        }
+    }
+
+    fn fits_block(&self, ids: &[u32]) -> bool {
+        ids.iter().any(|&id| self.shape(id).is_some()) || self.triangles.fits_block(ids)
+    }
+
+    fn further_key_bytes(&self) -> usize {
+        self.triangles.further_key_bytes()
+    }
+
+    fn positions(&self) -> [usize; 2] {
+        self.triangles.positions()
+    }
+
     fn complaint(&self) -> Result<(), BuildError> {
         self.shapes.complaint()
     }

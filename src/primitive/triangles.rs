@@ -7,12 +7,11 @@ use super::custom::PrimitiveSet;
 use super::mesh::{Keys, TriangleMesh};
 use crate::error::BuildError;
 use crate::geometry::{
-    Aabb, Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBounds, LinearBox3, TimeInterval, ULP, clip_triangle,
-    stays_clear,
+    Aabb, Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, clip_triangle, stays_clear,
 };
 use crate::parallel;
-use crate::simd::{huge_vec, prefetch};
-use glam::{DVec3, Vec3};
+use crate::simd::{LANES, huge_vec, prefetch};
+use glam::Vec3;
 
 /// The triangles of several meshes, as a [`RayTree`](crate::RayTree) holds them, in one tree space.
 ///
@@ -26,6 +25,10 @@ pub struct Triangles {
     /// The mesh of every [`BLOCK`]-th triangle, and of the last.
     mesh_at: Vec<u32>,
     always_active: bool,
+    /// Number of triangles of meshes with more than two keys.
+    bent: usize,
+    /// Vertex positions over all keys: as given, and those that are kept.
+    counts: [usize; 2],
     /// Empty once leaf blocks hold them.
     vertices: Vertices,
 }
@@ -36,7 +39,8 @@ const BLOCK: usize = 32;
 /// The vertices of all triangles.
 #[derive(Default)]
 struct Vertices {
-    /// The positions of all meshes: mesh by mesh, in each key by key.
+    /// The positions of all meshes: mesh by mesh, in each key by key; of more than two keys vertex by vertex, since whoever asks
+    /// for one of its keys mostly asks for all.
     positions: Vec<Vec3>,
     /// The corners of each triangle, as places of their first keys in `positions`.
     corners: Vec<[u32; 3]>,
@@ -45,8 +49,8 @@ struct Vertices {
 struct Rebased {
     /// Id of the first triangle.
     first: u32,
-    /// Number of the first piece of its motion, see [`Triangles::piece`].
-    first_piece: usize,
+    /// Number of bent triangles before it, see [`Triangles::entries_of`].
+    bent_before: usize,
     /// Number of keys.
     keys: usize,
     /// How far apart successive keys of a vertex are in the positions; 0 where there is one only.
@@ -72,39 +76,51 @@ impl Triangles {
         if total >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found: total });
         }
-        let found: usize = meshes.iter().map(|mesh| mesh.keys.len() * mesh.keys.vertices(0)).sum();
+        let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
+        let frame = if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) };
+        // Keys that say nothing are left out: what stands still or moves straight pays nothing for them.
+        let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
+        let positions_of = |mesh: &TriangleMesh, keys: usize| keys * mesh.keys.vertices(0);
+        let given: usize = meshes.iter().map(|mesh| positions_of(mesh, mesh.keys.len())).sum();
+        let found: usize = meshes.iter().zip(&kept).map(|(mesh, &keys)| positions_of(mesh, keys)).sum();
         if found >= u32::MAX as usize {
             return Err(BuildError::TooManyPositions { found });
         }
-        let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
-        let frame = if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) };
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
         let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
-        let (mut rebased, mut pieces) = (Vec::with_capacity(meshes.len()), 0);
-        for (i, mesh) in meshes.iter().enumerate() {
+        let (mut rebased, mut bent) = (Vec::with_capacity(meshes.len()), 0);
+        for (i, (mesh, keys)) in meshes.iter().zip(kept).enumerate() {
             let (first, place) = (corners.len() as u32, positions.len());
-            let (mut keys, vertices) = (mesh.keys.len(), mesh.keys.vertices(0));
-            for key in 0..keys {
-                parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(key, v)));
+            let vertices = mesh.keys.vertices(0);
+            let step = segments(mesh.keys.len()) / segments(keys);
+            // How far apart the keys of a vertex are, and successive vertices.
+            let [stride, apart] = match keys {
+                ..=1 => [0, 1],
+                2 => [vertices, 1],
+                _ => [1, keys],
+            };
+            match keys {
+                ..=2 => (0..keys).for_each(|key| {
+                    parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(key * step, v)));
+                }),
+                _ => parallel::fill(&mut positions, vertices * keys, |i| {
+                    frame.point(mesh.keys.position(i % keys * step, i / keys))
+                }),
             }
-            // Keys that all say the same are one key: what stands still pays nothing for motion.
-            let (key0, others) = positions[place..].split_at(vertices);
-            if others.chunks(vertices.max(1)).all(|key| key == key0) {
-                keys = 1;
-                positions.truncate(place + vertices);
-            }
-            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(|v| place as u32 + v));
+            let corner = |v: u32| place as u32 + v * apart as u32;
+            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(corner));
             mesh_at.resize(corners.len().div_ceil(BLOCK), i as u32);
-            let stride = if keys == 1 { 0 } else { vertices };
-            rebased.push(Rebased { first, first_piece: pieces, keys, stride, active: mesh.active, mask: mesh.mask });
-            pieces += mesh.len() * segments(keys);
+            let (active, mask) = (mesh.active, mesh.mask);
+            rebased.push(Rebased { first, bent_before: bent, keys, stride, active, mask });
+            bent += if keys > 2 { mesh.len() } else { 0 };
         }
         // The mesh of the last triangle, for the triangles of the last block.
         mesh_at.push(meshes.iter().rposition(|mesh| !mesh.is_empty()).unwrap_or(0) as u32);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
         let vertices = Vertices { positions, corners };
-        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, vertices })
+        let counts = [given, found];
+        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, bent, counts, vertices })
     }
 
     /// Drops the vertices: from now on there are names, masks and times, but no corners and no bounds.
@@ -135,11 +151,6 @@ impl Triangles {
         self.mesh(id).keys
     }
 
-    /// Whether no mesh has more than two keys.
-    pub(crate) fn linear(&self) -> bool {
-        self.meshes.iter().all(|mesh| mesh.keys <= 2)
-    }
-
     /// The id of a triangle of a mesh, if there is such a triangle.
     pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
         let first = self.meshes.get(mesh as usize)?.first;
@@ -147,17 +158,19 @@ impl Triangles {
         first.checked_add(triangle).filter(|&id| id < end)
     }
 
-    /// Numbers the pieces of the triangles' motion, in each of which it is linear: one between two successive keys, and
-    /// one of what stands still.
+    /// Where a table that has `slices` entries for each bent triangle (of a mesh with more than two keys) and one for each
+    /// other has those of a triangle: the first, and how many.
     #[inline]
-    pub(crate) fn piece(&self, id: u32, segment: usize) -> usize {
+    pub(crate) fn entries_of(&self, id: u32, slices: usize) -> (usize, usize) {
         let mesh = self.mesh(id);
-        mesh.first_piece + (id - mesh.first) as usize * segments(mesh.keys) + segment
+        let bent = mesh.keys > 2;
+        let before = mesh.bent_before + if bent { (id - mesh.first) as usize } else { 0 };
+        (id as usize + before * (slices - 1), if bent { slices } else { 1 })
     }
 
-    /// Number of pieces of all triangles.
-    pub(crate) fn pieces(&self) -> usize {
-        self.len().checked_sub(1).map_or(0, |last| self.piece(last as u32, segments(self.keys(last as u32))))
+    /// Number of entries of such a table.
+    pub(crate) fn entries(&self, slices: usize) -> usize {
+        self.len + self.bent * (slices - 1)
     }
 
     /// The vertices of a triangle: numbers that no other vertex of any mesh has.
@@ -179,6 +192,12 @@ impl Triangles {
         self.vertices.positions[vertex as usize + offset]
     }
 
+    /// A vertex of a mesh with so many keys, more than two, at all of them.
+    #[inline(always)]
+    pub(crate) fn keys_of_vertex(&self, vertex: u32, keys: usize) -> &[Vec3] {
+        &self.vertices.positions[vertex as usize..][..keys]
+    }
+
     /// The corners at one key.
     #[inline(always)]
     pub(crate) fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
@@ -186,16 +205,15 @@ impl Triangles {
         self.vertices(id).map(|v| self.position(v, offset))
     }
 
-    /// The corners at the key where a segment of a mesh with so many keys begins, and where it ends; at the last key
-    /// of one with fewer.
+    /// The corners at both keys of a mesh with two; twice the same of what stands still.
     #[inline(always)]
-    pub(crate) fn corners_around(&self, id: u32, segment: usize) -> [[Vec3; 3]; 2] {
+    pub(crate) fn corners_at_both(&self, id: u32) -> [[Vec3; 3]; 2] {
         let &Rebased { keys, stride, .. } = self.mesh(id);
         let [a, b, c] = self.vertices(id);
         // Each by itself: mapped arrays become calls.
-        let (first, last) = (segment.min(keys - 1) * stride, (segment + 1).min(keys - 1) * stride);
+        let last = (keys - 1) * stride;
         [
-            [self.position(a, first), self.position(b, first), self.position(c, first)],
+            [self.position(a, 0), self.position(b, 0), self.position(c, 0)],
             [self.position(a, last), self.position(b, last), self.position(c, last)],
         ]
     }
@@ -263,7 +281,7 @@ impl Triangles {
     /// by at most 2 per segment. One ULP more covers the rounding of this bound and of a box that it is added to. (Where
     /// numbers are denormal, sums are exact and a product errs by half the least number: queries keep more than that
     /// whatever the magnitude is.)
-    fn slack(keys: usize, magnitude: f32) -> f32 {
+    pub(super) fn slack(keys: usize, magnitude: f32) -> f32 {
         let ulps = match keys {
             1 => 0,
             2 => 4,
@@ -327,27 +345,50 @@ impl PrimitiveSet for Triangles {
             let still = box_of(self.corners_at_key(id, 0));
             return LinearBox3 { begin: still, end: still };
         }
-        let [begin, end] = self.ends(id, over);
-        let mut bounds = LinearBox3 { begin: box_of(begin), end: box_of(end) };
-        let segments = (keys - 1) as f32;
-        let inner = if keys > 2 { inner_keys(over, keys) } else { 0..0 };
-        if !inner.is_empty() {
-            let mut wide = widen(bounds);
-            for key in inner {
-                let w = (key as f64 / f64::from(segments) - f64::from(over.begin())) / f64::from(over.duration());
-                wide.include(w, world_box(box_of(self.corners_at_key(id, key))));
-            }
-            bounds = narrow(wide);
+        if keys > 2 {
+            return self.bent_bounds(id, keys, over);
         }
-        // Of two keys, a part of the shutter lies between both; its own ends may be nearer to zero.
-        let whole = keys == 2 && over == TimeInterval::FULL;
-        let magnitude = if whole { bounds.swept().magnitude() } else { self.magnitude(id, over) };
+        let [begin, end] = self.ends(id, over);
+        let bounds = LinearBox3 { begin: box_of(begin), end: box_of(end) };
+        // A part of the shutter lies between both keys; its own ends may be nearer to zero.
+        let magnitude = if over == TimeInterval::FULL { bounds.swept().magnitude() } else { self.magnitude(id, over) };
         let slack = Triangles::slack(keys, magnitude);
         LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
     }
 
+    fn leaf_kind(&self, id: u32) -> u32 {
+        match self.keys(id) {
+            ..=2 => 0,
+            keys => keys as u32,
+        }
+    }
+
+    /// Blocks of many keys are large where their triangles share vertices but have too many for a block that does.
+    fn fits_block(&self, ids: &[u32]) -> bool {
+        let (mut different, mut n) = ([0; 3 * LANES], 0);
+        for &id in ids {
+            for vertex in self.vertices(id) {
+                if !different[..n].contains(&vertex) {
+                    different[n] = vertex;
+                    n += 1;
+                }
+            }
+        }
+        n <= LANES || 4 * n > 9 * ids.len()
+    }
+
+    fn further_key_bytes(&self) -> usize {
+        let of = |mesh: &Rebased, end: u32| (end - mesh.first) as usize * mesh.keys.saturating_sub(2);
+        let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);
+        self.meshes.iter().zip(ends).map(|(mesh, end)| of(mesh, end)).sum::<usize>() * size_of::<[Vec3; 3]>()
+    }
+
     #[inline(always)]
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+        let keys = self.keys(id);
+        if keys > 2 && !within_segment(over, keys) {
+            return None;
+        }
         let [begin, end] = Triangles::ends(self, id, over);
         Some(Ends { begin, end, slack: self.slack_of_line(id, over) })
     }
@@ -391,6 +432,10 @@ impl PrimitiveSet for Triangles {
         self.mesh(id).mask
     }
 
+    fn positions(&self) -> [usize; 2] {
+        self.counts
+    }
+
     #[inline]
     fn name(&self, id: u32) -> (u32, u32) {
         // Asked for each hit; of a single mesh nothing has to be fetched.
@@ -417,23 +462,15 @@ fn inner_keys(over: TimeInterval, keys: usize) -> core::ops::Range<usize> {
     first..((over.end() * segments).ceil() as usize).min(keys - 1)
 }
 
-fn world_box(b: Box3) -> Aabb {
-    Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() }
+/// Whether no key lies within an interval and farther from its ends than slices of the shutter are widened.
+fn within_segment(over: TimeInterval, keys: usize) -> bool {
+    let segments = (keys - 1) as f64;
+    let (begin, end) = (f64::from(over.begin()) + WIDENED, f64::from(over.end()) - WIDENED);
+    (begin * segments).floor() >= (end * segments).ceil() - 1.0
 }
 
-fn widen(b: LinearBox3) -> LinearBounds {
-    LinearBounds { begin: world_box(b.begin), end: world_box(b.end) }
-}
-
-/// Back to f32, faces rounded outward.
-fn narrow(b: LinearBounds) -> LinearBox3 {
-    let down = |p: DVec3| p.as_vec3().map(f32::next_down);
-    let up = |p: DVec3| p.as_vec3().map(f32::next_up);
-    LinearBox3 {
-        begin: Box3 { min: down(b.begin.min), max: up(b.begin.max) },
-        end: Box3 { min: down(b.end.min), max: up(b.end.max) },
-    }
-}
+/// [`crate::time`] widens slices by this much, and rounds their ends to f32.
+const WIDENED: f64 = 2.4e-7 + 6e-8;
 
 #[cfg(test)]
 mod tests {
@@ -521,7 +558,8 @@ mod tests {
     #[test]
     fn bounds_hold_the_kernels_corners_exactly_and_would_not_without_slack() {
         let mut state = 23;
-        for keys in [2usize, 12, 100] {
+        {
+            let keys = 2;
             let mut lost = [0, 0];
             for _ in 0..300 {
                 let mut point = || Vec3::new(next(&mut state), next(&mut state), next(&mut state)) * 2.0 - 1.0;

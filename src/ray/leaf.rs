@@ -12,7 +12,7 @@ use super::observer::Observer;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use crate::geometry::KeyTime;
-use crate::layout::{Between, CORNER_ROWS, ChildRef, VERTEX_ROWS, shared_count};
+use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
 
 impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
@@ -21,16 +21,16 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     pub(super) fn leaf<S: Simd, const MOVING: bool>(
         &self,
         s: S,
-        leaf: ChildRef,
+        leaf: LeafRows,
         ray: &TreeRay,
         of: &LeafRay,
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
-        let n = leaf.len();
+        let LeafRows { at, n, behind } = leaf;
         observer.leaf();
         observer.primitive_tests(n);
-        let block = &self.arena.floats()[leaf.at()..];
+        let block = &self.arena.floats()[at..];
         let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
         let rows = Rows::new(block, n, count);
         let of = of.read();
@@ -60,7 +60,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 [lanes[3][i], lanes[4][i], lanes[5][i]],
                 [lanes[6][i], lanes[7][i], lanes[8][i]],
             ];
-            if self.offer(corners, leaf.at() + count * n + i, ray, collect) {
+            if self.offer(corners, behind + i, ray, collect) {
                 return true;
             }
         }
@@ -72,16 +72,16 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     pub(super) fn shared<S: Simd, const MOVING: bool>(
         &self,
         s: S,
-        leaf: ChildRef,
+        leaf: LeafRows,
         ray: &TreeRay,
         of: &LeafRay,
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
-        let block = &self.arena.floats()[leaf.at()..];
+        let block = &self.arena.floats()[leaf.at..];
         let count = if MOVING { 2 * VERTEX_ROWS } else { VERTEX_ROWS };
-        let rows = Rows::new(block, leaf.len(), count);
-        let at = leaf.at() + count * leaf.len();
+        let rows = Rows::new(block, leaf.n, count);
+        let at = leaf.behind;
         let words = lanes_at(self.arena.ints(), at);
         let n = shared_count(words[0]);
         observer.leaf();
@@ -158,6 +158,32 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     #[inline(always)]
     fn sees(&self, id: u32, ray: &TreeRay) -> bool {
         (self.set.always_active() || self.set.active(id).contains(ray.time)) && self.filter.sees(|| self.set.mask(id))
+    }
+}
+
+/// Where the rows of a leaf block are that are read at a time.
+#[derive(Clone, Copy)]
+pub(super) struct LeafRows {
+    /// The first word of the rows.
+    at: usize,
+    /// Floats in a row.
+    n: usize,
+    /// The first word of the ids, or of the numbers of shared vertices.
+    behind: usize,
+}
+
+impl LeafRows {
+    /// A block of `count` rows that begin it, the ids or numbers right behind them.
+    #[inline(always)]
+    pub(super) fn first(leaf: ChildRef, count: usize) -> LeafRows {
+        LeafRows { at: leaf.at(), n: leaf.len(), behind: leaf.at() + count * leaf.len() }
+    }
+
+    /// The rows of a block of many keys in a segment between them.
+    #[inline(always)]
+    pub(super) fn keyed(leaf: ChildRef, keyed: &KeyedLeaf, segment: usize) -> LeafRows {
+        let behind = if keyed.shared { keyed.vertices() } else { keyed.ids() };
+        LeafRows { at: leaf.at() + keyed.rows(segment), n: leaf.len(), behind: leaf.at() + behind }
     }
 }
 

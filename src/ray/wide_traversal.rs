@@ -18,13 +18,13 @@
 use super::collect::Collect;
 use super::filter::Filter;
 use super::intersect::RaySource;
-use super::leaf::LeafRay;
+use super::leaf::{LeafRay, LeafRows};
 use super::observer::Observer;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use super::walk::Walk;
 use crate::geometry::KeyTime;
-use crate::layout::{Between, CORNER_ROWS, ChildRef, Kind, NODE_ROWS, WideTree};
+use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, Kind, NODE_ROWS, VERTEX_ROWS, WideTree};
 use crate::simd::{LANES, Mask, Simd, Stack, lanes_at};
 use crate::traverse::{Cursor, NodeBlock, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
@@ -188,15 +188,28 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
         let (collect, observer, leaf_ray) = (&mut *self.collect, &mut *self.observer, &forms.leaf);
         let end = match at.kind() {
             _ if !G::TRIANGLES => traverser.list(at, ray, collect, observer),
-            Kind::Leaf => traverser.leaf::<S, true>(s, at, ray, leaf_ray, collect, observer),
-            Kind::StillLeaf => traverser.leaf::<S, false>(s, at, ray, leaf_ray, collect, observer),
-            Kind::SharedLeaf => traverser.shared::<S, true>(s, at, ray, leaf_ray, collect, observer),
-            Kind::SharedStillLeaf => traverser.shared::<S, false>(s, at, ray, leaf_ray, collect, observer),
+            Kind::Leaf => {
+                traverser.leaf::<S, true>(s, LeafRows::first(at, 2 * CORNER_ROWS), ray, leaf_ray, collect, observer)
+            }
+            Kind::StillLeaf => {
+                traverser.leaf::<S, false>(s, LeafRows::first(at, CORNER_ROWS), ray, leaf_ray, collect, observer)
+            }
+            Kind::SharedLeaf => {
+                traverser.shared::<S, true>(s, LeafRows::first(at, 2 * VERTEX_ROWS), ray, leaf_ray, collect, observer)
+            }
+            Kind::SharedStillLeaf => {
+                traverser.shared::<S, false>(s, LeafRows::first(at, VERTEX_ROWS), ray, leaf_ray, collect, observer)
+            }
             _ if at.at() >= traverser.lists => traverser.list(at, ray, collect, observer),
             _ => {
-                let segments = traverser.arena.ints()[at.at() + (2 * CORNER_ROWS + 1) * at.len()] as usize;
-                let between = Between::new(KeyTime::new(ray.time, segments + 1));
-                traverser.leaf::<S, true>(s, at, ray, &leaf_ray.between(between), collect, observer)
+                let keyed = KeyedLeaf::read(traverser.arena.ints(), at);
+                let time = KeyTime::new(ray.time, keyed.segments + 1);
+                let rows = LeafRows::keyed(at, &keyed, time.segment);
+                let leaf_ray = &leaf_ray.between(Between::new(time));
+                match keyed.shared {
+                    true => traverser.shared::<S, true>(s, rows, ray, leaf_ray, collect, observer),
+                    false => traverser.leaf::<S, true>(s, rows, ray, leaf_ray, collect, observer),
+                }
             }
         };
         if end { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

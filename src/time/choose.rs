@@ -14,16 +14,16 @@
 //! divisions only while the last step paid. Neighbours that come to the same decision become one region again, so
 //! a scene that is the same everywhere gets one tree with one division.
 
-use super::draft::{Draft, draft_tree, time_slice};
+use super::draft::{Draft, TimeSlice, draft_tree, time_slice};
 use super::slices::{SharedLeaves, slice_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
-use crate::geometry::{Box3, LinearBox3};
+use crate::geometry::LinearBox3;
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::primitive::PrimitiveSet;
 use crate::tuning::slices::{
-    LEAST_PIECE, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
+    LEAST_PIECE, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN, NEAR_MOMENT,
     NODE_BYTES_SHARE, NODE_LATENCY_SHARE, PIECES, SAMPLE, SAMPLES,
 };
 use crate::tuning::wide::BYTES_PER_REFERENCE;
@@ -98,20 +98,29 @@ struct Areas {
     halves: f32,
 }
 
-/// Adds up the boxes of a small subtree; returns the box at mid-shutter.
-fn look<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> Box3 {
+/// Adds up the boxes of a small subtree; returns the boxes for both halves of the shutter.
+fn look<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> [LinearBox3; 2] {
     let node = &draft.binary[x as usize];
-    let middle = if node.right == 0 {
-        let half = time_slice(0, 2);
-        draft.references(node).iter().map(|r| slice_bounds(set, r, draft, half).end).fold(Box3::EMPTY, Box3::union)
+    let union = |[a, b]: [LinearBox3; 2], [c, d]: [LinearBox3; 2]| [a.union(c), b.union(d)];
+    let halves = if node.right == 0 {
+        let of = draft.references(node).iter().map(|r| in_halves(set, draft, r));
+        of.fold([LinearBox3::EMPTY; 2], union)
     } else {
-        look(set, draft, x + 1, areas).union(look(set, draft, x + node.right, areas))
+        union(look(set, draft, x + 1, areas), look(set, draft, x + node.right, areas))
     };
-    let LinearBox3 { begin, end } = node.bounds;
     areas.whole += mean_half_area(&node.bounds);
-    let halves = [LinearBox3 { begin, end: middle }, LinearBox3 { begin: middle, end }];
     areas.halves += 0.5 * halves.iter().map(mean_half_area).sum::<f32>();
-    middle
+    halves
+}
+
+/// The bounds of a reference for both halves of the shutter. What moves linearly goes through one box at mid-shutter.
+fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearBox3; 2] {
+    let first = slice_bounds(set, r, draft, time_slice(0, 2));
+    if set.leaf_kind(r.id()) != 0 {
+        return [first, slice_bounds(set, r, draft, time_slice(1, 2))];
+    }
+    let LinearBox3 { begin, end } = r.bounds();
+    [LinearBox3 { begin, end: first.end }, LinearBox3 { begin: first.end, end }]
 }
 
 /// Sums over pieces, weighed by their costs.
@@ -230,7 +239,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
     };
     let mut best = (MAX_SPLIT_COST, Division::Whole, 1.0);
     // Twice as many parts as long as that pays; returns the cost of two. The first step may fall a little short.
-    let mut climb = |kind: fn(usize) -> Division| {
+    let climb = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
         let (mut last, mut two, mut parts) = (1.1 * best.0, 1.0, 2);
         while parts <= MAX_TIME_SLICES && Growth::by(kind(parts), NODE_BYTES_SHARE) <= most.0 {
             let cost = cost(kind(parts));
@@ -239,7 +248,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
                 two = cost;
             }
             if time < best.0 {
-                best = (time, kind(parts), cost);
+                *best = (time, kind(parts), cost);
             }
             if time >= last || two > MAX_TWO_SLICES_COST {
                 break;
@@ -248,8 +257,13 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         }
         two
     };
-    if climb(Division::Segments) <= MAX_TWO_SLICES_COST {
-        climb(Division::Copies);
+    let two = climb(Division::Segments, &mut best);
+    // Motion that bends is divided for its chords, which segments do as well as copies. These could do no better than
+    // the tree for a moment.
+    let at_best = || (still + moving.iter().map(|&x| moment_cost(set, draft, x, params)).sum::<f32>()) / whole;
+    let done = set.bent() && best.2 < 1.0 && best.2 <= NEAR_MOMENT * at_best();
+    if two <= MAX_TWO_SLICES_COST && !done {
+        climb(Division::Copies, &mut best);
     }
     let (_, division, cost) = best;
     (division != Division::Whole).then(|| Region { node, division, cost: cost * draft.collapse.cost(node) })
@@ -259,8 +273,14 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
 fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &WideParams) -> f32 {
     let ids = primitives(draft, of);
     let params = params_of_copies(params, parts);
-    let cost = |i: usize| draft_tree(set, &ids, time_slice(i, parts), 0, &params).collapse.total();
+    let cost = |i: usize| draft_tree(set, &ids, TimeSlice { index: i, of: parts }, &params).collapse.total();
     (0..parts).map(cost).sum::<f32>() / parts as f32
+}
+
+/// Cost of a tree for a short time in the middle of the shutter.
+fn moment_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &WideParams) -> f32 {
+    let slice = TimeSlice { index: MAX_TIME_SLICES / 2, of: MAX_TIME_SLICES };
+    draft_tree(set, &primitives(draft, of), slice, &params_of_copies(params, MAX_TIME_SLICES)).collapse.total()
 }
 
 /// What copies are built with: the memory for cuts is divided between them.
@@ -329,7 +349,6 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::TimeInterval;
     use crate::primitive::Triangles;
     use crate::scene;
 
@@ -338,7 +357,7 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = WideParams::default();
-        let draft = draft_tree(&set, &ids, TimeInterval::FULL, 0, &params);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params);
         let regions = regions(&set, &draft, &params);
         for pair in regions.windows(2) {
             let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);

@@ -5,8 +5,10 @@
 //! hundred references, with and without it. The cost of a tree is the sum over its nodes and leaf blocks of price
 //! times mean area, which the collapse returns.
 
-use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary, neighbourhoods, presplit};
-use crate::geometry::{Box3, TimeInterval};
+use crate::bvh::{
+    BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, build_binary, neighbourhoods, presplit,
+};
+use crate::geometry::{Box3, KeyTime, TimeInterval};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
@@ -20,11 +22,11 @@ use crate::tuning::wide::{BINARY_LEAF, BYTES_PER_REFERENCE, LEAF_COST, NODE_COST
 pub(crate) const COST_MODEL: CostModel =
     CostModel { node: NODE_COST, leaf: LEAF_COST, primitive: PRIMITIVE_COST, still: STILL_COST, most: LANES };
 
-/// A drafted tree over an interval of the shutter in which all motion is linear.
+/// A drafted tree over the shutter or one of equal slices of it.
 pub(crate) struct Draft {
+    pub slice: TimeSlice,
+    /// The interval of the slice.
     pub over: TimeInterval,
-    /// The key segment that leaf blocks are written for.
-    pub segment: usize,
     pub references: Vec<Reference>,
     /// Number of primitives that they are of.
     pub primitives: usize,
@@ -38,6 +40,34 @@ impl Draft {
     /// The references below a binary node.
     pub fn references(&self, node: &BinaryNode) -> &[Reference] {
         &self.references[node.first as usize..][..node.count as usize]
+    }
+}
+
+/// One of equal slices of the shutter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct TimeSlice {
+    pub index: usize,
+    pub of: usize,
+}
+
+impl TimeSlice {
+    /// The whole shutter.
+    pub const WHOLE: TimeSlice = TimeSlice { index: 0, of: 1 };
+
+    /// A little wider on both sides, see [`time_slice`].
+    pub fn interval(self) -> TimeInterval {
+        time_slice(self.index, self.of)
+    }
+
+    /// The first and the last time at which queries look into the slice.
+    pub fn times(self) -> [f32; 2] {
+        let begin = |index: usize| KeyTime::first_time(index, self.of + 1);
+        [begin(self.index), if self.index + 1 == self.of { 1.0 } else { begin(self.index + 1).next_down() }]
+    }
+
+    /// The segments between keys of a motion of so many keys in which these times lie: the first and the last.
+    pub fn segments(self, keys: usize) -> [usize; 2] {
+        self.times().map(|t| KeyTime::new(t, keys).segment)
     }
 }
 
@@ -58,39 +88,29 @@ fn widened(i: usize, n: usize, by: f64) -> TimeInterval {
 }
 
 /// Drafts one tree, pre-split where that pays.
-pub(crate) fn draft_tree<S: PrimitiveSet>(
-    set: &S,
-    ids: &[u32],
-    over: TimeInterval,
-    segment: usize,
-    params: &WideParams,
-) -> Draft {
+pub(crate) fn draft_tree<S: PrimitiveSet>(set: &S, ids: &[u32], slice: TimeSlice, params: &WideParams) -> Draft {
+    let over = slice.interval();
     let budget = params.max_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
     let elongated = budget > 1.0 && area_ratio(set, ids, over) >= MIN_AREA_RATIO;
     // Room for what is split off from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
     let mut references = huge_vec(most);
     parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
-    let presplits = elongated && presplit_pays(set, &references, over, segment, budget);
+    let presplits = elongated && presplit_pays(set, &references, slice, budget);
     if presplits {
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
-    Draft { primitives: ids.len(), ..draft_with::<S>(references, over, segment, presplits) }
+    Draft { primitives: ids.len(), ..draft_with(set, references, slice, presplits) }
 }
 
 /// Whether pre-splitting pays in a few samples of neighbouring references.
-fn presplit_pays<S: PrimitiveSet>(
-    set: &S,
-    references: &[Reference],
-    over: TimeInterval,
-    segment: usize,
-    budget: f32,
-) -> bool {
+fn presplit_pays<S: PrimitiveSet>(set: &S, references: &[Reference], slice: TimeSlice, budget: f32) -> bool {
+    let over = slice.interval();
     let n = references.len();
     let most = (n / (16 * PRESPLIT_SAMPLES)).clamp(*PRESPLIT_SAMPLE.start(), *PRESPLIT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
     for sample in neighbourhoods(references, PRESPLIT_SAMPLES, most) {
-        let cost = |references: Vec<Reference>| draft_with::<S>(references, over, segment, true).collapse.total();
+        let cost = |references: Vec<Reference>| draft_with(set, references, slice, true).collapse.total();
         let mut split = sample.clone();
         presplit(&mut split, |id| set.ends(id, over), budget);
         let (split, whole) = parallel::both(|| cost(split), || cost(sample));
@@ -104,19 +124,32 @@ fn presplit_pays<S: PrimitiveSet>(
 }
 
 /// Drafts one tree; `presplit` says whether references may be parts of primitives.
-fn draft_with<S: PrimitiveSet>(
-    mut references: Vec<Reference>,
-    over: TimeInterval,
-    segment: usize,
-    presplit: bool,
-) -> Draft {
+fn draft_with<S: PrimitiveSet>(set: &S, mut references: Vec<Reference>, slice: TimeSlice, presplit: bool) -> Draft {
+    let kind = |id: u32| set.leaf_kind(id);
+    let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
     let [stop, crowded] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
-    let binary = build_binary(&mut references, stop..=crowded);
+    let binary = build_binary(&mut references, stop..=crowded, kinds);
     let collapse = Collapse::new(&binary, COST_MODEL, |node| {
-        (node.count as usize <= S::PER_LEAF).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
+        if node.count as usize > S::PER_LEAF {
+            return None;
+        }
+        let block = &references[node.first as usize..][..node.count as usize];
+        let fits = kinds.is_none_or(|kind| one_block(set, block, kind, node.right == 0));
+        fits.then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
     });
     let primitives = references.len();
-    Draft { over, segment, references, primitives, presplit, binary, collapse }
+    Draft { slice, over: slice.interval(), references, primitives, presplit, binary, collapse }
+}
+
+/// Whether references may be a leaf block: they are of one kind, and what can be split on fits.
+fn one_block<S: PrimitiveSet>(set: &S, references: &[Reference], kind: &LeafKind<'_>, last: bool) -> bool {
+    let first = kind(references[0].id());
+    let mut ids = [0; LANES];
+    for (id, r) in ids.iter_mut().zip(references) {
+        *id = r.id();
+    }
+    let ids = &ids[..references.len()];
+    ids.iter().all(|&id| kind(id) == first) && (first == 0 || last || set.fits_block(ids))
 }
 
 /// Half-areas of the boxes, summed, per area of the triangles in them; 0 for what cannot be split.
@@ -124,7 +157,7 @@ fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> f64 
     let (mut boxes, mut triangles) = (0.0, 0.0);
     // A thousand or two tell.
     for &id in ids.iter().step_by(ids.len() / 2048 + 1) {
-        let Some(ends) = set.ends(id, over) else { return 0.0 };
+        let Some(ends) = set.ends(id, over) else { continue };
         boxes += f64::from(ends.begin.into_iter().fold(Box3::EMPTY, Box3::include).half_area());
         triangles += f64::from(ends.area());
     }
@@ -170,6 +203,20 @@ mod tests {
             }
         }
         lost
+    }
+
+    #[test]
+    fn slices_begin_and_end_where_queries_change_between_them() {
+        for of in 1..40 {
+            for index in 0..of {
+                let [first, last] = TimeSlice { index, of }.times();
+                let slice = |t: f32| KeyTime::new(t, of + 1).segment;
+                assert_eq!((slice(first), slice(last)), (index, index));
+                assert!(index == 0 && first == 0.0 || slice(first.next_down()) + 1 == index);
+                assert!(index + 1 == of && last == 1.0 || slice(last.next_up()) == index + 1);
+            }
+        }
+        assert_eq!(TimeSlice { index: 1, of: 4 }.segments(65), [16, 31]);
     }
 
     #[test]

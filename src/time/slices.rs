@@ -58,7 +58,7 @@ impl SharedLeaves {
 /// the time. The part before ends a little later than this one begins: the boxes hold the corners at both times.
 fn seam<S: PrimitiveSet>(set: &S, draft: &Draft, clusters: &[BinaryNode], i: usize, parts: usize) -> Option<Vec<Box3>> {
     let over = time_slice(i, parts).intersect(time_slice(i - 1, parts))?;
-    if draft.presplit || set.ends(draft.references.first()?.id(), over).is_none() {
+    if draft.presplit || set.bent() || set.ends(draft.references.first()?.id(), over).is_none() {
         return None;
     }
     let mut boxes = huge_vec(clusters.len());
@@ -78,7 +78,7 @@ impl Slice {
         let n = clusters.len();
         let mut blocks = huge_vec(n);
         parallel::fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
-        let binary = build_binary(&mut blocks, 1..=1);
+        let binary = build_binary(&mut blocks, 1..=1, None);
         let collapse = Collapse::new(&binary, COST_MODEL, |node| {
             (node.count == 1).then(|| {
                 let block = &clusters[blocks[node.first as usize].id() as usize];

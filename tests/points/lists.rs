@@ -2,8 +2,8 @@
 
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
-    ListError, ListQuery, NeighborCsr, PointArrays, PointParams, PointStructure, PointTree, Radii, SimdLevel,
-    glam::Vec3,
+    ListError, ListQuery, MAX_POINT_COORDINATE, NeighborCsr, PointArrays, PointParams, PointStructure, PointTree,
+    Radii, SimdLevel, glam::Vec3,
 };
 
 pub const STRUCTURES: [PointStructure; 4] =
@@ -415,4 +415,60 @@ fn orders_of_moving_trees_name_each_point_once() {
             }
         }
     }
+}
+
+#[test]
+fn bulk_queries_equal_single_ones() {
+    for kind in ["uniform", "surface", "lattice", "random", "short lives", "huge"] {
+        let mut rng = Rng(77);
+        let cloud = cloud(kind, 2_000, &mut rng);
+        let size = cloud.keys.iter().flatten().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
+        let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+        // Some of them are outside of the set, none beyond the largest coordinate.
+        let most = Vec3::splat(MAX_POINT_COORDINATE as f32);
+        let queries: Vec<Vec3> = (0..700).map(|_| (rng.vec() * size * 1.2).clamp(-most, most)).collect();
+        let own: Vec<f32> = queries.iter().map(|_| 0.2 * size * rng.unit()).collect();
+        let mut lists = NeighborCsr::new();
+        for (time, radius) in [(0.0, 0.3 * size), (rng.unit(), 0.1 * size), (1.0, 0.0), (0.5, f32::NAN)] {
+            // NaN stands for radii of their own.
+            let radii = if radius.is_nan() { Radii::Own(&own) } else { Radii::Equal(radius) };
+            let of = |query: usize| if radius.is_nan() { own[query] } else { radius };
+            tree.within_lists(&queries, time, radii).with_distances().run(&mut lists).unwrap();
+            assert_eq!(lists.len(), queries.len());
+            let mut seen = vec![false; queries.len()];
+            for (row, (query, ids)) in lists.iter().enumerate() {
+                assert!(!std::mem::replace(&mut seen[query as usize], true), "query {query} twice");
+                let distances = &lists.distances_squared()[lists.offsets()[row]..lists.offsets()[row + 1]];
+                let mut row: Vec<(u32, u32)> =
+                    ids.iter().zip(distances).map(|(&id, distance)| (id, distance.to_bits())).collect();
+                row.sort_unstable();
+                let one = tree.within(queries[query as usize], time, of(query as usize));
+                let mut one: Vec<(u32, u32)> = one.iter().map(|n| (n.id, n.distance_squared.to_bits())).collect();
+                one.sort_unstable();
+                assert_eq!(row, one, "{kind}, query {query} at {time}");
+            }
+            let found = lists.neighbors();
+            tree.within_lists(&queries, time, radii).in_order().run(&mut lists).unwrap();
+            assert!(lists.points().iter().copied().eq(0..queries.len() as u32));
+            assert_eq!((lists.neighbors(), lists.distances_squared().len()), (found, 0));
+            let first = tree.count_within(queries[0], time, of(0));
+            assert_eq!(lists.row(0).len(), first);
+        }
+        let mut bad = |queries: &[Vec3], time, radius| tree.within_lists(queries, time, radius).run(&mut lists);
+        assert_eq!(bad(&[Vec3::ZERO, Vec3::NAN], 0.0, 1.0), Err(ListError::Query { query: 1 }));
+        assert_eq!(bad(&[Vec3::splat(2e18)], 0.0, 1.0), Err(ListError::Query { query: 0 }));
+        assert_eq!(bad(&queries, 0.0, -1.0), Err(ListError::Radius { id: None }));
+        assert_eq!(bad(&queries, 2.0, 1.0), Err(ListError::Time));
+        let few = tree.within_lists(&queries, 0.0, Radii::Own(&own[1..])).run(&mut lists);
+        assert_eq!(few, Err(ListError::MissingRadius { id: 699 }));
+        tree.within_lists(&[] as &[Vec3], 0.0, 1.0).run(&mut lists).unwrap();
+        assert!(lists.is_empty());
+    }
+    // Positions in f64 far from zero.
+    let points: Vec<[f64; 3]> = (0..100).map(|i| [1e9 + f64::from(i) * 0.25, 3.0, -1e9]).collect();
+    let params = PointParams { round_to_f32: true, ..PointParams::default() };
+    let tree = PointTree::build(&points, &params).unwrap();
+    let mut lists = NeighborCsr::new();
+    tree.within_lists(&points, 0.0, 0.3).run(&mut lists).unwrap();
+    assert!(lists.iter().all(|(query, row)| row.len() == if query == 0 || query == 99 { 2 } else { 3 }));
 }

@@ -8,6 +8,7 @@ mod common;
 mod golden;
 mod hairball;
 mod instances;
+mod keys;
 mod metamorphic;
 mod mixed;
 mod scenes;

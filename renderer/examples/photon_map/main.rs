@@ -1,8 +1,9 @@
 //! Photons with times, gathered at the time of each camera ray: `cargo run --release --example photon_map`.
 //!
 //! A glass sphere flies through a room while the shutter is open and throws a caustic on the floor, and the camera goes
-//! along with it; a coloured ball passes a white wall and colours it. Without options it renders the same scene in three ways, each for the same time,
-//! and writes the first to photon_map.png and all of them to photon_map_sheet.png. `--help` lists the rest.
+//! along with it; a coloured ball passes a white wall and colours it. Without options it renders the same scene in three
+//! ways, each for the same time, and writes the best to photon_map.png and all of them to photon_map_sheet.png. `--help`
+//! lists the rest.
 
 mod photons;
 mod picture;
@@ -99,7 +100,7 @@ fn run(options: &Options) -> Result<(), String> {
     }
     if options.reference {
         let settings = Settings { caustic: (0.016, 1.0), indirect: (0.12, 1.0), seed: !options.seed, ..settings };
-        let made = expose(&room, &settings, Method::OneTime, options.seconds, &stop, "reference");
+        let [made] = expose(&room, &settings, [Method::OneTime], options.seconds, &stop);
         save_linear(&made.all, &beside(options, "_reference.pfm"))?;
         save_linear(&made.caustic, &beside(options, "_reference_caustic.pfm"))?;
         made.all.developed(EXPOSURE).save(&beside(options, "_reference.png"))?;
@@ -110,30 +111,26 @@ fn run(options: &Options) -> Result<(), String> {
         ));
         return Ok(());
     }
-    let ours = expose(&room, &settings, Method::RayTime, options.seconds, &stop, "gathered at ray time");
-    ours.all.developed(EXPOSURE).save(&options.output)?;
-    say(&format!("wrote {}", options.output.display()));
-    if options.alone || stop.load(Ordering::Relaxed) {
-        return Ok(());
+    if options.alone {
+        let [made] = expose(&room, &settings, [Method::RayTime], options.seconds, &stop);
+        return save(&made, &options.output);
     }
-    let one = expose(&room, &settings, Method::OneTime, options.seconds, &stop, "one time per pass");
-    let ignored = expose(&room, &settings, Method::Ignored, options.seconds, &stop, "time ignored");
+    let methods = [Method::Ignored, Method::OneTime, Method::RayTime];
+    let made = expose(&room, &settings, methods, options.seconds, &stop);
+    save(&made[2], &options.output)?;
     let reference = reference(options, &settings)?;
-    let panel = |name: &str, made: &Pictures| {
-        let mut text = vec![name.to_string(), format!("{:.0} s, {} passes", options.seconds, made.passes)];
+    let panel = |method: Method, made: &Pictures| {
+        let name = name(method);
+        let mut text = vec![name.to_string(), format!("{:.0} s, {} passes", made.spent.as_secs_f64(), made.passes)];
         if let Some([all, caustic]) = &reference {
             let Errors { all, caustic } = errors(made, all, caustic);
-            say(&format!("{name}: relative MSE {all:.5}, in the caustic {caustic:.5}"));
+            say(&format!("{name}: {} passes, relative MSE {all:.5}, in the caustic {caustic:.5}", made.passes));
             text.push(format!("relative MSE {all:.5}"));
             text.push(format!("in the caustic {caustic:.5}"));
         }
         text
     };
-    let panels = [
-        (&ignored.all, panel("time ignored", &ignored)),
-        (&one.all, panel("one time per pass", &one)),
-        (&ours.all, panel("gathered at ray time", &ours)),
-    ];
+    let panels: Vec<_> = made.iter().zip(methods).map(|(made, method)| (&made.all, panel(method, made))).collect();
     let path = beside(options, "_sheet.png");
     draw(&panels).save(&path)?;
     say(&format!("wrote {}", path.display()));
@@ -143,23 +140,44 @@ fn run(options: &Options) -> Result<(), String> {
     Ok(())
 }
 
-/// Passes until the time is over or the program is interrupted; at least one.
-fn expose(room: &Room, settings: &Settings, method: Method, seconds: f64, stop: &AtomicBool, name: &str) -> Pictures {
+/// What a method is called.
+fn name(method: Method) -> &'static str {
+    match method {
+        Method::Ignored => "time ignored",
+        Method::OneTime => "one time per pass",
+        Method::RayTime => "gathered at ray time",
+    }
+}
+
+fn save(made: &Pictures, path: &Path) -> Result<(), String> {
+    made.all.developed(EXPOSURE).save(path)?;
+    say(&format!("wrote {} after {} passes in {:.1} s", path.display(), made.passes, made.spent.as_secs_f64()));
+    Ok(())
+}
+
+/// Passes by each method until the time of each is over or the program is interrupted; at least one of each. The
+/// methods take turns, the one that has had the least time first: what else the machine does delays all of them alike.
+fn expose<const N: usize>(
+    room: &Room,
+    settings: &Settings,
+    methods: [Method; N],
+    seconds: f64,
+    stop: &AtomicBool,
+) -> [Pictures; N] {
     let budget = Duration::from_secs_f64(seconds);
-    let bar = bar((1000.0 * seconds) as u64);
-    let (begin, mut pictures) = (Instant::now(), Pictures::new(settings));
-    loop {
-        pass(room, settings, method, &mut pictures);
-        let spent = begin.elapsed();
-        bar.set_position(spent.as_millis() as u64);
-        // A pass more, if more than half of it fits.
-        if spent + spent / (2 * pictures.passes) >= budget || stop.load(Ordering::Relaxed) {
-            break;
-        }
+    let bar = bar((1000.0 * seconds) as u64 * N as u64);
+    let mut all = methods.map(|_| Pictures::new(settings));
+    // A pass more, if more than half of it fits.
+    let wants = |made: &Pictures| match made.passes {
+        0 => true,
+        passes => made.spent + made.spent / (2 * passes) < budget && !stop.load(Ordering::Relaxed),
+    };
+    while let Some(next) = (0..N).filter(|&i| wants(&all[i])).min_by_key(|&i| all[i].spent) {
+        pass(room, settings, methods[next], &mut all[next]);
+        bar.set_position(all.iter().map(|made| made.spent.as_millis() as u64).sum());
     }
     bar.finish_and_clear();
-    say(&format!("{name}: {} passes in {:.1} s", pictures.passes, begin.elapsed().as_secs_f64()));
-    pictures
+    all
 }
 
 /// Rounds of progressive photon mapping until interrupted; what is done is written every so often and at the end.

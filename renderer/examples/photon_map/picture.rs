@@ -9,6 +9,11 @@ use mbkd_renderer::film::Film;
 use mbkd_renderer::sampling::Sampler;
 use rayon::prelude::*;
 use std::f32::consts::PI;
+use std::time::{Duration, Instant};
+
+/// What a camera sees of the lamp, at most: it is white in the picture anyway, and its few samples at edges and in the
+/// glass would make more noise than all that is compared here. The reference has the same limit.
+const WHITE: Vec3 = Vec3::splat(4.0);
 
 /// What is done about the times of photons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,13 +54,15 @@ pub struct Pictures {
     pub caustic: Film,
     /// Passes so far.
     pub passes: u32,
+    /// What they took.
+    pub spent: Duration,
 }
 
 impl Pictures {
     /// Black.
     pub fn new(settings: &Settings) -> Pictures {
         let film = Film::new(settings.width, settings.height);
-        Pictures { all: film.clone(), caustic: film, passes: 0 }
+        Pictures { all: film.clone(), caustic: film, passes: 0, spent: Duration::ZERO }
     }
 }
 
@@ -73,7 +80,7 @@ pub fn look(room: &Room, mut ray: Ray, sampler: &mut Sampler) -> Seen {
     for depth in 0..10 {
         let Some(spot) = room.closest(&ray) else { break };
         match spot.surface {
-            Surface::Lamp => return Seen { light: EMITTED, spot: None },
+            Surface::Lamp => return Seen { light: EMITTED.min(WHITE), spot: None },
             Surface::Matte(color) => {
                 let normal = if spot.normal.dot(ray.dir) > 0.0 { -spot.normal } else { spot.normal };
                 return Seen { light: Vec3::ZERO, spot: Some((Spot { normal, ..spot }, color, depth > 0)) };
@@ -102,6 +109,7 @@ pub fn time_of_pass(pass: u32) -> f32 {
 
 /// One pass.
 pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pictures) {
+    let begin = Instant::now();
     let number = pictures.passes;
     let seed = settings.seed.wrapping_add(u64::from(number) << 20);
     let one_time = (method == Method::OneTime).then(|| time_of_pass(number));
@@ -137,11 +145,11 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
         .collect();
     for (pixel, [all, caustic]) in rows.into_iter().flatten().enumerate() {
         for (film, light) in [(&mut pictures.all, all), (&mut pictures.caustic, caustic)] {
-            film.sums[pixel] += light;
-            film.samples[pixel] += samples;
+            film.add(pixel, light, samples);
         }
     }
     pictures.passes += 1;
+    pictures.spent += begin.elapsed();
 }
 
 /// All light along a camera ray, and that of the caustic.

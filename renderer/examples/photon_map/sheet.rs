@@ -26,28 +26,22 @@ fn in_caustic(caustic: &[Vec3]) -> Vec<bool> {
     caustic.iter().map(|c| bright(c) > 0.05 * high).collect()
 }
 
-/// Errors of a picture: the mean of (x − reference)² / (reference² + 0.01), over channels and pixels. The one percent
-/// of the pixels that differ most is left out: they are the lamp's edge and reflections of it in the glass.
+/// Errors of a picture: the mean of (x − reference)² / (reference² + 0.01), over channels and pixels.
 pub fn errors(picture: &Pictures, all: &[Vec3], caustic: &[Vec3]) -> Errors {
-    let bright = in_caustic(caustic);
-    let mut squares: Vec<(f64, bool)> = picture
+    let squares: Vec<f64> = picture
         .all
         .linear()
         .iter()
         .zip(all)
-        .zip(bright)
-        .map(|((x, reference), bright)| {
+        .map(|(x, reference)| {
             let square = (*x - *reference) * (*x - *reference) / (*reference * *reference + 0.01);
-            (f64::from(square.element_sum() / 3.0), bright)
+            f64::from(square.element_sum() / 3.0)
         })
         .collect();
-    squares.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    squares.truncate(squares.len() - squares.len() / 100);
-    let mean = |keep: &dyn Fn(bool) -> bool| {
-        let kept: Vec<f64> = squares.iter().filter(|(_, bright)| keep(*bright)).map(|(square, _)| *square).collect();
-        kept.iter().sum::<f64>() / kept.len().max(1) as f64
-    };
-    Errors { all: mean(&|_| true), caustic: mean(&|bright| bright) }
+    let of_caustic: Vec<f64> =
+        squares.iter().zip(in_caustic(caustic)).filter(|(_, bright)| *bright).map(|(square, _)| *square).collect();
+    let mean = |squares: &[f64]| squares.iter().sum::<f64>() / squares.len().max(1) as f64;
+    Errors { all: mean(&squares), caustic: mean(&of_caustic) }
 }
 
 /// A part of a picture, enlarged.

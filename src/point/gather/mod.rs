@@ -5,7 +5,7 @@
 //! mapping, visible points wait for photons ([`VisiblePoints`]).
 //!
 //! Data flows `photon` (input) → `span_order` (who is whose neighbour in space and time) → `span_tree` (boxes) →
-//! `stamped` (the tree as the searches of this crate see it) → `index` and `search` (finding) → `map` (summing).
+//! `span_view`, `stamped` (the tree as the searches of this crate see it) → `index` and `search` (finding) → `map` (summing).
 //! docs/gather.md says when to use which form.
 //!
 //! Sources: M. Cammarano and H. W. Jensen, "Time Dependent Photon Mapping" (2002); T. Hachisuka, S. Ogaki and H. W.
@@ -23,6 +23,7 @@ mod scratch;
 mod search;
 mod span_order;
 mod span_tree;
+mod span_view;
 mod stamped;
 mod visible;
 

@@ -5,7 +5,8 @@
 //! answer by sorting runs of equal distances, and where they reach beyond its end by a search for all of them.
 
 use super::index::Index;
-use super::stamped::StampedView;
+use super::span_view::SpanView;
+use super::stamped::{Scale, StampedView};
 use crate::point::neighbor::Neighbor;
 use crate::point::partition::{Layer, walk_all, within_all};
 use crate::point::query::NeighborBuffer;
@@ -77,7 +78,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
 
     #[inline(always)]
     fn view(&self) -> StampedView<'_, METRIC> {
-        StampedView::new(&self.index.stamped, self.time, self.scale)
+        SpanView { tree: &self.index.stamped, time: self.time, look: Scale(self.scale) }
     }
 }
 

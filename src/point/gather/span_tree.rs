@@ -8,7 +8,7 @@
 use super::span_order::{Item, Queries, order};
 use crate::parallel;
 use crate::point::static_tree::Shape;
-use crate::simd::{LANES, Lanes, huge_vec_of};
+use crate::simd::{LANES, Lanes, Simd, huge_vec_of};
 
 /// A box in space and time: lower and upper ends in x, y, z, time.
 pub(super) type Span = [[f32; 4]; 2];
@@ -19,6 +19,8 @@ pub(super) trait SpanBlock: Copy + Send + Sync {
     const EMPTY: Self;
     /// The box around what is in it.
     fn span(&self) -> Span;
+    /// What its things are called in answers.
+    fn names(&self) -> &Lanes<u32>;
 }
 
 /// Sixteen boxes in rows. Where there is none, the lower ends are above the upper ones; times stay finite, so that their
@@ -26,8 +28,8 @@ pub(super) trait SpanBlock: Copy + Send + Sync {
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct SpanNode {
-    pub(super) lo: [Lanes<f32>; 4],
-    pub(super) hi: [Lanes<f32>; 4],
+    lo: [Lanes<f32>; 4],
+    hi: [Lanes<f32>; 4],
 }
 
 /// Nothing, to be grown.
@@ -48,6 +50,19 @@ impl SpanNode {
                 row[lane] = end;
             }
         }
+    }
+
+    /// Lower and upper ends in space.
+    #[inline(always)]
+    pub(super) fn in_space<S: Simd>(&self, s: S) -> ([S::F; 3], [S::F; 3]) {
+        let ([lx, ly, lz, _], [hx, hy, hz, _]) = (&self.lo, &self.hi);
+        ([s.load(lx), s.load(ly), s.load(lz)], [s.load(hx), s.load(hy), s.load(hz)])
+    }
+
+    /// First and last times.
+    #[inline(always)]
+    pub(super) fn in_time<S: Simd>(&self, s: S) -> (S::F, S::F) {
+        (s.load(&self.lo[3]), s.load(&self.hi[3]))
     }
 
     fn span(&self) -> Span {

@@ -15,7 +15,8 @@ use super::params::GatherParams;
 use super::query::check_place;
 use super::scratch::GatherScratch;
 use super::span_order::{Item, Queries, REACH, TIME};
-use super::span_tree::{Span, SpanBlock, SpanTree, around};
+use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
+use super::span_view::{Look, SpanView};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::batch::morton_order;
@@ -24,8 +25,8 @@ use crate::point::search::KeepAll;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::radius::within;
 use crate::point::search::sinks::Gather;
-use crate::point::snapshot::{Leaves, Target, View, diagonal, outside, rows, squared};
-use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, prefetch};
+use crate::point::snapshot::{Leaves, Target, outside, rows, squared};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::Vec3;
 
@@ -66,6 +67,11 @@ impl SpanBlock for VisibleBlock {
             let hi = [0, 1, 2].map(|axis| end(axis, 1.0).next_up());
             [[lo[0], lo[1], lo[2], time], [hi[0], hi[1], hi[2], time]]
         }))
+    }
+
+    #[inline(always)]
+    fn names(&self) -> &Lanes<u32> {
+        &self.id
     }
 }
 
@@ -263,7 +269,7 @@ impl VisiblePoints {
     fn find(&self, position: Vec3, time: f32, window: f32, candidates: &mut Candidates) {
         candidates.count = 0;
         if !self.is_empty() {
-            let view = VisibleView { tree: &self.tree, time, window };
+            let view = SpanView { tree: &self.tree, time, look: Reached { window } };
             dispatch(self.simd, Found { view, position, candidates });
         }
     }
@@ -301,26 +307,21 @@ impl Kernel for Found<'_, '_> {
     }
 }
 
-/// The tree as a photon sees it: what it does not contribute to is infinitely far away.
+/// The tree as a photon sees it.
+type VisibleView<'a> = SpanView<'a, VisibleBlock, Reached>;
+
+/// A photon with half the width of its window: what it does not contribute to is infinitely far away.
 #[derive(Clone, Copy)]
-struct VisibleView<'a> {
-    tree: &'a SpanTree<VisibleBlock>,
-    time: f32,
+struct Reached {
     window: f32,
 }
 
-impl Leaves for VisibleView<'_> {
+impl Look<VisibleBlock> for Reached {
+    /// No search that counts neighbours goes through this.
+    const BALL: f32 = 1.0;
+
     #[inline(always)]
-    fn leaf_blocks(&self) -> usize {
-        1
-    }
-    #[inline(always)]
-    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        Target { time: s.splat(self.time), ..Target::still(s, q) }
-    }
-    #[inline(always)]
-    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        let block = &self.tree.blocks()[block];
+    fn distances<S: Simd>(&self, s: S, target: &Target<S>, block: &VisibleBlock) -> S::F {
         let [x, y, z] = rows(s, &block.at);
         let distance = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
         let (radius, time) = (s.load(&block.radius), s.load(&block.time));
@@ -329,54 +330,16 @@ impl Leaves for VisibleView<'_> {
         s.select(hit, distance, s.splat(f32::INFINITY))
     }
     #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
-        if let Some(block) = self.tree.blocks().get(block) {
-            prefetch(block);
-        }
-    }
-    #[inline(always)]
-    fn leaf_bytes(&self) -> usize {
-        size_of_val(self.tree.blocks())
-    }
-    #[inline(always)]
-    fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.tree.blocks()[block].id
-    }
-}
-
-impl View for VisibleView<'_> {
-    /// No search that counts neighbours goes through this.
-    const BALL: f32 = 1.0;
-
-    #[inline(always)]
-    fn root(&self) -> (usize, usize) {
-        self.tree.root()
-    }
-    #[inline(always)]
-    fn first_child(&self, level: usize, node: usize) -> usize {
-        self.tree.first_child(level, node)
-    }
-    #[inline(always)]
-    fn first_block(&self, node: usize) -> usize {
-        node * LANES
-    }
-    #[inline(always)]
-    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
-        let node = self.tree.node(node);
-        let ([lx, ly, lz, begin], [hx, hy, hz, end]) = (&node.lo, &node.hi);
-        let lo = [s.load(lx), s.load(ly), s.load(lz)];
-        let (gap, _) = outside(s, &target.point, lo, [s.load(hx), s.load(hy), s.load(hz)]);
-        let late = s.max_with_zero(s.load(begin) - target.time, target.time - s.load(end));
+    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: &SpanNode) -> (S::F, Mask) {
+        let (lo, hi) = node.in_space(s);
+        let (gap, _) = outside(s, &target.point, lo, hi);
+        let (begin, end) = node.in_time(s);
+        let late = s.max_with_zero(begin - target.time, target.time - end);
         let inside = s.le(gap, s.splat(0.0)) & s.le(late, s.splat(self.window));
         (s.select(inside, s.splat(0.0), s.splat(f32::INFINITY)), inside)
     }
     #[inline(always)]
-    fn box_sizes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> S::F {
-        let ([lx, ly, lz, _], [hx, hy, hz, _]) = (&self.tree.node(node).lo, &self.tree.node(node).hi);
-        diagonal::<S>([s.load(lx), s.load(ly), s.load(lz)], [s.load(hx), s.load(hy), s.load(hz)])
-    }
-    #[inline(always)]
-    fn expect_node(&self, node: usize) {
-        prefetch(self.tree.node(node));
+    fn sizes<S: Simd>(&self, _: S, _: &Target<S>, _: &SpanNode, in_space: S::F) -> S::F {
+        in_space
     }
 }

@@ -39,6 +39,13 @@ pub enum ListError {
         /// The axis.
         axis: usize,
     },
+    /// A query is not finite or its coordinates are too large.
+    Query {
+        /// Its index.
+        query: usize,
+    },
+    /// There are more queries than ids.
+    TooManyQueries,
     /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
     Origins,
     /// A tree holds its positions in f64; lists are made of f32 ones.
@@ -62,6 +69,8 @@ impl fmt::Display for ListError {
             ListError::FarFromPeriod { axis } => {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
             }
+            ListError::Query { query } => write!(f, "query {query} is not finite or its coordinates are too large"),
+            ListError::TooManyQueries => f.write_str("there are more queries than ids; ask in several parts"),
             ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
             ListError::Double => {
                 f.write_str("lists need positions in f32; build the tree with `round_to_f32` or from f32 positions")

@@ -207,7 +207,6 @@ impl Candidates {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Picks {
     list: Vec<u32>,
-    len: usize,
 }
 
 impl Picks {
@@ -230,15 +229,15 @@ impl Picks {
         if self.list.len() < (vectors + 1) * LANES {
             self.list.resize((vectors + 1) * LANES, 0);
         }
-        self.len = 0;
+        let (list, mut len) = (&mut self.list[..], 0);
         for i in 0..vectors {
             let (vector, there) = boxes.vector(s, i);
             let near = vector.near(s, lo, hi, bound) & there;
-            let to: &mut Lanes<u32> = (&mut self.list[self.len..self.len + LANES]).try_into().expect("sixteen");
+            let to: &mut Lanes<u32> = (&mut list[len..len + LANES]).try_into().expect("sixteen");
             s.store_u(s.compress_u(vector.candidate, near), to);
-            self.len += near.count_ones() as usize;
+            len += near.count_ones() as usize;
         }
-        &self.list[..self.len]
+        &self.list[..len]
     }
 
     pub(super) fn bytes(&self) -> usize {

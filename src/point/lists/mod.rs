@@ -9,13 +9,14 @@
 //! Data flows `query` (what is asked) → `prepare` (groups of leaves) → `gather` (candidates of a group) → `row` (the list
 //! of a point) → `worker` (a share of the groups) → `run` (all threads) → `csr` (all lists, one behind the other).
 //!
-//! [`swept`] makes lists over an interval of time.
+//! [`bulk`] makes lists for places that are not points of a tree, and [`swept`] makes lists over an interval of time.
 //!
 //! **Why no neighbour is lost.** The proof is that of [`super::snapshot`], with a box in the place of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']` the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded once, is
 //! along every axis at most the computed `|p − q|`, because rounding is monotone; so are squares and sums. What is
 //! *strictly* farther than the bound is left out. With periodic axes, [`torus`] says what is added.
 
+mod bulk;
 mod by_id;
 mod columns;
 mod csr;
@@ -33,7 +34,8 @@ mod swept;
 mod torus;
 mod worker;
 
-pub use csr::{NeighborColumns, NeighborCsr};
+pub use bulk::BulkQuery;
+pub use csr::NeighborCsr;
 pub use error::ListError;
 pub use query::ListQuery;
 pub use radii::Radii;

@@ -6,7 +6,7 @@ use super::group::Member;
 use super::question::Listing;
 use super::radii::{Radii, bound_of, squared_radius};
 use crate::point::snapshot::{rows, squared};
-use crate::simd::{LANES, Lanes, Mask, Simd};
+use crate::simd::{LANES, Lanes, Simd, lanes_at};
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -27,11 +27,20 @@ pub(super) struct Lists {
 pub(super) struct Near {
     boxes: BoxRows,
     picks: Picks,
+    points: PointRows,
+}
+
+/// Points in rows.
+#[derive(Clone, Debug, Default)]
+struct PointRows {
+    at: [Vec<f32>; 3],
+    id: Vec<u32>,
 }
 
 impl Near {
     pub(super) fn bytes(&self) -> usize {
-        self.boxes.bytes() + self.picks.bytes()
+        let points = self.points.at.iter().map(Vec::capacity).sum::<usize>() + self.points.id.capacity();
+        self.boxes.bytes() + self.picks.bytes() + 4 * points
     }
 
     /// Appends the lists of a member of a group.
@@ -44,6 +53,15 @@ impl Near {
         candidates: &Candidates,
         lists: &mut Lists,
     ) {
+        if !candidates.elsewhere && matches!(listing.radii, Radii::Equal(_)) {
+            let vectors = self.gather_points(s, member, candidates);
+            return match (listing.once, !listing.distances && !listing.displacements) {
+                (false, true) => self.equal::<S, false, true>(s, listing, member, vectors, lists),
+                (false, false) => self.equal::<S, false, false>(s, listing, member, vectors, lists),
+                (true, true) => self.equal::<S, true, true>(s, listing, member, vectors, lists),
+                (true, false) => self.equal::<S, true, false>(s, listing, member, vectors, lists),
+            };
+        }
         self.boxes.clear();
         for i in 0..candidates.boxes.vectors() {
             let (boxes, there) = candidates.boxes.vector(s, i);
@@ -65,7 +83,87 @@ impl Near {
         }
     }
 
-    /// The same for one kind of question.
+    /// Where all points of a member reach equally far: the points that are near its box, in rows, and the number of
+    /// vectors that they fill. About as many as each of its points would look at, and they lie one behind the other.
+    #[inline(always)]
+    fn gather_points<S: Simd>(&mut self, s: S, member: &Member, candidates: &Candidates) -> usize {
+        let picks = self.picks.near(s, &candidates.boxes, (member.lo, member.hi), member.bound);
+        let room = (picks.len() + 1) * LANES;
+        let PointRows { at: [to_x, to_y, to_z], id: to_id } = &mut self.points;
+        if to_id.len() < room {
+            [&mut *to_x, to_y, to_z].into_iter().for_each(|row| row.resize(2 * room, 0.0));
+            to_id.resize(2 * room, 0);
+        }
+        let lo = [s.splat(member.lo[0]), s.splat(member.lo[1]), s.splat(member.lo[2])];
+        let hi = [s.splat(member.hi[0]), s.splat(member.hi[1]), s.splat(member.hi[2])];
+        let (bound, mut end) = (s.splat(member.bound), 0);
+        for &pick in picks {
+            let block = &candidates.blocks[pick as usize];
+            let [x, y, z] = rows(s, &block.at);
+            let gap_x = s.max_with_zero(x - hi[0], lo[0] - x);
+            let gap_y = s.max_with_zero(y - hi[1], lo[1] - y);
+            let gap_z = s.max_with_zero(z - hi[2], lo[2] - z);
+            let near = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
+            write(s, to_x, end, s.compress(x, near));
+            write(s, to_y, end, s.compress(y, near));
+            write(s, to_z, end, s.compress(z, near));
+            let to: &mut Lanes<u32> = (&mut to_id[end..end + LANES]).try_into().expect("sixteen");
+            s.store_u(s.compress_u(s.load_u(&block.id), near), to);
+            end += near.count_ones() as usize;
+        }
+        to_x[end..end + LANES].fill(f32::INFINITY);
+        end.div_ceil(LANES)
+    }
+
+    /// Lists from the points that were gathered; with `PLAIN` only ids.
+    #[inline(always)]
+    fn equal<S: Simd, const ONCE: bool, const PLAIN: bool>(
+        &self,
+        s: S,
+        listing: &Listing,
+        member: &Member,
+        vectors: usize,
+        lists: &mut Lists,
+    ) {
+        let PointRows { at: [from_x, from_y, from_z], id: from_id } = &self.points;
+        let bound = s.splat(member.bound);
+        for lane in 0..LANES {
+            let at = member.spots.at.map(|row| row[lane]);
+            if at[0] == f32::INFINITY {
+                continue;
+            }
+            let (id, begin) = (member.spots.id[lane], lists.len);
+            lists.reserve(vectors * LANES, listing);
+            let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
+            let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
+            // Apart from the lists, the end stays in a register.
+            let Columns { ids: listed, distances, displacements: [ways_x, ways_y, ways_z] } = &mut lists.columns;
+            let (listed, mut end) = (&mut listed[..], begin);
+            for from in (0..vectors * LANES).step_by(LANES) {
+                let x = s.load(lanes_at(from_x, from)) - point[0];
+                let y = s.load(lanes_at(from_y, from)) - point[1];
+                let z = s.load(lanes_at(from_z, from)) - point[2];
+                let ids = s.load_u(lanes_at(from_id, from));
+                let distance = squared::<S>(x, y, z);
+                let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
+                let hits = s.le(distance, bound) & others;
+                let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
+                s.store_u(s.compress_u(ids, hits), to);
+                if !PLAIN && listing.distances {
+                    write(s, distances, end, s.compress(distance, hits));
+                }
+                if !PLAIN && listing.displacements {
+                    write(s, ways_x, end, s.compress(x, hits));
+                    write(s, ways_y, end, s.compress(y, hits));
+                    write(s, ways_z, end, s.compress(z, hits));
+                }
+                end += hits.count_ones() as usize;
+            }
+            lists.end_list(id, begin, end, listing);
+        }
+    }
+
+    /// Lists for one kind of question.
     #[inline(always)]
     fn rows<S: Simd, const TORUS: bool, const LARGER: bool, const ONCE: bool>(
         &mut self,
@@ -92,6 +190,9 @@ impl Near {
             let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
             let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
             let bounds = s.splat(bound);
+            // Apart from the lists, the end stays in a register.
+            let Columns { ids: listed, distances, displacements: [ways_x, ways_y, ways_z] } = &mut lists.columns;
+            let (listed, mut end) = (&mut listed[..], begin);
             for &pick in picks {
                 let block = &candidates.blocks[pick as usize];
                 let [x, y, z] = rows(s, &block.at);
@@ -106,13 +207,19 @@ impl Near {
                 let ids = s.load_u(&block.id);
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
                 let hits = s.le(distance, bounds) & others;
-                lists.push(s, listing, (ids, distance, [x, y, z]), hits);
+                let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
+                s.store_u(s.compress_u(ids, hits), to);
+                if listing.distances {
+                    write(s, distances, end, s.compress(distance, hits));
+                }
+                if listing.displacements {
+                    write(s, ways_x, end, s.compress(x, hits));
+                    write(s, ways_y, end, s.compress(y, hits));
+                    write(s, ways_z, end, s.compress(z, hits));
+                }
+                end += hits.count_ones() as usize;
             }
-            if listing.sorted {
-                lists.sort(begin, listing);
-            }
-            lists.points.push(id);
-            lists.ends.push(lists.len);
+            lists.end_list(id, begin, end, listing);
         }
     }
 }
@@ -134,47 +241,29 @@ impl Lists {
     /// Makes room for `more` neighbours and a vector.
     #[inline(always)]
     fn reserve(&mut self, more: usize, listing: &Listing) {
-        if self.len + more + LANES > self.columns.ids.len() {
-            self.grow(more, listing);
-        }
-        if listing.distances || listing.displacements {
-            self.match_columns(listing);
+        let length = self.len + more + LANES;
+        let room = self.columns.ids.len() >= length
+            && (!listing.distances || self.columns.distances.len() >= length)
+            && (!listing.displacements || self.columns.displacements[2].len() >= length);
+        if !room {
+            self.grow(length, listing);
         }
     }
 
     #[cold]
-    fn grow(&mut self, more: usize, listing: &Listing) {
-        self.columns.ids.resize(2 * (self.len + more + LANES), 0);
-        self.match_columns(listing);
+    fn grow(&mut self, length: usize, listing: &Listing) {
+        self.columns.make_room(length, listing.columns());
     }
 
-    /// Gives all columns that are asked for the length of the ids.
-    fn match_columns(&mut self, listing: &Listing) {
-        let size = self.columns.ids.len();
-        if listing.distances && self.columns.distances.len() != size {
-            self.columns.distances.resize(size, 0.0);
-        }
-        if listing.displacements && self.columns.displacements[0].len() != size {
-            self.columns.displacements.iter_mut().for_each(|column| column.resize(size, 0.0));
-        }
-    }
-
-    /// Appends the lanes of a mask; there must be room.
+    /// Ends the list of a point.
     #[inline(always)]
-    fn push<S: Simd>(&mut self, s: S, listing: &Listing, (ids, distance, way): (S::U, S::F, [S::F; 3]), hits: Mask) {
-        let at = self.len;
-        let to: &mut Lanes<u32> = (&mut self.columns.ids[at..at + LANES]).try_into().expect("sixteen");
-        s.store_u(s.compress_u(ids, hits), to);
-        if listing.distances {
-            write(s, &mut self.columns.distances, at, s.compress(distance, hits));
+    fn end_list(&mut self, id: u32, begin: usize, end: usize, listing: &Listing) {
+        self.len = end;
+        if listing.sorted {
+            self.sort(begin, listing);
         }
-        if listing.displacements {
-            let [x, y, z] = &mut self.columns.displacements;
-            write(s, x, at, s.compress(way[0], hits));
-            write(s, y, at, s.compress(way[1], hits));
-            write(s, z, at, s.compress(way[2], hits));
-        }
-        self.len += hits.count_ones() as usize;
+        self.points.push(id);
+        self.ends.push(end);
     }
 
     /// Sorts the list that begins at `begin` and ends the last by id.

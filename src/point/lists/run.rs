@@ -40,17 +40,37 @@ fn fill(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     lists.offsets.push(0);
     (lists.distances, lists.displacements) = (query.listing.distances, query.listing.displacements);
     let groups = prepared.groups.len();
+    if count == 1 {
+        return alone(query, prepared, lists);
+    }
     for wave in (0..groups).step_by(SHARE * count) {
         let workers = &mut lists.workers[..count];
         for (number, worker) in workers.iter_mut().enumerate() {
             let begin = (wave + number * SHARE).min(groups);
             worker.share = begin..(begin + SHARE).min(groups);
+            worker.lists.clear();
         }
         parallel::each(workers, |worker| {
             dispatch(query.tree.simd, Share { query, prepared, worker });
         });
         append(&query.listing, &lists.workers[..count], &mut lists.offsets, &mut lists.points, &mut lists.columns);
     }
+}
+
+/// The same on one thread, whose lists need not be copied: it makes them where the caller will find them.
+fn alone(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
+    let NeighborCsr { offsets, points, columns, workers, .. } = lists;
+    let worker = &mut workers[0];
+    worker.share = 0..prepared.groups.len();
+    let swap = |worker: &mut Worker, columns: &mut Columns, offsets: &mut Vec<usize>, points: &mut Vec<u32>| {
+        core::mem::swap(&mut worker.lists.columns, columns);
+        core::mem::swap(&mut worker.lists.ends, offsets);
+        core::mem::swap(&mut worker.lists.points, points);
+    };
+    swap(worker, columns, offsets, points);
+    worker.lists.len = 0;
+    dispatch(query.tree.simd, Share { query, prepared, worker });
+    swap(worker, columns, offsets, points);
 }
 
 /// Appends what workers have made.

@@ -42,7 +42,6 @@ impl Kernel for Share<'_> {
     fn run<S: Simd>(self, s: S) {
         let Share { query, prepared, worker } = self;
         let listing = &query.listing;
-        worker.lists.clear();
         for &(layer, node) in &prepared.groups[worker.share.clone()] {
             let group = &mut worker.group;
             at_time!(query.tree.layers[layer], query.time, view => {

@@ -1,0 +1,165 @@
+//! What many keys cost: bytes, building time and rays of the same motion given with more of them.
+//!
+//! Trees of a row answer the same rays by turns, in one thread; medians. The tree of two keys is the measure. Where motion
+//! bends, two keys are another motion: compare with care. "whole" is the same tree without time slices.
+//!
+//! `cargo bench --bench keys > keys.md`; `--help` lists what can be chosen. For figures worth keeping give it an idle core.
+
+#[path = "embree/clock.rs"]
+mod clock;
+
+use clap::Parser;
+use mbkd::glam::Vec3;
+use mbkd::{BuildError, BuildParams, Counters, Division, Keys, Ray, RayTree, TriangleMesh, WideParams};
+use mbkd_scenes as scene;
+use std::hint::black_box;
+
+#[derive(Parser)]
+#[command(about = "Measures trees of the same motion at different numbers of keys")]
+struct Args {
+    /// Share of each scene's usual number of triangles.
+    #[arg(long, default_value_t = 1.0)]
+    scale: f32,
+    /// Rays in each round.
+    #[arg(long, default_value_t = 40_000)]
+    rays: usize,
+    /// Rounds.
+    #[arg(long, default_value_t = 7)]
+    runs: usize,
+    /// Only scenes whose name contains this.
+    #[arg(long, default_value = "")]
+    only: String,
+    /// What cargo passes to every benchmark.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// A scene at several numbers of keys, the first of them 2.
+struct Row {
+    name: &'static str,
+    keys: &'static [usize],
+    make: fn(f32, usize) -> scene::Scene,
+}
+
+const ROWS: [Row; 3] = [
+    Row {
+        name: "hall, straight motion, 300 000",
+        keys: &[2, 9, 65],
+        make: |scale, keys| {
+            let mut hall = scene::hall((300_000.0 * scale) as usize);
+            hall.meshes.iter_mut().for_each(|mesh| *mesh = sampled(mesh, keys));
+            hall
+        },
+    },
+    Row {
+        name: "turning rock, 60 000",
+        keys: &[2, 5, 17, 65],
+        make: |scale, keys| scene::turning((60_000.0 * scale) as usize, keys),
+    },
+    Row {
+        name: "hall, walking figure, 300 000",
+        keys: &[2, 17],
+        make: |scale, keys| scene::walking((300_000.0 * scale) as usize, keys),
+    },
+];
+
+/// The straight motion of a mesh at more keys; what stands still stays as it is.
+fn sampled(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
+    let Keys::F32(at) = &mesh.keys else { return mesh.clone() };
+    let [a, b] = &at[..] else { return mesh.clone() };
+    let at = |key: usize| a.iter().zip(b).map(|(a, b)| a.lerp(*b, key as f32 / (keys - 1) as f32)).collect();
+    TriangleMesh { keys: (0..keys).map(at).collect::<Vec<Vec<Vec3>>>().into(), ..mesh.clone() }
+}
+
+struct Tree {
+    keys: usize,
+    whole: bool,
+    meshes: Vec<TriangleMesh>,
+    tree: RayTree,
+    build: Vec<f64>,
+    rays: Vec<f64>,
+}
+
+impl Tree {
+    fn build(meshes: &[TriangleMesh], whole: bool) -> Result<(RayTree, f64), BuildError> {
+        let division = if whole { Division::Whole } else { Division::Automatic };
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let start = clock::seconds();
+        let tree = RayTree::build(meshes, &params)?;
+        Ok((tree, clock::seconds() - start))
+    }
+}
+
+fn main() -> Result<(), BuildError> {
+    let args = Args::parse();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
+    println!(
+        "| scene | keys | kept | still | time nodes | bytes per triangle | of the vertices | build, ms | ns per ray | blocks per ray \
+         | build / 2 keys | rays / 2 keys |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+    );
+    for row in ROWS.iter().filter(|row| row.name.contains(&args.only)) {
+        pool.install(|| measure(&args, row))?;
+    }
+    Ok(())
+}
+
+fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
+    let scene = (row.make)(args.scale, 2);
+    let mut trees = Vec::new();
+    for &keys in row.keys {
+        for whole in [false, true] {
+            let meshes = (row.make)(args.scale, keys).meshes;
+            let tree = Tree::build(&meshes, whole)?.0;
+            trees.push(Tree { keys, whole, meshes, tree, build: vec![], rays: vec![] });
+        }
+    }
+    let mut seed = 1u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 40) as f32 / (1 << 24) as f32
+    };
+    let rays: Vec<Ray> = (0..args.rays).map(|_| scene.camera.ray(random(), random(), 1.0, random())).collect();
+    for _ in 0..args.runs {
+        for of in &mut trees {
+            of.build.push(Tree::build(&of.meshes, of.whole)?.1);
+        }
+        for of in &mut trees {
+            for round in 0..2 {
+                let start = clock::seconds();
+                rays.iter().for_each(|ray| _ = black_box(of.tree.closest_hit(ray)));
+                // The first one fetches the tree.
+                if round == 1 {
+                    of.rays.push((clock::seconds() - start) / rays.len() as f64);
+                }
+            }
+        }
+    }
+    let ratio = |a: &[f64], b: &[f64]| median(a.iter().zip(b).map(|(a, b)| a / b).collect());
+    for of in &trees {
+        let mut counters = Counters::default();
+        rays.iter().for_each(|ray| _ = of.tree.closest_hit_observed(ray, &mut counters));
+        let s = of.tree.statistics();
+        println!(
+            "| {}{} | {} | {:.0} % | {:.0} % | {} | {:.0} | {:.2} | {:.1} | {:.0} | {:.2} | {:.2} | {:.2} |",
+            row.name,
+            if of.whole { ", whole" } else { "" },
+            of.keys,
+            100.0 * s.kept_positions as f64 / s.positions as f64,
+            100.0 * s.still_references as f64 / s.references as f64,
+            s.time_nodes,
+            s.bytes as f64 / s.primitives as f64,
+            s.bytes as f64 / (s.kept_positions * size_of::<Vec3>()) as f64,
+            median(of.build.clone()) * 1e3,
+            median(of.rays.clone()) * 1e9,
+            (counters.nodes + counters.leaves) as f64 / rays.len() as f64,
+            ratio(&of.build, &trees[0].build),
+            ratio(&of.rays, &trees[0].rays),
+        );
+    }
+    Ok(())
+}
+
+fn median(mut of: Vec<f64>) -> f64 {
+    of.sort_by(f64::total_cmp);
+    of.get(of.len() / 2).copied().unwrap_or(f64::NAN)
+}

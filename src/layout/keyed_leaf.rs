@@ -1,0 +1,131 @@
+//! Leaf blocks of triangles whose motion has more than two keys.
+//!
+//! All keys that queries of the block may need are there once, one behind the other; a query reads the rows of the two
+//! around its time. In front stands what does not depend on time:
+//!
+//! | words | |
+//! |---|---|
+//! | 3 | number of segments between the mesh's keys; the first key in the block; number of keys in it, of triangles, and the form |
+//! | n | where vertices are shared: the three vertices of each triangle, as in other blocks |
+//! | n | ids |
+//! | rows | for each key: x y z of v vertices, or nine rows of n corners |
+
+use super::leaf_block::{Shared, write_corners};
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
+use crate::primitive::Triangles;
+use crate::simd::{Arena, LANES};
+
+/// What stands in front of such a block.
+#[derive(Clone, Copy)]
+pub(crate) struct KeyedLeaf {
+    /// Segments between the keys of the mesh.
+    pub segments: usize,
+    /// The first key in the block, and how many there are.
+    pub first: usize,
+    pub keys: usize,
+    /// Whether vertices are shared.
+    pub shared: bool,
+    /// Number of triangles.
+    pub count: usize,
+    /// Floats in a row: vertices, or triangles.
+    width: usize,
+}
+
+/// Words of the header.
+const HEADER: usize = 3;
+
+impl KeyedLeaf {
+    /// Of a leaf block of an arena with these words.
+    #[inline(always)]
+    pub fn read(words: &[u32], leaf: ChildRef) -> KeyedLeaf {
+        KeyedLeaf::of(&words[leaf.at()..leaf.at() + HEADER], leaf.len())
+    }
+
+    /// Of its first three words and the length that references to it say.
+    #[inline(always)]
+    pub fn of(words: &[u32], width: usize) -> KeyedLeaf {
+        let (segments, first, form) = (words[0], words[1], words[2]);
+        KeyedLeaf {
+            segments: segments as usize,
+            first: first as usize,
+            keys: (form >> 5) as usize,
+            shared: form & 1 != 0,
+            count: (form >> 1) as usize % LANES + 1,
+            width,
+        }
+    }
+
+    /// Words from the block's begin to the row that numbers the vertices of each triangle.
+    #[inline(always)]
+    pub fn vertices(&self) -> usize {
+        HEADER
+    }
+
+    /// Words from the block's begin to the ids.
+    #[inline(always)]
+    pub fn ids(&self) -> usize {
+        HEADER + if self.shared { self.count } else { 0 }
+    }
+
+    /// Words from the block's begin to the rows of the key where a segment begins; those of the next key follow. Of a
+    /// segment that is not in the block, to some rows of it.
+    #[inline(always)]
+    pub fn rows(&self, segment: usize) -> usize {
+        let key = segment.saturating_sub(self.first).min(self.keys.saturating_sub(2));
+        self.ids() + self.count + key * self.key_words()
+    }
+
+    /// Words of one key.
+    #[inline(always)]
+    fn key_words(&self) -> usize {
+        self.width * if self.shared { VERTEX_ROWS } else { CORNER_ROWS }
+    }
+
+    /// Number of words of the whole block.
+    pub fn words(&self) -> usize {
+        self.ids() + self.count + self.keys * self.key_words()
+    }
+
+    /// Whether the block has the keys around some segments.
+    pub fn holds(&self, [first, last]: [usize; 2]) -> bool {
+        self.first <= first && last + 1 < self.first + self.keys
+    }
+}
+
+impl Triangles {
+    /// Writes a block of triangles of `keys` keys each, with the keys around some segments; nothing where the arena is full.
+    pub(super) fn write_keyed(
+        &self,
+        arena: &mut Arena,
+        ids: &[u32],
+        keys: usize,
+        [first, last]: [usize; 2],
+    ) -> Option<ChildRef> {
+        let shared = Shared::of(self, ids);
+        let width = shared.as_ref().map_or(ids.len(), |shared| shared.count);
+        let (segments, held, count) = (keys - 1, last + 2 - first, ids.len());
+        let leaf = KeyedLeaf { segments, first, keys: held, shared: shared.is_some(), count, width };
+        let at = arena.grow(leaf.words());
+        let form = (held as u32) << 5 | (count as u32 - 1) << 1 | u32::from(leaf.shared);
+        let words = &mut arena.ints_mut()[at..];
+        words[..HEADER].copy_from_slice(&[segments as u32, first as u32, form]);
+        if let Some(shared) = &shared {
+            words[leaf.vertices()..][..count].copy_from_slice(&shared.corners[..count]);
+            words[leaf.vertices()] |= (count as u32 - 1) << 12;
+        }
+        words[leaf.ids()..][..count].copy_from_slice(ids);
+        let words = &mut arena.floats_mut()[at..];
+        for key in first..first + held {
+            let rows = &mut words[leaf.rows(first) + (key - first) * leaf.key_words()..][..leaf.key_words()];
+            match &shared {
+                Some(shared) => shared.write_key(self, rows, key),
+                None => {
+                    for (lane, &id) in ids.iter().enumerate() {
+                        write_corners(rows, count, lane, self.corners_at_key(id, key));
+                    }
+                }
+            }
+        }
+        ChildRef::new(Kind::OwnLeaf, at, width)
+    }
+}

@@ -1,0 +1,38 @@
+//! Where the ids lie in leaf blocks of all kinds.
+
+use super::keyed_leaf::KeyedLeaf;
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
+
+/// Where the ids of a leaf block lie.
+pub(crate) struct Ids {
+    /// The first, counted from the block's begin.
+    pub first: usize,
+    pub count: usize,
+}
+
+impl Ids {
+    /// Of a block that begins at `words[0]`; `lists` says what the set's own leaves are. Nothing where the block is
+    /// not a whole leaf.
+    pub fn of(leaf: ChildRef, words: &[u32], lists: bool) -> Option<Ids> {
+        let len = leaf.len();
+        if leaf.kind() == Kind::OwnLeaf && !lists {
+            let keyed = KeyedLeaf::of(words.get(..3)?, len);
+            return (keyed.words() <= words.len()).then(|| Ids { first: keyed.ids(), count: keyed.count });
+        }
+        let direct = |rows: usize| Ids { first: rows * len, count: len };
+        let shared = |rows: usize| {
+            let corners = rows * len;
+            let count = shared_count(*words.get(corners)?);
+            Some(Ids { first: corners + count, count })
+        };
+        let ids = match leaf.kind() {
+            Kind::Node | Kind::StillNode | Kind::Time => return None,
+            Kind::Leaf => direct(2 * CORNER_ROWS),
+            Kind::StillLeaf => direct(CORNER_ROWS),
+            Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
+            Kind::SharedStillLeaf => shared(VERTEX_ROWS)?,
+            Kind::OwnLeaf => direct(0),
+        };
+        (ids.first + ids.count <= words.len()).then_some(ids)
+    }
+}

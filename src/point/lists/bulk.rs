@@ -1,0 +1,95 @@
+//! Radius queries in bulk: the places asked become a tree of their own, whose leaves walk through the other one.
+
+use super::csr::NeighborCsr;
+use super::error::ListError;
+use super::radii::Radii;
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::point::error::PointError;
+use crate::point::tree::{PointParams, PointTree};
+use crate::primitive::Position;
+use glam::Vec3;
+
+/// Many radius queries in preparation; made by [`PointTree::within_lists`].
+#[derive(Clone, Copy)]
+#[must_use = "queries do nothing until `run` is called"]
+pub struct BulkQuery<'a, Q> {
+    among: &'a PointTree,
+    queries: &'a [Q],
+    time: f32,
+    radii: Radii<'a>,
+    distances: bool,
+    in_order: bool,
+}
+
+impl PointTree {
+    /// The points within a radius of each of many places at `time`, or within [`Radii`] of their own, one for each
+    /// query: what [`PointTree::within`] finds for each of them, as compressed rows in memory of the caller.
+    ///
+    /// Unless refined, the lists hold ids only, in no particular order, and come in the order in which they are made, where
+    /// queries that are close in space follow each other; [`NeighborCsr::points`] says which query each belongs to.
+    ///
+    /// Queries may come in any order: they are put into a tree of their own, so that neighbouring ones are answered
+    /// together. That costs a build over them; for a handful of queries, ask them one by one.
+    ///
+    /// ```
+    /// use mbkd::{NeighborCsr, PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
+    /// let mut lists = NeighborCsr::new();
+    /// let queries = [[0.5f32; 3], [8.0; 3]];
+    /// tree.within_lists(&queries, 0.0, 2.0).with_distances().in_order().run(&mut lists)?;
+    /// assert_eq!(lists.offsets(), [0, 2, 3]);
+    /// assert_eq!(lists.distances_squared(), [0.75, 0.75, 3.0]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn within_lists<'a, Q: Position>(
+        &'a self,
+        queries: &'a [Q],
+        time: f32,
+        radii: impl Into<Radii<'a>>,
+    ) -> BulkQuery<'a, Q> {
+        BulkQuery { among: self, queries, time, radii: radii.into(), distances: false, in_order: false }
+    }
+}
+
+impl<Q: Position> BulkQuery<'_, Q> {
+    /// Also gives squared distances.
+    pub fn with_distances(mut self) -> Self {
+        self.distances = true;
+        self
+    }
+
+    /// Puts the lists in the order of the queries: list i is that of query i. Costs a copy of all lists from one place in
+    /// memory to another.
+    pub fn in_order(mut self) -> Self {
+        self.in_order = true;
+        self
+    }
+
+    /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
+    pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+        let BulkQuery { among, queries, .. } = self;
+        lists.offsets.clear();
+        lists.points.clear();
+        let places: Vec<Vec3> = queries.iter().map(|query| query.relative(among.origin)).collect();
+        let fine = |place: &Vec3| place.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all();
+        if let Some(query) = places.iter().position(|place| !fine(place)) {
+            return Err(ListError::Query { query });
+        }
+        let params = PointParams { simd: among.simd, ..PointParams::default() };
+        let mut asking = match PointTree::build(&places, &params) {
+            Ok(asking) => asking,
+            Err(PointError::TooManyPoints { .. }) => return Err(ListError::TooManyQueries),
+            Err(error) => unreachable!("the places have been checked: {error}"),
+        };
+        // The places are relative to this origin already.
+        asking.origin = among.origin;
+        let mut query = asking.neighbor_lists(self.time, self.radii).among(among);
+        if self.distances {
+            query = query.with_distances();
+        }
+        if self.in_order {
+            query = query.rows_by_id();
+        }
+        query.run(lists)
+    }
+}

@@ -1,0 +1,73 @@
+//! A tree of moving points at a time: its leaves, whatever is above them.
+
+use super::moving_leaf::MovingLeaves;
+use super::moving_reference::{Part, phase};
+use super::snapshot::{Leaves, Target};
+use crate::geometry::KeyTime;
+use crate::simd::{Lanes, Simd};
+use glam::Vec3;
+
+/// A tree with blocks of moving points as leaves.
+pub(super) trait HasLeaves {
+    /// The blocks.
+    fn leaves(&self) -> &MovingLeaves;
+}
+
+/// A tree of moving points at a time; `TIMED` where not everything counts throughout.
+pub(super) struct AtTime<'a, T, const TIMED: bool> {
+    pub(super) tree: &'a T,
+    at: KeyTime,
+    phase: f32,
+    pub(super) time: f32,
+}
+
+impl<T, const TIMED: bool> Clone for AtTime<'_, T, TIMED> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T, const TIMED: bool> Copy for AtTime<'_, T, TIMED> {}
+
+impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
+    /// The tree of a part of the shutter, in which the time lies.
+    #[inline(always)]
+    pub(super) fn new(tree: &'a T, part: &Part, time: f32) -> Self {
+        let at = KeyTime::new(time, part.keys);
+        AtTime { tree, at, phase: phase(at, part.segment), time }
+    }
+
+    /// Where the points of a block are; the first coordinate is infinite where there is no point at the time.
+    #[inline(always)]
+    pub(super) fn places<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+        self.tree.leaves().positions::<S, TIMED>(s, self.at, target, block)
+    }
+}
+
+impl<T: HasLeaves, const TIMED: bool> Leaves for AtTime<'_, T, TIMED> {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        1
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        let point = [s.splat(q.x), s.splat(q.y), s.splat(q.z)];
+        Target { point, step: s.splat(self.at.s), phase: s.splat(self.phase), time: s.splat(self.time) }
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        self.tree.leaves().distances::<S, TIMED>(s, self.at, target, block)
+    }
+    #[inline(always)]
+    fn expect_leaf(&self, block: usize) {
+        self.tree.leaves().prefetch(block);
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.tree.leaves().block_bytes()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        self.tree.leaves().ids(block)
+    }
+}

@@ -1,0 +1,196 @@
+//! Linear bounds of triangles whose motion has more than two keys.
+//!
+//! Every vertex stays in a tube: the line between its places at both ends of the interval, moved down and up per axis until it
+//! has all keys between on one side. A face of the box is the line through the least (greatest) of the three tubes at either end.
+//!
+//! Proof. Between keys a vertex moves linearly, so its distance from its line is greatest at a key or an end of the interval; what
+//! is moved by the least and the greatest distance there bounds it at all times. The least of several lines is concave
+//! in time, so the line through its values at both ends lies below them all in between. (Of upper faces likewise.)
+//!
+//! Rounding, in ULP of the largest coordinate M at the keys that are looked at. A computed vertex of the kernel and the computed place at an
+//! end of the interval stray from the exact ones by [`Triangles::slack`] each. A distance from the line is computed with a
+//! difference (2), its product with a fraction that is rounded itself (1 + 2), a sum (3: the line may leave M by that of others) and
+//! a difference (4): 12. The tube's end is a sum (3). So twice the slack and 16 ULP are kept.
+
+use super::triangles::Triangles;
+use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval, ULP};
+use core::ops::{Range, RangeInclusive};
+use glam::{Vec3, Vec3A};
+
+impl Triangles {
+    /// Bounds over an interval; `keys` is the number of keys, more than two.
+    pub(super) fn bent_bounds(&self, id: u32, keys: usize, over: TimeInterval) -> LinearBox3 {
+        let [a, b, c] = self.vertices(id);
+        let window = Window::new(over, keys);
+        let corners = [self.keys_of_vertex(a, keys), self.keys_of_vertex(b, keys), self.keys_of_vertex(c, keys)];
+        let (bounds, magnitude) = window.bounds(corners);
+        let pad = 2.0 * Triangles::slack(keys, magnitude) + 16.0 * ULP * magnitude;
+        let mut bounds = LinearBox3 { begin: bounds.begin.pad(pad), end: bounds.end.pad(pad) };
+        if bounds.begin == bounds.end {
+            // What comes back to where it began moves all the same, and dividing the shutter may pay.
+            bounds.end.max.x = bounds.end.max.x.next_up();
+        }
+        bounds
+    }
+}
+
+/// The keys at and around which a motion is during an interval.
+struct Window {
+    begin: KeyTime,
+    end: KeyTime,
+    /// The keys strictly inside.
+    inner: Range<usize>,
+    /// The keys of the segments that are met, and of those next to them: the times of queries are rounded.
+    around: RangeInclusive<usize>,
+    /// Where the interval begins, in segments, and what part of it a segment is.
+    first: f64,
+    per_segment: f64,
+}
+
+impl Window {
+    fn new(over: TimeInterval, keys: usize) -> Window {
+        let (begin, end) = (KeyTime::new(over.begin(), keys), KeyTime::new(over.end(), keys));
+        let segments = (keys - 1) as f64;
+        let (first, last) = (f64::from(over.begin()) * segments, f64::from(over.end()) * segments);
+        Window {
+            inner: first as usize + 1..(last.ceil() as usize).max(first as usize + 1),
+            around: begin.segment.saturating_sub(1)..=(end.segment + 2).min(keys - 1),
+            per_segment: if last > first { 1.0 / (last - first) } else { 0.0 },
+            begin,
+            end,
+            first,
+        }
+    }
+
+    /// Bounds of three vertices, not padded, and the largest coordinate at the keys around the interval.
+    #[inline(always)]
+    fn bounds(&self, [a, b, c]: [&[Vec3]; 3]) -> (LinearBox3, f32) {
+        let mut tubes = [Tube::new(self, a), Tube::new(self, b), Tube::new(self, c)];
+        let of = |keys: &'_ [Vec3]| -> Range<usize> { self.inner.start..self.inner.end.min(keys.len()) };
+        let inner = a[of(a)].iter().zip(&b[of(b)]).zip(&c[of(c)]);
+        for (key, ((&a, &b), &c)) in (self.inner.start..).zip(inner) {
+            let w = ((key as f64 - self.first) * self.per_segment) as f32;
+            tubes[0].include(a, w);
+            tubes[1].include(b, w);
+            tubes[2].include(c, w);
+        }
+        // The keys between were looked at.
+        let mut size = tubes[0].size.max(tubes[1].size).max(tubes[2].size);
+        for key in self.around.clone().filter(|key| !self.inner.contains(key)) {
+            size = size.max(a[key].abs().max(b[key].abs()).max(c[key].abs()).into());
+        }
+        let [a, b, c] = [tubes[0].bounds(), tubes[1].bounds(), tubes[2].bounds()];
+        (a.union(b).union(c), size.max_element())
+    }
+}
+
+/// What holds a vertex: the line between its places at both ends, moved down and up.
+struct Tube {
+    begin: Vec3A,
+    way: Vec3A,
+    end: Vec3A,
+    below: Vec3A,
+    above: Vec3A,
+    /// The largest coordinates that were included.
+    size: Vec3A,
+}
+
+impl Tube {
+    #[inline(always)]
+    fn new(window: &Window, keys: &[Vec3]) -> Tube {
+        let (low, high) = (window.begin.segment, window.end.segment);
+        let begin = Vec3A::from(window.begin.position(keys[low], keys[low + 1]));
+        let end = Vec3A::from(window.end.position(keys[high], keys[high + 1]));
+        Tube { begin, way: end - begin, end, below: Vec3A::ZERO, above: Vec3A::ZERO, size: Vec3A::ZERO }
+    }
+
+    /// Includes the place at a key, at a fraction of the interval.
+    #[inline(always)]
+    fn include(&mut self, place: Vec3, w: f32) {
+        let place = Vec3A::from(place);
+        let off = place - (self.begin + self.way * w);
+        self.below = self.below.min(off);
+        self.above = self.above.max(off);
+        self.size = self.size.max(place.abs());
+    }
+
+    #[inline(always)]
+    fn bounds(&self) -> LinearBox3 {
+        let at = |place: Vec3A| Box3 { min: (place + self.below).into(), max: (place + self.above).into() };
+        LinearBox3 { begin: at(self.begin), end: at(self.end) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::primitive::{PrimitiveSet, TriangleMesh};
+
+    fn next(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 24) as f32
+    }
+
+    /// Corners that leave the bounds at times of their interval, among them keys and times beside them, when a part of
+    /// the padding is taken away.
+    fn lost(part: f32) -> usize {
+        let (mut state, mut lost) = (19, 0);
+        for keys in [3usize, 4, 9, 65, 200] {
+            for _ in 0..60 {
+                let mut point = |around: Vec3| {
+                    around + Vec3::new(next(&mut state), next(&mut state), next(&mut state)) * 0.05 - Vec3::splat(0.025)
+                };
+                let mut places = vec![[Vec3::ZERO, Vec3::X, Vec3::Y].map(&mut point).to_vec()];
+                for _ in 1..keys {
+                    let last = places[places.len() - 1].clone();
+                    places.push(last.into_iter().map(&mut point).collect());
+                }
+                let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], places)]).unwrap();
+                let (a, b) = (next(&mut state), next(&mut state));
+                let over = match next(&mut state) {
+                    x if x < 0.3 => TimeInterval::FULL,
+                    _ => TimeInterval::half_open(a.min(b), a.max(b) + 1e-3).unwrap(),
+                };
+                let bounds = set.bounds(0, over);
+                let window = Window::new(over, keys);
+                let size = window.bounds(set.vertices(0).map(|v| set.keys_of_vertex(v, keys))).1;
+                let off = f64::from(part * (2.0 * Triangles::slack(keys, size) + 16.0 * ULP * size));
+                for i in 0..200 {
+                    let key = (i / 3 % keys) as f32 / (keys - 1) as f32;
+                    let t = match i % 3 {
+                        0 => key,
+                        1 => [key.next_up(), key.next_down()][i / 3 % 2],
+                        _ => over.begin() + over.duration() * next(&mut state),
+                    };
+                    if !(over.begin()..=over.end()).contains(&t) {
+                        continue;
+                    }
+                    let w =
+                        (f64::from(t) - f64::from(over.begin())) / (f64::from(over.end()) - f64::from(over.begin()));
+                    for p in set.corners(0, t) {
+                        let low = bounds.begin.min.as_dvec3().lerp(bounds.end.min.as_dvec3(), w) + off;
+                        let high = bounds.begin.max.as_dvec3().lerp(bounds.end.max.as_dvec3(), w) - off;
+                        lost += usize::from(p.as_dvec3().cmplt(low).any() || p.as_dvec3().cmpgt(high).any());
+                    }
+                }
+            }
+        }
+        lost
+    }
+
+    #[test]
+    fn bent_motion_is_held_at_all_times_and_would_not_be_without_padding() {
+        assert_eq!(lost(0.0), 0);
+        assert!(lost(1.0) > 100, "a padding that nothing needs");
+    }
+
+    #[test]
+    fn bounds_are_no_larger_than_they_must_be() {
+        // A vertex that swings to one side and back.
+        let at = |x: f32| vec![Vec3::new(x, 0.0, 0.0), Vec3::new(x, 1.0, 0.0), Vec3::new(x, 0.0, 1.0)];
+        let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![at(0.0), at(0.25), at(0.0)]);
+        let bounds = Triangles::new(&[mesh]).unwrap().bounds(0, TimeInterval::FULL);
+        assert!(bounds.begin.min.x > -1e-5 && bounds.begin.max.x < 0.25001 && bounds.end.max.x < 0.25001);
+        assert!(bounds.begin != bounds.end, "it moves");
+    }
+}

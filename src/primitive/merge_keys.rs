@@ -1,0 +1,159 @@
+//! Merging keys: where all vertices of a mesh move on straight lines, fewer keys say the same.
+//!
+//! Keys are spaced evenly, so keys are kept on a coarser grid that the given one refines: of 65 keys every second, fourth, …
+//! or the first and the last; one where all of them are equal. The whole mesh keeps the same keys, so that triangles which
+//! share a vertex still compute the same numbers for it.
+//!
+//! The rule, with u = 2^-24: every coordinate of a key that is dropped lies within 4u of the line between the kept keys around it,
+//! relative to the larger coordinate of these two. This is what rounding does to a straight motion that a program samples in
+//! f32: `a (1 - w) + b w` is off by up to 3u, `a + (b - a) w` by up to 5u if signs differ, mostly less than 2u.
+//!
+//! How far the merged motion is from the given one: both are linear between given keys, so their distance is greatest at one of
+//! those: 4u. With n keys interpolation itself may err by (4 + 2 (n - 1))u, and with those that are kept by at least 4u less. So
+//! the bound that `docs/accuracy.md` states for the keys as given holds for the merged motion too.
+
+use crate::geometry::ULP;
+use crate::parallel;
+use core::ops::Range;
+use glam::Vec3;
+
+/// How many keys remain of `keys` with so many vertices; `at` is a vertex at a key. Of given segments `(keys - 1) / (kept -
+/// 1)` become one.
+///
+/// Takes one pass over all positions where they merge, and mostly much less where they do not.
+pub(super) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) -> Vec3 + Sync) -> usize {
+    if keys < 2 || equal(keys, vertices, &at) {
+        return keys.min(1);
+    }
+    let segments = keys - 1;
+    // A vertex that has shown that some keys are needed mostly shows it of others too.
+    let mut bent = 0..0;
+    for kept in (1..=segments / 2).filter(|&kept| segments.is_multiple_of(kept)) {
+        let grid = Grid { segments, step: segments / kept };
+        if grid.first_bent(bent.clone(), &at).is_some() {
+            continue;
+        }
+        let found = parallel::chunks(vertices, |range| grid.first_bent(range, &at));
+        match found.into_iter().flatten().next() {
+            Some(vertex) => bent = vertex..vertex + 1,
+            None => return kept + 1,
+        }
+    }
+    keys
+}
+
+/// Whether all keys are equal.
+fn equal(keys: usize, vertices: usize, at: &(impl Fn(usize, usize) -> Vec3 + Sync)) -> bool {
+    let differs = |mut of: Range<usize>| of.any(|v| (1..keys).any(|key| at(key, v) != at(0, v)));
+    // Mostly the first few say it.
+    let few = vertices.min(64);
+    !differs(0..few) && !parallel::chunks(vertices, differs).contains(&true)
+}
+
+/// Keys that are kept: one after every `step` segments.
+#[derive(Clone, Copy)]
+struct Grid {
+    segments: usize,
+    step: usize,
+}
+
+/// Vertices of which all keys are looked at together: their positions at kept keys stay in the cache.
+const TOGETHER: usize = 256;
+
+impl Grid {
+    /// The first vertex among these that leaves the lines between kept keys.
+    fn first_bent(self, vertices: Range<usize>, at: &(impl Fn(usize, usize) -> Vec3 + Sync)) -> Option<usize> {
+        let Grid { segments, step } = self;
+        for begin in vertices.clone().step_by(TOGETHER) {
+            let some = begin..vertices.end.min(begin + TOGETHER);
+            for first in (0..segments).step_by(step) {
+                for inner in 1..step {
+                    let w = inner as f64 / step as f64;
+                    let bent = |v: &usize| !on_line(at(first + inner, *v), at(first, *v), at(first + step, *v), w);
+                    if let Some(vertex) = some.clone().find(bent) {
+                        return Some(vertex);
+                    }
+                }
+            }
+        }
+        None
+    }
+}
+
+/// Whether `p` lies on the line from `a` to `b` at the fraction `w`, up to 4u.
+#[inline(always)]
+fn on_line(p: Vec3, a: Vec3, b: Vec3, w: f64) -> bool {
+    let size = a.abs().max(b.abs());
+    // In f32 this errs by 3u: both weights and products, and the sum, are rounded.
+    let line = a * (1.0 - w) as f32 + b * w as f32;
+    (p - line).abs().cmple(size * ULP).all() || {
+        let line = a.as_dvec3() * (1.0 - w) + b.as_dvec3() * w;
+        (p.as_dvec3() - line).abs().cmple(size.as_dvec3() * f64::from(4.0 * ULP)).all()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn random(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    /// Kept keys of vertices that go through random places at `places` keys, sampled at `keys` keys, and moved by
+    /// `off` of their coordinate at one of the inner keys.
+    fn kept(places: usize, keys: usize, off: f32) -> usize {
+        let mut state = 7;
+        let vertices = 1000;
+        let mut point = || Vec3::new(random(&mut state), random(&mut state), random(&mut state));
+        let path: Vec<Vec<Vec3>> = (0..places).map(|_| (0..vertices).map(|_| point()).collect()).collect();
+        let step = if places > 1 { (keys - 1) / (places - 1) } else { usize::MAX };
+        kept_keys(keys, vertices, |key, v| {
+            let (segment, inner) = (key / step, key % step);
+            let p = path[segment][v];
+            if inner == 0 || places == 1 {
+                return p;
+            }
+            let q = path[segment + 1][v];
+            let p = p.lerp(q, inner as f32 / step as f32);
+            if v == 700 && key == 1 { p * (1.0 + off) } else { p }
+        })
+    }
+
+    #[test]
+    fn straight_motion_keeps_two_keys_and_piecewise_straight_motion_its_bends() {
+        for keys in [2, 3, 5, 9, 17, 65] {
+            assert_eq!(kept(1, keys, 0.0), 1, "{keys} equal keys");
+            assert_eq!(kept(2, keys, 0.0), 2, "{keys} keys on a line");
+        }
+        assert_eq!((kept(3, 9, 0.0), kept(3, 65, 0.0), kept(5, 9, 0.0), kept(9, 9, 0.0)), (3, 3, 5, 9));
+        // A grid that the given one does not refine is none.
+        assert_eq!((kept(4, 10, 0.0), kept(4, 4, 0.0), kept_keys(0, 3, |_, _| Vec3::ZERO)), (4, 4, 0));
+    }
+
+    #[test]
+    fn a_key_beside_the_line_is_kept() {
+        assert_eq!(kept(2, 9, 1e-4), 9);
+        assert_eq!(kept(2, 3, 1e-5), 3);
+        assert_eq!(kept(3, 65, 1e-4), 65);
+    }
+
+    #[test]
+    fn what_merges_is_within_four_ulp_of_the_line() {
+        let (mut state, mut merged, mut far) = (3, 0, 0);
+        for _ in 0..200_000 {
+            let (a, b) = (random(&mut state), random(&mut state));
+            let w = f64::from(random(&mut state) * 0.5 + 0.5);
+            let exact = f64::from(a) * (1.0 - w) + f64::from(b) * w;
+            let size = f64::from(a.abs().max(b.abs()));
+            let p = (exact + size * f64::from(random(&mut state) * 8.0 * ULP)) as f32;
+            let off = (f64::from(p) - exact).abs() / (size * f64::from(ULP));
+            let taken = on_line(Vec3::splat(p), Vec3::splat(a), Vec3::splat(b), w);
+            assert!(taken == (off <= 4.0) || (off - 4.0).abs() < 1e-6, "{off}");
+            merged += u32::from(taken);
+            far += u32::from(!taken);
+        }
+        assert!(merged > 10_000 && far > 10_000, "{merged} {far}");
+    }
+}
