@@ -8,7 +8,7 @@ use crate::geometry::{positions, scene_size};
 use crate::options::{Mode, Options};
 use crate::timing::{Checksum, in_turns};
 use mbkd::glam::{DQuat, DVec3, Vec3};
-use mbkd::{BuildParams, Instance, InstanceTree, Pose, Ray, RayTree, Transform, TriangleMesh, WideParams, glam};
+use mbkd::{BuildParams, Instance, InstanceTree, Pose, Ray, RayTree, Transform, TriangleMesh, WideParams};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use std::sync::Arc;
