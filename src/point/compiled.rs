@@ -11,7 +11,7 @@ use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::Sink;
-use super::search::sinks::{Gather, Visit, VisitFound};
+use super::search::sinks::{Gather, Visit, VisitBlock};
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
 use super::snapshot::Leaves;
@@ -177,19 +177,29 @@ pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates,
 }
 
 /// The number of points within the radius.
-pub(super) fn count(query: &Search<'_, KeepAll>) -> usize {
-    if query.is_precise() {
-        let mut candidates = Candidates::default();
-        query.asked(|asked| asked.collect(&mut candidates));
+pub(super) fn count(query: Either<'_, '_>) -> usize {
+    let mut candidates = Candidates::default();
+    if query.precise(|asked| asked.collect(&mut candidates)).is_some() {
         return candidates.count;
     }
-    dispatch(query.tree.simd, Counting(query))
+    match query {
+        Either::All(query) => dispatch(query.tree.simd, Counting(query)),
+        Either::Some(query) => {
+            let mut count = 0;
+            // A visitor that never breaks.
+            let _ = for_each_block(&query.keeping(KeepAll), &mut |ids, _, hits| {
+                count += query.keep.kept(ids, hits).count_ones() as usize;
+                ControlFlow::Continue(())
+            });
+            count
+        }
+    }
 }
 
-/// Calls `visit` with all points within the radius, some at a time, until it breaks.
-pub(super) fn for_each_found(query: &Search<'_, KeepAll>, visit: VisitFound<'_>) -> ControlFlow<()> {
+/// Calls `visit` with all blocks that have points within the radius, until it breaks.
+pub(super) fn for_each_block(query: &Search<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
     if query.is_precise() {
-        return query.asked(|asked| asked.for_each_found(visit));
+        return query.asked(|asked| asked.for_each_block(visit));
     }
     dispatch(query.tree.simd, Visiting { query, visit })
 }
@@ -278,7 +288,7 @@ impl Kernel for Counting<'_, '_> {
 
 struct Visiting<'q, 'a, 'v> {
     query: &'q Search<'a, KeepAll>,
-    visit: VisitFound<'v>,
+    visit: VisitBlock<'v>,
 }
 
 impl Kernel for Visiting<'_, '_, '_> {
@@ -286,8 +296,7 @@ impl Kernel for Visiting<'_, '_, '_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
         let q = self.query;
-        let mut sink = Visit::new(self.visit);
-        within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ())?;
-        sink.finish()
+        let mut sink = Visit(self.visit);
+        within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ())
     }
 }

@@ -7,7 +7,7 @@ use super::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
 use super::tree::PointTree;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::primitive::Position;
-use crate::simd::{Lanes, Mask};
+use crate::simd::{LANES, Lanes, Mask};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -224,19 +224,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
 
     /// How many points are within the radius.
     pub fn count(self) -> usize {
-        if !self.finds_something() {
-            return 0;
-        }
-        if !K::ASKS {
-            return compiled::count(&self.search(KeepAll));
-        }
-        let mut count = 0;
-        // A visitor that never breaks.
-        let _ = self.for_each(|_| {
-            count += 1;
-            ControlFlow::Continue(())
-        });
-        count
+        if self.finds_something() { self.run(compiled::count) } else { 0 }
     }
 
     /// Calls `visit` for every point within the radius, in no particular order, until it returns
@@ -259,11 +247,12 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if !self.finds_something() {
             return ControlFlow::Continue(());
         }
-        compiled::for_each_found(&self.search(KeepAll), &mut |ids, distances| {
-            for (&id, &distance_squared) in ids.iter().zip(distances) {
-                if self.keep.keep(id) {
-                    visit(Neighbor { id, distance_squared })?;
-                }
+        compiled::for_each_block(&self.search(KeepAll), &mut |ids, distances, hits| {
+            let mut rest = self.keep.kept(ids, hits);
+            while rest != 0 {
+                let lane = rest.trailing_zeros() as usize % LANES;
+                rest &= rest - 1;
+                visit(Neighbor { id: ids[lane], distance_squared: distances[lane] })?;
             }
             ControlFlow::Continue(())
         })

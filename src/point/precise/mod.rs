@@ -19,7 +19,7 @@ use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
-use super::search::sinks::{Gather, Visit, VisitFound};
+use super::search::sinks::{Gather, Visit, VisitBlock};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
 use super::search::{Keep, KeepAll, NeighborWork};
@@ -113,8 +113,8 @@ impl Asked<'_> {
         dispatch(self.simd, Collecting { asked: self, candidates });
     }
 
-    /// Shows the points within the bound to a visitor, some at a time, whatever is kept.
-    pub(super) fn for_each_found(&self, visit: VisitFound<'_>) -> ControlFlow<()> {
+    /// Shows the blocks with points within the bound to a visitor, whatever is kept.
+    pub(super) fn for_each_block(&self, visit: VisitBlock<'_>) -> ControlFlow<()> {
         dispatch(self.simd, Visiting { asked: self, visit })
     }
 }
@@ -187,7 +187,7 @@ fn gather<S: Simd>(s: S, asked: &Asked<'_>, mut sink: impl Sink<S>) {
 
 struct Visiting<'a, 'b> {
     asked: &'a Asked<'a>,
-    visit: VisitFound<'b>,
+    visit: VisitBlock<'b>,
 }
 
 impl Kernel for Visiting<'_, '_> {
@@ -195,10 +195,10 @@ impl Kernel for Visiting<'_, '_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
         let Visiting { asked, visit } = self;
-        let mut sink = Visit::new(visit);
+        let mut sink = Visit(visit);
         for_each_layer!(asked, view => {
             within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ())?;
         });
-        sink.finish()
+        ControlFlow::Continue(())
     }
 }

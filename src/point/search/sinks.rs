@@ -1,10 +1,10 @@
 //! What is done with the points of a block that lie within a radius: gathered, or shown to a visitor.
 
 use super::Keep;
-use super::candidates::{Candidates, append};
+use super::candidates::Candidates;
 use super::radius::Sink;
 use crate::point::snapshot::Leaves;
-use crate::simd::{LANES, Mask, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd};
 use core::ops::ControlFlow;
 
 /// Appends what is found to candidates.
@@ -24,40 +24,18 @@ impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
     }
 }
 
-/// What is called with ids and squared distances of points within the radius, some at a time.
-pub(in crate::point) type VisitFound<'a> = &'a mut dyn FnMut(&[u32], &[f32]) -> ControlFlow<()>;
+/// What is called with the ids and squared distances of a block, and which lanes of it are within the radius.
+pub(in crate::point) type VisitBlock<'a> = &'a mut dyn FnMut(&Lanes<u32>, &Lanes<f32>, Mask) -> ControlFlow<()>;
 
-/// Hands on what is found. It is gathered first: that takes no branch for each block, nor a call.
-pub(in crate::point) struct Visit<'v> {
-    visit: VisitFound<'v>,
-    ids: [u32; ROOM],
-    distances: [f32; ROOM],
-    count: usize,
-}
-
-/// Room for what is gathered: little, since it is cleared for each query.
-const ROOM: usize = 5 * LANES;
-
-impl<'v> Visit<'v> {
-    #[inline(always)]
-    pub(in crate::point) fn new(visit: VisitFound<'v>) -> Visit<'v> {
-        Visit { visit, ids: [0; ROOM], distances: [0.0; ROOM], count: 0 }
-    }
-
-    /// Hands on what is left.
-    #[inline(always)]
-    pub(in crate::point) fn finish(&mut self) -> ControlFlow<()> {
-        let count = core::mem::take(&mut self.count);
-        (self.visit)(&self.ids[..count], &self.distances[..count])
-    }
-}
+/// Hands blocks on.
+pub(in crate::point) struct Visit<'v>(pub(in crate::point) VisitBlock<'v>);
 
 impl<S: Simd> Sink<S> for Visit<'_> {
-    const TAKES_NONE: bool = true;
+    const TAKES_NONE: bool = false;
     #[inline(always)]
     fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
-        let found = (distance, s.load_u(view.ids(block)));
-        self.count = append(s, &mut self.distances, &mut self.ids, self.count, found, hits);
-        if self.count > ROOM - LANES { self.finish() } else { ControlFlow::Continue(()) }
+        let mut distances = [0.0; LANES];
+        s.store(distance, &mut distances);
+        (self.0)(view.ids(block), &distances, hits)
     }
 }
