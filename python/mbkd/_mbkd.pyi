@@ -13,7 +13,7 @@ _I64 = NDArray[np.int64]
 _Floats = _F32 | _F64
 _Hits = tuple[_F32, _I32, _I64, _F32, _F32]
 _Rays = tuple[_F64, _F32, _F32, _F32, _F32]
-_Columns = tuple[_I64, _I32, _I32, _F32 | None, _F32 | None]
+_Columns = tuple[_I64, _I32, _I32 | None, _F32 | None, _F32 | None]
 
 class Points:
     def __new__(

@@ -388,19 +388,18 @@ class PointTree:
             by_id,
             workers,
         )
-        return NeighborLists(offsets, ids, None if by_id else points, far, ways)
+        return NeighborLists(offsets, ids, points, far if distances else None, ways if displacements else None)
 
     def neighbor_lists_with_skin(
         self, r: float, skin: float, *, time: float = 0.0, until: float = 1.0, workers: int = 1
     ) -> NeighborLists:
-        """Lists with a radius of r + skin, in the order of the tree, and until when they miss no pair within r.
+        """Lists with a radius of r + skin, and until when they miss no pair within r.
 
         From `time` to before `NeighborLists.valid_until` every pair within r is in the lists. That is exact for the motion
         of the points, not a bound on speeds. Looks ahead to `until`, but not beyond the next key.
         """
         made, valid_until = _mbkd.neighbor_lists_with_skin(self._tree, time, r, skin, until, workers)
-        offsets, ids, points, _, _ = made
-        return NeighborLists(offsets, ids, points, valid_until=valid_until)
+        return NeighborLists(made[0], made[1], valid_until=valid_until)
 
     def neighbor_lists_swept(
         self, r: float, between: Sequence[float] = (0.0, 1.0), *, workers: int = 1

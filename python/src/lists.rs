@@ -1,23 +1,28 @@
 //! Neighbour lists of all points, as compressed rows.
 
-use crate::arrays::{slice, table, value_error};
+use crate::arrays::{slice, value_error};
 use crate::points::Points;
 use crate::threads::on;
-use mbkd::point::NeighborColumns;
-use mbkd::{ListError, NeighborCsr, Radii};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
+use mbkd::{NeighborCsr, Radii};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
-use pyo3::intern;
 use pyo3::prelude::*;
+use std::sync::Mutex;
 
 /// Offsets, ids, the points of the rows, and if asked for distances and displacements `(m, 3)`.
 type Columns<'py> = (
     Bound<'py, PyArray1<i64>>,
-    Bound<'py, PyAny>,
-    Bound<'py, PyAny>,
+    Bound<'py, PyArray1<i32>>,
+    Option<Bound<'py, PyArray1<i32>>>,
     Option<Bound<'py, PyArray1<f32>>>,
     Option<Bound<'py, PyArray2<f32>>>,
 );
+
+/// Memory of the last lists, for the next ones: new memory would cost as much time as the lists.
+static MEMORY: Mutex<Option<NeighborCsr>> = Mutex::new(None);
+
+/// More than this is given back.
+const MOST_KEPT: usize = 1 << 29;
 
 /// The lists of all points at a time. `radii` has one element, or one for each point; then two points are neighbours where
 /// either is within the radius of the other if `larger`, and each lists what is within its own otherwise.
@@ -44,24 +49,16 @@ pub fn neighbor_lists<'py>(
         own if larger => Radii::Larger { own, others: own },
         own => Radii::Own(own),
     };
-    let lists = on(py, workers, || {
-        let mut query = points.tree.neighbor_lists(time, radii);
-        query = if pairs_once { query.pairs_once() } else { query };
-        query = if distances { query.with_distances() } else { query };
-        query = if displacements { query.with_displacements() } else { query };
-        query = if sorted { query.sorted() } else { query };
-        query = if by_id { query.rows_by_id() } else { query };
-        if let Some(among) = among {
-            query = query.among(&among.tree);
-        }
-        if let Some(periods) = &points.periods {
-            query = query.periodic(periods.for_lists());
-        }
-        let mut lists = NeighborCsr::new();
-        query.run(&mut lists).map(|()| NeighborColumns::from(lists))
-    })?
-    .map_err(value_error)?;
-    columns(py, lists)
+    let mut query = points.tree.neighbor_lists(time, radii);
+    query = if pairs_once { query.pairs_once() } else { query };
+    query = if distances { query.with_distances() } else { query };
+    query = if displacements { query.with_displacements() } else { query };
+    query = if sorted { query.sorted() } else { query };
+    query = among.map_or(query, |among| query.among(&among.tree));
+    query = points.periods.as_ref().map_or(query, |periods| query.periodic(periods.for_lists()));
+    let mut lists = memory();
+    on(py, workers, || query.run(&mut lists))?.map_err(value_error)?;
+    hand_over(py, lists, by_id.then_some(points.tree.len()), workers)
 }
 
 /// The lists at a time with a radius and a skin, and until when they hold every pair within the radius.
@@ -78,26 +75,125 @@ pub fn neighbor_lists_with_skin<'py>(
     if points.periods.is_some() {
         return Err(PyValueError::new_err("lists with a skin are not for periodic boxes"));
     }
-    let made = on(py, workers, || {
-        let mut lists = NeighborCsr::new();
-        let valid_until = points.tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists)?;
-        Ok::<_, ListError>((NeighborColumns::from(lists), valid_until))
-    })?;
-    let (lists, valid_until) = made.map_err(value_error)?;
-    Ok((columns(py, lists)?, valid_until))
+    let mut lists = memory();
+    let made = on(py, workers, || points.tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists))?;
+    let valid_until = made.map_err(value_error)?;
+    Ok((hand_over(py, lists, Some(points.tree.len()), workers)?, valid_until))
 }
 
-/// Hands the columns over to numpy.
-fn columns(py: Python<'_>, lists: NeighborColumns) -> PyResult<Columns<'_>> {
-    let NeighborColumns { offsets, points, ids, mut distances_squared, displacements } = lists;
+/// That of the last lists, unless another thread has it.
+fn memory() -> NeighborCsr {
+    MEMORY.lock().ok().and_then(|mut kept| kept.take()).unwrap_or_default()
+}
+
+/// Copies lists into arrays of their size and keeps their memory: row i is that of point i of so many, or the rows are in
+/// the order in which they were made.
+fn hand_over(py: Python<'_>, lists: NeighborCsr, points: Option<usize>, workers: isize) -> PyResult<Columns<'_>> {
+    let rows: Vec<u32> = match points {
+        None => (0..lists.len() as u32).collect(),
+        Some(points) => {
+            let mut rows = vec![ABSENT; points];
+            (0..).zip(lists.points()).for_each(|(row, &point)| rows[point as usize] = row);
+            rows
+        }
+    };
+    let from = lists.offsets();
+    let length = |row: u32| if row == ABSENT { 0 } else { from[row as usize + 1] - from[row as usize] };
+    let mut offsets = Vec::with_capacity(rows.len() + 1);
+    offsets.push(0);
+    let mut end = 0;
+    for &row in &rows {
+        end += length(row);
+        offsets.push(end as i64);
+    }
+    let order = Order { rows: &rows, from, to: &offsets };
     // Signed, as numpy and scipy count; no tree here has more than 2^31 points.
-    let signed = |ids: Vec<u32>| ids.into_pyarray(py).call_method1(intern!(py, "view"), (intern!(py, "int32"),));
-    let offsets: Vec<i64> = offsets.into_iter().map(|end| end as i64).collect();
-    distances_squared.iter_mut().for_each(|d| *d = d.sqrt());
-    let asked = |column: &Vec<f32>| column.len() == ids.len();
-    let distances = asked(&distances_squared).then(|| distances_squared.into_pyarray(py));
-    let [x, y, z] = &displacements;
-    let ways = asked(x).then(|| x.iter().zip(y).zip(z).flat_map(|((&x, &y), &z)| [x, y, z]).collect());
-    let ways = ways.map(|ways| table(py, ways, 3)).transpose()?;
-    Ok((offsets.into_pyarray(py), signed(ids)?, signed(points)?, distances, ways))
+    let ids = filled(py, workers, &order, end, |at, to: &mut [i32]| {
+        to.iter_mut().zip(&lists.ids()[at..]).for_each(|(to, &id)| *to = id as i32);
+    })?;
+    let (squares, ways) = (lists.distances_squared(), lists.displacements());
+    let distances = (!squares.is_empty() || end == 0).then(|| {
+        filled(py, workers, &order, squares.len(), |at, to: &mut [f32]| {
+            to.iter_mut().zip(&squares[at..]).for_each(|(to, square)| *to = square.sqrt());
+        })
+    });
+    let displacements = (!ways[0].is_empty() || end == 0).then(|| {
+        let array = PyArray2::zeros(py, [end, 3], false);
+        let mut all = array.try_readwrite().map_err(value_error)?;
+        let all = all.as_slice_mut().map_err(value_error)?.as_chunks_mut().0;
+        on(py, workers, || {
+            order.fill(all, &|at, to: &mut [[f32; 3]]| {
+                let there = ways.map(|column| &column[at..at + to.len()]);
+                to.iter_mut().enumerate().for_each(|(i, to)| *to = there.map(|column| column[i]));
+            });
+        })?;
+        Ok::<_, PyErr>(array)
+    });
+    let made_for = points.is_none().then(|| lists.points().iter().map(|&point| point as i32).collect::<Vec<_>>());
+    let columns = (
+        offsets.into_pyarray(py),
+        ids,
+        made_for.map(|points| points.into_pyarray(py)),
+        distances.transpose()?,
+        displacements.transpose()?,
+    );
+    if lists.bytes() <= MOST_KEPT
+        && let Ok(mut kept) = MEMORY.lock()
+    {
+        *kept = Some(lists);
+    }
+    Ok(columns)
+}
+
+/// An array that `copy` fills row by row.
+fn filled<'py, T: Element + Send>(
+    py: Python<'py>,
+    workers: isize,
+    order: &Order<'_>,
+    length: usize,
+    copy: impl Fn(usize, &mut [T]) + Sync,
+) -> PyResult<Bound<'py, PyArray1<T>>> {
+    // An array of numpy's own, since it asks for large pages.
+    let array = PyArray1::zeros(py, [length], false);
+    let mut all = array.try_readwrite().map_err(value_error)?;
+    let all = all.as_slice_mut().map_err(value_error)?;
+    on(py, workers, || order.fill(all, &copy))?;
+    Ok(array)
+}
+
+/// The row of a point that does not exist.
+const ABSENT: u32 = u32::MAX;
+
+/// Rows that one task copies.
+const SHARE: usize = 4096;
+
+/// Which row comes from where.
+#[derive(Clone, Copy)]
+struct Order<'a> {
+    /// By new row.
+    rows: &'a [u32],
+    from: &'a [usize],
+    to: &'a [i64],
+}
+
+impl Order<'_> {
+    /// Fills the elements of these rows, halves at the same time: `copy(at, to)` copies from there on.
+    fn fill<T: Send>(self, to: &mut [T], copy: &(impl Fn(usize, &mut [T]) + Sync)) {
+        if self.rows.len() > SHARE {
+            let half = self.rows.len() / 2;
+            let (left, right) = self.rows.split_at(half);
+            let (to_left, to_right) = to.split_at_mut((self.to[half] - self.to[0]) as usize);
+            rayon::join(
+                || Order { rows: left, to: &self.to[..=half], ..self }.fill(to_left, copy),
+                || Order { rows: right, to: &self.to[half..], ..self }.fill(to_right, copy),
+            );
+            return;
+        }
+        for (&row, ends) in self.rows.iter().zip(self.to.windows(2)) {
+            if row != ABSENT {
+                let [begin, end] = [ends[0], ends[1]].map(|end| (end - self.to[0]) as usize);
+                copy(self.from[row as usize], &mut to[begin..end]);
+            }
+        }
+    }
 }

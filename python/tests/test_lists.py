@@ -79,7 +79,7 @@ def test_lists_with_a_skin_miss_nothing_until_they_say():
     tree = PointTree(OPEN, keys=CLOSE)
     lists = tree.neighbor_lists_with_skin(0.1, 0.05, time=0.25)
     assert 0.25 < lists.valid_until < 1
-    listed = {(int(p), int(j)) for p, row in zip(lists.points, lists) for j in row}
+    listed = {(int(p), int(j)) for p, row in enumerate(lists) for j in row}
     for time in np.linspace(0.25, np.nextafter(np.float32(lists.valid_until), np.float32(0)), 20):
         assert set(map(tuple, tree.query_pairs(0.1, time=time).tolist())) <= listed
     assert 0 < certified_duration(0.1, 0.05, 2.0) <= 0.0125

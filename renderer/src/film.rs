@@ -1,7 +1,8 @@
 //! The picture: sums of samples, tone mapping, and files.
 //!
 //! Everything up to the bytes of a PNG is additions, products, quotients and roots, which IEEE 754 fixes:
-//! the same seed gives the same file on every machine.
+//! the same seed gives the same file on every machine. Sums are whole numbers of a small unit, so that samples
+//! may be taken in any order and on any number of machines.
 
 use mbkd::glam::Vec3;
 use std::fs::File;
@@ -9,28 +10,64 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::sync::LazyLock;
 
+/// Light in which sums are counted: a billionth of white.
+const UNIT: f64 = 1.0 / (1u32 << 30) as f64;
+
+/// The brightest sample that counts as it is. 65 536 samples of it still fit into a sum.
+const BRIGHTEST: f64 = 65_536.0;
+
 /// Sums of radiance per pixel, top row first.
-#[derive(Clone)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Film {
     /// Pixels across.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Sums over the samples taken so far.
-    pub sums: Vec<Vec3>,
+    /// Sums over the samples taken so far, red, green and blue, in units.
+    pub(crate) sums: Vec<[i64; 3]>,
     /// How many samples each pixel has.
-    pub samples: Vec<u32>,
+    pub(crate) samples: Vec<u32>,
+}
+
+/// A sample in units. NaN is no light.
+pub(crate) fn in_units(light: Vec3) -> [i64; 3] {
+    light.to_array().map(|x| (f64::from(x).clamp(-BRIGHTEST, BRIGHTEST) / UNIT) as i64)
 }
 
 impl Film {
     /// A black film.
     pub fn new(width: usize, height: usize) -> Film {
-        Film { width, height, sums: vec![Vec3::ZERO; width * height], samples: vec![0; width * height] }
+        Film { width, height, sums: vec![[0; 3]; width * height], samples: vec![0; width * height] }
+    }
+
+    /// Adds so many samples of a pixel, whose sum is `light`.
+    pub fn add(&mut self, pixel: usize, light: Vec3, samples: u32) {
+        self.add_units(pixel, in_units(light), samples);
+    }
+
+    /// The same, in units.
+    pub(crate) fn add_units(&mut self, pixel: usize, sum: [i64; 3], samples: u32) {
+        (0..3).for_each(|i| self.sums[pixel][i] += sum[i]);
+        self.samples[pixel] += samples;
+    }
+
+    /// Gives pixels without a sample those of the first pixel of their square, `edge` pixels wide. Returns how many
+    /// pixels still have none.
+    pub(crate) fn fill_squares(&mut self, edge: usize) -> usize {
+        for pixel in 0..self.samples.len() {
+            let (x, y) = (pixel % self.width, pixel / self.width);
+            let first = (y - y % edge) * self.width + x - x % edge;
+            if self.samples[pixel] == 0 {
+                (self.sums[pixel], self.samples[pixel]) = (self.sums[first], self.samples[first]);
+            }
+        }
+        self.samples.iter().filter(|&&n| n == 0).count()
     }
 
     /// The mean radiance of each pixel.
     pub fn linear(&self) -> Vec<Vec3> {
-        self.sums.iter().zip(&self.samples).map(|(sum, &n)| *sum / n.max(1) as f32).collect()
+        let mean = |(sum, &n): (&[i64; 3], &u32)| sum.map(|x| (x as f64 * UNIT / f64::from(n.max(1))) as f32);
+        self.sums.iter().zip(&self.samples).map(|pixel| Vec3::from(mean(pixel))).collect()
     }
 
     /// The picture as 8-bit sRGB.
@@ -89,7 +126,7 @@ impl Picture {
 pub fn save_linear(film: &Film, path: &Path) -> Result<(), String> {
     let linear = film.linear();
     let bytes = match path.extension() {
-        Some(kind) if kind.eq_ignore_ascii_case("exr") => crate::exr::file(film.width, film.height, &linear),
+        Some(kind) if kind.eq_ignore_ascii_case("exr") => crate::exr::picture(film.width, film.height, &linear),
         _ => pfm(film.width, film.height, &linear),
     };
     std::fs::write(path, bytes).map_err(|e| format!("{}: {e}", path.display()))

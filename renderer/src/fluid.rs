@@ -64,8 +64,7 @@ pub fn expose(drops: &[Drop], radius: f32, tank: &Tank, shot: Shot) -> Result<Ph
         focus: None,
         sky: Sky { sun_radius: 0.08, exposure: 0.72, ..Sky::studio(Vec3::new(-0.5, 1.0, 0.65)) },
     };
-    let job =
-        Job { width: shot.width, height: shot.height, samples: shot.samples, bounces: 1, seed: 1, shutter: (0.0, 1.0) };
+    let job = Job { seed: 1, ..Job::new(shot.width, shot.height, shot.samples) };
     let world = World::build(&stage.things, &BuildParams::default()).map_err(|e| e.to_string())?;
     let (film, _) = render(&world, &stage, &job, &AtomicBool::new(false), &ProgressBar::hidden());
     Ok(Photo(film.developed(stage.sky.exposure)))

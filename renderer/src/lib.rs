@@ -2,10 +2,12 @@
 //!
 //! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene
 //! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
-//! `sampling`, `sky` and `materials`, and at last `film` (pictures and files), `heatmap` or `animation`.
+//! `sampling`, `sky` and `materials`, and at last `film` (pictures and files), `parts` (files of parts of a picture, and
+//! merging them), `heatmap` or `animation`. `farm` prints the commands of parts.
 
 mod animation;
 mod exr;
+mod farm;
 pub mod film;
 pub mod fluid;
 pub mod font;
@@ -13,6 +15,7 @@ mod heatmap;
 mod integrator;
 mod materials;
 mod options;
+mod parts;
 mod readers;
 mod render;
 pub mod sampling;
@@ -29,8 +32,9 @@ use clap::Parser;
 use film::{Film, save_linear};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mbkd::{BuildParams, Policy};
-use options::{Heat, Options, policy_name};
-use render::{Cost, Job, render};
+use options::{Command, Heat, Options, policy_name};
+use parts::Part;
+use render::{Cost, Job, SQUARE, render};
 use stage::Stage;
 use staging::Source;
 use std::io::Write;
@@ -53,11 +57,22 @@ pub fn main() -> ExitCode {
 }
 
 fn run(options: &Options) -> Result<(), String> {
+    if let Some(Command::Merge { parts, output }) = &options.command {
+        return merge(parts, &outputs(output)?);
+    }
+    farm::check(options)?;
+    if let Some(parts) = options.list_commands {
+        farm::commands(options, parts, std::env::args()).iter().for_each(|line| say(line));
+        return Ok(());
+    }
     if let Some(threads) = options.threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize);
         pool.build_global().map_err(|e| format!("cannot start {threads} threads: {e}"))?;
     }
-    let outputs = outputs(options)?;
+    let outputs = outputs(&options.output)?;
+    if farm::is_part(options) && outputs.iter().any(|path| !is(path, "exr")) {
+        return Err("parts of pictures are written as .exr: say where to with -o".into());
+    }
     let stop = stop_on_interrupt()?;
     match (options.heatmap, options.frames) {
         (Some(kind), _) => heat(options, kind, &outputs, &stop),
@@ -68,11 +83,10 @@ fn run(options: &Options) -> Result<(), String> {
 }
 
 /// The files to write, after looking at their extensions before any work is done.
-fn outputs(options: &Options) -> Result<Vec<PathBuf>, String> {
-    let outputs = if options.output.is_empty() { vec!["motion_blur.png".into()] } else { options.output.clone() };
+fn outputs(wanted: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
+    let outputs = if wanted.is_empty() { vec!["motion_blur.png".into()] } else { wanted.to_vec() };
     for path in &outputs {
-        let known = ["png", "exr", "pfm"].iter().any(|e| path.extension().is_some_and(|p| p.eq_ignore_ascii_case(e)));
-        if !known {
+        if !["png", "exr", "pfm"].iter().any(|kind| is(path, kind)) {
             return Err(format!("{}: pictures are written as .png, .exr or .pfm", path.display()));
         }
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -101,20 +115,30 @@ fn picture(options: &Options, outputs: &[PathBuf], stop: &AtomicBool) -> Result<
     let stage = Source::open(options)?.stage(options, 0, 1)?;
     let world = build(&stage, options.policy)?;
     let film = expose(&world, &stage, &job(options), stop)?;
-    for path in outputs {
-        save(&film, &stage, path)?;
-    }
-    Ok(())
+    outputs.iter().try_for_each(|path| save(&film, stage.sky.exposure, &job(options), options, path))
 }
 
-/// A sequence of pictures. A procedural scene has one shutter, which its frames divide among them; a model is posed
-/// for each frame.
+/// The picture that parts make up.
+fn merge(parts: &[PathBuf], outputs: &[PathBuf]) -> Result<(), String> {
+    let named = |path: &PathBuf| Ok((path.display().to_string(), Part::open(path)?));
+    let parts = parts.iter().map(named).collect::<Result<Vec<_>, String>>()?;
+    let (film, whole) = parts::merge(&parts)?;
+    let [width, height] = whole.size;
+    say(&format!("{} parts: {width} x {height} pixels with {} samples each", parts.len(), whole.samples));
+    outputs.iter().try_for_each(|path| save_whole(&film, whole.exposure, path))
+}
+
+/// A sequence of pictures, or one of its frames. A procedural scene has one shutter, which its frames divide among them; a
+/// model is posed for each frame.
 fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
     let source = Source::open(options)?;
     let gif = outputs[0].with_extension("gif");
-    let mut animation = Animation::begin(gif.clone(), source.duration(options, frames)? / f64::from(frames));
+    let mut animation = match options.frame {
+        None => Some(Animation::begin(gif.clone(), source.duration(options, frames)? / f64::from(frames))),
+        Some(_) => None,
+    };
     let mut made: Option<(Stage, World)> = None;
-    for frame in 0..frames {
+    for frame in options.frame.map_or(0..frames, |frame| frame..frame + 1) {
         let (stage, world) = match (made.take(), &source) {
             (Some(made), Source::Scene) => made,
             _ => {
@@ -130,17 +154,20 @@ fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBo
         }
         say(&format!("frame {} of {frames}", frame + 1));
         let film = expose(&world, &stage, &job, stop)?;
-        animation.add(&film.developed(stage.sky.exposure))?;
+        if let Some(animation) = &mut animation {
+            animation.add(&film.developed(stage.sky.exposure))?;
+        }
         for path in outputs {
-            save(&film, &stage, &numbered(path, frame))?;
+            save(&film, stage.sky.exposure, &job, options, &numbered(path, frame))?;
         }
         if stop.load(Ordering::Relaxed) {
             break;
         }
         made = Some((stage, world));
     }
-    drop(animation);
-    say(&format!("wrote {}", gif.display()));
+    if animation.take().is_some() {
+        say(&format!("wrote {}", gif.display()));
+    }
     Ok(())
 }
 
@@ -174,14 +201,23 @@ fn heat(options: &Options, kind: Heat, outputs: &[PathBuf], stop: &AtomicBool) -
 fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Result<Film, String> {
     let bar = bar(job.steps());
     let begin = Instant::now();
-    let (film, cost) = render(world, stage, job, stop, &bar);
+    let (mut film, cost) = render(world, stage, job, stop, &bar);
     let spent = begin.elapsed();
     bar.finish_and_clear();
-    if film.samples.contains(&0) {
-        return Err("interrupted before every pixel had a sample: no picture is written".into());
-    }
     if stop.load(Ordering::Relaxed) {
-        say("interrupted: writing what is done");
+        farm::whole_part(job, &film)?;
+        let all = film.samples.len();
+        let sampled = film.samples.iter().filter(|&&n| n > 0).count();
+        if film.fill_squares(SQUARE) > 0 {
+            return Err("interrupted before there was anything to show: no picture is written".into());
+        }
+        say(&match sampled == all {
+            true => "interrupted: writing what is done; it has fewer samples than asked for".to_string(),
+            false => format!(
+                "interrupted in the first pass: writing a coarse picture, in which {:.0} % of the pixels show a neighbour",
+                100.0 * (all - sampled) as f64 / all as f64
+            ),
+        });
     }
     report(&cost, spent);
     Ok(film)
@@ -207,13 +243,13 @@ fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
 }
 
 fn job(options: &Options) -> Job {
+    let whole = Job::new(options.width as usize, options.height as usize, options.spp);
     Job {
-        width: options.width as usize,
-        height: options.height as usize,
-        samples: options.spp,
         bounces: options.bounces,
         seed: options.seed,
-        shutter: (0.0, 1.0),
+        taken: options.samples.unwrap_or(whole.taken),
+        region: options.tile.unwrap_or(whole.region),
+        ..whole
     }
 }
 
@@ -230,6 +266,11 @@ pub fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 
+/// Prints a line that asks for attention, apart from the others.
+fn warn(line: &str) {
+    let _ = writeln!(std::io::stderr(), "warning: {line}");
+}
+
 /// Speed, and work per ray.
 fn report(cost: &Cost, spent: Duration) {
     let counted = cost.counted_rays.max(1) as f64;
@@ -244,13 +285,28 @@ fn report(cost: &Cost, spent: Duration) {
 }
 
 fn is_png(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    is(path, "png")
+}
+
+/// Whether the name of a file ends so.
+fn is(path: &Path, kind: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(kind))
+}
+
+/// Writes a picture or a part of one, and says so.
+fn save(film: &Film, exposure: f32, job: &Job, options: &Options, path: &Path) -> Result<(), String> {
+    if !farm::is_part(options) {
+        return save_whole(film, exposure, path);
+    }
+    Part::new(job, film.clone(), exposure, farm::about(options)).save(path)?;
+    say(&format!("wrote {}: samples {} to {} of {}", path.display(), job.taken.0, job.taken.1, job.samples));
+    Ok(())
 }
 
 /// Writes a picture in the format its name asks for, and says so.
-fn save(film: &Film, stage: &Stage, path: &Path) -> Result<(), String> {
+fn save_whole(film: &Film, exposure: f32, path: &Path) -> Result<(), String> {
     if is_png(path) {
-        film.developed(stage.sky.exposure).save(path)?;
+        film.developed(exposure).save(path)?;
     } else {
         save_linear(film, path)?;
     }

@@ -1,6 +1,7 @@
 //! The command line.
 
-use clap::{Parser, ValueEnum};
+use crate::exr::Region;
+use clap::{Parser, Subcommand, ValueEnum};
 use mbkd::glam::Vec3;
 use mbkd::{KdParams, Policy};
 use mbkd_scenes::{CATALOGUE, Camera, View};
@@ -9,9 +10,13 @@ use std::path::PathBuf;
 /// Renders things that move with motion blur, through a tree that knows the time of every ray.
 ///
 /// Without arguments: a hall with a running figure, to motion_blur.png, in less than a minute.
-#[derive(Parser, Debug)]
-#[command(name = "motion_blur", after_help = EXAMPLES, max_term_width = 100)]
+#[derive(Parser, Clone, Debug)]
+#[command(name = "motion_blur", after_help = EXAMPLES, max_term_width = 100, args_conflicts_with_subcommands = true)]
 pub struct Options {
+    /// Something else than rendering.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+
     /// What to render: flake (spheres) or one of the scenes listed below
     #[arg(long, default_value = "hall", value_parser = scene_name, help_heading = "What to see", conflicts_with = "mesh")]
     pub scene: String,
@@ -37,9 +42,9 @@ pub struct Options {
     /// How long the shutter is open [default: 1/24 s; with --frames half a frame]
     #[arg(long, requires = "mesh", conflicts_with = "scene", value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub shutter: Option<f64>,
-    /// At how many times inside the shutter poses are computed; motion is linear between them
-    #[arg(long, default_value_t = 5, requires = "mesh", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
-    pub keys: u32,
+    /// At how many times inside the shutter poses are computed; motion is linear between them [default: 5]
+    #[arg(long, requires = "mesh", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
+    pub keys: Option<u32>,
 
     /// Eye and target at the camera's keys: x,y,z:x,y,z[;x,y,z:x,y,z...]; several make it move during the shutter
     #[arg(long, value_name = "KEYS", value_parser = camera_keys, help_heading = "Camera", allow_hyphen_values = true)]
@@ -47,12 +52,12 @@ pub struct Options {
     /// Vertical angle of view in degrees
     #[arg(long, value_name = "DEGREES", value_parser = angle, help_heading = "Camera")]
     pub fov: Option<f32>,
-    /// For files: direction of the camera around the vertical, degrees
-    #[arg(long, default_value_t = 30.0, requires = "mesh", conflicts_with = "scene", value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
-    pub azimuth: f32,
-    /// For files: height of the camera, degrees above the horizon
-    #[arg(long, default_value_t = 12.0, requires = "mesh", conflicts_with = "scene", value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
-    pub elevation: f32,
+    /// For files: direction of the camera around the vertical, degrees [default: 30]
+    #[arg(long, requires = "mesh", conflicts_with_all = ["scene", "camera_keys"], value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
+    pub azimuth: Option<f32>,
+    /// For files: height of the camera, degrees above the horizon [default: 12]
+    #[arg(long, requires = "mesh", conflicts_with_all = ["scene", "camera_keys"], value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
+    pub elevation: Option<f32>,
     /// Radius of the lens in scene units; 0 is a pinhole
     #[arg(long, default_value_t = 0.0, value_parser = not_negative, allow_hyphen_values = true, help_heading = "Camera")]
     pub aperture: f32,
@@ -91,11 +96,25 @@ pub struct Options {
     #[arg(long, conflicts_with_all = ["time", "heatmap", "compare"], value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), help_heading = "Picture")]
     pub frames: Option<u32>,
     /// Draw what camera rays cost instead of what they see
-    #[arg(long, help_heading = "Picture")]
+    #[arg(long, help_heading = "Picture", conflicts_with_all = LIGHT)]
     pub heatmap: Option<Heat>,
     /// Heat maps of these policies side by side, on one scale
-    #[arg(long, value_name = "POLICY,POLICY", value_delimiter = ',', value_parser = policy, num_args = 1.., help_heading = "Picture")]
+    #[arg(long, conflicts_with_all = LIGHT, conflicts_with = "policy", value_name = "POLICY,POLICY", value_delimiter = ',', value_parser = policy, num_args = 1.., help_heading = "Picture")]
     pub compare: Vec<Policy>,
+
+    /// Only this frame of --frames, counted from 0
+    #[arg(long, requires = "frames", value_name = "K", help_heading = "Farms")]
+    pub frame: Option<u32>,
+    /// Only these samples of --spp, from A to before B: an .exr to be merged
+    #[arg(long, value_name = "A..B", value_parser = range, conflicts_with_all = ["heatmap", "compare"], help_heading = "Farms")]
+    pub samples: Option<(u32, u32)>,
+    /// Only these pixels (column, row, columns, rows): an .exr to be merged
+    #[arg(long, value_name = "X,Y,W,H", value_parser = tile, conflicts_with_all = ["heatmap", "compare"], help_heading = "Farms")]
+    pub tile: Option<Region>,
+    /// Print commands that do the work in parts, one a line, instead of doing it: the frames of --frames, or N parts of a
+    /// picture [default: 4] and, as the last line, their merge
+    #[arg(long, num_args = 0..=1, default_missing_value = "4", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536), conflicts_with_all = ["heatmap", "compare", "frame", "samples", "tile"], help_heading = "Farms")]
+    pub list_commands: Option<u32>,
 
     /// What kind of tree to build: wide (the engine, default), mbkd (the paper's) or classic-kd
     #[arg(long, value_parser = policy, help_heading = "Engine")]
@@ -103,6 +122,23 @@ pub struct Options {
     /// Threads to use; all by default
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1024), help_heading = "Engine")]
     pub threads: Option<u32>,
+}
+
+/// What heat maps do not look at.
+const LIGHT: [&str; 5] = ["sun", "sun_radius", "exposure", "bounces", "frames"];
+
+/// Something else than rendering.
+#[derive(Subcommand, Clone, Debug)]
+pub enum Command {
+    /// Merge parts that were rendered with --samples or --tile: the same file as if it were rendered in one go
+    Merge {
+        /// The parts: all of one picture
+        #[arg(required = true, value_name = "PART.exr")]
+        parts: Vec<PathBuf>,
+        /// Where to: .png, or linear light as .exr or .pfm; may be given several times
+        #[arg(short, long, value_name = "FILE")]
+        output: Vec<PathBuf>,
+    },
 }
 
 const EXAMPLES: &str = "\
@@ -121,7 +157,10 @@ Examples:
   motion_blur --mesh run_20.obj run_21.obj --up x
   motion_blur --mesh robot.glb --clip Robot_Running --time 0.4 --shutter 0.05
   motion_blur --scene hall --heatmap steps --compare mbkd,classic-kd
-  motion_blur --mesh robot.glb --clip Robot_Dance --frames 24 -o dance.png";
+  motion_blur --mesh robot.glb --clip Robot_Dance --frames 24 -o dance.png
+  motion_blur --scene hairball --spp 256 --list-commands 8 -o hair.png
+  motion_blur --spp 256 --samples 0..64 --tile 0,0,480,540 -o part.exr
+  motion_blur merge part*.exr -o whole.png";
 
 /// Kinds of heat maps.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -207,6 +246,19 @@ fn count(text: &str) -> Result<Count, String> {
     }
 }
 
+fn range(text: &str) -> Result<(u32, u32), String> {
+    let ends = text.split_once("..").and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    ends.filter(|(a, b)| a < b).ok_or_else(|| "two numbers A..B, the first less than the second".into())
+}
+
+fn tile(text: &str) -> Result<Region, String> {
+    let numbers: Option<Vec<usize>> = text.split(',').map(|x| x.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, width @ 1..=16384, height @ 1..=16384]) => Ok(Region { x, y, width, height }),
+        _ => Err("column, row, columns and rows: X,Y,W,H".into()),
+    }
+}
+
 fn finite(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "a finite number".into())
 }
@@ -281,6 +333,15 @@ mod tests {
             ("x --mesh a.obj --triangles 100", "--triangles"),
             ("x --frames 3 --heatmap steps", "--heatmap"),
             ("x --scene hall --mesh a.obj", "--mesh"),
+            ("x --heatmap steps --exposure 2", "--exposure"),
+            ("x --compare mbkd,wide --bounces 2", "--bounces"),
+            ("x --compare mbkd,wide --policy wide", "--policy"),
+            ("x --mesh a.obj --camera-keys 1,2,3:0,0,0 --azimuth 3", "--azimuth"),
+            ("x --frame 3", "--frames"),
+            ("x --samples 4..4", "A..B"),
+            ("x --tile 0,0,0,5", "X,Y,W,H"),
+            ("x --list-commands --samples 0..1", "--samples"),
+            ("x merge", "PART.exr"),
         ] {
             let error = parse(line).unwrap_err();
             assert!(error.contains(word), "{line}: {error}");

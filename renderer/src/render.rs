@@ -1,17 +1,17 @@
 //! The loop over tiles: parallel, interruptible, and with the same result for any number of threads.
 //!
-//! A pixel's samples depend on its number and the seed alone, and are added in order by whoever works on its
-//! tile. Several passes over the picture take a part of the samples each, so that an interrupted picture is
-//! complete and merely noisier.
+//! A pixel's samples depend on its number and the seed alone, and their sum is the same in any order. Several passes over
+//! the picture take a part of the samples each, so that an interrupted picture is complete and merely noisier; the first
+//! takes one sample of one pixel in sixteen, so that there is something to show at once.
 
-use crate::film::Film;
+use crate::exr::Region;
+use crate::film::{Film, in_units};
 use crate::integrator::{camera_ray, radiance};
 use crate::sampling::Sampler;
 use crate::stage::Stage;
 use crate::world::World;
 use indicatif::ProgressBar;
 use mbkd::Counters;
-use mbkd::glam::Vec3;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Mutex;
@@ -19,8 +19,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
-/// Passes over the picture.
+/// Passes over the picture behind the first sample.
 const PASSES: u32 = 4;
+/// Edge of the squares of which the first pass takes one pixel.
+pub const SQUARE: usize = 4;
 
 /// How to render a picture.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +39,23 @@ pub struct Job {
     pub seed: u64,
     /// The part of the shutter that is open.
     pub shutter: (f32, f32),
+    /// Which of the samples are taken: from the first number to before the second.
+    pub taken: (u32, u32),
+    /// Which pixels are rendered.
+    pub region: Region,
+}
+
+/// Pixels and samples that are rendered in one go.
+struct Pass {
+    samples: Range<u32>,
+    /// Whether the pass takes the first pixels of squares, or the others; all if not said.
+    firsts: Option<bool>,
+}
+
+impl Pass {
+    fn takes(&self, x: usize, y: usize) -> bool {
+        self.firsts.is_none_or(|firsts| firsts == (x.is_multiple_of(SQUARE) && y.is_multiple_of(SQUARE)))
+    }
 }
 
 /// What a picture cost.
@@ -59,20 +78,36 @@ impl Cost {
 }
 
 impl Job {
+    /// A whole picture with one bounce, over the whole shutter.
+    pub fn new(width: usize, height: usize, samples: u32) -> Job {
+        let region = Region { x: 0, y: 0, width, height };
+        Job { width, height, samples, bounces: 1, seed: 0, shutter: (0.0, 1.0), taken: (0, samples), region }
+    }
+
     /// Number of steps that `render` reports to the progress bar.
     pub fn steps(&self) -> u64 {
-        (self.tiles() as u64) * u64::from(PASSES.min(self.samples))
+        (self.tiles() * self.passes().len()) as u64
+    }
+
+    fn passes(&self) -> Vec<Pass> {
+        let (begin, end) = self.taken;
+        let rest = end.saturating_sub(begin + 1);
+        let parts = PASSES.min(rest);
+        let at = |part: u32| begin + 1 + (u64::from(rest) * u64::from(part) / u64::from(parts.max(1))) as u32;
+        let first = |firsts: bool| Pass { samples: begin..end.min(begin + 1), firsts: Some(firsts) };
+        let others = (0..parts).map(|part| Pass { samples: at(part)..at(part + 1), firsts: None });
+        [first(true), first(false)].into_iter().chain(others).collect()
     }
 
     fn tiles(&self) -> usize {
-        self.width.div_ceil(TILE) * self.height.div_ceil(TILE)
+        self.region.width.div_ceil(TILE) * self.region.height.div_ceil(TILE)
     }
 
-    /// The pixels of a tile: columns and rows.
+    /// The pixels of a tile: columns and rows of the region.
     fn tile(&self, tile: usize) -> (Range<usize>, Range<usize>) {
-        let across = self.width.div_ceil(TILE);
+        let across = self.region.width.div_ceil(TILE);
         let (x, y) = (tile % across * TILE, tile / across * TILE);
-        (x..(x + TILE).min(self.width), y..(y + TILE).min(self.height))
+        (x..(x + TILE).min(self.region.width), y..(y + TILE).min(self.region.height))
     }
 
     /// The ray of one sample of a pixel, with what is left of its random numbers.
@@ -88,12 +123,11 @@ impl Job {
     }
 }
 
-/// Renders until done or until `stop` is set; what is done by then is in the film.
+/// Renders until done or until `stop` is set; what is done by then is in the film, which is that of the region.
 pub fn render(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool, bar: &ProgressBar) -> (Film, Cost) {
-    let film = Mutex::new((Film::new(job.width, job.height), Cost::default()));
-    let passes = PASSES.min(job.samples);
-    for pass in 0..passes {
-        let samples = job.samples * pass / passes..job.samples * (pass + 1) / passes;
+    let region = job.region;
+    let film = Mutex::new((Film::new(region.width, region.height), Cost::default()));
+    for pass in job.passes() {
         (0..job.tiles()).into_par_iter().for_each(|tile| {
             if stop.load(Ordering::Relaxed) {
                 return;
@@ -101,19 +135,13 @@ pub fn render(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool, bar: &
             let (columns, rows) = job.tile(tile);
             let mut cost = Cost::default();
             let mut sums = Vec::with_capacity(TILE * TILE);
-            for y in rows.clone() {
-                for x in columns.clone() {
-                    sums.push(pixel(world, stage, job, (x, y), samples.clone(), &mut cost));
-                }
+            for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))).filter(|&(x, y)| pass.takes(x, y)) {
+                let at = (region.x + x, region.y + y);
+                sums.push((y * region.width + x, pixel(world, stage, job, at, pass.samples.clone(), &mut cost)));
             }
-            let mut sums = sums.into_iter();
             let (film, total) = &mut *film.lock().unwrap_or_else(|e| e.into_inner());
-            for y in rows {
-                for x in columns.clone() {
-                    let at = y * job.width + x;
-                    film.sums[at] += sums.next().unwrap_or(Vec3::ZERO);
-                    film.samples[at] += samples.len() as u32;
-                }
+            for (at, sum) in sums {
+                film.add_units(at, sum, pass.samples.len() as u32);
             }
             total.add(&cost);
             bar.inc(1);
@@ -122,7 +150,7 @@ pub fn render(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool, bar: &
     film.into_inner().unwrap_or_else(|e| e.into_inner())
 }
 
-/// The sum of some samples of a pixel.
+/// The sum of some samples of a pixel, in the film's units.
 fn pixel(
     world: &World,
     stage: &Stage,
@@ -130,8 +158,8 @@ fn pixel(
     (x, y): (usize, usize),
     samples: Range<u32>,
     cost: &mut Cost,
-) -> Vec3 {
-    let mut sum = Vec3::ZERO;
+) -> [i64; 3] {
+    let mut sum = [0; 3];
     for sample in samples {
         let (ray, mut sampler) = job.ray(stage, x, y, sample);
         let (light, rays) = if sample == 0 {
@@ -141,7 +169,8 @@ fn pixel(
         } else {
             radiance(world, stage, ray, job.bounces, &mut sampler, &mut ())
         };
-        sum += light;
+        let light = in_units(light);
+        (0..3).for_each(|i| sum[i] += light[i]);
         cost.rays += u64::from(rays);
     }
     sum

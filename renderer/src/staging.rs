@@ -7,6 +7,7 @@ use crate::sampling::cos_sin_f64;
 use crate::sky::Sky;
 use crate::smooth::Normals;
 use crate::stage::{Stage, Things};
+use crate::{say, warn};
 use mbkd::TriangleMesh;
 use mbkd::glam::{Vec3, Vec3Swizzles};
 use mbkd_scenes::{Camera, flake};
@@ -43,6 +44,9 @@ impl Source {
             return Ok(Source::Scene);
         }
         let model = Model::open(&options.mesh).map_err(|e| e.to_string())?;
+        if options.clip.is_some() && !model.has_clips() {
+            return Err("--clip has no part: only glTF files have clips".into());
+        }
         let mut bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
         let looks = if options.frames.is_some() { 16 } else { 1 };
         for i in 0..looks {
@@ -60,8 +64,10 @@ impl Source {
         let mut stage = match self {
             Source::Scene => scene(options)?,
             Source::Model(model, bounds) => {
-                let pose = pose(options, model, window(options, model, frame, frames)?)?;
-                posed(options, pose, *bounds)
+                let window = window(options, model, frame, frames)?;
+                let pose = pose(options, model, window)?;
+                describe(options, model, window, &pose)?;
+                posed(options, pose, *bounds)?
             }
         };
         adjust(&mut stage, options);
@@ -80,15 +86,29 @@ impl Source {
     }
 }
 
+/// Poses of a shutter unless something else is asked for.
+const KEYS: u32 = 5;
+
 /// When the shutter of a frame is open. A sequence divides its clip evenly and keeps the shutter open half of
 /// the time; a single picture is taken in the middle of the clip for a 24th of a second.
 fn window(options: &Options, model: &Model, frame: u32, frames: u32) -> Result<Option<Window>, String> {
-    let Some((first, last)) = model.span(options.clip.as_deref()).map_err(|e| e.to_string())? else {
-        return Ok(None);
+    let span = model.span(options.clip.as_deref()).map_err(|e| e.to_string())?;
+    let as_they_are = frames == 1 && model.is_list_of_keys() && options.time.is_none() && options.shutter.is_none();
+    let Some((first, last)) = span.filter(|_| !as_they_are) else {
+        let asked = [
+            ("--time", options.time.is_some()),
+            ("--shutter", options.shutter.is_some()),
+            ("--keys", options.keys.is_some()),
+            ("--frames", options.frames.is_some()),
+        ];
+        return match asked.into_iter().find(|(_, given)| *given) {
+            Some((option, _)) if as_they_are => {
+                Err(format!("{option} has no part: the files are the keys of the shutter"))
+            }
+            Some((option, _)) => Err(format!("{option} has no part: nothing in the file is animated")),
+            None => Ok(None),
+        };
     };
-    if frames == 1 && model.is_list_of_keys() && options.time.is_none() && options.shutter.is_none() {
-        return Ok(None);
-    }
     let step = (last - first) / f64::from(frames);
     let (middle, length) = match frames {
         1 => (options.time.unwrap_or(0.5 * (first + last)), 1.0 / 24.0),
@@ -101,13 +121,40 @@ fn window(options: &Options, model: &Model, frame: u32, frames: u32) -> Result<O
     Ok(Some(Window { open: middle - half, close: middle + half }))
 }
 
+/// Says when the shutter is open, and warns if nothing moves then.
+fn describe(options: &Options, model: &Model, window: Option<Window>, pose: &Pose) -> Result<(), String> {
+    let clip = options.clip.as_deref();
+    let span = model.span(clip).map_err(|e| e.to_string())?;
+    let Some(Window { open, close }) = window else {
+        if model.is_list_of_keys() {
+            say(&format!("the shutter is open over all {} files", model.frame_times().len()));
+        }
+        return Ok(());
+    };
+    let name =
+        model.clip_name(clip).map_err(|e| e.to_string())?.map(|name| format!("clip {name}")).unwrap_or("clip".into());
+    let (first, last) = span.unwrap_or_default();
+    say(&format!(
+        "{name} plays from {first:.4} s to {last:.4} s: the shutter is open from {open:.4} s to {close:.4} s, {} keys",
+        options.keys.unwrap_or(KEYS)
+    ));
+    let still = |keys: &Vec<Vec<Vec3>>| keys.windows(2).all(|pair| pair[0] == pair[1]);
+    let view =
+        |camera: &Camera| camera.keys.windows(2).all(|pair| format!("{:?}", pair[0]) == format!("{:?}", pair[1]));
+    if pose.parts.iter().all(|part| still(&part.keys)) && pose.camera.as_ref().is_none_or(view) {
+        warn("nothing moves while the shutter is open");
+    }
+    Ok(())
+}
+
 /// The model's keys in a window; all frames as they are if there is none.
 fn pose(options: &Options, model: &Model, window: Option<Window>) -> Result<Pose, String> {
     let clip = options.clip.as_deref();
     let times: Vec<f64> = match window {
         Some(Window { open, close }) => {
-            let step = (close - open) / f64::from(options.keys.max(2) - 1);
-            (0..options.keys).map(|key| open + step * f64::from(key)).collect()
+            let keys = options.keys.unwrap_or(KEYS);
+            let step = (close - open) / f64::from(keys.max(2) - 1);
+            (0..keys).map(|key| open + step * f64::from(key)).collect()
         }
         None => model.frame_times(),
     };
@@ -124,7 +171,7 @@ fn upright(up: Axis, p: Vec3) -> Vec3 {
 }
 
 /// A posed model on a floor, in even light.
-fn posed(options: &Options, pose: Pose, bounds: Bounds) -> Stage {
+fn posed(options: &Options, pose: Pose, bounds: Bounds) -> Result<Stage, String> {
     let (mut meshes, mut surfaces) = (Vec::new(), Vec::new());
     for part in pose.parts {
         let keys: Vec<Vec<Vec3>> =
@@ -141,10 +188,14 @@ fn posed(options: &Options, pose: Pose, bounds: Bounds) -> Stage {
     }
     let aspect = options.width as f32 / options.height as f32;
     let own = pose.camera.filter(|_| matches!(options.up, Axis::Y));
-    let camera = own.unwrap_or_else(|| frame_box(bounds, options.azimuth, options.elevation, aspect));
+    if own.is_some() && (options.azimuth.is_some() || options.elevation.is_some()) {
+        return Err("the file has a camera of its own: --azimuth and --elevation have no part".into());
+    }
+    let (azimuth, elevation) = (options.azimuth.unwrap_or(30.0), options.elevation.unwrap_or(12.0));
+    let camera = own.unwrap_or_else(|| frame_box(bounds, azimuth, elevation, aspect));
     let name = options.mesh[0].file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let sky = Sky::studio(Vec3::new(-0.55, 0.75, 0.55));
-    Stage { name, things: Things::meshes(meshes, surfaces), camera, aperture: 0.0, focus: None, sky }
+    Ok(Stage { name, things: Things::meshes(meshes, surfaces), camera, aperture: 0.0, focus: None, sky })
 }
 
 /// Two triangles under a box, far beyond its sides.

@@ -1,9 +1,11 @@
 //! Whole pictures whose light can be computed by hand, and the promise that a seed fixes the file.
 
 use crate::animation::Animation;
-use crate::film::{Film, save_linear};
+use crate::exr::Region;
+use crate::film::{Film, in_units, save_linear};
 use crate::materials::Surface;
-use crate::render::{Job, render};
+use crate::parts::{Part, merge};
+use crate::render::{Job, SQUARE, render};
 use crate::sky::Sky;
 use crate::stage::{Stage, Things};
 use crate::staging::scene_of;
@@ -20,7 +22,7 @@ fn exposed(stage: &Stage, policy: Policy, job: &Job) -> Film {
 }
 
 fn job(width: usize, height: usize, samples: u32) -> Job {
-    Job { width, height, samples, bounces: 1, seed: 3, shutter: (0.0, 1.0) }
+    Job { seed: 3, ..Job::new(width, height, samples) }
 }
 
 /// A white surround of radiance 1, without a sun.
@@ -131,6 +133,65 @@ fn a_seed_gives_the_same_file_on_any_number_of_threads() {
 }
 
 #[test]
+fn merged_parts_are_the_picture_bit_for_bit() {
+    let stage = scene_of("tornado", Some(3000)).unwrap();
+    let whole = Job { bounces: 2, ..job(37, 22, 7) };
+    let single = exposed(&stage, Policy::default(), &whole);
+    let region = |x, y, width, height| Region { x, y, width, height };
+    let part = |taken, region| {
+        let job = Job { taken, region, ..whole };
+        Part::new(&job, exposed(&stage, Policy::default(), &job), 1.5, "tornado".into())
+    };
+    let all = whole.region;
+    let (left, right) = (region(0, 0, 17, 22), region(17, 0, 20, 22));
+    let parts = [part((3, 7), all), part((0, 1), all), part((1, 3), left), part((1, 2), right), part((2, 3), right)];
+    let folder = std::env::temp_dir().join(format!("mbkd_parts_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let mut read = Vec::new();
+    for (number, part) in parts.iter().enumerate() {
+        let path = folder.join(format!("{number}.exr"));
+        part.save(&path).unwrap();
+        assert_eq!(Part::open(&path).unwrap(), *part);
+        read.push((number.to_string(), Part::open(&path).unwrap()));
+    }
+    let (merged, about) = merge(&read).unwrap();
+    assert_eq!((merged.clone(), about.exposure), (single.clone(), 1.5));
+    for kind in ["exr", "pfm"] {
+        save_linear(&single, &folder.join("single").with_extension(kind)).unwrap();
+        save_linear(&merged, &folder.join("merged").with_extension(kind)).unwrap();
+        let bytes = |name: &str| std::fs::read(folder.join(name).with_extension(kind)).unwrap();
+        assert_eq!(bytes("single"), bytes("merged"));
+    }
+    assert!(Part::open(&folder.join("single.exr")).unwrap_err().contains("whole picture"));
+    assert_eq!(merged.developed(1.5).pixels, single.developed(1.5).pixels);
+
+    // What is missing, there twice, or of another picture is said.
+    let error = |parts: &[(String, Part)]| merge(parts).unwrap_err();
+    assert!(error(&read[..4]).contains("440 pixels, the first in column 17 and row 0"), "{}", error(&read[..4]));
+    assert!(error(&[&read[..], &read[3..4]].concat()).contains("3 and 3 have the same samples"));
+    read[2].1.whole.about = "hall".into();
+    assert!(error(&read).contains("0 and 2 are not parts of the same picture"));
+    assert!(error(&[]).contains("no parts"));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn an_interrupted_first_pass_leaves_a_coarse_picture() {
+    // What the first pass leaves if it is interrupted after every square has its first pixel.
+    let stage = scene_of("hall", Some(3000)).unwrap();
+    let full = exposed(&stage, Policy::default(), &job(22, 13, 1));
+    let mut coarse = full.clone();
+    let square = |pixel: usize| (pixel / 22 - pixel / 22 % SQUARE) * 22 + pixel % 22 - pixel % 22 % SQUARE;
+    for pixel in (0..22 * 13).filter(|&pixel| square(pixel) != pixel) {
+        (coarse.sums[pixel], coarse.samples[pixel]) = ([0; 3], 0);
+    }
+    assert_eq!(coarse.fill_squares(SQUARE), 0);
+    let (full, coarse) = (full.linear(), coarse.linear());
+    assert!((0..22 * 13).all(|pixel| coarse[pixel] == full[square(pixel)]));
+    assert_eq!(Film::new(5, 5).fill_squares(SQUARE), 25, "nothing to show");
+}
+
+#[test]
 fn an_interrupt_keeps_what_is_done() {
     let stage = stage(square(&[Vec3::ZERO]), 0.3, furnace(), front());
     let world = World::build(&stage.things, &BuildParams::default()).unwrap();
@@ -139,7 +200,7 @@ fn an_interrupt_keeps_what_is_done() {
     assert!(cost.rays == 0 && film.samples.iter().all(|&n| n == 0));
     // A film that has only some of its samples is as bright as a whole one.
     let mut film = exposed(&stage, Policy::default(), &job(20, 20, 4));
-    film.sums[7] = Vec3::splat(0.6);
+    film.sums[7] = in_units(Vec3::splat(0.6));
     film.samples[7] = 2;
     assert!(film.linear().iter().all(|c| (c.x - 0.3).abs() < 1e-5));
 }

@@ -55,9 +55,7 @@ pub use gather::{
     VisiblePoint, VisiblePoints,
 };
 pub use iter::WithinIter;
-pub use lists::{
-    BulkQuery, Encounter, EncounterLists, ListError, ListQuery, NeighborColumns, NeighborCsr, Radii, certified_duration,
-};
+pub use lists::{BulkQuery, Encounter, EncounterLists, ListError, ListQuery, NeighborCsr, Radii, certified_duration};
 pub use neighbor::Neighbor;
 pub use query::{NeighborBuffer, NeighborQuery};
 pub use search::{KeepAll, KeepIf, NeighborWork};

@@ -14,20 +14,16 @@
 
 use super::triangles::Triangles;
 use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval, ULP};
-use glam::Vec3;
+use core::ops::{Range, RangeInclusive};
+use glam::{Vec3, Vec3A};
 
 impl Triangles {
     /// Bounds over an interval; `keys` is the number of keys, more than two.
     pub(super) fn bent_bounds(&self, id: u32, keys: usize, over: TimeInterval) -> LinearBox3 {
+        let [a, b, c] = self.vertices(id);
         let window = Window::new(over, keys);
-        let mut bounds = LinearBox3::EMPTY;
-        let mut magnitude = Vec3::ZERO;
-        for vertex in self.vertices(id) {
-            let (tube, size) = window.tube(self.keys_of_vertex(vertex, keys));
-            bounds = bounds.union(tube);
-            magnitude = magnitude.max(size);
-        }
-        let magnitude = magnitude.max_element();
+        let corners = [self.keys_of_vertex(a, keys), self.keys_of_vertex(b, keys), self.keys_of_vertex(c, keys)];
+        let (bounds, magnitude) = window.bounds(corners);
         let pad = 2.0 * Triangles::slack(keys, magnitude) + 16.0 * ULP * magnitude;
         let mut bounds = LinearBox3 { begin: bounds.begin.pad(pad), end: bounds.end.pad(pad) };
         if bounds.begin == bounds.end {
@@ -38,44 +34,90 @@ impl Triangles {
     }
 }
 
-/// The keys at and around which a vertex is during an interval.
+/// The keys at and around which a motion is during an interval.
 struct Window {
     begin: KeyTime,
     end: KeyTime,
-    /// The interval in segments.
+    /// The keys strictly inside.
+    inner: Range<usize>,
+    /// The keys of the segments that are met, and of those next to them: the times of queries are rounded.
+    around: RangeInclusive<usize>,
+    /// Where the interval begins, in segments, and what part of it a segment is.
     first: f64,
     per_segment: f64,
 }
 
 impl Window {
     fn new(over: TimeInterval, keys: usize) -> Window {
+        let (begin, end) = (KeyTime::new(over.begin(), keys), KeyTime::new(over.end(), keys));
         let segments = (keys - 1) as f64;
         let (first, last) = (f64::from(over.begin()) * segments, f64::from(over.end()) * segments);
-        let per_segment = if last > first { 1.0 / (last - first) } else { 0.0 };
-        Window { begin: KeyTime::new(over.begin(), keys), end: KeyTime::new(over.end(), keys), first, per_segment }
+        Window {
+            inner: first as usize + 1..(last.ceil() as usize).max(first as usize + 1),
+            around: begin.segment.saturating_sub(1)..=(end.segment + 2).min(keys - 1),
+            per_segment: if last > first { 1.0 / (last - first) } else { 0.0 },
+            begin,
+            end,
+            first,
+        }
     }
 
-    /// Where a vertex is held between both ends, and the largest coordinates at the keys.
-    fn tube(&self, keys: &[Vec3]) -> (LinearBox3, Vec3) {
-        let (low, high) = (self.begin.segment, self.end.segment + 1);
-        let begin = self.begin.position(keys[low], keys[low + 1]);
-        let end = self.end.position(keys[high - 1], keys[high]);
-        let way = end - begin;
-        let (mut below, mut above) = (Vec3::ZERO, Vec3::ZERO);
-        // The segments next to these too: the times of queries are rounded.
-        let (around, until) = (low.saturating_sub(1), (high + 1).min(keys.len() - 1));
-        let mut size = Vec3::ZERO;
-        for (key, &place) in keys[around..=until].iter().enumerate() {
-            size = size.max(place.abs());
-            let w = ((around + key) as f64 - self.first) * self.per_segment;
-            if 0.0 < w && w < 1.0 {
-                let off = place - (begin + way * w as f32);
-                below = below.min(off);
-                above = above.max(off);
-            }
+    /// Bounds of three vertices, not padded, and the largest coordinate at the keys around the interval.
+    #[inline(always)]
+    fn bounds(&self, [a, b, c]: [&[Vec3]; 3]) -> (LinearBox3, f32) {
+        let mut tubes = [Tube::new(self, a), Tube::new(self, b), Tube::new(self, c)];
+        let of = |keys: &'_ [Vec3]| -> Range<usize> { self.inner.start..self.inner.end.min(keys.len()) };
+        let inner = a[of(a)].iter().zip(&b[of(b)]).zip(&c[of(c)]);
+        for (key, ((&a, &b), &c)) in (self.inner.start..).zip(inner) {
+            let w = ((key as f64 - self.first) * self.per_segment) as f32;
+            tubes[0].include(a, w);
+            tubes[1].include(b, w);
+            tubes[2].include(c, w);
         }
-        let at = |place: Vec3| Box3 { min: place + below, max: place + above };
-        (LinearBox3 { begin: at(begin), end: at(end) }, size)
+        // The keys between were looked at.
+        let mut size = tubes[0].size.max(tubes[1].size).max(tubes[2].size);
+        for key in self.around.clone().filter(|key| !self.inner.contains(key)) {
+            size = size.max(a[key].abs().max(b[key].abs()).max(c[key].abs()).into());
+        }
+        let [a, b, c] = [tubes[0].bounds(), tubes[1].bounds(), tubes[2].bounds()];
+        (a.union(b).union(c), size.max_element())
+    }
+}
+
+/// What holds a vertex: the line between its places at both ends, moved down and up.
+struct Tube {
+    begin: Vec3A,
+    way: Vec3A,
+    end: Vec3A,
+    below: Vec3A,
+    above: Vec3A,
+    /// The largest coordinates that were included.
+    size: Vec3A,
+}
+
+impl Tube {
+    #[inline(always)]
+    fn new(window: &Window, keys: &[Vec3]) -> Tube {
+        let (low, high) = (window.begin.segment, window.end.segment);
+        let begin = Vec3A::from(window.begin.position(keys[low], keys[low + 1]));
+        let end = Vec3A::from(window.end.position(keys[high], keys[high + 1]));
+        Tube { begin, way: end - begin, end, below: Vec3A::ZERO, above: Vec3A::ZERO, size: Vec3A::ZERO }
+    }
+
+    /// Includes the place at a key, at a fraction of the interval.
+    #[inline(always)]
+    fn include(&mut self, place: Vec3, w: f32) {
+        let place = Vec3A::from(place);
+        let off = place - (self.begin + self.way * w);
+        self.below = self.below.min(off);
+        self.above = self.above.max(off);
+        self.size = self.size.max(place.abs());
+    }
+
+    #[inline(always)]
+    fn bounds(&self) -> LinearBox3 {
+        let at = |place: Vec3A| Box3 { min: (place + self.below).into(), max: (place + self.above).into() };
+        LinearBox3 { begin: at(self.begin), end: at(self.end) }
     }
 }
 
@@ -111,8 +153,7 @@ mod tests {
                 };
                 let bounds = set.bounds(0, over);
                 let window = Window::new(over, keys);
-                let size = set.vertices(0).map(|v| window.tube(set.keys_of_vertex(v, keys)).1.max_element());
-                let size = size.into_iter().fold(0.0, f32::max);
+                let size = window.bounds(set.vertices(0).map(|v| set.keys_of_vertex(v, keys))).1;
                 let off = f64::from(part * (2.0 * Triangles::slack(keys, size) + 16.0 * ULP * size));
                 for i in 0..200 {
                     let key = (i / 3 % keys) as f32 / (keys - 1) as f32;

@@ -145,8 +145,7 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
         .collect();
     for (pixel, [all, caustic]) in rows.into_iter().flatten().enumerate() {
         for (film, light) in [(&mut pictures.all, all), (&mut pictures.caustic, caustic)] {
-            film.sums[pixel] += light;
-            film.samples[pixel] += samples;
+            film.add(pixel, light, samples);
         }
     }
     pictures.passes += 1;

@@ -120,8 +120,7 @@ impl Progressive {
         let mut pictures = Pictures::new(settings);
         for (pixel, state) in self.pixels.iter().enumerate() {
             let area = PI * state.radius * state.radius * self.photon_passes.max(1) as f32;
-            pictures.all.sums[pixel] = self.direct[pixel] / self.rounds.max(1) as f32 + state.flux / area;
-            pictures.all.samples[pixel] = 1;
+            pictures.all.add(pixel, self.direct[pixel] / self.rounds.max(1) as f32 + state.flux / area, 1);
         }
         pictures.passes = self.rounds;
         pictures

@@ -157,6 +157,19 @@ impl Model {
         }
     }
 
+    /// Whether the model may have several animations.
+    pub fn has_clips(&self) -> bool {
+        matches!(self, Model::Gltf(_))
+    }
+
+    /// The name of a clip, if it has one.
+    pub fn clip_name(&self, clip: Option<&str>) -> Result<Option<&str>, ReadError> {
+        match self {
+            Model::Gltf(model) => model.clip_name(clip),
+            Model::Sequence(_) => Ok(None),
+        }
+    }
+
     /// The times of the frames of a sequence; one time for a model that is posed by clips.
     pub fn frame_times(&self) -> Vec<f64> {
         match self {

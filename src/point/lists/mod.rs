@@ -35,7 +35,7 @@ mod torus;
 mod worker;
 
 pub use bulk::BulkQuery;
-pub use csr::{NeighborColumns, NeighborCsr};
+pub use csr::NeighborCsr;
 pub use error::ListError;
 pub use query::ListQuery;
 pub use radii::Radii;

@@ -112,6 +112,11 @@ impl GltfModel {
         }
     }
 
+    /// The name of a clip, if it has one.
+    pub fn clip_name(&self, clip: Option<&str>) -> Result<Option<&str>, ReadError> {
+        Ok(self.clip(clip)?.map(|clip| clip.name.as_str()).filter(|name| !name.is_empty()))
+    }
+
     /// Where a clip begins and ends.
     pub fn span(&self, clip: Option<&str>) -> Result<Option<(f64, f64)>, ReadError> {
         Ok(self.clip(clip)?.map(|clip| clip.span).filter(|(first, last)| first < last))
