@@ -32,6 +32,7 @@
 //! | `layout` | [`Policy::Wide`] (the engine): nodes, leaf blocks, writing them; validation and figures of both trees |
 //! | `traverse` | the way through a layout, whatever is asked |
 //! | `ray` | [`RayTree`]: rays and nearest points, the watertight triangle test, queries, batches |
+//! | `instance` | [`InstanceTree`]: trees placed many times, moving |
 //! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
 //! | `motion` | public names: what moves and how |
 //! | `baseline` | brute force, the reference for everything |
@@ -54,6 +55,7 @@ pub mod baseline;
 mod bvh;
 mod error;
 mod geometry;
+pub mod instance;
 mod layout;
 mod limits;
 mod mbkd;
@@ -72,6 +74,10 @@ mod tuning;
 pub use error::{BuildError, IntervalError};
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
+pub use instance::{
+    Instance, InstanceError, InstanceHit, InstanceOf, InstancePath, InstanceStatistics, InstanceTree, MAX_NESTING,
+    Pose, Transform,
+};
 pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, KdParams, Policy, WideParams};

@@ -162,7 +162,7 @@ impl<P: Primitive> WideSource for Shapes<P> {
 }
 
 /// Writes a list of ids.
-fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {
+pub(crate) fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {
     arena.align();
     let at = arena.grow(ids.len());
     arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);

@@ -19,6 +19,7 @@ mod leaf_block;
 mod leaf_ids;
 mod leaf_index;
 mod leaf_lanes;
+mod root_bounds;
 mod serialize;
 mod statistics;
 mod tree_box;
@@ -30,7 +31,7 @@ mod write;
 
 pub use kd_validate::ValidationError;
 pub(crate) use keyed_leaf::KeyedLeaf;
-pub(crate) use leaf_block::WideSource;
+pub(crate) use leaf_block::{WideSource, write_list};
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;

@@ -7,6 +7,7 @@
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
+use crate::simd::LANES;
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
 
@@ -101,6 +102,8 @@ pub struct SurfacePoint {
 
 /// A set of primitives in tree space, as builders and queries see it.
 pub(crate) trait PrimitiveSet: Send + Sync {
+    /// The most primitives that the wide layout puts into one leaf block.
+    const PER_LEAF: usize = LANES;
     /// Number of primitives; ids run from 0.
     fn len(&self) -> usize;
     /// When a primitive exists.

@@ -46,3 +46,4 @@ pub use observer::{Counters, Observer};
 pub use ray_tree::{Geometry, RayTree};
 pub(crate) use tree_ray::TreeRay;
 pub use visit::TreePrimitive;
+pub(crate) use wide_traversal::Slabs;

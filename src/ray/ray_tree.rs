@@ -5,6 +5,7 @@ use super::compiled::{Guards, Layout, Queries, Target};
 use super::intersect::RaySource;
 use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
+use crate::geometry::{Frame, LinearBounds};
 use crate::layout::{Statistics, TreeBox, ValidationError, WideTree};
 use crate::mbkd::build_kd;
 use crate::params::{BuildParams, Policy};
@@ -271,6 +272,20 @@ impl<G: Geometry> RayTree<G> {
         {
             tree.boxes(time, *self.geometry.frame(), &mut visitor);
         }
+    }
+
+    /// Linear bounds of all there is over the shutter, in world space and as wide as queries see them.
+    pub(crate) fn linear_bounds(&self) -> LinearBounds {
+        let swept = LinearBounds::fixed(self.geometry.frame().bounds);
+        match &self.layout {
+            Layout::Wide(tree) => tree.linear_bounds(self.geometry.frame()).unwrap_or(swept),
+            Layout::Kd(_) => swept,
+        }
+    }
+
+    /// The map between world and tree space.
+    pub(crate) fn frame(&self) -> &Frame {
+        self.geometry.frame()
     }
 
     /// The tree with its queries on another instruction set of this CPU, for tests and measurements. Answers do not

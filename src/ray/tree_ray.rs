@@ -90,6 +90,14 @@ impl TreeRay {
         Some(TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir))
     }
 
+    /// A ray with more slack than what rounding takes, in tree space.
+    pub fn with_slack(ray: &Ray, frame: &Frame, more: f32) -> Option<TreeRay> {
+        let mut of = TreeRay::new(ray, frame)?;
+        of.slack += more;
+        of.pad = of.inverse.abs() * of.slack;
+        Some(of)
+    }
+
     /// The same for rays of any kind.
     #[cold]
     #[inline(never)]
@@ -197,7 +205,7 @@ impl TreeRay {
     /// A distance in tree space beyond which no answer is as near as `t`, up to the rounding of a distance, for which
     /// there is slack.
     #[inline(always)]
-    fn reach(&self, t: f32) -> f32 {
+    pub fn reach(&self, t: f32) -> f32 {
         (f64::from(t.next_up()) * inverse_of_power(self.t_scale) - self.advance) as f32
     }
 

@@ -31,7 +31,7 @@ use core::ops::ControlFlow;
 use glam::Vec3A;
 
 /// A ray as the slab test wants it, per axis.
-struct Slabs {
+pub(crate) struct Slabs {
     /// Words from an axis' pair of rows to that of the near faces: none, or a row where the ray goes backward.
     near: [usize; 3],
     inverse: Vec3A,
@@ -47,7 +47,7 @@ struct Slabs {
 
 impl Slabs {
     #[inline(always)]
-    fn new(ray: &TreeRay) -> Slabs {
+    pub fn new(ray: &TreeRay) -> Slabs {
         let inverse = ray.inverse;
         let at_origin = -Vec3A::from(ray.origin) * inverse + ray.behind;
         let pad = ray.pad;
@@ -66,6 +66,34 @@ impl Slabs {
     #[inline(always)]
     fn limit(&self, limit: f32) -> f32 {
         limit + self.shift
+    }
+
+    /// The same as a key of boxes: distances below zero were stored as zero.
+    #[inline(always)]
+    pub fn key(&self, limit: f32) -> f32 {
+        self.limit(limit).max(0.0)
+    }
+
+    /// The boxes of a node that the ray meets no farther away than `reach`, and where.
+    #[inline(always)]
+    pub fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, reach: f32) -> (Mask, S::F) {
+        let time = s.splat(self.time);
+        // Written out: closures would be compiled without the instruction set.
+        let near = [
+            face_distance::<S, ROWS, 0>(s, block, self.near[0], time, self.inverse.x, self.near_offset.x),
+            face_distance::<S, ROWS, 1>(s, block, self.near[1], time, self.inverse.y, self.near_offset.y),
+            face_distance::<S, ROWS, 2>(s, block, self.near[2], time, self.inverse.z, self.near_offset.z),
+        ];
+        let far = [
+            face_distance::<S, ROWS, 0>(s, block, self.near[0] ^ LANES, time, self.inverse.x, self.far_offset.x),
+            face_distance::<S, ROWS, 1>(s, block, self.near[1] ^ LANES, time, self.inverse.y, self.far_offset.y),
+            face_distance::<S, ROWS, 2>(s, block, self.near[2] ^ LANES, time, self.inverse.z, self.far_offset.z),
+        ];
+        // All that count are above zero, where integers order like numbers.
+        let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(self.begin)));
+        let limit = s.splat(self.limit(reach));
+        let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
+        (s.le_signed(enter, leave), enter)
     }
 }
 
@@ -146,30 +174,12 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
 
     #[inline(always)]
     fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
-        let slabs = &self.forms.slabs;
-        let time = s.splat(slabs.time);
-        // Written out: closures would be compiled without the instruction set.
-        let near = [
-            face_distance::<S, ROWS, 0>(s, block, slabs.near[0], time, slabs.inverse.x, slabs.near_offset.x),
-            face_distance::<S, ROWS, 1>(s, block, slabs.near[1], time, slabs.inverse.y, slabs.near_offset.y),
-            face_distance::<S, ROWS, 2>(s, block, slabs.near[2], time, slabs.inverse.z, slabs.near_offset.z),
-        ];
-        let far = [
-            face_distance::<S, ROWS, 0>(s, block, slabs.near[0] ^ LANES, time, slabs.inverse.x, slabs.far_offset.x),
-            face_distance::<S, ROWS, 1>(s, block, slabs.near[1] ^ LANES, time, slabs.inverse.y, slabs.far_offset.y),
-            face_distance::<S, ROWS, 2>(s, block, slabs.near[2] ^ LANES, time, slabs.inverse.z, slabs.far_offset.z),
-        ];
-        // All that count are above zero, where integers order like numbers.
-        let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(slabs.begin)));
-        let limit = s.splat(slabs.limit(self.collect.reach()));
-        let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
-        (s.le_signed(enter, leave), enter)
+        self.forms.slabs.enter::<S, ROWS>(s, block, self.collect.reach())
     }
 
     #[inline(always)]
     fn limit(&self) -> f32 {
-        // Distances below zero were stored as zero.
-        self.forms.slabs.limit(self.collect.reach()).max(0.0)
+        self.forms.slabs.key(self.collect.reach())
     }
 
     #[inline(always)]

@@ -127,9 +127,10 @@ fn presplit_pays<S: PrimitiveSet>(set: &S, references: &[Reference], slice: Time
 fn draft_with<S: PrimitiveSet>(set: &S, mut references: Vec<Reference>, slice: TimeSlice, presplit: bool) -> Draft {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
-    let binary = build_binary(&mut references, BINARY_LEAF, kinds);
+    let [stop, crowded] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
+    let binary = build_binary(&mut references, stop..=crowded, kinds);
     let collapse = Collapse::new(&binary, COST_MODEL, |node| {
-        if node.count as usize > COST_MODEL.most {
+        if node.count as usize > S::PER_LEAF {
             return None;
         }
         let block = &references[node.first as usize..][..node.count as usize];

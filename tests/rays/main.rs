@@ -7,6 +7,7 @@ mod closest_point;
 mod common;
 mod golden;
 mod hairball;
+mod instances;
 mod keys;
 mod metamorphic;
 mod mixed;

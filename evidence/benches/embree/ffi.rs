@@ -11,7 +11,7 @@
 
 use glam::Vec3;
 use libloading::Library;
-use mbkd::{Hit, Ray, glam};
+use mbkd::{Hit, Pose, Ray, Transform, glam};
 use std::borrow::Cow;
 use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use std::mem::{offset_of, size_of};
@@ -23,10 +23,12 @@ pub const PACKET: usize = 16;
 
 const INVALID_ID: c_uint = c_uint::MAX;
 const GEOMETRY_TYPE_TRIANGLE: c_int = 0;
+const GEOMETRY_TYPE_INSTANCE: c_int = 121;
 const BUFFER_TYPE_INDEX: c_int = 0;
 const BUFFER_TYPE_VERTEX: c_int = 1;
 const FORMAT_UINT3: c_int = 0x5003;
 const FORMAT_FLOAT3: c_int = 0x9003;
+const FORMAT_FLOAT3X4_COLUMN_MAJOR: c_int = 0x9234;
 const SCENE_FLAG_ROBUST: c_int = 1 << 2;
 const DEVICE_PROPERTY_VERSION: c_int = 0;
 
@@ -161,6 +163,30 @@ impl Context3 {
     }
 }
 
+/// `RTCQuaternionDecomposition`.
+#[repr(C, align(16))]
+struct Decomposition {
+    scale: [f32; 3],
+    skew: [f32; 3],
+    shift: [f32; 3],
+    /// The real part first.
+    quaternion: [f32; 4],
+    translation: [f32; 3],
+}
+
+impl From<&Pose> for Decomposition {
+    fn from(pose: &Pose) -> Decomposition {
+        let [i, j, k, r] = pose.rotation.as_quat().to_array();
+        Decomposition {
+            scale: pose.scale.as_vec3().to_array(),
+            skew: [0.0; 3],
+            shift: [0.0; 3],
+            quaternion: [r, i, j, k],
+            translation: pose.translation.as_vec3().to_array(),
+        }
+    }
+}
+
 type Handle = *mut c_void;
 type MemoryMonitor = unsafe extern "C" fn(*mut c_void, isize, bool) -> bool;
 
@@ -197,6 +223,9 @@ struct Functions {
     new_scene: unsafe extern "C" fn(Handle) -> Handle,
     set_scene_flags: unsafe extern "C" fn(Handle, c_int),
     attach_geometry_by_id: unsafe extern "C" fn(Handle, Handle, c_uint),
+    set_instanced_scene: unsafe extern "C" fn(Handle, Handle),
+    set_transform: unsafe extern "C" fn(Handle, c_uint, c_int, *const c_void),
+    set_transform_quaternion: unsafe extern "C" fn(Handle, c_uint, *const Decomposition),
     commit_scene: unsafe extern "C" fn(Handle),
     release_scene: unsafe extern "C" fn(Handle),
 }
@@ -258,6 +287,9 @@ impl Embree {
                 new_scene: symbol(l, "rtcNewScene")?,
                 set_scene_flags: symbol(l, "rtcSetSceneFlags")?,
                 attach_geometry_by_id: symbol(l, "rtcAttachGeometryByID")?,
+                set_instanced_scene: symbol(l, "rtcSetGeometryInstancedScene")?,
+                set_transform: symbol(l, "rtcSetGeometryTransform")?,
+                set_transform_quaternion: symbol(l, "rtcSetGeometryTransformQuaternion")?,
                 commit_scene: symbol(l, "rtcCommitScene")?,
                 release_scene: symbol(l, "rtcReleaseScene")?,
             }
@@ -415,6 +447,37 @@ impl EmbreeScene<'_> {
             (f.release_geometry)(geometry);
         }
         self.device.check("taking a mesh")
+    }
+
+    /// Places a committed scene, and adds that with this geometry id. A hit then has the id of what is hit in there.
+    pub fn attach_instance(&self, id: u32, of: &EmbreeScene<'_>, keys: &Transform) -> Result<(), String> {
+        let f = &self.device.embree.functions;
+        // SAFETY: live handles; matrices and decompositions are copied by the calls; the scene keeps its own reference to
+        // the geometry, and that to the scene that it places.
+        unsafe {
+            let geometry = (f.new_geometry)(self.device.handle, GEOMETRY_TYPE_INSTANCE);
+            (f.set_instanced_scene)(geometry, of.handle);
+            match keys {
+                Transform::Matrices(keys) => {
+                    (f.set_time_steps)(geometry, keys.len() as c_uint);
+                    for (key, matrix) in keys.iter().enumerate() {
+                        let columns = matrix.to_cols_array().map(|x| x as f32);
+                        let format = FORMAT_FLOAT3X4_COLUMN_MAJOR;
+                        (f.set_transform)(geometry, key as c_uint, format, columns.as_ptr().cast());
+                    }
+                }
+                Transform::Poses(keys) => {
+                    (f.set_time_steps)(geometry, keys.len() as c_uint);
+                    for (key, pose) in keys.iter().enumerate() {
+                        (f.set_transform_quaternion)(geometry, key as c_uint, &Decomposition::from(pose));
+                    }
+                }
+            }
+            (f.commit_geometry)(geometry);
+            (f.attach_geometry_by_id)(self.handle, geometry, id);
+            (f.release_geometry)(geometry);
+        }
+        self.device.check("placing a scene")
     }
 
     /// Builds the tree.

@@ -11,6 +11,7 @@ mod clock;
 mod configs;
 mod ffi;
 mod geometry;
+mod instances;
 mod options;
 mod ours;
 mod rays;
@@ -46,6 +47,13 @@ fn measure(options: &Options) -> Result<(), String> {
             None
         }
     };
+    if let Some(count) = options.instances {
+        return instances::measure(
+            options,
+            embree.as_ref().ok_or("instances are measured against Embree only")?,
+            count,
+        );
+    }
     let mut measured = Measured::default();
     let mut builds = Vec::new();
     for name in &options.scenes {

@@ -47,6 +47,9 @@ pub struct Options {
     /// Leave one side out.
     #[arg(long, value_enum)]
     pub only: Option<Only>,
+    /// So many instances of each scene, moving, instead of the scenes themselves.
+    #[arg(long)]
+    pub instances: Option<u32>,
     /// Embree's library file; by default the system's, 4.x before 3.x.
     #[arg(long)]
     pub embree: Option<String>,

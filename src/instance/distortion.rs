@@ -1,0 +1,140 @@
+//! How far a transform lets rays stray whose directions are rounded.
+//!
+//! A ray is brought into an instance's space in f64, and its direction is then rounded to f32: each component by at most 1 ULP
+//! of itself. At the place of a hit the ray is off by 1 ULP of `|x - o|` per axis of the instance's space, which is
+//! `|M| |M^-1| |X - O|` in the world, with absolute values of all entries: at most the largest row sum of
+//! `|M| |M^-1|` (Skeel's condition number) times the largest coordinate of `X - O`. Scaling the columns of `M`, that is the axes
+//! of the instance's space, does not change it, so it is 1 for scalings and translations, at most 3 with a rotation, and large
+//! for matrices that nearly flatten space in an oblique direction.
+
+use glam::{DMat3, DVec3};
+
+/// What is known of a transform over all its time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Distortion {
+    /// At least the largest row sum of `|M| |M^-1|`.
+    pub skeel: f64,
+    /// At least the largest row sum of `|M|` times that of `|M^-1|`, which scaling does change.
+    pub norm: f64,
+    /// At least the row sums of `|M|`.
+    pub rows: DVec3,
+}
+
+impl Distortion {
+    pub const NONE: Distortion = Distortion { skeel: 0.0, norm: 0.0, rows: DVec3::ZERO };
+
+    pub fn max(self, other: Distortion) -> Distortion {
+        Distortion {
+            skeel: self.skeel.max(other.skeel),
+            norm: self.norm.max(other.norm),
+            rows: self.rows.max(other.rows),
+        }
+    }
+
+    /// Of poses: rows of a rotation have length 1, so a row of rotation and scale sums up to at most the length of
+    /// the scale, and `|R| |R^T|` to at most 3.
+    pub fn of_scale(least: DVec3, greatest: DVec3) -> Distortion {
+        let norm = 3.0 * greatest.max_element() / least.min_element();
+        Distortion { skeel: 3.0, norm, rows: DVec3::splat(greatest.length()) }
+    }
+
+    /// Of matrices between two, entries interpolated; nothing where one of them is singular, or too nearly to tell.
+    pub fn between(first: DMat3, last: DMat3) -> Option<Distortion> {
+        let mut all = Distortion { rows: row_sums(first).max(row_sums(last)), ..Distortion::NONE };
+        let mut stack = vec![(first, last, 0)];
+        while let Some((first, last, depth)) = stack.pop() {
+            let middle = first * 0.5 + last * 0.5;
+            match Distortion::around(middle, last * 0.5 - first * 0.5) {
+                Around::Known(part) => all = all.max(part),
+                Around::TooFar if depth < DEPTH => {
+                    stack.extend([(first, middle, depth + 1), (middle, last, depth + 1)]);
+                }
+                Around::TooFar | Around::Singular => return None,
+            }
+        }
+        Some(all)
+    }
+
+    /// Of all `M + w D` for `w` in [-1, 1], if `D` is small.
+    ///
+    /// With columns scaled to length 1 (`A = M S^-1`) and `E = A^-1 D S^-1`, whose row sums are at most `e < 1`:
+    /// `|A (1 + w E)|` has row sums of at most `|A| (1 + e)`, and its inverse `(1 + w E)^-1 A^-1` of at most
+    /// `|A^-1| / (1 - e)`.
+    fn around(middle: DMat3, by: DMat3) -> Around {
+        let lengths = DVec3::new(middle.x_axis.length(), middle.y_axis.length(), middle.z_axis.length());
+        let unscale = DMat3::from_diagonal(lengths.recip());
+        let scaled = middle * unscale;
+        let inverse = scaled.inverse();
+        if !(inverse.is_finite() && lengths.min_element() > 0.0) {
+            return if by == DMat3::ZERO { Around::Singular } else { Around::TooFar };
+        }
+        let e = row_sums(inverse * (by * unscale)).max_element();
+        if e.is_nan() || e > 0.5 {
+            return Around::TooFar;
+        }
+        let (a, b) = (row_sums(scaled).max_element(), row_sums(inverse).max_element());
+        let grown = (1.0 + e) / (1.0 - e);
+        let skeel = if e == 0.0 { row_sums(abs(scaled) * abs(inverse)).max_element() } else { a * b * grown };
+        let norm = a * b * grown * lengths.max_element() / lengths.min_element();
+        if skeel.is_finite() && norm.is_finite() {
+            Around::Known(Distortion { skeel, norm, rows: DVec3::ZERO })
+        } else {
+            Around::Singular
+        }
+    }
+}
+
+/// Halvings of the time between two keys.
+const DEPTH: u32 = 12;
+
+enum Around {
+    Known(Distortion),
+    /// The matrix changes too much for the bound.
+    TooFar,
+    Singular,
+}
+
+fn abs(m: DMat3) -> DMat3 {
+    DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
+}
+
+/// For each row the sum of its absolute values.
+pub(super) fn row_sums(m: DMat3) -> DVec3 {
+    m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn still(m: DMat3) -> Option<Distortion> {
+        Distortion::between(m, m)
+    }
+
+    #[test]
+    fn scalings_do_not_distort_rotations_hardly_and_shears_do() {
+        let scale = DMat3::from_diagonal(DVec3::new(1e-3, 1.0, 1e6));
+        let turn = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(0.3);
+        assert!((still(scale).unwrap().skeel - 1.0).abs() < 1e-12);
+        assert!(still(turn * scale).unwrap().skeel <= 3.0);
+        let shear = DMat3::from_cols(DVec3::X, DVec3::new(1000.0, 1.0, 0.0), DVec3::Z);
+        assert!(still(shear).unwrap().skeel > 500.0);
+        assert_eq!(still(DMat3::ZERO), None);
+        assert_eq!(still(DMat3::from_cols(DVec3::X, DVec3::X, DVec3::Z)), None);
+    }
+
+    #[test]
+    fn what_passes_through_a_singular_matrix_is_refused_and_what_goes_round_is_bounded() {
+        assert_eq!(Distortion::between(DMat3::IDENTITY, -DMat3::IDENTITY), None);
+        assert_eq!(Distortion::between(DMat3::IDENTITY, DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0))), None);
+        let (first, last) = (DMat3::IDENTITY, DMat3::from_rotation_z(2.5) * 3.0);
+        let bound = Distortion::between(first, last).unwrap();
+        for i in 0..=1000 {
+            let m = first + (last - first) * (i as f64 / 1000.0);
+            let exact = row_sums(abs(m) * abs(m.inverse())).max_element();
+            assert!(exact <= bound.skeel, "{exact} of {}", bound.skeel);
+            assert!(row_sums(m).cmple(bound.rows + 1e-12).all());
+        }
+        assert!(bound.skeel < 200.0, "{}", bound.skeel);
+    }
+}

@@ -1,0 +1,106 @@
+//! What can be wrong with instances.
+
+use super::hit::MAX_NESTING;
+use crate::error::BuildError;
+use crate::limits::MAX_COORDINATE;
+use core::fmt;
+
+/// Why a tree of instances could not be built.
+///
+/// ```
+/// use mbkd::{BuildParams, Instance, InstanceError, InstanceTree, RayTree, Transform, WideParams};
+/// let tree = std::sync::Arc::new(RayTree::build(&[], &BuildParams::default())?);
+/// let nowhere = Instance::new(tree, Transform::Matrices(vec![]));
+/// let error = InstanceTree::build(vec![nowhere], &WideParams::default()).unwrap_err();
+/// assert_eq!(error, InstanceError::NoKeys { instance: 0 });
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum InstanceError {
+    /// A transform has no key at all.
+    NoKeys {
+        /// The instance.
+        instance: usize,
+    },
+    /// An entry of a transform is NaN or infinite.
+    NonFinite {
+        /// The instance.
+        instance: usize,
+        /// The key.
+        key: usize,
+    },
+    /// A rotation is no unit quaternion: its length differs from 1 by more than 1e-5.
+    NotUnit {
+        /// The instance.
+        instance: usize,
+        /// The key.
+        key: usize,
+    },
+    /// A transform is singular, or so nearly that rays cannot be brought into the instance's space: it flattens, shears or
+    /// (where a tree of instances is placed) scales by very different factors. Beyond about 2^18 in total.
+    Singular {
+        /// The instance.
+        instance: usize,
+        /// The key.
+        key: usize,
+    },
+    /// The same at some time between two keys: entries of matrices, or scales, are interpolated through zero.
+    SingularBetween {
+        /// The instance.
+        instance: usize,
+        /// The key before.
+        key: usize,
+    },
+    /// What is placed lies farther from zero than [`crate::MAX_COORDINATE`], at some time.
+    TooLarge {
+        /// The instance.
+        instance: usize,
+    },
+    /// Trees of instances within trees of instances, more levels than [`MAX_NESTING`].
+    TooDeep {
+        /// The instance.
+        instance: usize,
+    },
+    /// What every build of a tree can complain of: parameters, too many primitives.
+    Build(BuildError),
+}
+
+impl fmt::Display for InstanceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            InstanceError::NoKeys { instance } => {
+                write!(f, "instance {instance} has no key: give its transform for at least one time")
+            }
+            InstanceError::NonFinite { instance, key } => {
+                write!(f, "instance {instance}: key {key} of its transform has a NaN or an infinite number")
+            }
+            InstanceError::NotUnit { instance, key } => {
+                write!(f, "instance {instance}: the rotation of key {key} is no unit quaternion; normalize it")
+            }
+            InstanceError::Singular { instance, key } => {
+                write!(f, "instance {instance}: the transform of key {key} is singular, or nearly")
+            }
+            InstanceError::SingularBetween { instance, key } => write!(
+                f,
+                "instance {instance}: between keys {key} and {} its transform becomes singular, or nearly",
+                key + 1
+            ),
+            InstanceError::TooLarge { instance } => {
+                write!(f, "instance {instance} is placed beyond {MAX_COORDINATE:e}; move or scale the scene")
+            }
+            InstanceError::TooDeep { instance } => {
+                write!(f, "instance {instance}: instances are nested more than {MAX_NESTING} levels deep")
+            }
+            InstanceError::Build(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for InstanceError {}
+
+impl From<BuildError> for InstanceError {
+    fn from(error: BuildError) -> InstanceError {
+        InstanceError::Build(error)
+    }
+}

@@ -1,0 +1,26 @@
+//! Trees placed many times, moving: [`InstanceTree`].
+//!
+//! The picture: a tree is built once in a space of its own. An [`Instance`] places it in the world by a [`Transform`] that
+//! may move during the shutter. The tree over instances is the wide tree of the rest of the crate, whose
+//! leaves hold one instance each; a ray that meets the box of an instance is brought into the instance's space and asked of
+//! the tree there, and `t` keeps its meaning on the way, since directions are not normalized. A tree of instances can be
+//! placed in turn.
+//!
+//! What is where: transforms as they are given (`transform`) and as queries evaluate them (`motion`), boxes that hold what
+//! they move (`bounds`), how far they let rounded rays stray (`distortion`), the set that the build of the
+//! wide tree sees (`placements`), the tree (`tree`) and its queries (`query`).
+
+mod bounds;
+mod distortion;
+mod error;
+mod hit;
+mod motion;
+mod placements;
+mod query;
+mod transform;
+mod tree;
+
+pub use error::InstanceError;
+pub use hit::{InstanceHit, InstancePath, MAX_NESTING};
+pub use transform::{Pose, Transform};
+pub use tree::{Instance, InstanceOf, InstanceStatistics, InstanceTree};

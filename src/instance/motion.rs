@@ -1,0 +1,366 @@
+//! Transforms as queries evaluate them.
+//!
+//! Everything is computed in f64, never fused, by the same code for a query and for whoever wants to know
+//! ([`InstanceTree::local_ray`](crate::InstanceTree::local_ray)), so that answers can be compared bit for bit.
+
+use super::distortion::Distortion;
+use super::error::InstanceError;
+use super::transform::{Pose, Transform};
+use crate::geometry::Ray;
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+/// How one instance moves; keys lie in [`Motions`].
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Motion {
+    /// It stands still: the key, and the inverse of its matrix.
+    Still { key: u32, inverse: DMat3 },
+    /// Matrices, interpolated.
+    Matrices { first: u32, keys: u32 },
+    /// Poses, interpolated.
+    Poses { first: u32, keys: u32 },
+}
+
+/// The keys of all instances.
+#[derive(Default)]
+pub(super) struct Motions {
+    matrices: Vec<DAffine3>,
+    poses: Vec<Turn>,
+}
+
+/// A pose and the rotation from it to the next: `rotation cos(angle w) + across sin(angle w)` for `w` in [0, 1], where both
+/// quaternions are orthogonal to each other.
+#[derive(Clone, Copy)]
+struct Turn {
+    scale: DVec3,
+    translation: DVec3,
+    rotation: DQuat,
+    across: DQuat,
+    /// Half the angle by which space turns.
+    angle: f64,
+}
+
+/// A place between two keys.
+#[derive(Clone, Copy)]
+struct Place {
+    segment: usize,
+    w: f64,
+}
+
+impl Place {
+    /// Of a time in [0, 1] among so many keys, at least two.
+    #[inline]
+    fn new(time: f64, keys: u32) -> Place {
+        let segments = f64::from(keys - 1);
+        let at = time * segments;
+        let segment = (at as usize).min(keys as usize - 2);
+        Place { segment, w: at - segment as f64 }
+    }
+}
+
+/// From the nearer of two keys, so that both are met exactly.
+#[inline]
+fn lerp(a: DVec3, b: DVec3, w: f64) -> DVec3 {
+    if w < 0.5 { a + (b - a) * w } else { b + (b - a) * (w - 1.0) }
+}
+
+/// A transform at a time: a rotation after a scaling where it is a pose.
+enum At {
+    Matrix(DAffine3),
+    Pose { scale: DVec3, rotation: DMat3, translation: DVec3 },
+}
+
+impl Motions {
+    /// Takes a transform after checking it, and says what it does to rays.
+    pub fn add(&mut self, transform: &Transform, instance: usize) -> Result<(Motion, Distortion), InstanceError> {
+        match transform {
+            Transform::Matrices(keys) => self.add_matrices(keys, instance),
+            Transform::Poses(keys) => self.add_poses(keys, instance),
+        }
+    }
+
+    fn add_matrices(&mut self, keys: &[DAffine3], instance: usize) -> Result<(Motion, Distortion), InstanceError> {
+        let Some(&begin) = keys.first() else { return Err(InstanceError::NoKeys { instance }) };
+        let mut distortion = Distortion::NONE;
+        for (key, matrix) in keys.iter().enumerate() {
+            if !matrix.is_finite() {
+                return Err(InstanceError::NonFinite { instance, key });
+            }
+            let of_key = Distortion::between(matrix.matrix3, matrix.matrix3);
+            distortion = distortion.max(of_key.ok_or(InstanceError::Singular { instance, key })?);
+        }
+        let first = self.matrices.len() as u32;
+        // Keys that all say the same are one key.
+        if keys.iter().all(|&key| key == begin) {
+            self.matrices.push(begin);
+            return Ok((Motion::Still { key: first, inverse: begin.matrix3.inverse() }, distortion));
+        }
+        for (key, pair) in keys.windows(2).enumerate() {
+            let between = Distortion::between(pair[0].matrix3, pair[1].matrix3);
+            distortion = distortion.max(between.ok_or(InstanceError::SingularBetween { instance, key })?);
+        }
+        self.matrices.extend(keys);
+        Ok((Motion::Matrices { first, keys: keys.len() as u32 }, distortion))
+    }
+
+    fn add_poses(&mut self, keys: &[Pose], instance: usize) -> Result<(Motion, Distortion), InstanceError> {
+        let Some(begin) = keys.first() else { return Err(InstanceError::NoKeys { instance }) };
+        let (mut least, mut greatest) = (DVec3::INFINITY, DVec3::ZERO);
+        for (key, pose) in keys.iter().enumerate() {
+            if !(pose.scale.is_finite() && pose.translation.is_finite() && pose.rotation.is_finite()) {
+                return Err(InstanceError::NonFinite { instance, key });
+            }
+            if (pose.rotation.length() - 1.0).abs() > UNIT {
+                return Err(InstanceError::NotUnit { instance, key });
+            }
+            if pose.scale.abs().min_element() <= 0.0 {
+                return Err(InstanceError::Singular { instance, key });
+            }
+            if key > 0 && pose.scale.signum() != begin.scale.signum() {
+                return Err(InstanceError::SingularBetween { instance, key: key - 1 });
+            }
+            (least, greatest) = (least.min(pose.scale.abs()), greatest.max(pose.scale.abs()));
+        }
+        if keys.iter().all(|key| key == begin) {
+            let pose = Pose { rotation: begin.rotation.normalize(), ..*begin };
+            return self.add_matrices(&[pose.matrix()], instance);
+        }
+        let first = self.poses.len() as u32;
+        for (i, pose) in keys.iter().enumerate() {
+            self.poses.push(Turn::new(pose, keys.get(i + 1).unwrap_or(pose)));
+        }
+        Ok((Motion::Poses { first, keys: keys.len() as u32 }, Distortion::of_scale(least, greatest)))
+    }
+
+    /// Gives back what was allocated and is not needed.
+    pub fn settle(&mut self) {
+        self.matrices.shrink_to_fit();
+        self.poses.shrink_to_fit();
+    }
+
+    /// Bytes allocated.
+    pub fn bytes(&self) -> usize {
+        self.matrices.capacity() * size_of::<DAffine3>() + self.poses.capacity() * size_of::<Turn>()
+    }
+
+    #[inline]
+    fn at(&self, motion: &Motion, time: f64) -> At {
+        match *motion {
+            Motion::Still { key, .. } => At::Matrix(self.matrices[key as usize]),
+            Motion::Matrices { first, keys } => {
+                let Place { segment, w } = Place::new(time, keys);
+                let [a, b] = [0, 1].map(|key| &self.matrices[first as usize + segment + key]);
+                At::Matrix(DAffine3 {
+                    matrix3: DMat3::from_cols(
+                        lerp(a.matrix3.x_axis, b.matrix3.x_axis, w),
+                        lerp(a.matrix3.y_axis, b.matrix3.y_axis, w),
+                        lerp(a.matrix3.z_axis, b.matrix3.z_axis, w),
+                    ),
+                    translation: lerp(a.translation, b.translation, w),
+                })
+            }
+            Motion::Poses { first, keys } => {
+                let Place { segment, w } = Place::new(time, keys);
+                let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
+                At::Pose {
+                    scale: lerp(a.scale, b.scale, w),
+                    rotation: DMat3::from_quat(a.rotation_at(w)),
+                    translation: lerp(a.translation, b.translation, w),
+                }
+            }
+        }
+    }
+
+    /// From the instance's space to that around it, at a time in [0, 1].
+    pub fn matrix(&self, motion: &Motion, time: f64) -> DAffine3 {
+        match self.at(motion, time) {
+            At::Matrix(matrix) => matrix,
+            At::Pose { scale, rotation, translation } => {
+                DAffine3 { matrix3: rotation * DMat3::from_diagonal(scale), translation }
+            }
+        }
+    }
+
+    /// A ray as the instance sees it: the same `t`, the origin in f64, the direction rounded to f32 once. Nothing where
+    /// the direction is so long or so short that rounding it would lose more than that.
+    #[inline]
+    pub fn local_ray(&self, motion: &Motion, ray: &Ray) -> Option<Ray> {
+        let dir = ray.dir.as_dvec3();
+        let (origin, dir) = match *motion {
+            Motion::Still { key, ref inverse } => {
+                (*inverse * (ray.origin - self.matrices[key as usize].translation), *inverse * dir)
+            }
+            _ => match self.at(motion, f64::from(ray.time)) {
+                At::Matrix(matrix) => {
+                    let inverse = matrix.matrix3.inverse();
+                    (inverse * (ray.origin - matrix.translation), inverse * dir)
+                }
+                At::Pose { scale, rotation, translation } => {
+                    let back = rotation.transpose();
+                    ((back * (ray.origin - translation)) / scale, (back * dir) / scale)
+                }
+            },
+        };
+        let longest = dir.abs().max_element();
+        (SHORTEST..=SHORTEST.recip()).contains(&longest).then(|| Ray { origin, dir: dir.as_vec3(), ..*ray })
+    }
+
+    /// Times at which a motion may change its velocity, or has turned by [`ARC`]: between two of them it is smooth. Those
+    /// strictly inside an interval, with its ends.
+    pub fn breaks(&self, motion: &Motion, begin: f64, end: f64) -> Vec<f64> {
+        let (first, keys, turns) = match *motion {
+            Motion::Still { .. } => return vec![begin, end],
+            Motion::Matrices { first, keys } => (first, keys, false),
+            Motion::Poses { first, keys } => (first, keys, true),
+        };
+        let segments = keys as usize - 1;
+        let mut times = vec![begin];
+        let from = ((begin * segments as f64) as usize).min(segments - 1);
+        for segment in from..segments {
+            let angle = if turns { 2.0 * self.poses[first as usize + segment].angle } else { 0.0 };
+            let parts = (angle / ARC).ceil().max(1.0);
+            for part in 0..parts as usize {
+                let time = (segment as f64 + part as f64 / parts) / segments as f64;
+                if begin < time && time < end {
+                    times.push(time);
+                }
+            }
+            if (segment + 1) as f64 / segments as f64 >= end {
+                break;
+            }
+        }
+        times.push(end);
+        times
+    }
+
+    /// How far a point of the instance's space may be, at a time inside an interval without breaks, from the line between
+    /// where it is at the ends: `[low, high]` and `[low', high']` are boxes around the point at both ends, in between it
+    /// moves linearly. Per axis of the space around.
+    ///
+    /// A function `f` is at most `h^2 / 8 |f''|` away from its chord over `h`. With matrices `f = T + M x`, of which `T`, `M` and `x` are
+    /// linear: `h^2 f'' = 2 ΔM Δx`. With poses `f = T + R y` and `y = S x`, where `R` turns at a uniform rate, by `φ` in all:
+    /// `h^2 |f''| <= φ^2 |y| + 2 φ |h y'| + |h^2 y''|`, with `|h y'| <= |ΔS x| + |S Δx|` and `h^2 y'' = 2 ΔS Δx`.
+    pub fn bulge(&self, motion: &Motion, over: [f64; 2], from: [DVec3; 2], to: [DVec3; 2]) -> DVec3 {
+        let moved = (to[0] - from[0]).abs().max((to[1] - from[1]).abs());
+        let [begin, end] = over;
+        match *motion {
+            Motion::Still { .. } => DVec3::ZERO,
+            Motion::Matrices { .. } => {
+                let by = self.matrix(motion, end).matrix3 - self.matrix(motion, begin).matrix3;
+                0.25 * (by.x_axis.abs() * moved.x + by.y_axis.abs() * moved.y + by.z_axis.abs() * moved.z)
+            }
+            Motion::Poses { first, keys } => {
+                // The segment is told by the middle, since the ends may be those of the one before.
+                let segment = Place::new(0.5 * (begin + end), keys).segment;
+                let turn = &self.poses[first as usize + segment];
+                let angle = 2.0 * turn.angle * (end - begin) * f64::from(keys - 1);
+                let scale_at = |time: f64| match self.at(motion, time) {
+                    At::Pose { scale, .. } => scale,
+                    At::Matrix(_) => DVec3::ONE,
+                };
+                let (s0, s1) = (scale_at(begin), scale_at(end));
+                let (scale, scaled) = (s0.abs().max(s1.abs()), (s1 - s0).abs());
+                let far = from[0].abs().max(from[1].abs()).max(to[0].abs().max(to[1].abs()));
+                let y = (scale * far).length();
+                let slope = (scaled * far + scale * moved).length();
+                let bend = 2.0 * (scaled * moved).length();
+                DVec3::splat((angle * angle * y + 2.0 * angle * slope + bend) / 8.0)
+            }
+        }
+    }
+}
+
+/// How far the length of a quaternion may be from 1.
+const UNIT: f64 = 1e-5;
+
+/// Boxes of what turns are made at angles (in radians) that differ by this at most: arcs stick out of chords between them
+/// by 1/500 of the radius.
+const ARC: f64 = 0.125;
+
+/// The least longest component of a direction in an instance's space, and one over the greatest. Rounding to f32 then moves
+/// every component by at most 2^-24 of itself, or by 2^-49 of the longest.
+const SHORTEST: f64 = 1.0 / (1u128 << 100) as f64;
+
+impl Turn {
+    fn new(pose: &Pose, next: &Pose) -> Turn {
+        let rotation = pose.rotation.normalize();
+        let mut to = next.rotation.normalize();
+        if rotation.dot(to) < 0.0 {
+            // The same rotation, the shorter way round.
+            to = -to;
+        }
+        // Exact for small angles, too.
+        let angle = 2.0 * (to - rotation).length().atan2((to + rotation).length());
+        let across = to - rotation * rotation.dot(to);
+        let length = across.length();
+        let across = if length > 0.0 { across * length.recip() } else { DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0) };
+        Turn { scale: pose.scale, translation: pose.translation, rotation, across, angle }
+    }
+
+    #[inline]
+    fn rotation_at(&self, w: f64) -> DQuat {
+        let (sin, cos) = (self.angle * w).sin_cos();
+        self.rotation * cos + self.across * sin
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn pose(axis: DVec3, angle: f64, scale: f64, translation: DVec3) -> Pose {
+        Pose { rotation: DQuat::from_axis_angle(axis.normalize(), angle), scale: DVec3::splat(scale), translation }
+    }
+
+    #[test]
+    fn rotations_take_the_shorter_way_at_a_uniform_rate() {
+        let axis = DVec3::new(1.0, 2.0, -0.5);
+        for angle in [0.0, 1e-9, 0.3, 2.0, 3.1, -3.0] {
+            let (a, mut b) = (pose(axis, 0.2, 1.0, DVec3::ZERO), pose(axis, 0.2 + angle, 1.0, DVec3::ZERO));
+            for _ in 0..2 {
+                let mut motions = Motions::default();
+                let (motion, _) = motions.add(&vec![a, b].into(), 0).unwrap();
+                for i in 0..=16 {
+                    let w = f64::from(i) / 16.0;
+                    let found = motions.matrix(&motion, w).matrix3;
+                    let expected = DMat3::from_quat(DQuat::from_axis_angle(axis.normalize(), 0.2 + angle * w));
+                    assert!(found.abs_diff_eq(expected, 1e-14), "{angle} at {w}: {found} {expected}");
+                }
+                b.rotation = -b.rotation; // the same rotation
+            }
+        }
+    }
+
+    #[test]
+    fn rays_are_brought_into_the_instances_space_and_keep_their_t() {
+        let keys = vec![
+            pose(DVec3::X, 0.4, 2.0, DVec3::new(1.0, 2.0, 3.0)),
+            pose(DVec3::Y, -0.4, 0.5, DVec3::new(-4.0, 2.0, 3.0)),
+            pose(DVec3::Z, 1.4, 3.0, DVec3::new(5.0, 0.0, -3.0)),
+        ];
+        let matrices: Vec<DAffine3> = keys.iter().map(Pose::matrix).collect();
+        for transform in [Transform::from(keys.clone()), matrices.into(), keys[1].into()] {
+            let mut motions = Motions::default();
+            let (motion, _) = motions.add(&transform, 0).unwrap();
+            for i in 0..=20 {
+                let ray = Ray::new(Vec3::new(0.3, -7.0, 2.0), Vec3::new(0.1, 3.0, -2.0)).at_time(i as f32 / 20.0);
+                let local = motions.local_ray(&motion, &ray).unwrap();
+                let matrix = motions.matrix(&motion, f64::from(ray.time));
+                for t in [0.0, 1.0, 7.0] {
+                    let there = matrix.transform_point3(local.point(t));
+                    assert!(there.abs_diff_eq(ray.point(t), 1e-5), "{there} {}", ray.point(t));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn directions_that_f32_cannot_hold_are_refused() {
+        let mut motions = Motions::default();
+        for (scale, seen) in [(1.0, true), (1e20, true), (1e-20, true), (1e33, false), (1e-33, false)] {
+            let (motion, _) = motions.add(&pose(DVec3::X, 1.0, scale, DVec3::ZERO).into(), 0).unwrap();
+            let ray = Ray::new(Vec3::ZERO, Vec3::ONE);
+            assert_eq!(motions.local_ray(&motion, &ray).is_some(), seen, "{scale}");
+        }
+    }
+}

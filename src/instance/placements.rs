@@ -1,0 +1,225 @@
+//! Instances as the build of the wide tree sees them: a set of boxes, one to a leaf.
+
+use super::bounds::{ROUNDING, grow};
+use super::distortion::Distortion;
+use super::error::InstanceError;
+use super::motion::{Motion, Motions};
+use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval, ULP};
+use crate::layout::{ChildRef, WideSource, write_list};
+use crate::limits::MAX_COORDINATE;
+use crate::parallel;
+use crate::primitive::{PrimitiveSet, Triangles};
+use crate::ray::TreeRay;
+use crate::simd::Arena;
+use crate::time::TimeSlice;
+use glam::DVec3;
+
+/// An instance as queries need it.
+pub(super) struct Placed {
+    pub motion: Motion,
+    pub active: TimeInterval,
+    pub mask: u32,
+    /// Index of its tree among the different ones.
+    pub tree: u32,
+}
+
+/// What is placed, in its own space.
+#[derive(Clone, Copy)]
+pub(super) struct Extent {
+    /// Where it is during the shutter.
+    pub bounds: LinearBounds,
+    /// How far from the middle of its space it reaches.
+    pub reach: f64,
+    /// [`Placements::stray`], if it is a tree of instances, or 0.
+    pub stray: f64,
+}
+
+/// How far hits of an instance may lie outside of its box, beyond `per_distance` ULP of the distance to the ray's origin.
+#[derive(Clone, Copy)]
+struct Slack {
+    per_distance: f64,
+    fixed: DVec3,
+}
+
+/// All instances of a tree.
+pub(super) struct Placements {
+    pub placed: Vec<Placed>,
+    pub motions: Motions,
+    frame: Frame,
+    always_active: bool,
+    /// The greatest [`Slack::per_distance`].
+    pub stray: f64,
+    /// What only the build needs: the different trees, and what each instance's box is padded by.
+    extents: Vec<Extent>,
+    slacks: Vec<Slack>,
+    /// The greatest distance between what is in the scene and the origin of a ray near it.
+    width: f64,
+}
+
+/// The greatest [`Slack::per_distance`]: 2^18. Boxes then still grow by less than the scene is wide.
+const MOST_STRAY: f64 = 262144.0;
+
+/// ULP of the size of a tree by which its answers may lie outside of its box: its kernel's rounding ([`KERNEL_ULPS`] of
+/// what is hit and of an origin within three sizes, 80 in all), and that of its vertices, with some to spare.
+///
+/// [`KERNEL_ULPS`]: crate::geometry::KERNEL_ULPS
+const INNER_ULPS: f64 = 100.0;
+
+/// Distances within which origins count as near, in sizes of the scene.
+const NEAR: f64 = 3.0;
+
+impl Placements {
+    /// Takes instances of trees with these extents: for each its motion's [`Distortion`]. Boxes and rays are padded by so
+    /// much of what rounding takes: 1.
+    pub fn new(
+        placed: Vec<(Placed, Distortion)>,
+        motions: Motions,
+        extents: Vec<Extent>,
+        padding: f64,
+    ) -> Result<Placements, InstanceError> {
+        let (mut slacks, mut stray, mut all) =
+            (Vec::with_capacity(placed.len()), 0.0f64, Vec::with_capacity(placed.len()));
+        for (instance, (one, distortion)) in placed.into_iter().enumerate() {
+            let slack = Slack::new(&distortion, &extents[one.tree as usize]);
+            if !(slack.per_distance <= MOST_STRAY && slack.fixed.is_finite()) {
+                return Err(InstanceError::Singular { instance, key: 0 });
+            }
+            stray = stray.max(slack.per_distance * padding);
+            slacks.push(Slack { per_distance: slack.per_distance * padding, fixed: slack.fixed * padding });
+            all.push(one);
+        }
+        let always_active = all.iter().all(|one| one.active == TimeInterval::FULL);
+        let (frame, width) = (Frame::WORLD, 0.0);
+        let mut set = Placements { placed: all, motions, frame, always_active, stray, extents, slacks, width };
+        let swept = parallel::map(set.placed.len(), |id| set.exact_bounds(id as u32, TimeInterval::FULL).swept());
+        // The wider the scene, the larger the slack, and the wider the scene: by at most a quarter of itself.
+        loop {
+            let mut all = Aabb::EMPTY;
+            for (instance, &swept) in swept.iter().enumerate() {
+                let padded = grow(swept, set.padding(instance as u32));
+                // NaN fails this as well.
+                let fits = padded.min.abs().max(padded.max.abs()).cmple(DVec3::splat(0.5 * MAX_COORDINATE));
+                if !fits.all() {
+                    return Err(InstanceError::TooLarge { instance });
+                }
+                all = all.union(padded);
+            }
+            set.frame = Frame::around(all);
+            let width = f64::from(set.frame.reach) / set.frame.scale;
+            if width <= set.width {
+                return Ok(set);
+            }
+            set.width = 2.0 * width;
+        }
+    }
+
+    /// Linear bounds in world space, without what rounding adds.
+    fn exact_bounds(&self, id: u32, over: TimeInterval) -> LinearBounds {
+        let one = &self.placed[id as usize];
+        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].bounds, over, 1.0)
+    }
+
+    /// What rounding adds to the bounds of an instance, for rays from near the scene.
+    fn padding(&self, id: u32) -> DVec3 {
+        let slack = &self.slacks[id as usize];
+        let distance = (1.0 + NEAR) * self.width;
+        slack.fixed + slack.per_distance * distance * (f64::from(ULP) + ROUNDING)
+    }
+
+    /// The ray in tree space; see [`TreeRay::new`]. One that begins far away has more slack, by what it may stray on its way
+    /// into an instance's space.
+    #[inline]
+    pub fn tree_ray(&self, ray: &Ray) -> Option<TreeRay> {
+        let frame = &self.frame;
+        let away = ((ray.origin - frame.origin) * frame.scale).abs().max_element();
+        if away <= NEAR * f64::from(frame.reach) {
+            return TreeRay::new(ray, frame);
+        }
+        let more = (self.stray * away * (2.0 * f64::from(ULP) + ROUNDING)) as f32;
+        TreeRay::with_slack(ray, &Frame { reach: frame.reach + 2.0 * more, ..*frame }, more)
+    }
+}
+
+impl Slack {
+    /// Let a ray meet something in the instance at `X` in the world, exactly: at the computed `t` on the ray as it was
+    /// asked. It lies outside of where the instance is by at most, per axis and in ULP of the largest coordinate of
+    /// `X - O`: what the rounding of the direction moves it ([`Distortion::skeel`]; a thousandth of
+    /// [`Distortion::norm`] for small components), 1 for that of `t`, and what answers of a tree of instances stray themselves from
+    /// far away, which has come through both matrices; and by `|M|` times what the tree's own kernel rounds.
+    fn new(distortion: &Distortion, of: &Extent) -> Slack {
+        let Distortion { skeel, norm, rows } = *distortion;
+        let per_distance = 2.0 * (skeel + 1.0 + norm / 1024.0 / 1024.0) + 4.0 * norm * of.stray;
+        let fixed = rows * ((INNER_ULPS + 4.0 * of.stray) * f64::from(ULP) * of.reach);
+        Slack { per_distance, fixed }
+    }
+}
+
+impl PrimitiveSet for Placements {
+    /// Testing one takes longer than many nodes.
+    const PER_LEAF: usize = 1;
+
+    fn len(&self) -> usize {
+        self.placed.len()
+    }
+
+    fn active(&self, id: u32) -> TimeInterval {
+        self.placed[id as usize].active
+    }
+
+    fn always_active(&self) -> bool {
+        self.always_active
+    }
+
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
+        let (bounds, padding) = (self.exact_bounds(id, over), self.padding(id));
+        let outward = |b: Aabb| {
+            let (min, max) = self.frame.outward(grow(b, padding));
+            Box3 { min, max }
+        };
+        LinearBox3 { begin: outward(bounds.begin), end: outward(bounds.end) }
+    }
+
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
+        match TimeInterval::half_open(time, time.next_up()) {
+            Some(instant) => self.bounds(id, instant).begin.intersection(cell),
+            None => Box3::EMPTY,
+        }
+    }
+
+    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
+        None
+    }
+
+    fn mask(&self, id: u32) -> u32 {
+        self.placed[id as usize].mask
+    }
+
+    fn name(&self, id: u32) -> (u32, u32) {
+        (0, id)
+    }
+
+    fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    fn bytes(&self) -> usize {
+        self.placed.capacity() * size_of::<Placed>() + self.motions.bytes()
+    }
+}
+
+impl WideSource for Placements {
+    const TRIANGLES: bool = false;
+
+    fn triangles(&self) -> Option<&Triangles> {
+        None
+    }
+
+    /// Drops what only the build needs.
+    fn written(&mut self) {
+        (self.extents, self.slacks) = (Vec::new(), Vec::new());
+    }
+
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: TimeSlice) -> Option<ChildRef> {
+        write_list(arena, ids)
+    }
+}

@@ -1,0 +1,83 @@
+//! Transforms as the caller gives them.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+/// A scaling, then a rotation, then a translation.
+///
+/// ```
+/// use mbkd::{Pose, glam::{DQuat, DVec3}};
+/// let quarter = Pose { rotation: DQuat::from_rotation_z(core::f64::consts::FRAC_PI_2), ..Pose::IDENTITY };
+/// let at = quarter.matrix().transform_point3(DVec3::X);
+/// assert!(at.abs_diff_eq(DVec3::Y, 1e-15));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Factors along the axes of the instanced tree's own space; none may be zero.
+    pub scale: DVec3,
+    /// A unit quaternion.
+    pub rotation: DQuat,
+    /// Where the origin of the instanced tree's own space is.
+    pub translation: DVec3,
+}
+
+impl Pose {
+    /// Leaves everything where it is.
+    pub const IDENTITY: Pose = Pose { scale: DVec3::ONE, rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
+
+    /// The pose as a matrix.
+    pub fn matrix(&self) -> DAffine3 {
+        let rotation = DMat3::from_quat(self.rotation);
+        DAffine3 { matrix3: rotation * DMat3::from_diagonal(self.scale), translation: self.translation }
+    }
+}
+
+/// Where an instance is during the shutter: one or more keys, spaced evenly over it like those of meshes. One key: it
+/// stands still.
+///
+/// ```
+/// use mbkd::{Pose, Transform, glam::{DAffine3, DQuat, DVec3}};
+/// let still: Transform = DAffine3::from_translation(DVec3::X).into();
+/// // A third of a turn.
+/// let turn = |angle: f64| Pose { rotation: DQuat::from_rotation_y(angle), ..Pose::IDENTITY };
+/// let wheel: Transform = vec![turn(0.0), turn(2.1)].into();
+/// assert!(matches!((still, wheel), (Transform::Matrices(_), Transform::Poses(_))));
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub enum Transform {
+    /// Affine matrices. Between keys their entries are interpolated linearly: points move on straight lines.
+    Matrices(Vec<DAffine3>),
+    /// Scale, rotation, translation. Between keys scale and translation are interpolated linearly and the rotation
+    /// turns uniformly about one axis, the shorter way (slerp; Shoemake, "Animating Rotation with Quaternion
+    /// Curves", 1985): points move on arcs. A rotation by half a turn or more needs keys between.
+    Poses(Vec<Pose>),
+}
+
+impl Default for Transform {
+    fn default() -> Transform {
+        Transform::Poses(vec![Pose::IDENTITY])
+    }
+}
+
+impl From<DAffine3> for Transform {
+    fn from(matrix: DAffine3) -> Transform {
+        Transform::Matrices(vec![matrix])
+    }
+}
+
+impl From<Vec<DAffine3>> for Transform {
+    fn from(keys: Vec<DAffine3>) -> Transform {
+        Transform::Matrices(keys)
+    }
+}
+
+impl From<Pose> for Transform {
+    fn from(pose: Pose) -> Transform {
+        Transform::Poses(vec![pose])
+    }
+}
+
+impl From<Vec<Pose>> for Transform {
+    fn from(keys: Vec<Pose>) -> Transform {
+        Transform::Poses(keys)
+    }
+}

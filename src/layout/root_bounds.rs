@@ -1,0 +1,44 @@
+//! Where a finished tree is during the shutter, told from the boxes of its root.
+
+use super::wide_node::{ChildRef, Kind};
+use super::wide_tree::WideTree;
+use crate::geometry::{Aabb, Box3, Frame, LinearBounds};
+
+impl WideTree {
+    /// Linear bounds over the shutter of all there is, in world space, as wide as queries see them; nothing where the root
+    /// has no boxes.
+    ///
+    /// Faces of a node move on lines, and so the least box around all of a node's boxes lies inside the line between its
+    /// first and its last state. Under a time node that holds over each part; the whole is the line between the ends of the
+    /// shutter, shifted to hold the ends of all parts.
+    pub(crate) fn linear_bounds(&self, frame: &Frame) -> Option<LinearBounds> {
+        if self.root.kind() != Kind::Time {
+            return self.node_bounds(self.root, [0.0, 1.0], frame);
+        }
+        let parts = self.children(self.root);
+        let count = parts.len() as f32;
+        let over = |i: usize| [i as f32 / count, (i + 1) as f32 / count];
+        let each = parts.iter().enumerate().map(|(i, &part)| self.node_bounds(ChildRef(part), over(i), frame));
+        let each: Vec<LinearBounds> = each.collect::<Option<_>>()?;
+        let mut all = LinearBounds { begin: each.first()?.begin, end: each.last()?.end };
+        for (i, part) in each.iter().enumerate() {
+            let [begin, end] = over(i).map(f64::from);
+            all.include(begin, part.begin);
+            all.include(end, part.end);
+        }
+        Some(all)
+    }
+
+    fn node_bounds(&self, node: ChildRef, over: [f32; 2], frame: &Frame) -> Option<LinearBounds> {
+        if node == ChildRef::NOTHING || !matches!(node.kind(), Kind::Node | Kind::StillNode) {
+            return None;
+        }
+        let at = |time: f32| {
+            let lanes = self.children(node).iter().enumerate().filter(|(_, child)| **child != ChildRef::NOTHING.0);
+            let boxes = lanes.map(|(lane, _)| self.lane_box(node, lane, time));
+            let all = boxes.fold(Box3::EMPTY, |all, [min, max]| all.union(Box3 { min, max }));
+            Aabb { min: frame.to_world(all.min), max: frame.to_world(all.max) }
+        };
+        Some(LinearBounds { begin: at(over[0]), end: at(over[1]) })
+    }
+}
