@@ -40,6 +40,21 @@ pub trait Observer {
 /// Observes nothing.
 impl Observer for () {}
 
+impl Observer for &mut dyn Observer {
+    fn node(&mut self) {
+        (**self).node();
+    }
+    fn leaf(&mut self) {
+        (**self).leaf();
+    }
+    fn time_skip(&mut self) {
+        (**self).time_skip();
+    }
+    fn primitive_tests(&mut self, count: usize) {
+        (**self).primitive_tests(count);
+    }
+}
+
 /// Perhaps an observer.
 impl Observer for Option<&mut dyn Observer> {
     #[inline(always)]
