@@ -130,7 +130,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "corrected after its first run, and not run since"]
     fn bounds_hold_what_is_moved_and_would_not_without_the_bulge() {
         assert_eq!(outside(1.0), [0, 0]);
         let lost = outside(0.0);

@@ -497,7 +497,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "corrected after its first run, and not run since"]
     fn boxes_and_rays_hold_what_rounding_moves_and_would_not_without_padding() {
         for away in [3000.0, 1e8] {
             let (hits, none) = lost(1.0, away);
