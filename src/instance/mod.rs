@@ -8,7 +8,7 @@
 //!
 //! What is where: transforms as they are given (`transform`) and as queries evaluate them (`motion`), boxes that hold what
 //! they move (`bounds`), how far they let rounded rays stray (`distortion`), the set that the build of the
-//! wide tree sees (`placements`), the tree (`tree`) and its queries (`query`).
+//! wide tree sees (`placements`), the tree (`tree`), the way of a query through it (`query`) and what callers ask (`tree_queries`).
 
 mod bounds;
 mod distortion;
@@ -19,6 +19,7 @@ mod placements;
 mod query;
 mod transform;
 mod tree;
+mod tree_queries;
 
 pub use error::InstanceError;
 pub use hit::{InstanceHit, InstancePath, MAX_NESTING};
