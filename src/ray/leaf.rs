@@ -55,8 +55,13 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            let corner = |row| fine_vertex::<MOVING>(block, n, i, [base + row, other + row], between);
-            if self.offer([corner(0), corner(3), corner(6)], behind + i, ray, collect) {
+            // Each by itself: a closure becomes a call, which pushes the query out of registers.
+            let corners = [
+                fine_vertex::<MOVING>(block, n, i, base, other, between),
+                fine_vertex::<MOVING>(block, n, i, base + 3, other + 3, between),
+                fine_vertex::<MOVING>(block, n, i, base + 6, other + 6, between),
+            ];
+            if self.offer(corners, behind + i, ray, collect) {
                 return true;
             }
         }
@@ -100,11 +105,13 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            let corner = |shift: u32| {
-                let vertex = (words[i] >> shift & 15) as usize;
-                fine_vertex::<MOVING>(block, leaf.n, vertex, [base, other], between)
-            };
-            if self.offer([corner(0), corner(4), corner(8)], at + n + i, ray, collect) {
+            let (width, numbers) = (leaf.n, words[i] as usize);
+            let corners = [
+                fine_vertex::<MOVING>(block, width, numbers & 15, base, other, between),
+                fine_vertex::<MOVING>(block, width, numbers >> 4 & 15, base, other, between),
+                fine_vertex::<MOVING>(block, width, numbers >> 8 & 15, base, other, between),
+            ];
+            if self.offer(corners, at + n + i, ray, collect) {
                 return true;
             }
         }
@@ -227,15 +234,18 @@ fn fine_vertex<const MOVING: bool>(
     block: &[f32],
     n: usize,
     lane: usize,
-    [base, other]: [usize; 2],
+    base: usize,
+    other: usize,
     between: Between,
 ) -> DVec3 {
-    let at = |row: usize| block[row * n + lane];
-    let along = |axis: usize| match MOVING {
-        true => between.fine(at(base + axis), at(other + axis)),
-        false => f64::from(at(base + axis)),
-    };
-    DVec3::new(along(0), along(1), along(2))
+    let at = base * n + lane;
+    let near = [block[at], block[at + n], block[at + 2 * n]];
+    if !MOVING {
+        return DVec3::new(f64::from(near[0]), f64::from(near[1]), f64::from(near[2]));
+    }
+    let at = other * n + lane;
+    let far = [block[at], block[at + n], block[at + 2 * n]];
+    DVec3::new(between.fine(near[0], far[0]), between.fine(near[1], far[1]), between.fine(near[2], far[2]))
 }
 
 /// What leaf blocks need of a ray, in memory.
