@@ -427,5 +427,7 @@ mod tests {
             let (_, some) = lost(0.0, away);
             assert!(some > 20, "a padding that nothing needs: {some}");
         }
+        // From far away hits are few, since the direction's rounding moves them by more than the cube.
+        assert_eq!(lost(1.0, 1e8).1, 0);
     }
 }

@@ -25,7 +25,7 @@ impl InstanceTree {
         self.all(ray, InstancePath::default(), &mut Look::Plain, &mut visitor)
     }
 
-    /// [`InstanceTree::closest_hit`] among the hits that `accept` accepts in instances whose [`mask`](Instance::mask) shares a
+    /// [`InstanceTree::closest_hit`] among the hits that `accept` accepts in instances whose [mask](super::Instance::with_mask) shares a
     /// bit with `mask`, on meshes whose masks do.
     ///
     /// `accept` must be pure: it may be asked several times about the same hit, and not about all hits.
