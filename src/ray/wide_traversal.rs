@@ -189,16 +189,16 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
         let end = match at.kind() {
             _ if !G::TRIANGLES => traverser.list(at, ray, collect, observer),
             Kind::Leaf => {
-                traverser.leaf::<S, true>(s, LeafRows::first(at, 2 * CORNER_ROWS), ray, leaf_ray, collect, observer)
+                traverser.leaf::<S, true>(s, LeafRows::loose(at, 2 * CORNER_ROWS), ray, leaf_ray, collect, observer)
             }
             Kind::StillLeaf => {
-                traverser.leaf::<S, false>(s, LeafRows::first(at, CORNER_ROWS), ray, leaf_ray, collect, observer)
+                traverser.leaf::<S, false>(s, LeafRows::loose(at, CORNER_ROWS), ray, leaf_ray, collect, observer)
             }
             Kind::SharedLeaf => {
-                traverser.shared::<S, true>(s, LeafRows::first(at, 2 * VERTEX_ROWS), ray, leaf_ray, collect, observer)
+                traverser.shared::<S, true>(s, LeafRows::shared(at, 2 * VERTEX_ROWS), ray, leaf_ray, collect, observer)
             }
             Kind::SharedStillLeaf => {
-                traverser.shared::<S, false>(s, LeafRows::first(at, VERTEX_ROWS), ray, leaf_ray, collect, observer)
+                traverser.shared::<S, false>(s, LeafRows::shared(at, VERTEX_ROWS), ray, leaf_ray, collect, observer)
             }
             _ if at.at() >= traverser.lists => traverser.list(at, ray, collect, observer),
             _ => {
