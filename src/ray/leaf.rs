@@ -24,7 +24,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         s: S,
         leaf: LeafRows,
         ray: &TreeRay,
-        of: &LeafRay,
+        (of, between): (&LeafRay, Between),
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
@@ -35,7 +35,6 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
         let rows = Rows::new(block, n, count);
         let of = of.read();
-        let between = if MOVING { of.between } else { Between::NEVER };
         let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
         let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, kz, oz);
         let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, kx, ox);
@@ -56,7 +55,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 fine_corners::<S, MOVING>(s, &rows, between, ky, i),
                 fine_corners::<S, MOVING>(s, &rows, between, kz, i),
             ];
-            if self.offer(s, corners, ids + i, ray, &of.fine, collect) {
+            if self.offer(s, corners, ids + i, ray, collect) {
                 return true;
             }
         }
@@ -70,7 +69,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         s: S,
         leaf: LeafRows,
         ray: &TreeRay,
-        of: &LeafRay,
+        (of, between): (&LeafRay, Between),
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
@@ -83,7 +82,6 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         observer.leaf();
         observer.primitive_tests(n);
         let of = of.read();
-        let between = if MOVING { of.between } else { Between::NEVER };
         let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
         let z = vertices::<S, MOVING>(s, &rows, between, kz, oz);
         let x = vertices::<S, MOVING>(s, &rows, between, kx, ox) - s.splat(of.sx) * z;
@@ -105,7 +103,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 fine_vertices::<S, MOVING>(s, &rows, between, ky, lanes),
                 fine_vertices::<S, MOVING>(s, &rows, between, kz, lanes),
             ];
-            if self.offer(s, corners, at + n + i, ray, &of.fine, collect) {
+            if self.offer(s, corners, at + n + i, ray, collect) {
                 return true;
             }
         }
@@ -114,16 +112,10 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
 
     /// Decides about a triangle of these corners, whose id is at word `id`; true ends the query.
     #[inline(always)]
-    fn offer<S: Simd>(
-        &self,
-        s: S,
-        corners: [S::D; 3],
-        id: usize,
-        ray: &TreeRay,
-        fine: &FineRay,
-        collect: &mut impl Collect,
-    ) -> bool {
-        let Some(hit) = ray.decide(s, fine, corners, collect.limit()) else { return false };
+    fn offer<S: Simd>(&self, s: S, corners: [S::D; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
+        let Some(hit) = ray.decide(s, &FineRay::new(core::hint::black_box(ray)), corners, collect.limit()) else {
+            return false;
+        };
         let id = self.arena.ints()[id];
         self.sees(id, ray) && collect.offer(Found { hit, id })
     }
@@ -279,10 +271,8 @@ pub(super) struct LeafRay {
     sy: f32,
     /// The ray's slack.
     slack: f32,
-    /// The ray's time between keys; with two of them, unless a block says otherwise.
-    between: Between,
-    /// The ray in f64.
-    fine: FineRay,
+    /// The ray's time between two keys.
+    pub between: Between,
 }
 
 impl LeafRay {
@@ -296,14 +286,7 @@ impl LeafRay {
             sy: k.sy,
             slack: ray.slack,
             between: Between::new(KeyTime::new(ray.time, 2)),
-            fine: FineRay::new(ray),
         }
-    }
-
-    /// The same ray with another time between keys.
-    #[inline(always)]
-    pub(super) fn between(&self, between: Between) -> LeafRay {
-        LeafRay { between, ..*self }
     }
 
     /// The ray for one leaf block. What the black box hides is not prepared for blocks that may never be met.

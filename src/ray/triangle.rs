@@ -63,7 +63,7 @@ impl TreeRay {
         if outside | (det == 0.0) {
             return None;
         }
-        let distance = (u * za + v * zb + w * zc) / (det * f64::from(self.shear.dz)) - self.advance;
+        let distance = (u * za + v * zb + w * zc) / (det * f64::from(self.shear.dz));
         let t = self.answer_at(distance);
         // NaN is no hit in this form.
         (self.t_min <= t && t <= limit).then(|| {
