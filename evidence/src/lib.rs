@@ -2,3 +2,5 @@
 
 pub mod accuracy;
 pub mod oracle;
+pub mod peers;
+pub mod point_sets;

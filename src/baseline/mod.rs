@@ -2,5 +2,7 @@
 
 mod brute_force;
 mod spheres;
+mod triangle_tests;
 
 pub use brute_force::BruteForce;
+pub use triangle_tests::{PreparedRay, TriangleTests};

@@ -1,0 +1,127 @@
+//! Boxes in tree space, and boxes that move linearly during the shutter.
+
+use super::ULP;
+use mbkd::baseline::{PreparedRay, TriangleTests};
+use mbkd::glam::{Vec3, Vec3A};
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Box3 {
+    pub min: Vec3,
+    pub max: Vec3,
+}
+
+impl Box3 {
+    /// The box of nothing.
+    pub const EMPTY: Box3 = Box3 { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+    /// The box of everything.
+    pub const ALL: Box3 = Box3 { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY };
+
+    pub fn of(points: impl IntoIterator<Item = Vec3>) -> Box3 {
+        points.into_iter().fold(Box3::EMPTY, |b, p| Box3 { min: b.min.min(p), max: b.max.max(p) })
+    }
+
+    pub fn union(self, other: Box3) -> Box3 {
+        Box3 { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    pub fn intersection(self, other: Box3) -> Box3 {
+        Box3 { min: self.min.max(other.min), max: self.max.min(other.max) }
+    }
+
+    pub fn is_empty(self) -> bool {
+        self.min.cmpgt(self.max).any()
+    }
+
+    pub fn pad(self, by: f32) -> Box3 {
+        Box3 { min: self.min - by, max: self.max + by }
+    }
+
+    pub fn middle(self) -> Vec3 {
+        self.min * 0.5 + self.max * 0.5
+    }
+
+    /// Half the surface area; 0 for an empty box.
+    pub fn half_area(self) -> f32 {
+        let d = (self.max - self.min).max(Vec3::ZERO);
+        d.x * d.y + d.y * d.z + d.z * d.x
+    }
+
+    /// The largest magnitude of a coordinate.
+    pub fn magnitude(self) -> f32 {
+        (-self.min).max(self.max).max_element()
+    }
+
+    /// The part on one side of a plane.
+    pub fn side(self, axis: usize, at: f32, above: bool) -> Box3 {
+        let mut part = self;
+        if above {
+            part.min[axis] = part.min[axis].max(at)
+        } else {
+            part.max[axis] = part.max[axis].min(at)
+        }
+        part
+    }
+}
+
+/// A box at shutter open and one at close, linear in between.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MovingBox {
+    pub open: Box3,
+    pub close: Box3,
+}
+
+impl MovingBox {
+    pub const EMPTY: MovingBox = MovingBox { open: Box3::EMPTY, close: Box3::EMPTY };
+
+    pub fn union(self, other: MovingBox) -> MovingBox {
+        MovingBox { open: self.open.union(other.open), close: self.close.union(other.close) }
+    }
+
+    /// Everything between open and close.
+    pub fn swept(self) -> Box3 {
+        self.open.union(self.close)
+    }
+
+    /// Made larger, so that [`MovingBox::entry`] finds it wherever the kernel hits what is in it.
+    ///
+    /// The padding of [`TriangleTests::padding`] holds for faces that are exact. Those of [`MovingBox::entry`] are
+    /// `a + (b - a) t` with three roundings. With `m` the largest coordinate at either end they are off by at most `2u m` (the
+    /// difference, `u` of `2m`), `2u m` (the product) and `u m` (the sum): less than `8u m`, which also covers that
+    /// this padding is rounded.
+    pub fn padded(self) -> MovingBox {
+        let magnitude = self.swept().magnitude();
+        let by = TriangleTests::padding(magnitude) + 8.0 * ULP * magnitude;
+        MovingBox { open: self.open.pad(by), close: self.close.pad(by) }
+    }
+
+    /// Where a ray enters the box as it is at the ray's time, if it does no farther away than `reach`.
+    #[inline(always)]
+    pub fn entry(&self, ray: &SlabRay, reach: f32) -> Option<f32> {
+        let at = |open: Vec3, close: Vec3| Vec3A::from(open) + (Vec3A::from(close) - Vec3A::from(open)) * ray.time;
+        let a = (at(self.open.min, self.close.min) - ray.origin) * ray.inverse;
+        let b = (at(self.open.max, self.close.max) - ray.origin) * ray.inverse;
+        let enter = (a.min(b) - ray.pad).max_element().max(ray.begin);
+        let leave = (a.max(b) + ray.pad).min_element().min(reach);
+        (enter <= leave).then_some(enter)
+    }
+}
+
+/// A ray as slab tests want it.
+pub struct SlabRay {
+    pub origin: Vec3A,
+    pub inverse: Vec3A,
+    /// The ray's slack in units of distance.
+    pub pad: Vec3A,
+    pub begin: f32,
+    pub time: f32,
+}
+
+impl SlabRay {
+    #[inline(always)]
+    pub fn new(ray: &PreparedRay) -> SlabRay {
+        let inverse = ray.inverse();
+        let pad = inverse.abs() * ray.slack();
+        SlabRay { origin: ray.origin(), inverse, pad, begin: ray.range().0, time: ray.time() }
+    }
+}

@@ -1,0 +1,74 @@
+//! The structures that the paper compares its tree with, and others that people use for moving geometry.
+//!
+//! - **BVH_i** ([`Peer::BvhI`]): object splits by the surface area heuristic at mid-shutter; boxes at both ends of the
+//!   shutter, interpolated.
+//! - **MSBVH** ([`Peer::Msbvh`]; Grünschloß, Stich, Nawaz and Keller, "MSBVH: An efficient acceleration data structure for
+//!   ray traced motion blur", HPG 2011): spatial splits at mid-shutter besides, as in SBVH (Stich, Friedrich and Dietrich,
+//!   HPG 2009); the parts are bounded anew at both ends.
+//! - **4D k-d** ([`Peer::FourD`]; Olsson, "Ray-tracing time-continuous animations using 4D KD-trees", 2007): time is a fourth
+//!   axis that nodes may split; references have no intervals.
+//! - **Time slices** ([`Peer::Slices`]): static trees at several times, of which a ray takes the nearest. The only
+//!   one whose answers are approximate.
+//! - The library's own trees ([`Peer::Library`]).
+//!
+//! All of them test triangles by [`mbkd::baseline::TriangleTests`], so that they differ in structure only. Both BVHs share one
+//! builder ([`bvh`]), one layout and one traversal ([`binary_tree`]); prices of steps and tests are those of
+//! the library's k-d trees.
+
+mod binary_tree;
+mod boxes;
+mod bvh;
+mod four_d;
+mod four_d_build;
+mod object_split;
+mod parts;
+mod peer;
+mod spatial_split;
+mod time_slices;
+
+pub use bvh::BvhParams;
+pub use four_d_build::FourDParams;
+pub use peer::{Peer, PeerStatistics, Structure};
+pub use time_slices::at_time;
+
+/// Cost of a step through an inner node, as in the library's k-d trees.
+const STEP: f32 = 1.0;
+
+/// Cost of testing a triangle, likewise.
+const TEST: f32 = 2.0;
+
+/// No tree is deeper.
+const DEPTH: usize = 60;
+
+/// Half the spacing of f32 just below 1: rounding errors are counted in it.
+const ULP: f32 = f32::EPSILON * 0.5;
+
+/// Subtrees with fewer references are built on the thread that split them off.
+const PARALLEL_FROM: usize = 4096;
+
+/// The hit that counts: the least `t`, and of several at the same `t` the lowest index.
+struct Nearest {
+    found: Option<(mbkd::Hit, u32)>,
+    /// Hits farther than this do not count.
+    limit: f32,
+    /// Nor what begins at a greater distance than this.
+    reach: f32,
+}
+
+impl Nearest {
+    fn new(ray: &mbkd::baseline::PreparedRay) -> Nearest {
+        Nearest { found: None, limit: f32::INFINITY, reach: ray.range().1 }
+    }
+
+    /// Tests a triangle. One may be tested several times, as it is in several leaves.
+    #[inline(always)]
+    fn test(&mut self, tests: &mbkd::baseline::TriangleTests, ray: &mbkd::baseline::PreparedRay, index: u32) {
+        if let Some(hit) = tests.hit(ray, index, self.limit)
+            && self.found.is_none_or(|(best, of)| hit.t < best.t || index < of)
+        {
+            self.found = Some((hit, index));
+            self.limit = hit.t;
+            self.reach = ray.reach(hit.t);
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! All structures behind one face: which one, its tree, and what it cost.
+
+use super::binary_tree::BinaryTree;
+use super::bvh::{self, BvhParams};
+use super::four_d::FourD;
+use super::four_d_build::{self, FourDParams};
+use super::time_slices::TimeSlices;
+use mbkd::baseline::TriangleTests;
+use mbkd::{BuildError, BuildParams, Hit, Observer, Ray, RayTree, TriangleMesh};
+
+/// A structure and how it is built.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Structure {
+    /// Object splits, boxes interpolated.
+    BvhI,
+    /// Spatial splits at mid-shutter besides.
+    Msbvh(BvhParams),
+    /// Time as a fourth axis.
+    FourD(FourDParams),
+    /// So many static trees, built like this.
+    Slices(usize, BuildParams),
+    /// One of the library's own trees.
+    Library(BuildParams),
+}
+
+impl Structure {
+    /// An MSBVH of at most two references per triangle.
+    pub fn msbvh() -> Structure {
+        Structure::Msbvh(BvhParams { max_references: 2.0 })
+    }
+
+    /// The library's default tree.
+    pub fn wide() -> Structure {
+        Structure::Library(BuildParams::default())
+    }
+}
+
+/// What was built.
+enum Tree {
+    Binary(BinaryTree, TriangleTests),
+    FourD(FourD, TriangleTests),
+    Slices(TimeSlices),
+    Library(Box<RayTree>),
+}
+
+/// A structure over a scene.
+pub struct Peer {
+    tree: Tree,
+}
+
+/// Figures of a structure.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PeerStatistics {
+    /// Triangles.
+    pub triangles: usize,
+    /// Inner nodes.
+    pub nodes: usize,
+    /// Leaves.
+    pub leaves: usize,
+    /// References in leaves.
+    pub references: usize,
+    /// Nodes that split time.
+    pub time_nodes: usize,
+    /// Share of all references that count for part of the time only; of the library's k-d trees only.
+    pub timed: f64,
+    /// Bytes of nodes and references.
+    pub tree_bytes: usize,
+    /// Bytes of the triangles that they point at.
+    pub triangle_bytes: usize,
+    /// Share of the building time spent in duplication, and in propagation; of the library's k-d trees only.
+    pub duplication_time: f64,
+    /// The latter.
+    pub propagation_time: f64,
+}
+
+impl PeerStatistics {
+    /// Share of all references that are not the first of their triangle.
+    pub fn duplicates(&self) -> f64 {
+        self.references.saturating_sub(self.triangles) as f64 / self.references.max(1) as f64
+    }
+
+    /// All bytes.
+    pub fn bytes(&self) -> usize {
+        self.tree_bytes + self.triangle_bytes
+    }
+
+    fn of_library(trees: &[RayTree]) -> PeerStatistics {
+        let mut sum = PeerStatistics::default();
+        for tree in trees {
+            let of = tree.statistics();
+            sum.triangles += of.primitives;
+            sum.nodes += of.nodes;
+            sum.leaves += of.leaves;
+            sum.references += of.references;
+            sum.time_nodes += of.time_nodes;
+            sum.tree_bytes += of.bytes;
+            sum.triangle_bytes += of.primitive_bytes;
+            (sum.timed, sum.duplication_time, sum.propagation_time) =
+                (of.timed, of.duplication_time, of.propagation_time);
+        }
+        sum
+    }
+}
+
+impl Peer {
+    /// Builds a structure.
+    ///
+    /// # Errors
+    /// What is wrong with a mesh or a parameter, as [`RayTree::build`] reports it.
+    pub fn build(structure: &Structure, meshes: &[TriangleMesh]) -> Result<Peer, BuildError> {
+        let tree = match structure {
+            Structure::BvhI => Peer::binary(BvhParams { max_references: 1.0 }, meshes)?,
+            Structure::Msbvh(params) => Peer::binary(*params, meshes)?,
+            Structure::FourD(params) => {
+                let tests = TriangleTests::new(meshes)?;
+                Tree::FourD(four_d_build::build(&tests, *params), tests)
+            }
+            Structure::Slices(slices, params) => Tree::Slices(TimeSlices::new(meshes, *slices, params)?),
+            Structure::Library(params) => Tree::Library(Box::new(RayTree::build(meshes, params)?)),
+        };
+        Ok(Peer { tree })
+    }
+
+    fn binary(params: BvhParams, meshes: &[TriangleMesh]) -> Result<Tree, BuildError> {
+        let tests = TriangleTests::new(meshes)?;
+        Ok(Tree::Binary(BinaryTree::new(&bvh::build(&tests, params)), tests))
+    }
+
+    /// The nearest hit of a ray.
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        match &self.tree {
+            Tree::Binary(tree, tests) => tree.closest_hit(tests, ray, &mut ()),
+            Tree::FourD(tree, tests) => tree.closest_hit(tests, ray, &mut ()),
+            Tree::Slices(slices) => slices.closest_hit(ray),
+            Tree::Library(tree) => tree.closest_hit(ray),
+        }
+    }
+
+    /// The same, watched.
+    pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
+        match &self.tree {
+            Tree::Binary(tree, tests) => tree.closest_hit(tests, ray, observer),
+            Tree::FourD(tree, tests) => tree.closest_hit(tests, ray, observer),
+            Tree::Slices(slices) => slices.closest_hit_observed(ray, observer),
+            Tree::Library(tree) => tree.closest_hit_observed(ray, observer),
+        }
+    }
+
+    /// The library's tree, if it is one.
+    pub fn library(&self) -> Option<&RayTree> {
+        match &self.tree {
+            Tree::Library(tree) => Some(tree),
+            _ => None,
+        }
+    }
+
+    /// Figures of the tree.
+    pub fn statistics(&self) -> PeerStatistics {
+        let of = |[nodes, leaves, references]: [usize; 3], tree_bytes: usize, tests: &TriangleTests| PeerStatistics {
+            triangles: tests.len(),
+            nodes,
+            leaves,
+            references,
+            tree_bytes,
+            triangle_bytes: tests.bytes(),
+            ..PeerStatistics::default()
+        };
+        match &self.tree {
+            Tree::Binary(tree, tests) => of(tree.sizes(), tree.bytes(), tests),
+            Tree::FourD(tree, tests) => {
+                PeerStatistics { time_nodes: tree.time_nodes(), ..of(tree.sizes(), tree.bytes(), tests) }
+            }
+            Tree::Slices(slices) => PeerStatistics::of_library(slices.trees()),
+            Tree::Library(tree) => PeerStatistics::of_library(std::slice::from_ref(tree)),
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! Splits by a plane that cut what crosses it (Stich, Friedrich and Dietrich, "Spatial Splits in Bounding Volume
+//! Hierarchies", HPG 2009), at mid-shutter.
+
+use super::boxes::Box3;
+use super::bvh::{Reference, split_cost};
+use super::object_split::BINS;
+use super::parts::part_in;
+use mbkd::baseline::TriangleTests;
+
+/// A plane and its children as far as bins tell: boxes clipped, not triangles.
+pub struct SpatialSplit {
+    pub cost: f32,
+    axis: usize,
+    at: f32,
+    left: (Box3, usize),
+    right: (Box3, usize),
+}
+
+impl SpatialSplit {
+    /// The cheapest plane through a node with this box that makes no more references than the budget allows.
+    pub fn best(references: &[Reference], node: Box3, budget: usize) -> Option<SpatialSplit> {
+        let mut best: Option<SpatialSplit> = None;
+        for axis in 0..3 {
+            let (low, high) = (node.min[axis], node.max[axis]);
+            let width = (high - low) / BINS as f32;
+            let scale = BINS as f32 / (high - low);
+            if !(low < high && scale.is_finite() && width > 0.0) {
+                continue;
+            }
+            let edge = |k: usize| if k == BINS { high } else { low + width * k as f32 };
+            let bin = |x: f32| (((x - low) * scale) as usize).min(BINS - 1);
+            let mut bins = [Box3::EMPTY; BINS];
+            let (mut enter, mut leave) = ([0usize; BINS], [0usize; BINS]);
+            for r in references {
+                let (first, last) = (bin(r.middle.min[axis]), bin(r.middle.max[axis]));
+                enter[first] += 1;
+                leave[last] += 1;
+                for (k, bounds) in bins.iter_mut().enumerate().take(last + 1).skip(first) {
+                    let from = if k == first { f32::NEG_INFINITY } else { edge(k) };
+                    let to = if k == last { f32::INFINITY } else { edge(k + 1) };
+                    *bounds = bounds.union(r.middle.side(axis, from, true).side(axis, to, false));
+                }
+            }
+            let mut right = [(Box3::EMPTY, 0usize); BINS + 1];
+            for k in (0..BINS).rev() {
+                right[k] = (right[k + 1].0.union(bins[k]), right[k + 1].1 + leave[k]);
+            }
+            let mut left = (Box3::EMPTY, 0usize);
+            for k in 1..BINS {
+                left = (left.0.union(bins[k - 1]), left.1 + enter[k - 1]);
+                if left.1 == 0 || right[k].1 == 0 || left.1 + right[k].1 > budget {
+                    continue;
+                }
+                let cost = split_cost(node, left, right[k]);
+                if best.as_ref().is_none_or(|b| cost < b.cost) {
+                    best = Some(SpatialSplit { cost, axis, at: edge(k), left, right: right[k] });
+                }
+            }
+        }
+        best
+    }
+
+    /// The references of both children. What crosses the plane is cut, unless one child would be cheaper with the whole of
+    /// it than both with a part ("reference unsplitting").
+    pub fn apply(&self, references: Vec<Reference>, tests: &TriangleTests) -> [Vec<Reference>; 2] {
+        let mut children = [Vec::with_capacity(self.left.1), Vec::with_capacity(self.right.1)];
+        let (ln, rn) = (self.left.1 as f32, self.right.1 as f32);
+        let (la, ra) = (self.left.0.half_area(), self.right.0.half_area());
+        for r in references {
+            if r.middle.max[self.axis] <= self.at {
+                children[0].push(r);
+                continue;
+            }
+            if r.middle.min[self.axis] >= self.at {
+                children[1].push(r);
+                continue;
+            }
+            let both = la * ln + ra * rn;
+            let only_left = self.left.0.union(r.middle).half_area() * ln + ra * (rn - 1.0);
+            let only_right = la * (ln - 1.0) + self.right.0.union(r.middle).half_area() * rn;
+            if only_left.min(only_right) < both {
+                children[usize::from(only_right < only_left)].push(r);
+                continue;
+            }
+            let cells = [false, true].map(|above| r.cell.side(self.axis, self.at, above));
+            let parts = cells.map(|cell| part_in(tests, r.index, cell));
+            if parts.iter().all(Option::is_none) {
+                children[0].push(r);
+                continue;
+            }
+            for ((child, cell), part) in children.iter_mut().zip(cells).zip(parts) {
+                if let Some(part) = part {
+                    child.push(Reference { index: r.index, bounds: part.bounds, middle: part.middle, cell });
+                }
+            }
+        }
+        children
+    }
+}

@@ -1,0 +1,154 @@
+//! The triangle test by itself, for structures that others build.
+
+use crate::error::BuildError;
+use crate::geometry::{Aabb, Box3, KERNEL_ULPS, LinearBounds, TimeInterval, ULP};
+use crate::primitive::{PrimitiveSet, Scene, TriangleMesh};
+use crate::ray::{Geometry, Hit, Ray, TreeRay};
+use glam::{Vec3, Vec3A};
+
+/// Tests triangles one by one, exactly as [`RayTree`](crate::RayTree) and [`BruteForce`](super::BruteForce) do.
+///
+/// For structures of one's own that are to be compared with the library's: any of them that culls conservatively, tests all
+/// that is left here and prefers the lowest index of several hits at the least `t`, answers as brute force does, bit for bit.
+///
+/// Everything is in *tree space*, which the library keeps its coordinates in: world space moved and scaled by a power of two such
+/// that no coordinate is much larger than 1. A triangle's index counts through the meshes in their order.
+///
+/// ```
+/// use mbkd::baseline::{BruteForce, TriangleTests};
+/// use mbkd::{Hit, Ray, TriangleMesh, glam::Vec3};
+/// let meshes = [TriangleMesh::fixed(vec![[0, 1, 2]; 2], vec![Vec3::ZERO, Vec3::X, Vec3::Y])];
+/// let tests = TriangleTests::new(&meshes)?;
+/// let ray = Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z);
+/// let mut best: Option<Hit> = None;
+/// if let Some(prepared) = tests.prepare(&ray) {
+///     for index in 0..tests.len() as u32 {
+///         let limit = best.map_or(f32::INFINITY, |hit| hit.t);
+///         if let Some(hit) = tests.hit(&prepared, index, limit)
+///             && best.is_none_or(|best| hit.t < best.t)
+///         {
+///             best = Some(hit);
+///         }
+///     }
+/// }
+/// assert_eq!(best, BruteForce::new(&meshes)?.closest_hit(&ray));
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
+pub struct TriangleTests {
+    scene: Scene,
+}
+
+impl TriangleTests {
+    /// Takes triangle meshes.
+    ///
+    /// # Errors
+    /// What is wrong with a mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
+    pub fn new(meshes: &[TriangleMesh]) -> Result<TriangleTests, BuildError> {
+        Ok(TriangleTests { scene: Scene::new(meshes, Vec::new())? })
+    }
+
+    /// Number of triangles.
+    pub fn len(&self) -> usize {
+        self.scene.len()
+    }
+
+    /// Whether there are no triangles.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Bytes of the vertices and what else tests look at.
+    pub fn bytes(&self) -> usize {
+        self.scene.bytes()
+    }
+
+    /// How many keys of a triangle's motion are kept, at least 1; they are spaced evenly over the shutter.
+    pub fn keys(&self, index: u32) -> usize {
+        self.scene.triangles.keys(index)
+    }
+
+    /// The corners of a triangle at a time of the shutter.
+    pub fn corners(&self, index: u32, time: f32) -> [Vec3; 3] {
+        self.scene.triangles.corners(index, time)
+    }
+
+    /// Bounds that hold the corners of a triangle at every time of an interval.
+    pub fn bounds(&self, index: u32, over: TimeInterval) -> LinearBounds {
+        let bounds = self.scene.bounds(index, over);
+        let wide = |b: Box3| Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
+        LinearBounds { begin: wide(bounds.begin), end: wide(bounds.end) }
+    }
+
+    /// How much larger, on every side, a box must be than the triangles in it, if none of its coordinates is
+    /// larger than `magnitude`: then a slab test, done in f32 with the ray's [`slack`](PreparedRay::slack), finds the box
+    /// wherever [`hit`](TriangleTests::hit) hits one of these triangles. It includes the rounding of the slab test, not that of
+    /// a box that is interpolated.
+    pub fn padding(magnitude: f32) -> f32 {
+        KERNEL_ULPS * ULP * magnitude
+    }
+
+    /// Makes a ray ready to be tested; nothing for one that hits nothing anyway (see [`Ray`]).
+    #[inline]
+    pub fn prepare(&self, ray: &Ray) -> Option<PreparedRay> {
+        TreeRay::new(ray, self.scene.frame()).map(|ray| PreparedRay { ray })
+    }
+
+    /// What the ray hits of a triangle, in its range and no farther than `limit`.
+    #[inline]
+    pub fn hit(&self, ray: &PreparedRay, index: u32, limit: f32) -> Option<Hit> {
+        if !self.scene.always_active() && !self.scene.active(index).contains(ray.time()) {
+            return None;
+        }
+        test(&self.scene, index, &ray.ray, limit)
+    }
+}
+
+#[inline(always)]
+fn test<G: Geometry>(geometry: &G, index: u32, ray: &TreeRay, limit: f32) -> Option<Hit> {
+    let hit = geometry.intersect(index, ray)?;
+    (hit.t <= limit).then(|| hit.answer(geometry.name(index)))
+}
+
+/// A ray in tree space, for [`TriangleTests::hit`] and for slab tests: a point of it is `origin + direction * distance`, where the
+/// direction is the ray's, scaled by a power of two so that its largest component is in [1, 2).
+pub struct PreparedRay {
+    ray: TreeRay,
+}
+
+impl PreparedRay {
+    /// Where the ray begins; rays that begin far away were led to the scene.
+    #[inline]
+    pub fn origin(&self) -> Vec3A {
+        self.ray.origin.into()
+    }
+
+    /// One over each component of the direction. Never infinite: components that are too small count as 2^-24.
+    #[inline]
+    pub fn inverse(&self) -> Vec3A {
+        self.ray.inverse
+    }
+
+    /// By how much slab tests must take boxes to be larger than they are, on every side.
+    #[inline]
+    pub fn slack(&self) -> f32 {
+        self.ray.slack
+    }
+
+    /// The first and last distance that count.
+    #[inline]
+    pub fn range(&self) -> (f32, f32) {
+        (self.ray.begin, self.ray.end)
+    }
+
+    /// A distance beyond which no hit is as near as `t`.
+    #[inline]
+    pub fn reach(&self, t: f32) -> f32 {
+        self.ray.reach(t)
+    }
+
+    /// When the ray looks.
+    #[inline]
+    pub fn time(&self) -> f32 {
+        self.ray.time
+    }
+}
