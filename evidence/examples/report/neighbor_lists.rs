@@ -1,10 +1,11 @@
 //! Neighbour lists that serve several steps: pairs missed by a guess, and what certainty costs.
 
+use crate::fronts::{Family, claim, plot, short};
 use crate::page::{Item, Section, Style, Table};
-use crate::pareto::{Family, Measured, claim, plot, short};
 use crate::particle_walk::{Kept, Maker, Upkeep, Walk, keep};
 use crate::race::on_one_thread;
 use crate::run::{Run, Times};
+use mbkd_evidence::pareto::Measured;
 use std::error::Error;
 
 /// Skins, in radii.

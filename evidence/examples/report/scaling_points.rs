@@ -1,9 +1,9 @@
 //! How structures for points grow: with their number, with how far they move, and with the keys of their motion.
 
+use crate::fronts::short;
 use crate::kiddo_peer::{KiddoTree, Leaves};
 use crate::memory::weigh;
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
-use crate::pareto::short;
 use crate::race::{on_one_thread, timed};
 use crate::run::Run;
 use mbkd::glam::Vec3;
