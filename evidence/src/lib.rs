@@ -3,3 +3,4 @@
 pub mod accuracy;
 pub mod oracle;
 pub mod peers;
+pub mod point_sets;

@@ -3,15 +3,27 @@
 //! `cargo run --release --example report` writes a folder with `index.html`, a CSV file of every table and plot, and the
 //! plots as SVG; `--quick` takes less than two minutes. docs/report.md says what each section shows.
 
+mod arithmetic;
 mod cast;
 mod heat_maps;
 mod html;
+mod kiddo_peer;
+mod memory;
+mod neighbor_error;
+mod neighbor_lists;
 mod page;
+mod pareto;
+mod particle_walk;
+mod photon_error;
+mod photon_scene;
 mod plot;
+mod race;
 mod render_error;
 mod run;
+mod scaling_points;
 mod scaling_rays;
 mod shading;
+mod simple_kernels;
 mod tables;
 mod time_weights;
 
@@ -35,7 +47,12 @@ const SECTIONS: &[Recipe] = &[
     Recipe { id: "tables", seconds: [10, 200], make: tables::run },
     Recipe { id: "heat-maps", seconds: [3, 40], make: heat_maps::run },
     Recipe { id: "render-error", seconds: [10, 300], make: render_error::run },
+    Recipe { id: "neighbor-error", seconds: [12, 200], make: neighbor_error::run },
+    Recipe { id: "photon-error", seconds: [8, 100], make: photon_error::run },
+    Recipe { id: "neighbor-lists", seconds: [8, 150], make: neighbor_lists::run },
+    Recipe { id: "arithmetic", seconds: [3, 30], make: arithmetic::run },
     Recipe { id: "scaling-rays", seconds: [10, 300], make: scaling_rays::run },
+    Recipe { id: "scaling-points", seconds: [20, 200], make: scaling_points::run },
 ];
 
 #[derive(Parser)]
