@@ -3,7 +3,7 @@
 
 use crate::cast::{Member, exact, on_one_thread};
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
-use crate::run::{Run, Times, interleaved, seconds};
+use crate::run::{Run, Times, interleaved, interleaved_wall, seconds};
 use mbkd::glam::Vec3;
 use mbkd::{BuildError, BuildParams, KdParams, Ray, TriangleMesh};
 use mbkd_evidence::accuracy::Random;
@@ -251,7 +251,7 @@ fn threads(cast: &[Member], meshes: &[TriangleMesh], rays: usize, random: &mut R
             Box::new(|| on_one_thread(ask)),
             Box::new(ask),
         ];
-        let times: Vec<Times> = interleaved(&mut tasks, 3);
+        let times: Vec<Times> = interleaved_wall(&mut tasks, 3);
         let mut row = vec![member.name.to_string()];
         row.extend(times.iter().map(|time| format!("{:.4}", time.median)));
         row.push(format!("{:.2}", times[0].median / times[1].median));

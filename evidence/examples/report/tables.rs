@@ -106,7 +106,7 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
         measured.push(on_one_thread(|| measure(&cast, &meshes, [&camera, &bounce], rounds))?);
         run.step("time weights");
         if pair.ours != "flake" && pair.ours != "camera" {
-            weights.push((pair.ours, time_weights::compare(&meshes, &camera)?));
+            weights.push(time_weights::compare(pair.ours, &meshes, &camera)?);
         }
     }
     let mut items = vec![Item::Text(
