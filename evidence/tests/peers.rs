@@ -91,7 +91,7 @@ fn ray() -> impl Strategy<Value = Ray> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(100))]
+    #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
     fn exact_structures_equal_brute_force(

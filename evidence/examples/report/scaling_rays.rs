@@ -43,9 +43,8 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let patience = run.pick(5.0, 60.0);
     let mut items = vec![Item::Text(format!(
         "Loose triangles fill a cube evenly; each moves its own way, by a multiple of the mean distance to its neighbour. Rays cross \
-         the cube at random times. One thread, medians. The k-d trees may make {BUDGET} references per triangle (MSBVH 2); hollow \
-         points in the tables' last column and marks without a line in the plots say where that budget ended the build, so that the \
-         tree is coarser than it would like to be. A build is left out where, by the one before it, it would take more than {patience} s."
+         the cube at random times. One thread, medians. The k-d trees may make {BUDGET} references per triangle (MSBVH 2); the tables' last column and marks without a line in the plots \
+         say where that budget was spent, so that the tree is coarser than it would like to be. A build is left out where, by the one before it, it would take more than {patience} s."
     ))];
     let mut random = Random(run.seed);
     let cast = members();
@@ -201,7 +200,7 @@ fn plots(name: &str, label: &str, log: bool, of: &str, all: Vec<Along>) -> Vec<I
             .collect();
         if !at_budget.is_empty() {
             let label = "budget of references hit".into();
-            series.push(Series { label, points: at_budget, style: Style::Points, ours: true });
+            series.push(Series { label, points: at_budget, style: Style::Points, ours: false });
         }
         items.push(Item::Plot(Plot {
             name: format!("{name}-{kind}"),

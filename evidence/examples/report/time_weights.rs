@@ -6,6 +6,10 @@ use crate::sah_models::{Counts, leaves};
 use mbkd::baseline::TriangleTests;
 use mbkd::{BuildError, BuildParams, Counters, KdParams, Ray, RayTree, Statistics, TriangleMesh};
 
+/// What weights are compared with.
+const BOTH: &str = "against one on each side";
+const MIDDLE: &str = "against the place at mid-shutter only";
+
 /// The ways to count duplicates.
 const KINDS: [&str; 4] = ["duplicates", "share of duplicates", "timed references", "share of timed references"];
 
@@ -58,24 +62,23 @@ pub fn compare(scene: &'static str, meshes: &[TriangleMesh], rays: &[Ray]) -> Re
         });
         let (with, without) = (with?, without?);
         outcomes.push(Outcome {
-            rule: format!("against one on each side; {rule}"),
+            rule: format!("{BOTH}; {rule}"),
             ratios: std::array::from_fn(|k| with.0[k] / without.0[k]),
             tests: Some(with.1 / without.1),
         });
     }
     let tests = TriangleTests::new(meshes)?;
-    for part in [0.4, 0.6, 0.8] {
+    for part in [0.4, 0.6, 0.8, 1.0] {
         let depth = (part * log) as u32;
         let of = |counts: Counts| {
             let leaves = leaves(&tests, counts, depth);
             kinds(triangles, leaves.references, leaves.timed as f64)
         };
         let with = of(Counts::Weighted);
-        for (against, counts) in [("one on each side", Counts::Both), ("the place at mid-shutter only", Counts::Middle)]
-        {
+        for (against, counts) in [(BOTH, Counts::Both), (MIDDLE, Counts::Middle)] {
             let without = of(counts);
             outcomes.push(Outcome {
-                rule: format!("against {against}; small model, depth {part} log2 n"),
+                rule: format!("{against}; small model, depth {part} log2 n"),
                 ratios: std::array::from_fn(|k| with[k] / without[k]),
                 tests: None,
             });
@@ -95,21 +98,16 @@ fn kinds(triangles: usize, references: usize, timed: f64) -> [f64; 4] {
 pub fn items(tried: &[Tried]) -> Vec<Item> {
     let percent = |ratio: f64| if ratio.is_finite() { format!("{:+.1}", 100.0 * (ratio - 1.0)) } else { "–".into() };
     let mut rows = Vec::new();
-    let mut fewest: Option<(f64, String)> = None;
+    let mut means = Vec::new();
     for rule in 0..tried.first().map_or(0, |first| first.outcomes.len()) {
         for Tried { scene, outcomes } in tried {
             let Outcome { rule, ratios, tests } = &outcomes[rule];
             let tests = tests.map_or("–".into(), percent);
             rows.push([vec![rule.clone(), scene.to_string()], ratios.map(percent).to_vec(), vec![tests]].concat());
         }
-        let of = tried[0].outcomes[rule].rule.clone();
-        for (k, kind) in KINDS.iter().enumerate() {
-            let ratios: Vec<f64> = tried.iter().map(|t| t.outcomes[rule].ratios[k]).filter(|r| r.is_finite()).collect();
-            let mean = ratios.iter().sum::<f64>() / ratios.len().max(1) as f64;
-            if !ratios.is_empty() && fewest.as_ref().is_none_or(|(best, _)| mean < *best) {
-                fewest = Some((mean, format!("{kind} {of}")));
-            }
-        }
+        let ratios: Vec<f64> = tried.iter().map(|t| t.outcomes[rule].ratios[0]).filter(|r| r.is_finite()).collect();
+        let mean = ratios.iter().sum::<f64>() / ratios.len().max(1) as f64;
+        means.push((tried[0].outcomes[rule].rule.clone(), 100.0 * (mean - 1.0)));
     }
     let heads = ["against what, and when both trees stop", "scene"].into_iter().chain(KINDS).chain(["tests per ray"]);
     let mut items = vec![
@@ -127,15 +125,24 @@ pub fn items(tried: &[Tried]) -> Vec<Item> {
             rows,
         }),
     ];
-    if let Some((mean, reading)) = fewest {
-        let change = 100.0 * (mean - 1.0);
-        items.push(Item::Claim {
-            text: format!(
-                "there is a reading in which time weights make 7 % fewer duplicates on average over the moving scenes (the most \
-                 favourable: {reading}: {change:+.1} %)"
-            ),
-            holds: change <= -7.0,
-        });
-    }
+    // The number of duplicates, on average over the scenes, in all rules of a reading.
+    let claim = |text: &str, against: &str| {
+        let of: Vec<&(String, f64)> = means.iter().filter(|(rule, _)| rule.starts_with(against)).collect();
+        let listed: Vec<String> = of
+            .iter()
+            .map(|(rule, change)| {
+                format!("{}: {change:+.1} %", rule.split_once("; ").map_or(rule.as_str(), |parts| parts.1))
+            })
+            .collect();
+        Item::Claim {
+            text: format!("{text} (on average over the moving scenes: {})", listed.join("; ")),
+            holds: of.iter().any(|(_, change)| *change <= -7.0),
+        }
+    };
+    items.push(claim("time weights make at least 7 % fewer duplicates than one on each side, in some reading", BOTH));
+    items.push(claim(
+        "time weights make at least 7 % fewer duplicates than counting where things are at mid-shutter, in some reading",
+        MIDDLE,
+    ));
     items
 }

@@ -7,6 +7,7 @@ use super::object_split::BINS;
 use super::parts::part_in;
 use mbkd::baseline::TriangleTests;
 use mbkd::glam::Vec3;
+use std::ops::RangeInclusive;
 
 /// A plane and its children as far as bins tell.
 pub struct SpatialSplit {
@@ -32,6 +33,7 @@ impl SpatialSplit {
             let bin = |x: f32| (((x - low) * scale) as usize).min(BINS - 1);
             let mut bins = [Box3::EMPTY; BINS];
             let (mut enter, mut leave) = ([0usize; BINS], [0usize; BINS]);
+            let mut parts = [Box3::EMPTY; BINS];
             for r in references {
                 let (first, last) = (bin(r.middle.min[axis]), bin(r.middle.max[axis]));
                 enter[first] += 1;
@@ -40,10 +42,9 @@ impl SpatialSplit {
                     bins[first] = bins[first].union(r.middle);
                     continue;
                 }
-                let mut parts = [Box3::EMPTY; BINS];
-                chop(tests.corners(r.index, 0.5), axis, bin, edge, &mut parts);
-                for (bounds, part) in bins.iter_mut().zip(parts).take(last + 1).skip(first) {
-                    let part = part.intersection(r.middle);
+                chop(tests.corners(r.index, 0.5), axis, bin, edge, &mut parts, first..=last);
+                for (bounds, part) in bins[first..=last].iter_mut().zip(&mut parts[first..=last]) {
+                    let part = std::mem::replace(part, Box3::EMPTY).intersection(r.middle);
                     if !part.is_empty() {
                         *bounds = bounds.union(part);
                     }
@@ -106,7 +107,7 @@ impl SpatialSplit {
     }
 }
 
-/// The boxes of a triangle's parts in all bins of an axis: its corners, each in its bin, and the places where its edges pass from
+/// The boxes of a triangle's parts in some bins of an axis: its corners, each in its bin, and the places where its edges pass from
 /// one bin to the next, in both.
 fn chop(
     corners: [Vec3; 3],
@@ -114,19 +115,26 @@ fn chop(
     bin: impl Fn(f32) -> usize,
     edge: impl Fn(usize) -> f32,
     parts: &mut [Box3; BINS],
+    wanted: RangeInclusive<usize>,
 ) {
+    let (least, most) = (*wanted.start(), *wanted.end());
+    let mut include = |k: usize, place: Vec3| {
+        if wanted.contains(&k) {
+            parts[k] = parts[k].union(Box3 { min: place, max: place });
+        }
+    };
     for (i, p) in corners.into_iter().enumerate() {
         let q = corners[(i + 1) % 3];
         let (p, q) = if p[axis] <= q[axis] { (p, q) } else { (q, p) };
         let (first, last) = (bin(p[axis]), bin(q[axis]));
-        parts[first] = parts[first].union(Box3::of([p]));
-        parts[last] = parts[last].union(Box3::of([q]));
-        for k in first + 1..=last {
+        include(first, p);
+        include(last, q);
+        for k in (first + 1).max(least)..=last.min(most + 1) {
             let s = ((edge(k) - p[axis]) / (q[axis] - p[axis])).clamp(0.0, 1.0);
             let mut place = p + (q - p) * s;
             place[axis] = edge(k);
-            parts[k - 1] = parts[k - 1].union(Box3::of([place]));
-            parts[k] = parts[k].union(Box3::of([place]));
+            include(k - 1, place);
+            include(k, place);
         }
     }
 }
