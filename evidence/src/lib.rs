@@ -2,5 +2,7 @@
 
 pub mod accuracy;
 pub mod oracle;
+pub mod pareto;
 pub mod peers;
 pub mod point_sets;
+pub mod simple_kernels;

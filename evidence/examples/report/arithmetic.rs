@@ -1,14 +1,14 @@
 //! What arithmetic loses: distances and barycentrics of rays against moving triangles, and distances of neighbours, beside
 //! exact ones, over how far the scene is from the origin and how long triangles are.
 
+use crate::fronts::short;
 use crate::page::{Axis, Item, Plot, Section, Series, Style};
-use crate::pareto::short;
 use crate::run::Run;
-use crate::simple_kernels::{Met, moller_trumbore, moller_trumbore_f64, watertight};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, PointArrays, PointParams, PointTree, Ray, RayTree, TriangleMesh};
 use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::oracle::{ExactDistance, ExactRay, Given, Moving, meet_triangle, ulp32};
+use mbkd_evidence::simple_kernels::{Met, moller_trumbore, moller_trumbore_f64, watertight};
 use std::error::Error;
 use std::ops::ControlFlow;
 

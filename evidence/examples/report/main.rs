@@ -5,6 +5,7 @@
 
 mod arithmetic;
 mod cast;
+mod fronts;
 mod heat_maps;
 mod html;
 mod kiddo_peer;
@@ -12,7 +13,6 @@ mod memory;
 mod neighbor_error;
 mod neighbor_lists;
 mod page;
-mod pareto;
 mod particle_walk;
 mod photon_error;
 mod photon_scene;
@@ -24,7 +24,6 @@ mod sah_models;
 mod scaling_points;
 mod scaling_rays;
 mod shading;
-mod simple_kernels;
 mod tables;
 mod time_weights;
 

@@ -1,13 +1,14 @@
 //! Neighbour searches among moving points: how many of the neighbours are wrong, and by how much, over the time that a query
 //! takes. After the plots of ann-benchmarks (Aumüller, Bernhardsson and Faithfull, 2018).
 
+use crate::fronts::{Family, claim, plot, short};
 use crate::kiddo_peer::{Inflated, KiddoTree, Leaves, Snapshots};
 use crate::memory::weigh;
 use crate::page::{Item, Section, Table};
-use crate::pareto::{Family, Measured, claim, plot, short};
 use crate::race::{Contestant, Effort, Ground, Outcome, on_one_thread, race, timed};
 use crate::run::Run;
 use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointTree};
+use mbkd_evidence::pareto::Measured;
 use mbkd_evidence::point_sets::{MOTIONS, Motion, Query, moving_points, place, queries};
 use std::error::Error;
 

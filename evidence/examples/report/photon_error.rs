@@ -1,10 +1,11 @@
 //! How far estimates of the density of light are off at a place and time, over what a gather costs; bias and variance apart.
 
+use crate::fronts::{Family, claim, plot, short};
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
-use crate::pareto::{Family, Measured, claim, front, plot, short};
 use crate::photon_scene::{COUNTS, Method, PASSES, Photons, Place, WINDOWS, density, places};
 use crate::race::on_one_thread;
 use crate::run::{Run, Times};
+use mbkd_evidence::pareto::{Measured, front};
 use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;

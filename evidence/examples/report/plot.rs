@@ -2,6 +2,7 @@
 
 use crate::page::{Axis, Plot, Series, Style};
 use plotters::coord::Shift;
+use plotters::coord::combinators::LogCoord;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
 use std::error::Error;
@@ -37,9 +38,9 @@ pub fn svg(plot: &Plot) -> Result<String, Box<dyn Error>> {
         let ((x0, x1), (y0, y1)) = (x, y);
         match (plot.x.log, plot.y.log) {
             (false, false) => draw(&drawing, plot, x0..x1, y0..y1)?,
-            (true, false) => draw(&drawing, plot, (x0..x1).log_scale(), y0..y1)?,
-            (false, true) => draw(&drawing, plot, x0..x1, (y0..y1).log_scale())?,
-            (true, true) => draw(&drawing, plot, (x0..x1).log_scale(), (y0..y1).log_scale())?,
+            (true, false) => draw(&drawing, plot, powers(x0, x1), y0..y1)?,
+            (false, true) => draw(&drawing, plot, x0..x1, powers(y0, y1))?,
+            (true, true) => draw(&drawing, plot, powers(x0, x1), powers(y0, y1))?,
         }
         for (i, series) in plot.series.iter().enumerate() {
             let (column, row) = (i as u32 % columns as u32, i as u32 / columns as u32);
@@ -77,6 +78,11 @@ fn range(plot: &Plot, axis: &Axis, of: impl Fn((f64, f64)) -> f64) -> (f64, f64)
     }
     let more = 0.05 * (high - low).max(1e-9 * high.abs()).max(1e-30);
     (if low == 0.0 { 0.0 } else { low - more }, high + more)
+}
+
+/// A logarithmic axis with labels at powers of ten; of two where there would be hardly any.
+fn powers(low: f64, high: f64) -> LogCoord<f64> {
+    (low..high).log_scale().base(if high / low < 100.0 { 2.0 } else { 10.0 }).into()
 }
 
 /// A number as short as it can be written.

@@ -1,9 +1,9 @@
 //! How structures for points grow: with their number, with how far they move, and with the keys of their motion.
 
+use crate::fronts::short;
 use crate::kiddo_peer::{KiddoTree, Leaves};
 use crate::memory::weigh;
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
-use crate::pareto::short;
 use crate::race::{on_one_thread, timed};
 use crate::run::Run;
 use mbkd::glam::Vec3;
@@ -56,10 +56,10 @@ struct Size {
 /// The section.
 pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let size = run.pick(
-        Size { numbers: vec![1000, 10_000, 100_000, 1_000_000], points: 20_000, queries: 4000, planes: 100_000 },
+        Size { numbers: vec![1000, 10_000, 100_000, 1_000_000], points: 10_000, queries: 4000, planes: 100_000 },
         Size {
             numbers: vec![1000, 10_000, 100_000, 1_000_000, 10_000_000],
-            points: 200_000,
+            points: 100_000,
             queries: 20_000,
             planes: 1_000_000,
         },
@@ -83,7 +83,7 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
 /// Rounds of a build.
 fn rounds(points: usize) -> usize {
     match points {
-        0..20_000 => 5,
+        0..20_000 => 3,
         20_000..500_000 => 2,
         _ => 1,
     }
@@ -179,7 +179,8 @@ fn over_displacement(run: &Run, size: &Size, spacings: &[f32]) -> Result<Vec<Cur
     ];
     let mut curves: Vec<Curve> =
         structures.iter().enumerate().map(|(i, (label, _))| Curve::new(label, i == 0)).collect();
-    curves.push(Curve { style: Style::Points, ..Curve::new("the same, at its budget of references", false) });
+    curves
+        .push(Curve { style: Style::Points, ..Curve::new("the paper's k-d tree, at its budget of references", false) });
     curves.push(Curve::new("kiddo at mid-shutter", false));
     for &displacement in spacings {
         run.step(&format!("{displacement} spacings"));

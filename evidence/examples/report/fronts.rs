@@ -1,17 +1,7 @@
-//! What one method costs and how much it errs, and whether another one does better in both.
+//! Methods as lines of a plot of error over cost, and the claim that none lies below and to the left of ours.
 
 use crate::page::{Axis, Item, Plot, Series, Style};
-
-/// One method with one setting, measured.
-#[derive(Clone, Debug)]
-pub struct Measured {
-    /// Method and setting.
-    pub name: String,
-    /// What it costs, as on the x axis.
-    pub cost: f64,
-    /// How much it errs, as on the y axis.
-    pub error: f64,
-}
+use mbkd_evidence::pareto::{Measured, refuting};
 
 /// A method with its settings, a line of a plot.
 pub struct Family {
@@ -23,37 +13,17 @@ pub struct Family {
     pub settings: Vec<Measured>,
 }
 
-/// The settings that no other of them beats, cheapest first.
-pub fn front(settings: &[Measured]) -> Vec<&Measured> {
-    let beaten = |m: &Measured| {
-        settings.iter().any(|other| {
-            other.cost <= m.cost && other.error <= m.error && (other.cost < m.cost || other.error < m.error)
-        })
-    };
-    let mut front: Vec<&Measured> = settings.iter().filter(|m| !beaten(m)).collect();
-    front.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    front
-}
-
 /// The claim that no peer lies below and to the left of a point of our front: costs less and errs no more. The text
 /// lists what refutes it.
 pub fn claim(about: &str, unit: &str, families: &[Family]) -> Item {
-    let all_ours: Vec<Measured> = families.iter().filter(|f| f.ours).flat_map(|f| f.settings.clone()).collect();
-    let mut refuted = Vec::new();
-    for peer in families.iter().filter(|f| !f.ours).flat_map(|f| &f.settings) {
-        let better = |ours: &&&Measured| peer.cost < ours.cost && peer.error <= ours.error;
-        if let Some(ours) = front(&all_ours).iter().find(better) {
-            refuted.push(format!(
-                "{} ({} {unit}, error {}) against {} ({} {unit}, error {})",
-                peer.name,
-                short(peer.cost),
-                short(peer.error),
-                ours.name,
-                short(ours.cost),
-                short(ours.error)
-            ));
-        }
-    }
+    let all = |ours: bool| -> Vec<Measured> {
+        families.iter().filter(|f| f.ours == ours).flat_map(|f| f.settings.clone()).collect()
+    };
+    let told = |m: &Measured| format!("{} ({} {unit}, error {})", m.name, short(m.cost), short(m.error));
+    let refuted: Vec<String> = refuting(&all(true), &all(false))
+        .into_iter()
+        .map(|(peer, ours)| format!("{} against {}", told(peer), told(ours)))
+        .collect();
     let holds = refuted.is_empty();
     let mut text = format!("{about}: no peer lies below and to the left of ours (costs less and errs no more).");
     if !holds {
