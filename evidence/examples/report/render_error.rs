@@ -53,7 +53,8 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
         "A small picture is rendered with more and more samples per pixel, each at a random place of its pixel and a random time \
          of the shutter: relative mean squared error (squared difference from a reference, divided by its square plus 0.01, mean \
          over pixels) against time. Every exact structure gets the same error from the same samples; they differ in time. Time slices \
-         show the scene at T times only: their rays are those of a still scene, and their error stops falling at their bias. All \
+         show the scene at T times only: their rays are those of a still scene, and their error stops falling at their bias. Until \
+         then they may well be ahead, since a ray in a still scene costs less, and more slices cost more building and memory. All \
          render on one thread, by turns, with the same shading; builds are apart, in the table."
             .into(),
     )];
@@ -256,7 +257,7 @@ fn judged(
             let ahead = |(t, e): &&(f64, f64)| {
                 error_at(&ours.curve, (t + build) * MARGIN - our_build).is_some_and(|our| e * MARGIN < our)
             };
-            if let Some((_, to)) = renderer.curve.iter().filter(ahead).next_back() {
+            if let Some((_, to)) = renderer.curve.iter().rfind(ahead) {
                 beaten.push(format!("{} down to an error of {to:.1e}", renderer.name));
             }
         }
