@@ -20,6 +20,7 @@ mod plot;
 mod race;
 mod render_error;
 mod run;
+mod sah_models;
 mod scaling_points;
 mod scaling_rays;
 mod shading;

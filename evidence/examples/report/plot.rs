@@ -8,15 +8,14 @@ use plotters::prelude::*;
 use std::error::Error;
 
 /// The palette of Okabe and Ito ("Color Universal Design", 2008), which colour-blind people can tell apart, without its
-/// yellow, which is too pale for lines. Black is last: it is the page's ink.
-const COLORS: [RGBColor; 7] = [
+/// yellow, which is too pale for lines, and without black, the page's ink: that is ours.
+const COLORS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
-    RGBColor(0, 0, 0),
 ];
 
 const WIDTH: u32 = 760;
@@ -147,15 +146,19 @@ where
 }
 
 fn stroke(series: &Series, i: usize) -> ShapeStyle {
-    COLORS[i % COLORS.len()].stroke_width(if series.ours { 4 } else { 2 })
+    color(series, i).stroke_width(if series.ours { 4 } else { 2 })
 }
 
-/// A mark at a place of the whole picture. Each series has a shape of its own, and the shapes and colours come round at
-/// different times.
+/// Black for what is ours, else the color of a place in the list.
+fn color(series: &Series, i: usize) -> RGBColor {
+    if series.ours { BLACK } else { COLORS[i % COLORS.len()] }
+}
+
+/// A mark at a place of the whole picture. Shapes come round as colours do.
 fn mark(area: &Area<'_, '_>, at: (i32, i32), series: &Series, i: usize) -> Result<(), Box<dyn Error>> {
     let base = area.get_base_pixel();
     let (x, y) = (at.0 - base.0, at.1 - base.1);
-    let color = COLORS[i % COLORS.len()];
+    let color = color(series, i);
     let r = if series.ours { 6 } else { 5 };
     let polygon = |corners: &[(i32, i32)]| Polygon::new(corners.to_vec(), color.filled());
     match i % 6 {

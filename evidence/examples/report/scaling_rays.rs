@@ -3,7 +3,7 @@
 
 use crate::cast::{Member, exact, on_one_thread};
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
-use crate::run::{Run, Times, interleaved, seconds};
+use crate::run::{Run, Times, interleaved, interleaved_wall, seconds};
 use mbkd::glam::Vec3;
 use mbkd::{BuildError, BuildParams, KdParams, Ray, TriangleMesh};
 use mbkd_evidence::accuracy::Random;
@@ -43,9 +43,8 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let patience = run.pick(5.0, 60.0);
     let mut items = vec![Item::Text(format!(
         "Loose triangles fill a cube evenly; each moves its own way, by a multiple of the mean distance to its neighbour. Rays cross \
-         the cube at random times. One thread, medians. The k-d trees may make {BUDGET} references per triangle (MSBVH 2); hollow \
-         points in the tables' last column and marks without a line in the plots say where that budget ended the build, so that the \
-         tree is coarser than it would like to be. A build is left out where, by the one before it, it would take more than {patience} s."
+         the cube at random times. One thread, medians. The k-d trees may make {BUDGET} references per triangle (MSBVH 2); the tables' last column and marks without a line in the plots \
+         say where that budget was spent, so that the tree is coarser than it would like to be. A build is left out where, by the one before it, it would take more than {patience} s."
     ))];
     let mut random = Random(run.seed);
     let cast = members();
@@ -201,7 +200,7 @@ fn plots(name: &str, label: &str, log: bool, of: &str, all: Vec<Along>) -> Vec<I
             .collect();
         if !at_budget.is_empty() {
             let label = "budget of references hit".into();
-            series.push(Series { label, points: at_budget, style: Style::Points, ours: true });
+            series.push(Series { label, points: at_budget, style: Style::Points, ours: false });
         }
         items.push(Item::Plot(Plot {
             name: format!("{name}-{kind}"),
@@ -251,7 +250,7 @@ fn threads(cast: &[Member], meshes: &[TriangleMesh], rays: usize, random: &mut R
             Box::new(|| on_one_thread(ask)),
             Box::new(ask),
         ];
-        let times: Vec<Times> = interleaved(&mut tasks, 3);
+        let times: Vec<Times> = interleaved_wall(&mut tasks, 3);
         let mut row = vec![member.name.to_string()];
         row.extend(times.iter().map(|time| format!("{:.4}", time.median)));
         row.push(format!("{:.2}", times[0].median / times[1].median));

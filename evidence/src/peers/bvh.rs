@@ -109,7 +109,7 @@ impl Builder<'_> {
         let mut object = ObjectSplit::best(&references, node);
         let overlap = object.as_ref().map_or(f32::INFINITY, |split| split.overlap);
         let spatial = (self.spatial && budget > n && overlap > OVERLAP * self.root)
-            .then(|| SpatialSplit::best(&references, node, budget))
+            .then(|| SpatialSplit::best(&references, node, budget, self.tests))
             .flatten();
         let cost = |of: Option<f32>| of.unwrap_or(f32::INFINITY);
         let (by_object, by_plane) = (cost(object.as_ref().map(|s| s.cost)), cost(spatial.as_ref().map(|s| s.cost)));

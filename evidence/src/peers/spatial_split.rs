@@ -6,8 +6,10 @@ use super::bvh::{Reference, split_cost};
 use super::object_split::BINS;
 use super::parts::part_in;
 use mbkd::baseline::TriangleTests;
+use mbkd::glam::Vec3;
+use std::ops::RangeInclusive;
 
-/// A plane and its children as far as bins tell: boxes clipped, not triangles.
+/// A plane and its children as far as bins tell.
 pub struct SpatialSplit {
     pub cost: f32,
     axis: usize,
@@ -18,7 +20,7 @@ pub struct SpatialSplit {
 
 impl SpatialSplit {
     /// The cheapest plane through a node with this box that makes no more references than the budget allows.
-    pub fn best(references: &[Reference], node: Box3, budget: usize) -> Option<SpatialSplit> {
+    pub fn best(references: &[Reference], node: Box3, budget: usize, tests: &TriangleTests) -> Option<SpatialSplit> {
         let mut best: Option<SpatialSplit> = None;
         for axis in 0..3 {
             let (low, high) = (node.min[axis], node.max[axis]);
@@ -31,14 +33,21 @@ impl SpatialSplit {
             let bin = |x: f32| (((x - low) * scale) as usize).min(BINS - 1);
             let mut bins = [Box3::EMPTY; BINS];
             let (mut enter, mut leave) = ([0usize; BINS], [0usize; BINS]);
+            let mut parts = [Box3::EMPTY; BINS];
             for r in references {
                 let (first, last) = (bin(r.middle.min[axis]), bin(r.middle.max[axis]));
                 enter[first] += 1;
                 leave[last] += 1;
-                for (k, bounds) in bins.iter_mut().enumerate().take(last + 1).skip(first) {
-                    let from = if k == first { f32::NEG_INFINITY } else { edge(k) };
-                    let to = if k == last { f32::INFINITY } else { edge(k + 1) };
-                    *bounds = bounds.union(r.middle.side(axis, from, true).side(axis, to, false));
+                if first == last {
+                    bins[first] = bins[first].union(r.middle);
+                    continue;
+                }
+                chop(tests.corners(r.index, 0.5), axis, bin, edge, &mut parts, first..=last);
+                for (bounds, part) in bins[first..=last].iter_mut().zip(&mut parts[first..=last]) {
+                    let part = std::mem::replace(part, Box3::EMPTY).intersection(r.middle);
+                    if !part.is_empty() {
+                        *bounds = bounds.union(part);
+                    }
                 }
             }
             let mut right = [(Box3::EMPTY, 0usize); BINS + 1];
@@ -95,5 +104,37 @@ impl SpatialSplit {
             }
         }
         children
+    }
+}
+
+/// The boxes of a triangle's parts in some bins of an axis: its corners, each in its bin, and the places where its edges pass from
+/// one bin to the next, in both.
+fn chop(
+    corners: [Vec3; 3],
+    axis: usize,
+    bin: impl Fn(f32) -> usize,
+    edge: impl Fn(usize) -> f32,
+    parts: &mut [Box3; BINS],
+    wanted: RangeInclusive<usize>,
+) {
+    let (least, most) = (*wanted.start(), *wanted.end());
+    let mut include = |k: usize, place: Vec3| {
+        if wanted.contains(&k) {
+            parts[k] = parts[k].union(Box3 { min: place, max: place });
+        }
+    };
+    for (i, p) in corners.into_iter().enumerate() {
+        let q = corners[(i + 1) % 3];
+        let (p, q) = if p[axis] <= q[axis] { (p, q) } else { (q, p) };
+        let (first, last) = (bin(p[axis]), bin(q[axis]));
+        include(first, p);
+        include(last, q);
+        for k in (first + 1).max(least)..=last.min(most + 1) {
+            let s = ((edge(k) - p[axis]) / (q[axis] - p[axis])).clamp(0.0, 1.0);
+            let mut place = p + (q - p) * s;
+            place[axis] = edge(k);
+            include(k - 1, place);
+            include(k, place);
+        }
     }
 }
