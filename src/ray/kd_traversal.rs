@@ -142,3 +142,48 @@ impl Walk for &KdTree {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Frame;
+    use crate::ray::Ray;
+    use crate::ray::intersect::intersect_triangle;
+    use glam::Vec3;
+
+    /// Hits of triangles on one side of a plane, of which an edge lies in it, outside of the range of the cell on that side,
+    /// if planes are padded by this part of what they should be.
+    fn hits_lost(part: f32) -> usize {
+        let mut state = 77u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        let (mut hits, mut lost) = (0, 0);
+        for _ in 0..200_000 {
+            let mut point = || Vec3::new(next(), next(), next());
+            let (a, mut b, mut c, origin) = (point(), point(), point(), point() * 3.0);
+            b.x = a.x;
+            // The cell is on the side of lower x.
+            c.x = a.x - c.x.abs();
+            let target = a + (b - a) * (0.5 + 0.5 * next());
+            // So long that distances in tree space are those of the answer.
+            let dir = (target - origin) / (target - origin).abs().max_element() * 1.25;
+            let Some(ray) = TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD) else { continue };
+            let Some(hit) = intersect_triangle(&ray, [a, b, c], || [a, b, c].map(Vec3::as_dvec3)) else { continue };
+            let axes = Axes::new(&ray, a.abs().max(b.abs()).max(c.abs()).max_element());
+            let (at, pad) = (axes.crossing(0, a.x), axes.pad[0] * part);
+            let within = if axes.inverse[0] > 0.0 { hit.t <= at + pad } else { at - pad <= hit.t };
+            hits += 1;
+            lost += usize::from(!within);
+        }
+        assert!(hits > 50_000, "{hits}");
+        lost
+    }
+
+    #[test]
+    fn ranges_hold_the_hits_in_their_cells_and_would_not_without_padding() {
+        assert_eq!(hits_lost(1.0), 0);
+        assert!(hits_lost(0.0) > 100);
+    }
+}
