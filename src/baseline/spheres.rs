@@ -2,18 +2,15 @@
 
 use crate::geometry::Box3;
 use crate::ray::TreeRay;
-use glam::Vec3A;
-
-/// So many spheres are looked at together, written so that the compiler uses vector instructions.
-const BLOCK: usize = 16;
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 
 /// Centres and radii of a block of spheres.
 #[derive(Clone, Default)]
 struct Block {
-    x: [f32; BLOCK],
-    y: [f32; BLOCK],
-    z: [f32; BLOCK],
-    radius: [f32; BLOCK],
+    x: Lanes<f32>,
+    y: Lanes<f32>,
+    z: Lanes<f32>,
+    radius: Lanes<f32>,
 }
 
 /// Spheres around everything that primitives ever occupy, in tree space.
@@ -28,7 +25,7 @@ impl FromIterator<Box3> for Spheres {
     fn from_iter<I: IntoIterator<Item = Box3>>(boxes: I) -> Spheres {
         let mut spheres = Spheres::default();
         for b in boxes {
-            let lane = spheres.len % BLOCK;
+            let lane = spheres.len % LANES;
             if lane == 0 {
                 spheres.blocks.push(Block::default());
             }
@@ -48,25 +45,44 @@ impl Spheres {
     ///
     /// The distance of a centre from the line is off by a few 2^-24 of its distance from the origin. A thousandth of that, and
     /// radii twice as large as need be, leave room for all rounding here and in the tests of primitives.
-    pub fn near(&self, ray: &TreeRay, mut visit: impl FnMut(u32)) {
-        let dir = ray.world.dir.as_dvec3().normalize();
-        let (o, d) = (Vec3A::from(ray.origin), Vec3A::from(dir.as_vec3()));
-        let least = ray.slack + f32::MIN_POSITIVE;
-        for (i, block) in self.blocks.iter().enumerate() {
-            let mut far = [false; BLOCK];
-            for (lane, far) in far.iter_mut().enumerate() {
-                let (x, y, z) = (block.x[lane] - o.x, block.y[lane] - o.y, block.z[lane] - o.z);
-                let (a, b, c) = (y * d.z - z * d.y, z * d.x - x * d.z, x * d.y - y * d.x);
-                let reach = block.radius[lane] + 1e-3 * (x.abs() + y.abs() + z.abs()) + least;
-                // In this form squares that overflow or underflow are not far.
-                *far = a * a + b * b + c * c > reach * reach;
-            }
-            if far == [true; BLOCK] {
-                continue;
-            }
-            let count = BLOCK.min(self.len - i * BLOCK);
-            for lane in (0..count).filter(|&lane| !far[lane]) {
-                visit((i * BLOCK + lane) as u32);
+    pub fn near(&self, ray: &TreeRay, visit: impl FnMut(u32)) {
+        dispatch(SimdLevel::best(), Near { spheres: self, ray, visit });
+    }
+}
+
+/// A ray's way past all spheres, for an instruction set.
+struct Near<'a, V> {
+    spheres: &'a Spheres,
+    ray: &'a TreeRay,
+    visit: V,
+}
+
+impl<V: FnMut(u32)> Kernel for Near<'_, V> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Near { spheres, ray, mut visit } = self;
+        let o = ray.origin;
+        let d = ray.world.dir.as_dvec3().normalize().as_vec3();
+        let (ox, oy, oz) = (s.splat(o.x), s.splat(o.y), s.splat(o.z));
+        let (dx, dy, dz) = (s.splat(d.x), s.splat(d.y), s.splat(d.z));
+        let (part, least) = (s.splat(1e-3), s.splat(ray.slack + f32::MIN_POSITIVE));
+        let size = s.splat_u(0x7fff_ffff);
+        for (i, block) in spheres.blocks.iter().enumerate() {
+            let (x, y, z) = (s.load(&block.x) - ox, s.load(&block.y) - oy, s.load(&block.z) - oz);
+            let (a, b, c) = (y * dz - z * dy, z * dx - x * dz, x * dy - y * dx);
+            let far_x = s.from_bits(s.to_bits(x) & size);
+            let far_y = s.from_bits(s.to_bits(y) & size);
+            let far_z = s.from_bits(s.to_bits(z) & size);
+            let reach = s.load(&block.radius) + part * (far_x + far_y + far_z) + least;
+            // In this form squares that overflow or underflow are not far.
+            let far = s.lt(reach * reach, a * a + b * b + c * c);
+            let count = LANES.min(spheres.len - i * LANES);
+            let mut near = !far & ((1u32 << count) - 1) as Mask;
+            while near != 0 {
+                visit((i * LANES) as u32 + near.trailing_zeros());
+                near &= near - 1;
             }
         }
     }

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | 3 | number of segments between the mesh's keys; the first key in the block; number of keys in it, of triangles, and the form |
 //! | n | where vertices are shared: the three vertices of each triangle, as in other blocks |
+//! | 1 | where they are not: the sizes (see [`super::wide_node`]) |
 //! | n | ids |
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
@@ -64,7 +65,7 @@ impl KeyedLeaf {
     /// Words from the block's begin to the ids.
     #[inline(always)]
     pub fn ids(&self) -> usize {
-        HEADER + if self.shared { self.count } else { 0 }
+        HEADER + if self.shared { self.count } else { 1 }
     }
 
     /// Words from the block's begin to the rows of the key where a segment begins; those of the next key follow. Of a
@@ -111,8 +112,10 @@ impl Triangles {
         words[..HEADER].copy_from_slice(&[segments as u32, first as u32, form]);
         if let Some(shared) = &shared {
             words[leaf.vertices()..][..count].copy_from_slice(&shared.corners[..count]);
-            words[leaf.vertices()] |= (count as u32 - 1) << 12 | shared.sizes(self, first..first + held);
+            words[leaf.vertices()] |= (count as u32 - 1) << 12;
         }
+        // The lower half is that of the first triangle's vertices, or nothing.
+        words[leaf.vertices()] |= self.sizes(ids, first..first + held);
         words[leaf.ids()..][..count].copy_from_slice(ids);
         let words = &mut arena.floats_mut()[at..];
         for key in first..first + held {

@@ -1,7 +1,6 @@
 //! Writes leaf blocks: what a set of primitives stores of itself in the arena.
 
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, sizes_of};
-use crate::geometry::Box3;
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
 use crate::simd::{Arena, LANES, Lanes};
 use crate::time::TimeSlice;
@@ -57,7 +56,7 @@ impl Triangles {
             1 => (Kind::StillLeaf, CORNER_ROWS),
             _ => (Kind::Leaf, 2 * CORNER_ROWS),
         };
-        let at = arena.grow(rows * n + n);
+        let at = arena.grow(rows * n + 1 + n);
         let (first_key, last_key) = arena.floats_mut()[at..at + rows * n].split_at_mut(CORNER_ROWS * n);
         for (lane, &id) in ids.iter().enumerate() {
             let [first, last] = self.corners_at_both(id);
@@ -66,8 +65,17 @@ impl Triangles {
                 write_corners(last_key, n, lane, last);
             }
         }
-        arena.ints_mut()[at + rows * n..][..n].copy_from_slice(ids);
+        let words = &mut arena.ints_mut()[at + rows * n..];
+        words[0] = self.sizes(ids, 0..most.max(1));
+        words[1..=n].copy_from_slice(ids);
         ChildRef::new(kind, at, n)
+    }
+}
+
+impl Triangles {
+    /// The sizes of a block of some triangles at some keys (see [`sizes_of`]).
+    pub(super) fn sizes(&self, ids: &[u32], keys: Range<usize>) -> u32 {
+        sizes_of(keys.flat_map(|key| ids.iter().map(move |&id| self.corners_at_key(id, key))))
     }
 }
 
@@ -112,14 +120,6 @@ impl Shared {
         (shared.count < 3 * ids.len()).then_some(shared)
     }
 
-    /// How large the block is at some keys (see [`sizes_of`]).
-    pub(super) fn sizes(&self, set: &Triangles, keys: Range<usize>) -> u32 {
-        sizes_of(keys.map(|key| {
-            let position = |lane: usize| set.position(self.vertices[lane], key * self.strides[lane] as usize);
-            (0..self.count).map(position).fold(Box3::EMPTY, Box3::include)
-        }))
-    }
-
     /// Writes the block, of one or two keys.
     fn write(&self, set: &Triangles, arena: &mut Arena, ids: &[u32], keys: usize) -> Option<ChildRef> {
         let (v, n) = (self.count, ids.len());
@@ -130,7 +130,7 @@ impl Shared {
         }
         let words = &mut arena.ints_mut()[at + row..];
         words[..n].copy_from_slice(&self.corners[..n]);
-        words[0] |= (n as u32 - 1) << 12 | self.sizes(set, 0..keys);
+        words[0] |= (n as u32 - 1) << 12 | set.sizes(ids, 0..keys);
         words[n..2 * n].copy_from_slice(ids);
         ChildRef::new(if keys == 1 { Kind::SharedStillLeaf } else { Kind::SharedLeaf }, at, v)
     }

@@ -19,7 +19,8 @@ impl Ids {
             let keyed = KeyedLeaf::of(words.get(..3)?, len);
             return (keyed.words() <= words.len()).then(|| Ids { first: keyed.ids(), count: keyed.count });
         }
-        let direct = |rows: usize| Ids { first: rows * len, count: len };
+        // Behind the rows and the sizes.
+        let loose = |rows: usize| Ids { first: rows * len + 1, count: len };
         let shared = |rows: usize| {
             let corners = rows * len;
             let count = shared_count(*words.get(corners)?);
@@ -27,11 +28,11 @@ impl Ids {
         };
         let ids = match leaf.kind() {
             Kind::Node | Kind::StillNode | Kind::Time => return None,
-            Kind::Leaf => direct(2 * CORNER_ROWS),
-            Kind::StillLeaf => direct(CORNER_ROWS),
+            Kind::Leaf => loose(2 * CORNER_ROWS),
+            Kind::StillLeaf => loose(CORNER_ROWS),
             Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
             Kind::SharedStillLeaf => shared(VERTEX_ROWS)?,
-            Kind::OwnLeaf => direct(0),
+            Kind::OwnLeaf => Ids { first: 0, count: len },
         };
         (ids.first + ids.count <= words.len()).then_some(ids)
     }

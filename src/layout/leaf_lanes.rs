@@ -21,7 +21,7 @@ impl<S: Simd> CornerLanes<S> {
         let (at, n) = (leaf.at(), leaf.len());
         let linear = Between::new(KeyTime::new(time, 2));
         match leaf.kind() {
-            Kind::StillLeaf => CornerLanes::own::<false>(s, arena, (at, n, at + CORNER_ROWS * n), linear),
+            Kind::StillLeaf => CornerLanes::own::<false>(s, arena, (at, n, at + CORNER_ROWS * n + 1), linear),
             Kind::SharedLeaf => CornerLanes::shared::<true>(s, arena, (at, n, at + 2 * VERTEX_ROWS * n), linear),
             Kind::SharedStillLeaf => CornerLanes::shared::<false>(s, arena, (at, n, at + VERTEX_ROWS * n), linear),
             Kind::OwnLeaf => {
@@ -33,7 +33,7 @@ impl<S: Simd> CornerLanes<S> {
                     false => CornerLanes::own::<true>(s, arena, (rows, n, at + keyed.ids()), between),
                 }
             }
-            _ => CornerLanes::own::<true>(s, arena, (at, n, at + 2 * CORNER_ROWS * n), linear),
+            _ => CornerLanes::own::<true>(s, arena, (at, n, at + 2 * CORNER_ROWS * n + 1), linear),
         }
     }
 
@@ -117,13 +117,6 @@ impl Between {
     pub(crate) fn rows(self, per_key: usize) -> (usize, usize) {
         let base = per_key * usize::from(self.from_end);
         (base, per_key - base)
-    }
-
-    /// A coordinate between the nearer key and the other in f64, as [`KeyTime::fine_position`] computes it.
-    #[inline(always)]
-    pub(crate) fn fine(self, base: f32, other: f32) -> f64 {
-        let (base, other) = (f64::from(base), f64::from(other));
-        base + (other - base) * f64::from(self.fraction)
     }
 }
 

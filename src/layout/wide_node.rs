@@ -5,19 +5,22 @@
 //! | moving node | rows of 16: lower x, upper x, lower y .. upper z, velocities of the same six, children |
 //! | still node | rows of 16: lower x, upper x, lower y .. upper z, children |
 //! | time node | number of equal time ranges, then one child each |
-//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the begin, the same at the end, ids |
-//! | still leaf of n | rows of n: corners, ids |
+//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the begin, the same at the end; sizes; n ids |
+//! | still leaf of n | rows of n: corners; sizes; n ids |
 //! | moving leaf of v shared vertices | rows of v: x y z at the begin, the same at the end; rows of n: corners, ids |
 //! | still leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
 //! | own leaf, of triangles | with more than two keys: see [`super::keyed_leaf`] |
 //! | own leaf of n, of other primitives | n ids |
 //!
 //! In blocks with shared vertices, a word of the row of corners numbers the three vertices of a triangle in its
-//! lowest bits, four each; the next four bits of the first word are n - 1, and its upper half says how large the block is: the exponents of
-//! two powers of two, of which no difference of two vertices' coordinates is larger than the first, and no coordinate than the second.
+//! lowest bits, four each; the next four bits of the first word are n - 1, and its upper half holds the sizes. In other blocks of
+//! triangles these are a word of their own in front of the ids.
+//!
+//! Sizes are the exponents of two powers of two: no coordinate of a vertex is larger than the first, and no
+//! triangle is larger than the second along an axis.
 
-use crate::geometry::Box3;
 use crate::simd::{Arena, LANES};
+use glam::Vec3;
 
 /// Rows of a node with moving boxes, and of one with still boxes; the last row holds the children.
 pub(crate) const NODE_ROWS: usize = 13;
@@ -62,23 +65,24 @@ pub(crate) fn shared_count(first_corners: u32) -> usize {
     (first_corners >> 12 & 15) as usize + 1
 }
 
-/// The upper half of the first word of the corners of a block with shared vertices, which are all within this box per key.
-pub(crate) fn sizes_of(keys: impl Iterator<Item = Box3>) -> u32 {
-    let (mut size, mut extent) = (0.0f32, 0.0f32);
-    for key in keys {
-        size = size.max(key.magnitude());
-        extent = extent.max((key.max - key.min).max_element());
+/// The sizes of a block of these triangles, in the upper half of a word.
+pub(crate) fn sizes_of(triangles: impl Iterator<Item = [Vec3; 3]>) -> u32 {
+    let (mut size, mut extent) = (Vec3::ZERO, Vec3::ZERO);
+    for [a, b, c] in triangles {
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        size = size.max(low.abs()).max(high.abs());
+        extent = extent.max(high - low);
     }
+    let (size, extent) = (size.max_element(), extent.max_element());
     // The next power of two, which is above the rounding of the difference as well.
     let exponent = |x: f32| (x.to_bits() >> 23) + 1;
     exponent(size) << 24 | exponent(extent) << 16
 }
 
-/// The largest coordinate of the vertices, and the largest difference of two, or somewhat more.
+/// The largest coordinate of the vertices, and the largest extent of a triangle along an axis, or somewhat more.
 #[inline(always)]
-pub(crate) fn block_sizes(first_corners: u32) -> (f32, f32) {
-    let power = |exponent: u32| f32::from_bits(exponent << 23);
-    (power(first_corners >> 24), power(first_corners >> 16 & 255))
+pub(crate) fn block_sizes(word: u32) -> (f32, f32) {
+    (f32::from_bits(word >> 24 << 23), f32::from_bits((word >> 16 & 255) << 23))
 }
 
 /// A reference to a child: 25 bits of cache line, 4 bits of leaf length, 3 bits of kind.
@@ -131,7 +135,7 @@ impl ChildRef {
             Kind::SharedLeaf => 2 * VERTEX_ROWS + 1,
             Kind::SharedStillLeaf => VERTEX_ROWS + 1,
         };
-        (rows * self.len()).div_ceil(LANES)
+        (rows * self.len() + 1).div_ceil(LANES)
     }
 
     #[inline(always)]

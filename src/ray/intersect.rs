@@ -43,5 +43,5 @@ pub(crate) fn intersect_triangle(
 ) -> Option<SetHit> {
     // Each by itself: mapped arrays become calls.
     let corners = [ray.shear.corner(a, ray.origin), ray.shear.corner(b, ray.origin), ray.shear.corner(c, ray.origin)];
-    if Sheared::may_hit(corners, ray.slack) { ray.decide(fine(), ray.t_max) } else { None }
+    if Sheared::may_hit(corners, ray.slack) { ray.decide_one(fine(), ray.t_max) } else { None }
 }

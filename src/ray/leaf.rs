@@ -11,10 +11,10 @@ use super::observer::Observer;
 use super::shear::margin;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
+use super::triangle::FineRay;
 use crate::geometry::{KERNEL_ULPS, KeyTime, ULP};
 use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, block_sizes, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
-use glam::DVec3;
 
 impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// Tests the triangles of a leaf block; true ends the query.
@@ -24,18 +24,17 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         s: S,
         leaf: LeafRows,
         ray: &TreeRay,
-        of: &LeafRay,
+        (of, between): (&LeafRay, Between),
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
-        let LeafRows { at, n, behind } = leaf;
+        let LeafRows { at, n, behind: ids } = leaf;
         observer.leaf();
         observer.primitive_tests(n);
         let block = &self.arena.floats()[at..];
         let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
         let rows = Rows::new(block, n, count);
         let of = of.read();
-        let between = if MOVING { of.between } else { Between::NEVER };
         let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
         let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, kz, oz);
         let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, kx, ox);
@@ -45,23 +44,18 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let a = (xa - sx * za, ya - sy * za);
         let b = (xb - sx * zb, yb - sy * zb);
         let c = (xc - sx * zc, yc - sy * zc);
-        let aside = s.max(farther(s, a.0, a.1), s.max(farther(s, b.0, b.1), farther(s, c.0, c.1)));
-        let ahead = s.max(farther(s, za, zb), farther(s, zc, zc));
-        let stray = s.mul_add(aside + ahead, s.splat(KERNEL_ULPS * ULP), s.splat(2.0 * of.slack));
-        // As `margin` has it.
-        let margin = s.mul_add(s.splat(16.0) * stray, aside + stray, s.splat(f32::MIN_POSITIVE));
-        let mut inside = maybe_inside(s, a, b, c, margin) & ((1u32 << n) - 1) as Mask;
-        let (base, other) = between.rows(CORNER_ROWS);
+        let margin = block_margin(self.arena.ints()[ids - 1], of.slack);
+        let mut inside = maybe_inside(s, a, b, c, s.splat(margin)) & ((1u32 << n) - 1) as Mask;
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
             // Each by itself: a closure becomes a call, which pushes the query out of registers.
             let corners = [
-                fine_vertex::<MOVING>(block, n, i, base, other, between),
-                fine_vertex::<MOVING>(block, n, i, base + 3, other + 3, between),
-                fine_vertex::<MOVING>(block, n, i, base + 6, other + 6, between),
+                fine_corners::<S, MOVING>(s, &rows, between, kx, i),
+                fine_corners::<S, MOVING>(s, &rows, between, ky, i),
+                fine_corners::<S, MOVING>(s, &rows, between, kz, i),
             ];
-            if self.offer(corners, behind + i, ray, collect) {
+            if self.offer(s, corners, ids + i, ray, collect) {
                 return true;
             }
         }
@@ -75,7 +69,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         s: S,
         leaf: LeafRows,
         ray: &TreeRay,
-        of: &LeafRay,
+        (of, between): (&LeafRay, Between),
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
@@ -88,7 +82,6 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         observer.leaf();
         observer.primitive_tests(n);
         let of = of.read();
-        let between = if MOVING { of.between } else { Between::NEVER };
         let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
         let z = vertices::<S, MOVING>(s, &rows, between, kz, oz);
         let x = vertices::<S, MOVING>(s, &rows, between, kx, ox) - s.splat(of.sx) * z;
@@ -98,20 +91,19 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let a = (s.permute(x, first), s.permute(y, first));
         let b = (s.permute(x, second), s.permute(y, second));
         let c = (s.permute(x, third), s.permute(y, third));
-        let (size, extent) = block_sizes(words[0]);
-        let margin = margin(2.0 * extent, KERNEL_ULPS * ULP * size + of.slack);
+        let margin = block_margin(words[0], of.slack);
         let mut inside = maybe_inside(s, a, b, c, s.splat(margin)) & ((1u32 << n) - 1) as Mask;
-        let (base, other) = between.rows(VERTEX_ROWS);
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            let (width, numbers) = (leaf.n, words[i] as usize);
+            let numbers = words[i] as usize;
+            let lanes = [numbers & 15, numbers >> 4 & 15, numbers >> 8 & 15];
             let corners = [
-                fine_vertex::<MOVING>(block, width, numbers & 15, base, other, between),
-                fine_vertex::<MOVING>(block, width, numbers >> 4 & 15, base, other, between),
-                fine_vertex::<MOVING>(block, width, numbers >> 8 & 15, base, other, between),
+                fine_vertices::<S, MOVING>(s, &rows, between, kx, lanes),
+                fine_vertices::<S, MOVING>(s, &rows, between, ky, lanes),
+                fine_vertices::<S, MOVING>(s, &rows, between, kz, lanes),
             ];
-            if self.offer(corners, at + n + i, ray, collect) {
+            if self.offer(s, corners, at + n + i, ray, collect) {
                 return true;
             }
         }
@@ -120,8 +112,10 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
 
     /// Decides about a triangle of these corners, whose id is at word `id`; true ends the query.
     #[inline(always)]
-    fn offer(&self, corners: [DVec3; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
-        let Some(hit) = ray.decide(corners, collect.limit()) else { return false };
+    fn offer<S: Simd>(&self, s: S, corners: [S::D; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
+        let Some(hit) = ray.decide(s, &FineRay::new(core::hint::black_box(ray)), corners, collect.limit()) else {
+            return false;
+        };
         let id = self.arena.ints()[id];
         self.sees(id, ray) && collect.offer(Found { hit, id })
     }
@@ -164,14 +158,20 @@ pub(super) struct LeafRows {
     at: usize,
     /// Floats in a row.
     n: usize,
-    /// The first word of the ids, or of the numbers of shared vertices.
+    /// The first word of the ids, in front of which stand the sizes; or of the numbers of shared vertices.
     behind: usize,
 }
 
 impl LeafRows {
-    /// A block of `count` rows that begin it, the ids or numbers right behind them.
+    /// A block of `count` rows that begin it, behind which are the sizes and ids.
     #[inline(always)]
-    pub(super) fn first(leaf: ChildRef, count: usize) -> LeafRows {
+    pub(super) fn loose(leaf: ChildRef, count: usize) -> LeafRows {
+        LeafRows { at: leaf.at(), n: leaf.len(), behind: leaf.at() + count * leaf.len() + 1 }
+    }
+
+    /// A block of `count` rows of shared vertices that begin it, the numbers right behind them.
+    #[inline(always)]
+    pub(super) fn shared(leaf: ChildRef, count: usize) -> LeafRows {
         LeafRows { at: leaf.at(), n: leaf.len(), behind: leaf.at() + count * leaf.len() }
     }
 
@@ -194,11 +194,13 @@ fn maybe_inside<S: Simd>(s: S, a: (S::F, S::F), b: (S::F, S::F), c: (S::F, S::F)
     !(s.lt(least, s.splat(0.0) - margin) & s.lt(margin, greatest))
 }
 
-/// The greater of two sizes.
+/// The [`margin`] for all triangles of a block, from the word that has its sizes and the ray's slack.
+///
+/// Where a ray passes through a triangle, sheared corners are at most twice its extent away, since the slopes of the shear are at most 1.
 #[inline(always)]
-fn farther<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
-    let size = s.splat_u(0x7fff_ffff);
-    s.max_signed(s.from_bits(s.to_bits(a) & size), s.from_bits(s.to_bits(b) & size))
+fn block_margin(sizes: u32, slack: f32) -> f32 {
+    let (size, extent) = block_sizes(sizes);
+    margin(2.0 * extent, KERNEL_ULPS * ULP * size + slack)
 }
 
 /// One coordinate of the three corners of a block's triangles at the ray's time, exactly as `KeyTime::position`
@@ -228,24 +230,34 @@ fn vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, ax
     at + (s.load_row(rows, other + axis) - at) * s.splat(between.fraction) - origin
 }
 
-/// A vertex in f64, whose coordinates at the nearer key and at the other begin with these rows of `n`.
+/// One coordinate of the three corners of one triangle of a block in f64, exactly as `KeyTime::fine_position` computes it.
 #[inline(always)]
-fn fine_vertex<const MOVING: bool>(
-    block: &[f32],
-    n: usize,
-    lane: usize,
-    base: usize,
-    other: usize,
-    between: Between,
-) -> DVec3 {
-    let at = base * n + lane;
-    let near = [block[at], block[at + n], block[at + 2 * n]];
+fn fine_corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, lane: usize) -> S::D {
+    let (base, other) = between.rows(CORNER_ROWS);
+    let near = s.widen(rows.lane_of_thirds(base + axis, lane));
     if !MOVING {
-        return DVec3::new(f64::from(near[0]), f64::from(near[1]), f64::from(near[2]));
+        return near;
     }
-    let at = other * n + lane;
-    let far = [block[at], block[at + n], block[at + 2 * n]];
-    DVec3::new(between.fine(near[0], far[0]), between.fine(near[1], far[1]), between.fine(near[2], far[2]))
+    let far = s.widen(rows.lane_of_thirds(other + axis, lane));
+    near + (far - near) * s.splat_d(f64::from(between.fraction))
+}
+
+/// One coordinate of three of a block's shared vertices, likewise.
+#[inline(always)]
+fn fine_vertices<S: Simd, const MOVING: bool>(
+    s: S,
+    rows: &Rows,
+    between: Between,
+    axis: usize,
+    lanes: [usize; 3],
+) -> S::D {
+    let (base, other) = between.rows(VERTEX_ROWS);
+    let near = s.widen(rows.three_of_row(base + axis, lanes));
+    if !MOVING {
+        return near;
+    }
+    let far = s.widen(rows.three_of_row(other + axis, lanes));
+    near + (far - near) * s.splat_d(f64::from(between.fraction))
 }
 
 /// What leaf blocks need of a ray, in memory.
@@ -259,8 +271,8 @@ pub(super) struct LeafRay {
     sy: f32,
     /// The ray's slack.
     slack: f32,
-    /// The ray's time between keys; with two of them, unless a block says otherwise.
-    between: Between,
+    /// The ray's time between two keys.
+    pub between: Between,
 }
 
 impl LeafRay {
@@ -275,12 +287,6 @@ impl LeafRay {
             slack: ray.slack,
             between: Between::new(KeyTime::new(ray.time, 2)),
         }
-    }
-
-    /// The same ray with another time between keys.
-    #[inline(always)]
-    pub(super) fn between(&self, between: Between) -> LeafRay {
-        LeafRay { between, ..*self }
     }
 
     /// The ray for one leaf block. What the black box hides is not prepared for blocks that may never be met.

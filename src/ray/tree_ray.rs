@@ -64,14 +64,28 @@ const MODERATE: core::ops::RangeInclusive<u32> = 64..=190;
 
 impl TreeRay {
     /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
+    #[inline(always)]
+    pub fn new(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
+        let of = TreeRay::of(ray, frame);
+        if of.sees_nothing() { None } else { Some(of) }
+    }
+
+    /// Whether no distance is within the ray's range: it means nothing, or has nothing before it.
+    #[inline(always)]
+    pub fn sees_nothing(&self) -> bool {
+        self.begin > self.end
+    }
+
+    /// The ray in tree space. One that means nothing sees nothing.
     ///
     /// Every query begins with this, and nothing of a query can begin before it is done. So the usual ray is told by one
     /// branch, after which nothing depends on what differs from ray to ray; the direction is looked at as integers, which
     /// are compared in one cycle and need no trip through memory to be chosen from; and its reciprocals do not
     /// wait for its scaling. All others are left to a function of their own, since a call among this code would push
-    /// what is in registers out of them, whether it is made or not.
+    /// what is in registers out of them, whether it is made or not. That function mends what is there: an `Option`
+    /// of a ray would be copied, by wide loads that wait for the narrow stores before them.
     #[inline(always)]
-    pub fn new(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
+    pub fn of(ray: &Ray, frame: &Frame) -> TreeRay {
         let from = frame.fine_point(ray.origin);
         let origin = from.as_vec3();
         let field = longest(ray.dir) >> 23;
@@ -83,11 +97,22 @@ impl TreeRay {
             & (begin <= end)
             & (end <= f32::INFINITY.to_bits())
             & (ray.time.to_bits() <= 1f32.to_bits());
-        if !usual {
-            return TreeRay::unusual(ray, frame);
-        }
         let dir = Direction { dir: ray.dir, field, more: 0 };
-        Some(TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir))
+        let mut of = TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir);
+        if !usual {
+            of.mend(ray, frame);
+        }
+        of
+    }
+
+    /// The same for rays of any kind.
+    #[cold]
+    #[inline(never)]
+    fn mend(&mut self, ray: &Ray, frame: &Frame) {
+        match TreeRay::unusual(ray, frame) {
+            Some(of) => *self = of,
+            None => (self.begin, self.end) = (1.0, 0.0),
+        }
     }
 
     /// A ray with more slack than what rounding takes, in tree space.
@@ -98,9 +123,7 @@ impl TreeRay {
         Some(of)
     }
 
-    /// The same for rays of any kind.
-    #[cold]
-    #[inline(never)]
+    /// A ray of any kind; nothing where it means nothing.
     fn unusual(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
         let reach = f64::from(frame.reach);
         let from = frame.fine_point(ray.origin);
@@ -156,7 +179,7 @@ impl TreeRay {
     fn scaled(ray: &Ray, from: DVec3, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay {
         let Direction { dir, field, more } = of;
         // 2^-exponent of the longest component, and 2^exponent.
-        let (shrink, grow) = (f32::from_bits((254 - field) << 23), f32::from_bits(field << 23));
+        let (shrink, grow) = (f32::from_bits(254u32.wrapping_sub(field) << 23), f32::from_bits(field << 23));
         let d = Vec3A::from(dir);
         let inverse = ((Vec3A::ONE / d).abs() * grow).min(Vec3A::splat(1.0 / LEAST_COMPONENT)).copysign(d);
         let mut shear = Sheared::new(dir);
@@ -183,13 +206,14 @@ impl TreeRay {
         }
     }
 
-    /// The answer's `t` at a distance in tree space: rounded once. (Zero is added last, so that there is no -0.)
+    /// The answer's `t` at a distance in tree space from the origin as it was asked: rounded once. (Zero is added last, so
+    /// that there is no -0.)
     #[inline(always)]
     pub fn answer_at(&self, distance: f64) -> f32 {
-        ((distance + self.advance) * self.t_scale) as f32 + 0.0
+        (distance * self.t_scale) as f32 + 0.0
     }
 
-    /// A distance in tree space beyond which no answer is as near as the one at this distance.
+    /// A distance in tree space beyond which no answer is as near as the one at this distance from the origin as it was asked.
     ///
     /// Both are rounded to f32 (2^-24 of themselves, or half the least denormal) and may then be equal; the sum here leaves room for
     /// twice as much. It does not wait for the `t` of the answer, since the next box of the traversal waits for it. Only
@@ -275,7 +299,7 @@ fn power_of_two(e: i32) -> f64 {
 /// 1 / x of a normal power of two.
 #[inline(always)]
 fn inverse_of_power(x: f64) -> f64 {
-    f64::from_bits((2046 << 52) - x.to_bits())
+    f64::from_bits((2046u64 << 52).wrapping_sub(x.to_bits()))
 }
 
 #[cfg(test)]

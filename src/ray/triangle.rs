@@ -22,29 +22,48 @@
 use super::hit::SetHit;
 use super::tree_ray::TreeRay;
 use crate::geometry::Double;
-use glam::DVec3;
+use crate::simd::{Portable, Simd};
+use glam::{DVec2, DVec3};
+
+/// What the test needs of a ray in f64, along the axes `kx`, `ky` and `kz` of its shear.
+#[derive(Clone, Copy)]
+pub(super) struct FineRay {
+    from: [f64; 3],
+    dir: [f64; 3],
+}
+
+impl FineRay {
+    #[inline(always)]
+    pub fn new(ray: &TreeRay) -> FineRay {
+        let (o, d, k) = (ray.from, ray.world.dir.as_dvec3(), &ray.shear);
+        let (o, d) = ([o.x, o.y, o.z, 0.0], [d.x, d.y, d.z, 0.0]);
+        let (x, y, z) = (k.kx & 3, k.ky & 3, k.kz & 3);
+        FineRay { from: [o[x], o[y], o[z]], dir: [d[x], d[y], d[z]] }
+    }
+}
 
 impl TreeRay {
     /// Decides whether the ray passes through a triangle within its range and up to `limit`, and where. The corners are in
-    /// tree space.
+    /// tree space: one vector for each of the axes `kx`, `ky` and `kz`, with one corner in each lane.
     ///
     /// Triangles without area as seen by the ray are not hit.
     #[inline(always)]
-    pub fn decide(&self, [a, b, c]: [DVec3; 3], limit: f32) -> Option<SetHit> {
-        // Each by itself: mapped arrays become calls.
-        let (a, b, c) = (self.sheared(a), self.sheared(b), self.sheared(c));
-        let mut u = c.x * b.y - c.y * b.x;
-        let mut v = a.x * c.y - a.y * c.x;
-        let mut w = b.x * a.y - b.y * a.x;
+    pub(super) fn decide<S: Simd>(&self, s: S, fine: &FineRay, corners: [S::D; 3], limit: f32) -> Option<SetHit> {
+        let z = corners[2] - s.splat_d(fine.from[2]);
+        let x = sheared(s, corners[0] - s.splat_d(fine.from[0]), z, fine.dir[0], fine.dir[2]);
+        let y = sheared(s, corners[1] - s.splat_d(fine.from[1]), z, fine.dir[1], fine.dir[2]);
+        // Of corners a, b and c the edge functions c x b, a x c and b x a, in lanes.
+        let edges = s.turn_right(x) * s.turn_left(y) - s.turn_right(y) * s.turn_left(x);
+        let ([mut u, mut v, mut w, _], [za, zb, zc, _]) = (s.lanes_d(edges), s.lanes_d(z));
         if (u == 0.0) | (v == 0.0) | (w == 0.0) {
-            (u, v, w) = (exact_edge(c, b), exact_edge(a, c), exact_edge(b, a));
+            [u, v, w] = exact_edges(s.lanes_d(x), s.lanes_d(y));
         }
         let outside = ((u < 0.0) | (v < 0.0) | (w < 0.0)) & ((u > 0.0) | (v > 0.0) | (w > 0.0));
         let det = u + v + w;
         if outside | (det == 0.0) {
             return None;
         }
-        let distance = (u * a.z + v * b.z + w * c.z) / (det * f64::from(self.shear.dz)) - self.advance;
+        let distance = (u * za + v * zb + w * zc) / (det * f64::from(self.shear.dz));
         let t = self.answer_at(distance);
         // NaN is no hit in this form.
         (self.t_min <= t && t <= limit).then(|| {
@@ -53,24 +72,38 @@ impl TreeRay {
         })
     }
 
-    /// A corner relative to the ray: sheared x and y, both times the direction's longest component, and the unsheared depth.
+    /// The same for one triangle at a time.
     #[inline(always)]
-    fn sheared(&self, corner: DVec3) -> DVec3 {
-        let (p, d) = (corner - self.from, self.world.dir.as_dvec3());
+    pub fn decide_one(&self, [a, b, c]: [DVec3; 3], limit: f32) -> Option<SetHit> {
+        let fine = FineRay::new(self);
+        let (x, y, z) = ([a.x, b.x, c.x, 0.0], [a.y, b.y, c.y, 0.0], [a.z, b.z, c.z, 0.0]);
         // A branch that always goes the same way for one ray, where an index would go through memory.
-        let (x, y, z, dx, dy, dz) = match self.shear.kz {
-            0 => (p.y, p.z, p.x, d.y, d.z, d.x),
-            1 => (p.z, p.x, p.y, d.z, d.x, d.y),
-            _ => (p.x, p.y, p.z, d.x, d.y, d.z),
+        let [x, y, z] = match self.shear.kz {
+            0 => [y, z, x],
+            1 => [z, x, y],
+            _ => [x, y, z],
         };
-        DVec3::new(x * dz - dx * z, y * dz - dy * z, z)
+        self.decide(Portable, &fine, [Portable.load_d(&x), Portable.load_d(&y), Portable.load_d(&z)], limit)
     }
 }
 
-/// An edge function with the sign of the exact one, and zero only where that is.
+/// Sheared coordinates of corners relative to the ray, times the direction's longest component.
+#[inline(always)]
+fn sheared<S: Simd>(s: S, x: S::D, z: S::D, dx: f64, dz: f64) -> S::D {
+    x * s.splat_d(dz) - s.splat_d(dx) * z
+}
+
+/// The three edge functions with the signs of the exact ones, and zero only where those are.
 #[cold]
 #[inline(never)]
-fn exact_edge(p: DVec3, q: DVec3) -> f64 {
+fn exact_edges(x: [f64; 4], y: [f64; 4]) -> [f64; 3] {
+    let corner = |i: usize| DVec2::new(x[i], y[i]);
+    let (a, b, c) = (corner(0), corner(1), corner(2));
+    [exact_edge(c, b), exact_edge(a, c), exact_edge(b, a)]
+}
+
+/// An edge function with the sign of the exact one, and zero only where that is.
+fn exact_edge(p: DVec2, q: DVec2) -> f64 {
     let product = |a: f64, b: f64| Double::from(a) * Double::from(b);
     (product(p.x, q.y) - product(p.y, q.x)).to_f64()
 }
@@ -141,7 +174,7 @@ mod tests {
             let origin = point(3.0) * if i % 2 == 0 { 1.0 } else { size };
             let target = corners[0].lerp(corners[1], if i % 3 == 0 { 0.0 } else { 0.5 + 0.5 * next() });
             let Some(ray) = TreeRay::new(&Ray::new(origin, target - origin), &Frame::WORLD) else { continue };
-            if ray.decide(corners.map(Vec3::as_dvec3), f32::INFINITY).is_none() {
+            if ray.decide_one(corners.map(Vec3::as_dvec3), f32::INFINITY).is_none() {
                 continue;
             }
             let [a, b, c] = corners.map(|p| ray.shear.corner(p, ray.origin));
@@ -188,7 +221,7 @@ mod tests {
             let sum: i64 = exact.iter().sum();
             let outside = exact.iter().any(|&e| e < 0) && exact.iter().any(|&e| e > 0);
             let corners = [a, b, c].map(|[x, y]| [x as f32, y as f32, 1.0]);
-            let hit = ray.decide(corners.map(|p| DVec3::from(p.map(f64::from))), f32::INFINITY).is_some();
+            let hit = ray.decide_one(corners.map(|p| DVec3::from(p.map(f64::from))), f32::INFINITY).is_some();
             assert_eq!(hit, !outside && sum != 0, "{corners:?}");
             // An edge function within 1e-6 of zero, relative to the sum, and on the wrong side.
             near += u32::from(outside && exact.iter().any(|&e| e != 0 && (e as f64).abs() < 1e-6 * (sum as f64).abs()));

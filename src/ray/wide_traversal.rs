@@ -186,34 +186,39 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
     fn leaf(&mut self, s: S, at: ChildRef) -> ControlFlow<()> {
         let RayQuery { traverser, ray, forms, .. } = *self;
         let (collect, observer, leaf_ray) = (&mut *self.collect, &mut *self.observer, &forms.leaf);
-        let end = match at.kind() {
-            _ if !G::TRIANGLES => traverser.list(at, ray, collect, observer),
-            Kind::Leaf => {
-                traverser.leaf::<S, true>(s, LeafRows::first(at, 2 * CORNER_ROWS), ray, leaf_ray, collect, observer)
-            }
+        // Each kind of test stands here once: the code of a query must fit the instruction cache.
+        let still = (leaf_ray, Between::NEVER);
+        let (shared, rows, between) = match at.kind() {
+            _ if !G::TRIANGLES => return ended(traverser.list(at, ray, collect, observer)),
             Kind::StillLeaf => {
-                traverser.leaf::<S, false>(s, LeafRows::first(at, CORNER_ROWS), ray, leaf_ray, collect, observer)
-            }
-            Kind::SharedLeaf => {
-                traverser.shared::<S, true>(s, LeafRows::first(at, 2 * VERTEX_ROWS), ray, leaf_ray, collect, observer)
+                let rows = LeafRows::loose(at, CORNER_ROWS);
+                return ended(traverser.leaf::<S, false>(s, rows, ray, still, collect, observer));
             }
             Kind::SharedStillLeaf => {
-                traverser.shared::<S, false>(s, LeafRows::first(at, VERTEX_ROWS), ray, leaf_ray, collect, observer)
+                let rows = LeafRows::shared(at, VERTEX_ROWS);
+                return ended(traverser.shared::<S, false>(s, rows, ray, still, collect, observer));
             }
-            _ if at.at() >= traverser.lists => traverser.list(at, ray, collect, observer),
+            Kind::Leaf => (false, LeafRows::loose(at, 2 * CORNER_ROWS), leaf_ray.read().between),
+            Kind::SharedLeaf => (true, LeafRows::shared(at, 2 * VERTEX_ROWS), leaf_ray.read().between),
+            _ if at.at() >= traverser.lists => return ended(traverser.list(at, ray, collect, observer)),
             _ => {
                 let keyed = KeyedLeaf::read(traverser.arena.ints(), at);
                 let time = KeyTime::new(ray.time, keyed.segments + 1);
-                let rows = LeafRows::keyed(at, &keyed, time.segment);
-                let leaf_ray = &leaf_ray.between(Between::new(time));
-                match keyed.shared {
-                    true => traverser.shared::<S, true>(s, rows, ray, leaf_ray, collect, observer),
-                    false => traverser.leaf::<S, true>(s, rows, ray, leaf_ray, collect, observer),
-                }
+                (keyed.shared, LeafRows::keyed(at, &keyed, time.segment), Between::new(time))
             }
         };
-        if end { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        let moving = (leaf_ray, between);
+        ended(match shared {
+            true => traverser.shared::<S, true>(s, rows, ray, moving, collect, observer),
+            false => traverser.leaf::<S, true>(s, rows, ray, moving, collect, observer),
+        })
     }
+}
+
+/// Ends a query, or does not.
+#[inline(always)]
+fn ended(end: bool) -> ControlFlow<()> {
+    if end { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }
 
 /// Distance along the ray at which it meets one face of every box of a node: `side` words behind the pair of rows.

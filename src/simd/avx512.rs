@@ -1,5 +1,6 @@
 //! Sixteen lanes in one AVX-512 register.
 
+use super::doubles::Four;
 use super::instructions::{Kernel, Simd};
 use super::lanes::{Lanes, Mask, Rows};
 use core::arch::x86_64::*;
@@ -101,6 +102,7 @@ impl BitOr for U {
 impl Simd for Avx512 {
     type F = F;
     type U = U;
+    type D = Four;
 
     #[inline(always)]
     fn splat(self, x: f32) -> F {
@@ -277,5 +279,32 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn compress_u(self, a: U, mask: Mask) -> U {
         U(intrinsic!(_mm512_maskz_compress_epi32(mask, a.0)))
+    }
+
+    #[inline(always)]
+    fn splat_d(self, x: f64) -> Four {
+        Four(intrinsic!(_mm256_set1_pd(x)))
+    }
+    #[inline(always)]
+    fn load_d(self, from: &[f64; 4]) -> Four {
+        Four(intrinsic!(_mm256_loadu_pd(from.as_ptr())))
+    }
+    #[inline(always)]
+    fn widen(self, [a, b, c]: [f32; 3]) -> Four {
+        Four(intrinsic!(_mm256_cvtps_pd(_mm_set_ps(0.0, c, b, a))))
+    }
+    #[inline(always)]
+    fn turn_left(self, a: Four) -> Four {
+        Four(intrinsic!(_mm256_permute4x64_pd::<0b11_00_10_01>(a.0)))
+    }
+    #[inline(always)]
+    fn turn_right(self, a: Four) -> Four {
+        Four(intrinsic!(_mm256_permute4x64_pd::<0b11_01_00_10>(a.0)))
+    }
+    #[inline(always)]
+    fn lanes_d(self, a: Four) -> [f64; 4] {
+        let mut lanes = [0.0; 4];
+        intrinsic!(_mm256_storeu_pd(lanes.as_mut_ptr(), a.0));
+        lanes
     }
 }

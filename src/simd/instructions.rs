@@ -14,6 +14,8 @@ pub(crate) trait Simd: Copy {
     type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F> + Div<Output = Self::F>;
     /// Sixteen u32.
     type U: Copy + BitAnd<Output = Self::U> + BitOr<Output = Self::U>;
+    /// Four f64.
+    type D: Copy + Add<Output = Self::D> + Sub<Output = Self::D> + Mul<Output = Self::D>;
 
     /// The same value in every lane.
     fn splat(self, x: f32) -> Self::F;
@@ -93,6 +95,19 @@ pub(crate) trait Simd: Copy {
     fn reduce_min_u(self, a: Self::U) -> u32;
     /// The lanes of the mask moved together at the front; what follows them is unspecified.
     fn compress_u(self, a: Self::U, mask: Mask) -> Self::U;
+
+    /// The same f64 in all four lanes.
+    fn splat_d(self, x: f64) -> Self::D;
+    /// Reads four f64, at any alignment.
+    fn load_d(self, from: &[f64; 4]) -> Self::D;
+    /// Three floats as f64, and 0.
+    fn widen(self, x: [f32; 3]) -> Self::D;
+    /// The lanes 1, 2, 0, 3.
+    fn turn_left(self, a: Self::D) -> Self::D;
+    /// The lanes 2, 0, 1, 3.
+    fn turn_right(self, a: Self::D) -> Self::D;
+    /// All four lanes.
+    fn lanes_d(self, a: Self::D) -> [f64; 4];
 }
 
 /// A computation that [`dispatch`] can compile for every instruction set.

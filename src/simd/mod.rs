@@ -18,6 +18,8 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod dispatch;
+#[cfg(target_arch = "x86_64")]
+mod doubles;
 mod huge_pages;
 mod instructions;
 mod lanes;
@@ -33,6 +35,7 @@ pub(crate) use huge_pages::{concat, huge_vec, huge_vec_of};
 pub(crate) use instructions::{Kernel, Simd};
 pub(crate) use lanes::{LANES, Lanes, Mask, Rows, lanes_at};
 pub(crate) use points::{Item, PointBlock};
+pub(crate) use portable::Portable;
 pub(crate) use prefetch::prefetch;
 pub(crate) use stack::{Stack, StackMemory};
 

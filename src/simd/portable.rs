@@ -7,15 +7,19 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of the portable lanes; every CPU has them.
 #[derive(Clone, Copy)]
-pub(super) struct Portable;
+pub(crate) struct Portable;
 
 /// Sixteen floats.
 #[derive(Clone, Copy)]
-pub(super) struct F(Lanes<f32>);
+pub(crate) struct F(Lanes<f32>);
 
 /// Sixteen integers.
 #[derive(Clone, Copy)]
-pub(super) struct U(Lanes<u32>);
+pub(crate) struct U(Lanes<u32>);
+
+/// Four f64.
+#[derive(Clone, Copy)]
+pub(crate) struct Four([f64; 4]);
 
 #[inline]
 fn zip<A: Copy, B: Copy, C: Copy + Default>(a: &Lanes<A>, b: &Lanes<B>, f: impl Fn(A, B) -> C) -> Lanes<C> {
@@ -98,6 +102,33 @@ impl Div for F {
     }
 }
 
+impl Add for Four {
+    type Output = Four;
+    #[inline(always)]
+    fn add(self, Four(b): Four) -> Four {
+        let Four(a) = self;
+        Four([a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]])
+    }
+}
+
+impl Sub for Four {
+    type Output = Four;
+    #[inline(always)]
+    fn sub(self, Four(b): Four) -> Four {
+        let Four(a) = self;
+        Four([a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]])
+    }
+}
+
+impl Mul for Four {
+    type Output = Four;
+    #[inline(always)]
+    fn mul(self, Four(b): Four) -> Four {
+        let Four(a) = self;
+        Four([a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]])
+    }
+}
+
 impl BitAnd for U {
     type Output = U;
     #[inline]
@@ -117,6 +148,7 @@ impl BitOr for U {
 impl Simd for Portable {
     type F = F;
     type U = U;
+    type D = Four;
 
     #[inline]
     fn splat(self, x: f32) -> F {
@@ -272,5 +304,30 @@ impl Simd for Portable {
     #[inline]
     fn compress_u(self, a: U, mask: Mask) -> U {
         U(compress(&a.0, mask))
+    }
+
+    #[inline(always)]
+    fn splat_d(self, x: f64) -> Four {
+        Four([x; 4])
+    }
+    #[inline(always)]
+    fn load_d(self, from: &[f64; 4]) -> Four {
+        Four(*from)
+    }
+    #[inline(always)]
+    fn widen(self, [a, b, c]: [f32; 3]) -> Four {
+        Four([f64::from(a), f64::from(b), f64::from(c), 0.0])
+    }
+    #[inline(always)]
+    fn turn_left(self, Four([a, b, c, d]): Four) -> Four {
+        Four([b, c, a, d])
+    }
+    #[inline(always)]
+    fn turn_right(self, Four([a, b, c, d]): Four) -> Four {
+        Four([c, a, b, d])
+    }
+    #[inline(always)]
+    fn lanes_d(self, a: Four) -> [f64; 4] {
+        a.0
     }
 }

@@ -11,6 +11,8 @@ struct Round {
     scalars: Vec<u32>,
     /// Compressed lanes, cut to the count of the mask.
     packed: Vec<Vec<u32>>,
+    /// Vectors of f64.
+    doubles: Vec<[u64; 4]>,
 }
 
 struct All {
@@ -100,6 +102,14 @@ impl Kernel for All {
                 out_f(s.compress(a, self.mask))[..n].to_vec(),
                 out_u(s.compress_u(ub, self.mask))[..n].to_vec(),
             ],
+            doubles: {
+                let out = |x: S::D| s.lanes_d(x).map(|v| if v.is_nan() { f64::NAN.to_bits() } else { v.to_bits() });
+                let four = |from: &Lanes<f32>| [from[0], from[1], from[2], from[3]].map(|x| f64::from(x) / 3.0);
+                let (a, b) = (s.load_d(&four(&self.a)), s.load_d(&four(&self.b)));
+                let widened = s.widen([self.a[4], self.a[5], self.a[6]]);
+                let more = [s.splat_d(f64::from(self.b[7]) / 3.0), s.turn_left(a), s.turn_right(a)];
+                [a + b, a - b, a * b, widened, more[0], more[1], more[2]].map(out).to_vec()
+            },
         }
     }
 }
@@ -178,4 +188,27 @@ fn the_arena_begins_on_cache_lines_and_keeps_what_is_written() {
     assert_eq!((arena.floats()[4], arena.ints()[16]), (1.5, 7));
     assert_eq!(arena.block(16)[..16], arena.floats()[16..32], "lines may be read beyond the last block");
     assert!(arena.bytes() >= 128);
+}
+
+#[test]
+fn single_lanes_of_rows_are_those_of_the_rows_and_no_others_are_read() {
+    let words: Vec<f32> = (0..9 * 5).map(|i| i as f32).collect();
+    let rows = Rows::new(&words, 5, 9);
+    assert_eq!(rows.three_of_row(8, [4, 0, 2]), [44.0, 40.0, 42.0]);
+    assert_eq!(rows.lane_of_thirds(2, 4), [14.0, 29.0, 44.0]);
+    let refused = |read: fn(&Rows)| {
+        let rows = Rows::new(&words, 5, 9);
+        std::panic::catch_unwind(core::panic::AssertUnwindSafe(|| read(&rows))).is_err()
+    };
+    let reads: [fn(&Rows); 6] = [
+        |rows| _ = rows.three_of_row(9, [0, 0, 0]),
+        |rows| _ = rows.three_of_row(0, [5, 0, 0]),
+        |rows| _ = rows.three_of_row(0, [0, 5, 0]),
+        |rows| _ = rows.three_of_row(0, [0, 0, 5]),
+        |rows| _ = rows.lane_of_thirds(3, 0),
+        |rows| _ = rows.lane_of_thirds(0, 5),
+    ];
+    for (i, read) in reads.into_iter().enumerate() {
+        assert!(refused(read), "read {i}");
+    }
 }

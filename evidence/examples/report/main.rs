@@ -47,12 +47,12 @@ const SECTIONS: &[Recipe] = &[
     Recipe { id: "tables", seconds: [10, 200], make: tables::run },
     Recipe { id: "heat-maps", seconds: [3, 40], make: heat_maps::run },
     Recipe { id: "render-error", seconds: [10, 300], make: render_error::run },
-    Recipe { id: "neighbor-error", seconds: [12, 200], make: neighbor_error::run },
-    Recipe { id: "photon-error", seconds: [8, 100], make: photon_error::run },
-    Recipe { id: "neighbor-lists", seconds: [8, 150], make: neighbor_lists::run },
-    Recipe { id: "arithmetic", seconds: [3, 30], make: arithmetic::run },
+    Recipe { id: "neighbor-error", seconds: [6, 80], make: neighbor_error::run },
+    Recipe { id: "photon-error", seconds: [4, 60], make: photon_error::run },
+    Recipe { id: "neighbor-lists", seconds: [10, 150], make: neighbor_lists::run },
+    Recipe { id: "arithmetic", seconds: [2, 15], make: arithmetic::run },
     Recipe { id: "scaling-rays", seconds: [10, 300], make: scaling_rays::run },
-    Recipe { id: "scaling-points", seconds: [20, 200], make: scaling_points::run },
+    Recipe { id: "scaling-points", seconds: [17, 250], make: scaling_points::run },
 ];
 
 #[derive(Parser)]

@@ -31,7 +31,7 @@ impl Size {
     fn of(run: &Run) -> Size {
         run.pick(
             Size { points: 30_000, queries: 10_000, judged: 500, effort: Effort { rounds: 5, turn: 0.012 } },
-            Size { points: 500_000, queries: 100_000, judged: 1000, effort: Effort { rounds: 7, turn: 0.12 } },
+            Size { points: 300_000, queries: 100_000, judged: 1000, effort: Effort { rounds: 7, turn: 0.12 } },
         )
     }
 }
@@ -91,7 +91,7 @@ fn one_motion(ground: &Ground, effort: Effort, name: &str, motion: Motion) -> Re
     note("mbkd".into(), (seconds, bytes));
     let mut snapshots = Vec::new();
     // What building one snapshot takes, positions included.
-    let (one, _) = timed(5, || Snapshots::build(points, 1, leaves).map(|_| ()));
+    let (one, _) = timed(5, || Snapshots::build(points, 1, leaves));
     for times in TIMES {
         let ((seconds, made), bytes) = weigh(|| timed(1, || Snapshots::build(points, times, leaves)));
         snapshots.push((times, made?));
@@ -137,9 +137,8 @@ fn one_motion(ground: &Ground, effort: Effort, name: &str, motion: Motion) -> Re
     for (short_name, label, error) in errors {
         let families = families(&rows, error);
         let title = format!("{}: {label}", heading(name));
-        let caption = format!("{} Lower left is better.", about(motion));
         let file = format!("{name}-{short_name}");
-        items.push(Item::Plot(plot(file, title, &caption, ["ns per query", label], &families)));
+        items.push(Item::Plot(plot(file, title, "Lower left is better.", ["ns per query", label], &families)));
         items.push(claim(&format!("{}, {label}", heading(name)), "ns", &families));
     }
     items.push(Item::Table(times_table(name, &rows)));
