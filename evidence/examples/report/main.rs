@@ -44,9 +44,9 @@ struct Recipe {
 
 /// The sections in the order of the page.
 const SECTIONS: &[Recipe] = &[
-    Recipe { id: "tables", seconds: [10, 200], make: tables::run },
-    Recipe { id: "heat-maps", seconds: [3, 40], make: heat_maps::run },
-    Recipe { id: "render-error", seconds: [10, 300], make: render_error::run },
+    Recipe { id: "tables", seconds: [10, 60], make: tables::run },
+    Recipe { id: "heat-maps", seconds: [3, 60], make: heat_maps::run },
+    Recipe { id: "render-error", seconds: [10, 150], make: render_error::run },
     Recipe { id: "neighbor-error", seconds: [6, 80], make: neighbor_error::run },
     Recipe { id: "photon-error", seconds: [4, 60], make: photon_error::run },
     Recipe { id: "neighbor-lists", seconds: [10, 150], make: neighbor_lists::run },

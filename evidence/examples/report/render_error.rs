@@ -80,10 +80,10 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
 fn one_scene(run: &Run, name: &'static str, rows: &mut Vec<Vec<String>>) -> Result<Vec<Item>, Box<dyn Error>> {
     run.step(&format!("{name}: reference"));
     let scene = scene(name, run.pick(4_000, 40_000))?;
-    let (side, doublings, short) = run.pick((32, 6, 6), (64, 8, 24));
+    let (side, doublings, short) = run.pick((32, 6, 6), (64, 7, 16));
     let shading = Shading::new(&scene.meshes);
     let mut job = Job { scene: &scene, shading, side, reference: Vec::new() };
-    let samples = run.pick(8, 64) << doublings;
+    let samples = run.pick(8, 32) << doublings;
     job.reference = reference(&job, samples, run.seed ^ 0x5eed)?;
     run.step(&format!("{name}: builds"));
     let mut renderers = on_one_thread(|| renderers(&job))?;
