@@ -1,18 +1,18 @@
 //! The structures that the paper compares its tree with, and others that people use for moving geometry.
 //!
-//! - **BVH_i** ([`Peer::BvhI`]): object splits by the surface area heuristic at mid-shutter; boxes at both ends of the
+//! - **BVH_i** ([`Structure::BvhI`]): object splits by the surface area heuristic at mid-shutter; boxes at both ends of the
 //!   shutter, interpolated.
-//! - **MSBVH** ([`Peer::Msbvh`]; Grünschloß, Stich, Nawaz and Keller, "MSBVH: An efficient acceleration data structure for
+//! - **MSBVH** ([`Structure::Msbvh`]; Grünschloß, Stich, Nawaz and Keller, "MSBVH: An efficient acceleration data structure for
 //!   ray traced motion blur", HPG 2011): spatial splits at mid-shutter besides, as in SBVH (Stich, Friedrich and Dietrich,
 //!   HPG 2009); the parts are bounded anew at both ends.
-//! - **4D k-d** ([`Peer::FourD`]; Olsson, "Ray-tracing time-continuous animations using 4D KD-trees", 2007): time is a fourth
+//! - **4D k-d** ([`Structure::FourD`]; Olsson, "Ray-tracing time-continuous animations using 4D KD-trees", 2007): time is a fourth
 //!   axis that nodes may split; references have no intervals.
-//! - **Time slices** ([`Peer::Slices`]): static trees at several times, of which a ray takes the nearest. The only
+//! - **Time slices** ([`Structure::Slices`]): static trees at several times, of which a ray takes the nearest. The only
 //!   one whose answers are approximate.
-//! - The library's own trees ([`Peer::Library`]).
+//! - The library's own trees ([`Structure::Library`]).
 //!
 //! All of them test triangles by [`mbkd::baseline::TriangleTests`], so that they differ in structure only. Both BVHs share one
-//! builder ([`bvh`]), one layout and one traversal ([`binary_tree`]); prices of steps and tests are those of
+//! builder (`bvh`), one layout and one traversal (`binary_tree`); prices of steps and tests are those of
 //! the library's k-d trees.
 
 mod binary_tree;
