@@ -1,5 +1,6 @@
 //! One run of the report: how long it may take, its seed, its progress, and how it times things.
 
+use cpu_time::ProcessTime;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::cell::Cell;
 use std::error::Error;
@@ -103,29 +104,8 @@ pub fn wall_seconds(what: impl FnOnce()) -> f64 {
 }
 
 /// Seconds of processor time since some moment in the past.
-#[cfg(all(target_os = "linux", target_pointer_width = "64"))]
-#[allow(unsafe_code)] // one call of the C library, for which std has no counterpart
 fn clock() -> f64 {
-    #[repr(C)]
-    struct Timespec {
-        seconds: i64,
-        nanoseconds: i64,
-    }
-    const PROCESS_CPUTIME: i32 = 2;
-    unsafe extern "C" {
-        fn clock_gettime(clock: i32, time: *mut Timespec) -> i32;
-    }
-    let mut time = Timespec { seconds: 0, nanoseconds: 0 };
-    // SAFETY: POSIX's function with its own structure, which on 64-bit Linux is two 64-bit numbers.
-    unsafe { clock_gettime(PROCESS_CPUTIME, &mut time) };
-    time.seconds as f64 + time.nanoseconds as f64 * 1e-9
-}
-
-/// Seconds since the first call.
-#[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]
-fn clock() -> f64 {
-    static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
-    START.get_or_init(Instant::now).elapsed().as_secs_f64()
+    ProcessTime::now().as_duration().as_secs_f64()
 }
 
 /// Times several things by turns, each once per round, so that whatever else the machine does hits all of them alike.
