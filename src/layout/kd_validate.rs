@@ -2,6 +2,7 @@
 //!
 //! Used after builds in the tests, and for those who change the builder.
 
+use crate::file::{FileError, broken, require};
 use crate::geometry::{Box3, TimeInterval, ULP};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
@@ -98,6 +99,19 @@ impl KdTree {
         Ok(())
     }
 
+    /// The tree, if queries can walk it.
+    pub(crate) fn checked(self, primitives: usize) -> Result<KdTree, FileError> {
+        require(self.depth as usize <= DEPTH_LIMIT, "it is too deep")?;
+        require(!self.root.min.is_nan() && !self.root.max.is_nan(), "its bounds are no box")?;
+        match self.validate_links(primitives) {
+            Ok(()) => Ok(self),
+            Err(ValidationError::Depth { .. }) => broken("it is deeper than it says"),
+            Err(ValidationError::References { .. }) => broken("a leaf does not have its own references"),
+            Err(_) => broken("a node is not linked exactly once"),
+        }
+    }
+
+    /// Checks all that a traversal relies on.
     fn validate_links(&self, primitives: usize) -> Result<(), ValidationError> {
         let mut reached = vec![false; self.nodes.len()];
         let mut owned = vec![false; self.references.len()];

@@ -10,6 +10,7 @@
 
 mod builder;
 mod classify;
+mod kd_file;
 mod kd_tree;
 mod partition;
 mod primitives;
