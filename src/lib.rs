@@ -114,6 +114,8 @@ mod readme {}
 /// The guides' examples, likewise.
 #[cfg(doctest)]
 mod guides {
+    #[doc = include_str!("../docs/files.md")]
+    mod files {}
     #[doc = include_str!("../docs/from_embree.md")]
     mod from_embree {}
     #[doc = include_str!("../docs/from_kiddo_and_nanoflann.md")]

@@ -1,6 +1,6 @@
 //! Ray trees of every layout come back bit for bit, and hostile ones answer something or are refused.
 
-use super::support::{HEADER, Random, mutate, seal};
+use super::support::{HEADER, Random, mutate, rounds, seal};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
@@ -259,11 +259,6 @@ fn ask(tree: RayTree, seed: u64) {
     {
         placed.closest_hit(&Ray::new(Vec3::splat(2.0), -Vec3::ONE).at_time(0.4));
     }
-}
-
-/// Rounds of mutations for each tree; more in a longer search by `MBKD_FILE_ROUNDS`.
-pub fn rounds() -> u64 {
-    std::env::var("MBKD_FILE_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(200)
 }
 
 /// Files with a right checksum and wrong contents: thousands of them.

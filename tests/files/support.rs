@@ -136,3 +136,8 @@ pub fn mutate(file: &[u8], random: &mut Random) -> Vec<u8> {
     seal(&mut file);
     file
 }
+
+/// Rounds of mutations for each tree; more in a longer search by `MBKD_FILE_ROUNDS`.
+pub fn rounds() -> u64 {
+    std::env::var("MBKD_FILE_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(200)
+}

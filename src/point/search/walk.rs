@@ -54,7 +54,9 @@ pub(in crate::point) fn unpack(key: u32) -> (usize, f32) {
 #[inline(always)]
 pub(super) fn smallest<S: Simd, V: View>(s: S, view: &V, target: &Target<S>, node: usize, boxes: Mask) -> u32 {
     let sizes = s.select(boxes, view.box_sizes(s, target, node), s.splat(f32::INFINITY));
-    s.reduce_min_u(keys(s, sizes)) & LANE_BITS
+    let lane = s.reduce_min_u(keys(s, sizes)) & LANE_BITS;
+    // Where sizes are too large for numbers, they may name any lane.
+    if boxes >> lane & 1 != 0 { lane } else { boxes.trailing_zeros() }
 }
 
 /// Visits bottom nodes, nearest children first, until nothing within the bound is left.
