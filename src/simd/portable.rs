@@ -1,4 +1,5 @@
-//! Sixteen lanes in plain Rust: the fallback, and the definition that the others are tested against.
+//! Sixteen lanes in plain Rust: what runs on architectures without lanes of their own, and the definition that the
+//! others are tested against.
 
 use super::instructions::Simd;
 use super::lanes::{LANES, Lanes, Mask, Rows};
