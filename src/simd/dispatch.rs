@@ -6,9 +6,9 @@ use super::avx2;
 use super::avx512;
 use super::instructions::Kernel;
 #[cfg(not(target_arch = "x86_64"))]
-use super::portable::Portable as Baseline;
+use super::portable as baseline;
 #[cfg(target_arch = "x86_64")]
-use super::sse2::Sse2 as Baseline;
+use super::sse2 as baseline;
 
 /// An instruction set of this CPU, for choosing the code path of queries.
 ///
@@ -96,7 +96,7 @@ impl core::fmt::Display for SimdLevel {
 #[inline(always)]
 pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
     match level.0 {
-        Isa::Baseline => kernel.run(Baseline),
+        Isa::Baseline => baseline::run(kernel),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: a `SimdLevel` of AVX2 is only made after detection found it on this CPU.
         Isa::Avx2 => unsafe { avx2::run(kernel) },

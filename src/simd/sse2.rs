@@ -1,10 +1,9 @@
 //! Sixteen lanes in four SSE2 registers, which every x86-64 CPU has.
 //!
-//! What runs where a CPU has nothing wider. The plain lanes ([`super::portable`]) would do as well, but a kernel over
-//! them is more than twice the machine code and takes the compiler several times as long. The few operations that SSE2
-//! has no instruction for go through memory, as calls.
+//! What runs where a CPU has nothing wider. The plain lanes ([`super::portable`]) would do as well, but kernels over them
+//! are a third more machine code. The few operations that SSE2 has no instruction for go through memory, as calls.
 
-use super::instructions::Simd;
+use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
@@ -12,7 +11,13 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of SSE2.
 #[derive(Clone, Copy)]
-pub(super) struct Sse2;
+struct Sse2;
+
+/// Runs a kernel. A function of its own, so that each is compiled once and not wherever it is dispatched.
+#[inline(never)]
+pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Sse2)
+}
 
 /// Sixteen floats, lowest lanes first.
 #[derive(Clone, Copy)]
