@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn pieces_of_any_length_make_the_same_checksum() {
-        let bytes: Vec<u8> = (0..1000u32).map(|i| (i * i >> 3) as u8).collect();
+        let bytes: Vec<u8> = (0..1000u32).map(|i| ((i * i) >> 3) as u8).collect();
         let mut whole = Checksum::new();
         whole.add(&bytes);
         for step in [1, 3, 7, 31, 32, 33, 64, 500] {
