@@ -85,12 +85,17 @@ impl Scene {
         let extent = ShapesExtent::of(&shapes)?;
         let triangles = Triangles::beside(meshes, extent.swept)?;
         let shapes = Shapes::within(shapes, extent, *triangles.frame());
+        Scene::of_parts(triangles, shapes)
+    }
+
+    /// Triangles and shapes in one tree space already.
+    pub(super) fn of_parts(triangles: Triangles, shapes: Shapes<Shape>) -> Result<Scene, BuildError> {
         let found = triangles.len() + shapes.len();
         if found >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found });
         }
         let always_active = triangles.always_active() && shapes.always_active();
-        let (first, meshes) = (triangles.len() as u32, meshes.len() as u32);
+        let (first, meshes) = (triangles.len() as u32, triangles.meshes.len() as u32);
         Ok(Scene { triangles, shapes, first, meshes, always_active })
     }
 

@@ -51,7 +51,7 @@ impl<S: RaySource + ClosestPointSource> Geometry for S {}
 pub struct RayTree<G = Scene> {
     pub(super) geometry: G,
     pub(super) layout: Layout,
-    statistics: Statistics,
+    pub(super) statistics: Statistics,
     pub(super) simd: SimdLevel,
     pub(super) queries: Queries<G>,
 }
