@@ -66,6 +66,11 @@ impl TimeInterval {
         self.end() - self.begin
     }
 
+    /// Half-way between begin and end.
+    pub(crate) fn middle(self) -> f32 {
+        self.begin + 0.5 * self.duration()
+    }
+
     /// Whether `t` lies in it (false for NaN).
     #[inline]
     pub fn contains(self, t: f32) -> bool {

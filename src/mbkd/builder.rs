@@ -191,10 +191,11 @@ impl<M: Moving> Builder<'_, M> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mbkd::build_kd;
+    use crate::mbkd::{KdView, build_kd};
     use crate::params::KdParams;
-    use crate::primitive::Triangles;
+    use crate::primitive::{TriangleMesh, Triangles};
     use crate::scene;
+    use glam::Vec3;
 
     #[cfg(feature = "rayon")]
     #[test]
@@ -240,5 +241,26 @@ mod tests {
             let (tree, _) = build_kd(&set, &params, &Progress::new(None)).unwrap();
             assert_eq!((tree.depth, tree.validate(&set)), (max_depth, Ok(())));
         }
+    }
+
+    /// A swarm flies into a cell where nothing is at mid-shutter: it holds BP references only, and is divided all the
+    /// same.
+    #[test]
+    fn a_cell_that_is_only_visited_is_no_single_leaf() {
+        let (side, mut open) = (24, Vec::new());
+        for i in 0..side * side {
+            let at = Vec3::new(-1.0, (i % side) as f32, (i / side) as f32 * 1.1);
+            open.extend([at, at + Vec3::Y * 0.5, at + Vec3::Z * 0.5]);
+        }
+        let close = open.iter().map(|p| p + Vec3::X * 1.5).collect();
+        let triangles = (0..(side * side) as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let set = Triangles::new(&[TriangleMesh::new(triangles, vec![open, close])]).unwrap();
+        let (tree, _) = build_kd(&set, &KdParams::paper(), &Progress::new(None)).unwrap();
+        assert_eq!(tree.validate(&set), Ok(()));
+        let leaves = tree.nodes.iter().filter_map(|node| match node.view() {
+            KdView::Leaf { count, .. } => Some(count),
+            KdView::Inner { .. } => None,
+        });
+        assert!(leaves.max() < Some(32));
     }
 }

@@ -4,7 +4,7 @@ use super::builder::{Budget, build};
 use super::classify::Rounding;
 use super::kd_tree::KdTree;
 use super::reference::{Moving, Reference, home};
-use super::sah::{Bounds, BoxReference, best_split, leaf_cost, weight};
+use super::sah::{Bounds, BoxReference, Split, best_split, leaf_cost, weight};
 use super::times::BuildTimes;
 use crate::error::BuildError;
 use crate::geometry::{Box3, Extent, LinearBox3, Plane, TimeInterval};
@@ -29,7 +29,7 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     }
     let root = root.pad(1e-5 * root.magnitude());
     for r in &mut references {
-        r.bounds.part = things.part(r, LinearBox3 { begin: root, end: root });
+        r.bounds.part = things.part(r, LinearBox3 { begin: root, end: root }, r.home(params.plane_time));
     }
     let budget = Budget {
         depth: params.depth_for(set.len()),
@@ -80,14 +80,13 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
         !self.swept() || bounds.begin == bounds.end
     }
 
-    /// Bounds of the part of a reference in a cell at its voting time. Where nothing of it is in the cell
+    /// Bounds of the part of a reference in a cell at a time of its interval. Where nothing of it is in the cell
     /// then, a place on the cell's surface.
-    fn part(&self, reference: &BoxReference, cell: LinearBox3) -> Box3 {
-        let home = reference.home(self.params.plane_time);
-        let cell = cell.at(home);
+    fn part(&self, reference: &BoxReference, cell: LinearBox3, time: f32) -> Box3 {
+        let cell = cell.at(time);
         let whole = reference.bounds.whole;
         let part = if self.exact(&whole) {
-            self.set.clipped(reference.id, home, cell)
+            self.set.clipped(reference.id, time, cell)
         } else {
             whole.begin.intersection(cell)
         };
@@ -95,7 +94,7 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
             return part;
         }
         let duration = reference.interval.duration();
-        let w = if duration > 0.0 { (home - reference.interval.begin()) / duration } else { 0.0 };
+        let w = if duration > 0.0 { (time - reference.interval.begin()) / duration } else { 0.0 };
         let whole = whole.at(w);
         let clamp = |p: Vec3| p.max(cell.min).min(cell.max);
         Box3 { min: clamp(whole.min), max: clamp(whole.max) }
@@ -115,10 +114,27 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         reference.bounds.whole.along(axis, reference.interval)
     }
 
-    fn choose(&self, normal: &[BoxReference], _bp: &[BoxReference], cell: LinearBox3) -> Option<Plane> {
-        let total: f64 = normal.iter().filter(|r| r.votes).map(|r| weight(r, self.params)).sum();
-        let split = best_split(normal, cell.at(self.params.plane_time), self.params)?;
-        (split.cost < leaf_cost(total, self.params)).then_some(split.plane)
+    fn choose(&self, normal: &[BoxReference], bp: &[BoxReference], cell: LinearBox3) -> Option<Plane> {
+        let at_plane_time = cell.at(self.params.plane_time);
+        let cheapest = |voters: &[BoxReference], split: Option<Split>| {
+            let total: f64 = voters.iter().filter(|r| r.votes).map(|r| weight(r, self.params)).sum();
+            split.filter(|split| split.cost < leaf_cost(total, self.params)).map(|split| split.plane)
+        };
+        let plane_time = self.params.plane_time;
+        let split = best_split(normal, at_plane_time, self.params, |interval| home(interval, plane_time));
+        let plane = cheapest(normal, split);
+        if plane.is_some() || bp.len() <= normal.len() {
+            return plane;
+        }
+        // The paper lets Normal references alone choose. Where the cell is mostly visited, by what crosses it at some
+        // other time, that would make a leaf of hundreds. So all vote, each for where it is half-way through its
+        // interval: at the time that is nearest to mid-shutter most are just entering, on the face of the cell.
+        let voter = |r: &BoxReference| {
+            let part = self.part(r, cell, r.interval.middle());
+            Reference { votes: true, bounds: Bounds { part, ..r.bounds }, ..*r }
+        };
+        let all: Vec<BoxReference> = normal.iter().chain(bp).map(voter).collect();
+        cheapest(&all, best_split(&all, at_plane_time, self.params, |interval| interval.middle()))
     }
 
     /// The costs have decided.
@@ -144,7 +160,7 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         // begins to vote.
         let at = |i| home(i, self.params.plane_time);
         if child.votes && (crosses || !parent.votes || at(interval) != at(parent.interval)) {
-            child.bounds.part = self.part(&child, cell);
+            child.bounds.part = self.part(&child, cell, at(interval));
         }
         Some(child)
     }

@@ -10,8 +10,8 @@
 //! Binning was preferred to sorted events because ramps make twice the events and because
 //! references that move do not keep one sorted order during the shutter.
 
-use super::reference::{Reference, home};
-use crate::geometry::{Box3, LinearBox3, Plane};
+use super::reference::Reference;
+use crate::geometry::{Box3, LinearBox3, Plane, TimeInterval};
 use crate::params::KdParams;
 
 /// Where a primitive is.
@@ -19,7 +19,7 @@ use crate::params::KdParams;
 pub(crate) struct Bounds {
     /// During the interval (the whole primitive, not only its part in the cell).
     pub whole: LinearBox3,
-    /// Its part in the node's cell at its voting time ([`Reference::home`]).
+    /// Its part in the node's cell at its voting time (of a Normal reference: [`Reference::home`]).
     pub part: Box3,
 }
 
@@ -54,12 +54,18 @@ pub(crate) fn leaf_cost(weight: f64, params: &KdParams) -> f64 {
     f64::from(params.intersection_cost) * weight
 }
 
-/// The cheapest plane through a cell (given at plane time), if there is any candidate.
-pub(crate) fn best_split(references: &[BoxReference], cell: Box3, params: &KdParams) -> Option<Split> {
+/// The cheapest plane through a cell (given at plane time), if there is any candidate. The parts of the voters are those
+/// at the time of their interval that `voting_time` names.
+pub(crate) fn best_split(
+    references: &[BoxReference],
+    cell: Box3,
+    params: &KdParams,
+    voting_time: impl Fn(TimeInterval) -> f32 + Copy,
+) -> Option<Split> {
     let mut best: Option<Split> = None;
     for axis in 0..3 {
         let mut consider = |velocity: f32| {
-            if let Some(split) = best_on_axis(references, cell, axis, velocity, params)
+            if let Some(split) = best_on_axis(references, cell, axis, velocity, params, voting_time)
                 && best.is_none_or(|b| split.cost < b.cost)
             {
                 best = Some(split);
@@ -144,12 +150,11 @@ impl Edges {
 }
 
 /// Lower and upper bound of a reference at the begin and end of its interval in the frame of a plane that moves
-/// with `velocity`, shrunk to its part in the cell.
+/// with `velocity`, shrunk to its part in the cell at time `voted`.
 #[inline]
-fn lines(r: &BoxReference, axis: usize, velocity: f32, plane_time: f32) -> ([f32; 2], [f32; 2]) {
+fn lines(r: &BoxReference, axis: usize, velocity: f32, plane_time: f32, voted: f32) -> ([f32; 2], [f32; 2]) {
     let (begin, end) = (r.interval.begin(), r.interval.end());
-    let home = home(r.interval, plane_time);
-    let w = if end > begin { (home - begin) / (end - begin) } else { 0.0 };
+    let w = if end > begin { (voted - begin) / (end - begin) } else { 0.0 };
     let (l0, l1) = (r.bounds.whole.begin.min[axis], r.bounds.whole.end.min[axis]);
     let (u0, u1) = (r.bounds.whole.begin.max[axis], r.bounds.whole.end.max[axis]);
     // How far the part in the cell stays behind the whole primitive, at the voting time.
@@ -165,6 +170,7 @@ fn best_on_axis(
     axis: usize,
     velocity: f32,
     params: &KdParams,
+    voting_time: impl Fn(TimeInterval) -> f32,
 ) -> Option<Split> {
     let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
     for r in references.iter().filter(|r| r.votes) {
@@ -177,7 +183,7 @@ fn best_on_axis(
     for r in references.iter().filter(|r| r.votes) {
         let weight = weight(r, params);
         total += weight;
-        let (lower, upper) = lines(r, axis, velocity, params.plane_time);
+        let (lower, upper) = lines(r, axis, velocity, params.plane_time, voting_time(r.interval));
         let (l_min, l_max) = (lower[0].min(lower[1]), lower[0].max(lower[1]));
         let (u_min, u_max) = (upper[0].min(upper[1]), upper[0].max(upper[1]));
         if params.time_weighted {
