@@ -18,6 +18,7 @@ mod leaf;
 mod observer;
 mod query;
 mod ray_tree;
+mod refit;
 mod shear;
 mod traverser;
 mod tree_ray;
@@ -29,7 +30,7 @@ mod wide_traversal;
 #[cfg(test)]
 mod wide_tests;
 
-pub use crate::error::BuildError;
+pub use crate::error::{BuildError, RefitError};
 pub use crate::geometry::Ray;
 pub use crate::layout::{Statistics, TreeBox, ValidationError};
 pub use crate::params::{BuildParams, Division, KdParams, Policy, WideParams};
@@ -44,6 +45,7 @@ pub use hit::Hit;
 pub(crate) use interleave::{Anys, Asks, Closests};
 pub use observer::{Counters, Observer};
 pub use ray_tree::{Geometry, RayTree};
+pub use refit::Refit;
 pub(crate) use tree_ray::TreeRay;
 pub use visit::TreePrimitive;
 pub(crate) use wide_traversal::Slabs;
