@@ -9,6 +9,7 @@
 mod clock;
 
 use clap::Parser;
+use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Counters, Ray, RayTree, TriangleMesh};
 use mbkd_scenes as scene;
 use std::error::Error;
@@ -63,8 +64,8 @@ fn alone(triangles: usize, keys: usize, frame: usize) -> scene::Scene {
     let mut scene = running(6 * triangles, keys, frame);
     scene.meshes.drain(..5);
     scene.camera = scene::Camera::fixed(scene::View::new(
-        mbkd::glam::Vec3::new(-1.5, 1.2, 4.5 + 0.06 * frame as f32 - 3.6),
-        mbkd::glam::Vec3::new(0.25, 0.9, 2.1 + 0.06 * frame as f32 - 3.6),
+        Vec3::new(-1.5, 1.2, 4.5 + 0.06 * frame as f32 - 3.6),
+        Vec3::new(0.25, 0.9, 2.1 + 0.06 * frame as f32 - 3.6),
         0.8,
     ));
     scene
@@ -124,7 +125,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
         }
     }
     let statistics = tree.statistics();
-    let all = statistics.nodes + statistics.leaves + statistics.time_nodes;
+    let all = statistics.nodes + statistics.leaves;
     let written = last.map_or(0, |refit| refit.nodes + refit.leaves);
     let [build, whole, parts] = [builds, whole, parts].map(median);
     println!(

@@ -64,7 +64,9 @@ const LINES: usize = 512;
 
 /// What is known of a subtree.
 struct Extent {
-    words: Range<usize>,
+    /// From its first word to behind its last one; of nothing the first comes behind the last.
+    begin: usize,
+    end: usize,
     lines: usize,
     meshes: u64,
     /// Whether it may be part of a unit.
@@ -85,7 +87,14 @@ impl Plan {
     /// Makes a subtree a unit, unless there are units in it already.
     fn close(&mut self, root: ChildRef, extent: Extent, over: TimeInterval, shared: Option<usize>) {
         if extent.open && !root.kind().is_leaf() {
-            self.units.push(Unit { root, words: extent.words, over, shared, meshes: extent.meshes, cost: 0.0 });
+            self.units.push(Unit {
+                root,
+                words: extent.begin..extent.end,
+                over,
+                shared,
+                meshes: extent.meshes,
+                cost: 0.0,
+            });
         }
     }
 
@@ -104,18 +113,19 @@ impl Plan {
             Kind::Time => return self.explore_parts(tree, set, at, over),
             _ => return self.leaf(tree, set, at, shared),
         };
-        let mut all = Extent { words: at.at()..at.at() + rows * LANES, lines: rows, meshes: 0, open: true };
+        let (begin, end) = (at.at(), at.at() + rows * LANES);
+        let mut all = Extent { begin, end, lines: rows, meshes: 0, open: true };
         let mut below = Vec::with_capacity(LANES);
         for child in tree.children(at).iter().map(|&child| ChildRef(child)).filter(|&c| c != ChildRef::NOTHING) {
             let extent = self.explore(tree, set, child, over, shared);
-            all.words = all.words.start.min(extent.words.start)..all.words.end.max(extent.words.end);
+            (all.begin, all.end) = (all.begin.min(extent.begin), all.end.max(extent.end));
             all.lines += extent.lines;
             all.meshes |= extent.meshes;
             all.open &= extent.open;
             below.push((child, extent));
         }
         // As many lines as from the first to the last: then nothing else lies between them.
-        all.open &= all.lines <= LINES && all.lines * LANES == all.words.len();
+        all.open &= all.lines <= LINES && all.lines * LANES == all.end - all.begin;
         if !all.open {
             below.into_iter().for_each(|(child, extent)| self.close(child, extent, over, shared));
             self.above.push(Above { at, over, shared });
@@ -132,7 +142,7 @@ impl Plan {
         let shared = shared.then(|| {
             let extents: Vec<Extent> = first.iter().map(|&leaf| self.leaf(tree, set, leaf, None)).collect();
             let meshes = extents.iter().fold(0, |meshes, extent| meshes | extent.meshes);
-            let words = extents[0].words.start..extents[extents.len() - 1].words.end;
+            let words = extents[0].begin..extents[extents.len() - 1].end;
             self.shared.push(SharedLeaves { leaves: first, words, meshes });
             self.shared.len() - 1
         });
@@ -144,17 +154,17 @@ impl Plan {
             self.close(part, extent, over, shared);
         }
         self.above.push(Above { at, over, shared });
-        Extent { words: at.at()..at.at() + LANES, lines: 1, meshes, open: false }
+        Extent { begin: at.at(), end: at.at() + LANES, lines: 1, meshes, open: false }
     }
 
     fn leaf<S: WideSource>(&self, tree: &WideTree, set: &S, leaf: ChildRef, shared: Option<usize>) -> Extent {
         let ids = tree.ids::<S>(leaf).unwrap_or(&[]);
         let meshes = ids.iter().fold(0, |meshes, &id| meshes | mesh_bit(set.name(id).0 as usize));
         if shared.is_some_and(|shared| self.shared[shared].words.contains(&leaf.at())) {
-            return Extent { words: usize::MAX..0, lines: 0, meshes, open: true };
+            return Extent { begin: usize::MAX, end: 0, lines: 0, meshes, open: true };
         }
         let lines = tree.words::<S>(leaf).div_ceil(LANES);
-        Extent { words: leaf.at()..leaf.at() + lines * LANES, lines, meshes, open: true }
+        Extent { begin: leaf.at(), end: leaf.at() + lines * LANES, lines, meshes, open: true }
     }
 }
 

@@ -130,7 +130,7 @@ fn spheres_and_bricks_go_along() {
             .map(|i| match i % 6 {
                 3 => Shape::own(Brick::new(place(), 0.3)),
                 // Some roll in some frames only.
-                4 if frame % 2 == 0 => MovingSphere::fixed(place(), 0.1).into(),
+                4 if frame.is_multiple_of(2) => MovingSphere::fixed(place(), 0.1).into(),
                 _ => MovingSphere::new(vec![(place(), 0.1), (place(), 0.05)]).into(),
             })
             .collect()
@@ -206,7 +206,7 @@ fn what_stands_still_is_not_written_and_what_is_known_to_stand_still_not_looked_
     let mut tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
     let mut again = RayTree::build(&meshes, &BuildParams::default()).unwrap();
     let before = tree.statistics();
-    let blocks = before.nodes + before.leaves + before.time_nodes;
+    let blocks = before.nodes + before.leaves;
     for frame in 1..5 {
         meshes[1] = cube(0.2 * frame as f32);
         let told = tree.refit_moved(&meshes, &[1]).unwrap();
@@ -313,7 +313,7 @@ fn what_does_not_fit_is_refused_and_changes_nothing() {
 fn masks_and_times_of_existence_follow() {
     use mbkd::TimeInterval;
     let mesh = soup(300, 2, 0.3, 0.1, 1);
-    let mut tree = RayTree::build(&[mesh.clone()], &BuildParams::default()).unwrap();
+    let mut tree = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::default()).unwrap();
     let later = [mesh.with_mask(0b10).with_active(TimeInterval::new(0.5, 1.0).unwrap())];
     tree.refit(&later).unwrap();
     let oracle = BruteForce::new(&later).unwrap();
