@@ -6,15 +6,14 @@
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
 use super::build::{Plan, parts};
+use super::counted::{CountedSearch, count_work};
 use super::fast::{mark_fast, places};
 use super::moving_reference::Mover;
 use super::order::order;
-use super::partition::{Layer, walk_all};
+use super::search::KeepLanes;
 use super::search::candidates::Candidates;
-use super::search::k_nearest::KNearest;
-use super::search::{KeepAll, NeighborWork};
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
+use crate::simd::{Lanes, Mask, SimdLevel};
 use crate::tuning::points::{
     BLOCK_PRICE, COLD, GAIN, HALF_COLD, REFERENCE_BYTES, SAMPLE, SAMPLES, SEARCH_PRICE, SEARCHES,
 };
@@ -143,42 +142,14 @@ fn work(sample: &Sample, plan: Plan, fast: Option<Plan>, simd: SimdLevel) -> (f6
         let time = |interval: &TimeInterval| interval.begin() + interval.duration() * fraction;
         let at = KeyTime::new(time(&groups[0].1), *keys);
         let point = at.position(Vec3::from_array(m.open), Vec3::from_array(m.close));
-        let mut work = vec![NeighborWork::default(); groups.len()];
         let layers: Vec<_> = groups.iter().map(|g| (&g.0[..], time(&g.1))).collect();
-        dispatch(simd, Count { layers: &layers, point, candidates: &mut candidates, work: &mut work });
-        total += work.iter().map(|w| w.nodes as f64 + BLOCK_PRICE * w.blocks as f64).sum::<f64>();
+        let all = |_: &Lanes<u32>, mask: Mask| mask;
+        let search =
+            CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
+        let work = count_work(simd, &search, &mut candidates);
+        total += work.nodes as f64 + BLOCK_PRICE * work.blocks as f64;
     }
     let references: usize = groups.iter().map(|g| g.2).sum();
     let bytes = references as f64 * scale * REFERENCE_BYTES;
     (SEARCH_PRICE + COLD * bytes / (bytes + HALF_COLD) + total / SEARCHES as f64, references)
-}
-
-/// One search, layer after layer, each at its own time; counts the work in each.
-struct Count<'a> {
-    layers: &'a [(&'a [Layer], f32)],
-    point: Vec3,
-    candidates: &'a mut Candidates,
-    work: &'a mut [NeighborWork],
-}
-
-impl Kernel for Count<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let mut total = NeighborWork::default();
-        let mut search = KNearest::within(8, f32::MAX, 1.0, self.candidates, &KeepAll, &mut total);
-        let mut before = NeighborWork::default();
-        loop {
-            for ((layer, time), work) in self.layers.iter().zip(&mut *self.work) {
-                walk_all(s, layer, (self.point, *time), &mut search);
-                let now = *search.observed();
-                work.nodes += now.nodes - before.nodes;
-                work.blocks += now.blocks - before.blocks;
-                before = now;
-            }
-            if !search.again() {
-                break;
-            }
-        }
-    }
 }

@@ -4,6 +4,7 @@
 //! a tree would compile all of that again, once for each of its filters. So a caller's filter is called through `dyn`, once
 //! for each block with something near, and what is compiled are two forms of each query: without and with a filter.
 
+use super::counted::{CountedSearch, count_work};
 use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
 use super::precise::{Allowed, Asked};
@@ -13,7 +14,7 @@ use super::search::nearest::Best;
 use super::search::radius::Sink;
 use super::search::sinks::{Gather, Visit, VisitBlock};
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
-use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
+use super::search::{Keep, KeepAll, KeepLanes, NeighborWork};
 use super::snapshot::Leaves;
 use super::tree::PointTree;
 use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch};
@@ -117,21 +118,15 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
         return;
     }
     match query {
-        Either::All(query) => k_nearest(query, k, candidates, found, &mut ()),
-        Either::Some(query) => k_nearest(query, k, candidates, found, &mut ()),
+        Either::All(query) => k_nearest(query, k, candidates, found),
+        Either::Some(query) => k_nearest(query, k, candidates, found),
     }
 }
 
 #[inline(always)]
-fn k_nearest<K: Keep, O: Observe>(
-    query: &Search<'_, K>,
-    k: usize,
-    candidates: &mut Candidates,
-    found: &mut Vec<Neighbor>,
-    observe: &mut O,
-) {
+fn k_nearest<K: Keep>(query: &Search<'_, K>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     let simd = query.tree.simd;
-    if !dispatch(simd, NearestN { query, k, candidates, found, observe }) {
+    if !dispatch(simd, NearestN { query, k, candidates, found }) {
         nearest_in_order(simd, k, candidates, found);
     }
 }
@@ -142,14 +137,14 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     if query.precise(|asked| asked.nearest_n(k, &mut candidates, &mut found, &mut work)).is_some() {
         return work;
     }
-    // Nobody waits for this: one form is enough.
     let all = |_: &Lanes<u32>, mask: Mask| mask;
-    let query = match query {
-        Either::All(query) => query.keeping(KeepLanes(&all)),
-        Either::Some(query) => *query,
+    let (query, keep) = match query {
+        Either::All(query) => (query.keeping(()), KeepLanes(&all)),
+        Either::Some(query) => (query.keeping(()), query.keep),
     };
-    k_nearest(&query, k, &mut candidates, &mut found, &mut work);
-    work
+    let Search { tree, point, time, bound, shrink, .. } = query;
+    let search = CountedSearch { layers: &[(&tree.layers, time)], point, k, bound, shrink, keep };
+    count_work(tree.simd, &search, &mut candidates)
 }
 
 /// Gathers all points within the radius.
@@ -218,20 +213,20 @@ impl<K: Keep> Kernel for Nearest<'_, '_, K> {
     }
 }
 
-struct NearestN<'q, 'a, 'b, K, O> {
+struct NearestN<'q, 'a, 'b, K> {
     query: &'q Search<'a, K>,
     k: usize,
     candidates: &'b mut Candidates,
     found: &'b mut Vec<Neighbor>,
-    observe: &'b mut O,
 }
 
-impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, K, O> {
+impl<K: Keep> Kernel for NearestN<'_, '_, '_, K> {
     /// Whether what was found is in order already.
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
-        let NearestN { query: q, k, candidates, found, observe } = self;
+        let NearestN { query: q, k, candidates, found } = self;
+        let observe = &mut ();
         let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
         loop {
             walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);

@@ -18,6 +18,7 @@ mod build;
 mod byte_boxes;
 mod choose;
 mod compiled;
+mod counted;
 mod error;
 mod fast;
 mod flyby;

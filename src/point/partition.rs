@@ -6,9 +6,10 @@
 use super::moving_reference::Part;
 use super::moving_tree::{MovingTree, MovingView};
 use super::plane_tree::{PlaneTree, PlaneView};
+use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
-use super::search::walk::{Collect, walk};
+use super::search::walk::walk;
 use super::search::{Keep, Observe, planes};
 use super::snapshot::Leaves;
 use super::static_tree::StaticTree;
@@ -80,13 +81,18 @@ fn at_time<T>(trees: &[T], part: impl Fn(&T) -> &Part, time: f32) -> usize {
 
 /// Walks through all layers, nearest boxes first.
 #[inline(always)]
-pub(super) fn walk_all<S: Simd, C: Collect<S>>(s: S, layers: &[Layer], (point, time): (Vec3, f32), collect: &mut C) {
+pub(super) fn walk_all<S: Simd, K: Keep, O: Observe>(
+    s: S,
+    layers: &[Layer],
+    (point, time): (Vec3, f32),
+    search: &mut KNearest<'_, K, O>,
+) {
     for layer in layers {
         match layer.at(time) {
-            LayerView::Still(view) => walk(s, &view, &view.target(s, point), collect),
-            LayerView::Moving(view) => walk(s, &view, &view.target(s, point), collect),
-            LayerView::Timed(view) => walk(s, &view, &view.target(s, point), collect),
-            LayerView::Planes(view) => planes::walk(s, &view, point, collect),
+            LayerView::Still(view) => walk(s, &view, &view.target(s, point), search),
+            LayerView::Moving(view) => walk(s, &view, &view.target(s, point), search),
+            LayerView::Timed(view) => walk(s, &view, &view.target(s, point), search),
+            LayerView::Planes(view) => planes::walk(s, &view, point, search),
         }
     }
 }

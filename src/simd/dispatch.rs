@@ -5,7 +5,10 @@ use super::avx2;
 #[cfg(target_arch = "x86_64")]
 use super::avx512;
 use super::instructions::Kernel;
-use super::portable;
+#[cfg(not(target_arch = "x86_64"))]
+use super::portable as baseline;
+#[cfg(target_arch = "x86_64")]
+use super::sse2 as baseline;
 
 /// An instruction set of this CPU, for choosing the code path of queries.
 ///
@@ -23,7 +26,7 @@ pub struct SimdLevel(Isa);
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
 enum Isa {
-    Portable,
+    Baseline,
     #[cfg(target_arch = "x86_64")]
     Avx2,
     #[cfg(target_arch = "x86_64")]
@@ -31,8 +34,8 @@ enum Isa {
 }
 
 impl SimdLevel {
-    /// Plain code that every CPU runs.
-    pub const PORTABLE: SimdLevel = SimdLevel(Isa::Portable);
+    /// What every CPU of the architecture runs: SSE2 on x86-64, plain code elsewhere.
+    pub const PORTABLE: SimdLevel = SimdLevel(Isa::Baseline);
 
     /// All levels of this CPU, narrowest first; the first is always [`SimdLevel::PORTABLE`].
     pub fn available() -> Vec<SimdLevel> {
@@ -64,10 +67,11 @@ impl SimdLevel {
         SimdLevel::PORTABLE
     }
 
-    /// `"portable"`, `"avx2"` or `"avx512"`.
+    /// `"sse2"`, `"avx2"` or `"avx512"`; `"portable"` on other architectures than x86-64.
     pub fn name(self) -> &'static str {
         match self.0 {
-            Isa::Portable => "portable",
+            Isa::Baseline if cfg!(target_arch = "x86_64") => "sse2",
+            Isa::Baseline => "portable",
             #[cfg(target_arch = "x86_64")]
             Isa::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
@@ -92,7 +96,7 @@ impl core::fmt::Display for SimdLevel {
 #[inline(always)]
 pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
     match level.0 {
-        Isa::Portable => kernel.run(portable::Portable),
+        Isa::Baseline => baseline::run(kernel),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: a `SimdLevel` of AVX2 is only made after detection found it on this CPU.
         Isa::Avx2 => unsafe { avx2::run(kernel) },

@@ -1,9 +1,10 @@
 //! Sixteen lanes with run-time dispatch, and the aligned memory they read.
 //!
 //! A query kernel is written once, generic over [`Simd`], as plain straight-line code. [`dispatch`]
-//! compiles it three times (portable, AVX2, AVX-512) and runs the widest version that the CPU has, so
+//! compiles it three times (SSE2, AVX2, AVX-512) and runs the widest version that the CPU has, so
 //! a default build reaches AVX-512 without compiler flags. The picture to have in mind: a token `s`
-//! of type `S: Simd` is the proof that the CPU has the instructions, and every vector is born from it.
+//! of type `S: Simd` is the proof that the CPU has the instructions, and every vector is born from it. Architectures other
+//! than x86-64 run the plain lanes of `portable`, against which all are tested.
 //!
 //! All lane operations except [`Simd::mul_add`] give the same bits on every instruction set; answers
 //! are computed with those. `mul_add` fuses where the hardware does and is for culling only, which
@@ -26,6 +27,8 @@ mod lanes;
 mod points;
 mod portable;
 mod prefetch;
+#[cfg(target_arch = "x86_64")]
+mod sse2;
 mod stack;
 
 pub(crate) use arena::Arena;

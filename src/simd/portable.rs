@@ -1,5 +1,8 @@
-//! Sixteen lanes in plain Rust: the fallback, and the definition that the others are tested against.
+//! Sixteen lanes in plain Rust: what runs on architectures without lanes of their own, and the definition that the
+//! others are tested against.
 
+#[cfg(not(target_arch = "x86_64"))]
+use super::instructions::Kernel;
 use super::instructions::Simd;
 use super::lanes::{LANES, Lanes, Mask, Rows};
 use core::mem::MaybeUninit;
@@ -8,6 +11,13 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 /// Token of the portable lanes; every CPU has them.
 #[derive(Clone, Copy)]
 pub(crate) struct Portable;
+
+/// Runs a kernel. A function of its own, so that each is compiled once and not wherever it is dispatched.
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(never)]
+pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Portable)
+}
 
 /// Sixteen floats.
 #[derive(Clone, Copy)]

@@ -138,7 +138,7 @@ fn every_level_agrees_with_the_portable_lanes_bit_for_bit() {
         };
         let (a, b) = (lanes(), lanes());
         let mask = next(&mut state) as Mask;
-        let expected = dispatch(SimdLevel::PORTABLE, All { a, b, mask });
+        let expected = All { a, b, mask }.run(Portable);
         for level in SimdLevel::available() {
             let got = dispatch(level, All { a, b, mask });
             assert_eq!(got, expected, "{level}, a {a:?}, b {b:?}, mask {mask:016b}");

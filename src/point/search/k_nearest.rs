@@ -11,9 +11,9 @@
 //! one. Where k is much less than a leaf holds, a look at the nearest leaves tells more than a guess.
 
 use super::candidates::{Candidates, append};
+use super::keys::{LANE_BITS, keys, smallest, unpack};
 use super::sort::sort_lanes;
 use super::waiting::Waiting;
-use super::walk::{Collect, LANE_BITS, keys, smallest, unpack};
 use super::{Keep, Observe};
 use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
@@ -121,11 +121,6 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         k + 1.5 * k.sqrt()
     }
 
-    /// The observer.
-    pub(in crate::point) fn observed(&self) -> &O {
-        self.observe
-    }
-
     /// Candidates above which the threshold is lowered.
     #[inline(always)]
     fn limit(&self) -> usize {
@@ -186,9 +181,9 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         self.origin = Origin::Known;
     }
 
-    /// A threshold for the first time without a guess, from at least k candidates.
+    /// What the first threshold may be where none was guessed, from at least k candidates.
     #[inline(always)]
-    fn settle<S: Simd>(&mut self, s: S) {
+    fn first_threshold<S: Simd>(&self, s: S) -> f32 {
         let whole = self.candidates.count / LANES * LANES;
         let mut sum = s.splat(0.0);
         for at in (0..whole).step_by(LANES) {
@@ -198,12 +193,12 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         s.store(sum, &mut columns);
         // More than half of the distances are below their mean.
         let mean = self::sum(&columns) / whole as f32;
-        self.tighten(s, scaled(mean, self.aim(), 0.6 * whole as f32));
+        scaled(mean, self.aim(), 0.6 * whole as f32)
     }
 
     /// Looks at the leaves on the list.
     #[inline(always)]
-    fn look<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
+    pub(super) fn look<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
         let leaves = self.waiting.take();
         let blocks = view.leaf_blocks();
         self.candidates.reserve(leaves.len() * blocks * LANES);
@@ -220,12 +215,11 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             }
         }
         *count = end;
-        if self.origin == Origin::Caller {
-            if end >= self.k {
-                self.settle(s);
-            }
-        } else if end > self.limit() {
-            self.tighten(s, self.threshold * 0.75);
+        let first = self.origin == Origin::Caller;
+        let lower = if first { end >= self.k } else { end > self.limit() };
+        if lower {
+            let guess = if first { self.first_threshold(s) } else { self.threshold * 0.75 };
+            self.tighten(s, guess);
         }
     }
 
@@ -314,6 +308,65 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
         lanes
     }
+
+    /// The squared distance above which boxes need not be visited (strictly).
+    #[inline(always)]
+    pub(super) fn cull(&self) -> f32 {
+        self.cull
+    }
+
+    /// A node is about to be tested.
+    #[inline(always)]
+    pub(super) fn node(&mut self) {
+        self.observe.node();
+    }
+
+    /// Whether nothing was looked at yet: the way down to the first bottom node.
+    #[inline(always)]
+    pub(super) fn fresh(&self) -> bool {
+        self.origin == Origin::Caller && self.candidates.count == 0
+    }
+
+    /// Puts the leaves of a bottom node, whose squared distances are `boxes`, on the list. Returns whether it is time to
+    /// [look](Self::look) at them.
+    #[inline(always)]
+    pub(super) fn bottom<S: Simd, V: View>(
+        &mut self,
+        s: S,
+        view: &V,
+        target: &Target<S>,
+        node: usize,
+        boxes: S::F,
+    ) -> bool {
+        let first = view.first_block(node);
+        let mut found = 0;
+        if self.origin == Origin::Caller {
+            let few = self.k <= MOST_COLUMNS;
+            let much_less_than_leaf = few && self.k < LANES * view.leaf_blocks() / 2;
+            // What was found before may lie beyond the ball and must not count as found within it.
+            if self.guesses > 0 && self.candidates.count == 0 && !much_less_than_leaf {
+                self.guess(s, view, target, node, boxes);
+            }
+            if few && self.origin == Origin::Caller {
+                found = self.seed(s, view, target, first, boxes);
+            }
+        }
+        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);
+        self.waiting.many() || self.origin == Origin::Caller
+    }
+
+    /// Looks at a leaf of a tree without boxes.
+    #[inline(always)]
+    pub(super) fn leaf<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, mut blocks: Range<usize>) {
+        while !blocks.is_empty() {
+            while !self.waiting.many() {
+                let Some(block) = blocks.next() else { break };
+                self.waiting.add_leaf(block);
+            }
+            // What comes next depends on the threshold.
+            self.look(s, view, target);
+        }
+    }
 }
 
 /// Sum by halves, so that it needs no chain of additions.
@@ -340,61 +393,4 @@ fn scaled(threshold: f32, wanted: f32, found: f32) -> f32 {
 fn middle(low: f32, high: f32) -> f32 {
     let low = low.max(0.0).to_bits();
     f32::from_bits(low + (high.to_bits() - low) / 2)
-}
-
-impl<S: Simd, K: Keep, O: Observe> Collect<S> for KNearest<'_, K, O> {
-    #[inline(always)]
-    fn cull(&self) -> f32 {
-        self.cull
-    }
-
-    #[inline(always)]
-    fn node(&mut self) {
-        self.observe.node();
-    }
-
-    #[inline(always)]
-    fn fresh(&self) -> bool {
-        self.origin == Origin::Caller && self.candidates.count == 0
-    }
-
-    #[inline(always)]
-    fn bottom<V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
-        let first = view.first_block(node);
-        let mut found = 0;
-        if self.origin == Origin::Caller {
-            let few = self.k <= MOST_COLUMNS;
-            let much_less_than_leaf = few && self.k < LANES * view.leaf_blocks() / 2;
-            // What was found before may lie beyond the ball and must not count as found within it.
-            if self.guesses > 0 && self.candidates.count == 0 && !much_less_than_leaf {
-                self.guess(s, view, target, node, boxes);
-            }
-            if few && self.origin == Origin::Caller {
-                found = self.seed(s, view, target, first, boxes);
-            }
-        }
-        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);
-        if self.waiting.many() || self.origin == Origin::Caller {
-            self.look(s, view, target);
-        }
-    }
-
-    #[inline(always)]
-    fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, blocks: Range<usize>) {
-        for block in blocks {
-            self.waiting.add_leaf(block);
-            if self.waiting.many() {
-                self.look(s, view, target);
-            }
-        }
-        // What comes next depends on the threshold.
-        self.look(s, view, target);
-    }
-
-    #[inline(always)]
-    fn end<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
-        if !self.waiting.is_empty() {
-            self.look(s, view, target);
-        }
-    }
 }

@@ -5,6 +5,7 @@
 
 pub(super) mod candidates;
 pub(super) mod k_nearest;
+mod keys;
 pub(super) mod nearest;
 pub(super) mod planes;
 pub(super) mod radius;

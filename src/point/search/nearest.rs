@@ -6,8 +6,8 @@
 //! What comes next hangs on the bound, so it is what the search waits for: it is kept apart from the ids, which are
 //! needed at the end only, and in all lanes, where it is compared with boxes.
 
+use super::keys::{keys, smallest, unpack};
 use super::planes::PlaneFront;
-use super::walk::{keys, smallest, unpack};
 use super::{Keep, Observe};
 use crate::limits::MAX_LEVELS;
 use crate::point::plane_tree::PlaneView;

@@ -11,9 +11,9 @@
 //! monotone too: the subtree's distance is never above that of a point in it, and culling what is *strictly* farther
 //! than the bound keeps ties.
 
-use super::Observe;
+use super::k_nearest::KNearest;
 use super::radius::Sink;
-use super::walk::Collect;
+use super::{Keep, Observe};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::KdView;
 use crate::point::plane_tree::{PlaneView, plane_error};
@@ -105,13 +105,17 @@ const BELOW_ONE: f64 = 1.0 - 4.0 * f64::EPSILON;
 
 /// Visits leaves, nearest sides of planes first, until nothing within the bound is left.
 #[inline(always)]
-pub(in crate::point) fn walk<S: Simd, C: Collect<S>>(s: S, view: &PlaneView<'_>, point: Vec3, collect: &mut C) {
+pub(in crate::point) fn walk<S: Simd, K: Keep, O: Observe>(
+    s: S,
+    view: &PlaneView<'_>,
+    point: Vec3,
+    search: &mut KNearest<'_, K, O>,
+) {
     let target = view.target(s, point);
     let mut front = PlaneFront::begin();
-    while let Some(blocks) = front.next(view, point, collect.cull(), || collect.node()) {
-        collect.leaf(s, view, &target, blocks);
+    while let Some(blocks) = front.next(view, point, search.cull(), || search.node()) {
+        search.leaf(s, view, &target, blocks);
     }
-    collect.end(s, view, &target);
 }
 
 /// Hands every point within the bound to the sink.

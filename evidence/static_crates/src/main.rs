@@ -6,16 +6,16 @@
 //! Both crates choose instructions at compile time: `RUSTFLAGS="-C target-cpu=native"` shows them at their best,
 //! mbkd finds the CPU's by itself.
 //!
-//! `cargo bench --bench static_crates -- --help` lists what can be chosen.
+//! `cargo run --release --package mbkd-static-crates -- --help` lists what can be chosen.
 
-#[path = "embree/clock.rs"]
+#[path = "../../benches/embree/clock.rs"]
 mod clock;
 #[allow(dead_code)]
-#[path = "embree/geometry.rs"]
+#[path = "../../benches/embree/geometry.rs"]
 mod geometry;
-#[path = "embree/rays.rs"]
+#[path = "../../benches/embree/rays.rs"]
 mod rays;
-#[path = "embree/timing.rs"]
+#[path = "../../benches/embree/timing.rs"]
 mod timing;
 
 use bvh::aabb::{Aabb, Bounded, IntersectsAabb};
@@ -37,7 +37,7 @@ use std::time::Duration;
 use timing::{Checksum, in_turns};
 
 #[derive(Parser)]
-#[command(name = "static_crates", bin_name = "cargo bench --bench static_crates --")]
+#[command(name = "static_crates", bin_name = "cargo run --release --package mbkd-static-crates --")]
 /// Times mbkd's ray queries against the crates `bvh` and `obvhs` on scenes frozen at mid-shutter.
 struct Options {
     /// Scenes of the catalogue.
@@ -52,9 +52,6 @@ struct Options {
     /// Timed rounds.
     #[arg(long, default_value_t = 5)]
     runs: u32,
-    /// What cargo passes to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 /// A peer: a tree that answers single rays.
