@@ -167,6 +167,9 @@ impl std::error::Error for BuildError {}
 pub enum RefitError {
     /// A tree of a k-d policy: planes cannot follow what moves, only boxes can.
     Policy,
+    /// A tree that was read from a file, where it is not said which vertices triangles have, and nothing sure that is more
+    /// than queries need.
+    FromFile,
     /// Another number of meshes.
     Count {
         /// How many the tree was built of.
@@ -204,6 +207,7 @@ impl fmt::Display for RefitError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             RefitError::Policy => f.write_str("a tree of a k-d policy cannot be refitted: build it again"),
+            RefitError::FromFile => f.write_str("a tree from a file cannot be refitted: build it of its meshes"),
             RefitError::Count { expected, found } => {
                 write!(f, "the tree was built of {expected} meshes, not of {found}: build it again")
             }

@@ -22,6 +22,7 @@
 //! | `error` | why a build refuses its input |
 //! | `parallel` | the same for many things, on several threads |
 //! | `simd` | sixteen lanes with run-time dispatch, and the memory they read; the only `unsafe` code |
+//! | `file` | trees in files: header, checksum, numbers and arrays as bytes |
 //! | `params` | how a tree is built |
 //! | `progress` | how far a build is, and cancelling it |
 //! | `geometry` | boxes, linear bounds, time intervals, rays, planes, clipping, separating axes, local space |
@@ -54,6 +55,7 @@
 pub mod baseline;
 mod bvh;
 mod error;
+mod file;
 mod geometry;
 pub mod instance;
 mod layout;
@@ -72,6 +74,7 @@ mod traverse;
 mod tuning;
 
 pub use error::{BuildError, IntervalError, RefitError};
+pub use file::FileError;
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
 pub use instance::{
@@ -111,6 +114,8 @@ mod readme {}
 /// The guides' examples, likewise.
 #[cfg(doctest)]
 mod guides {
+    #[doc = include_str!("../docs/files.md")]
+    mod files {}
     #[doc = include_str!("../docs/from_embree.md")]
     mod from_embree {}
     #[doc = include_str!("../docs/from_kiddo_and_nanoflann.md")]

@@ -10,6 +10,7 @@ mod clip;
 mod closest_on_triangle;
 mod double;
 mod ends;
+mod in_file;
 mod interval;
 mod keys;
 mod local_space;

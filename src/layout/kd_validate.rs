@@ -2,9 +2,10 @@
 //!
 //! Used after builds in the tests, and for those who change the builder.
 
+use crate::file::{FileError, broken, require};
 use crate::geometry::{Box3, TimeInterval, ULP};
 use crate::limits::DEPTH_LIMIT;
-use crate::mbkd::{KdTree, KdView};
+use crate::mbkd::{BadLink, KdTree, KdView, check_links};
 use crate::primitive::PrimitiveSet;
 use core::fmt;
 
@@ -98,41 +99,36 @@ impl KdTree {
         Ok(())
     }
 
+    /// The tree, if queries can walk it.
+    pub(crate) fn checked(self, primitives: usize) -> Result<KdTree, FileError> {
+        require(self.depth as usize <= DEPTH_LIMIT, "it is too deep")?;
+        require(!self.root.min.is_nan() && !self.root.max.is_nan(), "its bounds are no box")?;
+        match self.validate_links(primitives) {
+            Ok(()) => Ok(self),
+            Err(ValidationError::Depth { .. }) => broken("it is deeper than it says"),
+            Err(ValidationError::References { .. }) => broken("a leaf names no primitive"),
+            Err(_) => broken("a node is not linked as it should be"),
+        }
+    }
+
+    /// Checks all that a traversal relies on.
     fn validate_links(&self, primitives: usize) -> Result<(), ValidationError> {
-        let mut reached = vec![false; self.nodes.len()];
-        let mut owned = vec![false; self.references.len()];
-        let mut stack = vec![(0usize, 0usize)];
-        while let Some((node, depth)) = stack.pop() {
-            match reached.get_mut(node) {
-                Some(seen) if !*seen => *seen = true,
-                _ => return Err(ValidationError::Links { node }),
-            }
-            match self.nodes[node].view() {
-                KdView::Inner { right, plane } => {
-                    if right as usize <= node + 1 || !plane.position.is_finite() || !plane.velocity.is_finite() {
-                        return Err(ValidationError::Links { node });
-                    }
-                    stack.extend([(right as usize, depth + 1), (node + 1, depth + 1)]);
-                }
-                KdView::Leaf { first, count } => {
-                    if depth > self.depth as usize || depth > DEPTH_LIMIT {
-                        return Err(ValidationError::Depth { depth });
-                    }
-                    let wrong = ValidationError::References { node };
-                    let range = first as usize..first as usize + count as usize;
-                    let own = owned.get_mut(range.clone()).ok_or(wrong)?;
-                    let fine = self.references[range].iter().all(|r| (r.id as usize) < primitives && r.begin < r.end);
-                    if own.iter().any(|&o| o) || !fine {
-                        return Err(wrong);
-                    }
-                    own.fill(true);
-                }
+        let depth = check_links(&self.nodes, self.references.len()).map_err(|wrong| match wrong {
+            BadLink::Node(node) => ValidationError::Links { node },
+            BadLink::Leaf(node) => ValidationError::References { node },
+            BadLink::Depth(depth) => ValidationError::Depth { depth },
+        })?;
+        if depth > self.depth as usize {
+            return Err(ValidationError::Depth { depth });
+        }
+        for (node, at) in self.nodes.iter().enumerate() {
+            let KdView::Leaf { first, count } = at.view() else { continue };
+            let own = &self.references[first as usize..][..count as usize];
+            if !own.iter().all(|r| (r.id as usize) < primitives && r.begin < r.end) {
+                return Err(ValidationError::References { node });
             }
         }
-        match reached.iter().position(|&seen| !seen) {
-            Some(node) => Err(ValidationError::Links { node }),
-            None => Ok(()),
-        }
+        Ok(())
     }
 
     /// Descends to all leaves that the primitive reaches into at one time.

@@ -26,6 +26,8 @@ mod serialize;
 mod statistics;
 mod tree_box;
 mod wide_builder;
+mod wide_check;
+mod wide_file;
 mod wide_node;
 mod wide_tree;
 mod wide_validate;

@@ -66,7 +66,7 @@ fn kernel_pad(b: &LinearBox3) -> f64 {
 
 /// Bounds that no ray meets, for the lanes without a child: from far on one side to far on the other. Scaled by the
 /// reciprocal of any direction it stays finite.
-const NOWHERE: f32 = 1e30;
+pub(super) const NOWHERE: f32 = 1e30;
 
 /// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
 pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInterval) -> Result<ChildRef, BuildError> {

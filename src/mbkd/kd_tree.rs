@@ -43,6 +43,16 @@ impl KdNode {
         }
     }
 
+    /// The node as it is in files.
+    pub fn to_words(self) -> [u32; 3] {
+        [self.a, self.b, self.link]
+    }
+
+    /// The node of its words.
+    pub fn of_words([a, b, link]: [u32; 3]) -> KdNode {
+        KdNode { a, b, link }
+    }
+
     #[inline(always)]
     pub fn view(self) -> KdView {
         let axis = (self.link & 3) as usize;

@@ -10,7 +10,9 @@
 
 mod builder;
 mod classify;
+mod kd_file;
 mod kd_tree;
+mod links;
 mod partition;
 mod primitives;
 mod reference;
@@ -19,6 +21,7 @@ mod times;
 mod trajectories;
 
 pub(crate) use kd_tree::{KdNode, KdReference, KdTree, KdView};
+pub(crate) use links::{BadLink, check_links};
 pub(crate) use primitives::build_kd;
 pub(crate) use times::BuildTimes;
 pub(crate) use trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};

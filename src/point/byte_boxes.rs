@@ -22,10 +22,10 @@ use crate::simd::{LANES, Lanes, Mask, Simd};
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct ByteBoxes {
-    corner: [f32; 3],
-    step: [f32; 3],
-    lo: [Lanes<u8>; 3],
-    hi: [Lanes<u8>; 3],
+    pub(super) corner: [f32; 3],
+    pub(super) step: [f32; 3],
+    pub(super) lo: [Lanes<u8>; 3],
+    pub(super) hi: [Lanes<u8>; 3],
 }
 
 /// The greatest count.

@@ -11,9 +11,9 @@ use glam::Vec3;
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Block {
-    open: [Lanes<f32>; 3],
-    close: [Lanes<f32>; 3],
-    id: Lanes<u32>,
+    pub(super) open: [Lanes<f32>; 3],
+    pub(super) close: [Lanes<f32>; 3],
+    pub(super) id: Lanes<u32>,
 }
 
 /// When each of sixteen lanes counts: `begin <= t < end`.
@@ -71,11 +71,11 @@ impl Leaf {
 /// The leaves of a tree, one block each.
 #[derive(Clone)]
 pub(super) struct MovingLeaves {
-    blocks: Vec<Block>,
+    pub(super) blocks: Vec<Block>,
     /// When lanes count; empty where everything counts throughout.
-    times: Vec<Times>,
+    pub(super) times: Vec<Times>,
     /// Whole lives; empty where all points live throughout.
-    lives: Vec<Times>,
+    pub(super) lives: Vec<Times>,
 }
 
 impl MovingLeaves {

@@ -18,15 +18,15 @@ use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 /// Points that move or live for a while, in a 16-ary tree for one part of the shutter.
 #[derive(Clone)]
 pub(super) struct MovingTree {
-    part: Part,
-    nodes: Vec<LinearBoxes>,
+    pub(super) part: Part,
+    pub(super) nodes: Vec<LinearBoxes>,
     /// Number of each node's first child (node, or block on level 0).
-    first: Vec<u32>,
-    leaves: MovingLeaves,
+    pub(super) first: Vec<u32>,
+    pub(super) leaves: MovingLeaves,
     /// When the children of nodes count; empty where everything counts throughout.
-    node_times: Vec<Times>,
-    levels: usize,
-    references: usize,
+    pub(super) node_times: Vec<Times>,
+    pub(super) levels: usize,
+    pub(super) references: usize,
 }
 
 /// Writes the rows of a node.
@@ -57,11 +57,9 @@ impl MovingTree {
         drop(items);
         let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
         let mut node_times = vec![Times::NEVER; if timed { shape.nodes() } else { 0 }];
-        let mut first = Vec::with_capacity(shape.nodes());
         let mut hulls: Vec<Hull> = hulls.into_iter().flatten().collect();
         for level in 0..shape.levels {
             let begin = shape.begin[level];
-            let below = if level == 0 { 0 } else { shape.begin[level - 1] };
             let mut above = Vec::with_capacity(hulls.len().div_ceil(LANES));
             // Even a tree without references has its root.
             for i in 0..shape.begin[level + 1] - begin {
@@ -71,11 +69,11 @@ impl MovingTree {
                 if timed {
                     node_times[begin + i] = times;
                 }
-                first.push((below + i * LANES) as u32);
                 above.push(Hull::of_hulls(children));
             }
             hulls = above;
         }
+        let first = first_children(&shape);
         MovingTree { part, nodes, first, leaves, node_times, levels: shape.levels, references: movers.len() }
     }
 
@@ -122,6 +120,16 @@ impl MovingTree {
     pub(super) fn at<const TIMED: bool>(&self, time: f32) -> MovingView<'_, TIMED> {
         AtTime::new(self, &self.part, time)
     }
+}
+
+/// Number of each node's first child (node, or block on level 0).
+pub(super) fn first_children(shape: &Shape) -> Vec<u32> {
+    let mut first = Vec::with_capacity(shape.nodes());
+    for level in 0..shape.levels {
+        let below = if level == 0 { 0 } else { shape.begin[level - 1] };
+        first.extend((0..shape.begin[level + 1] - shape.begin[level]).map(|i| (below + i * LANES) as u32));
+    }
+    first
 }
 
 /// What filling blocks needs to know.

@@ -32,16 +32,16 @@ use glam::Vec3;
 /// Points between two keys in the k-d layout.
 #[derive(Clone)]
 pub(super) struct PlaneTree {
-    part: Part,
+    pub(super) part: Part,
     /// Everything at every time, up to the slack.
-    root: Box3,
+    pub(super) root: Box3,
     /// A leaf says its first block and how many blocks it has.
-    nodes: Vec<KdNode>,
+    pub(super) nodes: Vec<KdNode>,
     /// How far a point below a node may be computed outside of the half-space of the plane above the node.
-    slack: Vec<f32>,
-    leaves: MovingLeaves,
-    depth: usize,
-    references: usize,
+    pub(super) slack: Vec<f32>,
+    pub(super) leaves: MovingLeaves,
+    pub(super) depth: usize,
+    pub(super) references: usize,
 }
 
 impl PlaneTree {

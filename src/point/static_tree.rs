@@ -24,23 +24,23 @@ enum Node<'a> {
 #[derive(Clone)]
 pub(super) struct StaticTree {
     /// The lower levels, which have many nodes.
-    lower: Vec<ByteBoxes>,
+    pub(super) lower: Vec<ByteBoxes>,
     /// The other levels, and behind them nodes of the lower ones for whose boxes bytes are too coarse.
-    upper: Vec<Boxes>,
+    pub(super) upper: Vec<Boxes>,
     /// As many as all bottom nodes have lanes for.
-    blocks: Vec<PointBlock>,
-    shape: Shape,
+    pub(super) blocks: Vec<PointBlock>,
+    pub(super) shape: Shape,
     /// What is known of the time when the points were put in order; nothing if that was for this tree.
-    ordered: Option<Ordered>,
+    pub(super) ordered: Option<Ordered>,
 }
 
 /// When all points were put in order, and since.
 #[derive(Clone, Copy, Debug)]
-struct Ordered {
+pub(super) struct Ordered {
     /// The spread of the leaves then.
-    spread: f64,
+    pub(super) spread: f64,
     /// By how much leaves have been larger in all trees since, added up, as a share of their sides.
-    excess: f64,
+    pub(super) excess: f64,
 }
 
 /// Sizes of a complete tree.
@@ -100,6 +100,22 @@ impl Shape {
         self.leaf_blocks * LANES
     }
 
+    /// Number of nodes of the lower levels, whose boxes are in bytes.
+    pub(super) fn plain(&self) -> usize {
+        let small = (0..self.levels).find(|&level| self.wide(level) <= MOST_PLAIN);
+        self.begin[small.unwrap_or(self.levels)]
+    }
+
+    /// All nodes with their levels, and how many of the lanes of each have a child, where there are so many leaves.
+    pub(super) fn lanes(&self, leaves: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
+        (0..self.levels).flat_map(move |level| {
+            let begin = self.begin[level];
+            let (first, end) = if level == 0 { (0, leaves) } else { (self.begin[level - 1], begin) };
+            (begin..self.begin[level + 1])
+                .map(move |node| (node, end.saturating_sub(first + (node - begin) * LANES).min(LANES)))
+        })
+    }
+
     /// Number of nodes.
     pub(super) fn nodes(&self) -> usize {
         self.begin[self.levels]
@@ -127,8 +143,7 @@ impl StaticTree {
 
     /// The tree over items that are in order, in the memory of its blocks.
     fn around(count: usize, blocks: Vec<PointBlock>, shape: Shape, id_of: &(impl Fn(u32) -> u32 + Sync)) -> StaticTree {
-        let small = (0..shape.levels).find(|&level| shape.wide(level) <= MOST_PLAIN);
-        let plain = shape.begin[small.unwrap_or(shape.levels)];
+        let plain = shape.plain();
         let mut tree = StaticTree {
             lower: huge_vec_of(ByteBoxes::NONE, plain),
             upper: huge_vec_of(Boxes::NONE, shape.nodes() - plain),

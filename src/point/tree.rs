@@ -104,8 +104,8 @@ pub struct PointTree {
     pub(super) layers: Vec<Layer>,
     /// Layers of points in f64; then there are no others.
     pub(super) precise: Vec<PreciseLayer>,
-    stats: PointStats,
-    len: usize,
+    pub(super) stats: PointStats,
+    pub(super) len: usize,
 }
 
 /// The plan of what nothing was tried for.
@@ -222,7 +222,13 @@ impl PointTree {
         Ok(())
     }
 
-    fn add_precise_layer(&mut self, parts: Vec<PreciseTree>, kind: PointLayerKind, points: usize, why: String) {
+    pub(super) fn add_precise_layer(
+        &mut self,
+        parts: Vec<PreciseTree>,
+        kind: PointLayerKind,
+        points: usize,
+        why: String,
+    ) {
         let (references, nodes) =
             (parts.iter().map(|p| p.references()).sum(), parts.iter().map(|p| p.node_count()).sum());
         let (levels, bytes) =

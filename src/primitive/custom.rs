@@ -236,6 +236,11 @@ impl<P: Primitive> Shapes<P> {
         Shapes { shapes, active: extent.active, frame, bad: AtomicU32::new(NONE) }
     }
 
+    /// When each exists, as bounds; nothing where all do throughout the shutter.
+    pub(crate) fn lives(&self) -> Vec<[f32; 2]> {
+        self.active.iter().map(|active| active.to_bounds()).collect()
+    }
+
     /// The shapes as they were given.
     pub(crate) fn shapes(&self) -> &[P] {
         &self.shapes

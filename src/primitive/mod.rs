@@ -7,8 +7,10 @@ mod merge_keys;
 mod mesh;
 mod points;
 mod scene;
+mod scene_file;
 mod sphere;
 mod triangles;
+mod triangles_file;
 
 pub use check::{PrimitiveError, check_primitive};
 pub(crate) use custom::PrimitiveSet;
@@ -16,5 +18,6 @@ pub use custom::{Intersection, Primitive, Shapes, SurfacePoint};
 pub use mesh::{Keys, TriangleMesh};
 pub use points::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use scene::{Scene, Shape};
+pub(crate) use scene_file::{SceneRecord, ShapesRecord};
 pub use sphere::MovingSphere;
 pub(crate) use triangles::Triangles;

@@ -84,7 +84,7 @@ impl Scene {
     pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
         let extent = ShapesExtent::of(&shapes)?;
         let triangles = Triangles::beside(meshes, extent.swept)?;
-        Scene::of(triangles, shapes, extent, meshes.len())
+        Scene::of(triangles, shapes, extent)
     }
 
     /// The same scene with meshes that have other positions and, where some are given, other shapes. Where it is an error
@@ -96,18 +96,23 @@ impl Scene {
         }
         let triangles = self.triangles.again(meshes, extent.swept)?;
         let shapes = shapes.unwrap_or_else(|| self.shapes.take());
-        Scene::of(triangles, shapes, extent, meshes.len()).map_err(RefitError::Input)
+        Scene::of(triangles, shapes, extent).map_err(RefitError::Input)
     }
 
-    fn of(triangles: Triangles, shapes: Vec<Shape>, extent: ShapesExtent, meshes: usize) -> Result<Scene, BuildError> {
+    fn of(triangles: Triangles, shapes: Vec<Shape>, extent: ShapesExtent) -> Result<Scene, BuildError> {
         let shapes = Shapes::within(shapes, extent, *triangles.frame());
+        Scene::of_parts(triangles, shapes)
+    }
+
+    /// Triangles and shapes in one tree space already.
+    pub(super) fn of_parts(triangles: Triangles, shapes: Shapes<Shape>) -> Result<Scene, BuildError> {
         let found = triangles.len() + shapes.len();
         if found >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found });
         }
         let always_active = triangles.always_active() && shapes.always_active();
-        let first = triangles.len() as u32;
-        Ok(Scene { triangles, shapes, first, meshes: meshes as u32, always_active })
+        let (first, meshes) = (triangles.len() as u32, triangles.meshes.len() as u32);
+        Ok(Scene { triangles, shapes, first, meshes, always_active })
     }
 
     /// The number of the shape with this id; `None` for a triangle.

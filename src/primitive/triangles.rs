@@ -19,19 +19,19 @@ use glam::{DVec3, Vec3};
 /// A triangle's id counts through the meshes in their order, so that the lowest id is the lowest
 /// (mesh, triangle).
 pub struct Triangles {
-    frame: Frame,
-    meshes: Vec<Rebased>,
+    pub(super) frame: Frame,
+    pub(super) meshes: Vec<Rebased>,
     /// Number of triangles.
-    len: usize,
+    pub(super) len: usize,
     /// The mesh of every [`BLOCK`]-th triangle, and of the last.
-    mesh_at: Vec<u32>,
-    always_active: bool,
+    pub(super) mesh_at: Vec<u32>,
+    pub(super) always_active: bool,
     /// Number of triangles of meshes with more than two keys.
-    bent: usize,
+    pub(super) bent: usize,
     /// Vertex positions over all keys: as given, and those that are kept.
-    counts: [usize; 2],
+    pub(super) counts: [usize; 2],
     /// Empty once leaf blocks hold them.
-    vertices: Vertices,
+    pub(super) vertices: Vertices,
 }
 
 /// Which mesh a triangle is of is kept for one in so many; mostly that says it of those up to the next as well.
@@ -39,27 +39,27 @@ const BLOCK: usize = 32;
 
 /// The vertices of all triangles.
 #[derive(Default)]
-struct Vertices {
+pub(super) struct Vertices {
     /// The positions of all meshes: mesh by mesh, in each key by key; of more than two keys vertex by vertex, since whoever asks
     /// for one of its keys mostly asks for all.
-    positions: Vec<Vec3>,
+    pub(super) positions: Vec<Vec3>,
     /// The corners of each triangle, as places of their first keys in `positions`.
-    corners: Vec<[u32; 3]>,
+    pub(super) corners: Vec<[u32; 3]>,
 }
 
-struct Rebased {
+pub(super) struct Rebased {
     /// Id of the first triangle.
-    first: u32,
+    pub(super) first: u32,
     /// Number of bent triangles before it, see [`Triangles::entries_of`].
-    bent_before: usize,
+    pub(super) bent_before: usize,
     /// Number of keys.
-    keys: usize,
+    pub(super) keys: usize,
     /// How far apart successive keys of a vertex are in the positions; 0 where there is one only.
-    stride: usize,
-    active: TimeInterval,
-    mask: u32,
+    pub(super) stride: usize,
+    pub(super) active: TimeInterval,
+    pub(super) mask: u32,
     /// What tells the triangles from others between the vertices ([`digest`]).
-    indices: u64,
+    pub(super) indices: u64,
 }
 
 impl Triangles {
@@ -114,9 +114,8 @@ impl Triangles {
         }
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
-        let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
         let (mut rebased, mut bent) = (Vec::with_capacity(meshes.len()), 0);
-        for (i, (mesh, &keys)) in meshes.iter().zip(kept).enumerate() {
+        for (mesh, &keys) in meshes.iter().zip(kept) {
             let (first, place) = (corners.len() as u32, positions.len());
             let vertices = mesh.keys.vertices(0);
             let step = segments(mesh.keys.len()) / segments(keys);
@@ -138,13 +137,11 @@ impl Triangles {
             }
             let corner = |v: u32| place as u32 + v * apart as u32;
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(corner));
-            mesh_at.resize(corners.len().div_ceil(BLOCK), i as u32);
             let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
             rebased.push(Rebased { first, bent_before: bent, keys, stride, active, mask, indices });
             bent += if keys > 2 { mesh.len() } else { 0 };
         }
-        // The mesh of the last triangle, for the triangles of the last block.
-        mesh_at.push(meshes.iter().rposition(|mesh| !mesh.is_empty()).unwrap_or(0) as u32);
+        let mesh_at = mesh_at(meshes.iter().map(TriangleMesh::len), total);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
         let vertices = Vertices { positions, corners };
         let counts = [given, found];
@@ -387,6 +384,19 @@ fn digest(indices: &[[u32; 3]]) -> u64 {
     };
     let of = |range: Range<usize>| range.map(|i| mixed(i, indices[i])).fold(0, u64::wrapping_add);
     parallel::chunks(indices.len(), of).into_iter().fold(0, u64::wrapping_add)
+}
+
+/// The mesh of every [`BLOCK`]-th triangle, and of the last, for meshes of so many triangles.
+pub(super) fn mesh_at(lengths: impl Iterator<Item = usize>, total: usize) -> Vec<u32> {
+    let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
+    let (mut end, mut last) = (0usize, 0);
+    for (i, length) in (0..).zip(lengths) {
+        end += length;
+        mesh_at.resize(end.div_ceil(BLOCK), i);
+        last = if length > 0 { i } else { last };
+    }
+    mesh_at.push(last);
+    mesh_at
 }
 
 /// Number of linear pieces of a motion of so many keys.

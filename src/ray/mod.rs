@@ -11,6 +11,7 @@ mod collect;
 mod compiled;
 mod filter;
 mod hit;
+mod in_file;
 mod interleave;
 mod intersect;
 mod kd_traversal;
@@ -31,6 +32,7 @@ mod wide_traversal;
 mod wide_tests;
 
 pub use crate::error::{BuildError, RefitError};
+pub use crate::file::FileError;
 pub use crate::geometry::Ray;
 pub use crate::layout::{Statistics, TreeBox, ValidationError};
 pub use crate::params::{BuildParams, Division, KdParams, Policy, WideParams};

@@ -52,6 +52,8 @@ pub struct RayTree<G = Scene> {
     pub(super) geometry: G,
     pub(super) layout: Layout,
     pub(super) statistics: Statistics,
+    /// Whether it comes from a file, which does not say of which triangles it was built.
+    pub(super) from_file: bool,
     /// How the tree is refitted; nothing before the first time.
     pub(super) plan: Option<Box<Plan>>,
     pub(super) simd: SimdLevel,
@@ -82,7 +84,7 @@ impl<G: Geometry> RayTree<G> {
         };
         geometry.complaint()?;
         let (simd, queries) = (SimdLevel::best(), Queries::TABLE);
-        Ok(RayTree { geometry, layout, statistics, plan: None, simd, queries })
+        Ok(RayTree { geometry, layout, statistics, from_file: false, plan: None, simd, queries })
     }
 
     /// What queries are asked of.

@@ -56,10 +56,11 @@ impl<G: Geometry> RayTree<G> {
         Ok(Refit { nodes, leaves, kept: done.visited - nodes - leaves, skipped: blocks - done.visited, cost })
     }
 
-    fn is_wide(&self) -> Result<(), RefitError> {
+    fn can_be_refitted(&self) -> Result<(), RefitError> {
         match self.layout {
-            Layout::Wide(_) => Ok(()),
             Layout::Kd(_) => Err(RefitError::Policy),
+            Layout::Wide(_) if self.from_file => Err(RefitError::FromFile),
+            Layout::Wide(_) => Ok(()),
         }
     }
 }
@@ -136,7 +137,7 @@ impl RayTree {
         shapes: Option<Vec<Shape>>,
         moved: Vec<bool>,
     ) -> Result<Refit, RefitError> {
-        self.is_wide()?;
+        self.can_be_refitted()?;
         let geometry = self.geometry.again(meshes, shapes)?;
         self.refit_to(geometry, moved)
     }
@@ -158,7 +159,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     /// # Errors
     /// As [`RayTree::refit`].
     pub fn refit_primitives(&mut self, primitives: Vec<P>) -> Result<Refit, RefitError> {
-        self.is_wide()?;
+        self.can_be_refitted()?;
         let (expected, found) = (self.primitives().len(), primitives.len());
         if expected != found {
             return Err(RefitError::Shapes { expected, found });

@@ -19,6 +19,14 @@ pub(crate) struct Arena {
     words: usize,
 }
 
+impl Extend<[u32; LANES]> for Arena {
+    /// Appends whole lines, given as the bits of their words.
+    fn extend<I: IntoIterator<Item = [u32; LANES]>>(&mut self, lines: I) {
+        self.lines.extend(lines.into_iter().map(|line| Line(line.map(f32::from_bits))));
+        self.align();
+    }
+}
+
 impl Arena {
     /// Bytes allocated.
     pub(crate) fn bytes(&self) -> usize {

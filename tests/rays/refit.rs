@@ -300,6 +300,10 @@ fn what_does_not_fit_is_refused_and_changes_nothing() {
 
     let mut planes = RayTree::build(&before, &BuildParams::kd(KdParams::default())).unwrap();
     assert_eq!(planes.refit(&before), Err(RefitError::Policy));
+    let mut bytes = Vec::new();
+    tree.write_to(&mut bytes).unwrap();
+    let mut read = RayTree::read_from(&mut bytes.as_slice()).unwrap();
+    assert_eq!(read.refit(&before), Err(RefitError::FromFile));
     let mut nothing = RayTree::build(&[], &BuildParams::default()).unwrap();
     let refit = nothing.refit(&[]).unwrap();
     assert_eq!((refit.nodes, refit.leaves, refit.kept, refit.skipped, refit.cost), (0, 0, 0, 0, 1.0));

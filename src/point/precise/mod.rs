@@ -9,9 +9,11 @@
 
 mod build;
 mod hull;
+mod in_file;
 mod order;
 mod tree;
 
+pub(super) use in_file::PreciseRecord;
 pub(super) use tree::{PreciseTree, PreciseView};
 
 use super::neighbor::Neighbor;

@@ -30,5 +30,7 @@ pub(super) fn unpack(key: u32) -> (usize, f32) {
 #[inline(always)]
 pub(super) fn smallest<S: Simd, V: View>(s: S, view: &V, target: &Target<S>, node: usize, boxes: Mask) -> u32 {
     let sizes = s.select(boxes, view.box_sizes(s, target, node), s.splat(f32::INFINITY));
-    s.reduce_min_u(keys(s, sizes)) & LANE_BITS
+    let lane = s.reduce_min_u(keys(s, sizes)) & LANE_BITS;
+    // Sizes that are too large for numbers may name any lane.
+    if boxes >> lane & 1 != 0 { lane } else { boxes.trailing_zeros() }
 }

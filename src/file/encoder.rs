@@ -1,0 +1,95 @@
+//! Writing a file.
+
+use super::checksum::Checksum;
+use super::error::FileError;
+use super::header::{FileKind, HEADER, Header};
+use super::record::Record;
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+
+/// Arrays begin at multiples of this in a file: a cache line, so that a file can be used where it is mapped.
+pub(super) const ALIGNMENT: u64 = 64;
+
+/// Bytes that are made at once, few enough to stay in the nearest caches.
+const CHUNK: usize = 1 << 15;
+
+/// Takes numbers and arrays, and passes them on as bytes.
+pub(crate) struct Encoder<'a> {
+    /// Where the bytes go; nothing where they are only counted.
+    sink: Option<&'a mut dyn Write>,
+    checksum: Checksum,
+    /// Bytes of the file so far.
+    length: u64,
+    chunk: Vec<u8>,
+}
+
+/// Writes a file; `contents` writes everything behind the header, the same whenever it is called. It is called twice: first to
+/// know length and checksum, which stand in front, without a copy of the whole in memory.
+pub(crate) fn write(
+    sink: &mut dyn Write,
+    kind: FileKind,
+    contents: impl Fn(&mut Encoder<'_>) -> Result<(), FileError>,
+) -> Result<(), FileError> {
+    let pass = |sink: Option<&mut dyn Write>| {
+        let (length, chunk) = (HEADER as u64, vec![0; CHUNK]);
+        let mut encoder = Encoder { sink, checksum: Checksum::new(), length, chunk };
+        contents(&mut encoder)?;
+        Ok::<_, FileError>((encoder.length, encoder.checksum))
+    };
+    let (length, checksum) = pass(None)?;
+    sink.write_all(&Header { kind, length }.to_bytes(checksum))?;
+    pass(Some(sink))?;
+    Ok(())
+}
+
+/// Writes a file by `write` under a name of its own beside `path`, and then gives it that name: whoever loads from there
+/// finds the file that was there before or the whole new one.
+pub(crate) fn save(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileError>) -> Result<(), FileError> {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(format!(".{}.part", std::process::id()));
+    let part = path.with_file_name(name);
+    let mut file = File::create(&part)?;
+    let written = write(&mut file).and_then(|()| Ok(std::fs::rename(&part, path)?));
+    if written.is_err() {
+        // What is left of it is of no use; that it stays there matters less than why it is.
+        let _ = std::fs::remove_file(&part);
+    }
+    written
+}
+
+impl Encoder<'_> {
+    fn bytes(&mut self, bytes: &[u8]) -> Result<(), FileError> {
+        self.length += bytes.len() as u64;
+        match &mut self.sink {
+            Some(sink) => sink.write_all(bytes)?,
+            None => self.checksum.add(bytes),
+        }
+        Ok(())
+    }
+
+    /// Writes one thing.
+    pub fn put<T: Record>(&mut self, item: T) -> Result<(), FileError> {
+        let mut chunk = core::mem::take(&mut self.chunk);
+        item.put(&mut chunk[..T::BYTES]);
+        let written = self.bytes(&chunk[..T::BYTES]);
+        self.chunk = chunk;
+        written
+    }
+
+    /// Writes how many items there are, zeros up to the next cache line, and the items.
+    pub fn array<T: Record>(&mut self, items: &[T]) -> Result<(), FileError> {
+        self.put(items.len() as u64)?;
+        let padding = self.length.next_multiple_of(ALIGNMENT) - self.length;
+        self.bytes(&[0; ALIGNMENT as usize][..padding as usize])?;
+        let mut chunk = core::mem::take(&mut self.chunk);
+        let written = items.chunks(CHUNK / T::BYTES).try_for_each(|items| {
+            for (item, to) in items.iter().zip(chunk.chunks_exact_mut(T::BYTES)) {
+                item.put(to);
+            }
+            self.bytes(&chunk[..items.len() * T::BYTES])
+        });
+        self.chunk = chunk;
+        written
+    }
+}

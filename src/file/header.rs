@@ -1,0 +1,96 @@
+//! What a file begins with.
+
+use super::checksum::Checksum;
+use super::error::FileError;
+use super::record::Record;
+
+/// The first bytes of every file. Like those of PNG they show what a transfer as text has done to them: the line ends and the
+/// end-of-file mark of two systems are among them.
+const MAGIC: [u8; 8] = *b"mbkd\r\n\x1a\n";
+
+/// The version of the format that is written, and the only one that is read.
+const VERSION: u32 = 1;
+
+/// Bytes of the header.
+pub(super) const HEADER: usize = 32;
+
+/// Where the checksum is, which is not of itself.
+const CHECKSUM_AT: usize = 24;
+
+/// What kind of tree a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FileKind {
+    /// A `RayTree` over meshes and spheres.
+    Scene = 1,
+    /// A `RayTree` over the caller's own primitives, which are not in the file.
+    Primitives = 2,
+    /// A `PointTree`.
+    Points = 3,
+}
+
+impl FileKind {
+    fn of(number: u32) -> Option<FileKind> {
+        [FileKind::Scene, FileKind::Primitives, FileKind::Points].into_iter().find(|&kind| kind as u32 == number)
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            FileKind::Scene => "a ray tree of a scene",
+            FileKind::Primitives => "a ray tree of the caller's own primitives",
+            FileKind::Points => "a point tree",
+        }
+    }
+}
+
+/// What a header says, but for the checksum.
+pub(super) struct Header {
+    pub kind: FileKind,
+    /// Bytes of the whole file.
+    pub length: u64,
+}
+
+impl Header {
+    /// Everything in front of the checksum.
+    fn front(&self) -> [u8; CHECKSUM_AT] {
+        let mut bytes = [0; CHECKSUM_AT];
+        bytes[..8].copy_from_slice(&MAGIC);
+        VERSION.put(&mut bytes[8..12]);
+        (self.kind as u32).put(&mut bytes[12..16]);
+        self.length.put(&mut bytes[16..]);
+        bytes
+    }
+
+    /// The checksum of a file: of what is behind the header, which is given, and then of what is in front of the checksum.
+    pub fn checksum(&self, mut behind: Checksum) -> u64 {
+        behind.add(&self.front());
+        behind.value()
+    }
+
+    /// The header of a file, given the checksum of what is behind it.
+    pub fn to_bytes(&self, behind: Checksum) -> [u8; HEADER] {
+        let mut bytes = [0; HEADER];
+        bytes[..CHECKSUM_AT].copy_from_slice(&self.front());
+        self.checksum(behind).put(&mut bytes[CHECKSUM_AT..]);
+        bytes
+    }
+
+    /// Reads the header of a file that should be of a kind, and the checksum in it.
+    pub fn of_bytes(bytes: &[u8; HEADER], expected: FileKind) -> Result<(Header, u64), FileError> {
+        if bytes[..8] != MAGIC {
+            return Err(FileError::NotATree);
+        }
+        let version = u32::get(&bytes[8..12]);
+        if version != VERSION {
+            return Err(FileError::Version { found: version, known: VERSION });
+        }
+        match FileKind::of(u32::get(&bytes[12..16])) {
+            Some(kind) if kind == expected => {
+                Ok((Header { kind, length: u64::get(&bytes[16..CHECKSUM_AT]) }, u64::get(&bytes[CHECKSUM_AT..])))
+            }
+            kind => {
+                let found = kind.map_or("something unknown", FileKind::name);
+                Err(FileError::Kind { found, expected: expected.name() })
+            }
+        }
+    }
+}

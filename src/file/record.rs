@@ -1,0 +1,72 @@
+//! How numbers, and what is made of them, become bytes: the low byte of each number first.
+
+use glam::{DVec3, Vec3};
+
+/// Something of a fixed number of bytes. Any bytes are one: what they mean is checked later.
+pub(crate) trait Record: Sized {
+    /// How many bytes.
+    const BYTES: usize;
+    /// Writes it into as many bytes.
+    fn put(&self, to: &mut [u8]);
+    /// Reads it from as many bytes.
+    fn get(from: &[u8]) -> Self;
+}
+
+/// Numbers whose own methods say how.
+macro_rules! number {
+    ($($number:ty),*) => {$(
+        impl Record for $number {
+            const BYTES: usize = size_of::<$number>();
+            #[inline(always)]
+            fn put(&self, to: &mut [u8]) {
+                to.copy_from_slice(&self.to_le_bytes());
+            }
+            #[inline(always)]
+            fn get(from: &[u8]) -> $number {
+                let mut bytes = [0; size_of::<$number>()];
+                bytes.copy_from_slice(from);
+                <$number>::from_le_bytes(bytes)
+            }
+        }
+    )*};
+}
+
+number!(u8, u32, u64, f32, f64);
+
+impl<T: Record, const N: usize> Record for [T; N] {
+    const BYTES: usize = N * T::BYTES;
+    #[inline(always)]
+    fn put(&self, to: &mut [u8]) {
+        for (item, to) in self.iter().zip(to.chunks_exact_mut(T::BYTES)) {
+            item.put(to);
+        }
+    }
+    #[inline(always)]
+    fn get(from: &[u8]) -> [T; N] {
+        core::array::from_fn(|i| T::get(&from[i * T::BYTES..(i + 1) * T::BYTES]))
+    }
+}
+
+impl Record for Vec3 {
+    const BYTES: usize = 12;
+    #[inline(always)]
+    fn put(&self, to: &mut [u8]) {
+        self.to_array().put(to);
+    }
+    #[inline(always)]
+    fn get(from: &[u8]) -> Vec3 {
+        Vec3::from_array(Record::get(from))
+    }
+}
+
+impl Record for DVec3 {
+    const BYTES: usize = 24;
+    #[inline(always)]
+    fn put(&self, to: &mut [u8]) {
+        self.to_array().put(to);
+    }
+    #[inline(always)]
+    fn get(from: &[u8]) -> DVec3 {
+        DVec3::from_array(Record::get(from))
+    }
+}

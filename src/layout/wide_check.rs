@@ -1,0 +1,166 @@
+//! Checking a tree that comes from elsewhere: may queries walk it?
+//!
+//! Queries trust a tree. They follow references without looking where these lead, they have a stack just as deep as the
+//! tree, and boxes tell them which lanes of a node have a child. A build gives such trees; a file may hold anything. So
+//! before the first query every block is visited once, and everything is looked at that a query would stumble over. What
+//! boxes and corners *say* is not: wrong ones make wrong answers ([`WideTree::validate`] finds those), not panics.
+
+use super::keyed_leaf::KeyedLeaf;
+use super::leaf_block::WideSource;
+use super::leaf_ids::Ids;
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};
+use super::wide_tree::WideTree;
+use super::write::NOWHERE;
+use crate::file::{FileError, broken, require};
+use crate::limits::MAX_TIME_SLICES;
+use crate::parallel;
+use crate::primitive::{PrimitiveSet, Triangles};
+use crate::simd::LANES;
+
+/// More levels than any build makes: it halves by count below the 44th, also once more below each time node.
+const MOST_LEVELS: u32 = 256;
+
+/// The most segments between the keys of a leaf block, so that sums with them stay numbers of this machine.
+const MOST_SEGMENTS: usize = 1 << 24;
+
+impl WideTree {
+    /// An error for the first thing found that could lead a query astray.
+    pub(super) fn check<S: WideSource>(&self, set: &S) -> Result<(), FileError> {
+        require((1..=MAX_TIME_SLICES).contains(&self.slices), "there are too many slices of the shutter")?;
+        let words = self.arena.ints();
+        // There are a few bytes for each primitive; so tables of them are in proportion to the file.
+        require(set.len() <= words.len(), "there are more primitives than leaves could hold")?;
+        let mut leaves = self.check_nodes()?;
+        leaves.sort_unstable();
+        leaves.dedup();
+        let of_leaves = Leaves { tree: self, words, set, triangles: set.triangles(), bent: set.bent() };
+        let found = parallel::chunks(leaves.len(), |range| {
+            leaves[range].iter().try_for_each(|&leaf| of_leaves.check(ChildRef(leaf)))
+        });
+        found.into_iter().collect()
+    }
+
+    /// Checks all nodes: each is reached once, so that walks end, and none is too deep. Returns the references to leaf
+    /// blocks.
+    fn check_nodes(&self) -> Result<Vec<u32>, FileError> {
+        let words = self.arena.ints().len();
+        let mut reached = vec![false; words / LANES];
+        let mut leaves = Vec::new();
+        if self.root == ChildRef::NOTHING {
+            return Ok(leaves);
+        }
+        let mut stack = vec![(self.root, 0)];
+        while let Some((at, depth)) = stack.pop() {
+            require(depth <= MOST_LEVELS, "it is too deep")?;
+            if at.kind().is_leaf() {
+                leaves.push(at.0);
+                continue;
+            }
+            let rows = match at.kind() {
+                Kind::Node => NODE_ROWS,
+                Kind::StillNode => STILL_NODE_ROWS,
+                _ => 1,
+            };
+            require(at.at() + rows * LANES <= words, "a node lies outside of it")?;
+            let reached = &mut reached[at.at() / LANES];
+            require(!*reached, "a node is reached twice")?;
+            *reached = true;
+            if at.kind() == Kind::Time {
+                let parts = self.arena.ints()[at.at()] as usize;
+                require((1..=MAX_TIME_SLICES).contains(&parts), "a time node has no or too many parts")?;
+                require(at.at() + 1 + parts <= words, "a time node lies outside of it")?;
+            } else {
+                self.check_boxes(at, rows)?;
+            }
+            let children = self.children(at).iter().map(|&child| ChildRef(child));
+            let before = stack.len();
+            stack.extend(children.filter(|&child| child != ChildRef::NOTHING).map(|child| (child, depth + 1)));
+            // The stack of a query is as deep as leaves are.
+            require(stack.len() > before, "a node has no children")?;
+            let missing = at.kind() == Kind::Time && stack.len() - before < self.children(at).len();
+            require(!missing, "a time node has no child for a part of the shutter")?;
+        }
+        Ok(leaves)
+    }
+
+    /// Checks that faces are numbers, of which nothing infinite comes, and that no query enters a lane without a child.
+    fn check_boxes(&self, node: ChildRef, rows: usize) -> Result<(), FileError> {
+        let faces = &self.arena.floats()[node.at()..][..(rows - 1) * LANES];
+        // Without a branch for each, so that they are compared side by side.
+        let fine = faces.iter().fold(true, |fine, face| fine & (face.abs() <= NOWHERE));
+        require(fine, "a box is not one of numbers")?;
+        for (lane, _) in self.children(node).iter().enumerate().filter(|(_, child)| **child == ChildRef::NOTHING.0) {
+            let nowhere = faces[lane..].iter().step_by(LANES).enumerate().all(|(row, &face)| match row {
+                0 | 2 | 4 => face == NOWHERE,
+                1 | 3 | 5 => face == -NOWHERE,
+                _ => face == 0.0,
+            });
+            require(nowhere, "a node has a box without a child")?;
+        }
+        Ok(())
+    }
+}
+
+/// What the check of leaf blocks looks at.
+struct Leaves<'a, S> {
+    tree: &'a WideTree,
+    words: &'a [u32],
+    set: &'a S,
+    triangles: Option<&'a Triangles>,
+    /// Whether some of them have more than two keys.
+    bent: bool,
+}
+
+impl<S: WideSource> Leaves<'_, S> {
+    fn check(&self, leaf: ChildRef) -> Result<(), FileError> {
+        let Some(block) = self.words.get(leaf.at()..) else { return broken("a leaf lies outside of it") };
+        let listed = self.tree.is_list::<S>(leaf);
+        let Some(triangles) = self.triangles.filter(|_| !listed) else {
+            require(leaf.kind() == Kind::OwnLeaf && block.len() >= leaf.len(), "a list is no list")?;
+            let first = self.triangles.map_or(0, Triangles::len);
+            let fine = block[..leaf.len()].iter().all(|&id| (first..self.set.len()).contains(&(id as usize)));
+            return require(fine, "a list names no primitive");
+        };
+        let keys = match leaf.kind() {
+            Kind::OwnLeaf => Some(self.check_keyed(leaf, block)?),
+            Kind::SharedLeaf => self.check_shared(leaf, block, 2 * VERTEX_ROWS * leaf.len()).map(|()| None)?,
+            Kind::SharedStillLeaf => self.check_shared(leaf, block, VERTEX_ROWS * leaf.len()).map(|()| None)?,
+            // Nothing in them says where anything is.
+            _ => None,
+        };
+        let Some(ids) = Ids::of(leaf, block, listed) else { return broken("a leaf is not all there") };
+        for &id in &block[ids.first..][..ids.count] {
+            require((id as usize) < triangles.len(), "a leaf names no triangle")?;
+            let own = if self.bent { triangles.keys(id) } else { 2 };
+            let fits = keys.map_or(own <= 2, |keys| own > 2 && own == keys);
+            require(fits, "a leaf has other keys than its triangles")?;
+        }
+        Ok(())
+    }
+
+    /// Checks the triangles between shared vertices, whose numbers begin at a word of the block.
+    fn check_shared(&self, leaf: ChildRef, block: &[u32], at: usize) -> Result<(), FileError> {
+        let Some(numbers) = block.get(at..) else { return broken("a leaf is not all there") };
+        let count = numbers.first().map_or(LANES, |&first| shared_count(first));
+        require(numbers.len() >= 2 * count, "a leaf is not all there")?;
+        let there = |number: &u32| [0, 4, 8].iter().all(|shift| ((number >> shift & 15) as usize) < leaf.len());
+        require(numbers[..count].iter().all(there), "a triangle names a vertex that its leaf does not have")
+    }
+
+    /// Checks a block of more than two keys; the number of keys of its triangles.
+    fn check_keyed(&self, leaf: ChildRef, block: &[u32]) -> Result<usize, FileError> {
+        let Some(header) = block.get(..3) else { return broken("a leaf is not all there") };
+        let keyed = KeyedLeaf::of(header, leaf.len());
+        let fine = (2..=MOST_SEGMENTS).contains(&keyed.segments) && (2..=keyed.segments + 1).contains(&keyed.keys);
+        require(fine && keyed.first <= keyed.segments + 1 - keyed.keys, "a leaf has keys that no triangle has")?;
+        require(keyed.words() <= block.len(), "a leaf is not all there")?;
+        if keyed.shared {
+            let count = shared_count(block[keyed.vertices()]);
+            require(count == keyed.count, "a leaf has two numbers of triangles")?;
+            self.check_shared(leaf, block, keyed.vertices())?;
+        } else {
+            require(keyed.count == leaf.len(), "a leaf has two numbers of triangles")?;
+        }
+        Ok(keyed.segments + 1)
+    }
+}

@@ -1,0 +1,41 @@
+//! The wide layout in files: its blocks as they lie in memory, and what can not be told from them.
+
+use super::leaf_block::WideSource;
+use super::wide_node::ChildRef;
+use super::wide_tree::{Counts, WideTree};
+use crate::file::{Decoder, Encoder, FileError};
+use crate::simd::{Arena, LANES};
+
+/// Words of one cache line.
+type Words = [u32; LANES];
+
+impl WideTree {
+    /// Writes all blocks, and where they begin.
+    pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.put([self.root.0, u32::from(self.presplit), self.slices as u32])?;
+        // There may be no lists.
+        to.put(if self.lists == usize::MAX { u64::MAX } else { self.lists as u64 })?;
+        to.array::<Words>(self.arena.ints()[..self.arena.len()].as_chunks().0)
+    }
+
+    /// Reads what was written; nothing of it is checked.
+    pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<WideTree, FileError> {
+        let [root, presplit, slices] = from.get::<[u32; 3]>()?;
+        let lists = usize::try_from(from.get::<u64>()?).unwrap_or(usize::MAX);
+        let count = from.count::<Words>()?;
+        let mut arena = Arena::default();
+        // With the lines that are always behind the last block.
+        arena.reserve_exact((from.room::<Words>(count) + LANES) * LANES);
+        from.items::<Words>(count, &mut arena)?;
+        let (root, presplit, slices) = (ChildRef(root), presplit != 0, slices as usize);
+        Ok(WideTree { arena, root, lists, presplit, slices, blocks: Vec::new(), counts: Counts::default() })
+    }
+
+    /// The tree, if queries can walk it, with what is found on a walk through it.
+    pub(crate) fn checked<S: WideSource>(mut self, set: &S) -> Result<WideTree, FileError> {
+        self.check(set)?;
+        self.arena.settle();
+        (self.counts, self.blocks) = self.index_leaves(set);
+        Ok(self)
+    }
+}

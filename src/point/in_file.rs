@@ -1,0 +1,250 @@
+//! Point trees in files.
+
+use super::build::parts;
+use super::moving_file::MovingRecord;
+use super::moving_reference::Part;
+use super::moving_tree::MovingTree;
+use super::partition::Layer;
+use super::plane_file::PlaneRecord;
+use super::plane_tree::PlaneTree;
+use super::precise::{PreciseRecord, PreciseTree};
+use super::static_file::StaticRecord;
+use super::stats::{PointLayerKind, PointLayerStats, PointStats};
+use super::tree::PointTree;
+use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken, require};
+use crate::limits::{MAX_KEYS, MAX_SLABS};
+use crate::simd::SimdLevel;
+use glam::DVec3;
+use std::io::{Read, Write};
+use std::path::Path;
+
+/// The numbers that layers have in files.
+const STILL: u32 = 0;
+const MOVING: u32 = 1;
+const PLANES: u32 = 2;
+const PRECISE: u32 = 3;
+
+/// What a file says of the trees of a layer.
+enum Trees {
+    Still(StaticRecord),
+    Moving(Vec<MovingRecord>),
+    Planes(Vec<PlaneRecord>),
+    Precise(Vec<PreciseRecord>),
+}
+
+/// What a file says of a layer.
+struct LayerRecord {
+    /// Number of keys, and of trees for each segment between them.
+    keys: usize,
+    per_segment: usize,
+    points: u64,
+    why: Vec<u8>,
+    trees: Trees,
+}
+
+impl PointTree {
+    fn encode(&self, sink: &mut dyn Write) -> Result<(), FileError> {
+        file::write(sink, FileKind::Points, |to| {
+            to.put(self.origin)?;
+            to.put(self.len as u64)?;
+            to.put((self.layers.len() + self.precise.len()) as u32)?;
+            let (of_layers, of_precise) = self.stats.layers.split_at(self.layers.len());
+            for (layer, stats) in self.layers.iter().zip(of_layers) {
+                match layer {
+                    Layer::Still(tree) => {
+                        begin(to, STILL, None, 1, stats)?;
+                        tree.encode(to)?;
+                    }
+                    Layer::Moving(trees) => {
+                        begin(to, MOVING, trees.first().map(|tree| tree.part()), trees.len(), stats)?;
+                        trees.iter().try_for_each(|tree| tree.encode(to))?;
+                    }
+                    Layer::Planes(trees) => {
+                        begin(to, PLANES, trees.first().map(|tree| tree.part()), trees.len(), stats)?;
+                        trees.iter().try_for_each(|tree| tree.encode(to))?;
+                    }
+                }
+            }
+            for (layer, stats) in self.precise.iter().zip(of_precise) {
+                begin(to, PRECISE, layer.parts.first().map(PreciseTree::part), layer.parts.len(), stats)?;
+                layer.parts.iter().try_for_each(|tree| tree.encode(to))?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Writes the tree, whatever its structure, with lives and ids of its points: about as many bytes as
+    /// [`stats`](PointTree::stats) says. They are the same on every machine and for any number of threads of the
+    /// build. `docs/files.md` describes them.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, glam::Vec3};
+    /// let points = [MovingPoint::new(Vec3::ZERO, Vec3::X), MovingPoint::fixed(Vec3::Y)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let mut bytes = Vec::new();
+    /// tree.write_to(&mut bytes)?;
+    /// let again = PointTree::read_from(&mut bytes.as_slice())?;
+    /// assert_eq!(again.nearest(Vec3::X, 0.75), tree.nearest(Vec3::X, 0.75));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
+        self.encode(sink)
+    }
+
+    /// [`PointTree::write_to`] a file, which is there under this name once it is complete, and not before.
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
+        file::save(path.as_ref(), |sink| self.encode(sink))
+    }
+
+    /// Reads a tree that [`PointTree::write_to`] wrote, and no byte more. It answers every query as the tree did that was
+    /// written, bit for bit, on any machine; queries run on the widest instruction set of this one.
+    ///
+    /// # Errors
+    /// Whatever is wrong: see [`FileError`]. Damage is found by the checksum. A file that was made to deceive is refused
+    /// where a search could stumble over it; its answers may be any.
+    pub fn read_from(source: &mut impl Read) -> Result<PointTree, FileError> {
+        PointTree::decode(source, None)
+    }
+
+    /// [`PointTree::read_from`] a file that holds nothing else. Faster, since the length of a file is known beforehand.
+    ///
+    /// ```no_run
+    /// use mbkd::PointTree;
+    /// let tree = PointTree::load("photons.mbkd")?;
+    /// println!("{} points: {}", tree.len(), tree.stats());
+    /// # Ok::<(), mbkd::FileError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`PointTree::read_from`].
+    pub fn load(path: impl AsRef<Path>) -> Result<PointTree, FileError> {
+        file::load(path.as_ref(), PointTree::decode)
+    }
+
+    fn decode(source: &mut dyn Read, length: Option<u64>) -> Result<PointTree, FileError> {
+        let raw = |from: &mut Decoder<'_>| {
+            let (origin, len, layers) = (from.get::<DVec3>()?, from.get::<u64>()?, from.get::<u32>()?);
+            let layers: Vec<LayerRecord> = (0..layers).map(|_| LayerRecord::decode(from)).collect::<Result<_, _>>()?;
+            Ok((origin, len, layers))
+        };
+        Decoder::begin(source, FileKind::Points, length)?
+            .whole(raw, |(origin, len, layers)| PointTree::checked(origin, len, layers))
+    }
+
+    /// The tree, if searches can walk it.
+    fn checked(origin: DVec3, len: u64, layers: Vec<LayerRecord>) -> Result<PointTree, FileError> {
+        require(origin.is_finite(), "its origin is nowhere")?;
+        let all = layers.iter().try_fold(0u64, |sum, layer| sum.checked_add(layer.points));
+        require(all == Some(len) && len < u64::from(u32::MAX), "it has not as many points as its layers")?;
+        let precise = layers.iter().filter(|layer| matches!(layer.trees, Trees::Precise(_))).count();
+        require(precise == 0 || precise == layers.len(), "it has points in f32 and in f64")?;
+        let (layers_read, stats, simd) = (layers, PointStats::default(), SimdLevel::best());
+        let (layers, precise, len) = (Vec::new(), Vec::new(), len as usize);
+        let mut tree = PointTree { origin, simd, layers, precise, stats, len };
+        for layer in layers_read {
+            layer.checked(&mut tree)?;
+        }
+        Ok(tree)
+    }
+}
+
+/// Writes what stands in front of the trees of a layer.
+fn begin(
+    to: &mut Encoder<'_>,
+    number: u32,
+    part: Option<&Part>,
+    trees: usize,
+    stats: &PointLayerStats,
+) -> Result<(), FileError> {
+    let per_segment = match stats.kind {
+        PointLayerKind::Linear { parts } => parts,
+        PointLayerKind::Static | PointLayerKind::Mbkd => 1,
+    };
+    to.put([number, part.map_or(1, |part| part.keys) as u32, per_segment as u32, trees as u32])?;
+    to.put(stats.points as u64)?;
+    to.array(stats.why.as_bytes())
+}
+
+impl LayerRecord {
+    /// Reads what was written; only what says how to read on is looked at.
+    fn decode(from: &mut Decoder<'_>) -> Result<LayerRecord, FileError> {
+        let [number, keys, per_segment, trees] = from.get::<[u32; 4]>()?;
+        let (points, why) = (from.get()?, from.array()?);
+        fn all<T>(
+            from: &mut Decoder<'_>,
+            trees: u32,
+            decode: fn(&mut Decoder<'_>) -> Result<T, FileError>,
+        ) -> Result<Vec<T>, FileError> {
+            (0..trees).map(|_| decode(from)).collect()
+        }
+        let trees = match number {
+            STILL => Trees::Still(StaticRecord::decode(from)?),
+            MOVING => Trees::Moving(all(from, trees, MovingRecord::decode)?),
+            PLANES => Trees::Planes(all(from, trees, PlaneRecord::decode)?),
+            PRECISE => Trees::Precise(all(from, trees, PreciseRecord::decode)?),
+            _ => return broken("it has a structure that is not known"),
+        };
+        Ok(LayerRecord { keys: keys as usize, per_segment: per_segment as usize, points, why, trees })
+    }
+
+    /// Adds the layer to a tree, if searches can walk it.
+    fn checked(self, tree: &mut PointTree) -> Result<(), FileError> {
+        let LayerRecord { keys, per_segment, points, why, trees } = self;
+        let points = points as usize;
+        let Ok(why) = String::from_utf8(why) else { return broken("the reason for it is no text") };
+        let parts = |trees: usize| parts_of(keys, per_segment, trees);
+        // In each of the trees there are at most all points, and in all together at least once each.
+        let enough = |counts: &[usize]| {
+            let most = counts.iter().copied().max().unwrap_or(0);
+            require((most..=counts.iter().sum()).contains(&points), "it has not as many points as its trees")
+        };
+        match trees {
+            Trees::Still(record) => {
+                let (still, count) = record.checked()?;
+                enough(&[count])?;
+                tree.add(Layer::Still(still), PointLayerKind::Static, points, why);
+            }
+            Trees::Moving(records) => {
+                let parts = parts(records.len())?.into_iter();
+                let trees = records.into_iter().zip(parts).map(|(record, part)| record.checked(part));
+                let trees: Vec<MovingTree> = trees.collect::<Result<_, _>>()?;
+                enough(&trees.iter().map(MovingTree::references).collect::<Vec<_>>())?;
+                tree.add(Layer::Moving(trees), PointLayerKind::Linear { parts: per_segment }, points, why);
+            }
+            Trees::Planes(records) => {
+                let parts = parts(records.len())?.into_iter();
+                let trees = records.into_iter().zip(parts).map(|(record, part)| record.checked(part));
+                let trees: Vec<PlaneTree> = trees.collect::<Result<_, _>>()?;
+                let references: usize = trees.iter().map(PlaneTree::references).sum();
+                require(points <= references, "it has not as many points as its trees")?;
+                tree.add(Layer::Planes(trees), PointLayerKind::Mbkd, points, why);
+            }
+            Trees::Precise(records) => {
+                let moves = records.iter().any(PreciseRecord::moves);
+                let kind = if moves { PointLayerKind::Linear { parts: per_segment } } else { PointLayerKind::Static };
+                let (parts, origin) = (parts(records.len())?.into_iter(), tree.origin);
+                let trees = records.into_iter().zip(parts).map(|(record, part)| record.checked(part, origin));
+                let trees: Vec<PreciseTree> = trees.collect::<Result<_, _>>()?;
+                enough(&trees.iter().map(PreciseTree::references).collect::<Vec<_>>())?;
+                tree.add_precise_layer(trees, kind, points, why);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The parts of the shutter that so many trees are for.
+fn parts_of(keys: usize, per_segment: usize, trees: usize) -> Result<Vec<Part>, FileError> {
+    let known = (1..=MAX_KEYS).contains(&keys) && (1..=MAX_SLABS).contains(&per_segment);
+    // Some parts are so short that no time is in them.
+    let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;
+    let parts = if few { parts(keys, per_segment) } else { Vec::new() };
+    require(few && parts.len() == trees, "it has not a tree for each part of the shutter")?;
+    Ok(parts)
+}

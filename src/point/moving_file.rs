@@ -1,0 +1,161 @@
+//! Trees of boxes over points that move or live for a while, in files.
+
+use super::linear_bounds::LinearBoxes;
+use super::moving_leaf::{Block, MovingLeaves, Times};
+use super::moving_reference::Part;
+use super::moving_tree::{MovingTree, first_children};
+use super::static_file::is_place;
+use super::static_tree::Shape;
+use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::parallel;
+use crate::simd::{LANES, Lanes};
+
+impl Record for Block {
+    const BYTES: usize = 448;
+    #[inline(always)]
+    fn put(&self, to: &mut [u8]) {
+        [self.open, self.close].put(&mut to[..384]);
+        self.id.put(&mut to[384..]);
+    }
+    #[inline(always)]
+    fn get(from: &[u8]) -> Block {
+        let [open, close] = Record::get(&from[..384]);
+        Block { open, close, id: Record::get(&from[384..]) }
+    }
+}
+
+impl Record for Times {
+    const BYTES: usize = 128;
+    #[inline(always)]
+    fn put(&self, to: &mut [u8]) {
+        [self.begin, self.end].put(to);
+    }
+    #[inline(always)]
+    fn get(from: &[u8]) -> Times {
+        let [begin, end] = Record::get(from);
+        Times { begin, end }
+    }
+}
+
+impl Record for LinearBoxes {
+    const BYTES: usize = 768;
+    #[inline(always)]
+    fn put(&self, to: &mut [u8]) {
+        [self.lo, self.lo_slope, self.hi, self.hi_slope].put(to);
+    }
+    #[inline(always)]
+    fn get(from: &[u8]) -> LinearBoxes {
+        let [lo, lo_slope, hi, hi_slope] = Record::get(from);
+        LinearBoxes { lo, lo_slope, hi, hi_slope }
+    }
+}
+
+impl MovingLeaves {
+    /// Number of points in all leaves.
+    pub(super) fn count(&self) -> usize {
+        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX).count()
+    }
+
+    /// Writes everything.
+    pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.array(&self.blocks)?;
+        to.array(&self.times)?;
+        to.array(&self.lives)
+    }
+
+    /// Reads what was written; nothing of it is checked.
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<MovingLeaves, FileError> {
+        Ok(MovingLeaves { blocks: from.array()?, times: from.array()?, lives: from.array()? })
+    }
+
+    /// Checks that points are places and other lanes nothing, and that there are times for all or for none. `counts` says
+    /// how many points are in a block, if that is known.
+    pub(super) fn check(&self, timed: bool, counts: Option<usize>) -> Result<(), FileError> {
+        let blocks = self.blocks.len();
+        let fits = self.times.len() == if timed { blocks } else { 0 };
+        require(fits && (self.lives.is_empty() || self.lives.len() == blocks), "it has not as many times as leaves")?;
+        let fine = parallel::chunks(blocks, |range| {
+            range.into_iter().all(|block| {
+                let count = counts.map(|count| count.saturating_sub(block * LANES));
+                is_fine(&self.blocks[block], count)
+            })
+        });
+        require(fine.into_iter().all(|fine| fine), "a leaf holds something else than points")
+    }
+}
+
+/// Whether the lanes of a block are points or nothing; points are the first so many, if that is known.
+fn is_fine(block: &Block, count: Option<usize>) -> bool {
+    let mut fine = true;
+    for lane in 0..LANES {
+        let [open, close] = [&block.open, &block.close].map(|rows| rows.map(|row| row[lane]));
+        let there = block.id[lane] != u32::MAX;
+        let point = is_place(open) & is_place(close);
+        let nothing = (open == [f32::MAX; 3]) & (close == [f32::MAX; 3]);
+        fine &= if there { point } else { nothing };
+        fine &= count.is_none_or(|count| there == (lane < count));
+    }
+    fine
+}
+
+/// What a file says of a tree.
+pub(super) struct MovingRecord {
+    count: u64,
+    nodes: Vec<LinearBoxes>,
+    node_times: Vec<Times>,
+    leaves: MovingLeaves,
+}
+
+impl MovingTree {
+    /// Writes everything but which part of the shutter it is for.
+    pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.put(self.references as u64)?;
+        to.array(&self.nodes)?;
+        to.array(&self.node_times)?;
+        self.leaves.encode(to)
+    }
+}
+
+impl MovingRecord {
+    /// Reads what was written.
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<MovingRecord, FileError> {
+        let (count, nodes, node_times) = (from.get()?, from.array()?, from.array()?);
+        Ok(MovingRecord { count, nodes, node_times, leaves: MovingLeaves::decode(from)? })
+    }
+
+    /// The tree of a part of the shutter, if searches can walk it.
+    pub(super) fn checked(self, part: Part) -> Result<MovingTree, FileError> {
+        let MovingRecord { count, nodes, node_times, leaves } = self;
+        let blocks = leaves.blocks.len();
+        require(count.div_ceil(LANES as u64) == blocks as u64, "it has not as many leaves as its points need")?;
+        let count = count as usize;
+        let shape = Shape::with_leaf(count, 1);
+        let timed = !node_times.is_empty();
+        let fits = nodes.len() == shape.nodes() && (!timed || node_times.len() == nodes.len());
+        require(fits, "it has not as many nodes as its points need")?;
+        leaves.check(timed, Some(count))?;
+        for (node, lanes) in shape.lanes(blocks) {
+            let times = node_times.get(node);
+            let fine = (0..LANES).all(|lane| is_child(&nodes[node], times, lane, lane < lanes));
+            require(fine, "a node has a box that is none, or nothing in it")?;
+        }
+        let first = first_children(&shape);
+        let levels = shape.levels;
+        Ok(MovingTree { part, nodes, first, leaves, node_times, levels, references: count })
+    }
+}
+
+/// Whether a lane of a node is a box with a child, or nothing.
+fn is_child(boxes: &LinearBoxes, times: Option<&Times>, lane: usize, there: bool) -> bool {
+    let at = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);
+    let (lo, hi) = (at(&boxes.lo), at(&boxes.hi));
+    let slopes = [at(&boxes.lo_slope), at(&boxes.hi_slope)].concat();
+    let absent = lo == [f32::INFINITY; 3] && hi == [f32::NEG_INFINITY; 3] && slopes.iter().all(|&slope| slope == 0.0);
+    let numbers = lo.iter().chain(&hi).chain(&slopes).all(|face| face.is_finite());
+    numbers && there || absent && times.is_none_or(|times| never(times, lane))
+}
+
+/// Whether a lane never counts.
+pub(super) fn never(times: &Times, lane: usize) -> bool {
+    times.begin[lane] == f32::INFINITY && times.end[lane] == f32::NEG_INFINITY
+}

@@ -1,0 +1,48 @@
+//! The k-d layout over points in files.
+
+use super::moving_leaf::MovingLeaves;
+use super::moving_reference::Part;
+use super::plane_tree::PlaneTree;
+use crate::file::{Decoder, Encoder, FileError, broken, require};
+use crate::geometry::Box3;
+use crate::mbkd::{KdNode, check_links};
+
+/// What a file says of a tree.
+pub(super) struct PlaneRecord {
+    root: Box3,
+    nodes: Vec<KdNode>,
+    slack: Vec<f32>,
+    leaves: MovingLeaves,
+}
+
+impl PlaneTree {
+    /// Writes everything but which part of the shutter it is for.
+    pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        self.root.encode(to)?;
+        to.array(&self.nodes)?;
+        to.array(&self.slack)?;
+        self.leaves.encode(to)
+    }
+}
+
+impl PlaneRecord {
+    /// Reads what was written.
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<PlaneRecord, FileError> {
+        let root = Box3::decode(from)?;
+        Ok(PlaneRecord { root, nodes: from.array()?, slack: from.array()?, leaves: MovingLeaves::decode(from)? })
+    }
+
+    /// The tree of a part of the shutter, if searches can walk it.
+    pub(super) fn checked(self, part: Part) -> Result<PlaneTree, FileError> {
+        let PlaneRecord { root, nodes, slack, leaves } = self;
+        require(!root.min.is_nan() && !root.max.is_nan(), "its bounds are no box")?;
+        let fine = slack.len() == nodes.len() && slack.iter().all(|slack| (0.0..=f32::MAX).contains(slack));
+        require(fine, "it has not as many slacks as nodes")?;
+        leaves.check(true, None)?;
+        let Ok(depth) = check_links(&nodes, leaves.blocks.len()) else {
+            return broken("a node is not linked as it should be");
+        };
+        let references = leaves.count();
+        Ok(PlaneTree { part, root, nodes, slack, leaves, depth, references })
+    }
+}

@@ -1,0 +1,106 @@
+//! Triangles in files: what each mesh is, and the vertices where leaf blocks do not hold them.
+
+use super::triangles::{Rebased, Triangles, Vertices, mesh_at};
+use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::geometry::{Frame, TimeInterval};
+
+/// The most keys of a mesh, so that sums of bytes stay numbers of this machine.
+const MOST_KEYS: u32 = 1 << 24;
+
+/// A mesh as it is in files.
+struct MeshRecord {
+    triangles: u32,
+    keys: u32,
+    stride: u32,
+    mask: u32,
+    active: [f32; 2],
+}
+
+impl Record for MeshRecord {
+    const BYTES: usize = 24;
+    fn put(&self, to: &mut [u8]) {
+        let active = self.active.map(f32::to_bits);
+        [self.triangles, self.keys, self.stride, self.mask, active[0], active[1]].put(to);
+    }
+    fn get(from: &[u8]) -> MeshRecord {
+        let [triangles, keys, stride, mask, begin, end] = Record::get(from);
+        MeshRecord { triangles, keys, stride, mask, active: [begin, end].map(f32::from_bits) }
+    }
+}
+
+/// What a file says of triangles.
+pub(crate) struct TrianglesRecord {
+    pub(super) frame: Frame,
+    counts: [u64; 2],
+    meshes: Vec<MeshRecord>,
+    vertices: Vertices,
+}
+
+impl Triangles {
+    /// Writes everything.
+    pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        self.frame.encode(to)?;
+        to.put(self.counts.map(|count| count as u64))?;
+        let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);
+        let record = |(mesh, end): (&Rebased, u32)| MeshRecord {
+            triangles: end - mesh.first,
+            keys: mesh.keys as u32,
+            stride: mesh.stride as u32,
+            mask: mesh.mask,
+            active: mesh.active.to_bounds(),
+        };
+        to.array(&self.meshes.iter().zip(ends).map(record).collect::<Vec<_>>())?;
+        to.array(&self.vertices.positions)?;
+        to.array(&self.vertices.corners)
+    }
+}
+
+impl TrianglesRecord {
+    /// Reads what was written.
+    pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<TrianglesRecord, FileError> {
+        let frame = Frame::decode(from)?;
+        let (counts, meshes) = (from.get()?, from.array()?);
+        let vertices = Vertices { positions: from.array()?, corners: from.array()? };
+        Ok(TrianglesRecord { frame, counts, meshes, vertices })
+    }
+
+    /// The triangles, if they are at most so many, and their vertices are all there, or none of them where leaf blocks have
+    /// them.
+    pub(crate) fn checked(self, most: usize, in_leaves: bool) -> Result<Triangles, FileError> {
+        let TrianglesRecord { frame, counts, meshes, vertices } = self;
+        let total: u64 = meshes.iter().map(|mesh| u64::from(mesh.triangles)).sum();
+        require(total <= most as u64 && total < u64::from(u32::MAX), "there are more triangles than it could hold")?;
+        let len = total as usize;
+        require(vertices.corners.len() == if in_leaves { 0 } else { len }, "triangles have no vertices")?;
+        require(!in_leaves || vertices.positions.is_empty(), "there are vertices without triangles")?;
+        let (mut rebased, mut first, mut bent) = (Vec::with_capacity(meshes.len()), 0, 0);
+        for mesh in &meshes {
+            require((1..=MOST_KEYS).contains(&mesh.keys), "a mesh has no or too many keys")?;
+            let (keys, stride) = (mesh.keys as usize, mesh.stride as usize);
+            let active = TimeInterval::of_bounds(mesh.active)?;
+            // Not in files: what comes from one is not refitted.
+            let (bent_before, mask, indices) = (bent, mesh.mask, 0);
+            rebased.push(Rebased { first: first as u32, bent_before, keys, stride, active, mask, indices });
+            let end = first + mesh.triangles as usize;
+            if !in_leaves && mesh.triangles > 0 {
+                let strides = match mesh.keys {
+                    1 => 0..=u32::MAX,
+                    2 => 1..=u32::MAX,
+                    _ => 1..=1,
+                };
+                require(strides.contains(&mesh.stride), "the keys of a vertex are not where they should be")?;
+                // Where the last key of a vertex lies behind the first.
+                let last = u64::from(mesh.keys - 1) * u64::from(mesh.stride);
+                let positions = vertices.positions.len() as u64;
+                let there = vertices.corners[first..end].iter().flatten().all(|&v| u64::from(v) + last < positions);
+                require(there, "a triangle names no vertex")?;
+            }
+            first = end;
+            bent += if keys > 2 { mesh.triangles as usize } else { 0 };
+        }
+        let mesh_at = mesh_at(meshes.iter().map(|mesh| mesh.triangles as usize), len);
+        let always_active = rebased.iter().all(|mesh| mesh.active == TimeInterval::FULL);
+        let counts = counts.map(|count| usize::try_from(count).unwrap_or(usize::MAX));
+        Ok(Triangles { frame, meshes: rebased, len, mesh_at, always_active, bent, counts, vertices })
+    }
+}

@@ -1,0 +1,201 @@
+//! Ray trees in files.
+
+use super::compiled::{Layout, Queries};
+use super::ray_tree::{Geometry, RayTree};
+use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken};
+use crate::layout::WideTree;
+use crate::mbkd::KdTree;
+use crate::primitive::{Primitive, SceneRecord, Shapes, ShapesRecord};
+use crate::simd::SimdLevel;
+use std::io::{Read, Write};
+use std::path::Path;
+
+/// The numbers that layouts have in files.
+const WIDE: u32 = 0;
+const KD: u32 = 1;
+
+impl Layout {
+    fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        match self {
+            Layout::Wide(tree) => {
+                to.put(WIDE)?;
+                tree.encode(to)
+            }
+            Layout::Kd(tree) => {
+                to.put(KD)?;
+                tree.encode(to)
+            }
+        }
+    }
+
+    /// Reads what was written; nothing of it is checked but which layout it is.
+    fn decode(from: &mut Decoder<'_>) -> Result<Layout, FileError> {
+        match from.get::<u32>()? {
+            WIDE => Ok(Layout::Wide(WideTree::decode(from)?)),
+            KD => Ok(Layout::Kd(KdTree::decode(from)?)),
+            _ => broken("it has no layout that is known"),
+        }
+    }
+}
+
+impl<G: Geometry> RayTree<G> {
+    /// The tree of a layout over its primitives, if queries can walk it.
+    fn checked(geometry: G, layout: Layout) -> Result<RayTree<G>, FileError> {
+        let (layout, statistics) = match layout {
+            Layout::Wide(tree) => {
+                let tree = tree.checked(&geometry)?;
+                let statistics = tree.statistics(&geometry);
+                (Layout::Wide(tree), statistics)
+            }
+            Layout::Kd(tree) => {
+                let tree = tree.checked(geometry.len())?;
+                let statistics = tree.statistics(&geometry);
+                (Layout::Kd(tree), statistics)
+            }
+        };
+        let (simd, queries) = (SimdLevel::best(), Queries::TABLE);
+        Ok(RayTree { geometry, layout, statistics, from_file: true, plan: None, simd, queries })
+    }
+}
+
+impl RayTree {
+    /// Writes the tree: meshes, spheres and layout, about as many bytes as
+    /// [`statistics`](RayTree::statistics) says it has in memory. The bytes are the same on every machine and for any number
+    /// of threads of the build. `docs/files.md` describes them.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// let mut bytes = Vec::new();
+    /// tree.write_to(&mut bytes)?;
+    /// let again = RayTree::read_from(&mut bytes.as_slice())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), Vec3::NEG_Z);
+    /// assert_eq!(again.closest_hit(&ray), tree.closest_hit(&ray));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`FileError::OwnShape`] where there is a shape of the caller's own type beside the meshes, and what writing gives.
+    pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
+        self.encode(sink)
+    }
+
+    fn encode(&self, sink: &mut dyn Write) -> Result<(), FileError> {
+        file::write(sink, FileKind::Scene, |to| {
+            self.geometry.encode(to)?;
+            self.layout.encode(to)
+        })
+    }
+
+    /// [`RayTree::write_to`] a file, which is there under this name once it is complete, and not before.
+    ///
+    /// # Errors
+    /// As [`RayTree::write_to`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
+        file::save(path.as_ref(), |sink| self.encode(sink))
+    }
+
+    /// Reads a tree that [`RayTree::write_to`] wrote, and no byte more. It answers every query as the tree did that was
+    /// written, bit for bit, on any machine; queries run on the widest instruction set of this one.
+    ///
+    /// Takes a small part of the time of the build: the bytes are read once, summed up and put where they belong, and the
+    /// tree is walked once to check it.
+    ///
+    /// # Errors
+    /// Whatever is wrong: see [`FileError`]. Damage is found by the checksum. A file that was made to deceive is refused
+    /// where a query could stumble over it; its answers may be any.
+    pub fn read_from(source: &mut impl Read) -> Result<RayTree, FileError> {
+        Self::decode(source, None)
+    }
+
+    fn decode(source: &mut dyn Read, length: Option<u64>) -> Result<RayTree, FileError> {
+        let raw = |from: &mut Decoder<'_>| Ok((SceneRecord::decode(from)?, Layout::decode(from)?));
+        Decoder::begin(source, FileKind::Scene, length)?.whole(raw, |(scene, layout)| {
+            let scene = match &layout {
+                // Each triangle is in some leaf block.
+                Layout::Wide(tree) => scene.checked(tree.arena.len(), true)?,
+                Layout::Kd(_) => scene.checked(usize::MAX, false)?,
+            };
+            RayTree::checked(scene, layout)
+        })
+    }
+
+    /// [`RayTree::read_from`] a file that holds nothing else. Faster, since the length of a file is known beforehand.
+    ///
+    /// ```no_run
+    /// use mbkd::RayTree;
+    /// let tree = RayTree::load("hall.mbkd")?;
+    /// println!("{} triangles", tree.statistics().primitives);
+    /// # Ok::<(), mbkd::FileError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RayTree::read_from`].
+    pub fn load(path: impl AsRef<Path>) -> Result<RayTree, FileError> {
+        file::load(path.as_ref(), Self::decode)
+    }
+}
+
+impl<P: Primitive> RayTree<Shapes<P>> {
+    /// Writes the tree without its primitives, which only the caller knows: how many there are, where, when, and the layout.
+    /// [`RayTree::read_primitives_from`] takes them again.
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
+        self.encode(sink)
+    }
+
+    fn encode(&self, sink: &mut dyn Write) -> Result<(), FileError> {
+        file::write(sink, FileKind::Primitives, |to| {
+            self.geometry.encode(to)?;
+            self.layout.encode(to)
+        })
+    }
+
+    /// [`RayTree::write_to`] a file, which is there under this name once it is complete, and not before.
+    ///
+    /// # Errors
+    /// What writing gives.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
+        file::save(path.as_ref(), |sink| self.encode(sink))
+    }
+
+    /// Reads a tree of the caller's own primitives; `primitives` have to be those that it was built of, in the same order.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, FileError, MovingSphere, RayTree, glam::DVec3};
+    /// let ball = |x: f64| MovingSphere::fixed(DVec3::X * x, 1.0);
+    /// let tree = RayTree::of_primitives(vec![ball(0.0), ball(5.0)], &BuildParams::default())?;
+    /// let mut bytes = Vec::new();
+    /// tree.write_to(&mut bytes)?;
+    /// let again = RayTree::read_primitives_from(&mut bytes.as_slice(), tree.primitives().to_vec())?;
+    /// assert_eq!(again.statistics().primitives, 2);
+    /// let other = RayTree::read_primitives_from(&mut bytes.as_slice(), vec![ball(0.0), ball(6.0)]);
+    /// assert!(matches!(other, Err(FileError::OtherPrimitives { .. })));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RayTree::read_from`], [`FileError::Primitives`] as [`RayTree::of_primitives`], and
+    /// [`FileError::OtherPrimitives`] where number, extent or times of the primitives are not those of the file. (What else
+    /// may differ can not be seen: then answers are any.)
+    pub fn read_primitives_from(source: &mut impl Read, primitives: Vec<P>) -> Result<RayTree<Shapes<P>>, FileError> {
+        Self::decode(source, None, primitives)
+    }
+
+    fn decode(source: &mut dyn Read, length: Option<u64>, primitives: Vec<P>) -> Result<RayTree<Shapes<P>>, FileError> {
+        let raw = |from: &mut Decoder<'_>| Ok((ShapesRecord::decode(from)?, Layout::decode(from)?));
+        Decoder::begin(source, FileKind::Primitives, length)?
+            .whole(raw, |(shapes, layout)| RayTree::checked(shapes.checked(primitives)?, layout))
+    }
+
+    /// [`RayTree::read_primitives_from`] a file that holds nothing else.
+    ///
+    /// # Errors
+    /// As [`RayTree::read_primitives_from`].
+    pub fn load_primitives(path: impl AsRef<Path>, primitives: Vec<P>) -> Result<RayTree<Shapes<P>>, FileError> {
+        file::load(path.as_ref(), |source, length| Self::decode(source, length, primitives))
+    }
+}

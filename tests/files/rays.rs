@@ -1,0 +1,307 @@
+//! Ray trees of every layout come back bit for bit, and hostile ones answer something or are refused.
+
+use super::support::{HEADER, Random, mutate, rounds, seal};
+use core::ops::ControlFlow;
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{
+    BuildParams, Division, FileError, Geometry, Instance, InstanceTree, KdParams, MovingSphere, Pose, Ray, RayTree,
+    Shape, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams,
+};
+use std::sync::Arc;
+
+/// Loose triangles, or strips of them that share vertices, at some keys.
+fn mesh(n: usize, keys: usize, shared: bool, random: &mut Random) -> TriangleMesh {
+    let mut positions = vec![Vec::new(); keys];
+    let vertices = if shared { n + 2 } else { 3 * n };
+    let mut at = random.vec();
+    for vertex in 0..vertices {
+        at = match () {
+            () if !shared && vertex % 3 == 0 || vertex % 40 == 0 => random.vec(),
+            () => at + random.vec() * 0.1,
+        };
+        for (key, positions) in positions.iter_mut().enumerate() {
+            let by = if key == 0 { Vec3::ZERO } else { random.vec() * 0.2 };
+            positions.push(at + by);
+        }
+    }
+    let corners = |i: u32| if shared { [i, i + 1, i + 2] } else { [3 * i, 3 * i + 1, 3 * i + 2] };
+    TriangleMesh::new((0..n as u32).map(corners).collect(), positions)
+}
+
+/// A scene with something of everything.
+fn everything(random: &mut Random) -> (Vec<TriangleMesh>, Vec<Shape>) {
+    let life = TimeInterval::new(0.25, 0.75).unwrap();
+    let meshes = vec![
+        mesh(70, 1, true, random),
+        mesh(40, 1, false, random),
+        TriangleMesh::fixed(vec![], vec![]),
+        mesh(60, 2, true, random).with_mask(6),
+        mesh(40, 2, false, random).with_active(life),
+        mesh(60, 4, true, random),
+        mesh(30, 5, false, random),
+    ];
+    let mut key = || (random.vec().as_dvec3(), f64::from(random.unit()) * 0.2);
+    let spheres = (0..20).map(|i| match i % 3 {
+        0 => MovingSphere::new(vec![key()]),
+        1 => MovingSphere::new(vec![key(), key()]),
+        _ => MovingSphere::new(vec![key(), key(), key()]).with_active(life),
+    });
+    let shapes = spheres.map(Shape::from).collect();
+    (meshes, shapes)
+}
+
+/// A tree for each layout, with its name.
+pub fn trees() -> Vec<(String, RayTree)> {
+    let mut random = Random(7);
+    let build = |meshes: &[TriangleMesh], params: &BuildParams| RayTree::build(meshes, params).unwrap();
+    let default = BuildParams::default();
+    let divided = |division| BuildParams::wide(WideParams { division, ..WideParams::default() });
+    let mut trees = vec![
+        ("nothing".to_string(), build(&[], &default)),
+        ("one".into(), build(&[mesh(1, 1, false, &mut random)], &default)),
+        ("one, k-d".into(), build(&[mesh(1, 1, false, &mut random)], &BuildParams::paper())),
+        ("nothing, k-d".into(), build(&[], &BuildParams::paper())),
+    ];
+    for (keys, shared) in [(1, false), (1, true), (2, false), (2, true), (5, false), (5, true)] {
+        let meshes = [mesh(150, keys, shared, &mut random)];
+        trees.push((format!("{keys} keys, shared {shared}"), build(&meshes, &default)));
+        trees.push((format!("{keys} keys, k-d"), build(&meshes, &BuildParams::kd(KdParams::default()))));
+    }
+    for division in [Division::Segments(3), Division::Copies(4)] {
+        let meshes = [mesh(90, 2, true, &mut random), mesh(80, 4, false, &mut random)];
+        trees.push((format!("{division:?}"), build(&meshes, &divided(division))));
+    }
+    for params in [default, divided(Division::Copies(2)), BuildParams::paper(), BuildParams::kd(KdParams::classic())] {
+        let (meshes, shapes) = everything(&mut random);
+        trees.push((format!("everything, {params:?}"), RayTree::of_scene(&meshes, shapes, &params).unwrap()));
+    }
+    trees
+}
+
+/// The file of a tree.
+pub fn file(tree: &RayTree) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    tree.write_to(&mut bytes).unwrap();
+    bytes
+}
+
+fn read(bytes: &[u8]) -> Result<RayTree, FileError> {
+    RayTree::read_from(&mut &bytes[..])
+}
+
+/// Looks at all there is.
+struct All(usize);
+
+impl Visitor<TreePrimitive> for All {
+    fn enter(&mut self, _: &mbkd::Aabb) -> Option<f32> {
+        Some(0.0)
+    }
+    fn visit(&mut self, _: TreePrimitive) -> ControlFlow<()> {
+        self.0 += 1;
+        // A hostile tree may meet a leaf from every node.
+        if self.0 < 10_000 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    }
+}
+
+/// What a tree answers to all kinds of queries, as text with every bit.
+fn answers<G: Geometry>(tree: &RayTree<G>, rays: usize, seed: u64) -> String {
+    use std::fmt::Write;
+    let (mut random, mut out) = (Random(seed), String::new());
+    let mut batch = Vec::new();
+    for i in 0..rays {
+        let time = [0.0, 1.0, random.unit(), random.unit()][i % 4];
+        let (origin, target) = (random.vec() * 2.0, random.vec() * 0.7);
+        let ray = Ray::new(origin, target - origin).at_time(time);
+        let hit = tree.closest_hit(&ray);
+        write!(out, "{hit:?} {} ", tree.any_hit(&ray)).unwrap();
+        let mut all: Vec<String> = Vec::new();
+        let _ = tree.all_hits(&ray, |hit| {
+            all.push(format!("{hit:?}"));
+            ControlFlow::Continue(())
+        });
+        all.sort();
+        let filtered = tree.closest_hit_filtered(&ray, 2, |hit| hit.t > 0.1);
+        let near = tree.closest_point(origin, time, 3.0);
+        writeln!(out, "{all:?} {filtered:?} {near:?}").unwrap();
+        batch.push(ray);
+    }
+    let mut hits = Vec::new();
+    tree.closest_hits(&batch, &mut hits);
+    let mut visitor = All(0);
+    let _ = tree.traverse(0.3, &mut visitor);
+    let mut boxes = 0;
+    tree.boxes(0.6, |_| boxes += 1);
+    writeln!(out, "{hits:?} {} {boxes}", visitor.0).unwrap();
+    out
+}
+
+#[test]
+fn trees_come_back_bit_for_bit() {
+    for (name, tree) in trees() {
+        let bytes = file(&tree);
+        let again = read(&bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert!(file(&again) == bytes, "{name}: written again it is another file");
+        assert_eq!(answers(&again, 60, 5), answers(&tree, 60, 5), "{name}");
+        again.validate().unwrap();
+        let corners = |tree: &RayTree| -> Vec<_> {
+            let times = [0.0f32, 0.2, 0.9, 1.0];
+            (0..8)
+                .flat_map(|m| (0..9).flat_map(move |t| times.map(move |time| (m, 11 * t, time))))
+                .map(|(m, t, time)| tree.triangle(m, t, time).map(|p| p.to_array().map(f64::to_bits)))
+                .collect()
+        };
+        assert_eq!(corners(&again), corners(&tree), "{name}");
+        let (new, old) = (again.statistics(), tree.statistics());
+        let counts = |s: mbkd::ray::Statistics| {
+            let parts = [s.primitives, s.nodes, s.leaves, s.references, s.positions, s.kept_positions, s.time_nodes];
+            (parts, s.still_references, s.depth, s.duplicates.to_bits(), s.timed.to_bits())
+        };
+        assert_eq!(counts(new), counts(old), "{name}");
+    }
+}
+
+#[test]
+fn what_is_behind_a_tree_is_left_to_others() {
+    let trees = trees();
+    let mut stream: Vec<u8> = trees.iter().flat_map(|(_, tree)| file(tree)).collect();
+    stream.extend(b"more");
+    let mut rest = &stream[..];
+    for (name, tree) in &trees {
+        let again = RayTree::read_from(&mut rest).unwrap();
+        assert_eq!(answers(&again, 5, 1), answers(tree, 5, 1), "{name}");
+    }
+    assert_eq!(rest, b"more");
+}
+
+#[test]
+fn files_are_saved_whole_and_loaded() {
+    let folder = std::env::temp_dir().join(format!("mbkd-files-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("tree");
+    let (_, tree) = trees().pop().unwrap();
+    tree.save(&path).unwrap();
+    assert_eq!(answers(&RayTree::load(&path).unwrap(), 20, 2), answers(&tree, 20, 2));
+    // Over what is there, and nothing else is left behind.
+    tree.save(&path).unwrap();
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
+    let mut longer = file(&tree);
+    longer.push(0);
+    std::fs::write(&path, &longer).unwrap();
+    assert!(matches!(RayTree::load(&path), Err(FileError::Length { .. })));
+    assert!(matches!(RayTree::load(folder.join("none")), Err(FileError::Io(_))));
+    assert!(matches!(tree.save(folder.join("none").join("tree")), Err(FileError::Io(_))));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn files_are_the_same_for_any_number_of_threads() {
+    let scene = mbkd_scenes::mixed(20_000);
+    let of = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            [BuildParams::default(), BuildParams::paper()]
+                .map(|params| file(&RayTree::build(&scene.meshes, &params).unwrap()))
+        })
+    };
+    let one = of(1);
+    for threads in [2, 5] {
+        assert!(of(threads) == one, "{threads} threads write another file");
+    }
+    // Also whoever reads them.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+    pool.install(|| one.iter().for_each(|one| assert!(file(&read(one).unwrap()) == *one)));
+}
+
+#[test]
+fn own_shapes_in_a_scene_are_refused_and_own_primitives_are_handed_in_again() {
+    let ball = |x: f64| MovingSphere::new(vec![(DVec3::X * x, 0.5), (DVec3::new(x, 1.0, 0.0), 0.4)]);
+    let shapes = vec![ball(0.0).into(), Shape::own(ball(1.0))];
+    let tree = RayTree::of_scene(&[], shapes, &BuildParams::default()).unwrap();
+    assert!(matches!(tree.write_to(&mut Vec::new()), Err(FileError::OwnShape { shape: 1 })));
+
+    let balls: Vec<MovingSphere> = (0..50).map(|i| ball(f64::from(i))).collect();
+    for params in [BuildParams::default(), BuildParams::paper()] {
+        let tree = RayTree::of_primitives(balls.clone(), &params).unwrap();
+        let mut bytes = Vec::new();
+        tree.write_to(&mut bytes).unwrap();
+        let read = |balls: Vec<MovingSphere>| RayTree::read_primitives_from(&mut &bytes[..], balls);
+        let again = read(balls.clone()).unwrap();
+        assert_eq!(answers(&again, 60, 3), answers(&tree, 60, 3));
+        for wrong in 0..3 {
+            let mut other = balls.clone();
+            match wrong {
+                0 => drop(other.pop()),
+                1 => other[49] = ball(60.0),
+                _ => other[3].active = TimeInterval::new(0.0, 0.5).unwrap(),
+            }
+            assert!(matches!(read(other), Err(FileError::OtherPrimitives { .. })));
+        }
+        let nowhere = vec![MovingSphere::fixed(DVec3::NAN, 1.0); 50];
+        assert!(matches!(read(nowhere), Err(FileError::Primitives(_))));
+        assert!(matches!(RayTree::read_from(&mut &bytes[..]), Err(FileError::Kind { .. })));
+    }
+}
+
+/// Asks a tree everything, on each instruction set.
+fn ask(tree: RayTree, seed: u64) {
+    let _ = tree.validate();
+    let mut tree = tree;
+    for level in mbkd::SimdLevel::available() {
+        tree = tree.with_simd(level);
+        answers(&tree, 12, seed);
+    }
+    for (mesh, triangle) in [(0, 0), (1, 7), (3, 20), (6, 29), (9, 0)] {
+        for time in [0.0, 0.5, 1.0, 7.0, f32::NAN] {
+            tree.triangle(mesh, triangle, time);
+        }
+    }
+    if let Ok(placed) = InstanceTree::build(vec![Instance::new(Arc::new(tree), Pose::IDENTITY)], &WideParams::default())
+    {
+        placed.closest_hit(&Ray::new(Vec3::splat(2.0), -Vec3::ONE).at_time(0.4));
+    }
+}
+
+/// Files with a right checksum and wrong contents: thousands of them.
+#[test]
+fn hostile_files_are_refused_or_answer_something() {
+    let mut counts = [0; 2];
+    for (number, (name, tree)) in trees().into_iter().enumerate() {
+        let bytes = file(&tree);
+        for round in 0..rounds() {
+            let seed = (number as u64) << 32 | round;
+            let hostile = mutate(&bytes, &mut Random(seed));
+            let outcome = std::panic::catch_unwind(|| match read(&hostile) {
+                Ok(tree) => {
+                    ask(tree, seed);
+                    1
+                }
+                Err(FileError::Broken { .. } | FileError::Length { .. }) => 0,
+                Err(error) => panic!("{error}"),
+            });
+            match outcome {
+                Ok(kind) => counts[kind] += 1,
+                Err(_) => panic!("{name}: seed {seed:#x}"),
+            }
+        }
+    }
+    println!("{} refused, {} answered", counts[0], counts[1]);
+    assert!(counts.iter().all(|&count| count > 100), "{counts:?}");
+}
+
+/// Lengths that promise more than there is cost no memory.
+#[test]
+fn a_lying_length_is_refused_without_memory_for_it() {
+    for (_, tree) in trees() {
+        let bytes = file(&tree);
+        // Every word in turn says four billion, also where it is half of a length.
+        for at in (HEADER..bytes.len().min(400)).step_by(4) {
+            let mut hostile = bytes.clone();
+            hostile[at..at + 4].copy_from_slice(&0xffff_fff0u32.to_le_bytes());
+            seal(&mut hostile);
+            // Says that it goes on.
+            let _ = read(&hostile);
+            hostile[16..24].copy_from_slice(&(1u64 << 60).to_le_bytes());
+            assert!(read(&hostile).is_err());
+        }
+    }
+}
