@@ -66,8 +66,8 @@ impl<G: Geometry> RayTree<G> {
 }
 
 impl RayTree {
-    /// Brings the vertices of the meshes to other places, for the next frame of an animation: many times faster than building
-    /// another tree. Every answer is then that of brute force over these meshes, bit for bit.
+    /// Brings the vertices of the meshes to other places, for the next frame of an animation, in a part of the time of
+    /// building another tree. Every answer is then that of brute force over these meshes, bit for bit.
     ///
     /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
     /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as as many of them say
@@ -78,7 +78,7 @@ impl RayTree {
     /// cut into several references before the build, boxes hold all once they moved.)
     ///
     /// Takes O(n) time, in parallel with the feature `rayon`, with the same result for any number of threads. The first
-    /// time takes about twice as long, since the tree is looked through.
+    /// time takes up to 1.6 times as long, since the tree is looked through.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
