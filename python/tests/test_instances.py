@@ -7,9 +7,9 @@ from mbkd import InstanceTree, RayTree
 RNG = np.random.default_rng(5)
 FACES = np.arange(90).reshape(30, 3)
 VERTICES = (RNG.random((30, 1, 3)) + RNG.normal(0, 0.2, (30, 3, 3))).reshape(90, 3).astype(np.float32)
-ORIGINS = RNG.normal(0, 1, (400, 3)) * [4, 4, 1] + [0, 0, 8]
-DIRECTIONS = RNG.normal(0, 1, (400, 3)) * [3, 3, 1] - ORIGINS
-TIMES = RNG.random(400)
+ORIGINS = RNG.normal(0, 1, (1200, 3)) * [4, 4, 1] + [0, 0, 8]
+DIRECTIONS = RNG.normal(0, 1, (1200, 3)) * [2, 2, 1] - ORIGINS
+TIMES = RNG.random(1200)
 
 
 def matrices(n):
