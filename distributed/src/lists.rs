@@ -1,0 +1,83 @@
+//! Neighbour lists at a time.
+//!
+//! Two questions for each rank: its own particles among themselves, and among the halo. Both are asked of the library with
+//! the positions as they were given, and periodic axes are its own too, so that every distance is computed as in one
+//! process.
+
+use crate::agree::{Asked, Call, agree};
+use crate::error::{Error, Problem};
+use crate::exchange::Exchange;
+use crate::reach::{check_radius, check_time};
+use crate::rows::Rows;
+use crate::step::Step;
+use mbkd::{ListQuery, NeighborCsr};
+
+/// A neighbour of a particle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Near {
+    /// Its number among the particles of all ranks.
+    pub id: u64,
+    /// Where its values are on this rank: its index in [`Step::particles`], or, with the number of these added, in
+    /// [`Step::halo`].
+    pub place: u32,
+    /// The squared distance, to the nearest image along periodic axes; computed in f32.
+    pub distance_squared: f32,
+}
+
+impl<E: Exchange> Step<'_, E> {
+    /// For each particle of this rank all others within `radius` at `time`, in the order of ids: what
+    /// [`mbkd::PointTree::neighbor_lists`] finds in one process. All ranks call this together.
+    ///
+    /// Errors: [`Problem::Time`], [`Problem::Radius`], [`Problem::BeyondReach`] where the radius is larger than that of the step's
+    /// [`Reach`](crate::Reach), [`Problem::Differs`].
+    pub fn neighbor_lists(&self, time: f32, radius: f32) -> Result<Rows<Near>, Error> {
+        let checked = check_time(time).and_then(|()| self.check_radius(radius));
+        agree(self.exchange, Asked::new(Call::Lists).times([time; 2]).radius(radius), checked)?;
+        let (mut among_own, mut among_halo) = (NeighborCsr::new(), NeighborCsr::new());
+        self.run(self.own.neighbor_lists(time, radius), &mut among_own);
+        self.run(self.own.neighbor_lists(time, radius).among(&self.near), &mut among_halo);
+        let mut rows = Rows::new();
+        for i in 0..self.particles.len() {
+            let own = row(&among_own, i).map(|(j, distance_squared)| Near {
+                id: self.particles[j as usize].id,
+                place: j,
+                distance_squared,
+            });
+            let halo = row(&among_halo, i).map(|(j, distance_squared)| Near {
+                id: self.halo[j as usize].id,
+                place: self.particles.len() as u32 + j,
+                distance_squared,
+            });
+            rows.push(merged(own, halo));
+        }
+        Ok(rows)
+    }
+
+    /// Whether the halo is made for a radius.
+    pub(crate) fn check_radius(&self, radius: f32) -> Result<(), Problem> {
+        check_radius(radius)?;
+        if radius <= self.reach.radius { Ok(()) } else { Err(Problem::BeyondReach) }
+    }
+
+    fn run(&self, query: ListQuery<'_>, lists: &mut NeighborCsr) {
+        let query = query.periodic(self.reach.periods).with_distances().sorted().rows_by_id();
+        query.run(lists).unwrap_or_else(|error| unreachable!("the question has been checked: {error}"));
+    }
+}
+
+/// A row of lists in the order of ids: neighbours and squared distances.
+fn row(lists: &NeighborCsr, row: usize) -> impl Iterator<Item = (u32, f32)> {
+    let ends = lists.offsets()[row]..lists.offsets()[row + 1];
+    let (ids, distances) = (&lists.ids()[ends.clone()], &lists.distances_squared()[ends]);
+    ids.iter().copied().zip(distances.iter().copied())
+}
+
+/// Two lists in the order of ids as one.
+fn merged(a: impl Iterator<Item = Near>, b: impl Iterator<Item = Near>) -> impl Iterator<Item = Near> {
+    let (mut a, mut b) = (a.peekable(), b.peekable());
+    core::iter::from_fn(move || match (a.peek(), b.peek()) {
+        (Some(first), Some(second)) if second.id < first.id => b.next(),
+        (Some(_), _) => a.next(),
+        (None, _) => b.next(),
+    })
+}

@@ -1,0 +1,126 @@
+//! Lists in one process: the library asked about the whole set, and comparing all where the library has no such question.
+
+use super::sets::Set;
+use core::ops::RangeInclusive;
+use mbkd::{NeighborCsr, PointArrays, PointParams, PointTree, TimeInterval};
+use mbkd_distributed::{Meeting, Nearest, Particle, Query};
+use std::collections::HashMap;
+
+/// Particles by id, and their lists.
+pub struct Whole<'a> {
+    set: &'a Set,
+    particles: Vec<Particle>,
+    tree: PointTree,
+}
+
+fn tree(particles: &[Particle]) -> PointTree {
+    let open: Vec<_> = particles.iter().map(|p| p.open).collect();
+    let close: Vec<_> = particles.iter().map(|p| p.close).collect();
+    let points = PointArrays { keys: &[&open, &close], alive: &[], ids: &[] };
+    PointTree::build(&points, &PointParams::default()).unwrap()
+}
+
+impl<'a> Whole<'a> {
+    pub fn new(set: &'a Set) -> Whole<'a> {
+        let mut particles = set.particles.clone();
+        particles.sort_by_key(|p| p.id);
+        Whole { set, tree: tree(&particles), particles }
+    }
+
+    /// Ids and squared distances.
+    pub fn lists(&self, time: f32, radius: f32) -> HashMap<u64, Vec<(u64, f32)>> {
+        let mut lists = NeighborCsr::new();
+        let query = self.tree.neighbor_lists(time, radius).periodic(self.set.periods);
+        query.with_distances().sorted().rows_by_id().run(&mut lists).unwrap();
+        let row = |i: usize| {
+            let ends = lists.offsets()[i]..lists.offsets()[i + 1];
+            let ids = lists.ids()[ends.clone()].iter().map(|&j| self.particles[j as usize].id);
+            ids.zip(lists.distances_squared()[ends].iter().copied()).collect()
+        };
+        (0..lists.len()).map(|i| (self.particles[i].id, row(i))).collect()
+    }
+
+    /// Numbers of periods along an axis, up to three.
+    fn periods(&self, axis: usize) -> RangeInclusive<i32> {
+        if self.set.periods[axis].is_some() { -3..=3 } else { 0..=0 }
+    }
+
+    fn images(&self) -> Vec<[i32; 3]> {
+        let [x, y, z] = [0, 1, 2].map(|axis| self.periods(axis));
+        x.flat_map(|x| y.clone().map(move |y| [x, y])).flat_map(|[x, y]| z.clone().map(move |z| [x, y, z])).collect()
+    }
+
+    fn moved(&self, at: [f32; 3], image: [i32; 3]) -> [f32; 3] {
+        let by = |axis: usize| f64::from(image[axis]) * f64::from(self.set.periods[axis].unwrap_or(0.0));
+        [0, 1, 2].map(|axis| (f64::from(at[axis]) + by(axis)) as f32)
+    }
+
+    /// The particles among themselves and all images that could possibly matter.
+    pub fn swept(&self, interval: TimeInterval, radius: f32) -> HashMap<u64, Vec<Meeting>> {
+        let places = || self.particles.iter().flat_map(|p| [p.open, p.close]);
+        let least = [0, 1, 2].map(|axis| places().map(|at| at[axis]).fold(f32::INFINITY, f32::min));
+        let most = [0, 1, 2].map(|axis| places().map(|at| at[axis]).fold(f32::NEG_INFINITY, f32::max));
+        let mut all = self.particles.clone();
+        let mut images = vec![[0; 3]; all.len()];
+        for image in self.images().into_iter().filter(|image| *image != [0; 3]) {
+            for p in &self.particles {
+                let [open, close] = [p.open, p.close].map(|at| self.moved(at, image));
+                let reaches = |axis: usize| {
+                    open[axis].min(close[axis]) <= most[axis] + radius + 0.01
+                        && open[axis].max(close[axis]) >= least[axis] - radius - 0.01
+                };
+                if (0..3).all(reaches) {
+                    all.push(Particle { open, close, ..*p });
+                    images.push(image);
+                }
+            }
+        }
+        let lists = tree(&all).neighbor_lists_swept(interval, radius).unwrap();
+        let mut rows = HashMap::new();
+        for (own, list) in lists.iter().filter(|(own, _)| (*own as usize) < self.particles.len()) {
+            let mut row: Vec<Meeting> = list
+                .iter()
+                .map(|e| Meeting {
+                    id: all[e.id as usize].id,
+                    image: images[e.id as usize],
+                    enter: e.enter,
+                    leave: e.leave,
+                    closest: e.closest,
+                    distance_squared: e.distance_squared,
+                })
+                .collect();
+            row.sort_by_key(|meeting| (meeting.id, meeting.image));
+            rows.insert(self.particles[own as usize].id, row);
+        }
+        rows
+    }
+
+    /// Compares all particles; without periodic axes, asks the library too.
+    pub fn nearest(&self, query: &Query, time: f32, k: usize) -> Vec<Nearest> {
+        let others = || self.particles.iter().filter(|p| Some(p.id) != query.except);
+        let images: Vec<_> = (-3..=3).map(|i| self.moved(query.at, [i; 3])).collect();
+        let nearest = |p: &Particle| {
+            let at = position(p, time);
+            // The nearest image is the nearest along each axis: rounding is monotone.
+            let least = |axis: usize| images.iter().map(|q| (at[axis] - q[axis]).abs()).fold(f32::INFINITY, f32::min);
+            let [x, y, z] = [0, 1, 2].map(least);
+            Nearest { id: p.id, distance_squared: (x * x + y * y) + z * z }
+        };
+        let mut all: Vec<Nearest> = others().map(nearest).collect();
+        all.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared).then(a.id.cmp(&b.id)));
+        all.truncate(k);
+        if self.set.periods == [None; 3] {
+            let except = |place: u32| Some(self.particles[place as usize].id) != query.except;
+            let found = self.tree.query(query.at, time).filter(except).nearest_n(k);
+            let found = found.iter().map(|n| (self.particles[n.id as usize].id, n.distance_squared));
+            assert!(found.eq(all.iter().map(|n| (n.id, n.distance_squared))), "the two references differ");
+        }
+        all
+    }
+}
+
+/// Where a particle is at a time: from the nearer end, as the library has it.
+pub fn position(p: &Particle, time: f32) -> [f32; 3] {
+    let (base, s) = if time < 0.5 { (p.open, time) } else { (p.close, time - 1.0) };
+    [0, 1, 2].map(|axis| base[axis] + (p.close[axis] - p.open[axis]) * s)
+}

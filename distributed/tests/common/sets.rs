@@ -1,0 +1,82 @@
+//! Sets of particles: pseudo-random, the same on every rank.
+
+use mbkd_distributed::Particle;
+
+/// A set in a box of size 1 or periodic space.
+pub struct Set {
+    pub name: &'static str,
+    /// In no order.
+    pub particles: Vec<Particle>,
+    pub periods: [Option<f32>; 3],
+    pub radius: f32,
+}
+
+/// Numbers in [0, 1).
+struct Random(u64);
+
+impl Random {
+    fn number(&mut self) -> f32 {
+        // SplitMix64 (Steele, Lea, Flood: Fast Splittable Pseudorandom Number Generators, 2014).
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ z >> 31) >> 40) as f32 / (1 << 24) as f32
+    }
+
+    fn place(&mut self) -> [f32; 3] {
+        [self.number(), self.number(), self.number()]
+    }
+
+    fn near(&mut self, at: [f32; 3], size: f32) -> [f32; 3] {
+        at.map(|x| x + size * (self.number() - 0.5))
+    }
+}
+
+/// A particle with a number that says nothing about where it is; some are above 32 bits.
+fn numbered(i: usize, open: [f32; 3], close: [f32; 3]) -> Particle {
+    Particle { id: (i as u64 * 7_919 % 10_007) << 24 | 5, open, close }
+}
+
+/// Sets that ask different things of the partition.
+pub fn sets() -> Vec<Set> {
+    let mut random = Random(1);
+    let mut sets = Vec::new();
+    let (open, torus) = ([None; 3], [Some(1.0); 3]);
+    for (name, periods) in [("uniform", open), ("uniform, periodic", torus)] {
+        let mut one = |i| {
+            let at = random.place();
+            numbered(i, at, random.near(at, 0.05))
+        };
+        sets.push(Set { name, particles: (0..300).map(&mut one).collect(), periods, radius: 0.15 });
+    }
+    for (name, periods) in [("clusters", open), ("clusters, periodic along x and z", [Some(1.0), None, Some(1.0)])] {
+        let centres: Vec<_> = (0..6).map(|_| random.place()).collect();
+        let mut one = |i: usize| {
+            let at = random.near(centres[i * i % 6], 0.08);
+            // Half of them stand still.
+            numbered(i, at, if i.is_multiple_of(2) { at } else { random.near(at, 0.1) })
+        };
+        sets.push(Set { name, particles: (0..300).map(&mut one).collect(), periods, radius: 0.03 });
+    }
+    for (name, periods) in [("drift", open), ("drift, periodic along x", [Some(1.0), None, None])] {
+        let mut one = |i: usize| {
+            // Two streams that cross the whole box, some against each other, from one period below.
+            let at = random.place();
+            let way = if i.is_multiple_of(5) { -0.9 } else { 0.7 };
+            let close = random.near([at[0] + way, at[1] + 0.1, at[2]], 0.02);
+            numbered(i, [at[0] - 1.0, at[1], at[2]], [close[0] - 1.0, close[1], close[2]])
+        };
+        sets.push(Set { name, particles: (0..300).map(&mut one).collect(), periods, radius: 0.1 });
+    }
+    // All in one place go to one rank, so that others have none; ties are settled by number.
+    let heap = (0..40).map(|i| numbered(i, [0.25; 3], [0.25; 3])).collect();
+    sets.push(Set { name: "heap", particles: heap, periods: open, radius: 0.0 });
+    // Ties, also across the faces.
+    let corner = |i: usize| [i / 16, i / 4 % 4, i % 4].map(|x| x as f32 / 4.0);
+    let grid = (0..64).map(|i| numbered(i, corner(i), corner(i))).collect();
+    sets.push(Set { name: "grid, periodic", particles: grid, periods: torus, radius: 0.25 });
+    let two = [0, 1].map(|i| numbered(i, [0.9 * i as f32; 3], [1.0 - 0.9 * i as f32; 3])).to_vec();
+    sets.push(Set { name: "two particles", particles: two, periods: [None, Some(1.0), None], radius: 0.5 });
+    sets.push(Set { name: "no particles", particles: Vec::new(), periods: torus, radius: 0.1 });
+    sets
+}
