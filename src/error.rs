@@ -151,6 +151,82 @@ impl fmt::Display for BuildError {
 
 impl std::error::Error for BuildError {}
 
+/// Why a tree could not be refitted. It is as it was before, and answers as before: build another one.
+///
+/// ```
+/// use mbkd::{BuildParams, RayTree, RefitError, TriangleMesh, glam::Vec3};
+/// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+/// let mut tree = RayTree::build(&[mesh.clone()], &BuildParams::default())?;
+/// assert_eq!(tree.refit(&[]).unwrap_err(), RefitError::Count { expected: 1, found: 0 });
+/// let other = TriangleMesh { indices: vec![[2, 1, 0]], ..mesh };
+/// assert_eq!(tree.refit(&[other]).unwrap_err(), RefitError::Topology { mesh: 0 });
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum RefitError {
+    /// A tree of a k-d policy: planes cannot follow what moves, only boxes can.
+    Policy,
+    /// A tree that was read from a file, where it is not said which vertices triangles have, and nothing sure that is more
+    /// than queries need.
+    FromFile,
+    /// Another number of meshes.
+    Count {
+        /// How many the tree was built of.
+        expected: usize,
+        /// How many were given.
+        found: usize,
+    },
+    /// A mesh has other triangles: another number, or other vertex indices.
+    Topology {
+        /// The mesh.
+        mesh: usize,
+    },
+    /// A mesh needs another number of keys than leaf blocks have room for, after keys that say nothing are left out
+    /// ([`TriangleMesh`](crate::TriangleMesh) says which those are). A mesh that stands still always fits.
+    Keys {
+        /// The mesh.
+        mesh: usize,
+        /// How many there is room for.
+        expected: usize,
+        /// How many it needs.
+        found: usize,
+    },
+    /// Another number of spheres or of the caller's own primitives.
+    Shapes {
+        /// How many the tree was built of.
+        expected: usize,
+        /// How many were given.
+        found: usize,
+    },
+    /// What is given could not be built either.
+    Input(BuildError),
+}
+
+impl fmt::Display for RefitError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RefitError::Policy => f.write_str("a tree of a k-d policy cannot be refitted: build it again"),
+            RefitError::FromFile => f.write_str("a tree from a file cannot be refitted: build it of its meshes"),
+            RefitError::Count { expected, found } => {
+                write!(f, "the tree was built of {expected} meshes, not of {found}: build it again")
+            }
+            RefitError::Topology { mesh } => {
+                write!(f, "mesh {mesh} has other triangles than the tree was built of: build it again")
+            }
+            RefitError::Keys { mesh, expected, found } => {
+                write!(f, "mesh {mesh} needs {found} keys, but the tree has room for {expected}: build it again")
+            }
+            RefitError::Shapes { expected, found } => {
+                write!(f, "the tree was built of {expected} shapes, not of {found}: build it again")
+            }
+            RefitError::Input(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for RefitError {}
+
 /// Why a time interval could not be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntervalError {

@@ -73,7 +73,7 @@ mod time;
 mod traverse;
 mod tuning;
 
-pub use error::{BuildError, IntervalError};
+pub use error::{BuildError, IntervalError, RefitError};
 pub use file::FileError;
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
@@ -93,7 +93,7 @@ pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
     PrimitiveError, Scene, Shape, Shapes, SurfacePoint, TriangleMesh, check_primitive,
 };
-pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree, TreePrimitive};
+pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree, Refit, TreePrimitive};
 pub use simd::SimdLevel;
 pub use traverse::Visitor;
 

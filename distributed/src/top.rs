@@ -5,7 +5,7 @@ use crate::exchange::{Exchange, gather};
 use crate::particle::Particle;
 use crate::swept_box::{Image, Periods, SweptBox, farthest, images, near, shift};
 
-/// Boxes of each rank. More fit closer and let fewer particles travel; each costs all ranks 32 bytes.
+/// Boxes of each rank, or a few more. More fit closer and let fewer particles travel; each costs all ranks 32 bytes.
 const BOXES: usize = 64;
 
 /// Swept boxes of each rank.
@@ -23,25 +23,35 @@ pub(crate) struct Chunk {
     pub(crate) members: Vec<u32>,
 }
 
-/// Cuts particles into chunks along a Morton curve.
-fn chunks(particles: &[Particle]) -> Vec<Chunk> {
+/// Cuts particles into chunks along a Morton curve. Those that have left the periodic box have chunks of their own: their
+/// images, which lie with the others, are not where they are.
+fn chunks(particles: &[Particle], periods: Periods) -> Vec<Chunk> {
     let hull = SweptBox::around(particles.iter().map(SweptBox::from));
-    // Through images as well: particles that left the box over different faces lie apart.
     let curve = Curve::new(&hull, [None; 3]);
-    let mut order: Vec<(u64, u32)> = (0..).zip(particles).map(|(i, p)| (curve.place(p), i)).collect();
+    let place = |(i, particle): (u32, &Particle)| (period(particle, periods), curve.place(particle), i);
+    let mut order: Vec<(Image, u64, u32)> = (0..).zip(particles).map(place).collect();
     order.sort_unstable();
-    let cut = |members: &[(u64, u32)]| {
-        let members: Vec<u32> = members.iter().map(|member| member.1).collect();
+    let most = particles.len().div_ceil(BOXES).max(1);
+    let cut = |members: &[(Image, u64, u32)]| {
+        let members: Vec<u32> = members.iter().map(|member| member.2).collect();
         let around = SweptBox::around(members.iter().map(|&i| SweptBox::from(&particles[i as usize])));
         Chunk { around, members }
     };
-    order.chunks(particles.len().div_ceil(BOXES).max(1)).map(cut).collect()
+    order.chunk_by(|a, b| a.0 == b.0).flat_map(|period| period.chunks(most)).map(cut).collect()
+}
+
+/// In which period along each axis a particle is in the middle of the step.
+fn period(particle: &Particle, periods: Periods) -> Image {
+    core::array::from_fn(|axis| {
+        let middle = 0.5 * (f64::from(particle.open[axis]) + f64::from(particle.close[axis]));
+        periods[axis].map_or(0, |length| (middle / f64::from(length)).floor() as i32)
+    })
 }
 
 impl Top {
     /// The top of the particles of all ranks, and the chunks of the own ones.
     pub(crate) fn new(exchange: &impl Exchange, particles: &[Particle], periods: Periods) -> (Top, Vec<Chunk>) {
-        let chunks = chunks(particles);
+        let chunks = chunks(particles, periods);
         let own: Vec<SweptBox> = chunks.iter().map(|chunk| chunk.around).collect();
         let boxes = gather(exchange, &own);
         let hulls = boxes.iter().map(|boxes| SweptBox::around(boxes.iter().copied())).collect();
@@ -134,6 +144,21 @@ mod tests {
         });
         assert_eq!(sent[0], [vec![], vec![1]]);
         assert_eq!(sent[1], [vec![1], vec![]]);
+    }
+
+    #[test]
+    fn what_has_left_the_box_does_not_draw_everything_along() {
+        let sent = Threads::run(2, |ranks| {
+            let mut own = row(2, ranks.rank());
+            if ranks.rank() == 0 {
+                own[0].open[0] = 1000.5;
+                own[0].close[0] = 1000.5;
+            }
+            let (top, chunks) = Top::new(ranks, &own, [Some(1000.0), None, None]);
+            let halo = top.halo(ranks.rank(), &chunks, &own, 2.0);
+            halo[1 - ranks.rank()].iter().map(|&i| own[i as usize].id).collect::<Vec<_>>()
+        });
+        assert_eq!(sent, [vec![1, 498, 499, 0], vec![500, 501, 999]]);
     }
 
     #[test]

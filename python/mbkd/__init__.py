@@ -6,12 +6,14 @@ between. Every query carries its own time.
 - `PointTree`: k nearest, radius, pairs, counts, closest approach and neighbour lists among points, with the names, shapes
   and conventions of ``scipy.spatial.cKDTree``.
 - `RayTree`: rays and nearest points on triangle meshes, with names as in trimesh.
+- `InstanceTree`: trees of meshes placed many times, each moving.
 - `PhotonMap`: density estimates over photons with time stamps.
 
 Answers are those of comparing everything with everything, bit for bit, for any number of threads.
 """
 
 from ._mbkd import certified_duration
+from .instances import InstanceHits, InstanceTree
 from .lists import Encounters, NeighborLists
 from .photons import Gathered, PhotonMap
 from .points import PointTree
@@ -21,6 +23,8 @@ __all__ = [
     "Encounters",
     "Gathered",
     "Hits",
+    "InstanceHits",
+    "InstanceTree",
     "NeighborLists",
     "PhotonMap",
     "PointTree",

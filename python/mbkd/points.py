@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Callable, Sequence
 
 import numpy as np
@@ -47,7 +48,8 @@ class PointTree:
     n, m : int
         Number of points, and of coordinates (3).
     data : ndarray
-        The positions at the first key, as they were given. The tree does not look at them any more.
+        The positions at the first key, as they were given; None in a tree that was loaded. The tree does not look at them
+        any more.
     boxsize : (3,) ndarray or None
     nbytes : int
         Memory of the tree.
@@ -99,6 +101,40 @@ class PointTree:
         )
         self.data = arrays[0] if arrays else np.empty((0, 3), np.float32)
         self.boxsize = None if boxsize is None else box.copy()
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Writes the tree to a file, which `PointTree.load` reads, here or in Rust, on any machine.
+
+        The file holds neither `data` nor `boxsize`: a tree with a periodic box is refused with a ValueError; pickle it
+        instead.
+        """
+        if self.boxsize is not None:
+            raise ValueError("a file can not hold the periodic box of a tree; pickle the tree instead")
+        self._tree.save(os.fspath(path))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> PointTree:
+        """Reads a tree from a file.
+
+        It answers every query as the tree did that was saved; its `data` is None.
+
+        Raises
+        ------
+        OSError
+            If the file can not be read.
+        ValueError
+            If it is damaged, of another version, no tree of points, made to mislead, or has ids that are no indices.
+        """
+        return cls._of(_mbkd.Points.load(os.fspath(path)), None, None)
+
+    @classmethod
+    def _of(cls, compiled: _mbkd.Points, data: np.ndarray | None, boxsize: np.ndarray | None) -> PointTree:
+        tree = cls.__new__(cls)
+        tree._tree, tree.data, tree.boxsize = compiled, data, boxsize
+        return tree
+
+    def __reduce__(self) -> tuple:
+        return _restored, (*self._tree.to_bytes(), self.data, self.boxsize)
 
     @property
     def n(self) -> int:
@@ -410,3 +446,8 @@ class PointTree:
         """
         offsets, ids, columns = _mbkd.neighbor_lists_swept(self._tree, interval(between), r, workers)
         return Encounters(offsets, ids, *columns)
+
+
+def _restored(bytes_of_file: bytes, periods: tuple | None, data: np.ndarray | None, boxsize: np.ndarray | None) -> PointTree:
+    """What pickle calls."""
+    return PointTree._of(_mbkd.Points.from_bytes(bytes_of_file, periods), data, boxsize)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Callable, Sequence
 
@@ -105,9 +106,35 @@ class RayTree:
         if not len(meshes) == len(lifetimes) == len(masks):
             raise ValueError(f"{len(meshes)} meshes, {len(lifetimes)} lifetimes and {len(masks)} masks")
         parts = zip(meshes, lifetimes, masks)
+        return cls._of(_mbkd.Rays([_mesh(*mesh, life, mask) for mesh, life, mask in parts], workers, progress))
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Writes the tree to a file, which `RayTree.load` reads, here or in Rust, on any machine."""
+        self._tree.save(os.fspath(path))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> RayTree:
+        """Reads a tree from a file.
+
+        It answers every query as the tree did that was saved, and takes a small part of the time of a build.
+
+        Raises
+        ------
+        OSError
+            If the file can not be read.
+        ValueError
+            If it is damaged, of another version, no tree of triangles, or made to mislead.
+        """
+        return cls._of(_mbkd.Rays.load(os.fspath(path)))
+
+    @classmethod
+    def _of(cls, compiled: _mbkd.Rays) -> RayTree:
         tree = cls.__new__(cls)
-        tree._tree = _mbkd.Rays([_mesh(*mesh, life, mask) for mesh, life, mask in parts], workers, progress)
+        tree._tree = compiled
         return tree
+
+    def __reduce__(self) -> tuple:
+        return _restored, (self._tree.to_bytes(),)
 
     @property
     def nbytes(self) -> int:
@@ -265,6 +292,11 @@ class RayTree:
         normals = np.cross(b - a, c - a)
         with np.errstate(invalid="ignore"):
             return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _restored(bytes_of_file: bytes) -> RayTree:
+    """What pickle calls."""
+    return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file))
 
 
 def _with(query, origins, directions, *, time=0.0, t_min=0.0, t_max=np.inf, mask=EVERYTHING, workers=1, progress=None):

@@ -8,9 +8,9 @@ use mbkd::{Neighbor, NeighborBuffer, PointTree};
 /// A box that repeats itself along some axes.
 pub struct Periods {
     /// Length along each axis; 0 where nothing repeats itself.
-    lengths: [f64; 3],
+    pub lengths: [f64; 3],
     /// The box around all points over the whole shutter.
-    bounds: [[f64; 3]; 2],
+    pub bounds: [[f64; 3]; 2],
 }
 
 /// Images along an axis at most, on either side of the query.

@@ -8,7 +8,9 @@
 #![allow(clippy::too_many_arguments)]
 
 mod arrays;
+mod files;
 mod images;
+mod instances;
 mod lists;
 mod photons;
 mod points;
@@ -22,6 +24,8 @@ use pyo3::prelude::*;
 /// Neighbours and rays at a time.
 #[pymodule]
 mod _mbkd {
+    #[pymodule_export]
+    use crate::instances::Instances;
     #[pymodule_export]
     use crate::lists::{neighbor_lists, neighbor_lists_with_skin};
     #[pymodule_export]

@@ -1,6 +1,7 @@
 //! The tree of points and the queries that are asked one by one: k nearest, radius, counts, closest approach.
 
 use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, table, value_error};
+use crate::files::{file_error, from_bytes, to_bytes};
 use crate::images::Periods;
 use crate::queries::{in_waves, order};
 use crate::threads::on;
@@ -12,6 +13,8 @@ use mbkd::{
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use std::path::PathBuf;
 
 /// A tree of points that may move and may exist for a while only.
 #[pyclass(frozen)]
@@ -28,6 +31,9 @@ type Lists<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>);
 
 /// Distances, ids and times.
 type Approaches<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+
+/// Lengths of a box that repeats itself, and the box around all points.
+type Boxes = ([f64; 3], [[f64; 3]; 2]);
 
 /// Arrays of one number for each query, or of one for all.
 type Numbers<'py> = PyReadonlyArray1<'py, f32>;
@@ -60,6 +66,33 @@ impl Points {
         let tree = on(py, workers, || build(&keys, &alive, &params))??;
         let periods = Periods::new(boxsize, bounds(&keys)).map_err(PyValueError::new_err)?;
         Ok(Points { tree, periods })
+    }
+
+    /// Writes the tree to a file, without the box that it repeats itself in.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| self.tree.save(path)).map_err(file_error)
+    }
+
+    /// Reads a tree from a file.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Points> {
+        indexed(py.detach(|| PointTree::load(path)).map_err(file_error)?, None)
+    }
+
+    /// What would be in a file, and lengths and bounds of the box that the tree repeats itself in.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyBytes>, Option<Boxes>)> {
+        let periods = self.periods.as_ref().map(|periods| (periods.lengths, periods.bounds));
+        Ok((to_bytes(py, |bytes| self.tree.write_to(bytes))?, periods))
+    }
+
+    /// The tree of what would be in a file.
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8], periods: Option<Boxes>) -> PyResult<Points> {
+        let periods = match periods {
+            Some((lengths, bounds)) => Periods::new(lengths, bounds).map_err(PyValueError::new_err)?,
+            None => None,
+        };
+        indexed(from_bytes(py, bytes, |bytes| PointTree::read_from(bytes))?, periods)
     }
 
     /// Number of points.
@@ -385,6 +418,16 @@ fn build(keys: &[Places<'_>], alive: &[TimeInterval], params: &PointParams) -> P
         _ => return Err(PyValueError::new_err("all keys must have one precision")),
     }
     .map_err(value_error)
+}
+
+/// A tree whose ids are the indices of its points, as those are that are built here.
+fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
+    let mut order = tree.clone().take_order();
+    order.sort_unstable();
+    if tree.len() > i32::MAX as usize || !order.iter().copied().eq(0..tree.len() as u32) {
+        return Err(PyValueError::new_err("the ids of its points are not 0, 1, 2, ..."));
+    }
+    Ok(Points { tree, periods })
 }
 
 /// The box around all points at all keys.

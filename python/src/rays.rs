@@ -1,6 +1,7 @@
 //! The tree of meshes: rays and nearest points.
 
 use crate::arrays::{PerQuery, Places, Positions, rows, slice, table, value_error};
+use crate::files::{file_error, from_bytes, to_bytes};
 use crate::queries::in_waves;
 use crate::threads::{long, look_after, pool};
 use core::ops::ControlFlow;
@@ -9,6 +10,9 @@ use mbkd::{BuildParams, Hit, Keys, Ray, RayTree, TimeInterval, TriangleMesh};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Rays between two looks at Python: at most a few tenths of a second.
 const BLOCK: usize = 1 << 17;
@@ -19,11 +23,11 @@ const FEW: usize = 256;
 /// A tree of triangle meshes whose vertices may move.
 #[pyclass(frozen)]
 pub struct Rays {
-    tree: RayTree,
+    pub tree: Arc<RayTree>,
 }
 
 /// What is hit: t, mesh, triangle, u, v.
-type Hits<'py> = (
+pub type Hits<'py> = (
     Bound<'py, PyArray1<f32>>,
     Bound<'py, PyArray1<i32>>,
     Bound<'py, PyArray1<i64>>,
@@ -36,7 +40,7 @@ type MeshArrays<'py> = (Vec<Bound<'py, PyAny>>, PyReadonlyArray2<'py, u32>, [f32
 
 /// Rays as arrays: origins, directions, times, least and greatest t.
 #[derive(FromPyObject)]
-struct RayArrays<'py>(
+pub struct RayArrays<'py>(
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f32>,
     PyReadonlyArray1<'py, f32>,
@@ -46,7 +50,7 @@ struct RayArrays<'py>(
 
 /// The same as slices.
 #[derive(Clone, Copy)]
-struct RaySlices<'a> {
+pub struct RaySlices<'a> {
     origins: &'a [[f64; 3]],
     directions: &'a [[f32; 3]],
     times: PerQuery<'a>,
@@ -55,7 +59,7 @@ struct RaySlices<'a> {
 }
 
 impl RayArrays<'_> {
-    fn slices(&self) -> PyResult<RaySlices<'_>> {
+    pub fn slices(&self) -> PyResult<RaySlices<'_>> {
         let (origins, directions) = (rows(&self.0)?, rows(&self.1)?);
         let n = origins.len();
         if directions.len() != n {
@@ -69,12 +73,12 @@ impl RayArrays<'_> {
 }
 
 impl RaySlices<'_> {
-    fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.origins.len()
     }
 
     #[inline]
-    fn ray(&self, i: usize) -> Ray {
+    pub fn ray(&self, i: usize) -> Ray {
         Ray::new(DVec3::from(self.origins[i]), Vec3::from(self.directions[i]))
             .at_time(self.times.of(i))
             .between(self.t_min.of(i), self.t_max.of(i))
@@ -82,7 +86,7 @@ impl RaySlices<'_> {
 }
 
 /// What stands for no hit.
-const NOTHING: Hit = Hit { t: f32::INFINITY, u: f32::NAN, v: f32::NAN, mesh: u32::MAX, primitive: u32::MAX };
+pub const NOTHING: Hit = Hit { t: f32::INFINITY, u: f32::NAN, v: f32::NAN, mesh: u32::MAX, primitive: u32::MAX };
 
 #[pymethods]
 impl Rays {
@@ -94,7 +98,29 @@ impl Rays {
             let hear = |done| if control.at(done) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
             RayTree::build_with_progress(&meshes, &BuildParams::default(), &hear)
         })?;
-        Ok(Rays { tree: build.map_err(value_error)? })
+        Ok(Rays { tree: Arc::new(build.map_err(value_error)?) })
+    }
+
+    /// Writes the tree to a file.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| self.tree.save(path)).map_err(file_error)
+    }
+
+    /// Reads a tree from a file.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Rays> {
+        Ok(Rays { tree: Arc::new(py.detach(|| RayTree::load(path)).map_err(file_error)?) })
+    }
+
+    /// What would be in a file.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        to_bytes(py, |bytes| self.tree.write_to(bytes))
+    }
+
+    /// The tree of what would be in a file.
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Rays> {
+        Ok(Rays { tree: Arc::new(from_bytes(py, bytes, |bytes| RayTree::read_from(bytes))?) })
     }
 
     /// Bytes that the tree and its triangles take.
@@ -311,7 +337,7 @@ fn mesh((keys, faces, active, mask): &MeshArrays<'_>) -> PyResult<TriangleMesh> 
 }
 
 /// Hits as arrays.
-fn columns<'py>(py: Python<'py>, hits: &[Hit]) -> Hits<'py> {
+pub fn columns<'py>(py: Python<'py>, hits: &[Hit]) -> Hits<'py> {
     // u32::MAX becomes -1.
     let triangle = |hit: &Hit| i64::from(hit.primitive as i32);
     (

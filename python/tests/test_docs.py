@@ -29,7 +29,7 @@ def test_snippets_of_the_guide_run():
 
 
 def test_examples_of_docstrings_run():
-    for module in (mbkd.points, mbkd.rays):
+    for module in (mbkd.instances, mbkd.points, mbkd.rays):
         done = doctest.testmod(module)
         assert done.attempted > 0 and done.failed == 0
 

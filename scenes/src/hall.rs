@@ -34,11 +34,23 @@ pub fn hall(triangles: usize) -> Scene {
 /// assert!(scene.meshes.iter().any(|mesh| mesh.keys.len() == 17));
 /// ```
 pub fn walking(triangles: usize, keys: usize) -> Scene {
+    walking_from(triangles, keys, 0.0)
+}
+
+/// The same when the figure has been running for so many shutters: the frames of an animation.
+///
+/// ```
+/// let frame = |i: usize| mbkd_scenes::walking_from(20_000, 2, 0.5 * i as f32);
+/// let (first, second) = (frame(0), frame(1));
+/// let moved = first.meshes.iter().zip(&second.meshes).filter(|(a, b)| a.keys != b.keys);
+/// assert_eq!(moved.count(), 2);
+/// ```
+pub fn walking_from(triangles: usize, keys: usize, begin: f32) -> Scene {
     let mut scene = still(triangles - triangles / 6);
     // 20 limbs of 2 n^2 triangles.
     let around = ((triangles as f32 / 240.0).sqrt() as usize).max(4);
     for part in [Part::Skin, Part::Clothes] {
-        scene.meshes.push(animate(keys, |time| running(part, time, around)));
+        scene.meshes.push(animate(keys, |time| running(part, begin + time, around)));
     }
     scene.looks.push(Look::plain(Vec3::new(0.52, 0.30, 0.20)));
     scene.looks.push(Look::plain(Vec3::new(0.62, 0.07, 0.05)));

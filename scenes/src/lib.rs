@@ -29,7 +29,7 @@ pub use coherent::{coherent, turning};
 pub use debris::debris;
 pub use flake::{FlakeSphere, flake};
 pub use hairball::hairball;
-pub use hall::{camera, hall, walking};
+pub use hall::{camera, hall, walking, walking_from};
 pub use hand::hand;
 pub use mixed::mixed;
 pub use needles::needles;

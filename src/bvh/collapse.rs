@@ -23,6 +23,13 @@ pub(crate) struct CostModel {
     pub most: usize,
 }
 
+impl CostModel {
+    /// Of visiting a leaf block of so many primitives.
+    pub fn leaf_of(&self, primitives: usize) -> f32 {
+        self.leaf + self.primitive * primitives as f32
+    }
+}
+
 /// A child of a wide node: a binary node, taken as a leaf block or as a wide node of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct WideChild {

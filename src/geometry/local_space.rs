@@ -67,6 +67,11 @@ impl Frame {
         Frame { origin, scale, reach: ((reach * scale) as f32).next_up().max(1.0), bounds: swept }
     }
 
+    /// Whether points have the same coordinates in another frame.
+    pub fn maps_as(&self, other: &Frame) -> bool {
+        self.origin == other.origin && self.scale == other.scale
+    }
+
     /// A world point in tree space, rounded to nearest.
     #[inline(always)]
     pub fn point(self, p: DVec3) -> Vec3 {

@@ -11,7 +11,7 @@
 //! | n | ids |
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
-use super::leaf_block::{Shared, write_corners};
+use super::leaf_block::{Shared, set_sizes, write_corners};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::primitive::Triangles;
 use crate::simd::{Arena, LANES};
@@ -114,21 +114,34 @@ impl Triangles {
             words[leaf.vertices()..][..count].copy_from_slice(&shared.corners[..count]);
             words[leaf.vertices()] |= (count as u32 - 1) << 12;
         }
-        // The lower half is that of the first triangle's vertices, or nothing.
-        words[leaf.vertices()] |= self.sizes(ids, first..first + held);
         words[leaf.ids()..][..count].copy_from_slice(ids);
-        let words = &mut arena.floats_mut()[at..];
-        for key in first..first + held {
-            let rows = &mut words[leaf.rows(first) + (key - first) * leaf.key_words()..][..leaf.key_words()];
-            match &shared {
-                Some(shared) => shared.write_key(self, rows, key),
+        self.fill_keyed(words, &leaf, ids, shared.as_ref());
+        ChildRef::new(Kind::OwnLeaf, at, width)
+    }
+
+    /// Writes the coordinates of such a block again; returns whether any of them changed.
+    pub(super) fn rewrite_keyed(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
+        let leaf = KeyedLeaf::of(words, leaf.len());
+        let shared = leaf.shared.then(|| Shared::again(self, ids, &words[leaf.vertices()..], leaf.width));
+        self.fill_keyed(words, &leaf, ids, shared.as_ref())
+    }
+
+    /// Writes the coordinates and sizes of a block; returns whether any coordinate changed.
+    fn fill_keyed(&self, words: &mut [u32], leaf: &KeyedLeaf, ids: &[u32], shared: Option<&Shared>) -> bool {
+        let keys = leaf.first..leaf.first + leaf.keys;
+        // The lower half is that of the first triangle's vertices, or nothing.
+        set_sizes(&mut words[leaf.vertices()], self.sizes(ids, keys.clone()));
+        let mut changed = 0;
+        for (rows, key) in words[leaf.ids() + leaf.count..].chunks_exact_mut(leaf.key_words()).zip(keys) {
+            match shared {
+                Some(shared) => changed |= shared.write_key(self, rows, key),
                 None => {
                     for (lane, &id) in ids.iter().enumerate() {
-                        write_corners(rows, count, lane, self.corners_at_key(id, key));
+                        changed |= write_corners(rows, leaf.count, lane, self.corners_at_key(id, key));
                     }
                 }
             }
         }
-        ChildRef::new(Kind::OwnLeaf, at, width)
+        changed != 0
     }
 }

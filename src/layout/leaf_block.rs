@@ -17,6 +17,12 @@ pub(crate) trait WideSource: PrimitiveSet {
     fn written(&mut self) {}
     /// Writes a leaf block for queries of a slice of the shutter; nothing where the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef>;
+    /// Writes the coordinates of a leaf block that begins at `words[0]` again; returns whether any of them changed. `ids`
+    /// are those in the block. Of a list of ids all that it lists may have changed.
+    fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
+        let _ = (words, leaf, ids);
+        true
+    }
 }
 
 impl WideSource for Scene {
@@ -38,6 +44,13 @@ impl WideSource for Scene {
             Some(_) => write_list(arena, ids),
         }
     }
+
+    fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
+        match ids.first().and_then(|&id| self.shape(id)) {
+            None => self.triangles.rewrite_leaf(words, leaf, ids),
+            Some(_) => true,
+        }
+    }
 }
 
 impl Triangles {
@@ -57,18 +70,39 @@ impl Triangles {
             _ => (Kind::Leaf, 2 * CORNER_ROWS),
         };
         let at = arena.grow(rows * n + 1 + n);
-        let (first_key, last_key) = arena.floats_mut()[at..at + rows * n].split_at_mut(CORNER_ROWS * n);
+        let words = &mut arena.ints_mut()[at..];
+        words[rows * n + 1..][..n].copy_from_slice(ids);
+        self.fill_own(words, ids, rows / CORNER_ROWS);
+        ChildRef::new(kind, at, n)
+    }
+
+    /// Writes the coordinates of a block again; returns whether any of them changed.
+    fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
+        let shared = |rows: usize| Shared::again(self, ids, &words[rows * leaf.len()..], leaf.len());
+        match leaf.kind() {
+            Kind::StillLeaf => self.fill_own(words, ids, 1),
+            Kind::Leaf => self.fill_own(words, ids, 2),
+            Kind::SharedStillLeaf => shared(VERTEX_ROWS).fill(self, words, ids, 1),
+            Kind::SharedLeaf => shared(2 * VERTEX_ROWS).fill(self, words, ids, 2),
+            Kind::OwnLeaf => self.rewrite_keyed(words, leaf, ids),
+            Kind::Node | Kind::StillNode | Kind::Time => false,
+        }
+    }
+
+    /// Writes the corners and sizes of a block in which each triangle has its own; returns whether any corner changed.
+    fn fill_own(&self, words: &mut [u32], ids: &[u32], keys: usize) -> bool {
+        let n = ids.len();
+        let (first_key, others) = words.split_at_mut(CORNER_ROWS * n);
+        let mut changed = 0;
         for (lane, &id) in ids.iter().enumerate() {
             let [first, last] = self.corners_at_both(id);
-            write_corners(first_key, n, lane, first);
-            if kind != Kind::StillLeaf {
-                write_corners(last_key, n, lane, last);
+            changed |= write_corners(first_key, n, lane, first);
+            if keys > 1 {
+                changed |= write_corners(&mut others[..CORNER_ROWS * n], n, lane, last);
             }
         }
-        let words = &mut arena.ints_mut()[at + rows * n..];
-        words[0] = self.sizes(ids, 0..most.max(1));
-        words[1..=n].copy_from_slice(ids);
-        ChildRef::new(kind, at, n)
+        words[keys * CORNER_ROWS * n] = self.sizes(ids, 0..keys);
+        changed != 0
     }
 }
 
@@ -120,33 +154,60 @@ impl Shared {
         (shared.count < 3 * ids.len()).then_some(shared)
     }
 
+    /// Of a block that was written of the same triangles; `numbers` begins with the row that numbers their vertices, of which
+    /// there are `count`.
+    pub(super) fn again(set: &Triangles, ids: &[u32], numbers: &[u32], count: usize) -> Shared {
+        let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count, corners: [0; LANES] };
+        for (&id, &corners) in ids.iter().zip(numbers) {
+            let stride = set.stride(id) as u32;
+            for (i, vertex) in set.vertices(id).into_iter().enumerate() {
+                let place = (corners >> (4 * i)) as usize % LANES;
+                (shared.vertices[place], shared.strides[place]) = (vertex, stride);
+            }
+        }
+        shared
+    }
+
     /// Writes the block, of one or two keys.
     fn write(&self, set: &Triangles, arena: &mut Arena, ids: &[u32], keys: usize) -> Option<ChildRef> {
         let (v, n) = (self.count, ids.len());
         let row = keys * VERTEX_ROWS * v;
         let at = arena.grow(row + 2 * n);
-        for (key, words) in arena.floats_mut()[at..at + row].chunks_exact_mut(VERTEX_ROWS * v).enumerate() {
-            self.write_key(set, words, key);
-        }
-        let words = &mut arena.ints_mut()[at + row..];
-        words[..n].copy_from_slice(&self.corners[..n]);
-        words[0] |= (n as u32 - 1) << 12 | set.sizes(ids, 0..keys);
-        words[n..2 * n].copy_from_slice(ids);
+        let words = &mut arena.ints_mut()[at..];
+        let numbers = &mut words[row..row + 2 * n];
+        numbers[..n].copy_from_slice(&self.corners[..n]);
+        numbers[0] |= (n as u32 - 1) << 12;
+        numbers[n..].copy_from_slice(ids);
+        self.fill(set, words, ids, keys);
         ChildRef::new(if keys == 1 { Kind::SharedStillLeaf } else { Kind::SharedLeaf }, at, v)
     }
-}
 
-impl Shared {
-    /// Writes the rows of one key.
+    /// Writes the vertices and sizes of such a block; returns whether any vertex changed.
+    fn fill(&self, set: &Triangles, words: &mut [u32], ids: &[u32], keys: usize) -> bool {
+        let (rows, numbers) = words.split_at_mut(keys * VERTEX_ROWS * self.count);
+        let each = rows.chunks_exact_mut(VERTEX_ROWS * self.count).enumerate();
+        let changed = each.fold(0, |changed, (key, words)| changed | self.write_key(set, words, key));
+        set_sizes(&mut numbers[0], set.sizes(ids, 0..keys));
+        changed != 0
+    }
+
+    /// Writes the rows of one key; returns the bits that changed.
     #[inline(always)]
-    pub(super) fn write_key(&self, set: &Triangles, words: &mut [f32], key: usize) {
+    pub(super) fn write_key(&self, set: &Triangles, words: &mut [u32], key: usize) -> u32 {
+        let mut changed = 0;
         for lane in 0..self.count {
             let position = set.position(self.vertices[lane], key * self.strides[lane] as usize);
             for axis in 0..3 {
-                words[axis * self.count + lane] = position[axis];
+                changed |= replace(&mut words[axis * self.count + lane], position[axis]);
             }
         }
+        changed
     }
+}
+
+/// Puts sizes into the upper half of the word that they share.
+pub(super) fn set_sizes(word: &mut u32, sizes: u32) {
+    *word = *word & 0xffff | sizes;
 }
 
 impl<P: Primitive> WideSource for Shapes<P> {
@@ -169,10 +230,19 @@ pub(crate) fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {
     ChildRef::new(Kind::OwnLeaf, at, ids.len())
 }
 
-/// Writes the corners of one triangle into lane `lane` of nine rows of `n`.
+/// Writes the corners of one triangle into lane `lane` of nine rows of `n`; returns the bits that changed.
 #[inline(always)]
-pub(super) fn write_corners(words: &mut [f32], n: usize, lane: usize, [a, b, c]: [Vec3; 3]) {
+pub(super) fn write_corners(words: &mut [u32], n: usize, lane: usize, [a, b, c]: [Vec3; 3]) -> u32 {
+    let mut changed = 0;
     for (row, x) in words.chunks_exact_mut(n).zip([a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z]) {
-        row[lane] = x;
+        changed |= replace(&mut row[lane], x);
     }
+    changed
+}
+
+/// Writes a number over a word; returns the bits that changed.
+#[inline(always)]
+fn replace(word: &mut u32, by: f32) -> u32 {
+    let before = core::mem::replace(word, by.to_bits());
+    before ^ *word
 }

@@ -195,6 +195,7 @@ impl WideTree {
             kept_positions: set.positions()[1],
             still_references,
             time_nodes,
+            cost: 1.0,
             bytes: self.arena.bytes(),
             primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>(),
         }

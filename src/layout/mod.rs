@@ -19,6 +19,8 @@ mod leaf_block;
 mod leaf_ids;
 mod leaf_index;
 mod leaf_lanes;
+mod refit;
+mod refit_plan;
 mod root_bounds;
 mod serialize;
 mod statistics;
@@ -35,6 +37,8 @@ pub use kd_validate::ValidationError;
 pub(crate) use keyed_leaf::KeyedLeaf;
 pub(crate) use leaf_block::{WideSource, write_list};
 pub(crate) use leaf_lanes::{Between, CornerLanes};
+pub(crate) use refit::Moved;
+pub(crate) use refit_plan::Plan;
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{

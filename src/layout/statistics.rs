@@ -35,6 +35,9 @@ pub struct Statistics {
     pub still_references: usize,
     /// Subtrees that are divided in time: nodes that pick a child by the time of the query (wide trees).
     pub time_nodes: usize,
+    /// Expected cost of a ray, relative to that of the tree as it was built: 1, and mostly more after a refit
+    /// ([`Refit::cost`](crate::Refit::cost)).
+    pub cost: f64,
     /// Bytes allocated for the tree.
     pub bytes: usize,
     /// Bytes allocated for the primitives.
@@ -84,6 +87,7 @@ impl KdTree {
             kept_positions: set.positions()[1],
             still_references: 0,
             time_nodes: 0,
+            cost: 1.0,
             bytes: self.bytes(),
             primitive_bytes: set.bytes(),
         }

@@ -61,7 +61,8 @@ impl WideTree {
     fn unlimited<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
         let lists = if S::TRIANGLES { usize::MAX } else { 0 };
-        let mut tree = WideTree { arena, root: ChildRef::NOTHING, lists, presplit: false, slices: 1, blocks, counts };
+        let root = ChildRef::NOTHING;
+        let mut tree = WideTree { arena, root, lists, presplit: false, slices: 1, blocks, counts };
         let triangles = set.triangles().map_or(0, Triangles::len);
         let listed: Vec<u32> = (triangles as u32..set.len() as u32).collect();
         let mut of_triangles = huge_vec(triangles);

@@ -7,8 +7,9 @@ use super::serialize::{Fragment, write_in_order};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
-use crate::geometry::{KERNEL_ULPS, LinearBox3, TimeInterval, ULP};
+use crate::geometry::{Box3, KERNEL_ULPS, LinearBox3, TimeInterval, ULP};
 use crate::simd::{Arena, LANES};
+use glam::Vec3;
 
 /// A face at time 0 and its velocity: the line that a query evaluates as `at + velocity * t`.
 #[derive(Clone, Copy)]
@@ -75,27 +76,55 @@ pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
     let at = arena.grow(rows * LANES);
     let kind = if moving { Kind::Node } else { Kind::StillNode };
     let node = ChildRef::new(kind, at, 1).ok_or(BuildError::TooLargeTree)?;
-    let words = &mut arena.floats_mut()[at..at + rows * LANES];
+    let words = &mut arena.ints_mut()[at..at + rows * LANES];
     for lane in 0..LANES {
-        let pad = boxes.get(lane).map_or(0.0, kernel_pad);
-        for axis in 0..3 {
-            let (low, high) = match boxes.get(lane) {
-                Some(b) => (
-                    face(b.begin.min[axis], b.end.min[axis], over, -1.0, pad),
-                    face(b.begin.max[axis], b.end.max[axis], over, 1.0, pad),
-                ),
-                None => (Face { at: NOWHERE, velocity: 0.0 }, Face { at: -NOWHERE, velocity: 0.0 }),
-            };
-            let row = 2 * axis;
-            words[row * LANES + lane] = low.at;
-            words[(row + 1) * LANES + lane] = high.at;
-            if moving {
-                words[(row + 6) * LANES + lane] = low.velocity;
-                words[(row + 7) * LANES + lane] = high.velocity;
-            }
-        }
+        write_box(words, kind, lane, boxes.get(lane), over);
     }
     Ok(node)
+}
+
+/// Writes one of the boxes of the node that begins at `words[0]`; of a node that stands still, `of` must do so as well.
+#[inline(always)]
+pub(super) fn write_box(words: &mut [u32], kind: Kind, lane: usize, of: Option<&LinearBox3>, over: TimeInterval) {
+    let pad = of.map_or(0.0, kernel_pad);
+    for axis in 0..3 {
+        let (low, high) = match of {
+            Some(b) => (
+                face(b.begin.min[axis], b.end.min[axis], over, -1.0, pad),
+                face(b.begin.max[axis], b.end.max[axis], over, 1.0, pad),
+            ),
+            None => (Face { at: NOWHERE, velocity: 0.0 }, Face { at: -NOWHERE, velocity: 0.0 }),
+        };
+        let row = 2 * axis;
+        words[row * LANES + lane] = low.at.to_bits();
+        words[(row + 1) * LANES + lane] = high.at.to_bits();
+        if kind == Kind::Node {
+            words[(row + 6) * LANES + lane] = low.velocity.to_bits();
+            words[(row + 7) * LANES + lane] = high.velocity.to_bits();
+        }
+    }
+}
+
+/// Linear bounds of what a box of the node that begins at `words[0]` holds, a little wider than what was written.
+///
+/// Products of f32 are exact in f64, and the sum errs by far less than the f32 step that each face is moved outward.
+pub(super) fn read_box(words: &[u32], kind: Kind, lane: usize, over: TimeInterval) -> LinearBox3 {
+    let word = |row: usize| f32::from_bits(words[row * LANES + lane]);
+    let face = |row: usize, time: f32, side: f64| {
+        let velocity = if kind == Kind::Node { word(row + 6) } else { 0.0 };
+        match velocity {
+            0.0 => word(row),
+            _ => {
+                let at = (f64::from(word(row)) + f64::from(velocity) * f64::from(time)) as f32;
+                if side > 0.0 { at.next_up() } else { at.next_down() }
+            }
+        }
+    };
+    let at = |time: f32| Box3 {
+        min: Vec3::from([0, 2, 4].map(|row| face(row, time, -1.0))),
+        max: Vec3::from([1, 3, 5].map(|row| face(row, time, 1.0))),
+    };
+    LinearBox3 { begin: at(over.begin()), end: at(over.end()) }
 }
 
 /// Fills in the children of a node.

@@ -245,6 +245,11 @@ impl<P: Primitive> Shapes<P> {
     pub(crate) fn shapes(&self) -> &[P] {
         &self.shapes
     }
+
+    /// Takes the shapes away, for a set that replaces this one.
+    pub(super) fn take(&mut self) -> Vec<P> {
+        core::mem::take(&mut self.shapes)
+    }
 }
 
 impl<P: Primitive> PrimitiveSet for Shapes<P> {

@@ -4,7 +4,7 @@ use super::custom::{Intersection, Primitive, PrimitiveSet, Shapes, ShapesExtent,
 use super::mesh::TriangleMesh;
 use super::sphere::MovingSphere;
 use super::triangles::Triangles;
-use crate::error::BuildError;
+use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
 use glam::DVec3;
 
@@ -84,6 +84,22 @@ impl Scene {
     pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
         let extent = ShapesExtent::of(&shapes)?;
         let triangles = Triangles::beside(meshes, extent.swept)?;
+        Scene::of(triangles, shapes, extent)
+    }
+
+    /// The same scene with meshes that have other positions and, where some are given, other shapes. Where it is an error
+    /// this one stays as it is.
+    pub(crate) fn again(&mut self, meshes: &[TriangleMesh], shapes: Option<Vec<Shape>>) -> Result<Scene, RefitError> {
+        let extent = ShapesExtent::of(shapes.as_deref().unwrap_or(self.shapes.shapes())).map_err(RefitError::Input)?;
+        if let Some(found) = shapes.as_ref().map(Vec::len).filter(|&found| found != self.shapes.len()) {
+            return Err(RefitError::Shapes { expected: self.shapes.len(), found });
+        }
+        let triangles = self.triangles.again(meshes, extent.swept)?;
+        let shapes = shapes.unwrap_or_else(|| self.shapes.take());
+        Scene::of(triangles, shapes, extent).map_err(RefitError::Input)
+    }
+
+    fn of(triangles: Triangles, shapes: Vec<Shape>, extent: ShapesExtent) -> Result<Scene, BuildError> {
         let shapes = Shapes::within(shapes, extent, *triangles.frame());
         Scene::of_parts(triangles, shapes)
     }

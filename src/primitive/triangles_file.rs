@@ -78,7 +78,9 @@ impl TrianglesRecord {
             require((1..=MOST_KEYS).contains(&mesh.keys), "a mesh has no or too many keys")?;
             let (keys, stride) = (mesh.keys as usize, mesh.stride as usize);
             let active = TimeInterval::of_bounds(mesh.active)?;
-            rebased.push(Rebased { first: first as u32, bent_before: bent, keys, stride, active, mask: mesh.mask });
+            // Not in files: what comes from one is not refitted.
+            let (bent_before, mask, indices) = (bent, mesh.mask, 0);
+            rebased.push(Rebased { first: first as u32, bent_before, keys, stride, active, mask, indices });
             let end = first + mesh.triangles as usize;
             if !in_leaves && mesh.triangles > 0 {
                 let strides = match mesh.keys {

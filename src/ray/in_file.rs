@@ -53,7 +53,8 @@ impl<G: Geometry> RayTree<G> {
                 (Layout::Kd(tree), statistics)
             }
         };
-        Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best(), queries: Queries::TABLE })
+        let (simd, queries) = (SimdLevel::best(), Queries::TABLE);
+        Ok(RayTree { geometry, layout, statistics, from_file: true, plan: None, simd, queries })
     }
 }
 

@@ -19,6 +19,7 @@ mod leaf;
 mod observer;
 mod query;
 mod ray_tree;
+mod refit;
 mod shear;
 mod traverser;
 mod tree_ray;
@@ -30,7 +31,7 @@ mod wide_traversal;
 #[cfg(test)]
 mod wide_tests;
 
-pub use crate::error::BuildError;
+pub use crate::error::{BuildError, RefitError};
 pub use crate::file::FileError;
 pub use crate::geometry::Ray;
 pub use crate::layout::{Statistics, TreeBox, ValidationError};
@@ -46,6 +47,7 @@ pub use hit::Hit;
 pub(crate) use interleave::{Anys, Asks, Closests};
 pub use observer::{Counters, Observer};
 pub use ray_tree::{Geometry, RayTree};
+pub use refit::Refit;
 pub(crate) use tree_ray::TreeRay;
 pub use visit::TreePrimitive;
 pub(crate) use wide_traversal::Slabs;

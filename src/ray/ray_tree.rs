@@ -6,7 +6,7 @@ use super::intersect::RaySource;
 use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
-use crate::layout::{Statistics, TreeBox, ValidationError, WideTree};
+use crate::layout::{Plan, Statistics, TreeBox, ValidationError, WideTree};
 use crate::mbkd::build_kd;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shape, Shapes, TriangleMesh};
@@ -52,6 +52,10 @@ pub struct RayTree<G = Scene> {
     pub(super) geometry: G,
     pub(super) layout: Layout,
     pub(super) statistics: Statistics,
+    /// Whether it comes from a file, which does not say of which triangles it was built.
+    pub(super) from_file: bool,
+    /// How the tree is refitted; nothing before the first time.
+    pub(super) plan: Option<Box<Plan>>,
     pub(super) simd: SimdLevel,
     pub(super) queries: Queries<G>,
 }
@@ -79,7 +83,8 @@ impl<G: Geometry> RayTree<G> {
             }
         };
         geometry.complaint()?;
-        Ok(RayTree { geometry, layout, statistics, simd: SimdLevel::best(), queries: Queries::TABLE })
+        let (simd, queries) = (SimdLevel::best(), Queries::TABLE);
+        Ok(RayTree { geometry, layout, statistics, from_file: false, plan: None, simd, queries })
     }
 
     /// What queries are asked of.

@@ -278,10 +278,10 @@ fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
     let (root, children) = (tree.root.at(), tree.children(tree.root).to_vec());
     // Each upper face of x of the root's boxes, moved inward a little; put back afterwards.
     for lane in (0..LANES).filter(|&lane| children[lane] != ChildRef::NOTHING.0) {
-        let face = &mut tree.arena.floats_mut()[root + LANES + lane];
+        let face = &mut tree.arena.ints_mut()[root + LANES + lane];
         let whole = *face;
-        *face -= 0.01;
+        *face = (f32::from_bits(whole) - 0.01).to_bits();
         assert!(matches!(tree.validate(&set), Err(ValidationError::Bounds { .. })), "lane {lane}");
-        tree.arena.floats_mut()[root + LANES + lane] = whole;
+        tree.arena.ints_mut()[root + LANES + lane] = whole;
     }
 }

@@ -142,14 +142,6 @@ impl Arena {
         prefetch(block);
     }
 
-    /// All words as floats, to be written.
-    #[inline(always)]
-    pub(crate) fn floats_mut(&mut self) -> &mut [f32] {
-        let lines = self.lines.as_mut_slice();
-        // SAFETY: as in `floats`; the borrow of `self` is exclusive.
-        unsafe { core::slice::from_raw_parts_mut(lines.as_mut_ptr().cast(), lines.len() * LANES) }
-    }
-
     /// All words as integers: the bits of the floats.
     #[inline(always)]
     pub(crate) fn ints(&self) -> &[u32] {

@@ -177,7 +177,7 @@ fn mul_add_is_within_one_rounding_of_the_plain_form() {
 fn the_arena_begins_on_cache_lines_and_keeps_what_is_written() {
     let mut arena = Arena::default();
     let a = arena.grow(5);
-    arena.floats_mut()[a + 4] = 1.5;
+    arena.ints_mut()[a + 4] = 1.5f32.to_bits();
     arena.align();
     let b = arena.grow(3);
     arena.ints_mut()[b] = 7;

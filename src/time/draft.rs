@@ -135,7 +135,7 @@ fn draft_with<S: PrimitiveSet>(set: &S, mut references: Vec<Reference>, slice: T
         }
         let block = &references[node.first as usize..][..node.count as usize];
         let fits = kinds.is_none_or(|kind| one_block(set, block, kind, node.right == 0));
-        fits.then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
+        fits.then_some(COST_MODEL.leaf_of(node.count as usize))
     });
     let primitives = references.len();
     Draft { slice, over: slice.interval(), references, primitives, presplit, binary, collapse }

@@ -82,7 +82,7 @@ impl Slice {
         let collapse = Collapse::new(&binary, COST_MODEL, |node| {
             (node.count == 1).then(|| {
                 let block = &clusters[blocks[node.first as usize].id() as usize];
-                COST_MODEL.leaf + COST_MODEL.primitive * block.count as f32
+                COST_MODEL.leaf_of(block.count as usize)
             })
         });
         Slice { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }

@@ -11,6 +11,7 @@ mod instances;
 mod keys;
 mod metamorphic;
 mod mixed;
+mod refit;
 mod scenes;
 mod visitors;
 mod watertight;

@@ -1,0 +1,172 @@
+//! What a refit costs beside a build, and what rays cost afterwards.
+//!
+//! A tree is built of the first frame of an animation and refitted to every following one; at some of them another tree is
+//! built, and both answer the same rays by turns, in one thread; medians. Figures are processor time.
+//!
+//! `cargo bench --bench refit > refit.md`; `--help` lists what can be chosen. For figures worth keeping give it an idle core.
+
+#[path = "embree/clock.rs"]
+mod clock;
+
+use clap::Parser;
+use mbkd::glam::Vec3;
+use mbkd::{BuildParams, Counters, Ray, RayTree, TriangleMesh};
+use mbkd_scenes as scene;
+use std::error::Error;
+use std::hint::black_box;
+
+#[derive(Parser)]
+#[command(about = "Measures refits beside builds, and the trees that they leave")]
+struct Args {
+    /// Share of each animation's usual number of triangles.
+    #[arg(long, default_value_t = 1.0)]
+    scale: f32,
+    /// Rays in each round.
+    #[arg(long, default_value_t = 40_000)]
+    rays: usize,
+    /// Frames.
+    #[arg(long, default_value_t = 100)]
+    frames: usize,
+    /// Another tree is built after every so many frames.
+    #[arg(long, default_value_t = 20)]
+    step: usize,
+    /// Only animations whose name contains this.
+    #[arg(long, default_value = "")]
+    only: String,
+    /// What cargo passes to every benchmark.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// An animation.
+struct Row {
+    name: &'static str,
+    /// Number of triangles and of the frame.
+    frame: fn(usize, usize) -> scene::Scene,
+    triangles: usize,
+    /// Meshes from this one on move.
+    moving: usize,
+}
+
+const ROWS: [Row; 4] = [
+    Row { name: "hall, running figure", frame: |n, i| running(n, 2, i), triangles: 300_000, moving: 5 },
+    Row { name: "hall, running figure, 17 keys", frame: |n, i| running(n, 17, i), triangles: 300_000, moving: 5 },
+    Row { name: "running figure alone", frame: |n, i| alone(n, 2, i), triangles: 300_000, moving: 0 },
+    Row { name: "running figure alone, 17 keys", frame: |n, i| alone(n, 17, i), triangles: 100_000, moving: 0 },
+];
+
+/// Half a shutter after each other, from where the figure comes in.
+fn running(triangles: usize, keys: usize, frame: usize) -> scene::Scene {
+    scene::walking_from(triangles, keys, 0.5 * frame as f32 - 30.0)
+}
+
+fn alone(triangles: usize, keys: usize, frame: usize) -> scene::Scene {
+    let mut scene = running(6 * triangles, keys, frame);
+    scene.meshes.drain(..5);
+    scene.camera = scene::Camera::fixed(scene::View::new(
+        Vec3::new(-1.5, 1.2, 4.5 + 0.06 * frame as f32 - 3.6),
+        Vec3::new(0.25, 0.9, 2.1 + 0.06 * frame as f32 - 3.6),
+        0.8,
+    ));
+    scene
+}
+
+fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
+    let args = Args::parse();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    println!(
+        "| animation | triangles | build, ms | first refit | refit | of what moves | build / refit | build / refit of what moves | blocks written | cost \
+         | blocks per ray / another tree's | rays / another tree's |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+    );
+    for row in ROWS.iter().filter(|row| row.name.contains(&args.only)) {
+        pool.install(|| measure(&args, row))?;
+    }
+    Ok(())
+}
+
+fn timed<T>(times: &mut Vec<f64>, f: impl FnOnce() -> T) -> T {
+    let start = clock::seconds();
+    let made = f();
+    times.push(clock::seconds() - start);
+    made
+}
+
+fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
+    let triangles = (row.triangles as f32 * args.scale) as usize;
+    let build = |meshes: &[TriangleMesh]| RayTree::build(meshes, &BuildParams::default());
+    let first = (row.frame)(triangles, 0);
+    let moving: Vec<usize> = (row.moving..first.meshes.len()).collect();
+    let mut tree = build(&first.meshes)?;
+    let [mut builds, mut whole, mut parts, mut rays_of_both, mut work] = [const { Vec::new() }; 5];
+    let mut first_time = Vec::new();
+    timed(&mut first_time, || tree.refit(&first.meshes))?;
+    let mut last = None;
+    for i in 1..=args.frames {
+        let now = (row.frame)(triangles, i);
+        // By turns, so that each has something to write.
+        let refit = match i % 2 {
+            0 => timed(&mut whole, || tree.refit(&now.meshes))?,
+            _ => timed(&mut parts, || tree.refit_moved(&now.meshes, &moving))?,
+        };
+        last = Some(refit);
+        if i % args.step == 0 {
+            let other = timed(&mut builds, || build(&now.meshes))?;
+            let rays = rays(&now.camera, args.rays);
+            for round in 0..4 {
+                let [mut of_tree, mut of_other] = [const { Vec::new() }; 2];
+                timed(&mut of_tree, || ask(&tree, &rays));
+                timed(&mut of_other, || ask(&other, &rays));
+                // The first one fetches the trees.
+                if round > 0 {
+                    rays_of_both.push(of_tree[0] / of_other[0]);
+                }
+            }
+            work.push(blocks(&tree, &rays) / blocks(&other, &rays));
+        }
+    }
+    let statistics = tree.statistics();
+    let all = statistics.nodes + statistics.leaves;
+    let written = last.map_or(0, |refit| refit.nodes + refit.leaves);
+    let [build, whole, parts] = [builds, whole, parts].map(median);
+    println!(
+        "| {} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {:.1} | {:.1} | {:.1} % | {:.2} | {:.2} | {:.2} |",
+        row.name,
+        statistics.primitives,
+        build * 1e3,
+        first_time[0] * 1e3,
+        whole * 1e3,
+        parts * 1e3,
+        build / whole,
+        build / parts,
+        100.0 * written as f64 / all as f64,
+        statistics.cost,
+        median(work),
+        median(rays_of_both),
+    );
+    Ok(())
+}
+
+fn rays(camera: &scene::Camera, count: usize) -> Vec<Ray> {
+    let mut seed = 1u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 40) as f32 / (1 << 24) as f32
+    };
+    (0..count).map(|_| camera.ray(random(), random(), 1.0, random())).collect()
+}
+
+fn ask(tree: &RayTree, rays: &[Ray]) {
+    rays.iter().for_each(|ray| _ = black_box(tree.closest_hit(ray)));
+}
+
+/// Nodes and leaf blocks that rays meet.
+fn blocks(tree: &RayTree, rays: &[Ray]) -> f64 {
+    let mut counters = Counters::default();
+    rays.iter().for_each(|ray| _ = tree.closest_hit_observed(ray, &mut counters));
+    counters.steps() as f64
+}
+
+fn median(mut of: Vec<f64>) -> f64 {
+    of.sort_by(f64::total_cmp);
+    of.get(of.len() / 2).copied().unwrap_or(f64::NAN)
+}

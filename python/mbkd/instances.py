@@ -1,0 +1,228 @@
+"""Trees of meshes placed many times, each moving."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _mbkd
+from ._arrays import floats, per_query
+from .rays import EVERYTHING, Hits, Progress, RayTree, _rays
+
+
+@dataclass(frozen=True, eq=False)
+class InstanceHits(Hits):
+    """What rays hit, one row for each ray (or for each hit of all hits), as `Hits`, and where that is placed.
+
+    Attributes
+    ----------
+    path : int64 (m, 4)
+        The instance of the outermost tree, then that of the tree placed there, and so on; -1 behind the last, and everywhere
+        where nothing is hit.
+    """
+
+    path: np.ndarray
+
+    @property
+    def instance(self) -> np.ndarray:
+        """The instance of the outermost tree, int64 (m,); -1 where nothing is hit."""
+        return self.path[:, 0]
+
+
+class InstanceTree:
+    """Trees placed many times, moving, without a copy of what is placed.
+
+    An instance places one of `trees` by a matrix, or by scale, rotation and translation, in this order. Either is given once
+    or at K keys that are spaced evenly over the shutter [0, 1]. Between keys entries of matrices are interpolated
+    linearly, and so are translations and scales; rotations turn uniformly, the shorter way.
+
+    Parameters
+    ----------
+    trees : sequence of RayTree or InstanceTree
+        What can be placed; trees of instances too, up to four levels.
+    which : (n,) of whole numbers
+        Which of them each instance places.
+    matrices : (n, 4, 4), (n, 3, 4), or one of these behind a first axis of K keys
+        From the space of the placed tree to that of this one, for column vectors: translations are in the last column.
+    translations : (n, 3) or (K, n, 3), optional
+    rotations : (n, 4) or (K, n, 4), optional
+        Unit quaternions x, y, z, w, as ``scipy.spatial.transform.Rotation.as_quat`` gives them.
+    scales : (n,), (n, 3) or (K, n, 3), optional
+        Instead of `matrices`; what is left out is 0, no rotation, and 1.
+    masks : (n,) of 32 bits, optional
+        Queries see an instance if their mask shares a bit, and in it the meshes whose masks do.
+    lifetimes : (n, 2), optional
+        When each instance exists: begin <= t < end (an end of 1 includes 1).
+    workers : int
+        Threads for the build; -1 for all processors.
+
+    Raises
+    ------
+    ValueError
+        Transforms that are singular or not finite, quaternions that are not of length 1, arrays of other shapes or
+        different length, trees that are not there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from mbkd import InstanceTree, RayTree
+    >>> triangle = RayTree(np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]), [[0, 1, 2]])
+    >>> tree = InstanceTree([triangle], [0, 0], translations=[[[0, 0, 0], [9, 0, 0]], [[0, 0, 1], [9, 0, 2]]])
+    >>> hits = tree.closest_hits([[0, 0, 5], [9, 0, 5]], [0, 0, -1], time=0.5)
+    >>> hits.t, hits.instance
+    (array([4.5, 4. ], dtype=float32), array([0, 1]))
+    """
+
+    def __init__(
+        self,
+        trees: Sequence[RayTree | InstanceTree],
+        which: ArrayLike,
+        matrices: ArrayLike | None = None,
+        *,
+        translations: ArrayLike | None = None,
+        rotations: ArrayLike | None = None,
+        scales: ArrayLike | None = None,
+        masks: ArrayLike | None = None,
+        lifetimes: ArrayLike | None = None,
+        workers: int = 1,
+    ) -> None:
+        for tree in trees:
+            if not isinstance(tree, (RayTree, InstanceTree)):
+                raise TypeError(f"trees must be RayTree or InstanceTree, not {type(tree).__name__}")
+        which = np.atleast_1d(np.asarray(which))
+        if which.dtype.kind not in "iu" and which.size:
+            raise TypeError(f"which must be whole numbers, not {which.dtype}")
+        n = len(which)
+        poses = (translations, rotations, scales)
+        if matrices is None:
+            transforms = _poses(n, *poses)
+        elif any(part is not None for part in poses):
+            raise ValueError("give either matrices or translations, rotations and scales")
+        else:
+            transforms = _matrices(n, matrices)
+        masks = np.full(n, EVERYTHING) if masks is None else np.asarray(masks)
+        if masks.size and (masks.min() < 0 or masks.max() > EVERYTHING):
+            raise ValueError("masks must have 32 bits")
+        lifetimes = np.tile(np.float32([0, 1]), (n, 1)) if lifetimes is None else floats(lifetimes, "lifetimes")
+        if lifetimes.shape != (n, 2) or masks.shape != (n,) or which.ndim != 1:
+            raise ValueError(f"{n} instances, masks {masks.shape} and lifetimes {lifetimes.shape}")
+        self._tree = _mbkd.Instances(
+            [tree._tree for tree in trees],
+            np.ascontiguousarray(which, dtype=np.int64),
+            transforms,
+            np.ascontiguousarray(masks, dtype=np.uint32),
+            np.ascontiguousarray(lifetimes, dtype=np.float32),
+            workers,
+        )
+
+    def __len__(self) -> int:
+        return self._tree.n
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of everything, each tree that is placed counted once."""
+        return self._tree.nbytes
+
+    def stats(self) -> str:
+        """What the build made, as text."""
+        return self._tree.stats()
+
+    def __repr__(self) -> str:
+        return f"<InstanceTree of {len(self)} instances, {self.nbytes / 1e6:.1f} MB>"
+
+    def closest_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> InstanceHits:
+        """The nearest hit of each ray; of several at the same t that with the lowest path. Parameters as of `RayTree`."""
+        path, hits = self._tree.closest_hits(_rays(origins, directions, time, t_min, t_max), mask, workers, progress)
+        return InstanceHits(*hits, path)
+
+    def all_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> tuple[np.ndarray, InstanceHits]:
+        """All hits of all rays: the index of the ray of each (int64), and the hits, by ray and along each ray."""
+        rays = _rays(origins, directions, time, t_min, t_max)
+        index, path, hits = self._tree.all_hits(rays, mask, workers, progress)
+        return index, InstanceHits(*hits, path)
+
+    def intersects_any(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> np.ndarray:
+        """Whether each ray hits anything, bool (n,)."""
+        return self._tree.any_hits(_rays(origins, directions, time, t_min, t_max), mask, workers, progress)
+
+    def matrices(self, path: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
+        """Where paths (m, levels), as those of hits, lead at times: float64 (m, 4, 4), from the space of the tree that is
+        placed there to that of this one; NaN for paths that lead nowhere.
+        """
+        paths = np.ascontiguousarray(path, dtype=np.int64)
+        if paths.ndim != 2:
+            raise ValueError(f"paths must have the shape (m, levels), not {paths.shape}")
+        times = np.ascontiguousarray(np.broadcast_to(per_query(time, (len(paths),), "time"), len(paths)))
+        whole = np.tile(np.eye(4), (len(paths), 1, 1))
+        whole[:, :3] = self._tree.matrices(paths, times).reshape(-1, 3, 4)
+        return whole
+
+
+def _matrices(n: int, matrices: ArrayLike) -> np.ndarray:
+    """Twelve numbers for each key and instance."""
+    array = floats(matrices, "matrices").astype(np.float64, copy=False)
+    array = array[None] if array.ndim == 3 else array
+    if array.ndim != 4 or array.shape[1] != n or array.shape[2:] not in ((3, 4), (4, 4)):
+        raise ValueError(f"matrices must have the shape ({n}, 4, 4), ({n}, 3, 4) or (K, ...), not {array.shape}")
+    if array.shape[2] == 4 and not (array[:, :, 3] == (0, 0, 0, 1)).all():
+        raise ValueError("matrices must be affine: with a last row 0, 0, 0, 1")
+    return np.ascontiguousarray(array[:, :, :3]).reshape(len(array), n, 12)
+
+
+def _poses(n: int, translations, rotations, scales) -> np.ndarray:
+    """Ten numbers for each key and instance."""
+    scales = None if scales is None else floats(scales, "scales")
+    if scales is not None and scales.ndim < 2:
+        scales = np.repeat(scales.reshape(-1, 1), 3, axis=1)
+    parts = []
+    for values, name, default in (
+        (translations, "translations", [0, 0, 0]),
+        (rotations, "rotations", [0, 0, 0, 1]),
+        (scales, "scales", [1, 1, 1]),
+    ):
+        array = np.tile(np.float64(default), (1, n, 1)) if values is None else floats(values, name)
+        array = array[None] if array.ndim == 2 else array
+        if array.ndim != 3 or array.shape[1:] != (n, len(default)):
+            raise ValueError(f"{name} must have the shape ({n}, {len(default)}) or (K, {n}, {len(default)}), not {array.shape}")
+        parts.append(array.astype(np.float64, copy=False))
+    keys = max(len(part) for part in parts)
+    if any(len(part) not in (1, keys) for part in parts):
+        raise ValueError(f"translations, rotations and scales at {[len(part) for part in parts]} keys")
+    parts = [np.broadcast_to(part, (keys, *part.shape[1:])) for part in parts]
+    return np.ascontiguousarray(np.concatenate(parts, axis=2))

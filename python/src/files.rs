@@ -1,0 +1,44 @@
+//! Trees in files, and as the bytes of files.
+
+use crate::arrays::value_error;
+use mbkd::FileError;
+use pyo3::exceptions::PyOSError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+/// What failed as Python's error: an `OSError` where the system could not read or write, or else a `ValueError`.
+pub fn file_error(error: FileError) -> PyErr {
+    match error {
+        FileError::Io(error) => match error.raw_os_error() {
+            // Of the kind that the number says, such as `FileNotFoundError`.
+            Some(_) => error.into(),
+            None => PyOSError::new_err(error.to_string()),
+        },
+        other => value_error(other),
+    }
+}
+
+/// The bytes that `write` writes.
+pub fn to_bytes<'py>(
+    py: Python<'py>,
+    write: impl FnOnce(&mut Vec<u8>) -> Result<(), FileError> + Send,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let mut bytes = Vec::new();
+    py.detach(|| write(&mut bytes)).map_err(file_error)?;
+    Ok(PyBytes::new(py, &bytes))
+}
+
+/// What `read` makes of bytes, all of them.
+pub fn from_bytes<T: Send>(
+    py: Python<'_>,
+    mut bytes: &[u8],
+    read: impl FnOnce(&mut &[u8]) -> Result<T, FileError> + Send,
+) -> PyResult<T> {
+    py.detach(|| {
+        let expected = bytes.len() as u64;
+        let tree = read(&mut bytes)?;
+        let found = expected - bytes.len() as u64;
+        if bytes.is_empty() { Ok(tree) } else { Err(FileError::Length { expected: found, found: expected }) }
+    })
+    .map_err(file_error)
+}

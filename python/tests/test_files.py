@@ -1,0 +1,69 @@
+"""Trees saved, loaded and pickled."""
+
+import pickle
+
+import numpy as np
+import pytest
+from mbkd import PointTree, RayTree
+
+RNG = np.random.default_rng(3)
+POINTS = RNG.random((500, 3), dtype=np.float32)
+MOVED = POINTS + RNG.normal(0, 0.1, POINTS.shape).astype(np.float32)
+QUERIES = RNG.random((50, 3), dtype=np.float32)
+TIMES = RNG.random(50)
+
+
+@pytest.mark.parametrize("structure", ["automatic", "linear", "slabs:3", "mbkd"])
+def test_point_trees_come_back(structure, tmp_path):
+    trees = [PointTree(POINTS), PointTree(POINTS.astype(np.float64) + 0.1)]
+    trees += [PointTree(POINTS, keys=MOVED, structure=structure, lifetimes=np.tile([0.0, 0.9], (500, 1)))]
+    for tree in trees:
+        tree.save(tmp_path / "tree")
+        for again in (PointTree.load(tmp_path / "tree"), PointTree.load(str(tmp_path / "tree")), pickle.loads(pickle.dumps(tree))):
+            assert len(again) == 500
+            for new, old in zip(again.query(QUERIES, k=5, time=TIMES), tree.query(QUERIES, k=5, time=TIMES)):
+                np.testing.assert_array_equal(new, old)
+    assert PointTree.load(tmp_path / "tree").data is None
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(trees[0])).data, POINTS)
+
+
+def test_periodic_trees_are_pickled_only(tmp_path):
+    tree = PointTree(POINTS, boxsize=[1, 1, 0])
+    with pytest.raises(ValueError, match="pickle"):
+        tree.save(tmp_path / "tree")
+    again = pickle.loads(pickle.dumps(tree))
+    np.testing.assert_array_equal(again.boxsize, tree.boxsize)
+    for new, old in zip(again.query(QUERIES, k=5), tree.query(QUERIES, k=5)):
+        np.testing.assert_array_equal(new, old)
+
+
+def test_ray_trees_come_back(tmp_path):
+    tree = RayTree(np.stack([POINTS, MOVED]), np.arange(498).reshape(-1, 3))
+    tree.save(tmp_path / "tree")
+    directions = RNG.normal(0, 1, (50, 3))
+    for again in (RayTree.load(tmp_path / "tree"), pickle.loads(pickle.dumps(tree))):
+        new, old = (of.closest_hits(QUERIES, directions, time=TIMES) for of in (again, tree))
+        np.testing.assert_array_equal(new.t, old.t)
+        np.testing.assert_array_equal(new.triangle, old.triangle)
+        assert np.isfinite(old.t).any()
+
+
+def test_what_is_no_tree_is_an_error(tmp_path):
+    path = tmp_path / "tree"
+    for load in (PointTree.load, RayTree.load):
+        with pytest.raises(FileNotFoundError):
+            load(tmp_path / "none")
+        path.write_bytes(b"some text, but nothing that was ever a tree")
+        with pytest.raises(ValueError, match="no file of a tree"):
+            load(path)
+    PointTree(POINTS).save(path)
+    with pytest.raises(ValueError, match="a point tree"):
+        RayTree.load(path)
+    whole = bytearray(path.read_bytes())
+    path.write_bytes(whole[:-1])
+    with pytest.raises(ValueError, match="bytes"):
+        PointTree.load(path)
+    whole[1000] ^= 1
+    path.write_bytes(whole)
+    with pytest.raises(ValueError, match="damaged"):
+        PointTree.load(path)

@@ -1,0 +1,100 @@
+"""Instances against meshes that are where the instances place them."""
+
+import numpy as np
+import pytest
+from mbkd import InstanceTree, RayTree
+
+RNG = np.random.default_rng(5)
+FACES = np.arange(90).reshape(30, 3)
+VERTICES = (RNG.random((30, 1, 3)) + RNG.normal(0, 0.2, (30, 3, 3))).reshape(90, 3).astype(np.float32)
+ORIGINS = RNG.normal(0, 1, (1200, 3)) * [4, 4, 1] + [0, 0, 8]
+DIRECTIONS = RNG.normal(0, 1, (1200, 3)) * [2, 2, 1] - ORIGINS
+TIMES = RNG.random(1200)
+
+
+def matrices(n):
+    """Matrices that turn and stretch, with places."""
+    whole = np.tile(np.eye(4), (n, 1, 1))
+    whole[:, :3, :3] += RNG.normal(0, 0.2, (n, 3, 3))
+    whole[:, :3, 3] = RNG.normal(0, 2, (n, 3))
+    return whole
+
+
+def moved(matrix):
+    return (VERTICES @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float64)
+
+
+def compare(hits, expected, instances):
+    """Hits of instances and of meshes in their places are those of other roundings."""
+    same = hits.t == hits.t
+    same &= np.isclose(hits.t, expected.t, rtol=1e-4) | (np.isinf(hits.t) & np.isinf(expected.t))
+    assert same.mean() > 0.98  # others pass an edge on its other side
+    both = same & np.isfinite(hits.t)
+    assert both.sum() > 30
+    np.testing.assert_array_equal(instances[both], expected.mesh[both])
+    np.testing.assert_array_equal(hits.triangle[both], expected.triangle[both])
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_matrices_place_meshes(workers):
+    begin, end = matrices(5), matrices(5)
+    tree = RayTree(VERTICES, FACES)
+    placed = InstanceTree([tree], np.zeros(5, int), np.stack([begin, end]), workers=workers)
+    flat = RayTree.from_meshes([(np.stack([moved(a), moved(b)]), FACES) for a, b in zip(begin, end)])
+    hits = placed.closest_hits(ORIGINS, DIRECTIONS, time=TIMES, workers=workers)
+    compare(hits, flat.closest_hits(ORIGINS, DIRECTIONS, time=TIMES), hits.instance)
+    np.testing.assert_array_equal(placed.intersects_any(ORIGINS, DIRECTIONS, time=TIMES), np.isfinite(hits.t))
+    index, every = placed.all_hits(ORIGINS, DIRECTIONS, time=TIMES)
+    first = np.r_[True, np.diff(index) > 0]
+    np.testing.assert_array_equal(every.t[first], hits.t[index[first]])
+    some = np.flatnonzero(hits.instance >= 0)[:20]
+    between = placed.matrices(hits.path[some], time=TIMES[some])
+    at = TIMES[some].astype(np.float32).astype(np.float64)[:, None, None]
+    np.testing.assert_allclose(between, begin[hits.instance[some]] * (1 - at) + end[hits.instance[some]] * at, atol=1e-12)
+    assert np.isnan(placed.matrices([[7]])[:, :3]).all()
+
+
+def test_poses_masks_lifetimes_and_nesting():
+    tree = RayTree(VERTICES, FACES)
+    half = np.sqrt(0.5)
+    turned = InstanceTree([tree], [0, 0], translations=[[0, 0, 0], [3, 0, 0]], rotations=[[0, 0, half, half]] * 2, scales=[1, 2])
+    turn = np.float64([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    flat = [(VERTICES @ turn.T * scale + [x, 0, 0], FACES) for x, scale in ((0, 1), (3, 2))]
+    hits = turned.closest_hits(ORIGINS, DIRECTIONS)
+    compare(hits, RayTree.from_meshes(flat).closest_hits(ORIGINS, DIRECTIONS), hits.instance)
+
+    nested = InstanceTree([turned, tree], [1, 0], np.stack([np.eye(4)] * 2), masks=[1, 2], lifetimes=[[0, 1], [0, 0.5]])
+    inner = nested.closest_hits(ORIGINS, DIRECTIONS, mask=2)
+    np.testing.assert_array_equal(inner.t, hits.t)
+    some = inner.instance >= 0
+    np.testing.assert_array_equal(inner.path[some, 0], 1)
+    np.testing.assert_array_equal(inner.path[some, 1], hits.instance[some])
+    assert (inner.path[some, 2:] == -1).all() and (inner.path[~some] == -1).all()
+    assert not nested.intersects_any(ORIGINS, DIRECTIONS, mask=2, time=0.75).any()
+    np.testing.assert_array_equal(nested.closest_hits(ORIGINS, DIRECTIONS, mask=1).t, tree.closest_hits(ORIGINS, DIRECTIONS).t)
+    assert len(nested) == 2 and nested.nbytes > tree.nbytes and "InstanceTree" in repr(nested) and nested.stats()
+
+
+def test_what_can_not_be_placed_is_an_error():
+    tree = RayTree(VERTICES, FACES)
+    one = np.eye(4)[None]
+    for wrong in (
+        lambda: InstanceTree([tree], [1], one),
+        lambda: InstanceTree([tree], [-1], one),
+        lambda: InstanceTree([tree], [0, 0], one),
+        lambda: InstanceTree([tree], [0], np.zeros((1, 4, 4))),
+        lambda: InstanceTree([tree], [0], one * [[1], [1], [0], [1]]),
+        lambda: InstanceTree([tree], [0], one * np.nan),
+        lambda: InstanceTree([tree], [0], one, translations=[[0, 0, 0]]),
+        lambda: InstanceTree([tree], [0], rotations=[[0, 0, 0, 2]]),
+        lambda: InstanceTree([tree], [0], translations=[[0, 0]]),
+        lambda: InstanceTree([tree], [0], one, masks=[-1]),
+        lambda: InstanceTree([tree], [0], one, lifetimes=[[1, 0]]),
+    ):
+        with pytest.raises(ValueError):
+            wrong()
+    for wrong in (lambda: InstanceTree([VERTICES], [0], one), lambda: InstanceTree([tree], [0.5], one)):
+        with pytest.raises(TypeError):
+            wrong()
+    nothing = InstanceTree([], [], np.empty((0, 4, 4)))
+    assert not nothing.intersects_any(ORIGINS, DIRECTIONS).any()

@@ -1,0 +1,390 @@
+//! New positions for a tree that stays as it is: what moved is written again into its leaf blocks, and boxes follow from the
+//! leaves up, all in place.
+//!
+//! Where nothing changed below a box, the box is kept as it is, cut to a cell or not; so what stands still loses nothing.
+//! Elsewhere boxes hold whole primitives. Subtrees that lie together in the arena are done by any thread
+//! ([`super::refit_plan`]), the nodes above them last.
+//!
+//! The answers stay those of brute force; the tree may become worse. Its cost, the sum over nodes and leaf blocks of price
+//! times area, per area of the root, is what the build makes small (MacDonald and Booth, "Heuristics for ray tracing using
+//! space subdivision", 1990). How much it grew says when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006, look at
+//! ratios of areas).
+
+use super::leaf_block::WideSource;
+use super::leaf_ids::Ids;
+use super::refit_plan::{Above, Plan, SharedLeaves, Unit, mesh_bit};
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::wide_tree::WideTree;
+use super::write::{read_box, write_box};
+use crate::bvh::mean_half_area;
+use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval, ULP};
+use crate::parallel;
+use crate::simd::{LANES, Lanes};
+use crate::time::{COST_MODEL, time_slice};
+use core::ops::Range;
+use std::collections::HashMap;
+
+/// What may have changed since the tree was written.
+#[derive(Clone, Debug)]
+pub(crate) struct Moved {
+    /// Of each mesh, and of the shapes behind them.
+    meshes: Vec<bool>,
+    /// These by their numbers modulo 64, for a quick look.
+    bits: u64,
+    all: bool,
+}
+
+impl Moved {
+    /// Of the numbers that primitives' names begin with.
+    pub fn new(meshes: Vec<bool>) -> Moved {
+        let bits = (0..meshes.len()).filter(|&i| meshes[i]).fold(0, |bits, i| bits | mesh_bit(i));
+        Moved { all: meshes.iter().all(|&moved| moved), bits, meshes }
+    }
+
+    fn any<S: WideSource>(&self, set: &S, ids: &[u32]) -> bool {
+        self.all || ids.iter().any(|&id| self.meshes.get(set.name(id).0 as usize) == Some(&true))
+    }
+}
+
+/// What was done.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Done {
+    /// Nodes and leaf blocks that were written again.
+    pub nodes: usize,
+    pub leaves: usize,
+    /// Blocks that were looked at, these included.
+    pub visited: usize,
+}
+
+impl Done {
+    fn add(self, other: Done) -> Done {
+        Done {
+            nodes: self.nodes + other.nodes,
+            leaves: self.leaves + other.leaves,
+            visited: self.visited + other.visited,
+        }
+    }
+}
+
+impl WideTree {
+    /// Writes the coordinates of a set with the same primitives over those in the tree. Returns what was done, and the
+    /// tree's cost per area of its root relative to what it was when it was built.
+    ///
+    /// `plan` is made at the first time and belongs to the tree from then on.
+    pub fn refit<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Option<Box<Plan>>) -> (Done, f64) {
+        let plan = plan.get_or_insert_with(|| {
+            let mut plan = Box::new(Plan::of(self, set));
+            // Everything is looked at, nothing is written.
+            let nothing = Moved { meshes: Vec::new(), bits: u64::MAX, all: false };
+            plan.built = self.follow(set, &nothing, &mut plan).1;
+            plan
+        });
+        let (done, cost) = self.follow(set, moved, plan);
+        (done, if plan.built > 0.0 && cost > 0.0 { cost / plan.built } else { 1.0 })
+    }
+
+    /// Refits the parts of a plan; returns what was done, and the cost per area of the root.
+    fn follow<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Plan) -> (Done, f64) {
+        let mut pass = Pass { set, moved, lists: self.lists, changed: Vec::new(), known: HashMap::new() };
+        let words = self.arena.ints_mut();
+        // Leaf blocks that several hierarchies share come first, since these look at them.
+        let mut done = pass.shared_leaves(words, &plan.shared);
+        let units = pass.units(words, plan);
+        for (i, subtree, of_unit) in &units {
+            plan.units[*i].cost = subtree.cost;
+            done = done.add(*of_unit);
+        }
+        pass.known = plan.units.iter().map(|u| (u.root.0, Subtree { bounds: None, cost: u.cost })).collect();
+        pass.known.extend(units.iter().map(|(i, subtree, _)| (plan.units[*i].root.0, *subtree)));
+        let mut place = Place { words, begin: 0, shared: 0..0, shared_words: None, done };
+        for &Above { at, over, shared } in &plan.above {
+            place.shared = shared.map_or(0..0, |shared| plan.shared[shared].words.clone());
+            let subtree = match at.kind() {
+                Kind::Time => pass.parts(&mut place, at, over),
+                _ => pass.node(&mut place, at, over),
+            };
+            pass.known.insert(at.0, subtree);
+        }
+        if self.root == ChildRef::NOTHING {
+            return (done, 0.0);
+        }
+        let cost = match self.root.kind().is_leaf() {
+            true => pass.leaf(&mut place, self.root, TimeInterval::FULL).1,
+            false => pass.known[&self.root.0].cost / area(&pass.bounds(&place, self.root, TimeInterval::FULL)),
+        };
+        (place.done, cost)
+    }
+}
+
+/// What came of a subtree.
+#[derive(Clone, Copy)]
+struct Subtree {
+    /// Its bounds; nothing where nothing changed.
+    bounds: Option<LinearBox3>,
+    /// The sum over its nodes and leaf blocks of price times area.
+    cost: f64,
+}
+
+/// One way through a tree.
+struct Pass<'a, S> {
+    set: &'a S,
+    moved: &'a Moved,
+    /// Where lists of ids begin.
+    lists: usize,
+    /// The shared leaf blocks that changed, sorted.
+    changed: Vec<u32>,
+    /// The subtrees that are done already.
+    known: HashMap<u32, Subtree>,
+}
+
+/// A part of the arena, of one thread alone.
+struct Place<'a> {
+    words: &'a mut [u32],
+    /// The word of the arena at which it begins.
+    begin: usize,
+    /// Where the leaf blocks lie that were written already, and these words where they are not in this part.
+    shared: Range<usize>,
+    shared_words: Option<&'a [u32]>,
+    done: Done,
+}
+
+impl Place<'_> {
+    /// The words of the arena from the begin of a block on.
+    fn block(&self, at: ChildRef) -> &[u32] {
+        match self.shared_words {
+            Some(words) if self.shared.contains(&at.at()) => &words[at.at() - self.shared.start..],
+            _ => &self.words[at.at() - self.begin..],
+        }
+    }
+
+    fn block_mut(&mut self, at: ChildRef) -> &mut [u32] {
+        &mut self.words[at.at() - self.begin..]
+    }
+}
+
+/// The primitives of a leaf block.
+struct InLeaf {
+    ids: Lanes<u32>,
+    count: usize,
+}
+
+impl InLeaf {
+    fn ids(&self) -> &[u32] {
+        &self.ids[..self.count]
+    }
+}
+
+/// Shared leaf blocks that are done together.
+const TOGETHER: usize = 64;
+
+impl<S: WideSource> Pass<'_, S> {
+    /// Writes shared leaf blocks, and keeps in mind which of them changed.
+    fn shared_leaves(&mut self, words: &mut [u32], shared: &[SharedLeaves]) -> Done {
+        let mut done = Done::default();
+        for SharedLeaves { leaves, words: of_leaves, .. } in shared.iter().filter(|s| s.meshes & self.moved.bits != 0) {
+            let runs: Vec<&[ChildRef]> = leaves.chunks(TOGETHER).collect();
+            let ends = runs.iter().skip(1).map(|run| run[0].at()).chain([of_leaves.end]);
+            let places: Vec<Range<usize>> = runs.iter().zip(ends).map(|(run, end)| run[0].at()..end).collect();
+            let mut tasks: Vec<_> = cut(words, &places).zip(runs).collect();
+            let found = parallel::each(&mut tasks, |(place, run)| {
+                let changed: Vec<u32> =
+                    run.iter().filter(|&&leaf| self.rewrite(place, leaf)).map(|leaf| leaf.0).collect();
+                (changed, place.done)
+            });
+            for (changed, of_run) in found {
+                self.changed.extend(changed);
+                done = done.add(of_run);
+            }
+        }
+        self.changed.sort_unstable();
+        done
+    }
+
+    /// Refits the units in which something may have changed; returns their numbers and what came of them.
+    fn units(&self, words: &mut [u32], plan: &Plan) -> Vec<(usize, Subtree, Done)> {
+        let moved = |unit: &Unit| unit.meshes & self.moved.bits != 0;
+        let units = plan.units.iter().enumerate().filter(|(_, unit)| moved(unit));
+        let units = units.map(|(i, unit)| (unit.words.clone(), Some(i), unit.shared));
+        let shared = plan.shared.iter().enumerate().map(|(i, shared)| (shared.words.clone(), None, Some(i)));
+        let mut parts: Vec<(Range<usize>, Option<usize>, Option<usize>)> = units.chain(shared).collect();
+        parts.sort_unstable_by_key(|part| part.0.start);
+        let ranges: Vec<Range<usize>> = parts.iter().map(|part| part.0.clone()).collect();
+        let (mut tasks, mut shared_words) = (Vec::new(), vec![None; plan.shared.len()]);
+        for (place, (_, unit, shared)) in cut(words, &ranges).zip(parts) {
+            match (unit, shared) {
+                (None, Some(shared)) => shared_words[shared] = Some(&*place.words),
+                (Some(unit), _) => tasks.push((place, unit)),
+                (None, None) => {}
+            }
+        }
+        for (place, unit) in &mut tasks {
+            if let Some(shared) = plan.units[*unit].shared {
+                place.shared = plan.shared[shared].words.clone();
+                place.shared_words = shared_words[shared];
+            }
+        }
+        parallel::each(&mut tasks, |(place, i)| {
+            let unit = &plan.units[*i];
+            (*i, self.node(place, unit.root, unit.over), place.done)
+        })
+    }
+
+    /// Refits a node and all below it that is not known yet. The recursion is as deep as the tree.
+    fn node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
+        place.done.visited += 1;
+        let kind = at.kind();
+        let rows = if kind == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
+        let (mut all, mut cost, mut changed) = (LinearBox3::EMPTY, 0.0, false);
+        for lane in 0..LANES {
+            let child = ChildRef(place.block(at)[(rows - 1) * LANES + lane]);
+            if child == ChildRef::NOTHING {
+                continue;
+            }
+            let (bounds, price) = if child.kind().is_leaf() {
+                self.leaf(place, child, over)
+            } else {
+                let known = self.known.get(&child.0).copied();
+                let Subtree { bounds, cost: below } = known.unwrap_or_else(|| self.node(place, child, over));
+                cost += below;
+                (bounds, 0.0)
+            };
+            let bounds = match bounds {
+                Some(bounds) => {
+                    changed = true;
+                    // What stood still when the tree was built has no room for motion.
+                    let swept = bounds.swept();
+                    let bounds = if kind == Kind::Node { bounds } else { LinearBox3 { begin: swept, end: swept } };
+                    write_box(place.block_mut(at), kind, lane, Some(&bounds), over);
+                    bounds
+                }
+                None => read_box(place.block(at), kind, lane, over),
+            };
+            let still = if bounds.begin == bounds.end { COST_MODEL.still } else { 1.0 };
+            cost += price * f64::from(still) * area(&bounds);
+            all = all.union(bounds);
+        }
+        place.done.nodes += usize::from(changed);
+        let still = if kind == Kind::Node { 1.0 } else { COST_MODEL.still };
+        cost += f64::from(COST_MODEL.node * still) * area(&all);
+        Subtree { bounds: changed.then_some(all), cost }
+    }
+
+    /// Refits a leaf block, if that is not done; returns its bounds where it changed, and the price of a visit.
+    fn leaf(&self, place: &mut Place<'_>, leaf: ChildRef, over: TimeInterval) -> (Option<LinearBox3>, f64) {
+        let changed = match place.shared.contains(&leaf.at()) {
+            true => self.changed.binary_search(&leaf.0).is_ok(),
+            false => self.rewrite(place, leaf),
+        };
+        let held = self.held(place, leaf);
+        (changed.then(|| self.bounds_of(&held, over)), f64::from(COST_MODEL.leaf_of(held.count)))
+    }
+
+    /// Writes the coordinates of a leaf block; returns whether anything in it changed.
+    fn rewrite(&self, place: &mut Place<'_>, leaf: ChildRef) -> bool {
+        place.done.visited += 1;
+        let held = self.held(place, leaf);
+        let moved = self.moved.any(self.set, held.ids());
+        let changed = moved && self.set.rewrite_leaf(place.block_mut(leaf), leaf, held.ids());
+        place.done.leaves += usize::from(changed);
+        changed
+    }
+
+    fn held(&self, place: &Place<'_>, leaf: ChildRef) -> InLeaf {
+        let block = place.block(leaf);
+        let lists = !S::TRIANGLES || leaf.at() >= self.lists;
+        let mut held = InLeaf { ids: [0; LANES], count: 0 };
+        if let Some(Ids { first, count }) = Ids::of(leaf, block, lists) {
+            held.ids[..count].copy_from_slice(&block[first..first + count]);
+            held.count = count;
+        }
+        held
+    }
+
+    fn bounds_of(&self, held: &InLeaf, over: TimeInterval) -> LinearBox3 {
+        held.ids().iter().fold(LinearBox3::EMPTY, |all, &id| all.union(self.set.bounds(id, over)))
+    }
+
+    /// What came of a time node over subtrees that are known.
+    fn parts(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
+        place.done.visited += 1;
+        let parts: Vec<ChildRef> = parts_of(place, at);
+        let (mut cost, mut changed) = (0.0, false);
+        for (i, &part) in parts.iter().enumerate() {
+            if part.kind().is_leaf() {
+                let over = time_slice(i, parts.len());
+                let (bounds, price) = self.leaf(place, part, over);
+                changed |= bounds.is_some();
+                cost += price * area(&self.bounds(place, part, over));
+            } else if let Some(part) = self.known.get(&part.0) {
+                changed |= part.bounds.is_some();
+                cost += part.cost;
+            }
+        }
+        let bounds = changed.then(|| self.bounds(place, at, over));
+        Subtree { bounds, cost: cost / parts.len().max(1) as f64 }
+    }
+
+    /// Linear bounds of a subtree that is done.
+    fn bounds(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
+        let rows = match at.kind() {
+            Kind::Node => NODE_ROWS,
+            Kind::StillNode => STILL_NODE_ROWS,
+            Kind::Time => return self.bounds_of_parts(place, at, over),
+            _ => return self.bounds_of(&self.held(place, at), over),
+        };
+        let block = place.block(at);
+        let lanes = (0..LANES).filter(|lane| block[(rows - 1) * LANES + lane] != ChildRef::NOTHING.0);
+        lanes.fold(LinearBox3::EMPTY, |all, lane| all.union(read_box(block, at.kind(), lane, over)))
+    }
+
+    /// Linear bounds of all parts of a time node: the line between the first and the last state, moved outward to hold each
+    /// part at both of its ends, between which that is linear.
+    ///
+    /// In f64, whose roundings vanish beside the padding of the result.
+    fn bounds_of_parts(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
+        let parts = parts_of(place, at);
+        let fine = |b: Box3| Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
+        let mut all: Option<LinearBounds> = None;
+        let each: Vec<(TimeInterval, LinearBox3)> = (0..parts.len())
+            .map(|i| time_slice(i, parts.len()))
+            .zip(&parts)
+            .map(|(over, &part)| (over, self.bounds(place, part, over)))
+            .collect();
+        for (_, part) in &each {
+            let begin = all.map_or(fine(part.begin), |all| all.begin);
+            all = Some(LinearBounds { begin, end: fine(part.end) });
+        }
+        let Some(mut all) = all else { return LinearBox3::EMPTY };
+        for (of_part, part) in each {
+            let w = |t: f32| f64::from(t - over.begin()) / f64::from(over.duration());
+            all.include(w(of_part.begin()), fine(part.begin));
+            all.include(w(of_part.end()), fine(part.end));
+        }
+        let outward = |b: Aabb| {
+            let b = Box3 { min: b.min.as_vec3(), max: b.max.as_vec3() };
+            b.pad(4.0 * ULP * b.magnitude())
+        };
+        LinearBox3 { begin: outward(all.begin), end: outward(all.end) }
+    }
+}
+
+/// The children of a time node.
+fn parts_of(place: &Place<'_>, at: ChildRef) -> Vec<ChildRef> {
+    let block = place.block(at);
+    block[1..][..block[0] as usize].iter().map(|&part| ChildRef(part)).collect()
+}
+
+/// Cuts parts out of the arena, which must be in order and apart from each other.
+fn cut<'a>(words: &'a mut [u32], parts: &[Range<usize>]) -> impl Iterator<Item = Place<'a>> {
+    let (mut rest, mut at) = (words, 0);
+    parts.iter().map(move |part| {
+        let (_, behind) = core::mem::take(&mut rest).split_at_mut(part.start - at);
+        let (words, behind) = behind.split_at_mut(part.len());
+        (rest, at) = (behind, part.end);
+        Place { words, begin: part.start, shared: 0..0, shared_words: None, done: Done::default() }
+    })
+}
+
+fn area(bounds: &LinearBox3) -> f64 {
+    f64::from(mean_half_area(bounds))
+}

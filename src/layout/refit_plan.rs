@@ -1,0 +1,194 @@
+//! How a tree is taken apart for refitting: into subtrees that lie together in the arena, so that threads can write them side
+//! by side, and the nodes above them.
+//!
+//! Where the shutter is divided into segments, these share leaf blocks. Those lie apart, and are dealt with first.
+
+use super::keyed_leaf::KeyedLeaf;
+use super::leaf_block::WideSource;
+use super::leaf_ids::Ids;
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::wide_tree::WideTree;
+use crate::geometry::TimeInterval;
+use crate::simd::LANES;
+use crate::time::time_slice;
+use core::ops::Range;
+
+/// A subtree that lies together.
+pub(crate) struct Unit {
+    pub root: ChildRef,
+    /// Its place in the arena.
+    pub words: Range<usize>,
+    /// The time for which its boxes are.
+    pub over: TimeInterval,
+    /// Which shared leaf blocks it has, if any.
+    pub shared: Option<usize>,
+    /// The meshes in it by their numbers modulo 64.
+    pub meshes: u64,
+    /// The sum of price times area, when it was last looked at.
+    pub cost: f64,
+}
+
+/// A node above units, or a time node.
+pub(crate) struct Above {
+    pub at: ChildRef,
+    pub over: TimeInterval,
+    pub shared: Option<usize>,
+}
+
+/// The leaf blocks that the parts of a time node have in common, in the order of the arena.
+pub(crate) struct SharedLeaves {
+    pub leaves: Vec<ChildRef>,
+    pub words: Range<usize>,
+    pub meshes: u64,
+}
+
+/// A tree taken apart, as its first refit finds it.
+#[derive(Default)]
+pub(crate) struct Plan {
+    pub units: Vec<Unit>,
+    /// Children before their parents.
+    pub above: Vec<Above>,
+    pub shared: Vec<SharedLeaves>,
+    /// Cost of the tree per area of its root when it was built.
+    pub built: f64,
+}
+
+/// The bit of a mesh among 64.
+pub(super) fn mesh_bit(mesh: usize) -> u64 {
+    1 << (mesh % 64)
+}
+
+/// Lines of a unit at most: some five hundred triangles, few enough that what stands still beside what moves is left
+/// alone, and enough that hardly a node is above.
+const LINES: usize = 512;
+
+/// What is known of a subtree.
+struct Extent {
+    /// From its first word to behind its last one; of nothing the first comes behind the last.
+    begin: usize,
+    end: usize,
+    lines: usize,
+    meshes: u64,
+    /// Whether it may be part of a unit.
+    open: bool,
+}
+
+impl Plan {
+    /// Of a finished tree. Looks at every block.
+    pub fn of<S: WideSource>(tree: &WideTree, set: &S) -> Plan {
+        let mut plan = Plan::default();
+        if tree.root != ChildRef::NOTHING && !tree.root.kind().is_leaf() {
+            let whole = plan.explore(tree, set, tree.root, TimeInterval::FULL, None);
+            plan.close(tree.root, whole, TimeInterval::FULL, None);
+        }
+        plan
+    }
+
+    /// Makes a subtree a unit, unless there are units in it already.
+    fn close(&mut self, root: ChildRef, extent: Extent, over: TimeInterval, shared: Option<usize>) {
+        if extent.open && !root.kind().is_leaf() {
+            self.units.push(Unit {
+                root,
+                words: extent.begin..extent.end,
+                over,
+                shared,
+                meshes: extent.meshes,
+                cost: 0.0,
+            });
+        }
+    }
+
+    /// The recursion is as deep as the tree.
+    fn explore<S: WideSource>(
+        &mut self,
+        tree: &WideTree,
+        set: &S,
+        at: ChildRef,
+        over: TimeInterval,
+        shared: Option<usize>,
+    ) -> Extent {
+        let rows = match at.kind() {
+            Kind::Node => NODE_ROWS,
+            Kind::StillNode => STILL_NODE_ROWS,
+            Kind::Time => return self.explore_parts(tree, set, at, over),
+            _ => return self.leaf(tree, set, at, shared),
+        };
+        let (begin, end) = (at.at(), at.at() + rows * LANES);
+        let mut all = Extent { begin, end, lines: rows, meshes: 0, open: true };
+        let mut below = Vec::with_capacity(LANES);
+        for child in tree.children(at).iter().map(|&child| ChildRef(child)).filter(|&c| c != ChildRef::NOTHING) {
+            let extent = self.explore(tree, set, child, over, shared);
+            (all.begin, all.end) = (all.begin.min(extent.begin), all.end.max(extent.end));
+            all.lines += extent.lines;
+            all.meshes |= extent.meshes;
+            all.open &= extent.open;
+            below.push((child, extent));
+        }
+        // As many lines as from the first to the last: then nothing else lies between them.
+        all.open &= all.lines <= LINES && all.lines * LANES == all.end - all.begin;
+        if !all.open {
+            below.into_iter().for_each(|(child, extent)| self.close(child, extent, over, shared));
+            self.above.push(Above { at, over, shared });
+        }
+        all
+    }
+
+    fn explore_parts<S: WideSource>(&mut self, tree: &WideTree, set: &S, at: ChildRef, over: TimeInterval) -> Extent {
+        let parts: Vec<ChildRef> = tree.children(at).iter().map(|&part| ChildRef(part)).collect();
+        let mut first = leaves(tree, parts[0]);
+        first.sort_unstable_by_key(|leaf| leaf.0);
+        let in_first = |leaf: &ChildRef| first.binary_search_by_key(&leaf.0, |other| other.0).is_ok();
+        let shared = parts.get(1).is_some_and(|&part| leaves(tree, part).first().is_some_and(in_first));
+        let shared = shared.then(|| {
+            let extents: Vec<Extent> = first.iter().map(|&leaf| self.leaf(tree, set, leaf, None)).collect();
+            let meshes = extents.iter().fold(0, |meshes, extent| meshes | extent.meshes);
+            let words = extents[0].begin..extents[extents.len() - 1].end;
+            self.shared.push(SharedLeaves { leaves: first, words, meshes });
+            self.shared.len() - 1
+        });
+        let mut meshes = 0;
+        for (i, &part) in parts.iter().enumerate() {
+            let over = time_slice(i, parts.len());
+            let extent = self.explore(tree, set, part, over, shared);
+            meshes |= extent.meshes;
+            self.close(part, extent, over, shared);
+        }
+        self.above.push(Above { at, over, shared });
+        Extent { begin: at.at(), end: at.at() + LANES, lines: 1, meshes, open: false }
+    }
+
+    fn leaf<S: WideSource>(&self, tree: &WideTree, set: &S, leaf: ChildRef, shared: Option<usize>) -> Extent {
+        let ids = tree.ids::<S>(leaf).unwrap_or(&[]);
+        let meshes = ids.iter().fold(0, |meshes, &id| meshes | mesh_bit(set.name(id).0 as usize));
+        if shared.is_some_and(|shared| self.shared[shared].words.contains(&leaf.at())) {
+            return Extent { begin: usize::MAX, end: 0, lines: 0, meshes, open: true };
+        }
+        let lines = tree.words::<S>(leaf).div_ceil(LANES);
+        Extent { begin: leaf.at(), end: leaf.at() + lines * LANES, lines, meshes, open: true }
+    }
+}
+
+/// The leaf blocks of a part of the shutter.
+fn leaves(tree: &WideTree, of: ChildRef) -> Vec<ChildRef> {
+    let (mut leaves, mut stack) = (Vec::new(), vec![of]);
+    while let Some(at) = stack.pop() {
+        if at.kind().is_leaf() {
+            leaves.push(at);
+        } else {
+            stack.extend(tree.children(at).iter().map(|&child| ChildRef(child)).filter(|&c| c != ChildRef::NOTHING));
+        }
+    }
+    leaves
+}
+
+impl WideTree {
+    /// Number of words of a leaf block.
+    fn words<S: WideSource>(&self, leaf: ChildRef) -> usize {
+        if leaf.kind() == Kind::OwnLeaf && !self.is_list::<S>(leaf) {
+            return KeyedLeaf::read(self.arena.ints(), leaf).words();
+        }
+        // Ids come last.
+        let ids = Ids::of(leaf, &self.arena.ints()[leaf.at()..], self.is_list::<S>(leaf));
+        ids.map_or(0, |ids| ids.first + ids.count)
+    }
+}

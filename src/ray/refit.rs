@@ -1,0 +1,246 @@
+//! Trees whose primitives go to other places: the next frame of an animation.
+
+use super::compiled::Layout;
+use super::{Geometry, RayTree};
+use crate::error::RefitError;
+use crate::layout::Moved;
+use crate::primitive::{Primitive, Shape, Shapes, TriangleMesh};
+
+/// What a refit did ([`RayTree::refit`]), and what the tree is worth now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refit {
+    /// Nodes of which boxes were written again.
+    pub nodes: usize,
+    /// Leaf blocks in which something moved.
+    pub leaves: usize,
+    /// Blocks that were looked at and stayed as they were.
+    pub kept: usize,
+    /// Blocks that were not looked at.
+    pub skipped: usize,
+    /// Expected cost of a ray that meets the box of everything, relative to that when the tree was built: the sum over nodes and
+    /// leaf blocks of price times area, as the build's heuristic has it. What a ray costs grows about as much.
+    pub cost: f64,
+}
+
+impl Refit {
+    /// Whether a new tree is better: [`cost`](Refit::cost) is above [`Refit::WORN`].
+    pub fn is_worn(&self) -> bool {
+        self.cost > Refit::WORN
+    }
+
+    /// The relative cost from which on a build pays where the rays of a frame take twice as long as a build.
+    ///
+    /// A new tree saves `cost - 1` times the rays' time in the next frame; where that is more than a build takes, one frame
+    /// pays for it. Who knows both times does better by adding the losses up: build when the sum of `cost - 1` over the
+    /// frames since the last build, times the time of a frame's rays, exceeds the time of a build. Whatever the motion is,
+    /// that takes at most twice as long as the best choice of frames would, which is known only afterwards (as for skis, which one
+    /// buys when the rents have added up to their price).
+    pub const WORN: f64 = 1.5;
+}
+
+impl<G: Geometry> RayTree<G> {
+    /// The tree with other geometry, of the same primitives; `moved` says of what names begin with whether it may
+    /// have changed.
+    fn refit_to(&mut self, mut geometry: G, moved: Vec<bool>) -> Result<Refit, RefitError> {
+        let Layout::Wide(tree) = &mut self.layout else { return Err(RefitError::Policy) };
+        let (before, now) = (self.geometry.frame(), geometry.frame());
+        // In another tree space everything has other coordinates.
+        let moved = if before.maps_as(now) { moved } else { vec![true; moved.len()] };
+        let (done, cost) = tree.refit(&geometry, &Moved::new(moved), &mut self.plan);
+        geometry.written();
+        let blocks = tree.counts.nodes + tree.counts.leaves;
+        self.geometry = geometry;
+        self.statistics.cost = cost;
+        self.geometry.complaint().map_err(RefitError::Input)?;
+        let (nodes, leaves) = (done.nodes, done.leaves);
+        Ok(Refit { nodes, leaves, kept: done.visited - nodes - leaves, skipped: blocks - done.visited, cost })
+    }
+
+    fn can_be_refitted(&self) -> Result<(), RefitError> {
+        match self.layout {
+            Layout::Kd(_) => Err(RefitError::Policy),
+            Layout::Wide(_) if self.from_file => Err(RefitError::FromFile),
+            Layout::Wide(_) => Ok(()),
+        }
+    }
+}
+
+impl RayTree {
+    /// Brings the vertices of the meshes to other places, for the next frame of an animation, in a part of the time of
+    /// building another tree. Every answer is then that of brute force over these meshes, bit for bit.
+    ///
+    /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
+    /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as as many of them say
+    /// something. Shapes beside the meshes stay as they are.
+    ///
+    /// The tree keeps its structure, in which things lie together that did when it was built. So rays become slower as the
+    /// motion goes on, and [`Refit::cost`] says by how much. Where nothing moved, nothing changes. (Of triangles that were
+    /// cut into several references before the build, boxes hold all once they moved.)
+    ///
+    /// Takes O(n) time, in parallel with the feature `rayon`, with the same result for any number of threads. The first
+    /// time takes up to 1.6 times as long, since the tree is looked through.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(-1.0, -1.0, z), Vec3::new(1.0, -1.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let moving = |from: f32, to: f32| TriangleMesh::new(vec![[0, 1, 2]], vec![at(from), at(to)]);
+    /// let mut tree = RayTree::build(&[moving(0.0, 1.0)], &BuildParams::default())?;
+    /// let down = Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z).at_time(0.5);
+    /// assert_eq!(tree.closest_hit(&down).unwrap().t, 8.5);
+    /// let refit = tree.refit(&[moving(1.0, 3.0)]).unwrap();
+    /// assert_eq!(tree.closest_hit(&down).unwrap().t, 7.0);
+    /// assert!(!refit.is_worn());
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`RefitError`] where this tree cannot hold the meshes; it is then as it was. (But where one of the caller's own
+    /// shapes gives bad bounds over a part of the shutter, the tree has the new positions, and takes the shape to be anywhere.)
+    pub fn refit(&mut self, meshes: &[TriangleMesh]) -> Result<Refit, RefitError> {
+        let moved = vec![true; meshes.len() + 1];
+        self.refit_scene(meshes, None, moved)
+    }
+
+    /// [`RayTree::refit`] where only the meshes with these numbers differ from the last time, which is taken on trust. Subtrees without them
+    /// are not looked at.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(-1.0, -1.0, z), Vec3::new(1.0, -1.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let mut meshes = [TriangleMesh::fixed(vec![[0, 1, 2]], at(0.0)), TriangleMesh::fixed(vec![[0, 1, 2]], at(1.0))];
+    /// let mut tree = RayTree::build(&meshes, &BuildParams::default())?;
+    /// meshes[1] = TriangleMesh::fixed(vec![[0, 1, 2]], at(0.5));
+    /// tree.refit_moved(&meshes, &[1]).unwrap();
+    /// assert_eq!(tree.closest_hit(&Ray::new(Vec3::new(0.0, 0.0, 2.0), Vec3::NEG_Z)).unwrap().t, 1.5);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RayTree::refit`].
+    pub fn refit_moved(&mut self, meshes: &[TriangleMesh], moved: &[usize]) -> Result<Refit, RefitError> {
+        let moved = (0..=meshes.len()).map(|mesh| moved.contains(&mesh)).collect();
+        self.refit_scene(meshes, None, moved)
+    }
+
+    /// [`RayTree::refit`] of a tree with spheres and the caller's own primitives, as many as there were
+    /// ([`RayTree::of_scene`]).
+    ///
+    /// # Errors
+    /// As [`RayTree::refit`]; [`RefitError::Shapes`] for another number of shapes.
+    pub fn refit_with_shapes(&mut self, meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Refit, RefitError> {
+        self.refit_scene(meshes, Some(shapes), vec![true; meshes.len() + 1])
+    }
+
+    fn refit_scene(
+        &mut self,
+        meshes: &[TriangleMesh],
+        shapes: Option<Vec<Shape>>,
+        moved: Vec<bool>,
+    ) -> Result<Refit, RefitError> {
+        self.can_be_refitted()?;
+        let geometry = self.geometry.again(meshes, shapes)?;
+        self.refit_to(geometry, moved)
+    }
+}
+
+impl<P: Primitive> RayTree<Shapes<P>> {
+    /// [`RayTree::refit`] of a tree of the caller's own primitives: as many others in their order, which lie elsewhere.
+    ///
+    /// ```
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree};
+    /// let ball = |z: f64| MovingSphere::fixed(DVec3::new(0.0, 0.0, z), 1.0);
+    /// let mut tree = RayTree::of_primitives(vec![ball(0.0)], &BuildParams::default())?;
+    /// tree.refit_primitives(vec![ball(3.0)]).unwrap();
+    /// assert_eq!(tree.closest_hit(&Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z)).unwrap().t, 5.0);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RayTree::refit`].
+    pub fn refit_primitives(&mut self, primitives: Vec<P>) -> Result<Refit, RefitError> {
+        self.can_be_refitted()?;
+        let (expected, found) = (self.primitives().len(), primitives.len());
+        if expected != found {
+            return Err(RefitError::Shapes { expected, found });
+        }
+        let geometry = Shapes::new(primitives).map_err(RefitError::Input)?;
+        self.refit_to(geometry, vec![true])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::{BuildParams, Division, WideParams};
+    use crate::primitive::Keys;
+    use crate::scene;
+    use glam::Vec3;
+
+    /// The hall with a running figure, in a frame; some of it is cut before the build.
+    fn hall(frame: usize) -> Vec<TriangleMesh> {
+        scene::walking_from(9000, 3, 0.5 * frame as f32).meshes
+    }
+
+    /// All vertices elsewhere.
+    fn shaken(meshes: &[TriangleMesh], by: f32) -> Vec<TriangleMesh> {
+        let mut state = 5u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        let mut shake = |p: &Vec3| *p + Vec3::new(next(), next(), next()) * by;
+        let mesh = |mesh: &TriangleMesh| {
+            let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
+            let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(&mut shake).collect()).collect();
+            TriangleMesh { keys: keys.into(), ..mesh.clone() }
+        };
+        meshes.iter().map(mesh).collect()
+    }
+
+    fn build(meshes: &[TriangleMesh], division: Division, max_references: f32) -> RayTree {
+        let params = BuildParams::wide(WideParams { division, max_references, ..WideParams::default() });
+        RayTree::build(meshes, &params).expect("a tree")
+    }
+
+    fn words(tree: &RayTree) -> &[u32] {
+        match &tree.layout {
+            Layout::Wide(tree) => tree.arena.ints(),
+            Layout::Kd(_) => &[],
+        }
+    }
+
+    #[test]
+    fn there_and_back_every_word_is_as_the_build_wrote_it() {
+        let first = hall(0);
+        let mut tree = build(&first, Division::Whole, 1.0);
+        let before = words(&tree).to_vec();
+        let refit = tree.refit(&shaken(&first, 0.01)).expect("the same triangles");
+        assert!(refit.kept == 0 && refit.skipped == 0 && words(&tree) != before, "{refit:?}");
+        tree.refit(&first).expect("the same triangles");
+        assert!(words(&tree) == before);
+        assert_eq!(tree.refit(&first).map(|refit| (refit.nodes, refit.leaves)), Ok((0, 0)));
+    }
+
+    #[test]
+    fn threads_and_what_is_told_change_nothing() {
+        for (division, most) in [(Division::Automatic, 1.5), (Division::Segments(3), 1.5), (Division::Copies(2), 1.0)] {
+            let first = hall(0);
+            let figure = [first.len() - 2, first.len() - 1];
+            let mut trees: Vec<RayTree> = (0..4).map(|_| build(&first, division, most)).collect();
+            for frame in 1..4 {
+                let now = hall(frame);
+                let mut refits = Vec::new();
+                for (tree, threads) in trees.iter_mut().zip([1, 2, 5, 2]) {
+                    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+                    let told = refits.len() == 3;
+                    let refit = pool.install(|| if told { tree.refit_moved(&now, &figure) } else { tree.refit(&now) });
+                    refits.push(refit.expect("the same triangles"));
+                }
+                assert!(trees.iter().all(|tree| words(tree) == words(&trees[0])), "{division:?}, frame {frame}");
+                assert!(refits[1] == refits[0] && refits[2] == refits[0] && refits[3].cost == refits[0].cost);
+                assert!(refits[0].skipped == 0 && refits[3].skipped > 0, "{refits:?}");
+            }
+        }
+    }
+}

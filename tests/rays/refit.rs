@@ -1,0 +1,328 @@
+//! Refitted trees against brute force over the new positions, frame by frame.
+
+use crate::brute_force::Brick;
+use crate::common::{Random, closed_sphere, difference, random_ray, soup};
+use mbkd::baseline::BruteForce;
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{
+    BuildError, BuildParams, Division, KdParams, Keys, MovingSphere, Ray, RayTree, Refit, RefitError, Shape,
+    TriangleMesh, WideParams,
+};
+use mbkd_scenes as scene;
+
+/// Every way to divide the shutter.
+fn params() -> Vec<BuildParams> {
+    let divisions = [Division::Automatic, Division::Whole, Division::Segments(3), Division::Copies(2)];
+    divisions.map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() })).into()
+}
+
+/// A mesh whose vertices went elsewhere: each its own way, and all of them.
+fn moved(mesh: &TriangleMesh, jitter: f32, by: Vec3, grown: f32, random: &mut Random) -> TriangleMesh {
+    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
+    let mut to = |p: &Vec3| *p * grown + by + random.vec() * jitter;
+    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(&mut to).collect()).collect();
+    TriangleMesh { keys: keys.into(), ..mesh.clone() }
+}
+
+/// That a tree is whole and answers as brute force over these meshes.
+fn agrees(tree: &RayTree, meshes: &[TriangleMesh], rays: &[Ray], what: &str) {
+    assert_eq!(tree.validate(), Ok(()), "{what}");
+    let oracle = BruteForce::new(meshes).unwrap();
+    for ray in rays {
+        assert_eq!(difference(tree, &oracle, ray), None, "{what}");
+    }
+    // Corners come out of leaf blocks: those of all kinds are as another tree has them.
+    let other = RayTree::build(meshes, &BuildParams::default()).unwrap();
+    for (i, mesh) in meshes.iter().enumerate() {
+        for triangle in (0..mesh.len() as u32).step_by(7) {
+            let of = |tree: &RayTree| tree.triangle(i as u32, triangle, 0.3);
+            assert_eq!(of(tree), of(&other), "{what}");
+        }
+    }
+}
+
+fn rays(count: usize, reach: f32, seed: u64) -> Vec<Ray> {
+    let mut random = Random(seed);
+    (0..count).map(|_| random_ray(&mut random, reach)).collect()
+}
+
+/// Meshes of all kinds of leaf blocks: still and moving, with corners of their own and shared ones, of two keys and more.
+fn meshes() -> Vec<TriangleMesh> {
+    vec![
+        soup(200, 1, 0.2, 0.0, 1),
+        soup(200, 2, 0.2, 0.2, 2),
+        soup(100, 4, 0.2, 0.2, 3),
+        closed_sphere(9, 1, 0.02, 4),
+        closed_sphere(9, 2, 0.05, 5),
+        closed_sphere(9, 5, 0.05, 6),
+        soup(3, 2, 0.3, 0.1, 7),
+    ]
+}
+
+#[test]
+fn all_kinds_of_blocks_and_divisions_follow_and_answer_as_brute_force() {
+    for params in params() {
+        let mut random = Random(3);
+        let mut now = meshes();
+        let mut tree = RayTree::build(&now, &params).unwrap();
+        for frame in 0..12 {
+            let what = format!("{params:?}, frame {frame}");
+            // Some stay; some frames grow beyond tree space, or shrink, or leave zero; some return.
+            for (i, mesh) in now.iter_mut().enumerate() {
+                let (by, grown) = match frame % 6 {
+                    2 => (Vec3::X * 0.5, 1.7),
+                    3 => (Vec3::splat(40.0), 1.0),
+                    4 => (Vec3::splat(-40.0), 0.6),
+                    _ => (random.vec() * 0.1, 1.0),
+                };
+                if (i + frame) % 3 != 0 || frame % 6 == 3 || frame % 6 == 4 {
+                    *mesh = moved(mesh, 0.03, by, grown, &mut random);
+                }
+            }
+            let refit = tree.refit(&now).unwrap();
+            assert!(refit.leaves > 0 && refit.cost.is_finite() && refit.cost > 0.0, "{what}: {refit:?}");
+            let reach = if frame % 6 == 3 { 42.0 } else { 1.5 };
+            agrees(&tree, &now, &rays(150, reach, frame as u64), &what);
+        }
+    }
+}
+
+#[test]
+fn a_hundred_frames_of_a_running_figure_equal_brute_force() {
+    for keys in [2, 5] {
+        let frame = |i: usize| scene::walking_from(12_000, keys, 0.5 * i as f32 - 30.0);
+        let first = frame(0);
+        let mut tree = RayTree::build(&first.meshes, &BuildParams::default()).unwrap();
+        let figure = [first.meshes.len() - 2, first.meshes.len() - 1];
+        let mut random = Random(11);
+        for i in 1..=100 {
+            let now = frame(i);
+            // By turns all meshes, and those that move.
+            let refit = if i % 2 == 0 { tree.refit(&now.meshes) } else { tree.refit_moved(&now.meshes, &figure) };
+            let refit = refit.unwrap();
+            assert_eq!(refit.skipped > 0, i % 2 == 1, "frame {i}: {refit:?}");
+            assert_eq!(tree.validate(), Ok(()), "frame {i}");
+            let oracle = BruteForce::new(&now.meshes).unwrap();
+            let feet = Vec3::new(0.25, 0.9, 2.1 + 0.12 * (0.5 * i as f32 - 30.0));
+            for j in 0..24 {
+                let time = random.unit();
+                let ray = match j % 2 {
+                    0 => now.camera.ray(random.unit(), random.unit(), 1.0, time),
+                    _ => Ray::new(
+                        now.camera.view(0.0).position,
+                        feet + random.vec() * 0.6 - now.camera.view(0.0).position,
+                    )
+                    .at_time(time),
+                };
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{keys} keys, frame {i}");
+            }
+        }
+    }
+}
+
+#[test]
+fn spheres_and_bricks_go_along() {
+    let shapes = |frame: usize| -> Vec<Shape> {
+        let mut random = Random(9);
+        let off = DVec3::new(0.1, -0.05, 0.2) * frame as f64;
+        let mut place = || random.vec().as_dvec3() + off;
+        (0..60)
+            .map(|i| match i % 6 {
+                3 => Shape::own(Brick::new(place(), 0.3)),
+                // Some roll in some frames only.
+                4 if frame.is_multiple_of(2) => MovingSphere::fixed(place(), 0.1).into(),
+                _ => MovingSphere::new(vec![(place(), 0.1), (place(), 0.05)]).into(),
+            })
+            .collect()
+    };
+    let balls = |frame: usize| -> Vec<MovingSphere> {
+        let mut random = Random(5);
+        let mut place = || random.vec().as_dvec3() + DVec3::X * 0.3 * frame as f64;
+        (0..300).map(|_| MovingSphere::new(vec![(place(), 0.02), (place(), 0.05)])).collect()
+    };
+    for params in params() {
+        let mut random = Random(6);
+        let mut now = meshes();
+        let mut tree = RayTree::of_scene(&now, shapes(0), &params).unwrap();
+        let mut of_balls = RayTree::of_primitives(balls(0), &params).unwrap();
+        for frame in 1..6 {
+            let rays = rays(100, 1.5, frame as u64);
+            now[2] = moved(&now[2], 0.05, Vec3::ZERO, 1.0, &mut random);
+            tree.refit_with_shapes(&now, shapes(frame)).unwrap();
+            now[4] = moved(&now[4], 0.05, Vec3::ZERO, 1.0, &mut random);
+            // The shapes stay.
+            let refit = tree.refit_moved(&now, &[4]).unwrap();
+            assert!(refit.leaves > 0 && refit.leaves < tree.statistics().leaves / 2, "{params:?}: {refit:?}");
+            assert_eq!(tree.validate(), Ok(()));
+            let oracle = BruteForce::of_scene(&now, shapes(frame)).unwrap();
+            of_balls.refit_primitives(balls(frame)).unwrap();
+            assert_eq!(of_balls.validate(), Ok(()));
+            let of_balls_oracle = BruteForce::of_primitives(balls(frame)).unwrap();
+            for ray in &rays {
+                assert_eq!(difference(&tree, &oracle, ray), None, "{params:?}, frame {frame}");
+                assert_eq!(difference(&of_balls, &of_balls_oracle, ray), None, "{params:?}, frame {frame}");
+            }
+        }
+        let refused = tree.refit_with_shapes(&now, shapes(0).split_off(1)).unwrap_err();
+        assert_eq!(refused, RefitError::Shapes { expected: 60, found: 59 });
+        assert_eq!(of_balls.refit_primitives(Vec::new()).unwrap_err(), RefitError::Shapes { expected: 300, found: 0 });
+    }
+}
+
+#[test]
+fn triangles_cut_before_the_build_stay_cut_until_they_move() {
+    let needles = scene::find("needles").unwrap();
+    let first = (needles.make)(5000);
+    let mut tree = RayTree::build(&first.meshes, &BuildParams::default()).unwrap();
+    assert!(tree.statistics().references > 6000, "cut into {} references", tree.statistics().references);
+    let refit = tree.refit(&first.meshes).unwrap();
+    assert_eq!((refit.nodes, refit.leaves, refit.skipped, refit.cost), (0, 0, 0, 1.0));
+    let mut random = Random(2);
+    let now: Vec<TriangleMesh> = first.meshes.iter().map(|m| moved(m, 1e-4, Vec3::ZERO, 1.0, &mut random)).collect();
+    let refit = tree.refit(&now).unwrap();
+    // Whole ones have several times as large boxes.
+    assert!(refit.cost > 1.1, "{refit:?}");
+    let oracle = BruteForce::new(&now).unwrap();
+    for _ in 0..200 {
+        let ray = now_ray(&first.camera, &mut random);
+        assert_eq!(difference(&tree, &oracle, &ray), None);
+    }
+}
+
+fn now_ray(camera: &scene::Camera, random: &mut Random) -> Ray {
+    camera.ray(random.unit(), random.unit(), 1.0, random.unit())
+}
+
+#[test]
+fn what_stands_still_is_not_written_and_what_is_known_to_stand_still_not_looked_at() {
+    let asset = closed_sphere(60, 1, 0.001, 1);
+    let cube = |x: f32| {
+        let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 0.1;
+        let key = |x: f32| (0..8).map(|i| corner(i) + Vec3::new(x, 1.5, 0.0)).collect::<Vec<Vec3>>();
+        let faces = [[0u32, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]];
+        TriangleMesh::new(faces.to_vec(), vec![key(x), key(x + 0.1)])
+    };
+    let mut meshes = vec![asset, cube(0.0), soup(5, 1, 0.1, 0.0, 1)];
+    let mut tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
+    let mut again = RayTree::build(&meshes, &BuildParams::default()).unwrap();
+    let before = tree.statistics();
+    let blocks = before.nodes + before.leaves;
+    for frame in 1..5 {
+        meshes[1] = cube(0.2 * frame as f32);
+        let told = tree.refit_moved(&meshes, &[1]).unwrap();
+        let found = again.refit(&meshes).unwrap();
+        // The leaf blocks of six triangles, and the nodes above.
+        for refit in [told, found] {
+            assert!((1..=6).contains(&refit.leaves) && refit.nodes <= 6 * before.depth as usize, "{refit:?}");
+            assert_eq!(refit.nodes + refit.leaves + refit.kept + refit.skipped, blocks, "{refit:?}");
+            assert_eq!(refit.cost, tree.statistics().cost);
+        }
+        assert!(told.skipped > blocks * 9 / 10, "{told:?} of {blocks}");
+        assert_eq!((found.skipped, found.nodes, found.leaves), (0, told.nodes, told.leaves));
+        agrees(&tree, &meshes, &rays(100, 1.5, frame), "told");
+        agrees(&again, &meshes, &rays(100, 1.5, frame), "found");
+    }
+    // The meshes that are said to have moved count, and nothing else.
+    meshes[2] = soup(5, 1, 0.1, 0.0, 8);
+    let nothing = tree.refit_moved(&meshes, &[]).unwrap();
+    // All that is looked at are the nodes above the subtrees.
+    assert!(nothing.nodes + nothing.leaves == 0 && nothing.kept < blocks / 50, "{nothing:?} of {blocks}");
+    assert!(tree.refit_moved(&meshes, &[2]).unwrap().leaves > 0);
+    agrees(&tree, &meshes, &rays(100, 1.5, 9), "told later");
+}
+
+#[test]
+fn cost_says_what_became_of_the_tree() {
+    let first = vec![soup(4000, 2, 0.03, 0.02, 1)];
+    let mut tree = RayTree::build(&first, &BuildParams::default()).unwrap();
+    assert_eq!(tree.statistics().cost, 1.0);
+    let mut random = Random(4);
+    let flown = vec![moved(&first[0], 0.0, Vec3::new(30.0, -7.0, 0.5), 1.0, &mut random)];
+    let refit = tree.refit(&flown).unwrap();
+    assert!((refit.cost - 1.0).abs() < 1e-3 && !refit.is_worn(), "flown along: {refit:?}");
+    let grown = vec![moved(&first[0], 0.0, Vec3::ZERO, 100.0, &mut random)];
+    let refit = tree.refit(&grown).unwrap();
+    assert!((refit.cost - 1.0).abs() < 1e-3, "grown: {refit:?}");
+    let mixed = vec![soup(4000, 2, 0.03, 0.02, 99)];
+    let refit = tree.refit(&mixed).unwrap();
+    assert!(refit.cost > 5.0 && refit.is_worn(), "mixed up: {refit:?}");
+    assert_eq!(tree.statistics().cost, refit.cost);
+    // Back where it was, it is what it was.
+    let refit: Refit = tree.refit(&first).unwrap();
+    assert!((refit.cost - 1.0).abs() < 1e-4, "back: {refit:?}");
+}
+
+#[test]
+fn what_does_not_fit_is_refused_and_changes_nothing() {
+    let before = meshes();
+    let mut tree = RayTree::build(&before, &BuildParams::default()).unwrap();
+    let with = |i: usize, mesh: TriangleMesh| {
+        let mut meshes = before.clone();
+        meshes[i] = mesh;
+        meshes
+    };
+    let at = |i: usize| match &before[i].keys {
+        Keys::F32(keys) => keys.clone(),
+        Keys::F64(_) => panic!("f32"),
+    };
+    let mut turned = before[0].clone();
+    turned.indices[17].swap(0, 1);
+    let mut bad = at(1);
+    bad[1][3].y = f32::NAN;
+    let cases = [
+        (before[1..].to_vec(), RefitError::Count { expected: 7, found: 6 }),
+        (with(0, turned), RefitError::Topology { mesh: 0 }),
+        (with(1, soup(199, 2, 0.2, 0.2, 2)), RefitError::Topology { mesh: 1 }),
+        // Still meshes have no room for motion, moving ones none for more keys, or others.
+        (with(0, soup(200, 2, 0.2, 0.2, 2)), RefitError::Keys { mesh: 0, expected: 1, found: 2 }),
+        (with(1, soup(200, 3, 0.2, 0.2, 2)), RefitError::Keys { mesh: 1, expected: 2, found: 3 }),
+        (with(2, soup(100, 2, 0.2, 0.2, 2)), RefitError::Keys { mesh: 2, expected: 4, found: 2 }),
+        (
+            with(1, TriangleMesh { keys: bad.into(), ..before[1].clone() }),
+            RefitError::Input(BuildError::NonFinite { mesh: 1, key: 1, vertex: 3 }),
+        ),
+    ];
+    for (meshes, expected) in cases {
+        assert_eq!(tree.refit(&meshes), Err(expected.clone()));
+        assert!(!expected.to_string().is_empty());
+    }
+    agrees(&tree, &before, &rays(200, 1.5, 1), "unchanged");
+    // What stands still for a while fits, and moves again; straight motion may have more keys.
+    let still = with(2, TriangleMesh { keys: vec![at(2)[0].clone()].into(), ..before[2].clone() });
+    tree.refit(&still).unwrap();
+    agrees(&tree, &still, &rays(200, 1.5, 2), "still");
+    let two = at(1);
+    let middle: Vec<Vec3> = two[0].iter().zip(&two[1]).map(|(a, b)| (*a + *b) * 0.5).collect();
+    let three =
+        with(1, TriangleMesh { keys: vec![two[0].clone(), middle, two[1].clone()].into(), ..before[1].clone() });
+    tree.refit(&three).unwrap();
+    agrees(&tree, &three, &rays(200, 1.5, 3), "three keys on lines");
+
+    let mut planes = RayTree::build(&before, &BuildParams::kd(KdParams::default())).unwrap();
+    assert_eq!(planes.refit(&before), Err(RefitError::Policy));
+    let mut bytes = Vec::new();
+    tree.write_to(&mut bytes).unwrap();
+    let mut read = RayTree::read_from(&mut bytes.as_slice()).unwrap();
+    assert_eq!(read.refit(&before), Err(RefitError::FromFile));
+    let mut nothing = RayTree::build(&[], &BuildParams::default()).unwrap();
+    let refit = nothing.refit(&[]).unwrap();
+    assert_eq!((refit.nodes, refit.leaves, refit.kept, refit.skipped, refit.cost), (0, 0, 0, 0, 1.0));
+    let one = |z: f32| TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::X, Vec3::Y, Vec3::new(0.0, 0.0, z)]);
+    let mut single = RayTree::build(&[one(1.0)], &BuildParams::default()).unwrap();
+    single.refit(&[one(2.0)]).unwrap();
+    agrees(&single, &[one(2.0)], &rays(200, 1.5, 3), "one triangle");
+}
+
+#[test]
+fn masks_and_times_of_existence_follow() {
+    use mbkd::TimeInterval;
+    let mesh = soup(300, 2, 0.3, 0.1, 1);
+    let mut tree = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::default()).unwrap();
+    let later = [mesh.with_mask(0b10).with_active(TimeInterval::new(0.5, 1.0).unwrap())];
+    tree.refit(&later).unwrap();
+    let oracle = BruteForce::new(&later).unwrap();
+    for ray in rays(300, 1.5, 1) {
+        assert_eq!(difference(&tree, &oracle, &ray), None);
+        assert_eq!(tree.closest_hit_filtered(&ray, 0b01, |_| true), None);
+    }
+}
