@@ -1,6 +1,6 @@
 //! Writes leaf blocks: what a set of primitives stores of itself in the arena.
 
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, sizes_of};
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
 use crate::simd::{Arena, LANES, Lanes};
 use crate::time::TimeSlice;
@@ -107,9 +107,17 @@ impl Triangles {
 }
 
 impl Triangles {
-    /// The sizes of a block of some triangles at some keys (see [`sizes_of`]).
+    /// The sizes of a block of some triangles at some keys (see [`Sizes`]).
     pub(super) fn sizes(&self, ids: &[u32], keys: Range<usize>) -> u32 {
-        sizes_of(keys.flat_map(|key| ids.iter().map(move |&id| self.corners_at_key(id, key))))
+        let mut sizes = Sizes::default();
+        for &id in ids {
+            // Looked up once for all keys.
+            let (stride, [a, b, c]) = (self.stride(id), self.vertices(id));
+            for offset in keys.clone().map(|key| key * stride) {
+                sizes.include([self.position(a, offset), self.position(b, offset), self.position(c, offset)]);
+            }
+        }
+        sizes.word()
     }
 }
 

@@ -65,18 +65,27 @@ pub(crate) fn shared_count(first_corners: u32) -> usize {
     (first_corners >> 12 & 15) as usize + 1
 }
 
-/// The sizes of a block of these triangles, in the upper half of a word.
-pub(crate) fn sizes_of(triangles: impl Iterator<Item = [Vec3; 3]>) -> u32 {
-    let (mut size, mut extent) = (Vec3::ZERO, Vec3::ZERO);
-    for [a, b, c] in triangles {
+/// The sizes of a block, as its triangles are met one after the other.
+#[derive(Default)]
+pub(crate) struct Sizes {
+    size: Vec3,
+    extent: Vec3,
+}
+
+impl Sizes {
+    #[inline(always)]
+    pub fn include(&mut self, [a, b, c]: [Vec3; 3]) {
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        size = size.max(low.abs()).max(high.abs());
-        extent = extent.max(high - low);
+        self.size = self.size.max(low.abs()).max(high.abs());
+        self.extent = self.extent.max(high - low);
     }
-    let (size, extent) = (size.max_element(), extent.max_element());
-    // The next power of two, which is above the rounding of the difference as well.
-    let exponent = |x: f32| (x.to_bits() >> 23) + 1;
-    exponent(size) << 24 | exponent(extent) << 16
+
+    /// Both sizes in the upper half of a word.
+    pub fn word(self) -> u32 {
+        // The next power of two, which is above the rounding of the difference as well.
+        let exponent = |x: f32| (x.to_bits() >> 23) + 1;
+        exponent(self.size.max_element()) << 24 | exponent(self.extent.max_element()) << 16
+    }
 }
 
 /// The largest coordinate of the vertices, and the largest extent of a triangle along an axis, or somewhat more.

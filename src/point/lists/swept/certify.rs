@@ -83,8 +83,9 @@ impl PointTree {
             both && (d.x * d.x + d.y * d.y) + d.z * d.z <= bound
         };
         let boxed = self.boxed();
-        let sweep =
-            Sweep::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(at.segment)).allow_for_rounding();
+        let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(at.segment))
+            .pass_over_lists_of(radius + skin)
+            .allow_for_rounding();
         let firsts = sweep.run(
             || f32::INFINITY,
             |first, own, meeting| {

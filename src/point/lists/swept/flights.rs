@@ -198,6 +198,8 @@ struct Partner {
     window: Window,
     /// Squared distance up to which the test in f32 leaves a pair to that in f64.
     bound: f32,
+    /// Squared distance at the first time up to which a pair is passed over; negative for none.
+    known: f32,
 }
 
 /// What a group can meet.
@@ -214,9 +216,17 @@ impl Partners {
         self.blocks.clear();
     }
 
-    /// Adds the blocks of a tree that the group can come within `radius` of during `window`.
+    /// Adds the blocks of a tree that the group can come within `radius` of during `window`. Pairs nearer than `known` at the
+    /// group's first time, at which both exist, are passed over.
     #[inline(always)]
-    pub(super) fn add<S: Simd, T: Boxed>(&mut self, s: S, tree: &T, group: &Group, window: Window, radius: f64) {
+    pub(super) fn add<S: Simd, T: Boxed>(
+        &mut self,
+        s: S,
+        tree: &T,
+        group: &Group,
+        window: Window,
+        (radius, known): (f64, Option<f64>),
+    ) {
         let phases = phases(tree, group.times);
         let bound = squared_up(radius);
         self.open.clear();
@@ -239,7 +249,8 @@ impl Partners {
                     let block = Block::new(tree, first + lane * stride + part, phases, group.drift);
                     let slack = SLACK * (block.magnitude + group.magnitude);
                     let bound = squared_up((radius + slack) * (1.0 + 1e-6) + 1e-18);
-                    self.blocks.push(Partner { block, window, bound });
+                    let known = known.map_or(-1.0, |known| squared_down((known - slack) * (1.0 - 1e-6)));
+                    self.blocks.push(Partner { block, window, bound, known });
                 }
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }
@@ -252,7 +263,7 @@ impl Partners {
         &self,
         s: S,
         (block, lane, own): (&Block, usize, &Flight),
-        radius: f64,
+        (radius, first_time): (f64, f32),
         memory: &mut Memory,
         mut found: impl FnMut(&Others, usize, Encounter),
     ) {
@@ -264,8 +275,11 @@ impl Partners {
         let square = radius * radius;
         let mut looked_at: Option<&Window> = None;
         for &pick in picks.near(s, &self.boxes, (lo, hi), squared_up(radius)) {
-            let Partner { block, window, bound } = &self.blocks[pick as usize];
-            let hits = passing(s, block, from, to, *bound) & !s.eq_u(s.load_u(&block.id), s.splat_u(own.id));
+            let Partner { block, window, bound, known } = &self.blocks[pick as usize];
+            let mut hits = passing(s, block, from, to, *bound) & !s.eq_u(s.load_u(&block.id), s.splat_u(own.id));
+            if *known >= 0.0 && hits != 0 && own.life.contains(first_time) {
+                hits &= !near_at(s, block, from, first_time, *known);
+            }
             if hits == 0 {
                 continue;
             }
@@ -294,6 +308,21 @@ pub(super) struct Memory {
 /// The square of a radius, rounded up to a finite f32.
 fn squared_up(radius: f64) -> f32 {
     ((radius * radius).min(f32::MAX.into()) as f32).next_up().min(f32::MAX)
+}
+
+/// The square of a distance, rounded down; negative where it is.
+fn squared_down(distance: f64) -> f32 {
+    if distance < 0.0 { -1.0 } else { ((distance * distance).min(f32::MAX.into()) as f32).next_down() }
+}
+
+/// Points of a block that exist at the first time and are within `bound` of `from` then.
+#[inline(always)]
+fn near_at<S: Simd>(s: S, block: &Block, from: [f32; 3], time: f32, bound: f32) -> Mask {
+    let at = rows(s, &block.ends[0]);
+    let (x, y, z) = (at[0] - s.splat(from[0]), at[1] - s.splat(from[1]), at[2] - s.splat(from[2]));
+    let time = s.splat(time);
+    let exists = s.le(s.load(&block.begin), time) & s.lt(time, s.load(&block.end));
+    exists & s.le(squared::<S>(x, y, z), s.splat(bound))
 }
 
 /// Points of a block that come as near as `bound` to one that goes from `from` to `to`.

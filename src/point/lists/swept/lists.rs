@@ -214,6 +214,8 @@ pub(super) struct Sweep<'a> {
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
     radius: f64,
+    /// Pairs that are nearer than this at the first time are passed over.
+    known: Option<f64>,
     /// Whether each point and each encounter comes up once.
     once: bool,
 }
@@ -246,7 +248,7 @@ impl<'a> Sweep<'a> {
         }
         let nodes = |(number, part): (usize, &Part)| part.bottom_nodes().into_iter().map(move |node| (number, node));
         let groups = parts.iter().enumerate().flat_map(nodes).collect();
-        Sweep { tree, parts, groups, times: times.map(f64::from), radius: radius.into(), once }
+        Sweep { tree, parts, groups, times: times.map(f64::from), radius: radius.into(), known: None, once }
     }
 
     /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32,
@@ -257,10 +259,23 @@ impl<'a> Sweep<'a> {
     /// comparison with the rounded square of the radius are wrong by 4u of themselves. Along three axes, and for both
     /// points, that is below (4n + 10)·1.8Mu + 4ur.
     pub(super) fn allow_for_rounding(mut self) -> Sweep<'a> {
+        self.radius += self.rounding(self.radius);
+        self
+    }
+
+    /// Passes over pairs that lists at the first time with this radius hold for certain. Positions are rounded both there
+    /// and here, so what is allowed for rounding counts twice.
+    pub(super) fn pass_over_lists_of(mut self, radius: f32) -> Sweep<'a> {
+        let radius = f64::from(radius);
+        self.known = Some(radius - 2.0 * self.rounding(radius));
+        self
+    }
+
+    /// See [`Sweep::allow_for_rounding`].
+    fn rounding(&self, radius: f64) -> f64 {
         let segments = self.parts.iter().filter_map(Part::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
         let magnitude = self.parts.iter().map(Part::magnitude).fold(0.0, f64::max);
-        self.radius += ((8 * segments + 20) as f64 * magnitude + 8.0 * self.radius) / 16_777_216.0 + 1e-18;
-        self
+        ((8 * segments + 20) as f64 * magnitude + 8.0 * radius) / 16_777_216.0 + 1e-18
     }
 
     /// Calls `visit` for each point, and after it for each of its encounters, with memory of its own for each share of
@@ -311,21 +326,30 @@ impl<R, F: Fn(&mut R, &Flight, Option<(&Others, usize, Encounter)>)> Kernel for 
                 Tree::Still(tree) => Group::new(tree, node, part.times),
                 Tree::Moving(tree) => Group::new(tree, node, part.times),
             };
+            let first_time = part.times[0];
+            // What is looked at from a later time on is not where it was at the first.
+            let known = sweep.known.filter(|_| f64::from(first_time) == sweep.times[0]);
             partners.clear();
             for other in &sweep.parts {
                 let Some(window) = sweep.window(part, other) else { continue };
                 match other.tree {
-                    Tree::Still(tree) => partners.add(s, tree, &group, window, sweep.radius),
-                    Tree::Moving(tree) => partners.add(s, tree, &group, window, sweep.radius),
+                    Tree::Still(tree) => partners.add(s, tree, &group, window, (sweep.radius, known)),
+                    Tree::Moving(tree) => partners.add(s, tree, &group, window, (sweep.radius, known)),
                 }
             }
             for block in &group.blocks {
                 for lane in 0..LANES {
                     let Some(own) = &block.flight(lane) else { continue };
                     visit(result, own, None);
-                    partners.meet(s, (block, lane, own), sweep.radius, &mut memory, |others, i, encounter| {
-                        visit(result, own, Some((others, i, encounter)));
-                    });
+                    partners.meet(
+                        s,
+                        (block, lane, own),
+                        (sweep.radius, first_time),
+                        &mut memory,
+                        |others, i, encounter| {
+                            visit(result, own, Some((others, i, encounter)));
+                        },
+                    );
                 }
             }
         }
