@@ -2,6 +2,7 @@
 
 mod bent_bounds;
 mod check;
+mod copy_meshes;
 mod custom;
 mod merge_keys;
 mod mesh;

@@ -4,13 +4,10 @@
 //! sees it) are apart: leaf blocks of the wide layout hold all corners, and then the vertices go.
 
 use super::custom::PrimitiveSet;
-use super::mesh::{Keys, TriangleMesh};
-use crate::error::{BuildError, RefitError};
 use crate::geometry::{
-    Aabb, Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, clip_triangle, stays_clear,
+    Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, clip_triangle, stays_clear,
 };
-use crate::parallel;
-use crate::simd::{LANES, huge_vec, prefetch};
+use crate::simd::{LANES, prefetch};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
 
@@ -35,7 +32,7 @@ pub struct Triangles {
 }
 
 /// Which mesh a triangle is of is kept for one in so many; mostly that says it of those up to the next as well.
-const BLOCK: usize = 32;
+pub(super) const BLOCK: usize = 32;
 
 /// The vertices of all triangles.
 #[derive(Default)]
@@ -58,102 +55,11 @@ pub(super) struct Rebased {
     pub(super) stride: usize,
     pub(super) active: TimeInterval,
     pub(super) mask: u32,
-    /// What tells the triangles from others between the vertices ([`digest`]).
+    /// What tells the triangles from others between the vertices ([`super::copy_meshes`]).
     pub(super) indices: u64,
 }
 
 impl Triangles {
-    /// Checks the meshes and copies them into tree space.
-    #[cfg(test)]
-    pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
-        Triangles::beside(meshes, Aabb::EMPTY)
-    }
-
-    /// Checks the meshes and copies them into a tree space that holds what else there is, too.
-    pub(crate) fn beside(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
-        let frame = checked(meshes, others)?;
-        // Keys that say nothing are left out: what stands still or moves straight pays nothing for them.
-        let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
-        Triangles::copied(meshes, frame, &kept)
-    }
-
-    /// The same meshes with other positions, which keep as many keys as before.
-    pub(crate) fn again(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
-        if meshes.len() != self.meshes.len() {
-            return Err(RefitError::Count { expected: self.meshes.len(), found: meshes.len() });
-        }
-        for (i, mesh) in meshes.iter().enumerate() {
-            if mesh.len() != self.len_of(i) {
-                return Err(RefitError::Topology { mesh: i });
-            }
-        }
-        let frame = checked(meshes, others).map_err(RefitError::Input)?;
-        let mut kept = Vec::with_capacity(meshes.len());
-        for (i, (mesh, before)) in meshes.iter().zip(&self.meshes).enumerate() {
-            let needed = mesh.kept_keys(frame);
-            if needed > 1 && needed != before.keys {
-                return Err(RefitError::Keys { mesh: i, expected: before.keys, found: needed });
-            }
-            kept.push(before.keys);
-        }
-        let again = Triangles::copied(meshes, frame, &kept).map_err(RefitError::Input)?;
-        match again.meshes.iter().zip(&self.meshes).position(|(a, b)| a.indices != b.indices) {
-            Some(mesh) => Err(RefitError::Topology { mesh }),
-            None => Ok(again),
-        }
-    }
-
-    /// Copies meshes that were checked, so many keys of each: one of successive ones after the same number of segments.
-    fn copied(meshes: &[TriangleMesh], frame: Frame, kept: &[usize]) -> Result<Triangles, BuildError> {
-        let total = meshes.iter().map(TriangleMesh::len).sum();
-        let positions_of = |mesh: &TriangleMesh, keys: usize| keys * mesh.keys.vertices(0);
-        let given: usize = meshes.iter().map(|mesh| positions_of(mesh, mesh.keys.len())).sum();
-        let found: usize = meshes.iter().zip(kept).map(|(mesh, &keys)| positions_of(mesh, keys)).sum();
-        if found >= u32::MAX as usize {
-            return Err(BuildError::TooManyPositions { found });
-        }
-        let mut positions = huge_vec(found);
-        let mut corners = huge_vec(total);
-        let (mut rebased, mut bent) = (Vec::with_capacity(meshes.len()), 0);
-        for (mesh, &keys) in meshes.iter().zip(kept) {
-            let (first, place) = (corners.len() as u32, positions.len());
-            let vertices = mesh.keys.vertices(0);
-            let step = segments(mesh.keys.len()) / segments(keys);
-            // Where all keys are equal there may be fewer than are kept.
-            let given = |key: usize| (key * step).min(mesh.keys.len() - 1);
-            // How far apart the keys of a vertex are, and successive vertices.
-            let [stride, apart] = match keys {
-                ..=1 => [0, 1],
-                2 => [vertices, 1],
-                _ => [1, keys],
-            };
-            match keys {
-                ..=2 => (0..keys).for_each(|key| {
-                    parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(given(key), v)));
-                }),
-                _ => parallel::fill(&mut positions, vertices * keys, |i| {
-                    frame.point(mesh.keys.position(given(i % keys), i / keys))
-                }),
-            }
-            let corner = |v: u32| place as u32 + v * apart as u32;
-            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(corner));
-            let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
-            rebased.push(Rebased { first, bent_before: bent, keys, stride, active, mask, indices });
-            bent += if keys > 2 { mesh.len() } else { 0 };
-        }
-        let mesh_at = mesh_at(meshes.iter().map(TriangleMesh::len), total);
-        let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
-        let vertices = Vertices { positions, corners };
-        let counts = [given, found];
-        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, bent, counts, vertices })
-    }
-
-    /// Number of triangles of a mesh.
-    fn len_of(&self, mesh: usize) -> usize {
-        let end = self.meshes.get(mesh + 1).map_or(self.len, |next| next.first as usize);
-        end - self.meshes[mesh].first as usize
-    }
-
     /// Drops the vertices: from now on there are names, masks and times, but no corners and no bounds.
     pub(crate) fn drop_vertices(&mut self) {
         self.vertices = Vertices::default();
@@ -358,49 +264,8 @@ impl Triangles {
 /// Times of the shutter whose products with a number of segments are rounded to the same are nearer than this.
 const ROUNDED_TIME: f32 = 4.0 * ULP;
 
-/// The frame of meshes, all of which are fine, and of what else there is.
-fn checked(meshes: &[TriangleMesh], others: Aabb) -> Result<Frame, BuildError> {
-    let mut swept = others;
-    for (i, mesh) in meshes.iter().enumerate() {
-        swept = swept.union(mesh.validate(i)?);
-    }
-    let found: usize = meshes.iter().map(TriangleMesh::len).sum();
-    if found >= u32::MAX as usize {
-        return Err(BuildError::TooManyPrimitives { found });
-    }
-    let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
-    Ok(if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) })
-}
-
-/// A number that other triangles between the vertices of a mesh hardly ever have: the sum of their indices, each mixed
-/// with its place (as in splitmix64), so that the order of additions does not matter.
-fn digest(indices: &[[u32; 3]]) -> u64 {
-    let mixed = |place: usize, [a, b, c]: [u32; 3]| {
-        let place = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let pair = (u64::from(a) | u64::from(b) << 32).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (place ^ pair).wrapping_add(u64::from(c).wrapping_mul(0x94d0_49bb_1331_11eb));
-        let mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        mixed ^ mixed >> 27
-    };
-    let of = |range: Range<usize>| range.map(|i| mixed(i, indices[i])).fold(0, u64::wrapping_add);
-    parallel::chunks(indices.len(), of).into_iter().fold(0, u64::wrapping_add)
-}
-
-/// The mesh of every [`BLOCK`]-th triangle, and of the last, for meshes of so many triangles.
-pub(super) fn mesh_at(lengths: impl Iterator<Item = usize>, total: usize) -> Vec<u32> {
-    let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
-    let (mut end, mut last) = (0usize, 0);
-    for (i, length) in (0..).zip(lengths) {
-        end += length;
-        mesh_at.resize(end.div_ceil(BLOCK), i);
-        last = if length > 0 { i } else { last };
-    }
-    mesh_at.push(last);
-    mesh_at
-}
-
 /// Number of linear pieces of a motion of so many keys.
-fn segments(keys: usize) -> usize {
+pub(super) fn segments(keys: usize) -> usize {
     (keys - 1).max(1)
 }
 
@@ -557,6 +422,7 @@ const WIDENED: f64 = 2.4e-7 + 6e-8;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::primitive::TriangleMesh;
 
     fn next(state: &mut u64) -> f32 {
         *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);

@@ -1,7 +1,7 @@
 //! Sixteen lanes in four SSE2 registers, which every x86-64 CPU has.
 //!
 //! What runs where a CPU has nothing wider. The plain lanes ([`super::portable`]) would do as well, but kernels over them
-//! are a third more machine code. The few operations that SSE2 has no instruction for go through memory, as calls.
+//! are more machine code (docs/notes.md). The few operations that SSE2 has no instruction for go through memory, as calls.
 
 use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};

@@ -1,0 +1,143 @@
+//! Copying meshes into tree space: for a build, and for the next frame of a tree that stays.
+
+use super::mesh::{Keys, TriangleMesh};
+use super::triangles::{BLOCK, Rebased, Triangles, Vertices, segments};
+use crate::error::{BuildError, RefitError};
+use crate::geometry::{Aabb, Frame, TimeInterval};
+use crate::parallel;
+use crate::simd::huge_vec;
+use core::ops::Range;
+
+impl Triangles {
+    /// Checks the meshes and copies them into tree space.
+    #[cfg(test)]
+    pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
+        Triangles::beside(meshes, Aabb::EMPTY)
+    }
+
+    /// Checks the meshes and copies them into a tree space that holds what else there is, too.
+    pub(crate) fn beside(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
+        let frame = checked(meshes, others)?;
+        // Keys that say nothing are left out: what stands still or moves straight pays nothing for them.
+        let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
+        Triangles::copied(meshes, frame, &kept)
+    }
+
+    /// The same meshes with other positions, which keep as many keys as before.
+    pub(crate) fn again(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
+        if meshes.len() != self.meshes.len() {
+            return Err(RefitError::Count { expected: self.meshes.len(), found: meshes.len() });
+        }
+        for (i, mesh) in meshes.iter().enumerate() {
+            if mesh.len() != self.len_of(i) {
+                return Err(RefitError::Topology { mesh: i });
+            }
+        }
+        let frame = checked(meshes, others).map_err(RefitError::Input)?;
+        let mut kept = Vec::with_capacity(meshes.len());
+        for (i, (mesh, before)) in meshes.iter().zip(&self.meshes).enumerate() {
+            let needed = mesh.kept_keys(frame);
+            if needed > 1 && needed != before.keys {
+                return Err(RefitError::Keys { mesh: i, expected: before.keys, found: needed });
+            }
+            kept.push(before.keys);
+        }
+        let again = Triangles::copied(meshes, frame, &kept).map_err(RefitError::Input)?;
+        match again.meshes.iter().zip(&self.meshes).position(|(a, b)| a.indices != b.indices) {
+            Some(mesh) => Err(RefitError::Topology { mesh }),
+            None => Ok(again),
+        }
+    }
+
+    /// Copies meshes that were checked, so many keys of each: one of successive ones after the same number of segments.
+    fn copied(meshes: &[TriangleMesh], frame: Frame, kept: &[usize]) -> Result<Triangles, BuildError> {
+        let total = meshes.iter().map(TriangleMesh::len).sum();
+        let positions_of = |mesh: &TriangleMesh, keys: usize| keys * mesh.keys.vertices(0);
+        let given: usize = meshes.iter().map(|mesh| positions_of(mesh, mesh.keys.len())).sum();
+        let found: usize = meshes.iter().zip(kept).map(|(mesh, &keys)| positions_of(mesh, keys)).sum();
+        if found >= u32::MAX as usize {
+            return Err(BuildError::TooManyPositions { found });
+        }
+        let mut positions = huge_vec(found);
+        let mut corners = huge_vec(total);
+        let (mut rebased, mut bent) = (Vec::with_capacity(meshes.len()), 0);
+        for (mesh, &keys) in meshes.iter().zip(kept) {
+            let (first, place) = (corners.len() as u32, positions.len());
+            let vertices = mesh.keys.vertices(0);
+            let step = segments(mesh.keys.len()) / segments(keys);
+            // Where all keys are equal there may be fewer than are kept.
+            let given = |key: usize| (key * step).min(mesh.keys.len() - 1);
+            // How far apart the keys of a vertex are, and successive vertices.
+            let [stride, apart] = match keys {
+                ..=1 => [0, 1],
+                2 => [vertices, 1],
+                _ => [1, keys],
+            };
+            match keys {
+                ..=2 => (0..keys).for_each(|key| {
+                    parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(given(key), v)));
+                }),
+                _ => parallel::fill(&mut positions, vertices * keys, |i| {
+                    frame.point(mesh.keys.position(given(i % keys), i / keys))
+                }),
+            }
+            let corner = |v: u32| place as u32 + v * apart as u32;
+            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(corner));
+            let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
+            rebased.push(Rebased { first, bent_before: bent, keys, stride, active, mask, indices });
+            bent += if keys > 2 { mesh.len() } else { 0 };
+        }
+        let mesh_at = mesh_at(meshes.iter().map(TriangleMesh::len), total);
+        let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
+        let vertices = Vertices { positions, corners };
+        let counts = [given, found];
+        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, bent, counts, vertices })
+    }
+
+    /// Number of triangles of a mesh.
+    fn len_of(&self, mesh: usize) -> usize {
+        let end = self.meshes.get(mesh + 1).map_or(self.len, |next| next.first as usize);
+        end - self.meshes[mesh].first as usize
+    }
+}
+
+/// The frame of meshes, all of which are fine, and of what else there is.
+fn checked(meshes: &[TriangleMesh], others: Aabb) -> Result<Frame, BuildError> {
+    let mut swept = others;
+    for (i, mesh) in meshes.iter().enumerate() {
+        swept = swept.union(mesh.validate(i)?);
+    }
+    let found: usize = meshes.iter().map(TriangleMesh::len).sum();
+    if found >= u32::MAX as usize {
+        return Err(BuildError::TooManyPrimitives { found });
+    }
+    let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
+    Ok(if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) })
+}
+
+/// A number that other triangles between the vertices of a mesh hardly ever have: the sum of their indices, each mixed
+/// with its place (as in splitmix64), so that the order of additions does not matter.
+fn digest(indices: &[[u32; 3]]) -> u64 {
+    let mixed = |place: usize, [a, b, c]: [u32; 3]| {
+        let place = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let pair = (u64::from(a) | u64::from(b) << 32).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (place ^ pair).wrapping_add(u64::from(c).wrapping_mul(0x94d0_49bb_1331_11eb));
+        let mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed ^ mixed >> 27
+    };
+    let of = |range: Range<usize>| range.map(|i| mixed(i, indices[i])).fold(0, u64::wrapping_add);
+    parallel::chunks(indices.len(), of).into_iter().fold(0, u64::wrapping_add)
+}
+
+/// The mesh of every [`BLOCK`]-th triangle, and of the last, for meshes of so many triangles.
+pub(super) fn mesh_at(lengths: impl Iterator<Item = usize>, total: usize) -> Vec<u32> {
+    let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
+    let (mut end, mut last) = (0usize, 0);
+    for (i, length) in (0..).zip(lengths) {
+        end += length;
+        mesh_at.resize(end.div_ceil(BLOCK), i);
+        last = if length > 0 { i } else { last };
+    }
+    mesh_at.push(last);
+    mesh_at
+}
