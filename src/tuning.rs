@@ -32,6 +32,14 @@ pub(crate) mod wide {
     pub const AHEAD: usize = 8 << 20;
 }
 
+/// Trees that are built where queries go.
+///
+/// `cargo bench --bench lazy`
+pub(crate) mod lazy {
+    /// Primitives of a subtree at most.
+    pub const SUBTREE: usize = 2048;
+}
+
 /// Which triangles become several references before the build.
 ///
 /// `cargo bench --bench ray_choices -- --only cuts`

@@ -8,13 +8,14 @@ mod random;
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Geometry, Hit, KdParams, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Geometry, Hit, KdParams, LazyParams, Ray, RayTree, TriangleMesh};
 pub use random::Random;
 
 /// Every policy under test, and the paper's policy in all its variants.
 pub fn variants() -> Vec<BuildParams> {
     vec![
         BuildParams::default(),
+        BuildParams::lazy(LazyParams { subtree: 5, ..LazyParams::default() }),
         BuildParams::kd(KdParams::default()),
         BuildParams::paper(),
         BuildParams::kd(KdParams {
