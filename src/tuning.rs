@@ -36,7 +36,8 @@ pub(crate) mod wide {
 ///
 /// `cargo bench --bench lazy`
 pub(crate) mod lazy {
-    /// Primitives of a subtree at most.
+    /// Primitives of a subtree at most. Of pictures that test 5 % of the triangles, 1024 take the coarse build a fifth longer and build
+    /// about as much; 4096 build a fifth more and take the coarse build hardly less (hall and coherent, `--subtree`).
     pub const SUBTREE: usize = 2048;
 }
 

@@ -15,7 +15,6 @@ pub use random::Random;
 pub fn variants() -> Vec<BuildParams> {
     vec![
         BuildParams::default(),
-        BuildParams::lazy(LazyParams { subtree: 5, ..LazyParams::default() }),
         BuildParams::kd(KdParams::default()),
         BuildParams::paper(),
         BuildParams::kd(KdParams {
@@ -26,6 +25,7 @@ pub fn variants() -> Vec<BuildParams> {
         }),
         BuildParams::kd(KdParams { propagated_vote: false, plane_time: 1.0, max_references: 2.0, ..KdParams::paper() }),
         BuildParams::kd(KdParams::classic()),
+        BuildParams::lazy(LazyParams { subtree: 5, ..LazyParams::default() }),
     ]
 }
 

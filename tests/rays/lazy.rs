@@ -4,11 +4,12 @@ use crate::common::{Random, all_hits, difference, random_ray, soup};
 use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicUsize, Ordering};
 use mbkd::baseline::BruteForce;
-use mbkd::glam::{DVec3, Vec3};
+use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
-    BuildError, BuildParams, ClosestPointQuery, Division, FileError, Intersection, LazyParams, LinearBounds,
-    MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
+    BuildError, BuildParams, ClosestPointQuery, Division, FileError, Instance, InstanceTree, Intersection, LazyParams,
+    LinearBounds, MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
 };
+use std::sync::Arc;
 
 /// Subtrees of so many primitives at most.
 fn lazy(subtree: usize) -> BuildParams {
@@ -78,6 +79,24 @@ fn every_query_has_the_answer_of_a_whole_tree_whoever_comes_first() {
         }
         assert_eq!(trees[0].triangle(1, 7, 0.3), whole.triangle(1, 7, 0.3));
     }
+}
+
+#[test]
+fn instances_place_lazy_trees() {
+    let place = |params: &BuildParams| {
+        let (meshes, shapes) = scene();
+        let tree = Arc::new(RayTree::of_scene(&meshes, shapes, params).unwrap());
+        let at = |x: f64| Instance::new(tree.clone(), DAffine3::from_translation(DVec3::X * x));
+        let placed = InstanceTree::build(vec![at(-1.0), at(1.5)], &WideParams::default()).unwrap();
+        (tree, placed)
+    };
+    let ((tree, lazily), (_, whole)) = (place(&lazy(64)), place(&BuildParams::default()));
+    let mut random = Random(11);
+    let rays: Vec<Ray> = (0..200).map(|_| random_ray(&mut random, 1.5)).collect();
+    assert_eq!(tree.statistics().built_subtrees, 0);
+    let found: Vec<_> = rays.iter().map(|ray| (lazily.closest_hit(ray), lazily.any_hit(ray))).collect();
+    assert!(rays.iter().map(|ray| (whole.closest_hit(ray), whole.any_hit(ray))).eq(found));
+    assert!(tree.statistics().built_subtrees > 0);
 }
 
 #[test]
