@@ -162,8 +162,8 @@ impl Division {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LazyParams {
-    /// How subtrees are built. The default does not divide the shutter ([`Division::Whole`]): to find out in each of them whether to takes
-    /// several times as long as to build it where neighbours part company. For many rays there, [`Division::Automatic`] does.
+    /// How subtrees are built. [`Division::Automatic`] chooses one division for each of them, by a sample of it; with
+    /// [`Division::Whole`] they are built soonest, and rays take several times as long where neighbours part company.
     /// [`WideParams::bytes_per_primitive`] is what the choices in each of them go by; a subtree that cannot
     /// be made as small is larger, since a query has no error to return.
     pub wide: WideParams,
@@ -174,7 +174,7 @@ pub struct LazyParams {
 
 impl Default for LazyParams {
     fn default() -> LazyParams {
-        LazyParams { wide: WideParams { division: Division::Whole, ..WideParams::default() }, subtree: SUBTREE }
+        LazyParams { wide: WideParams::default(), subtree: SUBTREE }
     }
 }
 

@@ -39,6 +39,9 @@ pub(crate) mod lazy {
     /// Primitives of a subtree at most. Of pictures that test 5 % of the triangles, 1024 take the coarse build a fifth longer and build
     /// about as much; 4096 build a fifth more and take the coarse build hardly less (hall and coherent, `--subtree`).
     pub const SUBTREE: usize = 2048;
+    /// Whether a subtree divides the shutter is tried with so small a part of it, and with so many primitives at least.
+    pub const SAMPLED: usize = 8;
+    pub const LEAST_SAMPLE: usize = 128;
 }
 
 /// Which triangles become several references before the build.

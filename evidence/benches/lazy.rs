@@ -32,9 +32,9 @@ struct Args {
     /// Primitives of a subtree at most.
     #[arg(long, default_value_t = LazyParams::default().subtree)]
     subtree: usize,
-    /// Subtrees divide the shutter as other trees do.
+    /// Subtrees do not divide the shutter.
     #[arg(long)]
-    divide: bool,
+    whole: bool,
     /// Times that everything is done.
     #[arg(long, default_value_t = 7)]
     rounds: usize,
@@ -68,8 +68,8 @@ fn timed<T>(f: impl FnOnce() -> T) -> (f64, T) {
 fn measure(args: &Args, recipe: &scene::Recipe) -> Result<(), Box<dyn Error + Send + Sync>> {
     let scene = (recipe.make)((recipe.full as f32 * args.scale) as usize);
     let mut lazy = LazyParams { subtree: args.subtree, ..LazyParams::default() };
-    if args.divide {
-        lazy.wide.division = Division::Automatic;
+    if args.whole {
+        lazy.wide.division = Division::Whole;
     }
     let lazy = BuildParams::lazy(lazy);
     let build = |params: &BuildParams| timed(|| RayTree::build(&scene.meshes, params));

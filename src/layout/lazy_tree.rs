@@ -76,9 +76,8 @@ impl LazyTree {
     /// A subtree, built now if it was not before. `set` is that of the build.
     pub fn subtree<S: WideSource>(&self, set: &S, subtree: u32) -> &WideTree {
         self.subtrees[subtree as usize].tree.get_or_init(|| {
-            let mut ids = self.primitives(subtree).to_vec();
-            ids.sort_unstable();
-            WideTree::part(set, &ids, &self.params).expect("the build made no subtree too large for a tree")
+            WideTree::part(set, self.primitives(subtree), &self.params)
+                .expect("the build made no subtree too large for a tree")
         })
     }
 

@@ -22,6 +22,7 @@ use crate::time::{
     COST_MODEL, Draft, Region, SharedLeaves, TimeSlice, draft_tree, params_of_copies, prefetch_blocks, primitives,
     regions,
 };
+use crate::tuning::lazy::{LEAST_SAMPLE, SAMPLED};
 use glam::Vec3;
 
 /// A subtree that is written: where it is over the whole shutter, and its root.
@@ -48,19 +49,31 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds over some primitives, sorted, by one thread; where single triangles lie is not written down.
+    /// Builds over some primitives, neighbours mostly behind each other, by one thread; where single triangles lie is not written
+    /// down.
     ///
     /// It may weigh more than the parameters allow. An error only beyond what [`most_in_part`] says.
     pub(super) fn part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
+        parallel::alone(|| {
+            let division = match params.division {
+                Division::Automatic => sampled_division(set, ids, params),
+                given => given,
+            };
+            let mut ids = ids.to_vec();
+            ids.sort_unstable();
+            WideTree::sorted_part(set, &ids, &WideParams { division, ..*params })
+        })
+    }
+
+    /// The same over sorted ids.
+    fn sorted_part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
         let triangles = set.triangles().map_or(0, Triangles::len) as u32;
         let (of_triangles, listed) = ids.split_at(ids.partition_point(|&id| id < triangles));
         let bent = of_triangles.iter().map(|&id| further_key_bytes(set, id)).sum();
         let budget = allowed_bytes(params, ids.len(), bent);
-        parallel::alone(|| {
-            let mut tree = WideTree::fitted(set, [of_triangles, listed], params, budget, &Progress::new(None))?;
-            tree.counts = tree.counted(set);
-            Ok(tree)
-        })
+        let mut tree = WideTree::fitted(set, [of_triangles, listed], params, budget, &Progress::new(None))?;
+        tree.counts = tree.counted(set);
+        Ok(tree)
     }
 
     /// Builds over triangles and other primitives what fits the bytes that are allowed, or else takes the fewest.
@@ -273,6 +286,17 @@ const ATTEMPTS: usize = 2;
 
 /// Bytes that every tree may have besides: of the smallest, nodes are hardly filled.
 const LEAST_BYTES: usize = 8192;
+
+/// How the shutter is divided best for some of a part's primitives that are neighbours: to try it with all would take several times
+/// as long as to build the part.
+fn sampled_division<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Division {
+    let count = (ids.len() / SAMPLED).max(LEAST_SAMPLE).min(ids.len());
+    let draft = draft_tree(set, &ids[..count], TimeSlice::WHOLE, params);
+    match regions(set, &draft, params)[..] {
+        [Region { node: 0, division, .. }] => division,
+        _ => Division::Whole,
+    }
+}
 
 /// What a tree may weigh: what is allowed for each primitive, and the positions at keys beyond the second.
 fn allowed_bytes(params: &WideParams, primitives: usize, further_key_bytes: usize) -> usize {
