@@ -8,7 +8,7 @@ use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
 use super::moving_reference::{Mover, Part};
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{Item, order};
-use super::over_interval::{Boxed, Flight};
+use super::over_interval::{Boxed, Flight, FlightRows, InRows};
 use super::snapshot::{Placed, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
 use crate::geometry::TimeInterval;
@@ -265,5 +265,15 @@ impl Boxed for MovingTree {
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         self.leaves.flight(block, lane)
+    }
+}
+
+impl InRows for MovingTree {
+    #[inline(always)]
+    fn rows(&self, block: usize) -> FlightRows {
+        self.leaves.flights(block)
+    }
+    fn mortal(&self) -> bool {
+        !self.leaves.lives.is_empty()
     }
 }

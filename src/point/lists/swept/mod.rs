@@ -17,6 +17,7 @@ mod certify;
 mod encounter;
 mod flights;
 mod lists;
+mod near;
 
 pub use certify::certified_duration;
 pub use encounter::Encounter;
