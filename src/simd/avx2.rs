@@ -417,6 +417,10 @@ impl Simd for Avx2 {
         a.narrowed()
     }
     #[inline(always)]
+    fn transpose_d(self, rows: [Four; 4]) -> [Four; 4] {
+        Four::transposed(rows)
+    }
+    #[inline(always)]
     fn sqrt_d(self, a: Four) -> Four {
         a.sqrt()
     }

@@ -54,6 +54,21 @@ impl Four {
     }
 
     #[inline(always)]
+    pub(super) fn transposed([a, b, c, d]: [Four; 4]) -> [Four; 4] {
+        // SAFETY: `Four` exists only where the CPU has AVX2.
+        unsafe {
+            let (even, odd) = (_mm256_unpacklo_pd(a.0, b.0), _mm256_unpackhi_pd(a.0, b.0));
+            let (more_even, more_odd) = (_mm256_unpacklo_pd(c.0, d.0), _mm256_unpackhi_pd(c.0, d.0));
+            [
+                Four(_mm256_permute2f128_pd::<0x20>(even, more_even)),
+                Four(_mm256_permute2f128_pd::<0x20>(odd, more_odd)),
+                Four(_mm256_permute2f128_pd::<0x31>(even, more_even)),
+                Four(_mm256_permute2f128_pd::<0x31>(odd, more_odd)),
+            ]
+        }
+    }
+
+    #[inline(always)]
     pub(super) fn sqrt(self) -> Four {
         // SAFETY: `Four` exists only where the CPU has AVX2.
         Four(unsafe { _mm256_sqrt_pd(self.0) })

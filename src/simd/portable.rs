@@ -358,6 +358,10 @@ impl Simd for Portable {
         a.map(|x| x as f32)
     }
     #[inline]
+    fn transpose_d(self, rows: [Four; 4]) -> [Four; 4] {
+        core::array::from_fn(|j| Four(rows.map(|Four(row)| row[j])))
+    }
+    #[inline]
     fn sqrt_d(self, Four(a): Four) -> Four {
         Four(a.map(f64::sqrt))
     }

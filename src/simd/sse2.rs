@@ -479,6 +479,15 @@ impl Simd for Sse2 {
         lanes
     }
     #[inline(always)]
+    fn transpose_d(self, [a, b, c, d]: [Four; 4]) -> [Four; 4] {
+        [
+            Four(intrinsic!(_mm_unpacklo_pd(a.0, b.0)), intrinsic!(_mm_unpacklo_pd(c.0, d.0))),
+            Four(intrinsic!(_mm_unpackhi_pd(a.0, b.0)), intrinsic!(_mm_unpackhi_pd(c.0, d.0))),
+            Four(intrinsic!(_mm_unpacklo_pd(a.1, b.1)), intrinsic!(_mm_unpacklo_pd(c.1, d.1))),
+            Four(intrinsic!(_mm_unpackhi_pd(a.1, b.1)), intrinsic!(_mm_unpackhi_pd(c.1, d.1))),
+        ]
+    }
+    #[inline(always)]
     fn sqrt_d(self, a: Four) -> Four {
         Four(intrinsic!(_mm_sqrt_pd(a.0)), intrinsic!(_mm_sqrt_pd(a.1)))
     }

@@ -113,7 +113,8 @@ impl Kernel for All {
                 let narrowed = s.widen_four(&s.narrow(a));
                 let chosen = [s.min_d(a, b), s.max_d(a, b), s.select_le(a, b, widened, more[1]), narrowed];
                 let computed = [a + b, a - b, a * b, a / b, s.sqrt_d(a), s.widen_four(&first), widened];
-                computed.into_iter().chain(more).chain(chosen).map(out).collect()
+                let turned = s.transpose_d([a, b, widened, narrowed]);
+                computed.into_iter().chain(more).chain(chosen).chain(turned).map(out).collect()
             },
         }
     }

@@ -88,7 +88,8 @@ impl Window {
         s.min_d(s.max_d(phases, s.splat_d(0.0)), s.splat_d(1.0))
     }
 
-    /// Shows a visitor the encounters of a point with the first `count` others.
+    /// Shows a visitor the encounters of a point with others, of which those at `hits` are looked at, `count` of them;
+    /// `hits` holds at least three more places.
     ///
     /// Seen from the point, another is on a straight way `first + w·passing`, w in [0, 1]: its squared distance is a
     /// parabola. Every step is symmetric, so both points see the same. Times are where the parabola is at its lowest and
@@ -98,22 +99,27 @@ impl Window {
         &self,
         s: S,
         own: &Flight,
-        (others, count): (&[Four], usize),
+        others: &Others,
+        (hits, count): (&[u32], usize),
         question: &Question,
         visitor: &mut V,
     ) {
         let life = TimeInterval::FULL;
-        let mut common = Common::of(s, self, own, [&[life.begin(); WIDE], &[life.end_bound(); WIDE]]);
+        let mut common = Common::of(s, self, own, [[life.begin(); WIDE], [life.end_bound(); WIDE]]);
         let square = s.splat_d(question.radius * question.radius);
-        for (number, others) in others[..count.div_ceil(WIDE)].iter().enumerate() {
+        for at in (0..count).step_by(WIDE) {
+            let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
             if question.mortal {
-                common = Common::of(s, self, own, [&others.begin, &others.end]);
+                common = Common::of(s, self, own, four.lives());
             }
-            let mut meetings = common.meetings(s, others, square);
-            if count - number * WIDE < WIDE {
-                meetings.there &= (1 << (count - number * WIDE)) - 1;
+            let mut meetings = common.meetings(s, &four, square);
+            if count - at < WIDE {
+                meetings.there &= (1 << (count - at)) - 1;
             }
-            visitor.meet(own, others, &meetings);
+            for lane in 0..WIDE {
+                meetings.there &= !(Mask::from(four.points[lane].id == own.id) << lane);
+            }
+            visitor.meet(own, &four, &meetings);
         }
     }
 }
@@ -129,20 +135,33 @@ struct Common<S: Simd> {
 
 impl<S: Simd> Common<S> {
     #[inline(always)]
-    fn of(s: S, window: &Window, own: &Flight, [begins, ends]: [&[f32; WIDE]; 2]) -> Common<S> {
+    fn of(s: S, window: &Window, own: &Flight, [begins, ends]: [[f32; WIDE]; 2]) -> Common<S> {
         let [own_begin, own_end] = [own.life.begin(), own.life.end_bound()].map(f64::from);
-        let begin = s.max_d(s.splat_d(greater(window.times[0], own_begin)), s.widen_four(begins));
+        let begin = s.max_d(s.splat_d(greater(window.times[0], own_begin)), s.widen_four(&begins));
         // Lives that reach the end of the shutter have an end beyond it.
         let last = lesser(lesser(window.times[1], 1.0), own_end);
-        let times = [begin, s.min_d(s.splat_d(last), s.widen_four(ends))];
+        let times = [begin, s.min_d(s.splat_d(last), s.widen_four(&ends))];
         let phases = [window.phases(s, times[0]), window.phases(s, times[1])];
         Common { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])] }
     }
 
+    /// Where others are seen from the point at begin or end.
+    #[inline(always)]
+    fn seen(&self, end: usize, open: [S::D; 3], close: [S::D; 3]) -> [S::D; 3] {
+        let (phase, own) = (self.phases[end], self.own[end]);
+        [
+            (open[0] + (close[0] - open[0]) * phase) - own[0],
+            (open[1] + (close[1] - open[1]) * phase) - own[1],
+            (open[2] + (close[2] - open[2]) * phase) - own[2],
+        ]
+    }
+
+    /// The encounters with four others.
     #[inline(always)]
     fn meetings(&self, s: S, others: &Four, square: S::D) -> Meetings {
-        let first = others.seen(s, 0, self);
-        let last = others.seen(s, 1, self);
+        let [open, close] = others.ends(s);
+        let first = self.seen(0, open, close);
+        let last = self.seen(1, open, close);
         let passing = [last[0] - first[0], last[1] - first[1], last[2] - first[2]];
         let (zero, one) = (s.splat_d(0.0), s.splat_d(1.0));
         let (speed, approach) = (dot::<S>(passing, passing), zero - dot::<S>(first, passing));
@@ -198,7 +217,7 @@ impl Meetings {
         let mut count = 0;
         for lane in 0..WIDE {
             to[count % WIDE] = Encounter {
-                id: others.id[lane],
+                id: others.points[lane].id,
                 enter: self.enter[lane],
                 leave: self.leave[lane],
                 closest: self.closest[lane],
@@ -216,57 +235,89 @@ impl Meetings {
     }
 }
 
-/// Four points that may meet another, in rows.
+/// A point that may be met, between two keys.
 #[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
-pub(super) struct Four {
-    open: [[f32; WIDE]; 3],
-    close: [[f32; WIDE]; 3],
-    /// The whole life, up to where it is not over yet.
-    begin: [f32; WIDE],
-    end: [f32; WIDE],
-    id: [u32; WIDE],
+#[repr(C, align(32))]
+struct Place {
+    /// Where it is at both keys.
+    keys: [f32; 6],
+    id: u32,
 }
 
-impl Four {
-    /// Points that live throughout.
-    pub(super) fn everlasting() -> Four {
-        let (begin, end) = ([TimeInterval::FULL.begin(); WIDE], [TimeInterval::FULL.end_bound(); WIDE]);
-        Four { open: [[0.0; WIDE]; 3], close: [[0.0; WIDE]; 3], begin, end, id: [u32::MAX; WIDE] }
+/// Points that may be met.
+#[derive(Default)]
+pub(super) struct Others {
+    points: Vec<Place>,
+    /// Their whole lives, up to where they are not over yet; empty where all live throughout.
+    lives: Vec<[f32; 2]>,
+}
+
+impl Others {
+    pub(super) fn clear(&mut self) {
+        self.points.clear();
+        self.lives.clear();
     }
 
-    /// Puts a point of a block in the place of one lane; where not `mortal`, both live throughout.
+    /// Appends sixteen points; where not `mortal`, they live throughout.
     #[inline(always)]
-    pub(super) fn set(&mut self, lane: usize, (points, from): (&FlightRows, usize), mortal: bool) {
-        let (lane, from) = (lane % WIDE, from % LANES);
-        for axis in 0..3 {
-            self.open[axis][lane] = points.open[axis][from];
-            self.close[axis][lane] = points.close[axis][from];
-        }
+    pub(super) fn push(&mut self, points: &FlightRows, mortal: bool) {
+        let FlightRows { open: [x, y, z], close: [u, v, w], begin, end, id } = points;
+        let place = |i: usize| Place { keys: [x[i], y[i], z[i], u[i], v[i], w[i]], id: id[i] };
+        let places: [Place; LANES] = core::array::from_fn(place);
+        self.points.extend_from_slice(&places);
         if mortal {
-            (self.begin[lane], self.end[lane]) = (points.begin[from], points.end[from]);
+            self.lives.extend((0..LANES).map(|i| [begin[i], end[i]]));
         }
-        self.id[lane] = points.id[from];
     }
 
-    /// Where they are seen from a point at begin or end.
+    /// Four of them.
     #[inline(always)]
-    fn seen<S: Simd>(&self, s: S, end: usize, common: &Common<S>) -> [S::D; 3] {
-        let open = [s.widen_four(&self.open[0]), s.widen_four(&self.open[1]), s.widen_four(&self.open[2])];
-        let close = [s.widen_four(&self.close[0]), s.widen_four(&self.close[1]), s.widen_four(&self.close[2])];
-        let (phase, own) = (common.phases[end], common.own[end]);
-        [
-            (open[0] + (close[0] - open[0]) * phase) - own[0],
-            (open[1] + (close[1] - open[1]) * phase) - own[1],
-            (open[2] + (close[2] - open[2]) * phase) - own[2],
-        ]
+    fn four(&self, at: [u32; WIDE]) -> Four<'_> {
+        let [a, b, c, d] = at;
+        let point = |i: u32| &self.points[i as usize];
+        Four { points: [point(a), point(b), point(c), point(d)], others: self, at }
+    }
+}
+
+/// Four points that may be met.
+pub(super) struct Four<'a> {
+    points: [&'a Place; WIDE],
+    others: &'a Others,
+    at: [u32; WIDE],
+}
+
+impl Four<'_> {
+    /// Where they are at both keys.
+    #[inline(always)]
+    fn ends<S: Simd>(&self, s: S) -> [[S::D; 3]; 2] {
+        let [a, b, c, d] = self.points.map(|point| &point.keys);
+        let [x, y, z, u] = s.transpose_d([
+            s.widen_four(&[a[0], a[1], a[2], a[3]]),
+            s.widen_four(&[b[0], b[1], b[2], b[3]]),
+            s.widen_four(&[c[0], c[1], c[2], c[3]]),
+            s.widen_four(&[d[0], d[1], d[2], d[3]]),
+        ]);
+        let [_, _, v, w] = s.transpose_d([
+            s.widen_four(&[a[2], a[3], a[4], a[5]]),
+            s.widen_four(&[b[2], b[3], b[4], b[5]]),
+            s.widen_four(&[c[2], c[3], c[4], c[5]]),
+            s.widen_four(&[d[2], d[3], d[4], d[5]]),
+        ]);
+        [[x, y, z], [u, v, w]]
+    }
+
+    /// Begins and ends of their lives.
+    #[inline(always)]
+    fn lives(&self) -> [[f32; WIDE]; 2] {
+        [0, 1].map(|end| self.at.map(|i| self.others.lives[i as usize][end]))
     }
 
     /// One of the points.
     pub(super) fn flight(&self, lane: usize) -> Flight {
-        let life = TimeInterval::half_open(self.begin[lane], self.end[lane]);
-        let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| f64::from(row[lane])));
-        Flight { id: self.id[lane], open, close, life: life.unwrap_or(TimeInterval::FULL) }
+        let Place { keys: [x, y, z, u, v, w], id } = *self.points[lane];
+        let life = self.others.lives.get(self.at[lane] as usize);
+        let life = life.and_then(|&[begin, end]| TimeInterval::half_open(begin, end)).unwrap_or(TimeInterval::FULL);
+        Flight { id, open: [x, y, z].map(f64::from), close: [u, v, w].map(f64::from), life }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Blocks of points on their ways, and the walk of a group of them through a tree.
 
-use super::encounter::{Window, greater, lesser};
+use super::encounter::{Others, Question, Window, greater, lesser};
 use crate::point::lists::gather::{BoxRows, BoxVector};
 use crate::point::over_interval::{Boxed, FlightRows, InRows};
 use crate::point::snapshot::rows;
@@ -20,14 +20,40 @@ pub(super) fn phases<T: Boxed>(tree: &T, times: [f32; 2]) -> [f64; 2] {
     [window.phase(window.times[0] - ROUNDING), window.phase(window.times[1] + ROUNDING)]
 }
 
-/// Sixteen points on their ways, in rows: where they are at the begin of a range of times, and how far they come, drift
-/// taken off. Where there is none, the place is infinite.
-#[derive(Clone, Debug)]
+/// Sixteen ways, in rows: where points are at the begin of a range of times, and how far they come, drift taken off.
+/// Where there is none, the place is infinite.
+#[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(super) struct Block {
+pub(super) struct Ways {
     pub(super) first: [Lanes<f32>; 3],
     pub(super) passing: [Lanes<f32>; 3],
+}
+
+impl Ways {
+    /// The ways of points between two phases of their segment.
+    #[inline(always)]
+    fn new(points: &FlightRows, phases: [f64; 2], drift: [f64; 3]) -> Ways {
+        let mut ways = Ways { first: [[f32::INFINITY; LANES]; 3], passing: [[0.0; LANES]; 3] };
+        for axis in 0..3 {
+            for lane in 0..LANES {
+                let open = f64::from(points.open[axis][lane]);
+                let way = f64::from(points.close[axis][lane]) - open;
+                let (first, last) = (open + way * phases[0], open + way * phases[1]);
+                let (from, to) = (first as f32, (last - drift[axis]) as f32);
+                let there = points.id[lane] != u32::MAX;
+                ways.first[axis][lane] = if there { from } else { f32::INFINITY };
+                ways.passing[axis][lane] = if there { to - from } else { 0.0 };
+            }
+        }
+        ways
+    }
+}
+
+/// Sixteen points whose encounters are looked for.
+#[derive(Clone, Debug)]
+pub(super) struct Block {
     pub(super) points: FlightRows,
+    pub(super) ways: Ways,
     /// The box around their ways.
     pub(super) lo: [f32; 3],
     pub(super) hi: [f32; 3],
@@ -35,40 +61,22 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// The points of a block of a tree between two phases of their segment.
     #[inline(always)]
     fn new(points: FlightRows, phases: [f64; 2], drift: [f64; 3]) -> Block {
-        let mut block = Block {
-            first: [[f32::INFINITY; LANES]; 3],
-            passing: [[0.0; LANES]; 3],
-            points,
-            lo: [f32::INFINITY; 3],
-            hi: [f32::NEG_INFINITY; 3],
-            magnitude: drift.iter().fold(0.0f64, |most, x| greater(most, x.abs())),
-        };
-        let absent: Lanes<bool> = core::array::from_fn(|lane| points.id[lane] == u32::MAX);
+        let ways = Ways::new(&points, phases, drift);
+        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        let mut magnitude = drift.iter().fold(0.0f64, |most, x| greater(most, x.abs()));
         for axis in 0..3 {
-            let (mut lo, mut hi) = ([0.0f32; LANES], [0.0f32; LANES]);
-            let mut most = [0.0f64; LANES];
-            for lane in 0..LANES {
-                let open = f64::from(points.open[axis][lane]);
-                let way = f64::from(points.close[axis][lane]) - open;
-                let (first, last) = (open + way * phases[0], open + way * phases[1]);
-                let farthest = greater(first.abs(), last.abs());
-                let (from, to) = (first as f32, (last - drift[axis]) as f32);
-                let passing = to - from;
-                let (least, greatest) = if from < to { (from, to) } else { (to, from) };
-                most[lane] = if absent[lane] { 0.0 } else { farthest };
-                block.first[axis][lane] = if absent[lane] { f32::INFINITY } else { from };
-                block.passing[axis][lane] = if absent[lane] { 0.0 } else { passing };
-                lo[lane] = if absent[lane] { f32::INFINITY } else { least };
-                hi[lane] = if absent[lane] { f32::NEG_INFINITY } else { greatest };
+            for lane in (0..LANES).filter(|&lane| points.id[lane] != u32::MAX) {
+                let from = ways.first[axis][lane];
+                for x in [from, from + ways.passing[axis][lane]] {
+                    (lo[axis], hi[axis]) = (lo[axis].min(x), hi[axis].max(x));
+                    // Drift and rounding come on top of what it is.
+                    magnitude = greater(magnitude, f64::from(x.abs()) + drift[axis].abs());
+                }
             }
-            block.lo[axis] = halved(lo, |a, b| if b < a { b } else { a });
-            block.hi[axis] = halved(hi, |a, b| if b > a { b } else { a });
-            block.magnitude = greater(block.magnitude, halved(most, greater));
         }
-        block
+        Block { points, ways, lo, hi, magnitude }
     }
 }
 
@@ -131,12 +139,13 @@ impl Group {
         }
     }
 
-    /// The boxes of a node, swept between two phases, with the group's drift taken off.
+    /// The boxes of a node, swept between two phases, with the group's drift taken off, and the magnitudes of what is in
+    /// them.
     #[inline(always)]
-    fn swept<S: Simd, T: Boxed>(&self, s: S, tree: &T, phases: [f64; 2], node: usize) -> BoxVector<S> {
+    fn swept<S: Simd, T: Boxed>(&self, s: S, tree: &T, phases: [f64; 2], node: usize) -> (BoxVector<S>, Lanes<f64>) {
         let ends = phases.map(|phase| tree.faces(node, &[phase; LANES]));
         let key = tree.faces(node, &[0.0; LANES]);
-        let (mut lo, mut hi) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+        let (mut lo, mut hi, mut magnitude) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
         for axis in 0..3 {
             for lane in 0..LANES {
                 let [first, last] = [0, 1].map(|end| [0, 1].map(|side| ends[end][side][axis][lane]));
@@ -144,12 +153,13 @@ impl Group {
                 let at_key = greater(key[0][axis][lane].abs(), key[1][axis][lane].abs());
                 // The faces themselves are computed in f64, from what may be much larger than they are.
                 let slack = (most + self.magnitude) * SLACK + at_key * 1e-15;
+                magnitude[lane] = greater(magnitude[lane], most + at_key * 1e-9);
                 lo[axis][lane] = (lesser(first[0], last[0] - self.drift[axis]) - slack) as f32;
                 hi[axis][lane] = (greater(first[1], last[1] - self.drift[axis]) + slack) as f32;
             }
         }
         let (lo, hi) = (rows(s, &lo), rows(s, &hi));
-        BoxVector { lo, hi, reach: s.splat(0.0), candidate: s.splat_u(0) }
+        (BoxVector { lo, hi, reach: s.splat(0.0), candidate: s.splat_u(0) }, magnitude)
     }
 }
 
@@ -163,11 +173,11 @@ fn counting<T: Boxed>(tree: &T, node: usize, times: [f32; 2]) -> Mask {
 
 /// A block that a group can meet.
 pub(super) struct Partner {
-    pub(super) block: Block,
+    pub(super) ways: Ways,
     /// Squared distance up to which the test in f32 leaves a pair to that in f64.
     pub(super) bound: f32,
     /// Squared distance at the first time up to which a pair is passed over; negative for none.
-    pub(super) known: f32,
+    pub(super) known: Lanes<f32>,
 }
 
 /// What a group can meet.
@@ -175,6 +185,8 @@ pub(super) struct Partner {
 pub(super) struct Partners {
     pub(super) boxes: BoxRows,
     pub(super) blocks: Vec<Partner>,
+    /// The points of the blocks, sixteen of each.
+    pub(super) others: Others,
     /// The windows in which blocks are looked at, each with the number of blocks up to its last.
     pub(super) windows: Vec<(Window, usize)>,
     open: Vec<(usize, usize)>,
@@ -184,6 +196,7 @@ impl Partners {
     pub(super) fn clear(&mut self) {
         self.boxes.clear();
         self.blocks.clear();
+        self.others.clear();
         self.windows.clear();
     }
 
@@ -196,14 +209,15 @@ impl Partners {
         tree: &T,
         group: &Group,
         window: Window,
-        (radius, known): (f64, Option<f64>),
+        (question, known): (&Question, Option<f64>),
     ) {
+        let radius = question.radius;
         let phases = phases(tree, group.times);
         let bound = squared_up(radius);
         self.open.clear();
         self.open.push(tree.top());
         while let Some((level, node)) = self.open.pop() {
-            let boxes = group.swept(s, tree, phases, node);
+            let (boxes, magnitude) = group.swept(s, tree, phases, node);
             let mut near = boxes.near(s, group.lo, group.hi, bound) & counting(tree, node, group.times);
             let (first, stride) = tree.behind(level, node);
             if level > 0 {
@@ -217,11 +231,16 @@ impl Partners {
                 let mut number = [0; LANES];
                 for lane in (0..LANES).filter(|lane| near >> lane & 1 != 0) {
                     number[lane] = self.blocks.len() as u32;
-                    let block = Block::new(tree.rows(first + lane * stride + part), phases, group.drift);
-                    let slack = SLACK * (block.magnitude + group.magnitude);
+                    let points = tree.rows(first + lane * stride + part);
+                    let ways = Ways::new(&points, phases, group.drift);
+                    let slack = SLACK * (magnitude[lane] + group.magnitude);
                     let bound = squared_up((radius + slack) * (1.0 + 1e-6) + 1e-18);
                     let known = known.map_or(-1.0, |known| squared_down((known - slack) * (1.0 - 1e-6)));
-                    self.blocks.push(Partner { block, bound, known });
+                    let exists =
+                        |i: usize| points.begin[i] <= question.first_time && question.first_time < points.end[i];
+                    let known = core::array::from_fn(|i| if exists(i) { known } else { -1.0 });
+                    self.others.push(&points, question.mortal);
+                    self.blocks.push(Partner { ways, bound, known });
                 }
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }

@@ -436,15 +436,15 @@ impl<V: Visitor> Kernel for Share<'_, V> {
             let first_time = part.times[0];
             // What is looked at from a later time on is not where it was at the first.
             let known = sweep.known.filter(|_| f64::from(first_time) == sweep.times[0]);
+            let question = Question { radius: sweep.radius, first_time, known: known.is_some(), mortal: sweep.mortal };
             partners.clear();
             for other in &sweep.parts {
                 let Some(window) = sweep.window(part, other) else { continue };
                 match other.tree {
-                    Tree::Still(tree) => partners.add(s, tree, &group, window, (sweep.radius, known)),
-                    Tree::Moving(tree) => partners.add(s, tree, &group, window, (sweep.radius, known)),
+                    Tree::Still(tree) => partners.add(s, tree, &group, window, (&question, known)),
+                    Tree::Moving(tree) => partners.add(s, tree, &group, window, (&question, known)),
                 }
             }
-            let question = Question { radius: sweep.radius, first_time, known: known.is_some(), mortal: sweep.mortal };
             for block in &group.blocks {
                 near.visit(s, (block, &partners), &question, visitor);
             }

@@ -3,37 +3,45 @@
 //! As for lists at a time: the points that can come near any of a block's are gathered one behind the other, and each of
 //! the block's points is compared with these, sixteen at a time.
 
-use super::encounter::{Four, Question, Visitor, WIDE};
-use super::flights::{Block, Partner, Partners, squared_up};
+use super::encounter::{Question, Visitor};
+use super::flights::{Block, Partner, Partners, Ways, squared_up};
 use crate::point::lists::gather::Picks;
-use crate::point::over_interval::Flight;
 use crate::point::snapshot::{rows, squared};
-use crate::simd::{LANES, Lanes, Simd, lanes_at};
+use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
 
-/// Points that can come near any of a block, in rows.
-#[derive(Default)]
+/// Points that are gathered at most at once.
+const MOST: usize = 2048;
+
+/// With room for what is stored behind the last.
+type Row = [f32; MOST + 2 * LANES];
+
+/// Points that can come near any of a block, in rows. (Of fixed length, so that they are all found from one address.)
+#[derive(Clone)]
+#[repr(align(64))]
 struct Rows {
-    first: [Vec<f32>; 3],
-    passing: [Vec<f32>; 3],
-    bound: Vec<f32>,
-    known: Vec<f32>,
-    /// Number of the partner and lane in it.
-    place: Vec<u32>,
+    first: [Row; 3],
+    passing: [Row; 3],
+    bound: Row,
+    known: Row,
+    /// Which of the partners' points.
+    place: [u32; MOST + 2 * LANES],
 }
 
 /// Memory for the encounters of a block.
-#[derive(Default)]
 pub(super) struct Near {
     picks: Picks,
-    rows: Rows,
-    /// Places of those that pass a point.
+    rows: Box<Rows>,
+    /// Which of the partners' points pass a point.
     hits: Vec<u32>,
-    others: Vec<Four>,
 }
 
-/// Vectors of gathered points up to which all points of a block share them. Where there are more, the block has points
-/// that go far, and each gathers for itself.
-const SHARED: usize = 160;
+impl Default for Near {
+    fn default() -> Near {
+        let row = [0.0; MOST + 2 * LANES];
+        let rows = Rows { first: [row; 3], passing: [row; 3], bound: row, known: row, place: [0; MOST + 2 * LANES] };
+        Near { picks: Picks::default(), rows: Box::new(rows), hits: Vec::new() }
+    }
+}
 
 /// Lane numbers.
 const LANE: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
@@ -63,45 +71,66 @@ impl Near {
         question: &Question,
         visitor: &mut V,
     ) {
-        let shared = self.gather::<S, KNOWN>(s, partners, (block.lo, block.hi), question);
+        let Near { picks, rows, hits } = self;
+        let reach = squared_up(question.radius);
+        let all = picks.near(s, &partners.boxes, (block.lo, block.hi), reach);
+        let (shared, rest) = rows.gather::<S, KNOWN>(s, &partners.blocks, all, (block.lo, block.hi));
+        let shared = rest.is_empty().then_some(shared);
         for lane in 0..LANES {
             let Some(own) = block.points.flight(lane) else { continue };
             visitor.begin(&own);
-            let [from, way] = [&block.first, &block.passing].map(|rows| rows.each_ref().map(|row| row[lane]));
-            let mut vectors = shared;
-            if shared > SHARED {
-                let to: [f32; 3] = core::array::from_fn(|axis| from[axis] + way[axis]);
-                let lo = core::array::from_fn(|axis| if from[axis] < to[axis] { from[axis] } else { to[axis] });
-                let hi = core::array::from_fn(|axis| if from[axis] > to[axis] { from[axis] } else { to[axis] });
-                vectors = self.gather::<S, KNOWN>(s, partners, (lo, hi), question);
-            }
-            // What is looked at from a later time on is not where it was at the first.
+            let Ways { first, passing } = &block.ways;
+            let from = [first[0][lane], first[1][lane], first[2][lane]];
+            let way = [passing[0][lane], passing[1][lane], passing[2][lane]];
+            // What did not exist at the first time was not near anything then.
             let pass_over = KNOWN && own.life.contains(question.first_time);
-            let hits = self.passing::<S, KNOWN>(s, (from, way), pass_over, vectors);
-            self.look_at(s, partners, &own, hits, question, visitor);
+            let mut count = 0;
+            if let Some(points) = shared {
+                count = rows.passing::<S, KNOWN>(s, (from, way), pass_over, points, (hits, count));
+            } else {
+                // Too many for all points of the block together: some go far, or the radius is large. Each for itself.
+                let to = [from[0] + way[0], from[1] + way[1], from[2] + way[2]];
+                let lo = [from[0].min(to[0]), from[1].min(to[1]), from[2].min(to[2])];
+                let hi = [from[0].max(to[0]), from[1].max(to[1]), from[2].max(to[2])];
+                let mut rest = picks.near(s, &partners.boxes, (lo, hi), reach);
+                while !rest.is_empty() {
+                    let points;
+                    (points, rest) = rows.gather::<S, KNOWN>(s, &partners.blocks, rest, (lo, hi));
+                    count = rows.passing::<S, KNOWN>(s, (from, way), pass_over, points, (hits, count));
+                }
+            }
+            let mut begin = 0;
+            for &(window, end) in &partners.windows {
+                let before = hits[begin..count].partition_point(|&place| (place as usize) < end * LANES);
+                window.encounters(s, &own, &partners.others, (&hits[begin..], before), question, visitor);
+                begin += before;
+            }
         }
     }
+}
 
-    /// Gathers the points whose ways come near a box; the number of vectors that they fill.
+impl Rows {
+    /// Gathers the points of picked blocks whose ways come near a box, as many as there is room for; their number, and the
+    /// picks that are left.
     #[inline(always)]
-    fn gather<S: Simd, const KNOWN: bool>(
+    fn gather<'a, S: Simd, const KNOWN: bool>(
         &mut self,
         s: S,
-        partners: &Partners,
+        partners: &[Partner],
+        picks: &'a [u32],
         (lo, hi): ([f32; 3], [f32; 3]),
-        question: &Question,
-    ) -> usize {
-        let picks = self.picks.near(s, &partners.boxes, (lo, hi), squared_up(question.radius));
-        self.rows.make_room((picks.len() + 1) * LANES);
+    ) -> (usize, &'a [u32]) {
         let Rows { first: [to_x, to_y, to_z], passing: [to_u, to_v, to_w], bound: to_bound, known: to_known, place } =
-            &mut self.rows;
+            self;
         let lo = [s.splat(lo[0]), s.splat(lo[1]), s.splat(lo[2])];
         let hi = [s.splat(hi[0]), s.splat(hi[1]), s.splat(hi[2])];
-        let time = s.splat(question.first_time);
-        let mut end = 0;
-        for &pick in picks {
-            let Partner { block, bound, known } = &partners.blocks[pick as usize];
-            let ([x, y, z], [u, v, w]) = (rows(s, &block.first), rows(s, &block.passing));
+        let (mut end, mut done) = (0, 0);
+        while let Some(&pick) = picks.get(done)
+            && end < MOST
+        {
+            done += 1;
+            let Partner { ways, bound, known } = &partners[pick as usize];
+            let ([x, y, z], [u, v, w]) = (rows(s, &ways.first), rows(s, &ways.passing));
             let (a, b, c) = (gap(s, x, u, lo[0], hi[0]), gap(s, y, v, lo[1], hi[1]), gap(s, z, w, lo[2], hi[2]));
             let near = s.le(squared::<S>(a, b, c), s.splat(*bound));
             write(s, to_x, end, s.compress(x, near));
@@ -112,10 +141,7 @@ impl Near {
             write(s, to_w, end, s.compress(w, near));
             write(s, to_bound, end, s.splat(*bound));
             if KNOWN {
-                let points = &block.points;
-                let there = s.le(s.load(&points.begin), time) & s.lt(time, s.load(&points.end));
-                let known = s.select(there, s.splat(*known), s.splat(-1.0));
-                write(s, to_known, end, s.compress(known, near));
+                write(s, to_known, end, s.compress(s.load(known), near));
             }
             let to: &mut Lanes<u32> = (&mut place[end..end + LANES]).try_into().expect("sixteen");
             let places = s.add_u(s.load_u(&LANE), s.splat_u(pick * LANES as u32));
@@ -123,29 +149,30 @@ impl Near {
             end += near.count_ones() as usize;
         }
         to_x[end..end + LANES].fill(f32::INFINITY);
-        end.div_ceil(LANES)
+        (end, &picks[done..])
     }
 
-    /// Finds which of the points gathered come as near as their bounds to one that goes from a place by a way, all but
-    /// known ones; their number.
+    /// Appends to the first `end` hits which of the gathered points come as near as their bounds to one that goes from a
+    /// place by a way, all but known ones; the new number of hits, behind which there is room for more.
     #[inline(always)]
     fn passing<S: Simd, const KNOWN: bool>(
-        &mut self,
+        &self,
         s: S,
         (from, way): ([f32; 3], [f32; 3]),
         pass_over: bool,
-        vectors: usize,
+        points: usize,
+        (hits, mut end): (&mut Vec<u32>, usize),
     ) -> usize {
-        let Rows { first: [xs, ys, zs], passing: [us, vs, ws], bound, known, place } = &self.rows;
-        if self.hits.len() < (vectors + 1) * LANES {
-            self.hits.resize((2 * vectors + 1) * LANES, 0);
+        let Rows { first: [xs, ys, zs], passing: [us, vs, ws], bound, known, place } = self;
+        if hits.len() < end + points + 2 * LANES {
+            hits.resize(2 * (end + points) + 2 * LANES, 0);
         }
+        let hits = &mut hits[..];
         let from = [s.splat(from[0]), s.splat(from[1]), s.splat(from[2])];
         let way = [s.splat(way[0]), s.splat(way[1]), s.splat(way[2])];
         let (zero, one, least) = (s.splat(0.0), s.splat(1.0), s.splat(f32::MIN_POSITIVE));
-        let nothing_known = if pass_over { 0 } else { u16::MAX };
-        let (hits, mut end) = (&mut self.hits[..], 0);
-        for at in (0..vectors * LANES).step_by(LANES) {
+        let nothing_known = if pass_over { 0 } else { Mask::MAX };
+        for at in (0..points.min(MOST + LANES)).step_by(LANES) {
             let x = s.load(lanes_at(xs, at)) - from[0];
             let y = s.load(lanes_at(ys, at)) - from[1];
             let z = s.load(lanes_at(zs, at)) - from[2];
@@ -165,51 +192,10 @@ impl Near {
             s.store_u(s.compress_u(s.load_u(lanes_at(place, at)), near), to);
             end += near.count_ones() as usize;
         }
+        // What is behind them is read too.
+        let last = if end > 0 { hits[end - 1] } else { 0 };
+        hits[end..end + LANES].fill(last);
         end
-    }
-
-    /// Looks at hits in f64.
-    #[inline(always)]
-    fn look_at<S: Simd, V: Visitor>(
-        &mut self,
-        s: S,
-        partners: &Partners,
-        own: &Flight,
-        hits: usize,
-        question: &Question,
-        visitor: &mut V,
-    ) {
-        if self.others.len() * WIDE <= hits {
-            self.others.resize(2 * hits / WIDE + 2, Four::everlasting());
-        }
-        let (hits, others) = (&self.hits[..hits], &mut self.others[..]);
-        let mut next = 0;
-        for (window, end) in &partners.windows {
-            let mut count = 0;
-            while let Some(&place) = hits.get(next)
-                && (place as usize) < end * LANES
-            {
-                next += 1;
-                let points = &partners.blocks[place as usize / LANES].block.points;
-                let lane = place as usize % LANES;
-                others[count / WIDE].set(count % WIDE, (points, lane), question.mortal);
-                // Itself is written over by the next.
-                count += usize::from(points.id[lane] != own.id);
-            }
-            window.encounters(s, own, (others, count), question, visitor);
-        }
-    }
-}
-
-impl Rows {
-    fn make_room(&mut self, length: usize) {
-        if self.place.len() < length {
-            let Rows { first, passing, bound, known, place } = self;
-            for row in first.iter_mut().chain(passing).chain([bound, known]) {
-                row.resize(2 * length, 0.0);
-            }
-            place.resize(2 * length, 0);
-        }
     }
 }
 
@@ -227,7 +213,7 @@ fn dot<S: Simd>(s: S, [x, y, z]: [S::F; 3], [u, v, w]: [S::F; 3]) -> S::F {
 }
 
 #[inline(always)]
-fn write<S: Simd>(s: S, row: &mut [f32], at: usize, x: S::F) {
+fn write<S: Simd>(s: S, row: &mut Row, at: usize, x: S::F) {
     let to: &mut Lanes<f32> = (&mut row[at..at + LANES]).try_into().expect("sixteen");
     s.store(x, to);
 }
