@@ -150,11 +150,13 @@ impl Fill<'_> {
             parallel::both(|| self.leaves(items, leaves, hulls), || self.leaves(more_items, more_leaves, more_hulls));
             return;
         }
+        let whole = self.part.range([self.part.interval.begin(), self.part.interval.end_bound()]);
         for (i, items) in items.chunks(LANES).enumerate() {
             let (mut leaf, mut spans) = (Leaf::EMPTY, [Span::default(); LANES]);
             for (lane, item) in items.iter().enumerate() {
                 let mover = &self.movers[item.index as usize];
-                spans[lane] = mover.span(self.part);
+                let throughout = mover.alive == self.part.interval;
+                spans[lane] = if throughout { mover.span_throughout(self.part, whole) } else { mover.span(self.part) };
                 leaf.set(lane, mover, spans[lane].times);
             }
             leaves.set(i, &leaf);

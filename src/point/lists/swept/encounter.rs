@@ -170,11 +170,17 @@ impl<S: Simd> Common<S> {
         let nearest = [first[0] + passing[0] * w, first[1] + passing[1] * w, first[2] + passing[2] * w];
         let outside = dot::<S>(first, first) - square;
         let root = s.sqrt_d(s.max_d(approach * approach - speed * outside, zero));
-        // The smaller root without cancellation; `approach` is above zero where the way begins outside.
-        let entering = s.min_d(s.max_d(outside / (approach + root), zero), w);
-        let leaving = s.min_d(s.max_d((approach + root) / speed, w), one);
+        // The smaller root without cancellation; `approach` is above zero where the way begins outside. Few ways both begin
+        // and end outside, so one division serves for entering or leaving.
+        let sum = approach + root;
+        let quotient = s.select_le(outside, zero, sum, outside) / s.select_le(outside, zero, speed, sum);
+        let last_square = dot::<S>(last, last);
+        let inside = s.le_d(outside, zero) | s.le_d(last_square, square);
+        let to_leave = if inside == (1 << WIDE) - 1 { quotient } else { sum / speed };
+        let entering = s.min_d(s.max_d(quotient, zero), w);
+        let leaving = s.min_d(s.max_d(to_leave, w), one);
         let enter = s.select_le(outside, zero, zero, entering);
-        let leave = s.select_le(dot::<S>(last, last), square, one, leaving);
+        let leave = s.select_le(last_square, square, one, leaving);
         let distance = dot::<S>(nearest, nearest);
         let [begin, end] = self.times;
         let duration = end - begin;
