@@ -5,7 +5,7 @@
 //! encounter of a pair that was left out.
 
 use super::encounter::{Four, Meetings, Visitor};
-use super::lists::Sweep;
+use super::sweep::Sweep;
 use crate::geometry::KeyTime;
 use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
