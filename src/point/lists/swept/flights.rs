@@ -34,12 +34,12 @@ impl Ways {
     #[inline(always)]
     fn new(points: &FlightRows, phases: [f64; 2], drift: [f64; 3]) -> Ways {
         let mut ways = Ways { first: [[f32::INFINITY; LANES]; 3], passing: [[0.0; LANES]; 3] };
-        for axis in 0..3 {
+        for (axis, drift) in drift.into_iter().enumerate() {
             for lane in 0..LANES {
                 let open = f64::from(points.open[axis][lane]);
                 let way = f64::from(points.close[axis][lane]) - open;
                 let (first, last) = (open + way * phases[0], open + way * phases[1]);
-                let (from, to) = (first as f32, (last - drift[axis]) as f32);
+                let (from, to) = (first as f32, (last - drift) as f32);
                 let there = points.id[lane] != u32::MAX;
                 ways.first[axis][lane] = if there { from } else { f32::INFINITY };
                 ways.passing[axis][lane] = if there { to - from } else { 0.0 };
@@ -118,9 +118,9 @@ impl Group {
             for lane in 0..LANES {
                 let there = points.id[lane] != u32::MAX;
                 count[lane] += if there { 1.0 } else { 0.0 };
-                for axis in 0..3 {
+                for (axis, sum) in sum.iter_mut().enumerate() {
                     let way = f64::from(points.close[axis][lane] - points.open[axis][lane]);
-                    sum[axis][lane] += if there { way } else { 0.0 };
+                    sum[lane] += if there { way } else { 0.0 };
                 }
             }
         }
