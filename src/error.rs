@@ -167,6 +167,8 @@ impl std::error::Error for BuildError {}
 pub enum RefitError {
     /// A tree of a k-d policy: planes cannot follow what moves, only boxes can.
     Policy,
+    /// A lazy tree, which is built about as fast as it could be refitted.
+    Lazy,
     /// A tree that was read from a file, where it is not said which vertices triangles have, and nothing sure that is more
     /// than queries need.
     FromFile,
@@ -207,6 +209,9 @@ impl fmt::Display for RefitError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             RefitError::Policy => f.write_str("a tree of a k-d policy cannot be refitted: build it again"),
+            RefitError::Lazy => {
+                f.write_str("a lazy tree cannot be refitted: build it again, which takes about as long")
+            }
             RefitError::FromFile => f.write_str("a tree from a file cannot be refitted: build it of its meshes"),
             RefitError::Count { expected, found } => {
                 write!(f, "the tree was built of {expected} meshes, not of {found}: build it again")

@@ -83,7 +83,7 @@ pub use instance::{
 };
 pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
-pub use params::{BuildParams, Division, KdParams, Policy, WideParams};
+pub use params::{BuildParams, Division, KdParams, LazyParams, Policy, WideParams};
 pub use point::{
     Approach, BulkQuery, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer,
     NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams,

@@ -1,7 +1,29 @@
 //! Doing the same for many things, on several threads where there are some.
 
+use core::cell::Cell;
 use core::ops::Range;
 use std::sync::{Mutex, PoisonError};
+
+thread_local! {
+    /// Whether this thread is to do all by itself.
+    static ALONE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Calls `f` with all that it does done by this thread.
+///
+/// For what others may wait for: a thread that waits for its helpers does other tasks of theirs meanwhile, and one of these
+/// might wait for what this thread has begun.
+pub(crate) fn alone<T>(f: impl FnOnce() -> T) -> T {
+    /// Whether the thread was alone before; it is again, also after a panic.
+    struct Before(bool);
+    impl Drop for Before {
+        fn drop(&mut self) {
+            ALONE.set(self.0);
+        }
+    }
+    let _before = Before(ALONE.replace(true));
+    f()
+}
 
 /// `f(0)`, `f(1)`, … `f(n - 1)` in order; which thread does what changes nothing.
 pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
@@ -48,24 +70,21 @@ pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnc
 /// some for every closure.
 fn join(a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
     #[cfg(feature = "rayon")]
-    rayon::join(a, b);
-    #[cfg(not(feature = "rayon"))]
-    {
-        a();
-        b();
+    if !ALONE.get() {
+        rayon::join(a, b);
+        return;
     }
+    a();
+    b();
 }
 
 /// How many threads there are.
 pub(crate) fn threads() -> usize {
     #[cfg(feature = "rayon")]
-    {
-        rayon::current_num_threads()
+    if !ALONE.get() {
+        return rayon::current_num_threads();
     }
-    #[cfg(not(feature = "rayon"))]
-    {
-        1
-    }
+    1
 }
 
 /// Items per task of [`fill`] and [`chunks`].
@@ -81,7 +100,7 @@ pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
-        if n > CHUNK && rayon::current_num_threads() > 1 {
+        if n > CHUNK && threads() > 1 {
             items.par_extend((0..n).into_par_iter().with_min_len(CHUNK).map(&f));
             return;
         }

@@ -2,6 +2,7 @@
 
 use crate::error::BuildError;
 use crate::limits::{DEPTH_LIMIT, MAX_TIME_SLICES};
+use crate::tuning::lazy::SUBTREE;
 
 /// What kind of tree is built, with all that can be said about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,6 +13,8 @@ pub enum Policy {
     /// A binary k-d tree: the paper's ([`KdParams::paper`]), the same with planes that move ([`KdParams::default`]), or an
     /// ordinary one over swept boxes ([`KdParams::classic`]).
     Kd(KdParams),
+    /// A wide tree of which only the coarse top is built at once, and each subtree when a query first enters it.
+    Lazy(LazyParams),
 }
 
 impl Default for Policy {
@@ -45,6 +48,11 @@ impl BuildParams {
         BuildParams { policy: Policy::Kd(params) }
     }
 
+    /// A tree that is built where queries go.
+    pub fn lazy(params: LazyParams) -> BuildParams {
+        BuildParams { policy: Policy::Lazy(params) }
+    }
+
     /// The paper's tree as the paper has it: [`KdParams::paper`].
     pub fn paper() -> BuildParams {
         BuildParams::kd(KdParams::paper())
@@ -55,6 +63,7 @@ impl BuildParams {
         match &self.policy {
             Policy::Wide(params) => params.validate(),
             Policy::Kd(params) => params.validate(),
+            Policy::Lazy(params) => params.validate(),
         }
     }
 }
@@ -120,11 +129,59 @@ pub enum Division {
 }
 
 impl Division {
+    /// Whether it is taken whatever it weighs.
+    pub(crate) fn is_forced(self) -> bool {
+        matches!(self, Division::Segments(_) | Division::Copies(_))
+    }
+
     fn is_valid(self) -> bool {
         match self {
             Division::Automatic | Division::Whole => true,
             Division::Segments(n) | Division::Copies(n) => (2..=MAX_TIME_SLICES).contains(&n),
         }
+    }
+}
+
+/// How a lazy tree is built ([`Policy::Lazy`]): for scenes of which queries see a small part.
+///
+/// The build sorts the primitives into subtrees and makes the tree above them. A query that enters a subtree for the first time
+/// builds it, on its own thread; others that come meanwhile wait for that one subtree. Answers are those of every other
+/// tree. The tree keeps the vertices of the meshes, of which subtrees are built.
+///
+/// ```
+/// use mbkd::{BuildParams, LazyParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+/// // Ten thousand triangles in a row.
+/// let positions = (0..10_000).flat_map(|i| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|p| p + Vec3::X * i as f32)).collect();
+/// let mesh = TriangleMesh::fixed((0..10_000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), positions);
+/// let tree = RayTree::build(&[mesh], &BuildParams::lazy(LazyParams::default()))?;
+/// assert_eq!(tree.statistics().built_subtrees, 0);
+/// assert!(tree.any_hit(&Ray::new(Vec3::new(99.5, 0.2, 0.2), Vec3::X).between(0.0, 1.0)));
+/// let statistics = tree.statistics();
+/// assert!(statistics.built_subtrees == 1 && statistics.subtrees > 1);
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LazyParams {
+    /// How subtrees are built. The default does not divide the shutter ([`Division::Whole`]): to find out in each of them whether to takes
+    /// several times as long as to build it where neighbours part company. For many rays there, [`Division::Automatic`] does.
+    /// [`WideParams::bytes_per_primitive`] is what the choices in each of them go by; a subtree that cannot
+    /// be made as small is larger, since a query has no error to return.
+    pub wide: WideParams,
+    /// The most primitives in a subtree, in [1, 65536]. With more of them, more are built that no query meets; with fewer, the coarse
+    /// build takes longer. Default 2048.
+    pub subtree: usize,
+}
+
+impl Default for LazyParams {
+    fn default() -> LazyParams {
+        LazyParams { wide: WideParams { division: Division::Whole, ..WideParams::default() }, subtree: SUBTREE }
+    }
+}
+
+impl LazyParams {
+    pub(crate) fn validate(&self) -> Result<(), BuildError> {
+        check((1..=65536).contains(&self.subtree), "subtree", "in [1, 65536]")?;
+        self.wide.validate()
     }
 }
 

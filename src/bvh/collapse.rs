@@ -6,6 +6,7 @@
 //! in Pinter, "Surface area heuristic for wide bounding volume hierarchies"; the recurrence is the same.)
 
 use super::builder::{BinaryNode, mean_half_area};
+use crate::parallel;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, huge_vec, lanes_at};
 
 /// What the steps of a query cost, relative to each other.
@@ -55,7 +56,6 @@ struct Costs {
 }
 
 /// Nodes from which on a tree is given to several threads.
-#[cfg(feature = "rayon")]
 const PARALLEL: usize = 8192;
 
 impl Collapse {
@@ -139,13 +139,12 @@ struct Solver<L> {
 impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
     /// Decides for a subtree: `nodes` in preorder, and its part of the decisions.
     fn subtree(&self, nodes: &[BinaryNode], left: &mut [[u8; LANES]], one: &mut [f32]) -> Costs {
-        #[cfg(feature = "rayon")]
-        if nodes.len() > PARALLEL && nodes[0].right > 0 {
+        if nodes.len() > PARALLEL && nodes[0].right > 0 && parallel::threads() > 1 {
             let right = nodes[0].right as usize;
             let ((left0, left), (one0, one)) = (left.split_at_mut(1), one.split_at_mut(1));
             let (left_low, left_high) = left.split_at_mut(right - 1);
             let (one_low, one_high) = one.split_at_mut(right - 1);
-            let (low, high) = rayon::join(
+            let (low, high) = parallel::both(
                 || self.subtree(&nodes[1..right], left_low, one_low),
                 || self.subtree(&nodes[right..], left_high, one_high),
             );
@@ -194,7 +193,6 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
 }
 
 /// A node above two solved subtrees.
-#[cfg(feature = "rayon")]
 struct Join<'a, L> {
     solver: &'a Solver<L>,
     node: &'a BinaryNode,
@@ -202,7 +200,6 @@ struct Join<'a, L> {
     children: (&'a Costs, &'a Costs),
 }
 
-#[cfg(feature = "rayon")]
 impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Join<'_, L> {
     type Output = Costs;
 

@@ -4,6 +4,7 @@
 
 mod binning;
 mod builder;
+mod cells;
 mod collapse;
 mod partition;
 mod presplit;
@@ -11,6 +12,7 @@ mod reference;
 mod replace_subtree;
 
 pub(crate) use builder::{BinaryNode, BinaryTree, LeafKind, build_binary, mean_half_area, neighbourhoods};
+pub(crate) use cells::coarse_tree;
 pub(crate) use collapse::{Collapse, CostModel, WideChild};
 pub(crate) use presplit::presplit;
 pub(crate) use reference::Reference;

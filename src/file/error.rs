@@ -56,6 +56,9 @@ pub enum FileError {
         /// Its index among the shapes.
         shape: usize,
     },
+    /// A lazy tree ([`Policy::Lazy`](crate::Policy::Lazy)) is not written: most of it is not there. A tree of another policy over
+    /// the same scene answers alike.
+    Lazy,
     /// The primitives handed in at loading are not those that the tree was built of.
     OtherPrimitives {
         /// What differs.
@@ -83,6 +86,9 @@ impl fmt::Display for FileError {
             FileError::Broken { what } => write!(f, "the file holds no proper tree: {what}"),
             FileError::OwnShape { shape } => {
                 write!(f, "shape {shape} is of the caller's own type, which a file can not hold; only spheres can")
+            }
+            FileError::Lazy => {
+                f.write_str("a lazy tree can not be written to a file: build one of the same scene that is not lazy")
             }
             FileError::OtherPrimitives { what } => {
                 write!(f, "these are not the primitives that the tree was built of: {what}")

@@ -10,10 +10,9 @@ use super::hit::{InstanceHit, InstancePath};
 use super::placements::Placements;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
-use crate::layout::{ChildRef, WideTree};
-use crate::ray::{Observer, Slabs, TreeRay};
-use crate::simd::{Kernel, Mask, Simd, dispatch};
-use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
+use crate::layout::ChildRef;
+use crate::ray::{Observer, Stops, Way};
+use crate::simd::dispatch;
 use core::ops::ControlFlow;
 
 /// Who looks on, or what is seen.
@@ -182,99 +181,47 @@ impl InstanceTree {
         if self.wide.root == ChildRef::NOTHING {
             return question;
         }
-        let (wide, set, trees) = (&self.wide, &self.placements, &self.trees[..]);
-        dispatch(self.simd, Asked { wide, set, trees, ray, path, look, question })
+        let Some(tree_ray) = self.placements.tree_ray(ray) else { return question };
+        let (set, trees) = (&self.placements, &self.trees[..]);
+        let mut stops = Asked { set, trees, path, look, question };
+        let (tree, tree_ray) = (&self.wide, &tree_ray);
+        if Q::ORDERED {
+            dispatch(self.simd, Way::<true, _> { tree, ray, tree_ray, stops: &mut stops });
+        } else {
+            dispatch(self.simd, Way::<false, _> { tree, ray, tree_ray, stops: &mut stops });
+        }
+        stops.question
     }
 }
 
-/// A query, to be dispatched to an instruction set.
+/// What is asked on the way through the tree over instances.
 struct Asked<'a, 'b, Q> {
-    wide: &'a WideTree,
     set: &'a Placements,
     trees: &'a [InstanceOf],
-    ray: &'a Ray,
     path: InstancePath,
     look: &'a mut Look<'b>,
     question: Q,
 }
 
-impl<Q: Question> Kernel for Asked<'_, '_, Q> {
-    type Output = Q;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Q {
-        let wide = self.wide;
-        let Some(tree_ray) = self.set.tree_ray(self.ray) else { return self.question };
-        let slabs = Slabs::new(&tree_ray);
-        let (ray, reach) = (Ray { t_max: tree_ray.t_max, ..*self.ray }, tree_ray.end);
-        let mut query = InstanceQuery { of: self, tree_ray: &tree_ray, slabs: &slabs, ray, reach };
-        let mut memory = StackOf::new();
-        let mut cursor = Cursor::new(wide.root, memory.stack(wide.waiting()));
-        let traversal = WideTraversal::new(&wide.arena);
-        while traversal.advance(s, &mut cursor, &mut query).is_continue() {}
-        query.of.question
-    }
-}
-
-/// A ray on its way through the tree over instances.
-struct InstanceQuery<'a, 'b, Q> {
-    of: Asked<'a, 'b, Q>,
-    tree_ray: &'a TreeRay,
-    slabs: &'a Slabs,
-    /// The ray as it was asked, up to where something still matters.
-    ray: Ray,
-    /// The same end as a distance in tree space.
-    reach: f32,
-}
-
-impl<Q: Question> InstanceQuery<'_, '_, Q> {
-    /// Asks one instance.
-    #[inline]
-    fn instance(&mut self, id: u32) -> ControlFlow<()> {
-        let Asked { set, trees, path, ref mut look, ref mut question, .. } = self.of;
-        let one = &set.placed[id as usize];
-        if !(one.active.contains(self.ray.time) && look.sees(one.mask)) {
-            return ControlFlow::Continue(());
-        }
-        let Some(local) = set.motions.local_ray(&one.motion, &self.ray) else { return ControlFlow::Continue(()) };
-        let end = question.ask(&trees[one.tree as usize], &local, path.then(id), look).map_break(|()| ())?;
-        if end < self.ray.t_max {
-            self.ray.t_max = end;
-            self.reach = self.tree_ray.reach(end);
-        }
-        ControlFlow::Continue(())
-    }
-}
-
-impl<S: Simd, Q: Question> WideQuery<S> for InstanceQuery<'_, '_, Q> {
-    const ORDERED: bool = Q::ORDERED;
-
-    #[inline(always)]
-    fn time(&self) -> f32 {
-        self.ray.time
-    }
-
+impl<Q: Question> Stops for Asked<'_, '_, Q> {
     #[inline(always)]
     fn node(&mut self) {
-        self.of.look.observe(|observer| observer.node());
+        self.look.observe(|observer| observer.node());
     }
 
     #[inline(always)]
-    fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
-        self.slabs.enter::<S, ROWS>(s, block, self.reach)
+    fn leaf(&mut self) {
+        self.look.observe(|observer| observer.leaf());
     }
 
-    #[inline(always)]
-    fn limit(&self) -> f32 {
-        self.slabs.key(self.reach)
-    }
-
-    #[inline(always)]
-    fn leaf(&mut self, _: S, leaf: ChildRef) -> ControlFlow<()> {
-        self.of.look.observe(|observer| observer.leaf());
-        for i in leaf.at()..leaf.at() + leaf.len() {
-            self.instance(self.of.wide.arena.ints()[i])?;
+    #[inline]
+    fn ask(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32> {
+        let Asked { set, trees, path, ref mut look, ref mut question } = *self;
+        let one = &set.placed[id as usize];
+        if !(one.active.contains(ray.time) && look.sees(one.mask)) {
+            return ControlFlow::Continue(ray.t_max);
         }
-        ControlFlow::Continue(())
+        let Some(local) = set.motions.local_ray(&one.motion, ray) else { return ControlFlow::Continue(ray.t_max) };
+        question.ask(&trees[one.tree as usize], &local, path.then(id), look)
     }
 }

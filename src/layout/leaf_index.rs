@@ -45,11 +45,27 @@ impl WideTree {
             blocks
         };
         let (found, blocks) = parallel::both(|| self.walked(), nowhere);
-        let (references, still_references) = self.find_blocks(set, &found, &blocks);
-        let Found { depth, nodes, moving_nodes, time_nodes, .. } = found;
-        let leaves = found.leaves.len();
-        let counts = Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, still_references };
+        let counts = self.count(set, &found, &blocks);
         (counts, blocks.into_iter().map(AtomicU32::into_inner).collect())
+    }
+
+    /// Counts without looking into leaves.
+    pub(super) fn counted_nodes(&self) -> Counts {
+        let Found { depth, nodes, moving_nodes, leaves, .. } = self.walked();
+        Counts { depth, nodes, moving_nodes, leaves: leaves.len(), ..Counts::default() }
+    }
+
+    /// Counts only.
+    pub(crate) fn counted<S: WideSource>(&self, set: &S) -> Counts {
+        self.count(set, &self.walked(), &[])
+    }
+
+    /// Counts, and writes down where triangles are unless there are no `blocks`.
+    fn count<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> Counts {
+        let (references, still_references) = self.find_blocks(set, found, blocks);
+        let &Found { depth, nodes, moving_nodes, time_nodes, .. } = found;
+        let leaves = found.leaves.len();
+        Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, still_references }
     }
 
     /// All nodes counted, all leaf blocks noted.
@@ -147,7 +163,8 @@ impl WideTree {
                 if matches!(leaf.kind(), Kind::StillLeaf | Kind::SharedStillLeaf) {
                     still += ids.len();
                 }
-                let Some(triangles) = set.triangles().filter(|_| !self.is_list::<S>(leaf)) else { continue };
+                let located = !blocks.is_empty() && !self.is_list::<S>(leaf);
+                let Some(triangles) = set.triangles().filter(|_| located) else { continue };
                 let slices = self.slices_of(leaf);
                 for &id in ids {
                     for slice in slices.clone() {
@@ -195,6 +212,8 @@ impl WideTree {
             kept_positions: set.positions()[1],
             still_references,
             time_nodes,
+            subtrees: 0,
+            built_subtrees: 0,
             cost: 1.0,
             bytes: self.arena.bytes(),
             primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>(),

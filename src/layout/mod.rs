@@ -8,6 +8,8 @@
 //! step; where triangles share vertices it holds each vertex once. A time node picks one child by the ray's time, and
 //! may stand anywhere in the tree; its children may share leaf blocks.
 //!
+//! Of a lazy tree (`lazy_tree`) the nodes near the root are written at once, and each subtree below them when a query wants it.
+//!
 //! A draft (`crate::time`) is written as `wide_node` and `leaf_block` say (`wide_builder`, `write`) and put together
 //! (`serialize`). Then the tree is walked once (`leaf_index`): leaf blocks are the only place where corners are kept, and
 //! whoever wants those of a triangle finds them there (`corners`).
@@ -15,6 +17,8 @@
 mod corners;
 mod kd_validate;
 mod keyed_leaf;
+mod lazy_tree;
+mod lazy_validate;
 mod leaf_block;
 mod leaf_ids;
 mod leaf_index;
@@ -35,6 +39,7 @@ mod write;
 
 pub use kd_validate::ValidationError;
 pub(crate) use keyed_leaf::KeyedLeaf;
+pub(crate) use lazy_tree::LazyTree;
 pub(crate) use leaf_block::{WideSource, write_list};
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub(crate) use refit::Moved;

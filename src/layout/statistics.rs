@@ -35,6 +35,10 @@ pub struct Statistics {
     pub still_references: usize,
     /// Subtrees that are divided in time: nodes that pick a child by the time of the query (wide trees).
     pub time_nodes: usize,
+    /// Subtrees that are built when a query first enters them ([`Policy::Lazy`](crate::Policy::Lazy)); 0 in other trees.
+    pub subtrees: usize,
+    /// Those of them that are built. Nodes, leaves, references and bytes are of these, and of what is above them.
+    pub built_subtrees: usize,
     /// Expected cost of a ray, relative to that of the tree as it was built: 1, and mostly more after a refit
     /// ([`Refit::cost`](crate::Refit::cost)).
     pub cost: f64,
@@ -87,6 +91,8 @@ impl KdTree {
             kept_positions: set.positions()[1],
             still_references: 0,
             time_nodes: 0,
+            subtrees: 0,
+            built_subtrees: 0,
             cost: 1.0,
             bytes: self.bytes(),
             primitive_bytes: set.bytes(),

@@ -18,9 +18,10 @@ pub struct TreeBox {
 }
 
 impl WideTree {
-    /// Calls `visitor` with every box that a ray of that time might be tested against.
-    pub fn boxes(&self, time: f32, frame: Frame, visitor: &mut impl FnMut(TreeBox)) {
-        let mut stack = vec![(self.root, 1)];
+    /// Calls `visitor` with every box that a ray of that time might be tested against, and with what is in it; `level` is that
+    /// of the children of the root.
+    pub fn boxes(&self, time: f32, frame: Frame, level: u32, visitor: &mut impl FnMut(TreeBox, ChildRef)) {
+        let mut stack = vec![(self.root, level)];
         while let Some((at, level)) = stack.pop() {
             let children = self.children(at);
             if at == ChildRef::NOTHING || children.is_empty() {
@@ -36,7 +37,7 @@ impl WideTree {
                     continue;
                 }
                 let [min, max] = self.lane_box(at, lane, time).map(|p| frame.to_world(p));
-                visitor(TreeBox { level, leaf: child.kind().is_leaf(), bounds: Aabb { min, max } });
+                visitor(TreeBox { level, leaf: child.kind().is_leaf(), bounds: Aabb { min, max } }, child);
                 stack.push((child, level + 1));
             }
         }

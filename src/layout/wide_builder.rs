@@ -12,6 +12,7 @@ use super::write::{Nodes, set_children, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
+use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::primitive::{PrimitiveSet, Triangles};
@@ -21,6 +22,7 @@ use crate::time::{
     COST_MODEL, Draft, Region, SharedLeaves, TimeSlice, draft_tree, params_of_copies, prefetch_blocks, primitives,
     regions,
 };
+use glam::Vec3;
 
 /// A subtree that is written: where it is over the whole shutter, and its root.
 struct Subtree {
@@ -32,15 +34,48 @@ impl WideTree {
     /// Builds over all primitives of a set within the bytes that the parameters allow. Progress is told, and cancelling
     /// noticed, after each draft and each written group.
     pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
-        let budget = allowed_bytes(set, params);
-        let mut tree = WideTree::unlimited(set, params, progress)?;
-        if matches!(params.division, Division::Segments(_) | Division::Copies(_)) {
-            return Ok(tree);
+        let triangles = set.triangles().map_or(0, Triangles::len);
+        let listed: Vec<u32> = (triangles as u32..set.len() as u32).collect();
+        let mut of_triangles = huge_vec(triangles);
+        parallel::fill(&mut of_triangles, triangles, |id| id as u32);
+        let budget = allowed_bytes(params, set.len(), set.further_key_bytes());
+        let mut tree = WideTree::fitted(set, [&of_triangles, &listed], params, budget, progress)?;
+        let bytes = tree.arena.bytes();
+        if bytes > budget && !params.division.is_forced() {
+            return Err(BuildError::OverBudget { bytes, budget });
         }
+        (tree.counts, tree.blocks) = tree.index_leaves(set);
+        Ok(tree)
+    }
+
+    /// Builds over some primitives, sorted, by one thread; where single triangles lie is not written down.
+    ///
+    /// It may weigh more than the parameters allow. An error only beyond what [`most_in_part`] says.
+    pub(super) fn part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
+        let triangles = set.triangles().map_or(0, Triangles::len) as u32;
+        let (of_triangles, listed) = ids.split_at(ids.partition_point(|&id| id < triangles));
+        let bent = of_triangles.iter().map(|&id| further_key_bytes(set, id)).sum();
+        let budget = allowed_bytes(params, ids.len(), bent);
+        parallel::alone(|| {
+            let mut tree = WideTree::fitted(set, [of_triangles, listed], params, budget, &Progress::new(None))?;
+            tree.counts = tree.counted(set);
+            Ok(tree)
+        })
+    }
+
+    /// Builds over triangles and other primitives what fits the bytes that are allowed, or else takes the fewest.
+    fn fitted<S: WideSource>(
+        set: &S,
+        ids: [&[u32]; 2],
+        params: &WideParams,
+        budget: usize,
+        progress: &Progress,
+    ) -> Result<WideTree, BuildError> {
+        let mut tree = WideTree::unlimited(set, ids, params, progress)?;
         // What the choices expected was too little: again with less, the last time without splitting and division.
         for attempt in 0..ATTEMPTS {
             let bytes = tree.arena.bytes();
-            if bytes <= budget {
+            if bytes <= budget || params.division.is_forced() {
                 return Ok(tree);
             }
             drop(tree);
@@ -49,37 +84,35 @@ impl WideTree {
                 true => WideParams { bytes_per_primitive: less, ..*params },
                 false => WideParams { max_references: 1.0, division: Division::Whole, ..*params },
             };
-            tree = WideTree::unlimited(set, &params, progress)?;
+            tree = WideTree::unlimited(set, ids, &params, progress)?;
         }
-        match tree.arena.bytes() {
-            bytes if bytes <= budget => Ok(tree),
-            bytes => Err(BuildError::OverBudget { bytes, budget }),
-        }
+        Ok(tree)
     }
 
-    /// Builds whatever it weighs.
-    fn unlimited<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
+    /// Builds over triangles and other primitives whatever it weighs.
+    fn unlimited<S: WideSource>(
+        set: &S,
+        ids: [&[u32]; 2],
+        params: &WideParams,
+        progress: &Progress,
+    ) -> Result<WideTree, BuildError> {
         let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
         let lists = if S::TRIANGLES { usize::MAX } else { 0 };
         let root = ChildRef::NOTHING;
         let mut tree = WideTree { arena, root, lists, presplit: false, slices: 1, blocks, counts };
-        let triangles = set.triangles().map_or(0, Triangles::len);
-        let listed: Vec<u32> = (triangles as u32..set.len() as u32).collect();
-        let mut of_triangles = huge_vec(triangles);
-        parallel::fill(&mut of_triangles, triangles, |id| id as u32);
+        let all = ids.iter().map(|ids| ids.len()).sum::<usize>() as f64;
         let mut parts = Vec::new();
-        for ids in [of_triangles, listed].into_iter().filter(|ids: &Vec<u32>| !ids.is_empty()) {
-            let share = ids.len() as f64 / set.len() as f64;
-            if ids[0] as usize >= triangles {
-                // The last group: what is written from now on.
+        for (group, ids) in ids.into_iter().enumerate().filter(|(_, ids)| !ids.is_empty()) {
+            let share = ids.len() as f64 / all;
+            if group > 0 {
+                // What is written from now on.
                 tree.lists = tree.arena.len();
             }
-            parts.push(tree.group(set, &ids, params, &|done| step(progress, share * done))?);
+            parts.push(tree.group(set, ids, params, &|done| step(progress, share * done))?);
         }
         tree.root = tree.join(parts)?;
         tree.arena.align();
         tree.arena.settle();
-        (tree.counts, tree.blocks) = tree.index_leaves(set);
         Ok(tree)
     }
 
@@ -242,15 +275,28 @@ const ATTEMPTS: usize = 2;
 const LEAST_BYTES: usize = 8192;
 
 /// What a tree may weigh: what is allowed for each primitive, and the positions at keys beyond the second.
-fn allowed_bytes<S: WideSource>(set: &S, params: &WideParams) -> usize {
-    let bytes = f64::from(params.bytes_per_primitive) * set.len() as f64;
-    bytes as usize + set.further_key_bytes() + LEAST_BYTES
+fn allowed_bytes(params: &WideParams, primitives: usize, further_key_bytes: usize) -> usize {
+    let bytes = f64::from(params.bytes_per_primitive) * primitives as f64;
+    bytes as usize + further_key_bytes + LEAST_BYTES
+}
+
+/// The most bytes that a triangle takes in leaf blocks for keys beyond the second.
+fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
+    (set.leaf_kind(id) as usize).saturating_sub(2) * size_of::<[Vec3; 3]>()
+}
+
+/// The most primitives of a set that are certainly not too large for one tree ([`WideTree::part`]), whatever the parameters are:
+/// each cut into as many references as are allowed, with as many copies of them as there can be, of 256 bytes and the keys.
+pub(super) fn most_in_part<S: WideSource>(set: &S) -> usize {
+    const REFERENCES: usize = 8 * MAX_TIME_SLICES;
+    let bent = if set.bent() { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
+    ((1 << 31) / REFERENCES / (256 + bent.unwrap_or(0))).max(1)
 }
 
 /// Says that a fraction of a group is done; an error where the build was cancelled.
 pub(crate) type Step<'a> = &'a dyn Fn(f64) -> Result<(), BuildError>;
 
-fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
+pub(super) fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
     progress.finished(done);
     if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
 }

@@ -10,7 +10,7 @@ use crate::simd::LANES;
 use glam::Vec3;
 
 /// Times at which a tree is walked; the odd numbers fall into every time part and on no boundary.
-const TIMES: [f32; 9] = [0.0, 0.03, 0.17, 0.29, 0.43, 0.61, 0.79, 0.97, 1.0];
+pub(super) const TIMES: [f32; 9] = [0.0, 0.03, 0.17, 0.29, 0.43, 0.61, 0.79, 0.97, 1.0];
 
 /// Everywhere.
 const UNBOUNDED: Box3 = Box3 { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY };
@@ -20,9 +20,8 @@ impl WideTree {
     /// primitive is in some leaf block, and every triangle of a block within the boxes above it. (Of triangles that were
     /// split before the build only a part lies in each of their boxes.)
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
-        for time in TIMES {
-            self.validate_at(set, time)?;
-        }
+        let all: Vec<u32> = (0..set.len() as u32).collect();
+        self.validate_part(set, &all)?;
         // It is known of each triangle in which leaf block it is, and in each slice of the shutter where it may be in others.
         let triangles = set.triangles();
         for (id, triangles) in triangles.into_iter().flat_map(|t| (0..t.len() as u32).map(move |id| (id, t))) {
@@ -37,9 +36,14 @@ impl WideTree {
         Ok(())
     }
 
-    fn validate_at<S: WideSource>(&self, set: &S, time: f32) -> Result<(), ValidationError> {
+    /// Checks all but where it is known to have its triangles, of a tree over these primitives, sorted.
+    pub(super) fn validate_part<S: WideSource>(&self, set: &S, ids: &[u32]) -> Result<(), ValidationError> {
+        TIMES.into_iter().try_for_each(|time| self.validate_at(set, ids, time))
+    }
+
+    fn validate_at<S: WideSource>(&self, set: &S, ids: &[u32], time: f32) -> Result<(), ValidationError> {
         let words = self.arena.ints().len();
-        let mut seen = vec![false; set.len()];
+        let mut seen = vec![false; ids.len()];
         let mut visited = 0;
         let mut stack = vec![(self.root, UNBOUNDED)];
         while let Some((at, bounds)) = stack.pop() {
@@ -60,7 +64,7 @@ impl WideTree {
             if at.kind().is_leaf() {
                 let triangles = set.triangles().filter(|_| !self.presplit && !self.is_list::<S>(at));
                 for &id in self.ids::<S>(at).ok_or(ValidationError::Links { node })? {
-                    *seen.get_mut(id as usize).ok_or(ValidationError::References { node })? = true;
+                    seen[ids.binary_search(&id).map_err(|_| ValidationError::References { node })?] = true;
                     if triangles.is_some_and(|triangles| !self.holds(triangles, id, time, bounds)) {
                         return Err(ValidationError::Bounds { primitive: id, time, node });
                     }
@@ -76,13 +80,15 @@ impl WideTree {
             }
         }
         match seen.iter().position(|&s| !s) {
-            Some(id) => Err(ValidationError::Missing { primitive: id as u32, time, node: 0 }),
+            Some(i) => Err(ValidationError::Missing { primitive: ids[i], time, node: 0 }),
             None => Ok(()),
         }
     }
 
     /// Whether a box holds the corners of a triangle at a time.
     fn holds(&self, set: &Triangles, id: u32, time: f32, bounds: Box3) -> bool {
-        self.corners(set, id, time).into_iter().all(|corner| bounds.holds(corner))
+        // Who does not know where single triangles lie has a set that has its vertices.
+        let corners = if self.blocks.is_empty() { set.corners(id, time) } else { self.corners(set, id, time) };
+        corners.into_iter().all(|corner| bounds.holds(corner))
     }
 }

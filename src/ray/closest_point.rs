@@ -116,7 +116,7 @@ impl<P: Primitive> ClosestPointSource for Shapes<P> {
 /// A query in world and in tree space.
 pub(crate) struct Query {
     point: DVec3,
-    time: f32,
+    pub(super) time: f32,
     max_distance: f32,
     frame: Frame,
     /// The point in tree space.
@@ -128,7 +128,7 @@ pub(crate) struct Query {
 
 impl Query {
     /// Nothing for a query that means nothing.
-    fn new(query: &ClosestPointQuery, frame: Frame) -> Option<Query> {
+    pub(super) fn new(query: &ClosestPointQuery, frame: Frame) -> Option<Query> {
         if !query.is_valid() {
             return None;
         }
@@ -158,9 +158,24 @@ impl Query {
         f64::from(limit.next_up()) * self.frame.scale
     }
 
+    /// The boxes of a node that are within reach, and their squared distances; see [`Query::distances`].
+    #[inline(always)]
+    pub(super) fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, cull: f32) -> (Mask, S::F) {
+        let time = s.splat(self.time);
+        let (mut lower, mut upper) = ([time; 3], [time; 3]);
+        for axis in 0..3 {
+            lower[axis] = face::<S, ROWS>(s, block, 2 * axis, time);
+            upper[axis] = face::<S, ROWS>(s, block, 2 * axis + 1, time);
+        }
+        let distances = self.distances(s, lower, upper);
+        let absent = s.splat_u(ChildRef::NOTHING.0);
+        let present = s.lt_u(s.to_bits(s.load(children_of::<ROWS>(block))), absent);
+        (s.le(distances, s.splat(cull)) & present, distances)
+    }
+
     /// The squared distance above which a box, as computed in f32, has nothing within `limit`.
     #[inline(always)]
-    fn cull(&self, limit: f32) -> f32 {
+    pub(super) fn cull(&self, limit: f32) -> f32 {
         let reach = self.reach(limit);
         (reach * reach * (1.0 + f64::from(8.0 * ULP))) as f32 + f32::MIN_POSITIVE
     }
@@ -181,13 +196,13 @@ impl Query {
 }
 
 /// The best answer so far, and who may improve it.
-struct Best<'a, G, F> {
-    set: &'a G,
+pub(super) struct Best<'a, G, F> {
+    pub set: &'a G,
     filter: &'a F,
-    query: &'a Query,
+    pub query: &'a Query,
     found: Option<(Candidate, u32)>,
     /// The greatest distance that still counts.
-    limit: f32,
+    pub limit: f32,
 }
 
 impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
@@ -217,7 +232,7 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
         ClosestPoint { distance, point, u, v, mesh, primitive }
     }
 
-    fn finish(self) -> Option<ClosestPoint> {
+    pub fn finish(self) -> Option<ClosestPoint> {
         self.found.map(|(candidate, id)| self.answer(candidate, id))
     }
 }
@@ -246,16 +261,7 @@ impl<S: Simd, G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> WideQ
 
     #[inline(always)]
     fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
-        let time = s.splat(self.best.query.time);
-        let (mut lower, mut upper) = ([time; 3], [time; 3]);
-        for axis in 0..3 {
-            lower[axis] = face::<S, ROWS>(s, block, 2 * axis, time);
-            upper[axis] = face::<S, ROWS>(s, block, 2 * axis + 1, time);
-        }
-        let distances = self.best.query.distances(s, lower, upper);
-        let absent = s.splat_u(ChildRef::NOTHING.0);
-        let present = s.lt_u(s.to_bits(s.load(children_of::<ROWS>(block))), absent);
-        (s.le(distances, s.splat(self.cull)) & present, distances)
+        self.best.query.enter::<S, ROWS>(s, block, self.cull)
     }
 
     #[inline(always)]
@@ -331,10 +337,10 @@ fn corners_in(lanes: &[[Lanes<f32>; 3]; 3], lane: usize) -> [Vec3; 3] {
 }
 
 /// The search through the wide layout, to be dispatched to an instruction set.
-struct Wide<'a, 'b, G, F, O> {
-    tree: &'a WideTree,
-    best: &'b mut Best<'a, G, F>,
-    observer: &'b mut O,
+pub(super) struct Wide<'a, 'b, G, F, O> {
+    pub tree: &'a WideTree,
+    pub best: &'b mut Best<'a, G, F>,
+    pub observer: &'b mut O,
 }
 
 impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Kernel for Wide<'_, '_, G, F, O> {
@@ -417,7 +423,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
 }
 
 /// The best answer before anything was looked at.
-fn begin<'a, G, F>(set: &'a G, query: &'a Query, filter: &'a F) -> Best<'a, G, F> {
+pub(super) fn begin<'a, G, F>(set: &'a G, query: &'a Query, filter: &'a F) -> Best<'a, G, F> {
     Best { set, filter, query, found: None, limit: query.max_distance }
 }
 

@@ -11,9 +11,11 @@ use super::closest_point::{
 };
 use super::interleave::{Anys, Asks, Batch, Closests};
 use super::intersect::RaySource;
-use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
+use super::lazy::LazyQuery;
+use super::lazy_closest_point::closest_point_in_lazy;
+use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Visitor};
 use super::{Everything, Filter, Hit, Observer, Ray, Visible};
-use crate::layout::WideTree;
+use crate::layout::{LazyTree, WideTree};
 use crate::mbkd::KdTree;
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
@@ -22,6 +24,7 @@ use core::ops::ControlFlow;
 pub(super) enum Layout {
     Wide(WideTree),
     Kd(KdTree),
+    Lazy(LazyTree),
 }
 
 /// What a query is asked of.
@@ -30,9 +33,6 @@ pub(super) struct Target<'a, G> {
     pub geometry: &'a G,
     pub simd: SimdLevel,
 }
-
-/// The caller's function that is called with each hit.
-pub(super) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
 
 /// A mask and the caller's filter of what is found.
 type Seen<'a, T> = Visible<&'a dyn Fn(&T) -> bool>;
@@ -122,6 +122,7 @@ impl<G: ClosestPointSource> Target<'_, G> {
         match self.layout {
             Layout::Wide(tree) => closest_point_in_wide(self.simd, tree, self.geometry, query, filter, observer),
             Layout::Kd(tree) => closest_point_in_kd(tree, self.geometry, query, filter, observer),
+            Layout::Lazy(tree) => closest_point_in_lazy(self.simd, tree, self.geometry, query, filter, observer),
         }
     }
 }
@@ -129,10 +130,11 @@ impl<G: ClosestPointSource> Target<'_, G> {
 impl<G: RaySource> Target<'_, G> {
     /// Asks the layout; the one place that knows the layouts apart.
     #[inline(always)]
-    fn ask<Q: Query>(self, query: Q) -> Q::Answer {
+    fn ask<Q: LazyQuery>(self, query: Q) -> Q::Answer {
         match self.layout {
             Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
             Layout::Kd(tree) => query.ask(tree),
+            Layout::Lazy(tree) => query.ask_lazily(tree, self.simd),
         }
     }
 
@@ -157,7 +159,7 @@ impl<G: RaySource> Target<'_, G> {
         self.ask(AllQuery { asked: Asked { set: self.geometry, ray, filter, observer }, visitor })
     }
 
-    /// Nothing to do in a k-d layout, whose rays are never interleaved.
+    /// Nothing to do in other layouts, whose rays are never interleaved.
     #[inline(always)]
     fn interleaved<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer]) {
         if let Layout::Wide(tree) = self.layout {

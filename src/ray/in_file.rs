@@ -25,7 +25,13 @@ impl Layout {
                 to.put(KD)?;
                 tree.encode(to)
             }
+            Layout::Lazy(_) => Err(FileError::Lazy),
         }
+    }
+
+    /// An error where the layout cannot be written, before anything else is.
+    fn can_be_written(&self) -> Result<(), FileError> {
+        if let Layout::Lazy(_) = self { Err(FileError::Lazy) } else { Ok(()) }
     }
 
     /// Reads what was written; nothing of it is checked but which layout it is.
@@ -52,6 +58,7 @@ impl<G: Geometry> RayTree<G> {
                 let statistics = tree.statistics(&geometry);
                 (Layout::Kd(tree), statistics)
             }
+            Layout::Lazy(_) => return Err(FileError::Lazy),
         };
         let (simd, queries) = (SimdLevel::best(), Queries::TABLE);
         Ok(RayTree { geometry, layout, statistics, from_file: true, plan: None, simd, queries })
@@ -76,12 +83,14 @@ impl RayTree {
     /// ```
     ///
     /// # Errors
-    /// [`FileError::OwnShape`] where there is a shape of the caller's own type beside the meshes, and what writing gives.
+    /// [`FileError::OwnShape`] where there is a shape of the caller's own type beside the meshes, [`FileError::Lazy`] for a tree
+    /// that is built where queries go, and what writing gives.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)
     }
 
     fn encode(&self, sink: &mut dyn Write) -> Result<(), FileError> {
+        self.layout.can_be_written()?;
         file::write(sink, FileKind::Scene, |to| {
             self.geometry.encode(to)?;
             self.layout.encode(to)
@@ -115,7 +124,7 @@ impl RayTree {
             let scene = match &layout {
                 // Each triangle is in some leaf block.
                 Layout::Wide(tree) => scene.checked(tree.arena.len(), true)?,
-                Layout::Kd(_) => scene.checked(usize::MAX, false)?,
+                Layout::Kd(_) | Layout::Lazy(_) => scene.checked(usize::MAX, false)?,
             };
             RayTree::checked(scene, layout)
         })
@@ -142,12 +151,13 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     /// [`RayTree::read_primitives_from`] takes them again.
     ///
     /// # Errors
-    /// What writing gives.
+    /// [`FileError::Lazy`], and what writing gives.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)
     }
 
     fn encode(&self, sink: &mut dyn Write) -> Result<(), FileError> {
+        self.layout.can_be_written()?;
         file::write(sink, FileKind::Primitives, |to| {
             self.geometry.encode(to)?;
             self.layout.encode(to)
@@ -157,7 +167,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     /// [`RayTree::write_to`] a file, which is there under this name once it is complete, and not before.
     ///
     /// # Errors
-    /// What writing gives.
+    /// [`FileError::Lazy`], and what writing gives.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }

@@ -82,23 +82,20 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
     }
 }
 
+/// The caller's function that is called with each hit.
+pub(super) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
+
 /// For all hits.
-pub(crate) struct AllQuery<'a, G, F, O, V> {
+pub(crate) struct AllQuery<'a, G, F, O> {
     pub asked: Asked<'a, G, F, O>,
-    pub visitor: V,
+    pub visitor: Visitor<'a>,
 }
 
-impl<G, F, O, V> Query for AllQuery<'_, G, F, O, V>
-where
-    G: RaySource,
-    F: Filter,
-    O: Observer,
-    V: FnMut(Hit) -> ControlFlow<()>,
-{
+impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
     type Answer = ControlFlow<()>;
 
     #[inline(always)]
-    fn ask(mut self, layout: impl Walk) -> ControlFlow<()> {
+    fn ask(self, layout: impl Walk) -> ControlFlow<()> {
         let Asked { set, ray, filter, observer } = self.asked;
         let (mut of, usual) = TreeRay::of(ray, set.frame());
         if !usual {

@@ -6,7 +6,7 @@ use super::intersect::RaySource;
 use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
-use crate::layout::{Plan, Statistics, TreeBox, ValidationError, WideTree};
+use crate::layout::{LazyTree, Plan, Statistics, TreeBox, ValidationError, WideTree};
 use crate::mbkd::build_kd;
 use crate::params::{BuildParams, Policy};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shape, Shapes, TriangleMesh};
@@ -80,6 +80,11 @@ impl<G: Geometry> RayTree<G> {
                 let (tree, times) = build_kd(&geometry, params, progress)?;
                 let statistics = tree.statistics(&geometry).with_times(times);
                 (Layout::Kd(tree), statistics)
+            }
+            Policy::Lazy(params) => {
+                let tree = LazyTree::build(&geometry, params, progress)?;
+                let statistics = tree.statistics(&geometry);
+                (Layout::Lazy(tree), statistics)
             }
         };
         geometry.complaint()?;
@@ -244,7 +249,8 @@ impl<G: Geometry> RayTree<G> {
 
     /// Checks that the tree is whole: links, depth, and that at sampled times, among them all at which something
     /// changes, each primitive is found wherever it is (in the k-d layout; in the wide one, that it is in some
-    /// leaf block, and at nine times that the boxes above hold the corners of each triangle that was not split). For tests; takes far longer than the build.
+    /// leaf block, and at nine times that the boxes above hold the corners of each triangle that was not split). Of a lazy tree
+    /// that is the coarse tree and the subtrees that are built by now; it builds none. For tests; takes far longer than the build.
     ///
     /// # Errors
     /// The first thing found wrong, which would be a defect of this crate.
@@ -252,6 +258,7 @@ impl<G: Geometry> RayTree<G> {
         match &self.layout {
             Layout::Kd(tree) => tree.validate(&self.geometry),
             Layout::Wide(tree) => tree.validate(&self.geometry),
+            Layout::Lazy(tree) => tree.validate(&self.geometry),
         }
     }
 
@@ -272,10 +279,13 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn boxes(&self, time: f32, mut visitor: impl FnMut(TreeBox)) {
-        if let Layout::Wide(tree) = &self.layout
-            && (0.0..=1.0).contains(&time)
-        {
-            tree.boxes(time, *self.geometry.frame(), &mut visitor);
+        if !(0.0..=1.0).contains(&time) {
+            return;
+        }
+        match &self.layout {
+            Layout::Wide(tree) => tree.boxes(time, *self.geometry.frame(), 1, &mut |b, _| visitor(b)),
+            Layout::Lazy(tree) => tree.boxes(time, *self.geometry.frame(), &mut visitor),
+            Layout::Kd(_) => {}
         }
     }
 
@@ -284,6 +294,7 @@ impl<G: Geometry> RayTree<G> {
         let swept = LinearBounds::fixed(self.geometry.frame().bounds);
         match &self.layout {
             Layout::Wide(tree) => tree.linear_bounds(self.geometry.frame()).unwrap_or(swept),
+            Layout::Lazy(tree) => tree.top.linear_bounds(self.geometry.frame()).unwrap_or(swept),
             Layout::Kd(_) => swept,
         }
     }
@@ -299,9 +310,12 @@ impl<G: Geometry> RayTree<G> {
         RayTree { simd, ..self }
     }
 
-    /// What the build made, in numbers.
+    /// What the build made, in numbers; of a lazy tree, what it and the queries made by now, for which it looks at every subtree.
     pub fn statistics(&self) -> Statistics {
-        self.statistics
+        match &self.layout {
+            Layout::Lazy(tree) => tree.statistics(&self.geometry),
+            Layout::Wide(_) | Layout::Kd(_) => self.statistics,
+        }
     }
 }
 
@@ -366,7 +380,7 @@ impl RayTree {
             Some(id) => {
                 let corners = match &self.layout {
                     Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
-                    Layout::Kd(_) => self.geometry.triangles.corners(id, time),
+                    Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners(id, time),
                 };
                 corners.map(|p| self.geometry.frame().to_world(p))
             }

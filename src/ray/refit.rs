@@ -59,6 +59,7 @@ impl<G: Geometry> RayTree<G> {
     fn can_be_refitted(&self) -> Result<(), RefitError> {
         match self.layout {
             Layout::Kd(_) => Err(RefitError::Policy),
+            Layout::Lazy(_) => Err(RefitError::Lazy),
             Layout::Wide(_) if self.from_file => Err(RefitError::FromFile),
             Layout::Wide(_) => Ok(()),
         }
@@ -206,7 +207,7 @@ mod tests {
     fn words(tree: &RayTree) -> &[u32] {
         match &tree.layout {
             Layout::Wide(tree) => tree.arena.ints(),
-            Layout::Kd(_) => &[],
+            Layout::Kd(_) | Layout::Lazy(_) => &[],
         }
     }
 

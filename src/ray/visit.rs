@@ -3,7 +3,7 @@
 use super::compiled::Layout;
 use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::{Aabb, Box3, Frame, KeyTime, ULP};
-use crate::layout::{ChildRef, Kind, WideTree};
+use crate::layout::{ChildRef, Kind, LazyTree, WideTree};
 use crate::mbkd::{KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 use crate::traverse::{Hierarchy, Visitor, traverse};
@@ -64,6 +64,40 @@ impl<G: Geometry> Hierarchy for WideAt<'_, G> {
                 children.push((to_world(*self.set.frame(), Box3 { min, max }), child));
             }
         }
+    }
+}
+
+/// A lazy tree at a time. A node is one of the coarse tree, or of the subtree with the number beside it.
+struct LazyAt<'a, G> {
+    tree: &'a LazyTree,
+    set: &'a G,
+    time: f32,
+}
+
+impl<G: Geometry> Hierarchy for LazyAt<'_, G> {
+    type Node = (Option<u32>, ChildRef);
+    type Item = TreePrimitive;
+
+    fn roots(&self, roots: &mut Vec<Self::Node>) {
+        let root = Some(self.tree.top.root).filter(|&root| root != ChildRef::NOTHING);
+        roots.extend(root.map(|root| (None, root)));
+    }
+
+    fn expand(
+        &self,
+        (mut of, mut node): Self::Node,
+        children: &mut Vec<(Aabb, Self::Node)>,
+        items: &mut Vec<TreePrimitive>,
+    ) {
+        let LazyAt { tree, set, time } = *self;
+        if of.is_none() && node.kind().is_leaf() {
+            let subtree = tree.below(node);
+            (of, node) = (Some(subtree), tree.subtree(set, subtree).root);
+        }
+        let tree = of.map_or(&tree.top, |subtree| tree.subtree(set, subtree));
+        let mut below = Vec::new();
+        WideAt { tree, set, time }.expand(node, &mut below, items);
+        children.extend(below.into_iter().map(|(bounds, child)| (bounds, (of, child))));
     }
 }
 
@@ -163,6 +197,7 @@ impl<G: Geometry> RayTree<G> {
         let set = &self.geometry;
         match &self.layout {
             Layout::Wide(tree) => traverse(&WideAt { tree, set, time }, visitor),
+            Layout::Lazy(tree) => traverse(&LazyAt { tree, set, time }, visitor),
             Layout::Kd(tree) => {
                 let slack = 16.0 * ULP * tree.root.min.abs().max(tree.root.max.abs()).max_element();
                 traverse(&KdAt { tree, set, time, slack }, visitor)

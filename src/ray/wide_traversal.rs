@@ -284,11 +284,14 @@ mod tests {
         (true, enter > leave)
     }
 
-    /// A triangle with one edge along a face of its box, and a point of that edge, where rays are aimed.
-    fn aim(mut next: impl FnMut() -> f32) -> ([Vec3; 3], Vec3) {
+    /// A triangle with one side along a face of its box, or along an edge, and a point of that side, where rays are aimed.
+    fn aim(mut next: impl FnMut() -> f32, at_edge: bool) -> ([Vec3; 3], Vec3) {
         let mut point = || Vec3::new(next(), next(), next());
         let (a, mut b, c) = (point(), point(), point());
         b.x = a.x;
+        if at_edge {
+            b.y = a.y;
+        }
         ([a, b, c], a + (b - a) * (0.5 + 0.5 * next()))
     }
 
@@ -313,7 +316,7 @@ mod tests {
     /// Hits that are lost if boxes and rays have this part of the padding and the slack that they should have.
     fn hits_lost(part: f32) -> usize {
         lost(|next| {
-            let (corners, target) = aim(&mut *next);
+            let (corners, target) = aim(&mut *next, false);
             let origin = Vec3::new(next(), next(), next()) * 3.0;
             let mut ray = TreeRay::new(&Ray::new(origin, target - origin), &Frame::WORLD)?;
             ray.pad *= part;
@@ -324,7 +327,7 @@ mod tests {
     /// The same of rays from far away that have this part of the slack for their way to the scene, and no other.
     fn far_hits_lost(part: f32) -> usize {
         lost(|next| {
-            let (corners, target) = aim(&mut *next);
+            let (corners, target) = aim(&mut *next, true);
             let dir = Vec3::new(next(), next(), next());
             let origin = target.as_dvec3() - dir.as_dvec3() * (4e9 / f64::from(dir.abs().max_element()));
             let mut ray = TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD)?;
@@ -338,9 +341,10 @@ mod tests {
     /// the usual.
     fn hits_of_lines_lost(part: f32) -> usize {
         lost(|next| {
-            let (corners, target) = aim(&mut *next);
+            let (corners, target) = aim(&mut *next, true);
             let origin = Vec3::new(next(), next(), next()) * 3e-4;
-            let line = Ray::new(origin, target * 1e-4 - origin).between(f32::NEG_INFINITY, f32::INFINITY);
+            // Where `t` were 1, distances would be exact.
+            let line = Ray::new(origin, (target * 1e-4 - origin) * 0.7).between(f32::NEG_INFINITY, f32::INFINITY);
             let mut ray = TreeRay::new(&line, &Frame::WORLD)?;
             let usual = KERNEL_ULPS * ULP * ray.origin.abs().max_element();
             ray.pad = ray.inverse.abs() * (usual + (ray.slack - usual) * part);

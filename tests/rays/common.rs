@@ -8,7 +8,7 @@ mod random;
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Geometry, Hit, KdParams, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Geometry, Hit, KdParams, LazyParams, Ray, RayTree, TriangleMesh};
 pub use random::Random;
 
 /// Every policy under test, and the paper's policy in all its variants.
@@ -25,6 +25,7 @@ pub fn variants() -> Vec<BuildParams> {
         }),
         BuildParams::kd(KdParams { propagated_vote: false, plane_time: 1.0, max_references: 2.0, ..KdParams::paper() }),
         BuildParams::kd(KdParams::classic()),
+        BuildParams::lazy(LazyParams { subtree: 5, ..LazyParams::default() }),
     ]
 }
 

@@ -9,6 +9,7 @@ mod golden;
 mod hairball;
 mod instances;
 mod keys;
+mod lazy;
 mod metamorphic;
 mod mixed;
 mod refit;

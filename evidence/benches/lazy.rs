@@ -1,0 +1,186 @@
+//! What a lazy tree saves where a picture shows a small part of a scene.
+//!
+//! Of each scene a picture is taken of which rays test about the wanted share of the triangles: a window in the middle of the
+//! scene's own picture, made smaller until that is so. A whole build, and a lazy build with the rays of the picture, follow each other by turns, on
+//! one thread. What the rays built is what they took the first time beyond what they take in the same tree again.
+//!
+//! `cargo bench --bench lazy > lazy.md`; `--help` lists what can be chosen. For figures worth keeping give it an idle core.
+
+#[path = "embree/clock.rs"]
+mod clock;
+
+use clap::Parser;
+use core::ops::ControlFlow;
+use mbkd::{Aabb, BuildParams, Division, LazyParams, Ray, RayTree, TreePrimitive, Visitor};
+use mbkd_scenes as scene;
+use std::collections::HashSet;
+use std::error::Error;
+use std::hint::black_box;
+
+#[derive(Parser)]
+#[command(about = "Measures lazy builds beside whole ones")]
+struct Args {
+    /// Share of each scene's usual number of triangles.
+    #[arg(long, default_value_t = 1.0)]
+    scale: f32,
+    /// Rays of a picture.
+    #[arg(long, default_value_t = 262_144)]
+    rays: usize,
+    /// The share of the triangles that rays test, at most.
+    #[arg(long, default_value_t = 0.05)]
+    share: f64,
+    /// Primitives of a subtree at most.
+    #[arg(long, default_value_t = LazyParams::default().subtree)]
+    subtree: usize,
+    /// Subtrees divide the shutter as other trees do.
+    #[arg(long)]
+    divide: bool,
+    /// Times that everything is done.
+    #[arg(long, default_value_t = 7)]
+    rounds: usize,
+    /// Only scenes whose name contains this.
+    #[arg(long, default_value = "")]
+    only: String,
+    /// What cargo passes to every benchmark.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
+    let args = Args::parse();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    println!(
+        "| scene | triangles | tested | in subtrees built | subtrees | build, ms | lazy build / build | and what rays built | at first, \
+         build and rays / build and rays | rays / rays of the whole tree |\n|---|---|---|---|---|---|---|---|---|---|"
+    );
+    for recipe in scene::CATALOGUE.iter().filter(|recipe| recipe.name.contains(&args.only)) {
+        pool.install(|| measure(&args, recipe))?;
+    }
+    Ok(())
+}
+
+fn timed<T>(f: impl FnOnce() -> T) -> (f64, T) {
+    let start = clock::seconds();
+    let made = f();
+    (clock::seconds() - start, made)
+}
+
+fn measure(args: &Args, recipe: &scene::Recipe) -> Result<(), Box<dyn Error + Send + Sync>> {
+    let scene = (recipe.make)((recipe.full as f32 * args.scale) as usize);
+    let mut lazy = LazyParams { subtree: args.subtree, ..LazyParams::default() };
+    if args.divide {
+        lazy.wide.division = Division::Automatic;
+    }
+    let lazy = BuildParams::lazy(lazy);
+    let build = |params: &BuildParams| timed(|| RayTree::build(&scene.meshes, params));
+    let whole = build(&BuildParams::default()).1?;
+    let (rays, tested) = picture(&whole, &scene.camera, args);
+    let [mut builds, mut of_build, mut with_subtrees, mut with_rays, mut of_rays] = [const { Vec::new() }; 5];
+    let mut built = whole.statistics();
+    let mut share = 0.0;
+    for _ in 0..args.rounds {
+        let (whole_time, whole) = build(&BuildParams::default());
+        let (lazy_time, lazy) = build(&lazy);
+        let (whole, lazy) = (whole?, lazy?);
+        let (first, _) = timed(|| ask(&lazy, &rays));
+        let (of_whole, _) = timed(|| ask(&whole, &rays));
+        let (again, _) = timed(|| ask(&lazy, &rays));
+        builds.push(whole_time);
+        of_build.push(lazy_time / whole_time);
+        with_subtrees.push((lazy_time + first - again) / whole_time);
+        with_rays.push((lazy_time + first) / (whole_time + of_whole));
+        of_rays.push(again / of_whole);
+        built = lazy.statistics();
+        share = (built.references as f64 * (1.0 - built.duplicates)) / built.primitives as f64;
+    }
+    println!(
+        "| {} | {} | {:.1} % | {:.1} % | {} of {} | {:.1} | {:.3} | {:.3} | {:.3} | {:.2} |",
+        recipe.name,
+        built.primitives,
+        100.0 * tested,
+        100.0 * share,
+        built.built_subtrees,
+        built.subtrees,
+        median(builds) * 1e3,
+        median(of_build),
+        median(with_subtrees),
+        median(with_rays),
+        median(of_rays),
+    );
+    Ok(())
+}
+
+fn ask(tree: &RayTree, rays: &[Ray]) {
+    rays.iter().for_each(|ray| _ = black_box(tree.closest_hit(ray)));
+}
+
+/// The rays of the largest window that tests at most the wanted share of the triangles, and the share that it tests.
+fn picture(tree: &RayTree, camera: &scene::Camera, args: &Args) -> (Vec<Ray>, f64) {
+    let (mut least, mut most, mut best) = (0.0f32, 1.0, None);
+    for step in 0..7 {
+        // At first all of the picture.
+        let window = if step == 0 { 1.0 } else { 0.5 * (least + most) };
+        let rays = rays(camera, window, args.rays);
+        let share = tested(tree, &rays);
+        if share <= args.share || best.is_none() {
+            best = Some((rays, share));
+            least = window;
+        }
+        if share <= args.share && step == 0 {
+            break;
+        }
+        if share > args.share {
+            (least, most) = (if step == 0 { 0.0 } else { least }, window);
+        }
+    }
+    best.unwrap_or_default()
+}
+
+/// Rays through a window in the middle of a picture, so wide, at times of their own, row by row.
+fn rays(camera: &scene::Camera, window: f32, count: usize) -> Vec<Ray> {
+    let side = (count as f32).sqrt() as usize;
+    let mut seed = 1u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 40) as f32 / (1 << 24) as f32
+    };
+    let place = |i: usize, by: f32| 0.5 + ((i as f32 + by) / side as f32 - 0.5) * window;
+    let pixels = (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
+    pixels.map(|(x, y)| camera.ray(place(x, random()), place(y, random()), 1.0, random())).collect()
+}
+
+/// The share of the triangles in leaf blocks that rays come to before they hit.
+fn tested(tree: &RayTree, rays: &[Ray]) -> f64 {
+    let mut seen = HashSet::new();
+    for ray in rays {
+        let end = tree.closest_hit(ray).map_or(f32::INFINITY, |hit| hit.t);
+        _ = tree.traverse(ray.time, &mut Way { ray: *ray, end: f64::from(end), seen: &mut seen });
+    }
+    seen.len() as f64 / tree.statistics().primitives as f64
+}
+
+/// The way of a ray to where it hits.
+struct Way<'a> {
+    ray: Ray,
+    end: f64,
+    seen: &'a mut HashSet<TreePrimitive>,
+}
+
+impl Visitor<TreePrimitive> for Way<'_> {
+    fn enter(&mut self, bounds: &Aabb) -> Option<f32> {
+        let dir = self.ray.dir.as_dvec3();
+        let (a, b) = ((bounds.min - self.ray.origin) / dir, (bounds.max - self.ray.origin) / dir);
+        let (enter, leave) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(self.end));
+        (enter <= leave).then_some(enter as f32)
+    }
+
+    fn visit(&mut self, item: TreePrimitive) -> ControlFlow<()> {
+        self.seen.insert(item);
+        ControlFlow::Continue(())
+    }
+}
+
+fn median(mut of: Vec<f64>) -> f64 {
+    of.sort_by(f64::total_cmp);
+    of.get(of.len() / 2).copied().unwrap_or(f64::NAN)
+}

@@ -1,0 +1,196 @@
+//! The top of a binary tree, by cells.
+//!
+//! Object splits look at every reference once for each level. Where only the first levels are wanted, it is enough to look once: all
+//! references are dealt into the cells of a grid, by their centres, and object splits then part the cells. A cell that
+//! alone has too many references is split as usual; so a scene that is small somewhere and fine costs no more than it would.
+
+use super::binning::summary;
+use super::builder::{BinaryNode, BinaryTree, build_binary};
+use super::reference::{Packed, Reference};
+use crate::geometry::Box3;
+use crate::parallel;
+use crate::simd::{SimdLevel, huge_vec};
+use glam::Vec4;
+
+/// Cells along an axis, at most.
+const MOST: usize = 16;
+
+/// References that are dealt by one task.
+const DEALT: usize = 1 << 16;
+
+/// A binary tree whose leaves have at most `most` references, and the ids of these in the order of the tree. The id of each reference
+/// must be its place.
+pub(crate) fn coarse_tree(references: &[Reference], most: usize) -> (BinaryTree, Vec<u32>) {
+    if references.is_empty() {
+        return (BinaryTree::new(), Vec::new());
+    }
+    let grid = Grid::around(references, most);
+    let tasks = parallel::map(references.len().div_ceil(DEALT), |i| {
+        grid.deal(&references[i * DEALT..references.len().min((i + 1) * DEALT)])
+    });
+    let (mut sum, mut begins) = (0, vec![0; grid.cells()]);
+    let mut cells = Vec::new();
+    let mut cell_references = Vec::new();
+    for (key, begin) in begins.iter_mut().enumerate() {
+        *begin = sum;
+        sum += tasks.iter().map(|dealt| dealt.counts[key] as usize).sum::<usize>();
+        if sum > *begin {
+            let bounds = tasks.iter().fold(Packed::EMPTY, |all, dealt| all.least(dealt.bounds[key]));
+            cell_references.push(Reference::of(bounds, cells.len() as u32));
+            cells.push(*begin..sum);
+        }
+    }
+    let mut dealt = huge_vec(references.len());
+    dealt.resize(references.len(), 0);
+    for (id, &key) in tasks.iter().flat_map(|task| &task.keys).enumerate() {
+        dealt[begins[key as usize]] = id as u32;
+        begins[key as usize] += 1;
+    }
+    let tree = build_binary(&mut cell_references, 1..=1, None);
+    let cells: Vec<&[u32]> = cell_references.iter().map(|r| &dealt[cells[r.id() as usize].clone()]).collect();
+    let ids = huge_vec(references.len());
+    let mut cut = Cut { references, tree: &tree, cells: &cells, most, binary: BinaryTree::new(), ids };
+    cut.node(0);
+    (cut.binary, cut.ids)
+}
+
+/// The cells of a box.
+struct Grid {
+    low: Vec4,
+    /// Cells per length.
+    scale: Vec4,
+    side: usize,
+}
+
+/// What is in the cells of a part of the references.
+struct Dealt {
+    /// The cell of each reference.
+    keys: Vec<u16>,
+    /// For each cell how many there are, and where.
+    counts: Vec<u32>,
+    bounds: Vec<Packed>,
+}
+
+impl Grid {
+    /// Around the centres of references, as fine as leaves of at most `most` need.
+    fn around(references: &[Reference], most: usize) -> Grid {
+        let (_, Box3 { min, max }) = summary(SimdLevel::best(), references);
+        // Most scenes are surfaces: of cubed many cells about squared many have something in them.
+        let side = ((4 * references.len() / most) as f32).sqrt().ceil().clamp(1.0, MOST as f32);
+        let scale = (max - min).map(|extent| if extent > 0.0 { side / extent } else { 0.0 });
+        Grid { low: min.extend(0.0), scale: scale.extend(0.0), side: side as usize }
+    }
+
+    fn cells(&self) -> usize {
+        self.side.pow(3)
+    }
+
+    /// The cell of a reference.
+    fn key(&self, r: &Reference) -> usize {
+        let cell = ((r.centre() - self.low) * self.scale).as_uvec4().min(glam::UVec4::splat(self.side as u32 - 1));
+        (cell.z as usize * self.side + cell.y as usize) * self.side + cell.x as usize
+    }
+
+    fn deal(&self, references: &[Reference]) -> Dealt {
+        let mut keys = Vec::with_capacity(references.len());
+        let (mut counts, mut bounds) = (vec![0; self.cells()], vec![Packed::EMPTY; self.cells()]);
+        for r in references {
+            let key = self.key(r);
+            keys.push(key as u16);
+            counts[key] += 1;
+            bounds[key] = bounds[key].least(*r.packed());
+        }
+        Dealt { keys, counts, bounds }
+    }
+}
+
+/// Cuts a tree over cells where few enough references are below.
+struct Cut<'a> {
+    references: &'a [Reference],
+    tree: &'a [BinaryNode],
+    /// The ids in each cell, in the order of the tree.
+    cells: &'a [&'a [u32]],
+    most: usize,
+    binary: BinaryTree,
+    ids: Vec<u32>,
+}
+
+impl Cut<'_> {
+    /// Appends a node of the tree over cells, and all below it.
+    fn node(&mut self, x: usize) {
+        let node = self.tree[x];
+        let cells = &self.cells[node.first as usize..][..node.count as usize];
+        let (at, first) = (self.binary.len(), self.ids.len() as u32);
+        let count: usize = cells.iter().map(|ids| ids.len()).sum();
+        if count > self.most && node.right == 0 {
+            let mut references: Vec<Reference> =
+                cells.iter().copied().flatten().map(|&id| self.references[id as usize]).collect();
+            let below = build_binary(&mut references, self.most..=self.most, None);
+            self.binary.extend(below.iter().map(|node| BinaryNode { first: first + node.first, ..*node }));
+            self.ids.extend(references.iter().map(Reference::id));
+            return;
+        }
+        self.binary.push(BinaryNode { first, count: count as u32, right: 0, ..node });
+        if count <= self.most {
+            self.ids.extend(cells.iter().copied().flatten());
+            return;
+        }
+        self.node(x + 1);
+        self.binary[at].right = (self.binary.len() - at) as u32;
+        self.node(x + node.right as usize);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::LinearBox3;
+    use glam::Vec3;
+
+    /// Checks a node and all below it; returns how many nodes those are.
+    fn check(references: &[Reference], tree: &BinaryTree, ids: &[u32], x: usize, most: usize) -> usize {
+        let node = &tree[x];
+        let below = &ids[node.first as usize..][..node.count as usize];
+        let united = below.iter().map(|&id| references[id as usize].bounds()).reduce(LinearBox3::union);
+        assert_eq!(united, Some(node.bounds));
+        if node.right == 0 {
+            assert!(below.len() <= most, "{} of {most}", below.len());
+            return 1;
+        }
+        let right = x + node.right as usize;
+        assert_eq!((tree[x + 1].first, tree[right].first), (node.first, node.first + tree[x + 1].count));
+        assert_eq!(tree[x + 1].count + tree[right].count, node.count);
+        let left = check(references, tree, ids, x + 1, most);
+        assert_eq!(left + 1, node.right as usize);
+        1 + left + check(references, tree, ids, right, most)
+    }
+
+    #[test]
+    fn every_reference_is_in_one_leaf_and_all_boxes_hold_what_is_below() {
+        let mut state = 5u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        // All over a box, all but a few in a corner of it, in a plane, at one place.
+        for spread in [Vec3::ONE, Vec3::splat(1e-4), Vec3::new(1.0, 0.0, 1.0), Vec3::ZERO] {
+            for (n, most) in [(1, 1), (40, 1), (3000, 7), (150_000, 100), (5000, 5000)] {
+                let references: Vec<Reference> = (0..n)
+                    .map(|id| {
+                        let far = if id % 999 == 0 && spread != Vec3::ZERO { 1.0 } else { 0.0 };
+                        let p = Vec3::new(next(), next(), next()) * spread + far;
+                        let of = |p: Vec3| Box3 { min: p, max: p + 0.01 * spread };
+                        let end = if id % 3 == 0 { p + 0.1 * spread } else { p };
+                        Reference::new(LinearBox3 { begin: of(p), end: of(end) }, id)
+                    })
+                    .collect();
+                let (tree, mut ids) = coarse_tree(&references, most);
+                assert_eq!(check(&references, &tree, &ids, 0, most), tree.len());
+                let leaves = tree.iter().filter(|node| node.right == 0).count();
+                assert!(leaves <= 8 * (n as usize).div_ceil(most), "{leaves} leaves for {n}, {most} in each");
+                ids.sort_unstable();
+                assert!(ids.into_iter().eq(0..n));
+            }
+        }
+    }
+}

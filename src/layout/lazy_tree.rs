@@ -1,0 +1,154 @@
+//! A wide tree that is built where queries go.
+//!
+//! The picture: a map on which towns are dots until someone drives there. The coarse top is an ordinary wide tree whose leaves are
+//! lists of one *subtree* each: some hundred primitives that object splits of coarse cells put together. A subtree is an
+//! ordinary wide tree over its primitives in the same tree space, built by the first query that enters it.
+//!
+//! Boxes of the coarse tree hold all that is in them over the whole shutter, so it has no time nodes, and nothing in it is
+//! decided by samples or cut.
+//!
+//! **Why no two threads wait for each other.** Who builds a subtree does it alone ([`parallel::alone`]) and asks nothing
+//! of the tree; all others who want the same subtree wait for that one build, holding none of their own.
+
+use super::leaf_block::{WideSource, write_list};
+use super::statistics::Statistics;
+use super::tree_box::TreeBox;
+use super::wide_builder::{most_in_part, step};
+use super::wide_node::ChildRef;
+use super::wide_tree::{Counts, WideTree};
+use super::write::Nodes;
+use crate::bvh::{BinaryNode, Collapse, Reference, coarse_tree};
+use crate::error::BuildError;
+use crate::geometry::{Frame, TimeInterval};
+use crate::parallel;
+use crate::params::{LazyParams, WideParams};
+use crate::progress::Progress;
+use crate::simd::{Arena, LANES, huge_vec};
+use crate::time::COST_MODEL;
+use std::sync::OnceLock;
+
+/// The coarse tree, and the subtrees below it.
+pub(crate) struct LazyTree {
+    /// The tree above the subtrees: each leaf lists one by its number.
+    pub top: WideTree,
+    /// The primitives of all subtrees, one subtree after the other.
+    ids: Vec<u32>,
+    subtrees: Vec<Subtree>,
+    /// How subtrees are built.
+    params: WideParams,
+}
+
+/// Some primitives, and the tree over them once a query wanted it.
+struct Subtree {
+    /// Where its ids begin.
+    first: u32,
+    tree: OnceLock<WideTree>,
+}
+
+impl LazyTree {
+    /// Sorts the primitives of a set into subtrees, and builds the tree above them.
+    pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
+        let over = TimeInterval::FULL;
+        let mut references: Vec<Reference> = huge_vec(set.len());
+        parallel::fill(&mut references, set.len(), |id| Reference::new(set.bounds(id as u32, over), id as u32));
+        step(progress, 0.5)?;
+        let most = params.subtree.min(most_in_part(set));
+        let (binary, ids) = coarse_tree(&references, most);
+        drop(references);
+        // In preorder leaves follow each other as their primitives do.
+        let leaves = binary.iter().filter(|node| node.right == 0);
+        let subtrees: Vec<Subtree> = leaves.map(|leaf| Subtree { first: leaf.first, tree: OnceLock::new() }).collect();
+        let top = top(&binary, &subtrees, over)?;
+        step(progress, 0.5)?;
+        Ok(LazyTree { top, ids, subtrees, params: params.wide })
+    }
+
+    /// How many subtrees there are.
+    pub(super) fn len(&self) -> usize {
+        self.subtrees.len()
+    }
+
+    /// The subtree that a leaf of the coarse tree leads to.
+    pub fn below(&self, leaf: ChildRef) -> u32 {
+        self.top.arena.ints()[leaf.at()]
+    }
+
+    /// A subtree, built now if it was not before. `set` is that of the build.
+    pub fn subtree<S: WideSource>(&self, set: &S, subtree: u32) -> &WideTree {
+        self.subtrees[subtree as usize].tree.get_or_init(|| {
+            let mut ids = self.primitives(subtree).to_vec();
+            ids.sort_unstable();
+            WideTree::part(set, &ids, &self.params).expect("the build made no subtree too large for a tree")
+        })
+    }
+
+    /// The primitives of a subtree.
+    pub(super) fn primitives(&self, subtree: u32) -> &[u32] {
+        let first = |i: usize| self.subtrees.get(i).map_or(self.ids.len(), |subtree| subtree.first as usize);
+        &self.ids[first(subtree as usize)..first(subtree as usize + 1)]
+    }
+
+    /// A subtree, if it is built.
+    pub(super) fn built(&self, subtree: u32) -> Option<&WideTree> {
+        self.subtrees[subtree as usize].tree.get()
+    }
+
+    /// The figures of what is built by now.
+    pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
+        let mut all = self.top.statistics(set);
+        let above = all.depth;
+        (all.leaves, all.references) = (0, 0);
+        all.subtrees = self.len();
+        all.bytes += self.ids.capacity() * size_of::<u32>() + self.subtrees.capacity() * size_of::<Subtree>();
+        let mut primitives = 0;
+        for (subtree, tree) in (0..).map(|subtree| (subtree, self.built(subtree))).take(self.len()) {
+            let Some(tree) = tree else { continue };
+            let of = tree.statistics(set);
+            primitives += self.primitives(subtree).len();
+            all.built_subtrees += 1;
+            all.depth = all.depth.max(above + of.depth);
+            all.nodes += of.nodes;
+            all.leaves += of.leaves;
+            all.references += of.references;
+            all.still_references += of.still_references;
+            all.time_nodes += of.time_nodes;
+            all.bytes += of.bytes;
+        }
+        all.duplicates = (all.references - primitives) as f64 / all.references.max(1) as f64;
+        all
+    }
+
+    /// The boxes of what is built by now, as [`WideTree::boxes`].
+    pub fn boxes(&self, time: f32, frame: Frame, visitor: &mut impl FnMut(TreeBox)) {
+        self.top.boxes(time, frame, 1, &mut |b, child| {
+            let below = if b.leaf { self.built(self.below(child)) } else { None };
+            visitor(TreeBox { leaf: b.leaf && below.is_none_or(|tree| tree.root.kind().is_leaf()), ..b });
+            if let Some(tree) = below {
+                tree.boxes(time, frame, b.level + 1, &mut |b, _| visitor(b));
+            }
+        });
+    }
+}
+
+/// The tree above the subtrees, which are the leaves of a binary tree.
+fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Result<WideTree, BuildError> {
+    let (arena, root, counts) = (Arena::default(), ChildRef::NOTHING, Counts::default());
+    let mut top = WideTree { arena, root, lists: 0, presplit: false, slices: 1, blocks: Vec::new(), counts };
+    if binary.is_empty() {
+        return Ok(top);
+    }
+    // Whatever one costs, each is a leaf.
+    let collapse = Collapse::new(binary, COST_MODEL, |node| (node.right == 0).then_some(COST_MODEL.leaf_of(LANES)));
+    let leaves = |arena: &mut Arena, of: &[BinaryNode], lists: &mut [ChildRef]| {
+        for (node, list) in of.iter().zip(lists) {
+            let subtree = subtrees.partition_point(|subtree| subtree.first < node.first);
+            *list = write_list(arena, &[subtree as u32]).ok_or(BuildError::TooLargeTree)?;
+        }
+        Ok(())
+    };
+    top.root = Nodes { binary, collapse: &collapse, over, leaves, writes: true }.write(&mut top.arena)?;
+    top.arena.align();
+    top.arena.settle();
+    top.counts = top.counted_nodes();
+    Ok(top)
+}
