@@ -7,6 +7,7 @@
 //!
 //! Lengths are in scene units, y is up, and the shutter is [0, 1].
 
+mod building;
 mod camera;
 mod coherent;
 mod debris;
@@ -24,6 +25,7 @@ mod tests;
 mod tornado;
 mod turn;
 
+pub use building::{building, crowd, distant, visited};
 pub use camera::{Camera, View};
 pub use coherent::{coherent, turning};
 pub use debris::debris;
@@ -111,6 +113,15 @@ pub const CATALOGUE: &[Recipe] = &[
     Recipe { name: "needles30", about: "the same moving 30 %", full: 50_000, make: |n| needles(n, 0.3) },
     Recipe { name: "debris", about: "stones flying far and spinning", full: 192_000, make: debris },
     Recipe { name: "mixed", about: "the hall, a rock in flight and a tornado", full: 400_000, make: mixed },
+    Recipe { name: "building", about: "still rooms of very uneven triangles", full: 56_000, make: building },
+    Recipe {
+        name: "visited",
+        about: "the building and a running figure of half its triangles",
+        full: 130_000,
+        make: visited,
+    },
+    Recipe { name: "distant", about: "a small figure that most rays miss", full: 12_000, make: distant },
+    Recipe { name: "crowd", about: "hundreds of running figures", full: 10_000_000, make: crowd },
 ];
 
 /// The recipe of that name.

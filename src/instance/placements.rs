@@ -60,10 +60,10 @@ pub(super) struct Placements {
 const MOST_STRAY: f64 = 262144.0;
 
 /// ULP of the size of a tree by which its answers may lie outside of its box: its kernel's rounding ([`KERNEL_ULPS`] of
-/// what is hit and of an origin within three sizes, 80 in all), and that of its vertices, with some to spare.
+/// what is hit and of an origin within sixteen sizes, 340 in all), and that of its vertices, with some to spare.
 ///
 /// [`KERNEL_ULPS`]: crate::geometry::KERNEL_ULPS
-const INNER_ULPS: f64 = 100.0;
+const INNER_ULPS: f64 = 400.0;
 
 /// Distances within which origins count as near, in sizes of the scene.
 const NEAR: f64 = 3.0;

@@ -1,7 +1,7 @@
 //! Leaves of moving points: blocks of sixteen in rows, and when each of them counts.
 
 use super::moving_reference::Mover;
-use super::over_interval::Flight;
+use super::over_interval::{Flight, FlightRows};
 use super::snapshot::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
@@ -193,6 +193,17 @@ impl MovingLeaves {
     pub(super) fn times(&self, block: usize, lane: usize) -> [f32; 2] {
         let times = &self.times[block];
         [times.begin[lane], times.end[lane]]
+    }
+
+    /// The points of a block between its keys.
+    #[inline(always)]
+    pub(super) fn flights(&self, block: usize) -> FlightRows {
+        let Block { open, close, id } = &self.blocks[block];
+        let rows = FlightRows::everlasting(open, close, id);
+        match self.lives.get(block) {
+            Some(lives) => FlightRows { begin: lives.begin, end: lives.end, ..rows },
+            None => rows,
+        }
     }
 
     /// A point of a block between its keys.

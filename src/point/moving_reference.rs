@@ -48,6 +48,12 @@ impl Part {
         phase(KeyTime::new(t.min(1.0), self.keys), self.segment)
     }
 
+    /// The phases that queries compute from the first to the last of two times, and the exact ones.
+    pub(super) fn range(&self, times: [f32; 2]) -> [f64; 2] {
+        let [begin, end] = times.map(|t| f64::from(self.phase(t)));
+        [begin.min(self.exact_phase(times[0])), end.max(self.exact_phase(times[1]))]
+    }
+
     /// The middle.
     pub(super) fn middle(&self) -> f32 {
         0.5 * (self.interval.begin() + self.interval.end())
@@ -81,11 +87,15 @@ impl Mover {
         open + (close - open) * phase
     }
 
-    /// Its way while it counts, for hulls. The range holds the phases that queries compute and the exact ones.
+    /// Its way while it counts, for hulls.
     pub(super) fn span(&self, part: &Part) -> Span {
         let times = [self.alive.begin(), self.alive.end_bound()];
-        let [begin, end] = times.map(|t| f64::from(part.phase(t)));
-        let range = [begin.min(part.exact_phase(times[0])), end.max(part.exact_phase(times[1]))];
-        Span::of_point(self.open, self.close, range, times)
+        Span::of_point(self.open, self.close, part.range(times), times)
+    }
+
+    /// The same for one that counts throughout a part, of which the range is known.
+    #[inline]
+    pub(super) fn span_throughout(&self, part: &Part, range: [f64; 2]) -> Span {
+        Span::of_point(self.open, self.close, range, [part.interval.begin(), part.interval.end_bound()])
     }
 }

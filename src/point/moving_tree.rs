@@ -8,7 +8,7 @@ use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
 use super::moving_reference::{Mover, Part};
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{Item, order};
-use super::over_interval::{Boxed, Flight};
+use super::over_interval::{Boxed, Flight, FlightRows, InRows};
 use super::snapshot::{Placed, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
 use crate::geometry::TimeInterval;
@@ -150,11 +150,13 @@ impl Fill<'_> {
             parallel::both(|| self.leaves(items, leaves, hulls), || self.leaves(more_items, more_leaves, more_hulls));
             return;
         }
+        let whole = self.part.range([self.part.interval.begin(), self.part.interval.end_bound()]);
         for (i, items) in items.chunks(LANES).enumerate() {
             let (mut leaf, mut spans) = (Leaf::EMPTY, [Span::default(); LANES]);
             for (lane, item) in items.iter().enumerate() {
                 let mover = &self.movers[item.index as usize];
-                spans[lane] = mover.span(self.part);
+                let throughout = mover.alive == self.part.interval;
+                spans[lane] = if throughout { mover.span_throughout(self.part, whole) } else { mover.span(self.part) };
                 leaf.set(lane, mover, spans[lane].times);
             }
             leaves.set(i, &leaf);
@@ -265,5 +267,15 @@ impl Boxed for MovingTree {
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
         self.leaves.flight(block, lane)
+    }
+}
+
+impl InRows for MovingTree {
+    #[inline(always)]
+    fn rows(&self, block: usize) -> FlightRows {
+        self.leaves.flights(block)
+    }
+    fn mortal(&self) -> bool {
+        !self.leaves.lives.is_empty()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::moving_reference::phase;
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::simd::Lanes;
+use crate::simd::{LANES, Lanes};
 use glam::{DVec3, Vec3};
 
 /// A point between two keys, as a search over a range of times sees it.
@@ -26,6 +26,44 @@ impl Flight {
         let [open, close] = self.ends();
         at.position(open.into(), close.into())
     }
+}
+
+/// Sixteen points between two keys, kept in f32, in rows; where there is none, the id is `u32::MAX`.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(super) struct FlightRows {
+    pub(super) open: [Lanes<f32>; 3],
+    pub(super) close: [Lanes<f32>; 3],
+    /// Whole lives, with the end bound.
+    pub(super) begin: Lanes<f32>,
+    pub(super) end: Lanes<f32>,
+    pub(super) id: Lanes<u32>,
+}
+
+impl FlightRows {
+    /// Points that live throughout.
+    #[inline(always)]
+    pub(super) fn everlasting(open: &[Lanes<f32>; 3], close: &[Lanes<f32>; 3], id: &Lanes<u32>) -> FlightRows {
+        let life = TimeInterval::FULL;
+        let (begin, end) = ([life.begin(); LANES], [life.end_bound(); LANES]);
+        FlightRows { open: *open, close: *close, begin, end, id: *id }
+    }
+
+    /// One of the points.
+    #[inline(always)]
+    pub(super) fn flight(&self, lane: usize) -> Option<Flight> {
+        let life = TimeInterval::half_open(self.begin[lane], self.end[lane])?;
+        let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| f64::from(row[lane])));
+        (self.id[lane] != u32::MAX).then_some(Flight { id: self.id[lane], open, close, life })
+    }
+}
+
+/// A tree whose points are kept in f32, sixteen in a block.
+pub(super) trait InRows: Boxed {
+    /// The points of a block.
+    fn rows(&self, block: usize) -> FlightRows;
+    /// Whether some points do not live throughout.
+    fn mortal(&self) -> bool;
 }
 
 /// A tree whose boxes can be looked at over a range of times. Times are f64 within the shutter.

@@ -7,7 +7,7 @@
 
 use super::byte_boxes::ByteBoxes;
 use super::order::{Item, include, order};
-use super::over_interval::{Boxed, Flight};
+use super::over_interval::{Boxed, Flight, FlightRows, InRows};
 use super::snapshot::{Boxes, Leaves, Placed, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
@@ -484,6 +484,17 @@ impl Boxed for StaticTree {
         let at = block.at.map(|row| f64::from(row[lane]));
         let id = block.id[lane];
         (id != u32::MAX).then_some(Flight { id, open: at, close: at, life: TimeInterval::FULL })
+    }
+}
+
+impl InRows for StaticTree {
+    #[inline(always)]
+    fn rows(&self, block: usize) -> FlightRows {
+        let block = &self.blocks[block];
+        FlightRows::everlasting(&block.at, &block.at, &block.id)
+    }
+    fn mortal(&self) -> bool {
+        false
     }
 }
 

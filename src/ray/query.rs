@@ -43,13 +43,17 @@ impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
     #[inline(always)]
     fn ask(self, layout: impl Walk) -> Option<Hit> {
         let Asked { set, ray, filter, observer } = self.0;
-        let ray = TreeRay::of(ray, set.frame());
+        let (mut of, usual) = TreeRay::of(ray, set.frame());
+        if !usual {
+            of.mend(ray, set.frame());
+        }
+        let ray = &of;
         if ray.sees_nothing() {
             return None;
         }
         let accept = |found: &Found| filter.accepts(|| answer(set, found));
         let mut collect = Closest { t_max: ray.t_max, reach: ray.end, best: None, accept };
-        layout.walk(set, &ray, filter, &mut collect, observer);
+        layout.walk(set, ray, filter, &mut collect, observer);
         collect.best.map(|found| answer(set, &found))
     }
 }
@@ -63,13 +67,17 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
     #[inline(always)]
     fn ask(self, layout: impl Walk) -> bool {
         let Asked { set, ray, filter, observer } = self.0;
-        let ray = TreeRay::of(ray, set.frame());
+        let (mut of, usual) = TreeRay::of(ray, set.frame());
+        if !usual {
+            of.mend(ray, set.frame());
+        }
+        let ray = &of;
         if ray.sees_nothing() {
             return false;
         }
         let accept = |found: &Found| filter.accepts(|| answer(set, found));
         let mut collect = Any { t_max: ray.t_max, reach: ray.end, found: false, accept };
-        layout.walk(set, &ray, filter, &mut collect, observer);
+        layout.walk(set, ray, filter, &mut collect, observer);
         collect.found
     }
 }
@@ -89,15 +97,19 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
     #[inline(always)]
     fn ask(self, layout: impl Walk) -> ControlFlow<()> {
         let Asked { set, ray, filter, observer } = self.asked;
-        let ray = TreeRay::of(ray, set.frame());
+        let (mut of, usual) = TreeRay::of(ray, set.frame());
+        if !usual {
+            of.mend(ray, set.frame());
+        }
+        let ray = &of;
         if ray.sees_nothing() {
             return ControlFlow::Continue(());
         }
-        let mut collect = All::new(&ray, |found: &Found| {
+        let mut collect = All::new(ray, |found: &Found| {
             let hit = answer(set, found);
             if filter.accepts(|| hit) { (self.visitor)(hit) } else { ControlFlow::Continue(()) }
         });
-        layout.walk(set, &ray, filter, &mut collect, observer);
+        layout.walk(set, ray, filter, &mut collect, observer);
         collect.flow
     }
 }

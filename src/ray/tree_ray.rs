@@ -42,8 +42,9 @@ pub(crate) struct TreeRay {
 /// Farther origins than this (in scene sizes) see nothing: their rays would be off by more than about 2^-20 of the scene.
 const FARTHEST: f64 = 4294967296.0;
 
-/// Origins up to here (in scene sizes) are not led to the scene.
-const NEAR: f32 = 3.0;
+/// Origins up to here (in scene sizes) are not led to the scene: boxes grow by [`KERNEL_ULPS`] of as much, some 2e-5 of the
+/// scene, which costs less than leading.
+const NEAR: f32 = 16.0;
 
 /// Smaller components of a direction are taken as this where it is divided by: over the way to a hit the ray
 /// then strays by less than an ULP of it.
@@ -66,7 +67,10 @@ impl TreeRay {
     /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
     #[inline(always)]
     pub fn new(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
-        let of = TreeRay::of(ray, frame);
+        let (mut of, usual) = TreeRay::of(ray, frame);
+        if !usual {
+            of.mend(ray, frame);
+        }
         if of.sees_nothing() { None } else { Some(of) }
     }
 
@@ -76,16 +80,16 @@ impl TreeRay {
         self.begin > self.end
     }
 
-    /// The ray in tree space. One that means nothing sees nothing.
+    /// The ray in tree space, and whether it is of the usual kind; any other is to be mended ([`TreeRay::mend`]) first.
     ///
     /// Every query begins with this, and nothing of a query can begin before it is done. So the usual ray is told by one
     /// branch, after which nothing depends on what differs from ray to ray; the direction is looked at as integers, which
     /// are compared in one cycle and need no trip through memory to be chosen from; and its reciprocals do not
     /// wait for its scaling. All others are left to a function of their own, since a call among this code would push
-    /// what is in registers out of them, whether it is made or not. That function mends what is there: an `Option`
-    /// of a ray would be copied, by wide loads that wait for the narrow stores before them.
+    /// what is in registers out of them, whether it is made or not. That function mends the caller's variable in place: a
+    /// ray that is handed on is copied, by wide loads that wait for the narrow stores before them.
     #[inline(always)]
-    pub fn of(ray: &Ray, frame: &Frame) -> TreeRay {
+    pub fn of(ray: &Ray, frame: &Frame) -> (TreeRay, bool) {
         let from = frame.fine_point(ray.origin);
         let origin = from.as_vec3();
         let field = longest(ray.dir) >> 23;
@@ -98,17 +102,13 @@ impl TreeRay {
             & (end <= f32::INFINITY.to_bits())
             & (ray.time.to_bits() <= 1f32.to_bits());
         let dir = Direction { dir: ray.dir, field, more: 0 };
-        let mut of = TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir);
-        if !usual {
-            of.mend(ray, frame);
-        }
-        of
+        (TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir), usual)
     }
 
-    /// The same for rays of any kind.
+    /// Makes a ray of any kind what it should be. One that means nothing sees nothing.
     #[cold]
     #[inline(never)]
-    fn mend(&mut self, ray: &Ray, frame: &Frame) {
+    pub fn mend(&mut self, ray: &Ray, frame: &Frame) {
         match TreeRay::unusual(ray, frame) {
             Some(of) => *self = of,
             None => (self.begin, self.end) = (1.0, 0.0),
@@ -202,7 +202,14 @@ impl TreeRay {
             from,
             t_scale: inverse_of_power(t_per_world),
             margin: T_DENORMAL * t_per_world,
-            world: *ray,
+            // Field by field: copied as a whole, it would wait for its own halves.
+            world: Ray {
+                origin: DVec3::new(ray.origin.x, ray.origin.y, ray.origin.z),
+                dir: Vec3::new(ray.dir.x, ray.dir.y, ray.dir.z),
+                t_min: ray.t_min,
+                t_max: ray.t_max,
+                time: ray.time,
+            },
         }
     }
 
@@ -250,21 +257,13 @@ fn slack(away: f32) -> f32 {
 /// How far along a ray the cube of this half size about zero begins, or a little less; nothing where the ray misses it,
 /// or, unless it is a `line`, has it behind.
 ///
-/// The product of a direction in f32 and the result, which has 29 bits, is exact in f64.
+/// The product of a direction in f32 and the result, which has 29 bits, is exact in f64. What the reciprocals are off by is far
+/// less than the half size is larger than the scene.
 fn way_to_scene(origin: DVec3, dir: DVec3, half: f64, line: bool) -> Option<f64> {
-    let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
-    for axis in 0..3 {
-        let (o, d) = (origin[axis], dir[axis]);
-        if d == 0.0 {
-            if o.abs() > half {
-                return None;
-            }
-            continue;
-        }
-        let (a, b) = ((-half - o) / d, (half - o) / d);
-        near = near.max(a.min(b));
-        far = far.min(a.max(b));
-    }
+    // Along an axis without direction these are infinite, of like signs outside and of different signs inside.
+    let inverse = DVec3::ONE / dir;
+    let (a, b) = ((-half - origin) * inverse, (half - origin) * inverse);
+    let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
     let met = near <= far && (line || far >= 0.0);
     met.then(|| f64::from_bits(near.to_bits() & !0xff_ffff))
 }

@@ -268,8 +268,35 @@ mod tests {
         }
     }
 
-    /// Rays that hit a triangle but miss its box, if that and the ray's slack have this part of what they should have.
-    fn hits_lost(part: f32) -> usize {
+    /// Whether a ray hits a triangle, and then whether it misses its box, if that is padded by this part of its size.
+    fn hit_and_lost(ray: &TreeRay, corners: [Vec3; 3], pad: f32) -> (bool, bool) {
+        let Some(hit) = intersect_triangle(ray, corners, || corners.map(Vec3::as_dvec3)) else { return (false, false) };
+        let hull = corners.into_iter().fold(Box3::EMPTY, Box3::include);
+        let hull = hull.pad(pad * hull.magnitude());
+        let slabs = Slabs::new(ray);
+        let (mut enter, mut leave) = (slabs.begin, slabs.limit(hit.reach));
+        for axis in 0..3 {
+            let (low, high) = (hull.min[axis], hull.max[axis]);
+            let (near, far) = if slabs.near[axis] == 0 { (low, high) } else { (high, low) };
+            enter = enter.max(near.mul_add(slabs.inverse[axis], slabs.near_offset[axis]));
+            leave = leave.min(far.mul_add(slabs.inverse[axis], slabs.far_offset[axis]));
+        }
+        (true, enter > leave)
+    }
+
+    /// A triangle with one side along a face of its box, or along an edge, and a point of that side, where rays are aimed.
+    fn aim(mut next: impl FnMut() -> f32, at_edge: bool) -> ([Vec3; 3], Vec3) {
+        let mut point = || Vec3::new(next(), next(), next());
+        let (a, mut b, c) = (point(), point(), point());
+        b.x = a.x;
+        if at_edge {
+            b.y = a.y;
+        }
+        ([a, b, c], a + (b - a) * (0.5 + 0.5 * next()))
+    }
+
+    /// The hits of 200 000 rays that are lost; `ray` makes one and says by which part of its size the box is padded.
+    fn lost(mut ray: impl FnMut(&mut dyn FnMut() -> f32) -> Option<(TreeRay, [Vec3; 3], f32)>) -> usize {
         let mut state = 31u64;
         let mut next = || {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -277,36 +304,69 @@ mod tests {
         };
         let (mut hits, mut lost) = (0, 0);
         for _ in 0..200_000 {
-            // One edge along a face of the box, where rays are aimed.
-            let mut point = || Vec3::new(next(), next(), next());
-            let (a, mut b, c, origin) = (point(), point(), point(), point() * 3.0);
-            b.x = a.x;
-            let target = a + (b - a) * (0.5 + 0.5 * next());
-            let ray = Ray::new(origin, target - origin);
-            let Some(mut ray) = TreeRay::new(&ray, &Frame::WORLD) else { continue };
-            let Some(hit) = intersect_triangle(&ray, [a, b, c], || [a, b, c].map(Vec3::as_dvec3)) else { continue };
-            ray.pad *= part;
-            let pad = KERNEL_ULPS * ULP * part;
-            let hull = [a, b, c].into_iter().fold(Box3::EMPTY, Box3::include);
-            let hull = hull.pad(pad * hull.magnitude());
-            let slabs = Slabs::new(&ray);
-            let (mut enter, mut leave) = (slabs.begin, slabs.limit(hit.reach));
-            for axis in 0..3 {
-                let (low, high) = (hull.min[axis], hull.max[axis]);
-                let (near, far) = if slabs.near[axis] == 0 { (low, high) } else { (high, low) };
-                enter = enter.max(near.mul_add(slabs.inverse[axis], slabs.near_offset[axis]));
-                leave = leave.min(far.mul_add(slabs.inverse[axis], slabs.far_offset[axis]));
-            }
-            hits += 1;
-            lost += usize::from(enter > leave);
+            let Some((ray, corners, pad)) = ray(&mut next) else { continue };
+            let (hit, missed) = hit_and_lost(&ray, corners, pad);
+            hits += usize::from(hit);
+            lost += usize::from(missed);
         }
         assert!(hits > 50_000, "{hits}");
         lost
+    }
+
+    /// Hits that are lost if boxes and rays have this part of the padding and the slack that they should have.
+    fn hits_lost(part: f32) -> usize {
+        lost(|next| {
+            let (corners, target) = aim(&mut *next, false);
+            let origin = Vec3::new(next(), next(), next()) * 3.0;
+            let mut ray = TreeRay::new(&Ray::new(origin, target - origin), &Frame::WORLD)?;
+            ray.pad *= part;
+            Some((ray, corners, KERNEL_ULPS * ULP * part))
+        })
+    }
+
+    /// The same of rays from far away that have this part of the slack for their way to the scene, and no other.
+    fn far_hits_lost(part: f32) -> usize {
+        lost(|next| {
+            let (corners, target) = aim(&mut *next, true);
+            let dir = Vec3::new(next(), next(), next());
+            let origin = target.as_dvec3() - dir.as_dvec3() * (4e9 / f64::from(dir.abs().max_element()));
+            let mut ray = TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD)?;
+            let on_the_way = ray.slack - KERNEL_ULPS * ULP * ray.origin.abs().max_element();
+            ray.pad = ray.inverse.abs() * (on_the_way * part);
+            Some((ray, corners, 0.0))
+        })
+    }
+
+    /// The same of lines through small triangles that have this part of the slack for what is behind their origin, beside
+    /// the usual.
+    fn hits_of_lines_lost(part: f32) -> usize {
+        lost(|next| {
+            let (corners, target) = aim(&mut *next, true);
+            let origin = Vec3::new(next(), next(), next()) * 3e-4;
+            // Where `t` were 1, distances would be exact.
+            let line = Ray::new(origin, (target * 1e-4 - origin) * 0.7).between(f32::NEG_INFINITY, f32::INFINITY);
+            let mut ray = TreeRay::new(&line, &Frame::WORLD)?;
+            let usual = KERNEL_ULPS * ULP * ray.origin.abs().max_element();
+            ray.pad = ray.inverse.abs() * (usual + (ray.slack - usual) * part);
+            Some((ray, corners.map(|corner| corner * 1e-4), KERNEL_ULPS * ULP))
+        })
     }
 
     #[test]
     fn the_kernels_rounding_is_held_by_boxes_and_rays_together() {
         assert_eq!(hits_lost(1.0), 0);
         assert!(hits_lost(0.0) > 100);
+    }
+
+    #[test]
+    fn what_is_lost_on_the_way_to_the_scene_is_held_and_would_not_be_without_slack() {
+        assert_eq!(far_hits_lost(1.0), 0);
+        assert!(far_hits_lost(0.0) > 100);
+    }
+
+    #[test]
+    fn what_lines_lose_behind_their_origin_is_held_and_would_not_be_without_slack() {
+        assert_eq!(hits_of_lines_lost(1.0), 0);
+        assert!(hits_of_lines_lost(0.0) > 100);
     }
 }

@@ -408,4 +408,36 @@ impl Simd for Avx2 {
         intrinsic!(_mm256_storeu_pd(lanes.as_mut_ptr(), a.0));
         lanes
     }
+    #[inline(always)]
+    fn widen_four(self, from: &[f32; 4]) -> Four {
+        Four(intrinsic!(_mm256_cvtps_pd(_mm_loadu_ps(from.as_ptr()))))
+    }
+    #[inline(always)]
+    fn narrow(self, a: Four) -> [f32; 4] {
+        a.narrowed()
+    }
+    #[inline(always)]
+    fn transpose_d(self, rows: [Four; 4]) -> [Four; 4] {
+        Four::transposed(rows)
+    }
+    #[inline(always)]
+    fn sqrt_d(self, a: Four) -> Four {
+        a.sqrt()
+    }
+    #[inline(always)]
+    fn min_d(self, a: Four, b: Four) -> Four {
+        a.min(b)
+    }
+    #[inline(always)]
+    fn max_d(self, a: Four, b: Four) -> Four {
+        a.max(b)
+    }
+    #[inline(always)]
+    fn le_d(self, a: Four, b: Four) -> Mask {
+        a.le(b)
+    }
+    #[inline(always)]
+    fn select_le(self, x: Four, y: Four, a: Four, b: Four) -> Four {
+        x.select_le(y, a, b)
+    }
 }

@@ -15,7 +15,7 @@ pub(crate) trait Simd: Copy {
     /// Sixteen u32.
     type U: Copy + BitAnd<Output = Self::U> + BitOr<Output = Self::U>;
     /// Four f64.
-    type D: Copy + Add<Output = Self::D> + Sub<Output = Self::D> + Mul<Output = Self::D>;
+    type D: Copy + Add<Output = Self::D> + Sub<Output = Self::D> + Mul<Output = Self::D> + Div<Output = Self::D>;
 
     /// The same value in every lane.
     fn splat(self, x: f32) -> Self::F;
@@ -108,6 +108,22 @@ pub(crate) trait Simd: Copy {
     fn turn_right(self, a: Self::D) -> Self::D;
     /// All four lanes.
     fn lanes_d(self, a: Self::D) -> [f64; 4];
+    /// Four floats as f64.
+    fn widen_four(self, from: &[f32; 4]) -> Self::D;
+    /// Four f64 rounded to floats.
+    fn narrow(self, a: Self::D) -> [f32; 4];
+    /// Lane `j` of vector `i` becomes lane `i` of vector `j`.
+    fn transpose_d(self, rows: [Self::D; 4]) -> [Self::D; 4];
+    /// The square roots, correctly rounded.
+    fn sqrt_d(self, a: Self::D) -> Self::D;
+    /// `if a < b { a } else { b }`: the second operand where either is NaN.
+    fn min_d(self, a: Self::D, b: Self::D) -> Self::D;
+    /// `if a > b { a } else { b }`: the second operand where either is NaN.
+    fn max_d(self, a: Self::D, b: Self::D) -> Self::D;
+    /// Lanes where `a <= b`, in the lowest four bits; false for NaN.
+    fn le_d(self, a: Self::D, b: Self::D) -> Mask;
+    /// `a` where `x <= y`, `b` elsewhere.
+    fn select_le(self, x: Self::D, y: Self::D, a: Self::D, b: Self::D) -> Self::D;
 }
 
 /// A computation that [`dispatch`] can compile for every instruction set.

@@ -130,6 +130,15 @@ impl Sub for Four {
     }
 }
 
+impl Div for Four {
+    type Output = Four;
+    #[inline(always)]
+    fn div(self, Four(b): Four) -> Four {
+        let Four(a) = self;
+        Four([a[0] / b[0], a[1] / b[1], a[2] / b[2], a[3] / b[3]])
+    }
+}
+
 impl Mul for Four {
     type Output = Four;
     #[inline(always)]
@@ -339,5 +348,37 @@ impl Simd for Portable {
     #[inline(always)]
     fn lanes_d(self, a: Four) -> [f64; 4] {
         a.0
+    }
+    #[inline]
+    fn widen_four(self, from: &[f32; 4]) -> Four {
+        Four(from.map(f64::from))
+    }
+    #[inline]
+    fn narrow(self, Four(a): Four) -> [f32; 4] {
+        a.map(|x| x as f32)
+    }
+    #[inline]
+    fn transpose_d(self, rows: [Four; 4]) -> [Four; 4] {
+        core::array::from_fn(|j| Four(rows.map(|Four(row)| row[j])))
+    }
+    #[inline]
+    fn sqrt_d(self, Four(a): Four) -> Four {
+        Four(a.map(f64::sqrt))
+    }
+    #[inline]
+    fn min_d(self, Four(a): Four, Four(b): Four) -> Four {
+        Four(core::array::from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] }))
+    }
+    #[inline]
+    fn max_d(self, Four(a): Four, Four(b): Four) -> Four {
+        Four(core::array::from_fn(|i| if a[i] > b[i] { a[i] } else { b[i] }))
+    }
+    #[inline]
+    fn le_d(self, Four(a): Four, Four(b): Four) -> Mask {
+        (0..4).fold(0, |mask, i| mask | Mask::from(a[i] <= b[i]) << i)
+    }
+    #[inline]
+    fn select_le(self, Four(x): Four, Four(y): Four, Four(a): Four, Four(b): Four) -> Four {
+        Four(core::array::from_fn(|i| if x[i] <= y[i] { a[i] } else { b[i] }))
     }
 }

@@ -231,6 +231,14 @@ impl Sub for Four {
     }
 }
 
+impl Div for Four {
+    type Output = Four;
+    #[inline(always)]
+    fn div(self, b: Four) -> Four {
+        Four(intrinsic!(_mm_div_pd(self.0, b.0)), intrinsic!(_mm_div_pd(self.1, b.1)))
+    }
+}
+
 impl Mul for Four {
     type Output = Four;
     #[inline(always)]
@@ -457,5 +465,52 @@ impl Simd for Sse2 {
             intrinsic!(_mm_cvtsd_f64(cd)),
             intrinsic!(_mm_cvtsd_f64(_mm_unpackhi_pd(cd, cd))),
         ]
+    }
+    #[inline(always)]
+    fn widen_four(self, from: &[f32; 4]) -> Four {
+        let x = intrinsic!(_mm_loadu_ps(from.as_ptr()));
+        Four(intrinsic!(_mm_cvtps_pd(x)), intrinsic!(_mm_cvtps_pd(_mm_movehl_ps(x, x))))
+    }
+    #[inline(always)]
+    fn narrow(self, a: Four) -> [f32; 4] {
+        let mut lanes = [0.0; 4];
+        let four = intrinsic!(_mm_movelh_ps(_mm_cvtpd_ps(a.0), _mm_cvtpd_ps(a.1)));
+        intrinsic!(_mm_storeu_ps(lanes.as_mut_ptr(), four));
+        lanes
+    }
+    #[inline(always)]
+    fn transpose_d(self, [a, b, c, d]: [Four; 4]) -> [Four; 4] {
+        [
+            Four(intrinsic!(_mm_unpacklo_pd(a.0, b.0)), intrinsic!(_mm_unpacklo_pd(c.0, d.0))),
+            Four(intrinsic!(_mm_unpackhi_pd(a.0, b.0)), intrinsic!(_mm_unpackhi_pd(c.0, d.0))),
+            Four(intrinsic!(_mm_unpacklo_pd(a.1, b.1)), intrinsic!(_mm_unpacklo_pd(c.1, d.1))),
+            Four(intrinsic!(_mm_unpackhi_pd(a.1, b.1)), intrinsic!(_mm_unpackhi_pd(c.1, d.1))),
+        ]
+    }
+    #[inline(always)]
+    fn sqrt_d(self, a: Four) -> Four {
+        Four(intrinsic!(_mm_sqrt_pd(a.0)), intrinsic!(_mm_sqrt_pd(a.1)))
+    }
+    #[inline(always)]
+    fn min_d(self, a: Four, b: Four) -> Four {
+        Four(intrinsic!(_mm_min_pd(a.0, b.0)), intrinsic!(_mm_min_pd(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn max_d(self, a: Four, b: Four) -> Four {
+        Four(intrinsic!(_mm_max_pd(a.0, b.0)), intrinsic!(_mm_max_pd(a.1, b.1)))
+    }
+    #[inline(always)]
+    fn le_d(self, a: Four, b: Four) -> Mask {
+        let low = intrinsic!(_mm_movemask_pd(_mm_cmple_pd(a.0, b.0)));
+        let high = intrinsic!(_mm_movemask_pd(_mm_cmple_pd(a.1, b.1)));
+        (low | high << 2) as Mask
+    }
+    #[inline(always)]
+    fn select_le(self, x: Four, y: Four, a: Four, b: Four) -> Four {
+        let half = |x, y, a, b| {
+            let le = intrinsic!(_mm_cmple_pd(x, y));
+            intrinsic!(_mm_or_pd(_mm_and_pd(le, a), _mm_andnot_pd(le, b)))
+        };
+        Four(half(x.0, y.0, a.0, b.0), half(x.1, y.1, a.1, b.1))
     }
 }

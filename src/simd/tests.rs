@@ -96,6 +96,7 @@ impl Kernel for All {
                 s.eq(a, a),
                 s.eq_u(ua, ub),
                 s.lt_u(ua, ub),
+                s.le_d(s.widen_four(&[self.a[0], self.a[1], self.a[2], self.a[3]]), s.widen_four(&[self.b[0]; 4])),
             ],
             scalars: vec![s.reduce_min_u(ua)],
             packed: vec![
@@ -108,7 +109,12 @@ impl Kernel for All {
                 let (a, b) = (s.load_d(&four(&self.a)), s.load_d(&four(&self.b)));
                 let widened = s.widen([self.a[4], self.a[5], self.a[6]]);
                 let more = [s.splat_d(f64::from(self.b[7]) / 3.0), s.turn_left(a), s.turn_right(a)];
-                [a + b, a - b, a * b, widened, more[0], more[1], more[2]].map(out).to_vec()
+                let first = [self.a[0], self.a[1], self.a[2], self.a[3]];
+                let narrowed = s.widen_four(&s.narrow(a));
+                let chosen = [s.min_d(a, b), s.max_d(a, b), s.select_le(a, b, widened, more[1]), narrowed];
+                let computed = [a + b, a - b, a * b, a / b, s.sqrt_d(a), s.widen_four(&first), widened];
+                let turned = s.transpose_d([a, b, widened, narrowed]);
+                computed.into_iter().chain(more).chain(chosen).chain(turned).map(out).collect()
             },
         }
     }

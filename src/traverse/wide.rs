@@ -14,8 +14,8 @@ use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at}
 use crate::tuning::wide::AHEAD;
 use core::ops::ControlFlow;
 
-/// Places on the stack that are there without asking the heap: enough for a tree of ten levels.
-const STACK: usize = 352;
+/// Places on the stack that are there without asking the heap: a page of memory, enough for a tree of fifteen levels.
+const STACK: usize = 512;
 
 /// Memory for the stack of one query.
 pub(crate) type StackOf = StackMemory<u64, STACK>;

@@ -113,6 +113,34 @@ fn swept_lists_equal_comparing_all_pairs() {
     }
 }
 
+/// More points near a leaf than are gathered at once; some rows are compared with all pairs, and the lists are made again in
+/// memory that held others.
+#[test]
+fn lists_longer_than_what_is_gathered_at_once() {
+    let mut lists = EncounterLists::new();
+    for (kind, radius) in [("random", 9.0), ("fast few", 0.6), ("short lives", 0.9)] {
+        let cloud = cloud(kind, 2500, &mut Rng(11));
+        let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+        let interval = TimeInterval::new(0.1, 0.8).unwrap();
+        tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
+        let times = [interval.begin(), interval.end()].map(f64::from);
+        let (square, mut longest) = (f64::from(radius) * f64::from(radius), 0);
+        for i in (0..cloud.len()).step_by(50) {
+            let others = (0..cloud.len()).filter(|&j| j != i);
+            let expected: Vec<_> = others.filter_map(|j| meet(&cloud, (i, j), times, square)).collect();
+            let found = lists.iter().find(|(id, _)| *id == i as u32);
+            let mut found = found.map_or(Vec::new(), |(_, row)| row.to_vec());
+            found.sort_unstable_by_key(|e| e.id);
+            assert_eq!(found, expected, "{kind}, point {i}");
+            longest = longest.max(found.len());
+        }
+        assert!(kind != "random" || longest == 2499, "{longest}");
+    }
+    let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
+    empty.neighbor_lists_swept_into(TimeInterval::FULL, 1.0, &mut lists).unwrap();
+    assert_eq!((lists.len(), lists.encounters().len()), (0, 0));
+}
+
 #[test]
 fn larger_sets_swept_on_all_numbers_of_threads() {
     for kind in ["random", "coherent", "fast few", "wild speeds", "short lives"] {

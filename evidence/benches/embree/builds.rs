@@ -3,7 +3,7 @@
 use crate::clock;
 use crate::configs::{self, Config};
 use crate::ffi::Embree;
-use crate::options::{Only, Options};
+use crate::options::{Mode, Only, Options};
 use crate::ours::{self, Ours};
 use crate::timing::median;
 use mbkd_scenes::Scene;
@@ -24,7 +24,7 @@ pub struct Builds {
 /// One Embree configuration.
 #[derive(Default)]
 pub struct Theirs {
-    pub config: &'static str,
+    pub config: String,
     pub seconds: f64,
     /// Tree, vertex and index buffers.
     pub bytes: usize,
@@ -43,15 +43,16 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, thread
     let mut ours = OurBuilds { pool: ours::pool(threads)?, seconds: Vec::new(), bytes: f64::NAN };
     let mut theirs: Vec<(Config, Theirs, Vec<f64>)> = Vec::new();
     if embree.is_some() {
-        let wanted = configs::all(&scene.meshes).into_iter().filter(|config| options.wants(config.name));
-        theirs.extend(wanted.map(|config| (config, Theirs { config: config.name, ..Theirs::default() }, Vec::new())));
+        // The ways of the fast mode include those of the robust one.
+        let wanted = configs::all(&scene.meshes, Mode::Fast).into_iter().filter(|config| options.wants(&config.name()));
+        theirs.extend(wanted.map(|config| (config, Theirs { config: config.name(), ..Theirs::default() }, Vec::new())));
     }
     for _ in 0..options.build_runs {
         ours.build(options, scene, threads)?;
         for (config, figures, seconds) in &mut theirs {
             let Some(embree) = embree else { continue };
             let device = embree.device(&config.settings(threads, None))?;
-            let tree = config.scene(&device, &scene.meshes, true)?;
+            let tree = config.scene(&device, &scene.meshes, Mode::Robust)?;
             figures.buffers = device.bytes();
             let start = now(threads);
             tree.commit()?;

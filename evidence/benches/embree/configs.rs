@@ -1,12 +1,16 @@
 //! The ways Embree is set up for motion blur: every one of them is tried, and per cell the best is the one
 //! to beat.
 //!
+//! Its settings of triangles before they are stored (`t4v`) have no robust form: Embree then ignores the robust flag
+//! and tests as it does without. So they are among the fast ways only.
+//!
 //! Embree splits time only where it is given more time steps, so the same motion is also registered with
 //! each segment between keys cut into 2 and into 8. Meshes that stand still are registered like the moving
 //! ones, or with a single step, for which Embree has its static nodes.
 
-use crate::ffi::{Device, EmbreeScene, Mesh};
+use crate::ffi::{Device, EmbreeScene, Mesh, Quality};
 use crate::geometry::positions;
+use crate::options::Mode;
 use glam::Vec3;
 use mbkd::{TriangleMesh, glam};
 use std::borrow::Cow;
@@ -14,33 +18,49 @@ use std::borrow::Cow;
 /// One way to set Embree up.
 #[derive(Clone, Copy)]
 pub struct Config {
-    pub name: &'static str,
-    /// Embree's configuration string, beside threads and instruction set.
-    settings: &'static str,
+    triangles: Triangles,
     /// Parts that each segment between two keys is cut into.
     parts: usize,
-    /// Whether still meshes get one step.
-    still_as_one: bool,
+    still: Still,
 }
 
-const T4V: &str = "tri_accel_mb=bvh8.triangle4vmb";
+/// How Embree stores triangles.
+#[derive(Clone, Copy, PartialEq)]
+enum Triangles {
+    /// As it chooses.
+    Default,
+    /// Moving vertices in the leaves, in a tree of width eight.
+    Vertices,
+}
 
-/// All ways, the default first; those that differ in still meshes only where there are some.
-pub fn all(meshes: &[TriangleMesh]) -> Vec<Config> {
-    let config = |name, settings, parts, still_as_one| Config { name, settings, parts, still_as_one };
-    let mut configs = vec![
-        config("default", "", 1, false),
-        config("t4v", T4V, 1, false),
-        config("t4v, 3 steps", T4V, 2, false),
-        config("t4v, 9 steps", T4V, 8, false),
-    ];
-    if meshes.iter().any(is_still) {
-        configs.extend([
-            config("default, still as 1", "", 1, true),
-            config("t4v, still as 1", T4V, 1, true),
-            config("t4v, 3 steps, still as 1", T4V, 2, true),
-            config("t4v, 9 steps, still as 1", T4V, 8, true),
-        ]);
+/// How meshes that stand still are registered.
+#[derive(Clone, Copy)]
+enum Still {
+    /// With as many steps as the others.
+    AsMoving,
+    /// With one, in a tree of their own.
+    OneStep,
+    /// That tree with spatial splits.
+    OneStepHighQuality,
+}
+
+/// All ways of a mode, the default first; those that differ in meshes of a kind only where there are some.
+pub fn all(meshes: &[TriangleMesh], mode: Mode) -> Vec<Config> {
+    let stores: &[Triangles] = match mode {
+        Mode::Robust => &[Triangles::Default],
+        Mode::Fast => &[Triangles::Default, Triangles::Vertices],
+    };
+    let parts: &[usize] = if meshes.iter().all(is_still) { &[1] } else { &[1, 2, 8] };
+    let stills: &[Still] = if meshes.iter().any(is_still) {
+        &[Still::AsMoving, Still::OneStep, Still::OneStepHighQuality]
+    } else {
+        &[Still::AsMoving]
+    };
+    let mut configs = Vec::new();
+    for &still in stills {
+        for &triangles in stores {
+            configs.extend(parts.iter().map(|&parts| Config { triangles, parts, still }));
+        }
     }
     configs
 }
@@ -51,11 +71,23 @@ pub fn is_still(mesh: &TriangleMesh) -> bool {
 }
 
 impl Config {
+    /// What tables call it.
+    pub fn name(&self) -> String {
+        let triangles = if self.triangles == Triangles::Default { "default" } else { "t4v" };
+        let steps = if self.parts == 1 { String::new() } else { format!(", {} steps", self.parts + 1) };
+        let still = match self.still {
+            Still::AsMoving => "",
+            Still::OneStep => ", still as 1",
+            Still::OneStepHighQuality => ", still as 1, high quality",
+        };
+        format!("{triangles}{steps}{still}")
+    }
+
     /// Embree's whole configuration string.
     pub fn settings(&self, threads: usize, isa: Option<&str>) -> String {
         let isa = isa.map_or(String::new(), |isa| format!(",isa={isa}"));
-        let comma = if self.settings.is_empty() { "" } else { "," };
-        format!("threads={threads}{isa}{comma}{}", self.settings)
+        let triangles = if self.triangles == Triangles::Default { "" } else { ",tri_accel_mb=bvh8.triangle4vmb" };
+        format!("threads={threads}{isa}{triangles}")
     }
 
     /// The scene with its buffers filled, not yet committed.
@@ -63,9 +95,10 @@ impl Config {
         &self,
         device: &'d Device<'_>,
         meshes: &[TriangleMesh],
-        robust: bool,
+        mode: Mode,
     ) -> Result<EmbreeScene<'d>, String> {
-        let scene = device.scene(robust)?;
+        let quality = if let Still::OneStepHighQuality = self.still { Quality::High } else { Quality::Medium };
+        let scene = device.scene(mode == Mode::Robust, quality)?;
         for (id, mesh) in meshes.iter().enumerate() {
             scene.attach(id as u32, &Mesh { indices: &mesh.indices, steps: self.steps(mesh) })?;
         }
@@ -76,7 +109,7 @@ impl Config {
     fn steps<'m>(&self, mesh: &'m TriangleMesh) -> Vec<Cow<'m, [Vec3]>> {
         let keys = positions(mesh);
         if is_still(mesh) {
-            let count = if self.still_as_one { 1 } else { 1 + self.parts };
+            let count = if let Still::AsMoving = self.still { 1 + self.parts } else { 1 };
             return vec![keys[0].clone(); count];
         }
         let mut steps = Vec::new();

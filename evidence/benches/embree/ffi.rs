@@ -32,6 +32,13 @@ const FORMAT_FLOAT3X4_COLUMN_MAJOR: c_int = 0x9234;
 const SCENE_FLAG_ROBUST: c_int = 1 << 2;
 const DEVICE_PROPERTY_VERSION: c_int = 0;
 
+/// `RTCBuildQuality`. High means spatial splits, and only where nothing moves.
+#[derive(Clone, Copy)]
+pub enum Quality {
+    Medium = 1,
+    High = 2,
+}
+
 /// `RTCRay`.
 #[derive(Clone, Copy)]
 #[repr(C, align(16))]
@@ -222,6 +229,7 @@ struct Functions {
     release_geometry: unsafe extern "C" fn(Handle),
     new_scene: unsafe extern "C" fn(Handle) -> Handle,
     set_scene_flags: unsafe extern "C" fn(Handle, c_int),
+    set_scene_build_quality: unsafe extern "C" fn(Handle, c_int),
     attach_geometry_by_id: unsafe extern "C" fn(Handle, Handle, c_uint),
     set_instanced_scene: unsafe extern "C" fn(Handle, Handle),
     set_transform: unsafe extern "C" fn(Handle, c_uint, c_int, *const c_void),
@@ -286,6 +294,7 @@ impl Embree {
                 release_geometry: symbol(l, "rtcReleaseGeometry")?,
                 new_scene: symbol(l, "rtcNewScene")?,
                 set_scene_flags: symbol(l, "rtcSetSceneFlags")?,
+                set_scene_build_quality: symbol(l, "rtcSetSceneBuildQuality")?,
                 attach_geometry_by_id: symbol(l, "rtcAttachGeometryByID")?,
                 set_instanced_scene: symbol(l, "rtcSetGeometryInstancedScene")?,
                 set_transform: symbol(l, "rtcSetGeometryTransform")?,
@@ -384,12 +393,14 @@ impl Device<'_> {
     }
 
     /// An empty scene.
-    pub fn scene(&self, robust: bool) -> Result<EmbreeScene<'_>, String> {
+    pub fn scene(&self, robust: bool, quality: Quality) -> Result<EmbreeScene<'_>, String> {
         let f = &self.embree.functions;
         // SAFETY: a live device; the scene is released by its `Drop`.
         let scene = unsafe { EmbreeScene { device: self, handle: (f.new_scene)(self.handle) } };
         // SAFETY: the scene of the line above.
         unsafe { (f.set_scene_flags)(scene.handle, if robust { SCENE_FLAG_ROBUST } else { 0 }) };
+        // SAFETY: the same scene; every value of `Quality` is one of the header's.
+        unsafe { (f.set_scene_build_quality)(scene.handle, quality as c_int) };
         self.check("making a scene")?;
         Ok(scene)
     }

@@ -3,7 +3,7 @@
 //! Instances fill a cube so densely that a ray meets the boxes of several, by matrices (entries interpolated by both sides) and by
 //! scale, rotation and translation (turned uniformly by both sides). What is placed moves as well, and once more stands still.
 
-use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Mesh};
+use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Mesh, Quality};
 use crate::geometry::{positions, scene_size};
 use crate::options::{Mode, Options};
 use crate::timing::{Checksum, in_turns};
@@ -80,13 +80,13 @@ fn one(
     let our_build = start.elapsed().as_secs_f64();
 
     let device = embree.device("threads=1")?;
-    let inner = device.scene(mode == Mode::Robust)?;
+    let inner = device.scene(mode == Mode::Robust, Quality::Medium)?;
     for (id, mesh) in meshes.iter().enumerate() {
         inner.attach(id as u32, &Mesh { indices: &mesh.indices, steps: positions(mesh) })?;
     }
     inner.commit()?;
     let before = device.bytes();
-    let theirs = device.scene(mode == Mode::Robust)?;
+    let theirs = device.scene(mode == Mode::Robust, Quality::Medium)?;
     let start = Instant::now();
     for (id, transform) in transforms.iter().enumerate() {
         theirs.attach_instance(id as u32, &inner, transform)?;

@@ -12,7 +12,11 @@ use clap::{Parser, ValueEnum};
 #[command(name = "embree", bin_name = "cargo bench --bench embree --")]
 pub struct Options {
     /// Scenes, all by default.
-    #[arg(long, value_delimiter = ',', default_value = "hairball,tornado,hall,coherent,needles,debris")]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "hairball,tornado,hall,coherent,needles,debris,building,visited,distant,crowd"
+    )]
     pub scenes: Vec<String>,
     /// Share of each scene's full number of triangles.
     #[arg(long, default_value_t = 1.0)]

@@ -55,7 +55,7 @@ pub fn measure(
         (Some(ours), _) => generate(meshes, &scene.camera, options.side, |ray| ours.closest_hit(ray)),
         (None, Some(embree)) => {
             let device = embree.device("threads=1")?;
-            let theirs = configs::all(meshes)[0].scene(&device, meshes, true)?;
+            let theirs = configs::all(meshes, Mode::Robust)[0].scene(&device, meshes, Mode::Robust)?;
             theirs.commit()?;
             generate(meshes, &scene.camera, options.side, |ray| theirs.closest_hit(&ray.into()))
         }
@@ -84,23 +84,19 @@ impl Bench<'_> {
     /// All Embree configurations in all modes.
     fn against(&mut self, embree: &Embree, isa: Isa) -> Result<(), String> {
         for &mode in &self.options.modes {
-            for config in configs::all(&self.scene.meshes) {
-                if !self.options.wants(config.name) {
+            for (at, config) in configs::all(&self.scene.meshes, mode).into_iter().enumerate() {
+                let name = config.name();
+                if !self.options.wants(&name) {
                     continue;
                 }
-                eprintln!(
-                    "  {}: {} rays, {isa:?}, {mode:?}, {}",
-                    self.scene.name,
-                    self.rays.primary.len(),
-                    config.name
-                );
+                eprintln!("  {}: {} rays, {isa:?}, {mode:?}, {}", self.scene.name, self.rays.primary.len(), name);
                 let device = embree.device(&config.settings(1, (isa == Isa::Avx2).then_some("avx2")))?;
-                let theirs = config.scene(&device, &self.scene.meshes, mode == Mode::Robust)?;
+                let theirs = config.scene(&device, &self.scene.meshes, mode)?;
                 theirs.commit()?;
-                if mode == Mode::Robust && isa == self.options.isa[0] && config.name == "default" {
+                if mode == Mode::Robust && isa == self.options.isa[0] && at == 0 {
                     self.compare(&theirs);
                 }
-                self.queries(isa, mode, config.name, Some(&theirs));
+                self.queries(isa, mode, &name, Some(&theirs));
             }
         }
         Ok(())

@@ -12,7 +12,8 @@ use kiddo::SquaredEuclidean;
 use kiddo::batch::Executor;
 use mbkd::glam::Vec3;
 use mbkd::{
-    Encounter, MovingPoint, NeighborBuffer, NeighborCsr, PointParams, PointStructure, PointTree, Radii, TimeInterval,
+    Encounter, EncounterLists, MovingPoint, NeighborBuffer, NeighborCsr, PointParams, PointStructure, PointTree, Radii,
+    TimeInterval,
 };
 use std::hint::black_box;
 use std::time::Instant;
@@ -29,6 +30,9 @@ struct Args {
     /// Repetitions, of which the median counts.
     #[arg(long, default_value_t = 5)]
     repeat: usize,
+    /// Threads of the tables `threads`.
+    #[arg(long, default_value_t = 2)]
+    threads: usize,
     /// Only tables whose names contain this.
     #[arg(long, default_value = "")]
     only: String,
@@ -118,7 +122,7 @@ fn radius(points: &[Vec3], neighbors: usize) -> f32 {
 fn main() {
     let args = Args::parse();
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let (one, two) = (pool(1), pool(2));
+    let (one, several) = (pool(1), pool(args.threads));
     let wanted = |name: &str| name.contains(&args.only);
     one.install(|| {
         for (name, point) in [
@@ -136,6 +140,9 @@ fn main() {
         if wanted("swept") {
             swept(&args);
         }
+        if wanted("skin") {
+            skin(&args);
+        }
         if wanted("bulk") {
             bulk(&args);
         }
@@ -144,27 +151,48 @@ fn main() {
         }
     });
     if wanted("threads") {
-        let points: Vec<Vec3> = (0..args.points).map(|_| Rng::vec).scan(Rng(1), |rng, f| Some(f(rng))).collect();
-        let radius = radius(&points, args.neighbors);
-        let (mut lists, mut more) = (NeighborCsr::new(), NeighborCsr::new());
-        let run = |lists: &mut NeighborCsr| ours(&points, radius, lists);
-        let times = table(
-            "two threads, uniform",
-            &args,
-            points.len(),
-            vec![
-                ("two threads", Box::new(|| two.install(|| run(&mut lists)))),
-                ("one thread", Box::new(|| one.install(|| run(&mut more)))),
-            ],
-        );
-        println!("  speed-up {:.2}", times[1] / times[0]);
+        threads(&args, &one, &several);
     }
+}
+
+/// The same on one and on several threads.
+fn threads(args: &Args, one: &rayon::ThreadPool, several: &rayon::ThreadPool) {
+    let starts: Vec<Vec3> = (0..args.points).map(|_| Rng::vec).scan(Rng(1), |rng, f| Some(f(rng))).collect();
+    let radius = radius(&starts, args.neighbors);
+    let points = moving(&starts);
+    let (mut lists, mut more) = (NeighborCsr::new(), NeighborCsr::new());
+    let (mut meetings, mut more_meetings) = (EncounterLists::new(), EncounterLists::new());
+    let still = |lists: &mut NeighborCsr| ours(&starts, radius, lists);
+    let swept = |lists: &mut EncounterLists| ours_swept(&points, radius, lists);
+    let title = format!("{} threads, uniform", args.threads);
+    let contestants: Vec<Contestant> = vec![
+        ("lists, several threads", Box::new(|| several.install(|| still(&mut lists)))),
+        ("lists, one thread", Box::new(|| one.install(|| still(&mut more)))),
+        ("swept lists, several threads", Box::new(|| several.install(|| swept(&mut meetings)))),
+        ("swept lists, one thread", Box::new(|| one.install(|| swept(&mut more_meetings)))),
+    ];
+    let times = table(&title, args, starts.len(), contestants);
+    println!("  speed-up {:.2}, of swept lists {:.2}", times[1] / times[0], times[3] / times[2]);
 }
 
 fn ours(points: &[Vec3], radius: f32, lists: &mut NeighborCsr) {
     let tree = PointTree::build(points, &PointParams::default()).unwrap();
     tree.neighbor_lists(0.0, radius).run(lists).unwrap();
     black_box(lists.ids());
+}
+
+fn ours_swept(points: &[MovingPoint], radius: f32, lists: &mut EncounterLists) {
+    let params = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
+    let tree = PointTree::build(points, &params).unwrap();
+    tree.neighbor_lists_swept_into(TimeInterval::FULL, radius, lists).unwrap();
+    black_box(lists.encounters());
+}
+
+/// Particles that go one mean spacing, each its own way.
+fn moving(starts: &[Vec3]) -> Vec<MovingPoint> {
+    let mut rng = Rng(9);
+    let spacing = (1.0 / starts.len() as f32).cbrt();
+    starts.iter().map(|p| MovingPoint::new(*p, *p + rng.direction() * spacing)).collect()
 }
 
 /// All ways to the lists of a set.
@@ -315,18 +343,10 @@ fn swept(args: &Args) {
     let starts: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
     let radius = radius(&starts, args.neighbors);
     let spacing = (1.0 / args.points as f32).cbrt();
-    let points: Vec<MovingPoint> =
-        starts.iter().map(|p| MovingPoint::new(*p, *p + rng.direction() * spacing)).collect();
-    let (mut lists, mut found, mut all) = (NeighborCsr::new(), Vec::new(), 0);
+    let points = moving(&starts);
+    let (mut meetings, mut lists, mut found) = (EncounterLists::new(), NeighborCsr::new(), Vec::new());
     let contestants: Vec<Contestant> = vec![
-        (
-            "mbkd",
-            Box::new(|| {
-                let params = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
-                let tree = PointTree::build(&points, &params).unwrap();
-                all = tree.neighbor_lists_swept(TimeInterval::FULL, radius).unwrap().encounters().len();
-            }),
-        ),
+        ("mbkd", Box::new(|| ours_swept(&points, radius, &mut meetings))),
         (
             "mbkd's lists at mid-time, inflated, filtered",
             Box::new(|| {
@@ -342,7 +362,27 @@ fn swept(args: &Args) {
         ),
     ];
     table(&format!("swept over one spacing: {} particles", points.len()), args, points.len(), contestants);
-    println!("  encounters: mbkd {all}, by filtering {}", found.len());
+    println!("  encounters: mbkd {}, by filtering {}", meetings.encounters().len(), found.len());
+}
+
+/// Lists with a skin of a fifth of the radius, with and without the time until which they hold, looking ahead to where
+/// particles have gone a tenth of their spacing.
+fn skin(args: &Args) {
+    let mut rng = Rng(8);
+    let starts: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
+    let radius = radius(&starts, args.neighbors) / 1.2;
+    let params = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
+    let tree = PointTree::build(&moving(&starts), &params).unwrap();
+    let (mut lists, mut more, mut until) = (NeighborCsr::new(), NeighborCsr::new(), 0.0);
+    let contestants: Vec<Contestant> = vec![
+        (
+            "mbkd, lists with a certificate",
+            Box::new(|| until = tree.neighbor_lists_with_skin(0.0, radius, 0.2 * radius, 0.1, &mut lists).unwrap()),
+        ),
+        ("mbkd, the lists alone", Box::new(|| tree.neighbor_lists(0.0, 1.2 * radius).run(&mut more).unwrap())),
+    ];
+    table(&format!("lists with a skin: {} particles", starts.len()), args, starts.len(), contestants);
+    println!("  neighbours {} and {}, certified until {until}", lists.neighbors(), more.neighbors());
 }
 
 /// The encounter of two points in f32, if there is one.

@@ -4,7 +4,8 @@
 //! in it comes within the radius. When that is, is usually guessed. Linear motion lets it be found out: it is the first
 //! encounter of a pair that was left out.
 
-use super::lists::Sweep;
+use super::encounter::{Four, Meetings, Visitor};
+use super::sweep::Sweep;
 use crate::geometry::KeyTime;
 use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
@@ -86,23 +87,33 @@ impl PointTree {
         let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(at.segment))
             .pass_over_lists_of(radius + skin)
             .allow_for_rounding();
-        let firsts = sweep.run(
-            || f32::INFINITY,
-            |first, own, meeting| {
-                if let Some((others, i, encounter)) = meeting
-                    && encounter.enter < *first
-                    && !listed(own, &others.flight(i))
-                {
-                    *first = encounter.enter;
-                }
-            },
-        );
-        let first = firsts.into_iter().fold(f32::INFINITY, f32::min);
+        let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
+        let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
         if first == f32::INFINITY {
             return Ok(until);
         }
         let lowered = f64::from(first) - ROUNDING - MARGIN * (f64::from(until) - f64::from(time));
         Ok(rounded_down(lowered).max(time))
+    }
+}
+
+/// Finds the first encounter of a pair that is not listed.
+struct First<'a, F> {
+    time: f32,
+    listed: &'a F,
+}
+
+impl<F: Fn(&Flight, &Flight) -> bool> Visitor for First<'_, F> {
+    #[inline(always)]
+    fn begin(&mut self, _own: &Flight) {}
+
+    #[inline(always)]
+    fn meet(&mut self, own: &Flight, others: &Four, meetings: &Meetings) {
+        for (lane, time) in meetings.entering() {
+            if time < self.time && !(self.listed)(own, &others.flight(lane)) {
+                self.time = time;
+            }
+        }
     }
 }
 

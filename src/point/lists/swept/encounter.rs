@@ -1,7 +1,8 @@
 //! Two points passing each other.
 
 use crate::geometry::TimeInterval;
-use crate::point::over_interval::Flight;
+use crate::point::over_interval::{Flight, FlightRows};
+use crate::simd::{LANES, Mask, Simd};
 
 /// A time at which two points are as close as they come, and when they are within the radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,12 +21,36 @@ pub struct Encounter {
 }
 
 impl Encounter {
+    /// What memory holds that is not in use.
+    pub(super) const NONE: Encounter =
+        Encounter { id: u32::MAX, enter: 0.0, leave: 0.0, closest: 0.0, distance_squared: 0.0 };
+
     /// Both encounters of the same points as one.
     pub(super) fn and(self, other: Encounter) -> Encounter {
         let key = |e: &Encounter| (e.distance_squared.to_bits(), e.closest.to_bits());
         let nearest = if key(&other) < key(&self) { other } else { self };
         Encounter { enter: self.enter.min(other.enter), leave: self.leave.max(other.leave), ..nearest }
     }
+}
+
+/// What is done with encounters.
+pub(super) trait Visitor {
+    /// Comes to a point.
+    fn begin(&mut self, own: &Flight);
+    /// The encounters of that point with four others.
+    fn meet(&mut self, own: &Flight, others: &Four, meetings: &Meetings);
+}
+
+/// What is asked of all points.
+#[derive(Clone, Copy)]
+pub(super) struct Question {
+    pub(super) radius: f64,
+    /// The group's first time.
+    pub(super) first_time: f32,
+    /// Whether pairs that are known at the first time are passed over.
+    pub(super) known: bool,
+    /// Whether some points do not live throughout.
+    pub(super) mortal: bool,
 }
 
 /// The time that is looked at: a part of a segment between keys.
@@ -37,6 +62,9 @@ pub(super) struct Window {
     /// First and last time.
     pub(super) times: [f64; 2],
 }
+
+/// Points that are looked at side by side.
+pub(super) const WIDE: usize = 4;
 
 impl Window {
     /// The part of `[begin, end]` in a segment.
@@ -52,119 +80,250 @@ impl Window {
         lesser(greater(time * (self.keys.max(2) - 1) as f64 - self.segment as f64, 0.0), 1.0)
     }
 
-    /// When two points that live from begin to end can meet in the window: begin, and end, which may lie before it.
+    /// The phases of four times.
     #[inline(always)]
-    fn common(&self, a: [f32; 2], b: [f32; 2]) -> [f64; 2] {
-        let begin = greater(greater(self.times[0], a[0].into()), b[0].into());
-        // Lives that reach the end of the shutter have an end beyond it.
-        [begin, lesser(lesser(lesser(self.times[1], 1.0), a[1].into()), b[1].into())]
+    fn phases<S: Simd>(&self, s: S, times: S::D) -> S::D {
+        let segments = s.splat_d((self.keys.max(2) - 1) as f64);
+        let phases = times * segments - s.splat_d(self.segment as f64);
+        s.min_d(s.max_d(phases, s.splat_d(0.0)), s.splat_d(1.0))
     }
 
-    /// The encounters of a point with those that come as near as `square`, the squared radius, in the window.
+    /// Shows a visitor the encounters of a point with others, of which those at `hits` are looked at, `count` of them;
+    /// `hits` holds at least three more places.
     ///
     /// Seen from the point, another is on a straight way `first + w·passing`, w in [0, 1]: its squared distance is a
     /// parabola. Every step is symmetric, so both points see the same. Times are where the parabola is at its lowest and
-    /// where it crosses the squared radius. (Plain loops over lanes, which the compiler makes vectors of, with the same
-    /// bits on every instruction set.)
+    /// where it crosses the squared radius.
     #[inline(always)]
-    pub(super) fn encounters(
+    pub(super) fn encounters<S: Simd, V: Visitor>(
         &self,
+        s: S,
         own: &Flight,
         others: &Others,
-        square: f64,
-        mut found: impl FnMut(usize, Encounter),
+        (hits, count): (&[u32], usize),
+        question: &Question,
+        visitor: &mut V,
     ) {
-        let life = [own.life.begin(), own.life.end_bound()];
-        for base in (0..others.len).step_by(WIDE) {
-            let at = |rows: &Vec<f32>, lane: usize| f64::from(rows[base + lane]);
-            let (mut begin, mut end) = ([0.0; WIDE], [0.0; WIDE]);
-            let (mut first, mut last) = ([[0.0; WIDE]; 3], [[0.0; WIDE]; 3]);
+        let life = TimeInterval::FULL;
+        let mut common = Common::of(s, self, own, [[life.begin(); WIDE], [life.end_bound(); WIDE]]);
+        let square = s.splat_d(question.radius * question.radius);
+        for at in (0..count).step_by(WIDE) {
+            let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
+            if question.mortal {
+                common = Common::of(s, self, own, four.lives());
+            }
+            let mut meetings = common.meetings(s, &four, square);
+            if count - at < WIDE {
+                meetings.there &= (1 << (count - at)) - 1;
+            }
             for lane in 0..WIDE {
-                let other = [others.begin[base + lane], others.end[base + lane]];
-                [begin[lane], end[lane]] = self.common(life, other);
+                meetings.there &= !(Mask::from(four.points[lane].id == own.id) << lane);
             }
-            let (mut early, mut late) = ([0.0; WIDE], [0.0; WIDE]);
-            for lane in 0..WIDE {
-                (early[lane], late[lane]) = (self.phase(begin[lane]), self.phase(end[lane]));
-            }
-            for axis in 0..3 {
-                let (open, close) = (own.open[axis], own.close[axis]);
-                for lane in 0..WIDE {
-                    let (other, way) = (at(&others.open[axis], lane), at(&others.close[axis], lane));
-                    let way = way - other;
-                    first[axis][lane] = (other + way * early[lane]) - (open + (close - open) * early[lane]);
-                    last[axis][lane] = (other + way * late[lane]) - (open + (close - open) * late[lane]);
-                }
-            }
-            let (mut enter, mut leave, mut nearest_at) = ([0.0; WIDE], [0.0; WIDE], [0.0; WIDE]);
-            let mut distance = [0.0; WIDE];
-            for lane in 0..WIDE {
-                let [first, last] = [&first, &last].map(|rows| [rows[0][lane], rows[1][lane], rows[2][lane]]);
-                let passing = [last[0] - first[0], last[1] - first[1], last[2] - first[2]];
-                let (speed, approach) = (dot(passing, passing), -dot(first, passing));
-                let w = if speed > 0.0 { lesser(greater(approach / speed, 0.0), 1.0) } else { 0.0 };
-                let nearest = [first[0] + passing[0] * w, first[1] + passing[1] * w, first[2] + passing[2] * w];
-                let outside = dot(first, first) - square;
-                let root = greater(approach * approach - speed * outside, 0.0).sqrt();
-                // The smaller root without cancellation; `approach` is above zero where the way begins outside.
-                let entering = lesser(greater(outside / (approach + root), 0.0), w);
-                let leaving = lesser(greater((approach + root) / speed, w), 1.0);
-                enter[lane] = if outside <= 0.0 { 0.0 } else { entering };
-                leave[lane] = if dot(last, last) <= square { 1.0 } else { leaving };
-                (nearest_at[lane], distance[lane]) = (w, dot(nearest, nearest));
-            }
-            let time = |w: f64, lane: usize| (begin[lane] + (end[lane] - begin[lane]) * w) as f32;
-            for lane in 0..WIDE.min(others.len - base) {
-                if begin[lane] <= end[lane] && distance[lane] <= square {
-                    let encounter = Encounter {
-                        id: others.id[base + lane],
-                        enter: time(enter[lane], lane),
-                        leave: time(leave[lane], lane),
-                        closest: time(nearest_at[lane], lane),
-                        distance_squared: distance[lane] as f32,
-                    };
-                    found(base + lane, encounter);
-                }
-            }
+            visitor.meet(own, &four, &meetings);
         }
     }
 }
 
-/// Points that are looked at side by side.
-pub(super) const WIDE: usize = 8;
+/// When a point and four others can meet, and where the point is then.
+struct Common<S: Simd> {
+    /// Begin, and end, which may lie before it.
+    times: [S::D; 2],
+    phases: [S::D; 2],
+    /// Where the point is at begin and end.
+    own: [[S::D; 3]; 2],
+}
 
-/// Points that may meet another, in rows of which the first `len` places are in use.
-#[derive(Clone, Debug, Default)]
+impl<S: Simd> Common<S> {
+    #[inline(always)]
+    fn of(s: S, window: &Window, own: &Flight, [begins, ends]: [[f32; WIDE]; 2]) -> Common<S> {
+        let [own_begin, own_end] = [own.life.begin(), own.life.end_bound()].map(f64::from);
+        let begin = s.max_d(s.splat_d(greater(window.times[0], own_begin)), s.widen_four(&begins));
+        // Lives that reach the end of the shutter have an end beyond it.
+        let last = lesser(lesser(window.times[1], 1.0), own_end);
+        let times = [begin, s.min_d(s.splat_d(last), s.widen_four(&ends))];
+        let phases = [window.phases(s, times[0]), window.phases(s, times[1])];
+        Common { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])] }
+    }
+
+    /// Where others are seen from the point at begin or end.
+    #[inline(always)]
+    fn seen(&self, end: usize, open: [S::D; 3], close: [S::D; 3]) -> [S::D; 3] {
+        let (phase, own) = (self.phases[end], self.own[end]);
+        [
+            (open[0] + (close[0] - open[0]) * phase) - own[0],
+            (open[1] + (close[1] - open[1]) * phase) - own[1],
+            (open[2] + (close[2] - open[2]) * phase) - own[2],
+        ]
+    }
+
+    /// The encounters with four others.
+    #[inline(always)]
+    fn meetings(&self, s: S, others: &Four, square: S::D) -> Meetings {
+        let [open, close] = others.ends(s);
+        let first = self.seen(0, open, close);
+        let last = self.seen(1, open, close);
+        let passing = [last[0] - first[0], last[1] - first[1], last[2] - first[2]];
+        let (zero, one) = (s.splat_d(0.0), s.splat_d(1.0));
+        let (speed, approach) = (dot::<S>(passing, passing), zero - dot::<S>(first, passing));
+        // Where nothing passes it is 0 / 0, of which the greater of it and 0 makes 0.
+        let w = s.min_d(s.max_d(approach / speed, zero), one);
+        let nearest = [first[0] + passing[0] * w, first[1] + passing[1] * w, first[2] + passing[2] * w];
+        let outside = dot::<S>(first, first) - square;
+        let root = s.sqrt_d(s.max_d(approach * approach - speed * outside, zero));
+        // The smaller root without cancellation; `approach` is above zero where the way begins outside. Few ways both begin
+        // and end outside, so one division serves for entering or leaving.
+        let sum = approach + root;
+        let quotient = s.select_le(outside, zero, sum, outside) / s.select_le(outside, zero, speed, sum);
+        let last_square = dot::<S>(last, last);
+        let inside = s.le_d(outside, zero) | s.le_d(last_square, square);
+        let to_leave = if inside == (1 << WIDE) - 1 { quotient } else { sum / speed };
+        let entering = s.min_d(s.max_d(quotient, zero), w);
+        let leaving = s.min_d(s.max_d(to_leave, w), one);
+        let enter = s.select_le(outside, zero, zero, entering);
+        let leave = s.select_le(last_square, square, one, leaving);
+        let distance = dot::<S>(nearest, nearest);
+        let [begin, end] = self.times;
+        let duration = end - begin;
+        Meetings {
+            enter: s.narrow(begin + duration * enter),
+            leave: s.narrow(begin + duration * leave),
+            closest: s.narrow(begin + duration * w),
+            distance_squared: s.narrow(distance),
+            there: s.le_d(begin, end) & s.le_d(distance, square),
+        }
+    }
+}
+
+/// Where a point is at each of four phases.
+#[inline(always)]
+fn own_at<S: Simd>(s: S, own: &Flight, phases: S::D) -> [S::D; 3] {
+    let way = [own.close[0] - own.open[0], own.close[1] - own.open[1], own.close[2] - own.open[2]];
+    [
+        s.splat_d(own.open[0]) + s.splat_d(way[0]) * phases,
+        s.splat_d(own.open[1]) + s.splat_d(way[1]) * phases,
+        s.splat_d(own.open[2]) + s.splat_d(way[2]) * phases,
+    ]
+}
+
+/// The encounters of a point with four others.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Meetings {
+    enter: [f32; WIDE],
+    leave: [f32; WIDE],
+    closest: [f32; WIDE],
+    distance_squared: [f32; WIDE],
+    /// Where there is an encounter.
+    there: Mask,
+}
+
+impl Meetings {
+    /// Writes the encounters one behind the other; their number.
+    #[inline(always)]
+    pub(super) fn write(&self, others: &Four, to: &mut [Encounter; WIDE]) -> usize {
+        let mut count = 0;
+        for lane in 0..WIDE {
+            to[count % WIDE] = Encounter {
+                id: others.points[lane].id,
+                enter: self.enter[lane],
+                leave: self.leave[lane],
+                closest: self.closest[lane],
+                distance_squared: self.distance_squared[lane],
+            };
+            count += usize::from(self.there >> lane & 1);
+        }
+        count
+    }
+
+    /// When each of the others that is met comes within the radius: lanes and times.
+    #[inline(always)]
+    pub(super) fn entering(&self) -> impl Iterator<Item = (usize, f32)> + '_ {
+        (0..WIDE).filter(|&lane| self.there >> lane & 1 != 0).map(|lane| (lane, self.enter[lane]))
+    }
+}
+
+/// A point that may be met, between two keys.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+struct Place {
+    /// Where it is at both keys.
+    keys: [f32; 6],
+    id: u32,
+}
+
+/// Points that may be met.
+#[derive(Default)]
 pub(super) struct Others {
-    pub(super) open: [Vec<f32>; 3],
-    pub(super) close: [Vec<f32>; 3],
-    /// The whole life, up to where it is not over yet.
-    pub(super) begin: Vec<f32>,
-    pub(super) end: Vec<f32>,
-    pub(super) id: Vec<u32>,
-    pub(super) len: usize,
+    points: Vec<Place>,
+    /// Their whole lives, up to where they are not over yet; empty where all live throughout.
+    lives: Vec<[f32; 2]>,
 }
 
 impl Others {
-    /// Makes all rows at least this long.
-    pub(super) fn make_room(&mut self, length: usize) {
-        if self.id.len() < length {
-            let length = 2 * length;
-            let rows = self.open.iter_mut().chain(&mut self.close).chain([&mut self.begin, &mut self.end]);
-            rows.for_each(|row| row.resize(length, 0.0));
-            self.id.resize(length, u32::MAX);
+    pub(super) fn clear(&mut self) {
+        self.points.clear();
+        self.lives.clear();
+    }
+
+    /// Appends sixteen points; where not `mortal`, they live throughout.
+    #[inline(always)]
+    pub(super) fn push(&mut self, points: &FlightRows, mortal: bool) {
+        let FlightRows { open: [x, y, z], close: [u, v, w], begin, end, id } = points;
+        let place = |i: usize| Place { keys: [x[i], y[i], z[i], u[i], v[i], w[i]], id: id[i] };
+        let places: [Place; LANES] = core::array::from_fn(place);
+        self.points.extend_from_slice(&places);
+        if mortal {
+            self.lives.extend((0..LANES).map(|i| [begin[i], end[i]]));
         }
     }
 
-    /// A point of them.
-    pub(super) fn flight(&self, i: usize) -> Flight {
-        let life = TimeInterval::half_open(self.begin[i], self.end[i]);
-        Flight {
-            id: self.id[i],
-            open: [0, 1, 2].map(|axis| self.open[axis][i].into()),
-            close: [0, 1, 2].map(|axis| self.close[axis][i].into()),
-            life: life.unwrap_or(TimeInterval::FULL),
-        }
+    /// Four of them.
+    #[inline(always)]
+    fn four(&self, at: [u32; WIDE]) -> Four<'_> {
+        let [a, b, c, d] = at;
+        let point = |i: u32| &self.points[i as usize];
+        Four { points: [point(a), point(b), point(c), point(d)], others: self, at }
+    }
+}
+
+/// Four points that may be met.
+pub(super) struct Four<'a> {
+    points: [&'a Place; WIDE],
+    others: &'a Others,
+    at: [u32; WIDE],
+}
+
+impl Four<'_> {
+    /// Where they are at both keys.
+    #[inline(always)]
+    fn ends<S: Simd>(&self, s: S) -> [[S::D; 3]; 2] {
+        let [a, b, c, d] = self.points.map(|point| &point.keys);
+        let [x, y, z, u] = s.transpose_d([
+            s.widen_four(&[a[0], a[1], a[2], a[3]]),
+            s.widen_four(&[b[0], b[1], b[2], b[3]]),
+            s.widen_four(&[c[0], c[1], c[2], c[3]]),
+            s.widen_four(&[d[0], d[1], d[2], d[3]]),
+        ]);
+        let [_, _, v, w] = s.transpose_d([
+            s.widen_four(&[a[2], a[3], a[4], a[5]]),
+            s.widen_four(&[b[2], b[3], b[4], b[5]]),
+            s.widen_four(&[c[2], c[3], c[4], c[5]]),
+            s.widen_four(&[d[2], d[3], d[4], d[5]]),
+        ]);
+        [[x, y, z], [u, v, w]]
+    }
+
+    /// Begins and ends of their lives.
+    #[inline(always)]
+    fn lives(&self) -> [[f32; WIDE]; 2] {
+        [0, 1].map(|end| self.at.map(|i| self.others.lives[i as usize][end]))
+    }
+
+    /// One of the points.
+    pub(super) fn flight(&self, lane: usize) -> Flight {
+        let Place { keys: [x, y, z, u, v, w], id } = *self.points[lane];
+        let life = self.others.lives.get(self.at[lane] as usize);
+        let life = life.and_then(|&[begin, end]| TimeInterval::half_open(begin, end)).unwrap_or(TimeInterval::FULL);
+        Flight { id, open: [x, y, z].map(f64::from), close: [u, v, w].map(f64::from), life }
     }
 }
 
@@ -180,13 +339,7 @@ pub(super) fn lesser(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
-/// A coordinate at a phase of the segment.
-pub(super) fn at(flight: &Flight, axis: usize, phase: f64) -> f64 {
-    let (open, close) = (flight.open[axis], flight.close[axis]);
-    open + (close - open) * phase
-}
-
 #[inline(always)]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+fn dot<S: Simd>(a: [S::D; 3], b: [S::D; 3]) -> S::D {
     (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 }
