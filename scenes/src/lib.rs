@@ -121,7 +121,7 @@ pub const CATALOGUE: &[Recipe] = &[
         make: visited,
     },
     Recipe { name: "distant", about: "a small figure that most rays miss", full: 12_000, make: distant },
-    Recipe { name: "crowd", about: "hundreds of running figures", full: 10_000_000, make: crowd },
+    Recipe { name: "crowd", about: "hundreds of running figures", full: 1_000_000, make: crowd },
 ];
 
 /// The recipe of that name.
