@@ -189,7 +189,8 @@ impl TreeRay {
         TreeRay {
             origin,
             inverse,
-            t_min: ray.t_min,
+            // No answer is infinite, in front of the origin or behind it.
+            t_min: ray.t_min.max(f32::MIN),
             t_max: ray.t_max.min(f32::MAX),
             begin: inward(ray.t_min),
             end: inward(ray.t_max),

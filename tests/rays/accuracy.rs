@@ -173,6 +173,11 @@ fn neither_minus_zero_nor_infinity_is_an_answer() {
         // It takes more than f32 can hold to get there.
         let slow = Ray::new(Vec3::Y, Vec3::NEG_Y * 1e-45);
         assert_eq!((tree.closest_hit(&slow), tree.any_hit(&slow), oracle.closest_hit(&slow)), (None, false, None));
+        let line = |ray: Ray| ray.between(f32::NEG_INFINITY, f32::INFINITY);
+        let back = line(Ray { dir: -slow.dir, ..slow });
+        assert_eq!((tree.closest_hit(&back), tree.any_hit(&back), oracle.closest_hit(&back)), (None, false, None));
+        let back = line(Ray::new(Vec3::Y * 1e-10, Vec3::Y * 1e-45));
+        assert!(tree.closest_hit(&back).unwrap().t < -1e34);
         let slow = Ray::new(Vec3::Y * 1e-10, Vec3::NEG_Y * 1e-45);
         assert!(tree.closest_hit(&slow).unwrap().t.is_finite());
         let balls = RayTree::of_primitives(ball(), &params).unwrap();
