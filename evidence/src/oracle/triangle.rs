@@ -40,9 +40,9 @@ impl ExactRay {
         &self.dir
     }
 
-    /// The range of `t`. What is too far for f32 is no hit.
+    /// The range of `t`. What is too far for f32, before or behind, is no hit.
     pub(super) fn range(&self) -> [f64; 2] {
-        [self.ray.t_min.into(), self.ray.t_max.min(f32::MAX).into()]
+        [self.ray.t_min.max(f32::MIN).into(), self.ray.t_max.min(f32::MAX).into()]
     }
 
     /// Whether a distance is in the range.
