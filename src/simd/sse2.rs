@@ -133,7 +133,10 @@ impl U {
         // SAFETY: each store writes four of the sixteen integers, at any alignment. (A loop takes the compiler far
         // longer, and this is all over the crate.)
         let four = |i: usize| unsafe { _mm_storeu_si128(at.add(i), self.0[i]) };
-        (four(0), four(1), four(2), four(3));
+        four(0);
+        four(1);
+        four(2);
+        four(3);
     }
 
     #[inline(always)]
@@ -308,7 +311,10 @@ impl Simd for Sse2 {
         let at = to.as_mut_ptr();
         // SAFETY: each store writes four of the sixteen floats, at any alignment.
         let four = |i: usize| unsafe { _mm_storeu_ps(at.add(4 * i), x.0[i]) };
-        (four(0), four(1), four(2), four(3));
+        four(0);
+        four(1);
+        four(2);
+        four(3);
     }
     #[inline(always)]
     fn mul_add(self, a: F, b: F, c: F) -> F {
@@ -405,7 +411,10 @@ impl Simd for Sse2 {
             two(2 * i, intrinsic!(_mm_unpacklo_epi32(x.0[i], zero)));
             two(2 * i + 1, intrinsic!(_mm_unpackhi_epi32(x.0[i], zero)));
         };
-        (four(0), four(1), four(2), four(3));
+        four(0);
+        four(1);
+        four(2);
+        four(3);
     }
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
