@@ -233,7 +233,8 @@ impl WideTree {
             }
             leaf_blocks(arena, set, draft, &of[large..], &mut blocks[large..])
         };
-        let nodes = Nodes { binary: &draft.binary, collapse: &draft.collapse, over: draft.over, leaves, writes: true };
+        let nodes =
+            Nodes { binary: &draft.binary, collapse: &draft.collapse, over: draft.over, leaves: &leaves, writes: true };
         Ok(Subtree { bounds: draft.binary[0].bounds, root: nodes.write(&mut self.arena)? })
     }
 
@@ -248,7 +249,7 @@ impl WideTree {
         let clusters = &segments.clusters;
         let leaves =
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
-        let blocks = write_blocks(&mut self.arena, clusters, leaves)?;
+        let blocks = write_blocks(&mut self.arena, clusters, &leaves)?;
         let mut parts = Vec::new();
         for tree in &segments.trees {
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
@@ -258,7 +259,7 @@ impl WideTree {
                 Ok(())
             };
             let (binary, collapse) = (&tree.binary, &tree.collapse);
-            let nodes = Nodes { binary, collapse, over: tree.over, leaves, writes: false };
+            let nodes = Nodes { binary, collapse, over: tree.over, leaves: &leaves, writes: false };
             parts.push(nodes.write(&mut self.arena)?);
         }
         write_time(&mut self.arena, &parts)
