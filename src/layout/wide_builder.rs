@@ -1,6 +1,6 @@
 //! From primitives to the wide layout.
 //!
-//! Triangles are one group, other primitives another. Every group is first drafted: the binary
+//! Triangles that leaf blocks hold are one group, what leaves only name another. Every group is first drafted: the binary
 //! tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees divide the shutter
 //! ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in which they are
 //! children like leaf blocks.
@@ -15,7 +15,6 @@ use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::{Division, WideParams};
-use crate::primitive::{PrimitiveSet, Triangles};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
@@ -35,12 +34,11 @@ impl WideTree {
     /// Builds over all primitives of a set within the bytes that the parameters allow. Progress is told, and cancelling
     /// noticed, after each draft and each written group.
     pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
-        let triangles = set.triangles().map_or(0, Triangles::len);
-        let listed: Vec<u32> = (triangles as u32..set.len() as u32).collect();
-        let mut of_triangles = huge_vec(triangles);
-        parallel::fill(&mut of_triangles, triangles, |id| id as u32);
+        let mut held = huge_vec(set.len());
+        parallel::fill(&mut held, set.len(), |id| id as u32);
+        let listed: Vec<u32> = held.extract_if(.., |id| set.is_listed(*id)).collect();
         let budget = allowed_bytes(params, set.len(), set.further_key_bytes());
-        let mut tree = WideTree::fitted(set, [&of_triangles, &listed], params, budget, progress)?;
+        let mut tree = WideTree::fitted(set, [&held, &listed], params, budget, progress)?;
         let bytes = tree.arena.bytes();
         if bytes > budget && !params.division.is_forced() {
             return Err(BuildError::OverBudget { bytes, budget });
@@ -67,11 +65,10 @@ impl WideTree {
 
     /// The same over sorted ids.
     fn sorted_part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
-        let triangles = set.triangles().map_or(0, Triangles::len) as u32;
-        let (of_triangles, listed) = ids.split_at(ids.partition_point(|&id| id < triangles));
-        let bent = of_triangles.iter().map(|&id| further_key_bytes(set, id)).sum();
+        let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
+        let bent = held.iter().map(|&id| further_key_bytes(set, id)).sum();
         let budget = allowed_bytes(params, ids.len(), bent);
-        let mut tree = WideTree::fitted(set, [of_triangles, listed], params, budget, &Progress::new(None))?;
+        let mut tree = WideTree::fitted(set, [&held, &listed], params, budget, &Progress::new(None))?;
         tree.counts = tree.counted(set);
         Ok(tree)
     }

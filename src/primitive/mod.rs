@@ -7,6 +7,7 @@ mod custom;
 mod merge_keys;
 mod mesh;
 mod points;
+mod precise;
 mod scene;
 mod scene_file;
 mod sphere;
