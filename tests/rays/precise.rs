@@ -49,6 +49,7 @@ fn scenes() -> Vec<(&'static str, f64, Vec<TriangleMesh>)> {
         ("moving machines", 1e-3, vec![around(&MACHINES, 300, 1e-3, 2, 2).precise()]),
         ("bent machines", 1e-3, vec![around(&MACHINES, 200, 1e-3, 5, 3).precise()]),
         ("city", 2.0, long(around(&[CITY], 600, 2.0, 2, 4).precise())),
+        ("with spheres", 0.05, vec![around(&[DVec3::ZERO], 300, 0.05, 2, 11).precise(), soup(100, 2, 0.1, 0.2, 12)]),
         (
             "all kinds",
             0.05,
@@ -67,7 +68,7 @@ fn scenes() -> Vec<(&'static str, f64, Vec<TriangleMesh>)> {
 
 fn shapes(name: &str) -> Vec<Shape> {
     let ball = |i: i32| MovingSphere::new(vec![(DVec3::splat(0.01 * f64::from(i)), 0.02), (DVec3::X, 0.1)]).into();
-    if name == "all kinds" { (0..20).map(ball).collect() } else { Vec::new() }
+    if ["all kinds", "with spheres"].contains(&name) { (0..20).map(ball).collect() } else { Vec::new() }
 }
 
 fn params() -> Vec<BuildParams> {
@@ -118,7 +119,7 @@ fn rays_equal_brute_force_and_find_what_they_are_aimed_at() {
                 for _ in 0..100 {
                     let ray = ray(&tree, &meshes, &mut random, size);
                     assert_eq!(difference(&tree, &oracle, &ray), None, "{name}, {params:?}, {level}");
-                    let some = |hit: &mbkd::Hit| hit.primitive % 3 != 0;
+                    let some = |hit: &mbkd::Hit| !hit.primitive.is_multiple_of(3);
                     let found = tree.closest_hit_filtered(&ray, 0b101, some);
                     assert_eq!(found, oracle.closest_hit_filtered(&ray, 0b101, some), "{name}, {params:?}");
                     hits += usize::from(tree.any_hit(&ray));
