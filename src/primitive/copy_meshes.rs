@@ -1,7 +1,7 @@
 //! Copying meshes into tree space: for a build, and for the next frame of a tree that stays.
 
 use super::mesh::{Keys, TriangleMesh};
-use super::precise::PreciseVertices;
+use super::precise_vertices::PreciseVertices;
 use super::triangles::{BLOCK, Rebased, Triangles, Vertices, segments};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};

@@ -157,6 +157,11 @@ impl TriangleMesh {
         TriangleMesh { keys, ..self }
     }
 
+    /// Whether its positions are kept in f64.
+    pub(super) fn is_precise(&self) -> bool {
+        matches!(self.keys, Keys::Precise(_))
+    }
+
     /// Number of triangles.
     pub fn len(&self) -> usize {
         self.indices.len()

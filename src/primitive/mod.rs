@@ -8,6 +8,7 @@ mod merge_keys;
 mod mesh;
 mod points;
 mod precise;
+mod precise_vertices;
 mod scene;
 mod scene_file;
 mod sphere;

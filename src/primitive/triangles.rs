@@ -4,7 +4,7 @@
 //! sees it) are apart: leaf blocks of the wide layout hold all corners, and then the vertices go.
 
 use super::custom::PrimitiveSet;
-use super::precise::PreciseVertices;
+use super::precise_vertices::PreciseVertices;
 use crate::geometry::{
     Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, clip_triangle, stays_clear,
 };

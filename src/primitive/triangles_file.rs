@@ -1,7 +1,7 @@
 //! Triangles in files: what each mesh is, and the vertices where leaf blocks do not hold them.
 
 use super::copy_meshes::mesh_at;
-use super::precise::PreciseVertices;
+use super::precise_vertices::PreciseVertices;
 use super::triangles::{Rebased, Triangles, Vertices};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
 use crate::geometry::{Frame, TimeInterval};
