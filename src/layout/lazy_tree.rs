@@ -145,7 +145,7 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
         }
         Ok(())
     };
-    top.root = Nodes { binary, collapse: &collapse, over, leaves, writes: true }.write(&mut top.arena)?;
+    top.root = Nodes { binary, collapse: &collapse, over, leaves: &leaves, writes: true }.write(&mut top.arena)?;
     top.arena.align();
     top.arena.settle();
     top.counts = top.counted_nodes();

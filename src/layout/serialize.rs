@@ -53,7 +53,7 @@ struct InOrder<'a> {
 
 impl InOrder<'_> {
     /// Puts in place all whose turn it is. Children that are not `inside` lie in the arena already.
-    fn put(&mut self, waiting: &Mutex<Waiting>, inside: impl Fn(ChildRef) -> bool) -> Result<(), BuildError> {
+    fn put(&mut self, waiting: &Mutex<Waiting>, inside: &dyn Fn(ChildRef) -> bool) -> Result<(), BuildError> {
         loop {
             let ready = locked(waiting).done.get_mut(self.next).and_then(Option::take);
             let Some(mut apart) = ready else { return Ok(()) };
@@ -111,8 +111,8 @@ fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 pub(crate) fn write_in_order(
     arena: &mut Arena,
     sizes: &[u32],
-    inside: impl Fn(ChildRef) -> bool + Sync,
-    write: impl Fn(usize, &mut Fragment) -> Result<(), BuildError> + Sync,
+    inside: &(dyn Fn(ChildRef) -> bool + Sync),
+    write: &(dyn Fn(usize, &mut Fragment) -> Result<(), BuildError> + Sync),
 ) -> Result<Vec<ChildRef>, BuildError> {
     let n = sizes.len();
     let step = n.div_ceil(FIRST).max(4);
@@ -144,13 +144,13 @@ pub(crate) fn write_in_order(
                 locked(&waiting).done[task] = Some(apart);
             }
             if let Ok(mut in_order) = in_order.try_lock() {
-                in_order.put(&waiting, &inside)?;
+                in_order.put(&waiting, inside)?;
             }
         }
     });
     threads.into_iter().collect::<Result<(), BuildError>>()?;
     let mut in_order = in_order.into_inner().unwrap_or_else(PoisonError::into_inner);
-    in_order.put(&waiting, &inside)?;
+    in_order.put(&waiting, inside)?;
     Ok(in_order.tops)
 }
 
@@ -170,7 +170,7 @@ mod tests {
                 Ok(())
             };
             let mut arena = Arena::default();
-            let tops = write_in_order(&mut arena, &vec![1; n], |_| false, write).unwrap();
+            let tops = write_in_order(&mut arena, &vec![1; n], &|_| false, &write).unwrap();
             assert_eq!(tops.len(), n);
             let mut expected = 0;
             for (i, top) in tops.iter().enumerate() {

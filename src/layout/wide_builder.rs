@@ -1,9 +1,9 @@
 //! From primitives to the wide layout.
 //!
-//! Triangles that leaf blocks hold are one group, those that leaves only name another, other primitives the third. Every group is first drafted: the binary
-//! tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees divide the shutter
-//! ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in which they are
-//! children like leaf blocks.
+//! Triangles that leaf blocks hold are one group, those that leaves only name another, other primitives the third. Every group
+//! is first drafted: the binary tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees
+//! divide the shutter ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in
+//! which they are children like leaf blocks.
 
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
@@ -233,7 +233,8 @@ impl WideTree {
             }
             leaf_blocks(arena, set, draft, &of[large..], &mut blocks[large..])
         };
-        let nodes = Nodes { binary: &draft.binary, collapse: &draft.collapse, over: draft.over, leaves, writes: true };
+        let nodes =
+            Nodes { binary: &draft.binary, collapse: &draft.collapse, over: draft.over, leaves: &leaves, writes: true };
         Ok(Subtree { bounds: draft.binary[0].bounds, root: nodes.write(&mut self.arena)? })
     }
 
@@ -248,7 +249,7 @@ impl WideTree {
         let clusters = &segments.clusters;
         let leaves =
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
-        let blocks = write_blocks(&mut self.arena, clusters, leaves)?;
+        let blocks = write_blocks(&mut self.arena, clusters, &leaves)?;
         let mut parts = Vec::new();
         for tree in &segments.trees {
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
@@ -258,7 +259,7 @@ impl WideTree {
                 Ok(())
             };
             let (binary, collapse) = (&tree.binary, &tree.collapse);
-            let nodes = Nodes { binary, collapse, over: tree.over, leaves, writes: false };
+            let nodes = Nodes { binary, collapse, over: tree.over, leaves: &leaves, writes: false };
             parts.push(nodes.write(&mut self.arena)?);
         }
         write_time(&mut self.arena, &parts)

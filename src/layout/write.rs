@@ -84,7 +84,9 @@ pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
 }
 
 /// Writes one of the boxes of the node that begins at `words[0]`; of a node that stands still, `of` must do so as well.
-#[inline(always)]
+///
+/// A call: inlined into the loop over lanes it would be compiled sixteen times, which takes seconds.
+#[inline(never)]
 pub(super) fn write_box(words: &mut [u32], kind: Kind, lane: usize, of: Option<&LinearBox3>, over: TimeInterval) {
     let pad = of.map_or(0.0, kernel_pad);
     for axis in 0..3 {
@@ -149,6 +151,10 @@ pub(crate) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildR
 /// References below which a subtree is written apart. Fixed, so that the arena does not depend on threads.
 const APART: u32 = 4096;
 
+/// Gives the leaf blocks of binary nodes. Called through a pointer, so that what writes nodes is compiled once.
+pub(crate) type LeafWriter<'a> =
+    &'a (dyn Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync);
+
 /// Leaf blocks that are written together.
 const BLOCKS: usize = 512;
 
@@ -156,29 +162,28 @@ const BLOCKS: usize = 512;
 pub(crate) fn write_blocks(
     arena: &mut Arena,
     of: &[BinaryNode],
-    leaves: impl Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync,
+    leaves: LeafWriter<'_>,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let tasks: Vec<&[BinaryNode]> = of.chunks(BLOCKS).collect();
     let write = |task: usize, apart: &mut Fragment| {
         apart.tops.resize(tasks[task].len(), ChildRef::NOTHING);
         leaves(&mut apart.arena, tasks[task], &mut apart.tops)
     };
-    write_in_order(arena, &vec![1; tasks.len()], |_| true, write)
+    write_in_order(arena, &vec![1; tasks.len()], &|_| true, &write)
 }
 
 /// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and returns the root. The
 /// nodes above the subtrees that are written apart come last.
-pub(crate) struct Nodes<'a, L> {
+pub(crate) struct Nodes<'a> {
     pub binary: &'a [BinaryNode],
     pub collapse: &'a Collapse,
     pub over: TimeInterval,
-    /// Gives the leaf blocks of binary nodes.
-    pub leaves: L,
+    pub leaves: LeafWriter<'a>,
     /// Whether `leaves` writes the blocks, or only knows those that are in the final arena already.
     pub writes: bool,
 }
 
-impl<L: Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync> Nodes<'_, L> {
+impl Nodes<'_> {
     /// Writes the whole tree (which must not be empty).
     pub fn write(&self, arena: &mut Arena) -> Result<ChildRef, BuildError> {
         if self.collapse.is_leaf(0) {
@@ -193,11 +198,12 @@ impl<L: Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError>
         let sizes: Vec<u32> = roots.iter().map(|&root| size(&self.binary[root as usize])).collect();
         // Time nodes are not written here: they lie in the final arena already.
         let inside = |child: ChildRef| child.kind() != Kind::Time && (self.writes || !child.kind().is_leaf());
-        let done = write_in_order(arena, &sizes, inside, |i, apart| {
+        let write = |i: usize, apart: &mut Fragment| {
             let root = self.node(&mut apart.arena, roots[i], &mut apart.nodes, &mut None)?;
             apart.tops.push(root);
             Ok(())
-        })?;
+        };
+        let done = write_in_order(arena, &sizes, &inside, &write)?;
         self.node(arena, 0, &mut Vec::new(), &mut Some(done.into_iter()))
     }
 
@@ -242,26 +248,22 @@ impl<L: Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError>
             return Ok(done);
         }
         let children = self.children(of);
-        let mut boxes = [LinearBox3::EMPTY; LANES];
-        for (b, child) in boxes.iter_mut().zip(&children) {
-            *b = self.binary[child.node as usize].bounds;
-        }
-        let node = write_node(arena, &boxes[..children.len()], self.over)?;
+        let boxes: Vec<LinearBox3> = children.iter().map(|c| self.binary[c.node as usize].bounds).collect();
+        let node = write_node(arena, &boxes, self.over)?;
         nodes.push(node);
-        let (mut leaves, mut blocks, mut n) = ([self.binary[of as usize]; LANES], [ChildRef::NOTHING; LANES], 0);
-        for child in children.iter().filter(|c| c.leaf) {
-            leaves[n] = self.binary[child.node as usize];
-            n += 1;
+        let leaves: Vec<BinaryNode> =
+            children.iter().filter(|c| c.leaf).map(|c| self.binary[c.node as usize]).collect();
+        let mut blocks = vec![ChildRef::NOTHING; leaves.len()];
+        (self.leaves)(arena, &leaves, &mut blocks)?;
+        let (mut refs, mut blocks) = (Vec::with_capacity(children.len()), blocks.into_iter());
+        for child in &children {
+            let below = match child.leaf {
+                true => blocks.next().unwrap_or(ChildRef::NOTHING),
+                false => self.node(arena, child.node, nodes, apart)?,
+            };
+            refs.push(below);
         }
-        (self.leaves)(arena, &leaves[..n], &mut blocks[..n])?;
-        let (mut refs, mut blocks) = ([ChildRef::NOTHING; LANES], blocks.into_iter());
-        for (r, block) in refs.iter_mut().zip(&children).filter(|(_, c)| c.leaf).map(|(r, _)| r).zip(&mut blocks) {
-            *r = block;
-        }
-        for (r, child) in refs.iter_mut().zip(&children).filter(|(_, c)| !c.leaf) {
-            *r = self.node(arena, child.node, nodes, apart)?;
-        }
-        set_children(arena, node, &refs[..children.len()]);
+        set_children(arena, node, &refs);
         Ok(node)
     }
 }

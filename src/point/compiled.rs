@@ -4,7 +4,7 @@
 //! a tree would compile all of that again, once for each of its filters. So a caller's filter is called through `dyn`, once
 //! for each block with something near, and what is compiled are two forms of each query: without and with a filter.
 
-use super::counted::{CountedSearch, count_work};
+use super::counted::{Counted, CountedSearch, search_counted};
 use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
 use super::precise::{Allowed, Asked};
@@ -117,18 +117,25 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
         }
         return;
     }
-    match query {
-        Either::All(query) => k_nearest(query, k, candidates, found),
-        Either::Some(query) => k_nearest(query, k, candidates, found),
+    let (simd, in_order) = match query {
+        Either::All(query) => (query.tree.simd, dispatch(query.tree.simd, NearestN { query, k, candidates, found })),
+        Either::Some(query) => (query.tree.simd, filtered(query, k, candidates, found).in_order),
+    };
+    if !in_order {
+        nearest_in_order(simd, k, candidates, found);
     }
 }
 
-#[inline(always)]
-fn k_nearest<K: Keep>(query: &Search<'_, K>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
-    let simd = query.tree.simd;
-    if !dispatch(simd, NearestN { query, k, candidates, found }) {
-        nearest_in_order(simd, k, candidates, found);
-    }
+/// The same with a filter, not yet in order.
+fn filtered(
+    query: &Search<'_, KeepLanes<'_>>,
+    k: usize,
+    candidates: &mut Candidates,
+    found: &mut Vec<Neighbor>,
+) -> Counted {
+    let &Search { tree, point, time, bound, shrink, keep, .. } = query;
+    let search = CountedSearch { layers: &[(&tree.layers, time)], point, k, bound, shrink, keep };
+    search_counted(tree.simd, &search, candidates, found)
 }
 
 /// The work of finding the `k` nearest.
@@ -138,13 +145,11 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
         return work;
     }
     let all = |_: &Lanes<u32>, mask: Mask| mask;
-    let (query, keep) = match query {
-        Either::All(query) => (query.keeping(()), KeepLanes(&all)),
-        Either::Some(query) => (query.keeping(()), query.keep),
+    let query = match query {
+        Either::All(query) => query.keeping(KeepLanes(&all)),
+        Either::Some(query) => *query,
     };
-    let Search { tree, point, time, bound, shrink, .. } = query;
-    let search = CountedSearch { layers: &[(&tree.layers, time)], point, k, bound, shrink, keep };
-    count_work(tree.simd, &search, &mut candidates)
+    filtered(&query, k, &mut candidates, &mut found).work
 }
 
 /// Gathers all points within the radius.
@@ -213,21 +218,21 @@ impl<K: Keep> Kernel for Nearest<'_, '_, K> {
     }
 }
 
-struct NearestN<'q, 'a, 'b, K> {
-    query: &'q Search<'a, K>,
+struct NearestN<'q, 'a, 'b> {
+    query: &'q Search<'a, KeepAll>,
     k: usize,
     candidates: &'b mut Candidates,
     found: &'b mut Vec<Neighbor>,
 }
 
-impl<K: Keep> Kernel for NearestN<'_, '_, '_, K> {
+impl Kernel for NearestN<'_, '_, '_> {
     /// Whether what was found is in order already.
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
         let NearestN { query: q, k, candidates, found } = self;
         let observe = &mut ();
-        let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
+        let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &KeepAll, observe);
         loop {
             walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);
             if !search.again() {

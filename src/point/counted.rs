@@ -1,10 +1,13 @@
-//! The work of a search for the k nearest, counted.
+//! The search for the k nearest with a filter, its work counted.
 //!
-//! Compiled once, with a filter: nobody waits for it.
+//! Counting costs next to nothing beside a filter that is called for each block. So this one form serves whoever asks with a
+//! filter and whoever only wants the work; without a filter there is a form that does not count ([`super::compiled`]).
 
+use super::neighbor::Neighbor;
 use super::partition::{Layer, walk_all};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
+use super::search::sort::few_in_order;
 use super::search::{KeepLanes, NeighborWork};
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use glam::Vec3;
@@ -21,23 +24,36 @@ pub(super) struct CountedSearch<'a> {
     pub keep: KeepLanes<'a>,
 }
 
-/// Counts the work of a search.
-pub(super) fn count_work(simd: SimdLevel, search: &CountedSearch<'_>, candidates: &mut Candidates) -> NeighborWork {
-    dispatch(simd, Count { search, candidates })
+/// What came of a search.
+pub(super) struct Counted {
+    pub work: NeighborWork,
+    /// Whether what was found is in order already; it is among the candidates in any case.
+    pub in_order: bool,
+}
+
+/// Searches, and counts the work.
+pub(super) fn search_counted(
+    simd: SimdLevel,
+    search: &CountedSearch<'_>,
+    candidates: &mut Candidates,
+    found: &mut Vec<Neighbor>,
+) -> Counted {
+    dispatch(simd, Count { search, candidates, found })
 }
 
 struct Count<'a, 'b> {
     search: &'b CountedSearch<'a>,
     candidates: &'b mut Candidates,
+    found: &'b mut Vec<Neighbor>,
 }
 
 impl Kernel for Count<'_, '_> {
-    type Output = NeighborWork;
+    type Output = Counted;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> NeighborWork {
-        let CountedSearch { layers, point, k, bound, shrink, keep } = self.search;
+    fn run<S: Simd>(self, s: S) -> Counted {
+        let Count { search: CountedSearch { layers, point, k, bound, shrink, keep }, candidates, found } = self;
         let mut work = NeighborWork::default();
-        let mut search = KNearest::within(*k, *bound, *shrink, self.candidates, keep, &mut work);
+        let mut search = KNearest::within(*k, *bound, *shrink, candidates, keep, &mut work);
         loop {
             for (layers, time) in *layers {
                 walk_all(s, layers, (*point, *time), &mut search);
@@ -46,6 +62,7 @@ impl Kernel for Count<'_, '_> {
                 break;
             }
         }
-        work
+        let in_order = few_in_order(s, *k, candidates, found);
+        Counted { work, in_order }
     }
 }

@@ -3,6 +3,7 @@
 use super::doubles::Four;
 use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};
+use super::network::sort_network;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
@@ -311,12 +312,13 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
         let at = to.as_mut_ptr();
-        for (half, at) in [(x.0, at), (x.1, intrinsic!(at.add(8)))] {
-            let low = intrinsic!(_mm256_cvtepu32_epi64(_mm256_castsi256_si128(half)));
-            let high = intrinsic!(_mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(half)));
-            intrinsic!(_mm256_storeu_si256(at.cast(), low));
-            intrinsic!(_mm256_storeu_si256(at.add(4).cast(), high));
-        }
+        let four = |i: usize, lanes: __m128i| {
+            intrinsic!(_mm256_storeu_si256(at.add(4 * i).cast(), _mm256_cvtepu32_epi64(lanes)));
+        };
+        four(0, intrinsic!(_mm256_castsi256_si128(x.0)));
+        four(1, intrinsic!(_mm256_extracti128_si256::<1>(x.0)));
+        four(2, intrinsic!(_mm256_castsi256_si128(x.1)));
+        four(3, intrinsic!(_mm256_extracti128_si256::<1>(x.1)));
     }
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
@@ -339,6 +341,10 @@ impl Simd for Avx2 {
         let low = intrinsic!(_mm256_permutevar8x32_epi32(a.0, lanes));
         let high = intrinsic!(_mm256_permutevar8x32_epi32(a.1, lanes));
         if D < 8 { U(low, high) } else { U(high, low) }
+    }
+    #[inline(always)]
+    fn sort_u(self, a: U) -> U {
+        sort_network(self, a)
     }
     #[inline(always)]
     fn add_u(self, a: U, b: U) -> U {

@@ -3,6 +3,7 @@
 use super::doubles::Four;
 use super::instructions::{Kernel, Simd};
 use super::lanes::{Lanes, Mask, Rows};
+use super::network::sort_network;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
@@ -255,6 +256,10 @@ impl Simd for Avx512 {
                 U(intrinsic!(_mm512_permutexvar_epi32(lanes, a.0)))
             }
         }
+    }
+    #[inline(always)]
+    fn sort_u(self, a: U) -> U {
+        sort_network(self, a)
     }
     #[inline(always)]
     fn add_u(self, a: U, b: U) -> U {

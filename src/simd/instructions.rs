@@ -83,6 +83,8 @@ pub(crate) trait Simd: Copy {
     fn max_u(self, a: Self::U, b: Self::U) -> Self::U;
     /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
     fn swap_lanes_u<const D: usize>(self, a: Self::U) -> Self::U;
+    /// The lanes in ascending order, unsigned.
+    fn sort_u(self, a: Self::U) -> Self::U;
     /// The sum, modulo 2^32.
     fn add_u(self, a: Self::U, b: Self::U) -> Self::U;
     /// Lanes where `a == b`.

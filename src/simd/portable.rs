@@ -80,6 +80,12 @@ fn select<A: Copy + Default>(mask: Mask, a: &Lanes<A>, b: &Lanes<A>) -> Lanes<A>
     out
 }
 
+/// A call: it is asked for in many places.
+#[inline(never)]
+fn sort(a: &mut Lanes<u32>) {
+    a.sort_unstable();
+}
+
 impl Add for F {
     type Output = F;
     #[inline]
@@ -299,6 +305,11 @@ impl Simd for Portable {
             *to = a.0[i ^ D];
         }
         U(out)
+    }
+    #[inline(always)]
+    fn sort_u(self, mut a: U) -> U {
+        sort(&mut a.0);
+        a
     }
     #[inline]
     fn add_u(self, a: U, b: U) -> U {

@@ -5,6 +5,7 @@
 
 use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};
+use super::network::sort_network;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
@@ -128,10 +129,14 @@ impl U {
 
     #[inline(always)]
     fn write(self, to: &mut Lanes<u32>) {
-        for (four, of) in to.chunks_exact_mut(4).zip(self.0) {
-            // SAFETY: the chunk has four integers, and any alignment is allowed.
-            unsafe { _mm_storeu_si128(four.as_mut_ptr().cast(), of) };
-        }
+        let at: *mut __m128i = to.as_mut_ptr().cast();
+        // SAFETY: each store writes four of the sixteen integers, at any alignment. (A loop takes the compiler far
+        // longer, and this is all over the crate.)
+        let four = |i: usize| unsafe { _mm_storeu_si128(at.add(i), self.0[i]) };
+        four(0);
+        four(1);
+        four(2);
+        four(3);
     }
 
     #[inline(always)]
@@ -159,6 +164,22 @@ fn permute(a: &Lanes<u32>, index: &Lanes<u32>, to: &mut Lanes<u32>) {
     for (to, &i) in to.iter_mut().zip(index) {
         *to = a[i as usize % LANES];
     }
+}
+
+/// The lanes in ascending order. Asked for in many places, each of which would hold the whole network.
+#[inline(never)]
+fn sort(a: &mut U) {
+    *a = sort_network(Sse2, *a);
+}
+
+/// The least lane, likewise.
+#[inline(never)]
+fn least(&a: &U) -> u32 {
+    let eight = Sse2.min_u(a, Sse2.swap_lanes_u::<8>(a));
+    let four = Sse2.min_u(eight, Sse2.swap_lanes_u::<4>(eight));
+    let two = Sse2.min_u(four, Sse2.swap_lanes_u::<2>(four));
+    let U([one, ..]) = Sse2.min_u(two, Sse2.swap_lanes_u::<1>(two));
+    intrinsic!(_mm_cvtsi128_si32(one)) as u32
 }
 
 /// Row `i`, with zeros behind it.
@@ -287,10 +308,13 @@ impl Simd for Sse2 {
     }
     #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {
-        for (four, of) in to.chunks_exact_mut(4).zip(x.0) {
-            // SAFETY: the chunk has four floats, and any alignment is allowed.
-            unsafe { _mm_storeu_ps(four.as_mut_ptr(), of) };
-        }
+        let at = to.as_mut_ptr();
+        // SAFETY: each store writes four of the sixteen floats, at any alignment.
+        let four = |i: usize| unsafe { _mm_storeu_ps(at.add(4 * i), x.0[i]) };
+        four(0);
+        four(1);
+        four(2);
+        four(3);
     }
     #[inline(always)]
     fn mul_add(self, a: F, b: F, c: F) -> F {
@@ -379,9 +403,18 @@ impl Simd for Sse2 {
     }
     #[inline(always)]
     fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
-        for (to, lane) in to.iter_mut().zip(x.in_memory()) {
-            to.write(u64::from(lane));
-        }
+        let at: *mut __m128i = to.as_mut_ptr().cast();
+        let zero = intrinsic!(_mm_setzero_si128());
+        // SAFETY: each store writes two of the sixteen places, at any alignment.
+        let two = |i: usize, lanes: __m128i| unsafe { _mm_storeu_si128(at.add(i), lanes) };
+        let four = |i: usize| {
+            two(2 * i, intrinsic!(_mm_unpacklo_epi32(x.0[i], zero)));
+            two(2 * i + 1, intrinsic!(_mm_unpackhi_epi32(x.0[i], zero)));
+        };
+        four(0);
+        four(1);
+        four(2);
+        four(3);
     }
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
@@ -407,6 +440,11 @@ impl Simd for Sse2 {
         U([within[D / 4], within[1 ^ (D / 4)], within[2 ^ (D / 4)], within[3 ^ (D / 4)]])
     }
     #[inline(always)]
+    fn sort_u(self, mut a: U) -> U {
+        sort(&mut a);
+        a
+    }
+    #[inline(always)]
     fn add_u(self, a: U, b: U) -> U {
         a.map(b, |a, b| intrinsic!(_mm_add_epi32(a, b)))
     }
@@ -424,11 +462,7 @@ impl Simd for Sse2 {
     }
     #[inline(always)]
     fn reduce_min_u(self, a: U) -> u32 {
-        let eight = self.min_u(a, self.swap_lanes_u::<8>(a));
-        let four = self.min_u(eight, self.swap_lanes_u::<4>(eight));
-        let two = self.min_u(four, self.swap_lanes_u::<2>(four));
-        let U([one, ..]) = self.min_u(two, self.swap_lanes_u::<1>(two));
-        intrinsic!(_mm_cvtsi128_si32(one)) as u32
+        least(&a)
     }
     #[inline(always)]
     fn compress_u(self, a: U, mask: Mask) -> U {

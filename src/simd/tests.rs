@@ -76,6 +76,7 @@ impl Kernel for All {
                 out_f(s.from_bits(ua)),
                 popped.map(|lane| u32::try_from(lane).expect("zeros above")),
                 out_u(s.shift_right::<4>(ua)),
+                out_u(s.sort_u(ua)),
                 out_u(s.add_u(ua, ub)),
                 out_u(s.min_u(ua, ub)),
                 out_u(s.max_u(ua, ub)),

@@ -12,7 +12,6 @@
 
 use super::candidates::{Candidates, append};
 use super::keys::{LANE_BITS, keys, smallest, unpack};
-use super::sort::sort_lanes;
 use super::waiting::Waiting;
 use super::{Keep, Observe};
 use crate::point::snapshot::{Leaves, Target, View};
@@ -282,7 +281,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
         // As many points as columns are at or below the k-th least of the columns' minima.
         let mut columns = [0; LANES];
-        s.store_u(sort_lanes(s, s.to_bits(least)), &mut columns);
+        s.store_u(s.sort_u(s.to_bits(least)), &mut columns);
         let kth = f32::from_bits(columns[self.k - 1]);
         let threshold = if kth < self.threshold { kth } else { self.threshold };
         // In place: what is written never overtakes what is read.

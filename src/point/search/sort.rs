@@ -3,12 +3,11 @@
 //! Up to 256 candidates are sorted in registers. A key is a distance whose low eight bits are replaced by
 //! the candidate's place in the buffer; a bitonic network of minima and maxima sorts the keys without a
 //! branch. What the lost bits leave undecided is put right in the one pass that fetches the ids, by
-//! insertion, which seldom has anything to do. Source of the network: K. Batcher, "Sorting networks and
-//! their applications", 1968, in the form in which all comparisons point the same way.
+//! insertion, which seldom has anything to do.
 
 use super::candidates::{Candidates, pack, there, unpack};
 use crate::point::neighbor::Neighbor;
-use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
+use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch, lanes_at, merge_lanes};
 
 /// Most candidates that the network sorts.
 const MOST: usize = 16 * LANES;
@@ -90,7 +89,7 @@ pub(in crate::point) fn few_in_order<S: Simd>(
     let place = s.load_u(&PLACES[0]);
     let bits = s.splat_u(!(LANES as u32 - 1));
     let key = s.select_u(there(count), (s.to_bits(distance) & bits) | place, s.splat_u(u32::MAX));
-    let key = sort_lanes(s, key);
+    let key = s.sort_u(key);
     // Each beside the next one; those beyond the last count as NaN, which equals nothing.
     let next = s.permute(s.from_bits(key), s.add_u(place, s.splat_u(1)));
     let (this, next) = (s.from_bits(key & bits), s.from_bits(s.to_bits(next) & bits));
@@ -161,7 +160,7 @@ fn sorted<S: Simd, const N: usize>(
         }
     }
     for x in &mut lanes {
-        *x = sort_lanes(s, *x);
+        *x = s.sort_u(*x);
     }
     // Runs of `run` vectors are in order; two at a time become one of twice the length. Vectors beyond the
     // last count as infinite: a comparison with one of them changes nothing.
@@ -212,30 +211,6 @@ static PLACES: [[u32; LANES]; MOST / LANES] = {
     }
     places
 };
-
-/// Compares lanes with their partners `i ^ D`; those in the mask take the lesser.
-#[inline(always)]
-fn compare<S: Simd, const D: usize>(s: S, x: S::U, lesser: Mask) -> S::U {
-    let partner = s.swap_lanes_u::<D>(x);
-    s.select_u(lesser, s.min_u(x, partner), s.max_u(x, partner))
-}
-
-/// Sorts the lanes of a vector.
-#[inline(always)]
-pub(in crate::point) fn sort_lanes<S: Simd>(s: S, x: S::U) -> S::U {
-    let x = compare::<S, 1>(s, x, 0x5555);
-    let x = compare::<S, 1>(s, compare::<S, 3>(s, x, 0x3333), 0x5555);
-    let x = compare::<S, 1>(s, compare::<S, 2>(s, compare::<S, 7>(s, x, 0x0f0f), 0x3333), 0x5555);
-    let x = compare::<S, 4>(s, compare::<S, 15>(s, x, 0x00ff), 0x0f0f);
-    compare::<S, 1>(s, compare::<S, 2>(s, x, 0x3333), 0x5555)
-}
-
-/// Sorts the lanes of a vector that ascends to some lane and descends from there, or the other way round.
-#[inline(always)]
-fn merge_lanes<S: Simd>(s: S, x: S::U) -> S::U {
-    let x = compare::<S, 4>(s, compare::<S, 8>(s, x, 0x00ff), 0x0f0f);
-    compare::<S, 1>(s, compare::<S, 2>(s, x, 0x3333), 0x5555)
-}
 
 /// Ordinary selection and sorting. A function of its own: it is rare or long.
 #[inline(never)]
