@@ -194,6 +194,11 @@ pub enum RefitError {
         /// How many it needs.
         found: usize,
     },
+    /// A mesh is kept in f64 ([`TriangleMesh::precise`](crate::TriangleMesh::precise)) and was not, or the other way round.
+    Precision {
+        /// The mesh.
+        mesh: usize,
+    },
     /// Another number of spheres or of the caller's own primitives.
     Shapes {
         /// How many the tree was built of.
@@ -221,6 +226,9 @@ impl fmt::Display for RefitError {
             }
             RefitError::Keys { mesh, expected, found } => {
                 write!(f, "mesh {mesh} needs {found} keys, but the tree has room for {expected}: build it again")
+            }
+            RefitError::Precision { mesh } => {
+                write!(f, "mesh {mesh} is to be kept in another precision than the tree was built with: build it again")
             }
             RefitError::Shapes { expected, found } => {
                 write!(f, "the tree was built of {expected} shapes, not of {found}: build it again")

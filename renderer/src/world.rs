@@ -88,7 +88,9 @@ impl World {
 fn extent(mesh: &TriangleMesh) -> f32 {
     match &mesh.keys {
         Keys::F32(keys) => keys.iter().flatten().fold(0.0, |most, p| p.abs().max_element().max(most)),
-        Keys::F64(keys) => keys.iter().flatten().fold(0.0, |most, p| p.abs().max_element().max(most)) as f32,
+        Keys::F64(keys) | Keys::Precise(keys) => {
+            keys.iter().flatten().fold(0.0, |most, p| p.abs().max_element().max(most)) as f32
+        }
     }
 }
 

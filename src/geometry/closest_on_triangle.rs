@@ -1,7 +1,6 @@
 //! The point of a triangle that is nearest to a given point.
 
-use super::Box3;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 /// A point of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,10 +28,8 @@ pub(crate) struct OnTriangle {
 /// The point is moved into the box of the corners, so that a box that holds the corners holds it exactly, which queries rely
 /// on; it moves by a rounding of f64 at most.
 #[inline(always)]
-pub(crate) fn closest_on_triangle(q: DVec3, corners: [Vec3; 3]) -> OnTriangle {
-    let [a, b, c] = [corners[0].as_dvec3(), corners[1].as_dvec3(), corners[2].as_dvec3()];
-    let around = corners.into_iter().fold(Box3::EMPTY, Box3::include);
-    let (low, high) = (around.min.as_dvec3(), around.max.as_dvec3());
+pub(crate) fn closest_on_triangle(q: DVec3, [a, b, c]: [DVec3; 3]) -> OnTriangle {
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
     let candidate = |point: DVec3, u: f64, v: f64| {
         let point = point.clamp(low, high);
         OnTriangle { point, u, v, distance_squared: (point - q).length_squared() }
@@ -78,6 +75,8 @@ fn closest_on_segment(q: DVec3, a: DVec3, b: DVec3) -> (DVec3, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Box3;
+    use glam::Vec3;
 
     /// A vector of whole numbers, for exact arithmetic.
     type Whole = [i128; 3];
@@ -138,7 +137,7 @@ mod tests {
             }
             let corners = [a, b, c].map(|p: Whole| Vec3::from(p.map(|x| x as f32)));
             let near = if round % 4 < 2 { q } else { core::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3 + next(1)) };
-            let found = closest_on_triangle(DVec3::from(near.map(|x| x as f64)), corners);
+            let found = closest_on_triangle(DVec3::from(near.map(|x| x as f64)), corners.map(Vec3::as_dvec3));
             let expected = exact(near, [a, b, c]).sqrt();
             let size = corners.into_iter().fold(Box3::EMPTY, Box3::include);
             let allowed = 2e-8 * f64::from((size.max - size.min).length()) + 1e-12 * expected;
@@ -157,9 +156,9 @@ mod tests {
     #[test]
     fn triangles_without_area_are_points_and_segments() {
         let q = DVec3::new(3.0, 4.0, 0.0);
-        let point = closest_on_triangle(q, [Vec3::ZERO; 3]);
+        let point = closest_on_triangle(q, [DVec3::ZERO; 3]);
         assert_eq!((point.point, point.distance_squared), (DVec3::ZERO, 25.0));
-        for corners in [[Vec3::ZERO, Vec3::X * 9.0, Vec3::X], [Vec3::X, Vec3::ZERO, Vec3::X * 9.0]] {
+        for corners in [[DVec3::ZERO, DVec3::X * 9.0, DVec3::X], [DVec3::X, DVec3::ZERO, DVec3::X * 9.0]] {
             assert_eq!(closest_on_triangle(q, corners).point, DVec3::X * 3.0);
         }
     }

@@ -57,8 +57,7 @@ impl KeyTime {
 
     /// The same place in f64, 2^29 times as near to the exact one.
     #[inline(always)]
-    pub fn fine_position(self, a: Vec3, b: Vec3) -> DVec3 {
-        let (a, b) = (a.as_dvec3(), b.as_dvec3());
+    pub fn fine_position(self, a: DVec3, b: DVec3) -> DVec3 {
         (if self.from_end { b } else { a }) + (b - a) * f64::from(self.s)
     }
 }

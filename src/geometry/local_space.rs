@@ -3,7 +3,8 @@
 //!
 //! Coordinates given in f32 keep every bit, if they are at least 2^-126 of the largest. They are moved along an axis only
 //! where all of them lie within a factor of two of each other: then the difference of any two is exact (Sterbenz,
-//! "Floating-point computation", 1974). Coordinates given in f64 are moved to the centre of what they span and rounded there.
+//! "Floating-point computation", 1974). So it is with coordinates in f64 that are kept; others given in f64 are moved to the centre
+//! of what they span and rounded there.
 
 use super::aabb::Aabb;
 use crate::limits::MAX_COORDINATE;
@@ -43,6 +44,16 @@ impl Frame {
     /// The frame of coordinates in f32 with these bounds. Maps all of them exactly that are zero or at least 2^-126 of the
     /// largest.
     pub fn exact(swept: Aabb) -> Frame {
+        Frame::moved_exactly(swept, |middle| f64::from(middle as f32))
+    }
+
+    /// The frame of coordinates in f64 with these bounds that keep every bit.
+    pub fn exact_in_f64(swept: Aabb) -> Frame {
+        Frame::moved_exactly(swept, |middle| middle)
+    }
+
+    /// Moved to the middle, rounded to what coordinates have, along the axes where that is exact.
+    fn moved_exactly(swept: Aabb, rounded: impl Fn(f64) -> f64) -> Frame {
         if swept.min.cmpgt(swept.max).any() {
             return Frame::WORLD;
         }
@@ -51,7 +62,7 @@ impl Frame {
             let (low, high) = (swept.min[axis], swept.max[axis]);
             let nearest = low.max(-high);
             if nearest > 0.0 && low.abs().max(high.abs()) <= 2.0 * nearest {
-                origin[axis] = f64::from((low * 0.5 + high * 0.5) as f32);
+                origin[axis] = rounded(low * 0.5 + high * 0.5);
             }
         }
         Frame::scaled(swept, origin)
@@ -87,7 +98,13 @@ impl Frame {
     /// A tree-space point in world space.
     #[inline]
     pub fn to_world(self, p: Vec3) -> DVec3 {
-        p.as_dvec3() / self.scale + self.origin
+        self.fine_to_world(p.as_dvec3())
+    }
+
+    /// The same of a point in f64.
+    #[inline]
+    pub fn fine_to_world(self, p: DVec3) -> DVec3 {
+        p / self.scale + self.origin
     }
 
     /// A world box in tree space, faces rounded outward.

@@ -7,6 +7,7 @@ use super::wide_validate::TIMES;
 use crate::geometry::Frame;
 use crate::primitive::PrimitiveSet;
 use crate::simd::LANES;
+use glam::Vec3;
 
 impl LazyTree {
     /// Checks that each primitive is in one subtree, that the coarse tree leads to every subtree by boxes that hold its
@@ -37,7 +38,9 @@ impl LazyTree {
         self.top.boxes(time, Frame::WORLD, 1, &mut |b, child| {
             let ids = if b.leaf { self.primitives(self.below(child)) } else { &[] };
             for &id in ids.iter().filter(|&&id| (id as usize) < triangles.len()) {
-                if !triangles.corners(id, time).into_iter().all(|corner| b.bounds.contains(corner.as_dvec3())) {
+                let corners = triangles.precise_corners(id, time);
+                let corners = corners.unwrap_or_else(|| triangles.corners(id, time).map(Vec3::as_dvec3));
+                if !corners.into_iter().all(|corner| b.bounds.contains(corner)) {
                     result = Err(ValidationError::Bounds { primitive: id, time, node: child.at() / LANES });
                 }
             }

@@ -9,10 +9,16 @@ use glam::Vec3;
 
 /// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
 pub(crate) trait WideSource: PrimitiveSet {
-    /// Whether there may be triangles, whose leaf blocks hold them; leaf blocks of other primitives are lists of ids.
+    /// Whether there may be triangles, whose leaf blocks hold them (unless they are in f64); leaf blocks of other primitives are
+    /// lists of ids.
     const TRIANGLES: bool;
     /// The triangles, whose ids come first.
     fn triangles(&self) -> Option<&Triangles>;
+    /// Whether leaves only name a primitive: not those triangles whose leaf blocks hold them.
+    fn is_listed(&self, id: u32) -> bool {
+        let _ = id;
+        true
+    }
     /// Drops what leaf blocks hold now.
     fn written(&mut self) {}
     /// Writes a leaf block for queries of a slice of the shutter; nothing where the arena is full.
@@ -32,6 +38,11 @@ impl WideSource for Scene {
         Some(&self.triangles)
     }
 
+    #[inline(always)]
+    fn is_listed(&self, id: u32) -> bool {
+        self.shape(id).is_some() || self.triangles.is_precise(id)
+    }
+
     fn written(&mut self) {
         self.triangles.drop_vertices();
     }
@@ -39,17 +50,14 @@ impl WideSource for Scene {
     #[inline]
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         // What is in a block is of one kind, since the build keeps kinds apart.
-        match ids.first().and_then(|&id| self.shape(id)) {
-            None => self.triangles.write_leaf(arena, ids, slice),
-            Some(_) => write_list(arena, ids),
+        match ids.first().is_some_and(|&id| self.is_listed(id)) {
+            false => self.triangles.write_leaf(arena, ids, slice),
+            true => write_list(arena, ids),
         }
     }
 
     fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
-        match ids.first().and_then(|&id| self.shape(id)) {
-            None => self.triangles.rewrite_leaf(words, leaf, ids),
-            Some(_) => true,
-        }
+        ids.first().is_some_and(|&id| self.is_listed(id)) || self.triangles.rewrite_leaf(words, leaf, ids)
     }
 }
 

@@ -1,9 +1,9 @@
 //! From primitives to the wide layout.
 //!
-//! Triangles are one group, other primitives another. Every group is first drafted: the binary
-//! tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees divide the shutter
-//! ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in which they are
-//! children like leaf blocks.
+//! Triangles that leaf blocks hold are one group, those that leaves only name another, other primitives the third. Every group
+//! is first drafted: the binary tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees
+//! divide the shutter ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in
+//! which they are children like leaf blocks.
 
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
@@ -35,12 +35,12 @@ impl WideTree {
     /// Builds over all primitives of a set within the bytes that the parameters allow. Progress is told, and cancelling
     /// noticed, after each draft and each written group.
     pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
-        let triangles = set.triangles().map_or(0, Triangles::len);
-        let listed: Vec<u32> = (triangles as u32..set.len() as u32).collect();
-        let mut of_triangles = huge_vec(triangles);
-        parallel::fill(&mut of_triangles, triangles, |id| id as u32);
+        let mut held = huge_vec(set.len());
+        parallel::fill(&mut held, set.len(), |id| id as u32);
+        let listed: Vec<u32> = held.extract_if(.., |id| set.is_listed(*id)).collect();
+        let [named, others] = apart(set, &listed);
         let budget = allowed_bytes(params, set.len(), set.further_key_bytes());
-        let mut tree = WideTree::fitted(set, [&of_triangles, &listed], params, budget, progress)?;
+        let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, progress)?;
         let bytes = tree.arena.bytes();
         if bytes > budget && !params.division.is_forced() {
             return Err(BuildError::OverBudget { bytes, budget });
@@ -67,19 +67,19 @@ impl WideTree {
 
     /// The same over sorted ids.
     fn sorted_part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
-        let triangles = set.triangles().map_or(0, Triangles::len) as u32;
-        let (of_triangles, listed) = ids.split_at(ids.partition_point(|&id| id < triangles));
-        let bent = of_triangles.iter().map(|&id| further_key_bytes(set, id)).sum();
+        let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
+        let [named, others] = apart(set, &listed);
+        let bent = held.iter().map(|&id| further_key_bytes(set, id)).sum();
         let budget = allowed_bytes(params, ids.len(), bent);
-        let mut tree = WideTree::fitted(set, [of_triangles, listed], params, budget, &Progress::new(None))?;
+        let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, &Progress::new(None))?;
         tree.counts = tree.counted(set);
         Ok(tree)
     }
 
-    /// Builds over triangles and other primitives what fits the bytes that are allowed, or else takes the fewest.
+    /// Builds over three groups of primitives what fits the bytes that are allowed, or else takes the fewest.
     fn fitted<S: WideSource>(
         set: &S,
-        ids: [&[u32]; 2],
+        ids: [&[u32]; 3],
         params: &WideParams,
         budget: usize,
         progress: &Progress,
@@ -102,10 +102,10 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds over triangles and other primitives whatever it weighs.
+    /// Builds over three groups of primitives whatever it weighs.
     fn unlimited<S: WideSource>(
         set: &S,
-        ids: [&[u32]; 2],
+        ids: [&[u32]; 3],
         params: &WideParams,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
@@ -119,7 +119,7 @@ impl WideTree {
             let share = ids.len() as f64 / all;
             if group > 0 {
                 // What is written from now on.
-                tree.lists = tree.arena.len();
+                tree.lists = tree.lists.min(tree.arena.len());
             }
             parts.push(tree.group(set, ids, params, &|done| step(progress, share * done))?);
         }
@@ -129,7 +129,7 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds triangles, or other primitives.
+    /// Builds primitives of one group.
     fn group<S: WideSource>(
         &mut self,
         set: &S,
@@ -280,6 +280,13 @@ impl WideTree {
         }
         Ok(parts.first().map_or(ChildRef::NOTHING, |p| p.root))
     }
+}
+
+/// Sorted ids of what leaves only name: triangles, and what is none.
+fn apart<'a, S: WideSource>(set: &S, listed: &'a [u32]) -> [&'a [u32]; 2] {
+    let triangles = set.triangles().map_or(0, Triangles::len);
+    let (named, others) = listed.split_at(listed.partition_point(|&id| (id as usize) < triangles));
+    [named, others]
 }
 
 /// Builds after the first that are tried where a tree is larger than allowed.

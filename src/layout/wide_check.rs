@@ -117,8 +117,7 @@ impl<S: WideSource> Leaves<'_, S> {
         let listed = self.tree.is_list::<S>(leaf);
         let Some(triangles) = self.triangles.filter(|_| !listed) else {
             require(leaf.kind() == Kind::OwnLeaf && block.len() >= leaf.len(), "a list is no list")?;
-            let first = self.triangles.map_or(0, Triangles::len);
-            let fine = block[..leaf.len()].iter().all(|&id| (first..self.set.len()).contains(&(id as usize)));
+            let fine = block[..leaf.len()].iter().all(|&id| (id as usize) < self.set.len() && self.set.is_listed(id));
             return require(fine, "a list names no primitive");
         };
         let keys = match leaf.kind() {
@@ -130,7 +129,7 @@ impl<S: WideSource> Leaves<'_, S> {
         };
         let Some(ids) = Ids::of(leaf, block, listed) else { return broken("a leaf is not all there") };
         for &id in &block[ids.first..][..ids.count] {
-            require((id as usize) < triangles.len(), "a leaf names no triangle")?;
+            require((id as usize) < triangles.len() && !triangles.is_precise(id), "a leaf names no triangle")?;
             let own = if self.bent { triangles.keys(id) } else { 2 };
             let fits = keys.map_or(own <= 2, |keys| own > 2 && own == keys);
             require(fits, "a leaf has other keys than its triangles")?;

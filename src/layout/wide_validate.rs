@@ -4,7 +4,7 @@ use super::kd_validate::ValidationError;
 use super::leaf_block::WideSource;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use super::wide_tree::WideTree;
-use crate::geometry::{Box3, KeyTime};
+use crate::geometry::{Box3, Frame, KeyTime};
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 use glam::Vec3;
@@ -25,6 +25,9 @@ impl WideTree {
         // It is known of each triangle in which leaf block it is, and in each slice of the shutter where it may be in others.
         let triangles = set.triangles();
         for (id, triangles) in triangles.into_iter().flat_map(|t| (0..t.len() as u32).map(move |id| (id, t))) {
+            if set.is_listed(id) {
+                continue;
+            }
             let (first, count) = triangles.entries_of(id, self.slices);
             for entry in first..first + count {
                 let leaf = self.blocks.get(entry).map(|&leaf| ChildRef(leaf));
@@ -33,7 +36,25 @@ impl WideTree {
                 }
             }
         }
-        Ok(())
+        match triangles.filter(|_| !self.presplit) {
+            Some(triangles) => TIMES.into_iter().try_for_each(|time| self.validate_lists::<S>(triangles, time)),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks that the boxes of lists hold the triangles in them that are kept in f64.
+    fn validate_lists<S: WideSource>(&self, triangles: &Triangles, time: f32) -> Result<(), ValidationError> {
+        let mut result = Ok(());
+        self.boxes(time, Frame::WORLD, 1, &mut |b, child| {
+            let ids = if b.leaf && self.is_list::<S>(child) { self.ids::<S>(child) } else { None };
+            for &id in ids.into_iter().flatten().filter(|&&id| (id as usize) < triangles.len()) {
+                let corners = triangles.precise_corners(id, time);
+                if !corners.is_some_and(|corners| corners.into_iter().all(|corner| b.bounds.contains(corner))) {
+                    result = Err(ValidationError::Bounds { primitive: id, time, node: child.at() / LANES });
+                }
+            }
+        });
+        result
     }
 
     /// Checks all but where it is known to have its triangles, of a tree over these primitives, sorted.

@@ -1,6 +1,7 @@
 //! Copying meshes into tree space: for a build, and for the next frame of a tree that stays.
 
 use super::mesh::{Keys, TriangleMesh};
+use super::precise_vertices::PreciseVertices;
 use super::triangles::{BLOCK, Rebased, Triangles, Vertices, segments};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
@@ -36,6 +37,9 @@ impl Triangles {
         let frame = checked(meshes, others).map_err(RefitError::Input)?;
         let mut kept = Vec::with_capacity(meshes.len());
         for (i, (mesh, before)) in meshes.iter().zip(&self.meshes).enumerate() {
+            if mesh.is_precise() != before.precise.is_some() {
+                return Err(RefitError::Precision { mesh: i });
+            }
             let needed = mesh.kept_keys(frame);
             if needed > 1 && needed != before.keys {
                 return Err(RefitError::Keys { mesh: i, expected: before.keys, found: needed });
@@ -60,13 +64,16 @@ impl Triangles {
         }
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
-        let (mut rebased, mut bent) = (Vec::with_capacity(meshes.len()), 0);
-        for (mesh, &keys) in meshes.iter().zip(kept) {
+        let (mut rebased, mut bent, mut precise) = (Vec::with_capacity(meshes.len()), 0, 0);
+        // Where all keys are equal there may be fewer than are kept.
+        let given_key = |mesh: usize, key: usize| {
+            let given = meshes[mesh].keys.len();
+            (key * (segments(given) / segments(kept[mesh]))).min(given - 1)
+        };
+        for (m, (mesh, &keys)) in meshes.iter().zip(kept).enumerate() {
             let (first, place) = (corners.len() as u32, positions.len());
             let vertices = mesh.keys.vertices(0);
-            let step = segments(mesh.keys.len()) / segments(keys);
-            // Where all keys are equal there may be fewer than are kept.
-            let given = |key: usize| (key * step).min(mesh.keys.len() - 1);
+            let given = |key: usize| given_key(m, key);
             // How far apart the keys of a vertex are, and successive vertices.
             let [stride, apart] = match keys {
                 ..=1 => [0, 1],
@@ -84,14 +91,17 @@ impl Triangles {
             let corner = |v: u32| place as u32 + v * apart as u32;
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(corner));
             let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
-            rebased.push(Rebased { first, bent_before: bent, keys, stride, active, mask, indices });
+            let in_f64 = mesh.is_precise().then_some(precise);
+            precise += if mesh.is_precise() { mesh.len() as u32 } else { 0 };
+            rebased.push(Rebased { first, bent_before: bent, keys, stride, active, mask, indices, precise: in_f64 });
             bent += if keys > 2 { mesh.len() } else { 0 };
         }
         let mesh_at = mesh_at(meshes.iter().map(TriangleMesh::len), total);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
         let vertices = Vertices { positions, corners };
         let counts = [given, found];
-        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, bent, counts, vertices })
+        let precise = PreciseVertices::of(meshes, kept, frame, given_key);
+        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, bent, counts, vertices, precise })
     }
 
     /// Number of triangles of a mesh.
@@ -111,8 +121,12 @@ fn checked(meshes: &[TriangleMesh], others: Aabb) -> Result<Frame, BuildError> {
     if found >= u32::MAX as usize {
         return Err(BuildError::TooManyPrimitives { found });
     }
-    let single = |mesh: &TriangleMesh| matches!(mesh.keys, Keys::F32(_)) && mesh.keys.vertices(0) > 0;
-    Ok(if meshes.iter().any(single) { Frame::exact(swept) } else { Frame::around(swept) })
+    let given = || meshes.iter().filter(|mesh| mesh.keys.vertices(0) > 0);
+    Ok(match () {
+        () if given().any(|mesh| matches!(mesh.keys, Keys::F32(_))) => Frame::exact(swept),
+        () if given().any(TriangleMesh::is_precise) => Frame::exact_in_f64(swept),
+        () => Frame::around(swept),
+    })
 }
 
 /// A number that other triangles between the vertices of a mesh hardly ever have: the sum of their indices, each mixed

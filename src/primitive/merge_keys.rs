@@ -22,7 +22,7 @@ use glam::Vec3;
 ///
 /// Takes one pass over all positions where they merge, and mostly much less where they do not.
 pub(super) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) -> Vec3 + Sync) -> usize {
-    if keys < 2 || equal(keys, vertices, &at) {
+    if keys < 2 || all_equal(keys, vertices, &at) {
         return keys.min(1);
     }
     let segments = keys - 1;
@@ -43,7 +43,7 @@ pub(super) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) 
 }
 
 /// Whether all keys are equal.
-fn equal(keys: usize, vertices: usize, at: &(impl Fn(usize, usize) -> Vec3 + Sync)) -> bool {
+pub(super) fn all_equal<P: PartialEq>(keys: usize, vertices: usize, at: &(impl Fn(usize, usize) -> P + Sync)) -> bool {
     let differs = |mut of: Range<usize>| of.any(|v| (1..keys).any(|key| at(key, v) != at(0, v)));
     // Mostly the first few say it.
     let few = vertices.min(64);

@@ -1,6 +1,6 @@
 //! Triangle meshes whose vertices move.
 
-use super::merge_keys::kept_keys;
+use super::merge_keys::{all_equal, kept_keys};
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::limits::MAX_COORDINATE;
@@ -14,9 +14,11 @@ pub enum Keys {
     /// Single precision.
     F32(Vec<Vec<Vec3>>),
     /// Double precision, for scenes far from zero; the tree keeps what f32 can hold relative to the
-    /// scene's centre. (Where a tree is built of meshes of both kinds, relative to zero, so that single precision
-    /// keeps its bits.)
+    /// scene's centre. (Where a tree is built of this and other kinds, relative to zero, so that those
+    /// keep their bits.)
     F64(Vec<Vec<DVec3>>),
+    /// Double precision, kept to the last bit: see [`TriangleMesh::precise`].
+    Precise(Vec<Vec<DVec3>>),
 }
 
 impl Keys {
@@ -24,7 +26,7 @@ impl Keys {
     pub fn len(&self) -> usize {
         match self {
             Keys::F32(keys) => keys.len(),
-            Keys::F64(keys) => keys.len(),
+            Keys::F64(keys) | Keys::Precise(keys) => keys.len(),
         }
     }
 
@@ -37,7 +39,7 @@ impl Keys {
     pub(crate) fn vertices(&self, key: usize) -> usize {
         match self {
             Keys::F32(keys) => keys[key].len(),
-            Keys::F64(keys) => keys[key].len(),
+            Keys::F64(keys) | Keys::Precise(keys) => keys[key].len(),
         }
     }
 
@@ -46,7 +48,7 @@ impl Keys {
     pub(crate) fn position(&self, key: usize, vertex: usize) -> DVec3 {
         match self {
             Keys::F32(keys) => keys[key][vertex].as_dvec3(),
-            Keys::F64(keys) => keys[key][vertex],
+            Keys::F64(keys) | Keys::Precise(keys) => keys[key][vertex],
         }
     }
 }
@@ -115,6 +117,51 @@ impl TriangleMesh {
         TriangleMesh { mask, ..self }
     }
 
+    /// The mesh with positions in f64 kept as they are given, instead of rounded to f32 relative to the middle of the scene: for
+    /// maps in coordinates of the earth, for machines whose parts are small for their place. A mesh in f32 stays as it is, for
+    /// it keeps every bit anyway.
+    ///
+    /// Rays, [`closest_point`](crate::RayTree::closest_point), refits, files and [`BruteForce`](crate::baseline::BruteForce) then
+    /// answer for these positions, with every policy. Other meshes of the same tree cost what they cost without it.
+    ///
+    /// Boxes are f32 all the same: rays are led to what is within some 2^-19 of the largest coordinate of what they hit (relative to
+    /// the middle of all, along axes where all coordinates are within a factor of two of each other; to zero along others), and look
+    /// at each triangle there. So a city of 10 km in coordinates of the earth is told apart to 2 cm, two machines 1e7 m apart only to 20 m:
+    /// there one tree for each of them, placed in an [`InstanceTree`](crate::InstanceTree) without a transform, is as exact and
+    /// far faster.
+    ///
+    /// Triangles are tested one by one. Keys on straight lines between others are kept, unless all keys are equal.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
+    /// // Two slabs of a millimetre, one on either side of a distance of ten thousand kilometres.
+    /// let slab = |x: f64| vec![DVec3::new(x, -1e-3, 0.0), DVec3::new(x, 1e-3, 0.0), DVec3::new(x, 0.0, 1e-3)];
+    /// let at = [0.001, 0.002, 1e7 + 0.001, 1e7 + 0.002];
+    /// let corners = at.into_iter().flat_map(slab).collect();
+    /// let mesh = TriangleMesh::new(vec![[0, 1, 2], [3, 4, 5], [6, 7, 8], [9, 10, 11]], vec![corners]);
+    /// let ray = Ray::new(DVec3::new(1e7, 0.0, 0.0005), Vec3::X);
+    /// let tree = RayTree::build(&[mesh.clone().precise()], &BuildParams::default())?;
+    /// let hit = tree.closest_hit(&ray).unwrap();
+    /// assert_eq!(hit.primitive, 2);
+    /// assert!((hit.t - 0.001).abs() < 2e-9);
+    /// // Rounded to f32, this is all one place.
+    /// let rounded = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// assert!(rounded.closest_hit(&ray).is_none_or(|hit| (hit.t - 0.001).abs() > 1e-4));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn precise(self) -> TriangleMesh {
+        let keys = match self.keys {
+            Keys::F64(keys) => Keys::Precise(keys),
+            other => other,
+        };
+        TriangleMesh { keys, ..self }
+    }
+
+    /// Whether its positions are kept in f64.
+    pub(super) fn is_precise(&self) -> bool {
+        matches!(self.keys, Keys::Precise(_))
+    }
+
     /// Number of triangles.
     pub fn len(&self) -> usize {
         self.indices.len()
@@ -155,12 +202,19 @@ impl TriangleMesh {
     }
 
     /// How many keys say what all of them say ([`super::merge_keys`]): of coordinates in f32 as they are given, of those in
-    /// f64 as they are stored.
+    /// f64 as they are stored. Where f64 is kept, all keys are needed that are not all equal.
     pub(super) fn kept_keys(&self, frame: Frame) -> usize {
         let (keys, vertices) = (self.keys.len(), self.keys.vertices(0));
         match &self.keys {
             Keys::F32(at) => kept_keys(keys, vertices, |key, v| at[key][v]),
             Keys::F64(at) => kept_keys(keys, vertices, |key, v| frame.point(at[key][v])),
+            Keys::Precise(at) => {
+                if all_equal(keys, vertices, &|key, v| at[key][v]) {
+                    1
+                } else {
+                    keys
+                }
+            }
         }
     }
 

@@ -7,6 +7,8 @@ mod custom;
 mod merge_keys;
 mod mesh;
 mod points;
+mod precise;
+mod precise_vertices;
 mod scene;
 mod scene_file;
 mod sphere;

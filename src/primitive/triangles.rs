@@ -4,6 +4,7 @@
 //! sees it) are apart: leaf blocks of the wide layout hold all corners, and then the vertices go.
 
 use super::custom::PrimitiveSet;
+use super::precise_vertices::PreciseVertices;
 use crate::geometry::{
     Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, clip_triangle, stays_clear,
 };
@@ -29,6 +30,8 @@ pub struct Triangles {
     pub(super) counts: [usize; 2],
     /// Empty once leaf blocks hold them.
     pub(super) vertices: Vertices,
+    /// Those that are kept in f64.
+    pub(super) precise: PreciseVertices,
 }
 
 /// Which mesh a triangle is of is kept for one in so many; mostly that says it of those up to the next as well.
@@ -57,10 +60,12 @@ pub(super) struct Rebased {
     pub(super) mask: u32,
     /// What tells the triangles from others between the vertices ([`super::copy_meshes`]).
     pub(super) indices: u64,
+    /// The number of its first triangle among those whose vertices are kept in f64, if its own are.
+    pub(super) precise: Option<u32>,
 }
 
 impl Triangles {
-    /// Drops the vertices: from now on there are names, masks and times, but no corners and no bounds.
+    /// Drops the vertices in f32: from now on there are names, masks and times, but no corners and no bounds.
     pub(crate) fn drop_vertices(&mut self) {
         self.vertices = Vertices::default();
     }
@@ -78,7 +83,7 @@ impl Triangles {
     }
 
     #[inline(always)]
-    fn mesh(&self, id: u32) -> &Rebased {
+    pub(super) fn mesh(&self, id: u32) -> &Rebased {
         &self.meshes[self.mesh_of(id)]
     }
 
@@ -180,7 +185,8 @@ impl Triangles {
         let at = KeyTime::new(t, keys);
         let first = at.segment * stride;
         let last = if keys == 1 { first } else { first + stride };
-        self.vertices(id).map(|v| at.fine_position(self.position(v, first), self.position(v, last)))
+        let fine = |v: u32, offset: usize| self.position(v, offset).as_dvec3();
+        self.vertices(id).map(|v| at.fine_position(fine(v, first), fine(v, last)))
     }
 
     /// The corners at both ends of an interval, up to the signs of zeros.
@@ -237,21 +243,40 @@ impl Triangles {
         ulps as f32 * ULP * magnitude
     }
 
+    /// Linear bounds of the vertices in f32.
+    fn bounds_in_f32(&self, id: u32, over: TimeInterval) -> LinearBox3 {
+        let keys = self.keys(id);
+        if keys == 1 {
+            let still = box_of(self.corners_at_key(id, 0));
+            return LinearBox3 { begin: still, end: still };
+        }
+        if keys > 2 {
+            return self.bent_bounds(id, keys, over);
+        }
+        let [begin, end] = self.ends(id, over);
+        let bounds = LinearBox3 { begin: box_of(begin), end: box_of(end) };
+        // A part of the shutter lies between both keys; its own ends may be nearer to zero.
+        let magnitude = if over == TimeInterval::FULL { bounds.swept().magnitude() } else { self.magnitude(id, over) };
+        let slack = Triangles::slack(keys, magnitude);
+        LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
+    }
+
     /// How far a kernel's vertex may lie from the line between [`Triangles::ends`], over an interval of one segment that
     /// may reach 4 ULP of the shutter beyond it. There corners already move differently, by at most twice their
     /// magnitude per segment, at either end.
     #[inline(always)]
     pub(crate) fn slack_of_line(&self, id: u32, over: TimeInterval) -> f32 {
-        match self.keys(id) {
+        let slack = match self.keys(id) {
             1 => 0.0,
             2 => Triangles::slack(2, self.magnitude(id, over)),
             n => (4 + 26 * (n - 1)) as f32 * ULP * self.magnitude(id, over),
-        }
+        };
+        slack + self.rounding(id, over)
     }
 
     /// The largest magnitude of a coordinate of a triangle's corners at the keys around every time of an interval, and
     /// around the times that rounding may take for those.
-    fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
+    pub(super) fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
         let keys = self.keys(id);
         let segments = (keys - 1) as f32;
         let first = ((over.begin() - ROUNDED_TIME).max(0.0) * segments) as usize;
@@ -287,20 +312,12 @@ impl PrimitiveSet for Triangles {
     }
 
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
-        let keys = self.keys(id);
-        if keys == 1 {
-            let still = box_of(self.corners_at_key(id, 0));
-            return LinearBox3 { begin: still, end: still };
+        let bounds = self.bounds_in_f32(id, over);
+        if !self.is_precise(id) {
+            return bounds;
         }
-        if keys > 2 {
-            return self.bent_bounds(id, keys, over);
-        }
-        let [begin, end] = self.ends(id, over);
-        let bounds = LinearBox3 { begin: box_of(begin), end: box_of(end) };
-        // A part of the shutter lies between both keys; its own ends may be nearer to zero.
-        let magnitude = if over == TimeInterval::FULL { bounds.swept().magnitude() } else { self.magnitude(id, over) };
-        let slack = Triangles::slack(keys, magnitude);
-        LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
+        let rounding = self.rounding(id, over);
+        LinearBox3 { begin: bounds.begin.pad(rounding), end: bounds.end.pad(rounding) }
     }
 
     fn leaf_kind(&self, id: u32) -> u32 {
@@ -312,6 +329,10 @@ impl PrimitiveSet for Triangles {
 
     /// Blocks of many keys are large where their triangles share vertices but have too many for a block that does.
     fn fits_block(&self, ids: &[u32]) -> bool {
+        if ids.iter().any(|&id| self.is_precise(id)) {
+            // A list of ids.
+            return true;
+        }
         let (mut different, mut n) = ([0; 3 * LANES], 0);
         for &id in ids {
             for vertex in self.vertices(id) {
@@ -356,7 +377,7 @@ impl PrimitiveSet for Triangles {
         let keys = self.keys(id);
         let at = |t: f32, cell: Box3| Instant { corners: self.corners(id, t), cell };
         if keys == 1 && cell.begin == cell.end {
-            return stays_clear(&[at(0.0, cell.begin)], 0.0);
+            return stays_clear(&[at(0.0, cell.begin)], self.rounding(id, over));
         }
         // Both ends and the keys between.
         let mut instants = [at(over.begin(), cell.begin); INSTANTS];
@@ -372,7 +393,7 @@ impl PrimitiveSet for Triangles {
             n += 1;
         }
         instants[n] = at(over.end(), cell.end);
-        stays_clear(&instants[..=n], Triangles::slack(keys, self.magnitude(id, over)))
+        stays_clear(&instants[..=n], Triangles::slack(keys, self.magnitude(id, over)) + self.rounding(id, over))
     }
 
     fn mask(&self, id: u32) -> u32 {
@@ -397,6 +418,7 @@ impl PrimitiveSet for Triangles {
     fn bytes(&self) -> usize {
         self.vertices.positions.capacity() * size_of::<Vec3>()
             + self.vertices.corners.capacity() * size_of::<[u32; 3]>()
+            + self.precise.bytes()
             + self.meshes.capacity() * size_of::<Rebased>()
             + self.mesh_at.capacity() * size_of::<u32>()
     }

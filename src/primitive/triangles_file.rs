@@ -1,6 +1,7 @@
 //! Triangles in files: what each mesh is, and the vertices where leaf blocks do not hold them.
 
 use super::copy_meshes::mesh_at;
+use super::precise_vertices::PreciseVertices;
 use super::triangles::{Rebased, Triangles, Vertices};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
 use crate::geometry::{Frame, TimeInterval};
@@ -8,10 +9,14 @@ use crate::geometry::{Frame, TimeInterval};
 /// The most keys of a mesh, so that sums of bytes stay numbers of this machine.
 const MOST_KEYS: u32 = 1 << 24;
 
+/// Added to the number of keys of a mesh whose vertices are kept in f64.
+const PRECISE: u32 = 1 << 31;
+
 /// A mesh as it is in files.
 struct MeshRecord {
     triangles: u32,
     keys: u32,
+    precise: bool,
     stride: u32,
     mask: u32,
     active: [f32; 2],
@@ -21,11 +26,13 @@ impl Record for MeshRecord {
     const BYTES: usize = 24;
     fn put(&self, to: &mut [u8]) {
         let active = self.active.map(f32::to_bits);
-        [self.triangles, self.keys, self.stride, self.mask, active[0], active[1]].put(to);
+        let keys = self.keys | if self.precise { PRECISE } else { 0 };
+        [self.triangles, keys, self.stride, self.mask, active[0], active[1]].put(to);
     }
     fn get(from: &[u8]) -> MeshRecord {
         let [triangles, keys, stride, mask, begin, end] = Record::get(from);
-        MeshRecord { triangles, keys, stride, mask, active: [begin, end].map(f32::from_bits) }
+        let (keys, precise) = (keys & !PRECISE, keys & PRECISE != 0);
+        MeshRecord { triangles, keys, precise, stride, mask, active: [begin, end].map(f32::from_bits) }
     }
 }
 
@@ -35,6 +42,7 @@ pub(crate) struct TrianglesRecord {
     counts: [u64; 2],
     meshes: Vec<MeshRecord>,
     vertices: Vertices,
+    precise: PreciseVertices,
 }
 
 impl Triangles {
@@ -46,13 +54,20 @@ impl Triangles {
         let record = |(mesh, end): (&Rebased, u32)| MeshRecord {
             triangles: end - mesh.first,
             keys: mesh.keys as u32,
+            precise: mesh.precise.is_some(),
             stride: mesh.stride as u32,
             mask: mesh.mask,
             active: mesh.active.to_bounds(),
         };
         to.array(&self.meshes.iter().zip(ends).map(record).collect::<Vec<_>>())?;
         to.array(&self.vertices.positions)?;
-        to.array(&self.vertices.corners)
+        to.array(&self.vertices.corners)?;
+        // Only where there are such meshes, so that files of others are what they were before there could be any.
+        if self.meshes.iter().any(|mesh| mesh.precise.is_some()) {
+            to.array(&self.precise.positions)?;
+            to.array(&self.precise.corners)?;
+        }
+        Ok(())
     }
 }
 
@@ -60,28 +75,47 @@ impl TrianglesRecord {
     /// Reads what was written.
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<TrianglesRecord, FileError> {
         let frame = Frame::decode(from)?;
-        let (counts, meshes) = (from.get()?, from.array()?);
+        let (counts, meshes) = (from.get()?, from.array::<MeshRecord>()?);
         let vertices = Vertices { positions: from.array()?, corners: from.array()? };
-        Ok(TrianglesRecord { frame, counts, meshes, vertices })
+        let precise = match meshes.iter().any(|mesh| mesh.precise) {
+            true => PreciseVertices { positions: from.array()?, corners: from.array()? },
+            false => PreciseVertices::default(),
+        };
+        Ok(TrianglesRecord { frame, counts, meshes, vertices, precise })
     }
 
     /// The triangles, if they are at most so many, and their vertices are all there, or none of them where leaf blocks have
     /// them.
     pub(crate) fn checked(self, most: usize, in_leaves: bool) -> Result<Triangles, FileError> {
-        let TrianglesRecord { frame, counts, meshes, vertices } = self;
+        let TrianglesRecord { frame, counts, meshes, vertices, precise } = self;
         let total: u64 = meshes.iter().map(|mesh| u64::from(mesh.triangles)).sum();
         require(total <= most as u64 && total < u64::from(u32::MAX), "there are more triangles than it could hold")?;
         let len = total as usize;
         require(vertices.corners.len() == if in_leaves { 0 } else { len }, "triangles have no vertices")?;
         require(!in_leaves || vertices.positions.is_empty(), "there are vertices without triangles")?;
-        let (mut rebased, mut first, mut bent) = (Vec::with_capacity(meshes.len()), 0, 0);
+        let (mut rebased, mut first, mut bent, mut in_f64) = (Vec::with_capacity(meshes.len()), 0, 0, 0);
         for mesh in &meshes {
             require((1..=MOST_KEYS).contains(&mesh.keys), "a mesh has no or too many keys")?;
             let (keys, stride) = (mesh.keys as usize, mesh.stride as usize);
             let active = TimeInterval::of_bounds(mesh.active)?;
             // Not in files: what comes from one is not refitted.
             let (bent_before, mask, indices) = (bent, mesh.mask, 0);
-            rebased.push(Rebased { first: first as u32, bent_before, keys, stride, active, mask, indices });
+            let of_mesh = mesh.precise.then_some(in_f64 as u32);
+            rebased.push(Rebased {
+                first: first as u32,
+                bent_before,
+                keys,
+                stride,
+                active,
+                mask,
+                indices,
+                precise: of_mesh,
+            });
+            if mesh.precise {
+                let end = in_f64 + mesh.triangles as usize;
+                require(precise.hold(in_f64..end, mesh.keys), "a triangle in f64 has no vertices")?;
+                in_f64 = end;
+            }
             let end = first + mesh.triangles as usize;
             if !in_leaves && mesh.triangles > 0 {
                 let strides = match mesh.keys {
@@ -99,9 +133,10 @@ impl TrianglesRecord {
             first = end;
             bent += if keys > 2 { mesh.triangles as usize } else { 0 };
         }
+        require(precise.corners.len() == in_f64, "there are vertices in f64 without triangles")?;
         let mesh_at = mesh_at(meshes.iter().map(|mesh| mesh.triangles as usize), len);
         let always_active = rebased.iter().all(|mesh| mesh.active == TimeInterval::FULL);
         let counts = counts.map(|count| usize::try_from(count).unwrap_or(usize::MAX));
-        Ok(Triangles { frame, meshes: rebased, len, mesh_at, always_active, bent, counts, vertices })
+        Ok(Triangles { frame, meshes: rebased, len, mesh_at, always_active, bent, counts, vertices, precise })
     }
 }

@@ -99,7 +99,11 @@ impl ClosestPointSource for Scene {
     #[inline]
     fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
         match self.shape(id) {
-            None => Some(query.on_triangle(self.triangles.corners(id, query.time))),
+            None => {
+                let corners = self.triangles.precise_corners(id, query.time);
+                let corners = corners.unwrap_or_else(|| self.triangles.corners(id, query.time).map(Vec3::as_dvec3));
+                Some(query.on_triangle(corners))
+            }
             Some(shape) => self.shapes.closest_point(shape, query),
         }
     }
@@ -142,7 +146,7 @@ impl Query {
 
     /// The nearest point of a triangle with these corners in tree space.
     #[inline(always)]
-    fn on_triangle(&self, corners: [Vec3; 3]) -> Candidate {
+    fn on_triangle(&self, corners: [DVec3; 3]) -> Candidate {
         let found = closest_on_triangle(self.inside, corners);
         Candidate {
             distance: (found.distance_squared.sqrt() / self.frame.scale) as f32,
@@ -327,12 +331,12 @@ fn face<S: Simd, const ROWS: usize>(s: S, block: &NodeBlock, row: usize, time: S
 }
 
 #[inline(always)]
-fn corners_in(lanes: &[[Lanes<f32>; 3]; 3], lane: usize) -> [Vec3; 3] {
+fn corners_in(lanes: &[[Lanes<f32>; 3]; 3], lane: usize) -> [DVec3; 3] {
     let [a, b, c] = lanes;
     [
-        Vec3::new(a[0][lane], a[1][lane], a[2][lane]),
-        Vec3::new(b[0][lane], b[1][lane], b[2][lane]),
-        Vec3::new(c[0][lane], c[1][lane], c[2][lane]),
+        Vec3::new(a[0][lane], a[1][lane], a[2][lane]).as_dvec3(),
+        Vec3::new(b[0][lane], b[1][lane], b[2][lane]).as_dvec3(),
+        Vec3::new(c[0][lane], c[1][lane], c[2][lane]).as_dvec3(),
     ]
 }
 

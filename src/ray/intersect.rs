@@ -18,6 +18,9 @@ impl RaySource for Scene {
     fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
         match self.shape(id) {
             None => {
+                if let Some(corners) = self.triangles.precise_corners(id, ray.time) {
+                    return ray.decide_one(corners, ray.t_max);
+                }
                 let fine = || self.triangles.fine_corners(id, ray.time);
                 intersect_triangle(ray, self.triangles.corners(id, ray.time), fine)
             }

@@ -378,6 +378,9 @@ impl RayTree {
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
         match self.geometry.triangles.id(mesh, triangle) {
             Some(id) => {
+                if let Some(corners) = self.geometry.triangles.precise_corners(id, time) {
+                    return corners.map(|p| self.geometry.frame().fine_to_world(p));
+                }
                 let corners = match &self.layout {
                     Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
                     Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners(id, time),

@@ -255,7 +255,7 @@ impl Vertices for TriangleMesh {
     fn keys_vertices(&self) -> usize {
         match &self.keys {
             Keys::F32(at) => at[0].len(),
-            Keys::F64(at) => at[0].len(),
+            Keys::F64(at) | Keys::Precise(at) => at[0].len(),
         }
     }
 }

@@ -12,6 +12,7 @@ mod keys;
 mod lazy;
 mod metamorphic;
 mod mixed;
+mod precise;
 mod refit;
 mod scenes;
 mod visitors;

@@ -263,7 +263,7 @@ fn what_does_not_fit_is_refused_and_changes_nothing() {
     };
     let at = |i: usize| match &before[i].keys {
         Keys::F32(keys) => keys.clone(),
-        Keys::F64(_) => panic!("f32"),
+        Keys::F64(_) | Keys::Precise(_) => panic!("f32"),
     };
     let mut turned = before[0].clone();
     turned.indices[17].swap(0, 1);

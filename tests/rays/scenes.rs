@@ -78,7 +78,7 @@ fn check_scene(name: &str) {
                     (low, high) = (low.min(*p), high.max(*p));
                 }
             }
-            mbkd::Keys::F64(keys) => {
+            mbkd::Keys::F64(keys) | mbkd::Keys::Precise(keys) => {
                 for p in keys.iter().flatten().map(|p| p.as_vec3()) {
                     (low, high) = (low.min(p), high.max(p));
                 }

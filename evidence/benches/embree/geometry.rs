@@ -22,7 +22,7 @@ pub fn corners(meshes: &[TriangleMesh], mesh: u32, triangle: u32, time: f32) -> 
 fn position(keys: &Keys, key: usize, vertex: u32) -> DVec3 {
     match keys {
         Keys::F32(keys) => keys[key][vertex as usize].as_dvec3(),
-        Keys::F64(keys) => keys[key][vertex as usize],
+        Keys::F64(keys) | Keys::Precise(keys) => keys[key][vertex as usize],
     }
 }
 
@@ -65,7 +65,9 @@ pub fn pass(ray: &Ray, corners: [DVec3; 3]) -> Passage {
 pub fn positions(mesh: &TriangleMesh) -> Vec<Cow<'_, [Vec3]>> {
     match &mesh.keys {
         Keys::F32(keys) => keys.iter().map(|key| Cow::Borrowed(key.as_slice())).collect(),
-        Keys::F64(keys) => keys.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect(),
+        Keys::F64(keys) | Keys::Precise(keys) => {
+            keys.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect()
+        }
     }
 }
 

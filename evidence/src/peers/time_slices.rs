@@ -55,7 +55,7 @@ pub fn at_time(mesh: &TriangleMesh, time: f32) -> TriangleMesh {
             let points = keys[first].iter().zip(&keys[last]).map(|(a, b)| between(a.as_dvec3(), b.as_dvec3()));
             Keys::F32(vec![points.collect()])
         }
-        Keys::F64(keys) if !keys.is_empty() => {
+        Keys::F64(keys) | Keys::Precise(keys) if !keys.is_empty() => {
             Keys::F64(vec![keys[first].iter().zip(&keys[last]).map(|(a, b)| a.lerp(*b, s)).collect()])
         }
         empty => empty.clone(),
