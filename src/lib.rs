@@ -78,8 +78,8 @@ pub use file::FileError;
 pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 pub use glam;
 pub use instance::{
-    Instance, InstanceError, InstanceHit, InstanceOf, InstancePath, InstanceStatistics, InstanceTree, MAX_NESTING,
-    Pose, Transform,
+    Instance, InstanceError, InstanceHit, InstanceOf, InstancePath, InstancePoint, InstanceStatistics, InstanceTree,
+    MAX_NESTING, Pose, Transform,
 };
 pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};

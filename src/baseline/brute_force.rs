@@ -4,7 +4,8 @@ use super::spheres::Spheres;
 use crate::error::BuildError;
 use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
 use crate::ray::{
-    ClosestPoint, ClosestPointQuery, Everything, Filter, Geometry, Hit, Ray, TreeRay, Visible, closest_point_of_all,
+    ClosestPoint, ClosestPointQuery, Everything, Filter, Geometry, Hit, PlacedQuery, Ray, TreeRay, Visible,
+    closest_point_of_all,
 };
 
 /// Answers ray queries by testing every primitive.
@@ -107,7 +108,16 @@ impl<G: Geometry> BruteForce<G> {
 
     /// As [`RayTree::closest_point`](crate::RayTree::closest_point).
     pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<ClosestPoint> {
-        closest_point_of_all(&self.geometry, query, &Everything)
+        self.closest_point_placed(&(*query).into(), &Everything)
+    }
+
+    /// The same where everything is placed in another space.
+    pub(crate) fn closest_point_placed(
+        &self,
+        query: &PlacedQuery,
+        filter: &impl Filter<ClosestPoint>,
+    ) -> Option<ClosestPoint> {
+        closest_point_of_all(&self.geometry, query, filter)
     }
 
     /// As [`RayTree::closest_point_filtered`](crate::RayTree::closest_point_filtered).
@@ -117,7 +127,7 @@ impl<G: Geometry> BruteForce<G> {
         mask: u32,
         accept: impl Fn(&ClosestPoint) -> bool,
     ) -> Option<ClosestPoint> {
-        closest_point_of_all(&self.geometry, query, &Visible { mask, accept })
+        self.closest_point_placed(&(*query).into(), &Visible { mask, accept })
     }
 
     /// As [`RayTree::closest_hit_filtered`](crate::RayTree::closest_hit_filtered).

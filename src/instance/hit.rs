@@ -1,6 +1,6 @@
-//! What a ray hit, and in which instance.
+//! What a ray hit or a point has nearest, and in which instance.
 
-use crate::ray::Hit;
+use crate::ray::{ClosestPoint, Hit};
 use core::fmt;
 
 /// Levels of instances: a tree of instances of trees of triangles has one.
@@ -57,4 +57,14 @@ pub struct InstanceHit {
     pub path: InstancePath,
     /// What was hit of the tree placed there. `t` is that of the ray as it was asked.
     pub hit: Hit,
+}
+
+/// The nearest point on anything in an [`InstanceTree`](crate::InstanceTree), as
+/// [`InstanceTree::closest_point`](crate::InstanceTree::closest_point) finds it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InstancePoint {
+    /// Which instance, outermost first.
+    pub path: InstancePath,
+    /// On what of the tree placed there; distance and point are in the coordinates of the tree that was asked.
+    pub near: ClosestPoint,
 }

@@ -8,9 +8,13 @@
 //!
 //! What is where: transforms as they are given (`transform`) and as queries evaluate them (`motion`), boxes that hold what
 //! they move (`bounds`), how far they let rounded rays stray (`distortion`), the set that the build of the
-//! wide tree sees (`placements`), the tree (`tree`), the way of a query through it (`query`) and what callers ask (`tree_queries`).
+//! wide tree sees (`placements`), the tree (`tree`), the way of a ray through it (`query`) and what callers ask (`tree_queries`),
+//! nearest points (`closest_point`).
 
 mod bounds;
+mod closest_point;
+#[cfg(test)]
+mod closest_point_tests;
 mod distortion;
 mod error;
 mod hit;
@@ -22,6 +26,6 @@ mod tree;
 mod tree_queries;
 
 pub use error::InstanceError;
-pub use hit::{InstanceHit, InstancePath, MAX_NESTING};
+pub use hit::{InstanceHit, InstancePath, InstancePoint, MAX_NESTING};
 pub use transform::{Pose, Transform};
 pub use tree::{Instance, InstanceOf, InstanceStatistics, InstanceTree};

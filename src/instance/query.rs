@@ -16,18 +16,18 @@ use crate::simd::dispatch;
 use core::ops::ControlFlow;
 
 /// Who looks on, or what is seen.
-pub(super) enum Look<'a> {
+pub(super) enum Look<'a, T = InstanceHit> {
     /// Everything, unobserved.
     Plain,
-    /// Instances and meshes whose masks share a bit with this one, hits that are accepted.
-    Filtered { mask: u32, accept: &'a dyn Fn(&InstanceHit) -> bool },
+    /// Instances and meshes whose masks share a bit with this one, answers that are accepted.
+    Filtered { mask: u32, accept: &'a dyn Fn(&T) -> bool },
     /// Everything, observed.
     Observed(&'a mut dyn Observer),
 }
 
-impl Look<'_> {
+impl<T> Look<'_, T> {
     #[inline]
-    fn sees(&self, mask: u32) -> bool {
+    pub fn sees(&self, mask: u32) -> bool {
         match self {
             Look::Filtered { mask: wanted, .. } => wanted & mask != 0,
             _ => true,
@@ -35,7 +35,7 @@ impl Look<'_> {
     }
 
     #[inline]
-    fn observe(&mut self, what: fn(&mut dyn Observer)) {
+    pub fn observe(&mut self, what: fn(&mut dyn Observer)) {
         if let Look::Observed(observer) = self {
             what(*observer);
         }

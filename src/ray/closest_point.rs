@@ -12,6 +12,8 @@
 //!   `max(lower - high, low - upper, 0)`, before rounding, is at most `|p - q|`. Rounding it, its square and the
 //!   sum of squares makes it too large by less than 4 ULP, and the square of a number near zero by less than the
 //!   least normal number: [`Query::cull`] grants both.
+//! - In a tree that is placed, distances are those of images, from the point where the query was asked. The tree is searched from that
+//!   point brought into it, as far as [`Placement`] says that what is near enough outside can be inside.
 //! - K-d layout. `p` lies in a cell whose leaf has the primitive, up to rounding: the build's classification, which rounds
 //!   outward. Distances from planes are computed in f64 and lowered by 16 ULP of the largest coordinate; planes that move
 //!   are rounded by less than 4.
@@ -20,15 +22,15 @@
 //! equal to it, with a lower id. Culling therefore begins one float above the best.
 
 use super::filter::Filter;
+use super::nearest_first::{Leaves, NearestFirst};
 use super::observer::Observer;
-use crate::geometry::{Frame, ULP, closest_on_triangle};
+use crate::geometry::{Frame, Placement, ULP, closest_on_triangle};
 use crate::layout::{ChildRef, CornerLanes, NODE_ROWS, WideSource, WideTree};
 use crate::limits::{DEPTH_LIMIT, MAX_COORDINATE};
 use crate::mbkd::{KdTree, KdView};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
-use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, lanes_at};
-use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal, children_of};
-use core::ops::ControlFlow;
+use crate::simd::{LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, lanes_at};
+use crate::traverse::{NodeBlock, children_of};
 use glam::{DVec3, Vec3};
 
 /// The nearest point on anything in a [`RayTree`](crate::RayTree), as
@@ -80,6 +82,20 @@ impl ClosestPointQuery {
     }
 }
 
+/// A query of a tree that may be placed in another space, in which the point and all distances are.
+#[derive(Clone, Copy)]
+pub(crate) struct PlacedQuery {
+    pub query: ClosestPointQuery,
+    /// Where the tree is placed; nothing where it is in that space itself.
+    pub placed: Option<Placement>,
+}
+
+impl From<ClosestPointQuery> for PlacedQuery {
+    fn from(query: ClosestPointQuery) -> PlacedQuery {
+        PlacedQuery { query, placed: None }
+    }
+}
+
 /// The point of one primitive that is nearest to a query.
 #[derive(Clone, Copy)]
 pub(crate) struct Candidate {
@@ -111,18 +127,26 @@ impl ClosestPointSource for Scene {
 
 impl<P: Primitive> ClosestPointSource for Shapes<P> {
     fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
-        let found = self.shapes()[id as usize].closest_point(query.point, query.time)?;
-        let distance = (found.point - query.point).length() as f32;
-        (!distance.is_nan()).then_some(Candidate { distance, point: found.point, u: found.u, v: found.v })
+        let found = self.shapes()[id as usize].closest_point(query.own, query.time)?;
+        let point = query.placed.map_or(found.point, |placed| placed.matrix.transform_point3(found.point));
+        let distance = (point - query.point).length() as f32;
+        (!distance.is_nan()).then_some(Candidate { distance, point, u: found.u, v: found.v })
     }
 }
 
-/// A query in world and in tree space.
+/// A query where it was asked, and in tree space.
 pub(crate) struct Query {
     point: DVec3,
     pub(super) time: f32,
     max_distance: f32,
     frame: Frame,
+    placed: Option<Placement>,
+    /// The point in the tree's own space.
+    own: DVec3,
+    /// The most that a distance can be in tree space, per distance where it was asked.
+    grows: f64,
+    /// By how much distances where it was asked may be too small for that.
+    stray: f64,
     /// The point in tree space.
     inside: DVec3,
     /// The f32 numbers on either side of it.
@@ -132,21 +156,31 @@ pub(crate) struct Query {
 
 impl Query {
     /// Nothing for a query that means nothing.
-    pub(super) fn new(query: &ClosestPointQuery, frame: Frame) -> Option<Query> {
+    pub fn new(PlacedQuery { query, placed }: &PlacedQuery, frame: Frame) -> Option<Query> {
         if !query.is_valid() {
             return None;
         }
-        let inside = (query.point - frame.origin) * frame.scale;
+        let (own, grows, stray) = match placed {
+            None => (query.point, frame.scale, 0.0),
+            Some(placed) => {
+                let brought = placed.bring(query.point, frame.bounds);
+                (brought.point, brought.grows * frame.scale, brought.stray)
+            }
+        };
+        let inside = (own - frame.origin) * frame.scale;
         // The difference is rounded in f64, and conversion goes to the nearest f32: a float down holds both.
         let nearest = inside.as_vec3();
         let (low, high) = (nearest.map(f32::next_down), nearest.map(f32::next_up));
         let &ClosestPointQuery { point, time, max_distance } = query;
-        Some(Query { point, time, max_distance, frame, inside, low, high })
+        Some(Query { point, time, max_distance, frame, placed: *placed, own, grows, stray, inside, low, high })
     }
 
     /// The nearest point of a triangle with these corners in tree space.
     #[inline(always)]
     fn on_triangle(&self, corners: [DVec3; 3]) -> Candidate {
+        if let Some(placed) = &self.placed {
+            return self.on_placed_triangle(placed, corners);
+        }
         let found = closest_on_triangle(self.inside, corners);
         Candidate {
             distance: (found.distance_squared.sqrt() / self.frame.scale) as f32,
@@ -156,10 +190,23 @@ impl Query {
         }
     }
 
-    /// The greatest distance in tree space, before rounding to a world distance of at most `limit`.
+    /// The same where the tree is placed: of the triangle's image.
+    #[inline(never)]
+    fn on_placed_triangle(&self, placed: &Placement, corners: [DVec3; 3]) -> Candidate {
+        let corners = corners.map(|p| placed.matrix.transform_point3(self.frame.fine_to_world(p)));
+        let found = closest_on_triangle(self.point, corners);
+        Candidate {
+            distance: found.distance_squared.sqrt() as f32,
+            point: found.point,
+            u: found.u as f32,
+            v: found.v as f32,
+        }
+    }
+
+    /// The greatest distance in tree space, before rounding to a distance of at most `limit` where it was asked.
     #[inline(always)]
     fn reach(&self, limit: f32) -> f64 {
-        f64::from(limit.next_up()) * self.frame.scale
+        (f64::from(limit.next_up()) + self.stray) * self.grows
     }
 
     /// The boxes of a node that are within reach, and their squared distances; see [`Query::distances`].
@@ -241,21 +288,17 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
     }
 }
 
-/// The search through the wide layout.
-struct InWide<'a, 'b, G, F, O> {
-    tree: &'a WideTree,
-    best: &'b mut Best<'a, G, F>,
-    /// [`Query::cull`] of the best.
-    cull: f32,
-    observer: &'b mut O,
+/// Leaves of primitives: blocks of triangles, and lists of others.
+pub(super) struct InPrimitives<'a, 'b, G, F, O> {
+    pub tree: &'a WideTree,
+    pub best: &'b mut Best<'a, G, F>,
+    pub observer: &'b mut O,
 }
 
-impl<S: Simd, G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> WideQuery<S> for InWide<'_, '_, G, F, O> {
-    const ORDERED: bool = true;
-
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InPrimitives<'_, '_, G, F, O> {
     #[inline(always)]
-    fn time(&self) -> f32 {
-        self.best.query.time
+    fn limit(&self) -> f32 {
+        self.best.limit
     }
 
     #[inline(always)]
@@ -264,34 +307,21 @@ impl<S: Simd, G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> WideQ
     }
 
     #[inline(always)]
-    fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
-        self.best.query.enter::<S, ROWS>(s, block, self.cull)
-    }
-
-    #[inline(always)]
-    fn limit(&self) -> f32 {
-        self.cull
-    }
-
-    #[inline(always)]
-    fn leaf(&mut self, s: S, leaf: ChildRef) -> ControlFlow<()> {
+    fn leaf<S: Simd>(&mut self, s: S, leaf: ChildRef) {
         self.observer.leaf();
-        if self.tree.is_list::<G>(leaf) {
-            self.observer.primitive_tests(leaf.len());
-            for &id in &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
-                if let Some(candidate) = self.best.set.closest_point(id, self.best.query) {
-                    self.best.offer(candidate, id);
-                }
-            }
-        } else {
-            self.triangles(s, leaf);
+        if !self.tree.is_list::<G>(leaf) {
+            return self.triangles(s, leaf);
         }
-        self.cull = self.best.query.cull(self.best.limit);
-        ControlFlow::Continue(())
+        self.observer.primitive_tests(leaf.len());
+        for &id in &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
+            if let Some(candidate) = self.best.set.closest_point(id, self.best.query) {
+                self.best.offer(candidate, id);
+            }
+        }
     }
 }
 
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InWide<'_, '_, G, F, O> {
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, G, F, O> {
     /// Looks at a block of triangles: those whose boxes are near enough, nearest first.
     #[inline(always)]
     fn triangles<S: Simd>(&mut self, s: S, leaf: ChildRef) {
@@ -303,7 +333,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InWide<'_, '_,
             upper[axis] = s.max(a[axis], s.max(b[axis], c[axis]));
         }
         let distances = query.distances(s, lower, upper);
-        let mut near = s.le(distances, s.splat(self.cull)) & ((1u32 << count) - 1) as Mask;
+        let mut near = s.le(distances, s.splat(query.cull(self.best.limit))) & ((1u32 << count) - 1) as Mask;
         if near == 0 {
             return;
         }
@@ -338,31 +368,6 @@ fn corners_in(lanes: &[[Lanes<f32>; 3]; 3], lane: usize) -> [DVec3; 3] {
         Vec3::new(b[0][lane], b[1][lane], b[2][lane]).as_dvec3(),
         Vec3::new(c[0][lane], c[1][lane], c[2][lane]).as_dvec3(),
     ]
-}
-
-/// The search through the wide layout, to be dispatched to an instruction set.
-pub(super) struct Wide<'a, 'b, G, F, O> {
-    pub tree: &'a WideTree,
-    pub best: &'b mut Best<'a, G, F>,
-    pub observer: &'b mut O,
-}
-
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Kernel for Wide<'_, '_, G, F, O> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Wide { tree, best, observer } = self;
-        if tree.root == ChildRef::NOTHING {
-            return;
-        }
-        let mut memory = StackOf::new();
-        let mut cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
-        let traversal = WideTraversal::new(&tree.arena);
-        let cull = best.query.cull(best.limit);
-        let mut query = InWide { tree, best, cull, observer };
-        while traversal.advance(s, &mut cursor, &mut query).is_continue() {}
-    }
 }
 
 /// A cell of the k-d layout to be visited later: how far away it begins along each axis.
@@ -436,13 +441,14 @@ pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
     simd: SimdLevel,
     tree: &WideTree,
     set: &G,
-    query: &ClosestPointQuery,
+    query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, *set.frame())?;
-    let mut best = begin(set, &query, filter);
-    dispatch(simd, Wide { tree, best: &mut best, observer });
+    let query = &Query::new(query, *set.frame())?;
+    let mut best = begin(set, query, filter);
+    let mut leaves = InPrimitives { tree, best: &mut best, observer };
+    dispatch(simd, NearestFirst { tree, query, leaves: &mut leaves });
     best.finish()
 }
 
@@ -450,7 +456,7 @@ pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
 pub(super) fn closest_point_in_kd<G: ClosestPointSource>(
     tree: &KdTree,
     set: &G,
-    query: &ClosestPointQuery,
+    query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
@@ -463,7 +469,7 @@ pub(super) fn closest_point_in_kd<G: ClosestPointSource>(
 /// The nearest point by asking every primitive of a set: what all layouts must agree with.
 pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
     set: &G,
-    query: &ClosestPointQuery,
+    query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
 ) -> Option<ClosestPoint> {
     let query = Query::new(query, *set.frame())?;

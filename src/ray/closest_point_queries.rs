@@ -1,7 +1,7 @@
 //! Nearest points as callers ask for them.
 
 use super::batch_order::answer_each;
-use super::closest_point::{ClosestPoint, ClosestPointQuery};
+use super::closest_point::{ClosestPoint, ClosestPointQuery, PlacedQuery};
 use super::compiled::Guards;
 use super::observer::Observer;
 use super::ray_tree::{Geometry, RayTree};
@@ -39,7 +39,7 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<ClosestPoint> {
         let query = ClosestPointQuery { point: point.into(), time, max_distance };
-        (self.queries.closest_point)(self.target(), &query)
+        self.closest_point_of(query.into())
     }
 
     /// [`RayTree::closest_point`] among the points that `accept` accepts, on meshes whose
@@ -51,7 +51,7 @@ impl<G: Geometry> RayTree<G> {
         mask: u32,
         accept: impl Fn(&ClosestPoint) -> bool,
     ) -> Option<ClosestPoint> {
-        (self.queries.closest_point_guarded)(self.target(), query, Guards::filtered(mask, &accept))
+        self.closest_point_guarded(&(*query).into(), Guards::filtered(mask, &accept))
     }
 
     /// [`RayTree::closest_point`], telling `observer` what it does.
@@ -60,7 +60,7 @@ impl<G: Geometry> RayTree<G> {
         query: &ClosestPointQuery,
         observer: &mut impl Observer,
     ) -> Option<ClosestPoint> {
-        (self.queries.closest_point_guarded)(self.target(), query, Guards::observed(observer))
+        self.closest_point_guarded(&(*query).into(), Guards::observed(observer))
     }
 
     /// [`RayTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
@@ -77,6 +77,20 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<ClosestPoint>>) {
-        answer_each(queries, answers, |_, query| (self.queries.closest_point)(self.target(), query));
+        answer_each(queries, answers, |_, query| self.closest_point_of((*query).into()));
+    }
+
+    /// The nearest point where the tree is placed; see [`PlacedQuery`].
+    pub(crate) fn closest_point_of(&self, query: PlacedQuery) -> Option<ClosestPoint> {
+        (self.queries.closest_point)(self.target(), &query)
+    }
+
+    /// The same with a filter or an observer.
+    pub(crate) fn closest_point_guarded(
+        &self,
+        query: &PlacedQuery,
+        guards: Guards<'_, ClosestPoint>,
+    ) -> Option<ClosestPoint> {
+        (self.queries.closest_point_guarded)(self.target(), query, guards)
     }
 }

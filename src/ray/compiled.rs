@@ -6,9 +6,7 @@
 //! that builds the tree. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited block;
 //! a query is compiled without them and, once more, with whichever of them there are ([`Guards`]).
 
-use super::closest_point::{
-    ClosestPoint, ClosestPointQuery, ClosestPointSource, closest_point_in_kd, closest_point_in_wide,
-};
+use super::closest_point::{ClosestPoint, ClosestPointSource, PlacedQuery, closest_point_in_kd, closest_point_in_wide};
 use super::interleave::{Anys, Asks, Batch, Closests};
 use super::intersect::RaySource;
 use super::lazy::LazyQuery;
@@ -40,7 +38,7 @@ type Seen<'a, T> = Visible<&'a dyn Fn(&T) -> bool>;
 /// What a query may have beyond its plain form: a mask and the caller's filter of what is found, and an observer.
 ///
 /// They are looked for at run time, so that one form of a query serves all that have any of them.
-pub(super) struct Guards<'a, T> {
+pub(crate) struct Guards<'a, T> {
     visible: Option<Seen<'a, T>>,
     observer: Option<&'a mut dyn Observer>,
 }
@@ -68,8 +66,8 @@ pub(super) struct Queries<G> {
     pub closest: Plain<G, Ray, Option<Hit>>,
     pub closest_guarded: Guarded<G, Ray, Hit, Option<Hit>>,
     pub any: Plain<G, Ray, bool>,
-    pub closest_point: Plain<G, ClosestPointQuery, Option<ClosestPoint>>,
-    pub closest_point_guarded: Guarded<G, ClosestPointQuery, ClosestPoint, Option<ClosestPoint>>,
+    pub closest_point: Plain<G, PlacedQuery, Option<ClosestPoint>>,
+    pub closest_point_guarded: Guarded<G, PlacedQuery, ClosestPoint, Option<ClosestPoint>>,
     /// All hits; and, for a visitor that breaks at the first, any hit with guards.
     pub all: fn(Target<'_, G>, &Ray, Guards<'_, Hit>, Visitor<'_>) -> ControlFlow<()>,
     /// Interleaved traversal of many rays through the wide layout.
@@ -115,7 +113,7 @@ impl<G: ClosestPointSource> Target<'_, G> {
     #[inline(always)]
     fn closest_point(
         self,
-        query: &ClosestPointQuery,
+        query: &PlacedQuery,
         filter: &impl Filter<ClosestPoint>,
         observer: &mut impl Observer,
     ) -> Option<ClosestPoint> {

@@ -1,12 +1,11 @@
 //! The nearest point in a lazy tree: the coarse tree says in which order subtrees are searched, all for one best answer.
 
-use super::closest_point::{Best, ClosestPoint, ClosestPointQuery, ClosestPointSource, Query, Wide, begin};
+use super::closest_point::{Best, ClosestPoint, ClosestPointSource, InPrimitives, PlacedQuery, Query, begin};
 use super::filter::Filter;
+use super::nearest_first::{Leaves, NearestFirst};
 use super::observer::Observer;
 use crate::layout::{ChildRef, LazyTree};
-use crate::simd::{Kernel, Mask, Simd, SimdLevel, dispatch};
-use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
-use core::ops::ControlFlow;
+use crate::simd::{Simd, SimdLevel, dispatch};
 
 /// The nearest point in a lazy tree.
 #[inline(never)]
@@ -14,48 +13,29 @@ pub(super) fn closest_point_in_lazy<G: ClosestPointSource>(
     simd: SimdLevel,
     tree: &LazyTree,
     set: &G,
-    query: &ClosestPointQuery,
+    query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, *set.frame())?;
-    let mut best = begin(set, &query, filter);
-    if tree.top.root != ChildRef::NOTHING {
-        let cull = query.cull(best.limit);
-        dispatch(simd, InTop { simd, tree, best: &mut best, cull, observer });
-    }
+    let query = &Query::new(query, *set.frame())?;
+    let mut best = begin(set, query, filter);
+    let mut leaves = InSubtrees { simd, tree, best: &mut best, observer };
+    dispatch(simd, NearestFirst { tree: &tree.top, query, leaves: &mut leaves });
     best.finish()
 }
 
-/// The search through the coarse tree.
-struct InTop<'a, 'b, G, F, O> {
+/// Leaves of one subtree each.
+struct InSubtrees<'a, 'b, G, F, O> {
     simd: SimdLevel,
     tree: &'a LazyTree,
     best: &'b mut Best<'a, G, F>,
-    /// [`Query::cull`] of the best.
-    cull: f32,
     observer: &'b mut O,
 }
 
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Kernel for InTop<'_, '_, G, F, O> {
-    type Output = ();
-
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InSubtrees<'_, '_, G, F, O> {
     #[inline(always)]
-    fn run<S: Simd>(mut self, s: S) {
-        let top = &self.tree.top;
-        let mut memory = StackOf::new();
-        let mut cursor = Cursor::new(top.root, memory.stack(top.waiting()));
-        let traversal = WideTraversal::new(&top.arena);
-        while traversal.advance(s, &mut cursor, &mut self).is_continue() {}
-    }
-}
-
-impl<S: Simd, G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> WideQuery<S> for InTop<'_, '_, G, F, O> {
-    const ORDERED: bool = true;
-
-    #[inline(always)]
-    fn time(&self) -> f32 {
-        self.best.query.time
+    fn limit(&self) -> f32 {
+        self.best.limit
     }
 
     #[inline(always)]
@@ -64,20 +44,10 @@ impl<S: Simd, G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> WideQ
     }
 
     #[inline(always)]
-    fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
-        self.best.query.enter::<S, ROWS>(s, block, self.cull)
-    }
-
-    #[inline(always)]
-    fn limit(&self) -> f32 {
-        self.cull
-    }
-
-    #[inline(always)]
-    fn leaf(&mut self, _: S, leaf: ChildRef) -> ControlFlow<()> {
+    fn leaf<S: Simd>(&mut self, _: S, leaf: ChildRef) {
         let tree = self.tree.subtree(self.best.set, self.tree.below(leaf));
-        dispatch(self.simd, Wide { tree, best: &mut *self.best, observer: &mut *self.observer });
-        self.cull = self.best.query.cull(self.best.limit);
-        ControlFlow::Continue(())
+        let query = self.best.query;
+        let mut leaves = InPrimitives { tree, best: &mut *self.best, observer: &mut *self.observer };
+        dispatch(self.simd, NearestFirst { tree, query, leaves: &mut leaves });
     }
 }

@@ -1,0 +1,135 @@
+//! A space placed in another by an affine map, for questions about distances.
+
+use super::Aabb;
+use glam::{DAffine3, DMat3, DVec3};
+
+/// A map from a space to the one in which distances are measured, and what is known of it.
+///
+/// **Distances.** For any matrix `X` with `|I - X M| <= e < 1`, the inverse of `M` is no longer than `|X| / (1 - e)`. So
+/// distances in the placed space are at most that many times those of their images. The norm `|X|` is at most the root of
+/// the largest row sum of `X Xᵀ`, which is exact for a rotation after a scaling, whatever the scales.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Placement {
+    pub matrix: DAffine3,
+    inverse: DMat3,
+    /// Distances in the placed space per distance of the images, at most; infinite where nothing is known.
+    grows: f64,
+}
+
+/// A point brought into a placed space.
+pub(crate) struct Brought {
+    pub point: DVec3,
+    /// Distances in the placed space per distance of the images, at most.
+    pub grows: f64,
+    /// By how much a computed distance of an image may fall short of what `grows` is meant for.
+    pub stray: f64,
+}
+
+/// Far more than f64 rounds in a few steps, relative to the magnitudes that take part.
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
+impl Placement {
+    pub fn new(matrix: DAffine3) -> Placement {
+        let inverse = matrix.matrix3.inverse();
+        let off = sum(DMat3::IDENTITY - inverse * matrix.matrix3) + ROUNDING * sum(inverse) * sum(matrix.matrix3);
+        let longest = norm(inverse) * (1.0 + ROUNDING) / (1.0 - off);
+        // NaN fails this as well.
+        let known = off < 0.5 && longest.is_finite();
+        Placement { matrix, inverse, grows: if known { longest } else { f64::INFINITY } }
+    }
+
+    /// Of a space placed in the space that is placed by this.
+    pub fn then(placed: Option<&Placement>, inner: DAffine3) -> Placement {
+        Placement::new(placed.map_or(inner, |outer| outer.matrix * inner))
+    }
+
+    /// A point as the placed space sees it, for what lies within `bounds` there.
+    ///
+    /// What computing the inverse image is off by shows in how far its own image lies from the point: `stray` has that, and
+    /// what rounds where images of things in `bounds` are computed.
+    pub fn bring(&self, point: DVec3, bounds: Aabb) -> Brought {
+        let there = self.inverse * (point - self.matrix.translation);
+        if !there.is_finite() || self.grows.is_infinite() {
+            return Brought { point: DVec3::ZERO, grows: f64::INFINITY, stray: 0.0 };
+        }
+        let missed = self.matrix.transform_point3(there) - point;
+        let far = there.abs() + bounds.min.abs().max(bounds.max.abs());
+        let size = sum(self.matrix.matrix3) * far.max_element()
+            + self.matrix.translation.abs().max_element()
+            + point.abs().max_element();
+        Brought { point: there, grows: self.grows, stray: missed.length() + ROUNDING * size }
+    }
+}
+
+/// The sum of all magnitudes of entries: no norm is greater.
+fn sum(m: DMat3) -> f64 {
+    [m.x_axis, m.y_axis, m.z_axis].map(|column| column.abs().element_sum()).iter().sum()
+}
+
+/// At least how far a matrix stretches anything.
+fn norm(m: DMat3) -> f64 {
+    let most = |m: DMat3| {
+        let rows = m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs();
+        rows.max_element()
+    };
+    most(m * m.transpose()).min(most(m.transpose() * m)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    fn next(state: &mut u64) -> f64 {
+        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    fn vec(state: &mut u64) -> DVec3 {
+        DVec3::new(next(state), next(state), next(state))
+    }
+
+    #[test]
+    fn no_distance_grows_by_more_and_some_by_as_much() {
+        let mut state = 1;
+        for round in 0..2000 {
+            let scale = DVec3::from([0, 1, 2].map(|_| 10f64.powf(4.0 * next(&mut state)))) * vec(&mut state).signum();
+            let rotation = DQuat::from_axis_angle(vec(&mut state).normalize(), 3.0 * next(&mut state));
+            let mut matrix = DAffine3::from_scale_rotation_translation(scale, rotation, vec(&mut state) * 100.0);
+            if round % 2 == 1 {
+                matrix = DAffine3::from_mat3_translation(DMat3::from_quat(rotation.inverse()), DVec3::X) * matrix;
+                matrix.matrix3.x_axis += matrix.matrix3.y_axis * next(&mut state);
+            }
+            let placement = Placement::new(matrix);
+            let bounds = Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE };
+            let q = vec(&mut state) * 10f64.powf(5.0 * next(&mut state));
+            let Brought { point, grows, stray } = placement.bring(q, bounds);
+            assert!(grows.is_finite() && stray.is_finite());
+            let mut most = 0.0f64;
+            for i in 0..50 {
+                // Also along each axis, in which scales are met exactly.
+                let by = if i < 3 { DVec3::AXES[i] } else { vec(&mut state) };
+                let p = vec(&mut state) * 0.5 + by * 0.5;
+                let inside = (point - p).length();
+                let image = (matrix.transform_point3(p) - q).length();
+                assert!(inside <= (image + stray) * grows, "{inside} {image} {stray} {grows}");
+                most = most.max(by.length() / matrix.transform_vector3(by).length());
+            }
+            assert!(most <= grows * (1.0 + 1e-12));
+            if round % 2 == 0 {
+                // Where scales differ by up to 1e8, rounding hides the last digits of what is known.
+                assert!(most >= grows * (1.0 - 1e-4), "{most} {grows}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_is_known_of_maps_that_flatten_space() {
+        let flat = DMat3::from_cols(DVec3::X, DVec3::X, DVec3::Z);
+        for matrix3 in [flat, DMat3::ZERO, DMat3::from_diagonal(DVec3::new(1.0, f64::NAN, 1.0))] {
+            let placement = Placement::new(DAffine3 { matrix3, translation: DVec3::ZERO });
+            let brought = placement.bring(DVec3::ONE, Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE });
+            assert!(brought.grows.is_infinite() && brought.point.is_finite());
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The nearest point on anything in a tree of instances.
+//!
+//! The picture: the way goes through the boxes of instances, nearest first. Of an instance that is near enough, the tree that is placed
+//! is searched by its own search, which brings the point into that tree's space to tell what boxes are near enough, but
+//! measures distances where the query was asked: the corners of a triangle are moved there in f64. So scales need not be the same
+//! along all axes, and distances of different instances can be compared. Each search ends at the best distance of those
+//! before it. [`Placement`] says how far a search inside must look.
+
+use super::hit::{InstancePath, InstancePoint};
+use super::query::Look;
+use super::tree::{InstanceOf, InstanceTree};
+use crate::geometry::Placement;
+use crate::layout::ChildRef;
+use crate::primitive::PrimitiveSet;
+use crate::ray::{ClosestPointQuery, Guards, Leaves, NearestFirst, Observer, PlacedQuery, Query, answer_each};
+use crate::simd::{Simd, dispatch};
+use glam::DVec3;
+
+impl InstanceTree {
+    /// The nearest point on anything in any instance at a time of the shutter, if it is no farther than `max_distance`
+    /// (infinity is fine); of several at the same distance (as an f32) the one with the lowest path, and of these the
+    /// lowest (mesh, primitive). `point` is a `Vec3` or `DVec3` in the coordinates of this tree, and so is the answer.
+    ///
+    /// Distances are those from triangles as they are placed at that time: their corners are computed in f64 ([`InstanceTree::vertices`]), under
+    /// any matrix. Spheres and the caller's own primitives are asked in their own space, and the distance is that of the image
+    /// of their answer: the nearest there is if the matrix keeps angles (rotation and one scale), and under other matrices
+    /// that of a point of theirs, but perhaps not the nearest.
+    ///
+    /// Returns `None` for what means nothing, as [`RayTree::closest_point`](crate::RayTree::closest_point). Takes
+    /// O(log n) for points near something; a tree that is placed with very different scales along its axes is searched
+    /// farther than needed, by the quotient of the scales.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Pose, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// // One that rises by 2, and one three times as large, at x = 10.
+    /// let up = [0.0, 2.0].map(|z| Pose { translation: DVec3::Z * z, ..Pose::IDENTITY });
+    /// let large = Pose { scale: DVec3::splat(3.0), translation: DVec3::X * 10.0, ..Pose::IDENTITY };
+    /// let tree = InstanceTree::build(
+    ///     vec![Instance::new(of.clone(), up.to_vec()), Instance::new(of, large)],
+    ///     &WideParams::default(),
+    /// )?;
+    /// let found = tree.closest_point(Vec3::new(0.25, 0.25, 3.0), 0.5, f32::INFINITY).unwrap();
+    /// assert_eq!((&found.path[..], found.near.distance, found.near.point), (&[0][..], 2.0, DVec3::new(0.25, 0.25, 1.0)));
+    /// let found = tree.closest_point(Vec3::new(11.5, 0.75, -1.0), 0.5, 5.0).unwrap();
+    /// assert_eq!((&found.path[..], found.near.distance, found.near.u, found.near.v), (&[1][..], 1.0, 0.5, 0.25));
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
+    pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<InstancePoint> {
+        self.nearest(ClosestPointQuery { point: point.into(), time, max_distance }, Look::Plain)
+    }
+
+    /// [`InstanceTree::closest_point`] among the points that `accept` accepts in instances whose
+    /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose masks do. `accept` must be pure: it is asked
+    /// about some points only.
+    pub fn closest_point_filtered(
+        &self,
+        query: &ClosestPointQuery,
+        mask: u32,
+        accept: impl Fn(&InstancePoint) -> bool,
+    ) -> Option<InstancePoint> {
+        self.nearest(*query, Look::Filtered { mask, accept: &accept })
+    }
+
+    /// [`InstanceTree::closest_point`], telling `observer` what it does, as
+    /// [`InstanceTree::closest_hit_observed`] does.
+    pub fn closest_point_observed(
+        &self,
+        query: &ClosestPointQuery,
+        observer: &mut impl Observer,
+    ) -> Option<InstancePoint> {
+        self.nearest(*query, Look::Observed(observer))
+    }
+
+    /// [`InstanceTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
+    /// order.
+    pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<InstancePoint>>) {
+        answer_each(queries, answers, |_, query| self.nearest(*query, Look::Plain));
+    }
+
+    /// [`InstanceTree::closest_point_filtered`] for many queries, in parallel. `answers` is cleared and gets one answer per
+    /// query, in order. `accept` gets the place of the query in `queries` with each point; it must be pure, and is called from any thread.
+    pub fn closest_points_filtered(
+        &self,
+        queries: &[ClosestPointQuery],
+        mask: u32,
+        accept: impl Fn(usize, &InstancePoint) -> bool + Sync,
+        answers: &mut Vec<Option<InstancePoint>>,
+    ) {
+        answer_each(queries, answers, |i, query| self.closest_point_filtered(query, mask, |near| accept(i, near)));
+    }
+
+    fn nearest(&self, query: ClosestPointQuery, mut look: Look<'_, InstancePoint>) -> Option<InstancePoint> {
+        self.nearest_from(&query.into(), InstancePath::default(), &mut look)
+    }
+
+    /// The nearest point where this tree is placed, named by a path that goes on from `path`.
+    fn nearest_from(
+        &self,
+        query: &PlacedQuery,
+        path: InstancePath,
+        look: &mut Look<'_, InstancePoint>,
+    ) -> Option<InstancePoint> {
+        let in_tree = Query::new(query, *self.placements.frame())?;
+        let mut leaves = InInstances { of: self, query: *query, path, look, best: None };
+        dispatch(self.simd, NearestFirst { tree: &self.wide, query: &in_tree, leaves: &mut leaves });
+        leaves.best
+    }
+}
+
+impl InstanceOf {
+    fn nearest(
+        &self,
+        query: &PlacedQuery,
+        path: InstancePath,
+        look: &mut Look<'_, InstancePoint>,
+    ) -> Option<InstancePoint> {
+        let tree = match self {
+            InstanceOf::Tree(tree) => tree,
+            InstanceOf::Instances(tree) => return tree.nearest_from(query, path, look),
+        };
+        let near = match look {
+            Look::Plain => tree.closest_point_of(*query),
+            Look::Filtered { mask, accept } => {
+                let accept = |&near: &_| accept(&InstancePoint { path, near });
+                tree.closest_point_guarded(query, Guards::filtered(*mask, &accept))
+            }
+            Look::Observed(observer) => tree.closest_point_guarded(query, Guards::observed(*observer)),
+        };
+        near.map(|near| InstancePoint { path, near })
+    }
+}
+
+/// Leaves of one instance each.
+struct InInstances<'a, 'b> {
+    of: &'a InstanceTree,
+    /// The query, for what is no farther than the best.
+    query: PlacedQuery,
+    path: InstancePath,
+    look: &'a mut Look<'b, InstancePoint>,
+    best: Option<InstancePoint>,
+}
+
+impl Leaves for InInstances<'_, '_> {
+    #[inline]
+    fn limit(&self) -> f32 {
+        self.query.query.max_distance
+    }
+
+    #[inline]
+    fn node(&mut self) {
+        self.look.observe(|observer| observer.node());
+    }
+
+    #[inline]
+    fn leaf<S: Simd>(&mut self, _: S, leaf: ChildRef) {
+        self.look.observe(|observer| observer.leaf());
+        for &id in &self.of.wide.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
+            self.ask(id);
+        }
+    }
+}
+
+impl InInstances<'_, '_> {
+    /// Asks what an instance places.
+    fn ask(&mut self, id: u32) {
+        let PlacedQuery { query, placed } = self.query;
+        let set = &self.of.placements;
+        let one = &set.placed[id as usize];
+        if !(one.active.contains(query.time) && self.look.sees(one.mask)) {
+            return;
+        }
+        let matrix = set.motions.matrix(&one.motion, f64::from(query.time));
+        let placed = Some(Placement::then(placed.as_ref(), matrix));
+        let tree = &self.of.trees[one.tree as usize];
+        let Some(found) = tree.nearest(&PlacedQuery { query, placed }, self.path.then(id), self.look) else { return };
+        let order = |found: &InstancePoint| (found.near.distance, found.path);
+        if self.best.is_none_or(|best| order(&found) < order(&best)) {
+            self.best = Some(found);
+            self.query.query.max_distance = found.near.distance;
+        }
+    }
+}

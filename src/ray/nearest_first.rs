@@ -1,0 +1,83 @@
+//! The way to what is nearest to a point, through any wide tree: boxes in the order of their distances, until what is left is
+//! farther away than what was found. What leaves are is told by [`Leaves`]: primitives, subtrees that are built on demand,
+//! instances.
+
+use super::closest_point::Query;
+use crate::layout::{ChildRef, WideTree};
+use crate::simd::{Kernel, Mask, Simd};
+use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
+use core::ops::ControlFlow;
+
+/// What the leaves of a tree are, and what was found in them so far.
+pub(crate) trait Leaves {
+    /// The greatest distance that still counts.
+    fn limit(&self) -> f32;
+    /// A node is about to be tested.
+    fn node(&mut self);
+    /// Looks at a leaf.
+    fn leaf<S: Simd>(&mut self, s: S, leaf: ChildRef);
+}
+
+/// The way through a tree, to be dispatched to an instruction set.
+pub(crate) struct NearestFirst<'a, L> {
+    pub tree: &'a WideTree,
+    pub query: &'a Query,
+    pub leaves: &'a mut L,
+}
+
+impl<L: Leaves> Kernel for NearestFirst<'_, L> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let NearestFirst { tree, query, leaves } = self;
+        if tree.root == ChildRef::NOTHING {
+            return;
+        }
+        let mut memory = StackOf::new();
+        let mut cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
+        let traversal = WideTraversal::new(&tree.arena);
+        let cull = query.cull(leaves.limit());
+        let mut search = Search { query, cull, leaves };
+        while traversal.advance(s, &mut cursor, &mut search).is_continue() {}
+    }
+}
+
+/// A search on its way.
+struct Search<'a, L> {
+    query: &'a Query,
+    /// [`Query::cull`] of what still counts.
+    cull: f32,
+    leaves: &'a mut L,
+}
+
+impl<S: Simd, L: Leaves> WideQuery<S> for Search<'_, L> {
+    const ORDERED: bool = true;
+
+    #[inline(always)]
+    fn time(&self) -> f32 {
+        self.query.time
+    }
+
+    #[inline(always)]
+    fn node(&mut self) {
+        self.leaves.node();
+    }
+
+    #[inline(always)]
+    fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
+        self.query.enter::<S, ROWS>(s, block, self.cull)
+    }
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.cull
+    }
+
+    #[inline(always)]
+    fn leaf(&mut self, s: S, leaf: ChildRef) -> ControlFlow<()> {
+        self.leaves.leaf(s, leaf);
+        self.cull = self.query.cull(self.leaves.limit());
+        ControlFlow::Continue(())
+    }
+}
