@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .collect::<Result<_, mbkd::IntervalError>>()?;
     let tree = PointTree::build(&sparks, &PointParams::default())?;
-    println!("{} sparks\n{}", tree.len(), tree.stats());
+    println!("{} sparks\n{}", tree.len(), tree.statistics());
 
     // The buffer makes the loop free of allocations.
     let mut buffer = NeighborBuffer::new();

@@ -86,8 +86,8 @@ pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, KdParams, LazyParams, Policy, WideParams};
 pub use point::{
     Approach, BulkQuery, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer,
-    NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStats, PointParams,
-    PointStats, PointStructure, PointTree, Radii, TreePoint, WithinIter, certified_duration,
+    NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStatistics,
+    PointParams, PointStatistics, PointStructure, PointTree, Radii, TreePoint, WithinIter, certified_duration,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,

@@ -198,7 +198,7 @@ fn static_tables(args: &Args) {
                 ms(build[1]),
                 ms(build[2]),
                 build[1].min(build[2]) / build[0],
-                tree.stats().bytes() as f64 / n as f64
+                tree.statistics().bytes() as f64 / n as f64
             );
             let radius = radius_for(&tree, &at, 40);
             let mut peers = Vec::new();
@@ -348,10 +348,10 @@ fn moving_tables(args: &Args) {
         }
         println!("{row}:{rivals}");
         for (((tree, build), structure), text) in trees.iter().zip(&structures).zip(&table) {
-            let bytes = tree.stats().bytes() as f64 / n as f64;
+            let bytes = tree.statistics().bytes() as f64 / n as f64;
             println!("  {structure:?}:{text}; build {build:.0} ms, {bytes:.0} bytes per point");
         }
-        for layer in &trees[0].0.stats().layers {
+        for layer in &trees[0].0.statistics().layers {
             println!("      {:?}, {} points: {}", layer.kind, layer.points, layer.why);
         }
         if args.structures {
@@ -457,9 +457,9 @@ fn lives_tables(args: &Args) {
         }
     }
     for (((tree, _), structure), text) in trees.iter().zip(&structures).zip(&table) {
-        println!("  {structure:?}:{text}; {:.0} bytes per point", tree.stats().bytes() as f64 / n as f64);
+        println!("  {structure:?}:{text}; {:.0} bytes per point", tree.statistics().bytes() as f64 / n as f64);
     }
-    println!("      {}", trees[0].0.stats().layers.last().map_or("", |l| &l.why));
+    println!("      {}", trees[0].0.statistics().layers.last().map_or("", |l| &l.why));
 }
 
 fn main() {

@@ -60,7 +60,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let [single, double] = builds.map(median);
         println!("{name}: build {:.0} and {:.0} ms, {:.2} times", single / 1e6, double / 1e6, double / single);
         let trees = [build(true)?, build(false)?];
-        let [single, double] = [&trees[0], &trees[1]].map(|tree| tree.stats().bytes() as f64 / count as f64);
+        let [single, double] = [&trees[0], &trees[1]].map(|tree| tree.statistics().bytes() as f64 / count as f64);
         println!("{name}: {single:.0} and {double:.0} bytes per point");
         let queries: Vec<(DVec3, f32)> = (0..QUERIES).map(|_| (random.vec(), random.unit() as f32)).collect();
         let mut buffer = NeighborBuffer::new();

@@ -49,7 +49,7 @@ fn check(name: &str, cloud: &Cloud) {
     let set = PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] };
     for structure in [PointStructure::Automatic, PointStructure::Linear, PointStructure::Mbkd] {
         let tree = PointTree::build(&set, &PointParams { structure, ..PointParams::default() }).unwrap();
-        println!("{name}: {} points\n{}", cloud.len(), tree.stats());
+        println!("{name}: {} points\n{}", cloud.len(), tree.statistics());
         let mut rng = Rng(17);
         for _ in 0..25 {
             let time = rng.unit();

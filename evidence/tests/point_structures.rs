@@ -28,7 +28,7 @@ fn counts(simd: SimdLevel) -> String {
         let queries = queries(&points, asked, 2);
         for (label, structure) in STRUCTURES {
             let tree = PointTree::build(&points, &PointParams { structure, simd, ..PointParams::default() }).unwrap();
-            for layer in &tree.stats().layers {
+            for layer in &tree.statistics().layers {
                 let kind = format!("{:?}", layer.kind).to_lowercase();
                 text += &format!(
                     "{name},{label},{kind},{},{},{},{}\n",

@@ -126,9 +126,9 @@ class InstanceTree:
         """Bytes of everything, each tree that is placed counted once."""
         return self._tree.nbytes
 
-    def stats(self) -> str:
+    def statistics(self) -> str:
         """What the build made, as text."""
-        return self._tree.stats()
+        return self._tree.statistics()
 
     def __repr__(self) -> str:
         return f"<InstanceTree of {len(self)} instances, {self.nbytes / 1e6:.1f} MB>"

@@ -149,9 +149,9 @@ class PointTree:
         """Bytes that the tree takes."""
         return self._tree.nbytes
 
-    def stats(self) -> str:
+    def statistics(self) -> str:
         """What the tree consists of, and why, as text."""
-        return self._tree.stats()
+        return self._tree.statistics()
 
     def __repr__(self) -> str:
         return f"<PointTree of {self.n} points, {self.nbytes / 1e6:.1f} MB>"

@@ -141,9 +141,9 @@ class RayTree:
         """Bytes that the tree and its triangles take."""
         return self._tree.nbytes
 
-    def stats(self) -> str:
+    def statistics(self) -> str:
         """What the build made, as text."""
-        return self._tree.stats()
+        return self._tree.statistics()
 
     def __repr__(self) -> str:
         return f"<RayTree, {self.nbytes / 1e6:.1f} MB>"

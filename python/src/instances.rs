@@ -84,7 +84,7 @@ impl Instances {
     }
 
     /// What the build made, in numbers.
-    fn stats(&self) -> String {
+    fn statistics(&self) -> String {
         format!("{:#?}", self.tree.statistics())
     }
 

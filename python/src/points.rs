@@ -104,12 +104,12 @@ impl Points {
     /// Bytes that the tree takes.
     #[getter]
     fn nbytes(&self) -> usize {
-        self.tree.stats().bytes()
+        self.tree.statistics().bytes()
     }
 
     /// What the tree consists of, and why.
-    fn stats(&self) -> String {
-        format!("{:#?}", self.tree.stats())
+    fn statistics(&self) -> String {
+        format!("{:#?}", self.tree.statistics())
     }
 
     /// Distances and ids `(m, k)` of the k nearest points of each query, nearest first; `inf` and n where there are none.

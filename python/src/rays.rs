@@ -131,7 +131,7 @@ impl Rays {
     }
 
     /// What the build made, in numbers.
-    fn stats(&self) -> String {
+    fn statistics(&self) -> String {
         format!("{:#?}", self.tree.statistics())
     }
 

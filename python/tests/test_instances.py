@@ -72,7 +72,7 @@ def test_poses_masks_lifetimes_and_nesting():
     assert (inner.path[some, 2:] == -1).all() and (inner.path[~some] == -1).all()
     assert not nested.intersects_any(ORIGINS, DIRECTIONS, mask=2, time=0.75).any()
     np.testing.assert_array_equal(nested.closest_hits(ORIGINS, DIRECTIONS, mask=1).t, tree.closest_hits(ORIGINS, DIRECTIONS).t)
-    assert len(nested) == 2 and nested.nbytes > tree.nbytes and "InstanceTree" in repr(nested) and nested.stats()
+    assert len(nested) == 2 and nested.nbytes > tree.nbytes and "InstanceTree" in repr(nested) and nested.statistics()
 
 
 def test_what_can_not_be_placed_is_an_error():

@@ -1,6 +1,6 @@
 //! Bounding spheres of primitives, one after the other.
 
-use crate::geometry::Box3;
+use crate::geometry::{Box3, ULP};
 use crate::ray::TreeRay;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 
@@ -32,7 +32,8 @@ impl FromIterator<Box3> for Spheres {
             if let Some(block) = spheres.blocks.last_mut() {
                 let centre = b.min * 0.5 + b.max * 0.5;
                 (block.x[lane], block.y[lane], block.z[lane]) = (centre.x, centre.y, centre.z);
-                block.radius[lane] = (b.max - b.min).length();
+                let rounding = 4.0 * ULP * b.min.abs().max(b.max.abs()).max_element();
+                block.radius[lane] = 0.5625 * (b.max - b.min).length() + rounding;
             }
             spheres.len += 1;
         }
@@ -43,8 +44,9 @@ impl FromIterator<Box3> for Spheres {
 impl Spheres {
     /// Calls `visit` with the numbers of all that the ray's line may meet, in order.
     ///
-    /// The distance of a centre from the line is off by a few 2^-24 of its distance from the origin. A thousandth of that, and
-    /// radii twice as large as need be, leave room for all rounding here and in the tests of primitives.
+    /// The distance of a centre from the line is off by a few 2^-24 of its distance from the origin. A thousandth of that, the
+    /// ray's own slack, and radii larger than need be by an eighth and 4 ULP, leave room for all rounding here and in the tests
+    /// of primitives.
     pub fn near(&self, ray: &TreeRay, visit: impl FnMut(u32)) {
         dispatch(SimdLevel::best(), Near { spheres: self, ray, visit });
     }

@@ -4,7 +4,7 @@ use super::hit::{InstanceHit, InstancePath};
 use super::query::Look;
 use super::tree::InstanceTree;
 use crate::geometry::Ray;
-use crate::ray::{Observer, in_parallel};
+use crate::ray::{Observer, answer_each};
 use core::ops::ControlFlow;
 
 impl InstanceTree {
@@ -67,21 +67,52 @@ impl InstanceTree {
 
     /// [`InstanceTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<InstanceHit>>) {
-        self.batch(rays, hits, None, |ray| self.closest_hit(ray));
+        answer_each(rays, hits, |_, ray| self.closest_hit(ray));
     }
 
     /// [`InstanceTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
-        self.batch(rays, hits, false, |ray| self.any_hit(ray));
+        answer_each(rays, hits, |_, ray| self.any_hit(ray));
     }
 
-    fn batch<T: Copy + Send>(&self, rays: &[Ray], answers: &mut Vec<T>, nothing: T, one: impl Fn(&Ray) -> T + Sync) {
-        answers.clear();
-        answers.resize(rays.len(), nothing);
-        in_parallel(rays, answers, |rays: &[Ray], answers: &mut [T]| {
-            for (ray, answer) in rays.iter().zip(answers) {
-                *answer = one(ray);
-            }
-        });
+    /// [`InstanceTree::closest_hit_filtered`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in
+    /// order. `accept` gets the place of the ray in `rays` with each hit; it must be pure, and is called from any thread.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// // Rays that begin in an instance and must not hit it again.
+    /// let begin_in = [0, 1];
+    /// let rays = [1.0, 2.0].map(|z| Ray::new(Vec3::new(0.2, 0.2, z), Vec3::Z));
+    /// let mut hits = Vec::new();
+    /// tree.closest_hits_filtered(&rays, u32::MAX, |i, hit| hit.path[0] != begin_in[i], &mut hits);
+    /// assert_eq!(hits.iter().map(Option::is_some).collect::<Vec<_>>(), [true, false]);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
+    pub fn closest_hits_filtered(
+        &self,
+        rays: &[Ray],
+        mask: u32,
+        accept: impl Fn(usize, &InstanceHit) -> bool + Sync,
+        hits: &mut Vec<Option<InstanceHit>>,
+    ) {
+        answer_each(rays, hits, |i, ray| self.closest_hit_filtered(ray, mask, |hit| accept(i, hit)));
+    }
+
+    /// [`InstanceTree::any_hit_filtered`] for many rays, in parallel, with a filter as that of
+    /// [`InstanceTree::closest_hits_filtered`]. `hits` is cleared and gets one answer per ray, in order.
+    pub fn any_hits_filtered(
+        &self,
+        rays: &[Ray],
+        mask: u32,
+        accept: impl Fn(usize, &InstanceHit) -> bool + Sync,
+        hits: &mut Vec<bool>,
+    ) {
+        answer_each(rays, hits, |i, ray| self.any_hit_filtered(ray, mask, |hit| accept(i, hit)));
     }
 }

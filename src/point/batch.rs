@@ -60,31 +60,89 @@ pub(super) const RUN: usize = 512;
 impl PointTree {
     /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
     pub fn nearest_batch<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<Option<Neighbor>> {
-        let order = self.order(queries);
-        let runs = in_runs(&order, |places| {
-            let one = |&place: &usize| {
-                let (point, time) = queries[place];
-                self.query(point, time).nearest()
-            };
-            places.iter().map(one).collect::<Vec<_>>()
-        });
-        let mut found = vec![None; queries.len()];
-        for (&place, neighbor) in order.iter().zip(runs.into_iter().flatten()) {
-            found[place] = neighbor;
-        }
-        found
+        self.each(queries, |_, query| query.nearest())
+    }
+
+    /// The nearest point of each query among those whose id the predicate accepts for it, as
+    /// [`NeighborQuery::filter`] gives it. `accept` gets the place of the query in `queries` and an id; it must be pure, and is
+    /// called from any thread.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let points = [[0.0f32; 3], [1.0; 3], [3.0; 3]];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let queries: Vec<_> = points.iter().map(|p| (*p, 0.5)).collect();
+    /// // Of each point the nearest other one.
+    /// let others = tree.nearest_batch_filtered(&queries, |query, id| id != query as u32);
+    /// assert_eq!(others.iter().map(|n| n.unwrap().id).collect::<Vec<_>>(), [1, 0, 1]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn nearest_batch_filtered<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        accept: impl Fn(usize, u32) -> bool + Sync,
+    ) -> Vec<Option<Neighbor>> {
+        self.each(queries, |place, query| query.filter(|id| accept(place, id)).nearest())
     }
 
     /// The `k` nearest points of each query, as [`PointTree::nearest_n`] gives them.
     pub fn nearest_n_batch<Q: Position>(&self, queries: &[(Q, f32)], k: usize) -> NeighborLists {
-        self.lists(queries, |query, buffer, out| out.extend_from_slice(query.nearest_n_into(k, buffer)))
+        self.lists(queries, |_, query, buffer, out| out.extend_from_slice(query.nearest_n_into(k, buffer)))
+    }
+
+    /// The `k` nearest points of each query among those that the predicate accepts: see
+    /// [`PointTree::nearest_batch_filtered`].
+    pub fn nearest_n_batch_filtered<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        k: usize,
+        accept: impl Fn(usize, u32) -> bool + Sync,
+    ) -> NeighborLists {
+        self.lists(queries, |place, query, buffer, out| {
+            out.extend_from_slice(query.filter(|id| accept(place, id)).nearest_n_into(k, buffer));
+        })
     }
 
     /// The points within `radius` of each query, in order of (distance, id).
     pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborLists {
-        self.lists(queries, |query, buffer, out| {
+        self.lists(queries, |_, query, buffer, out| {
             out.extend_from_slice(query.radius(radius).collect_sorted_into(buffer));
         })
+    }
+
+    /// The points within `radius` of each query that the predicate accepts, in order of (distance, id): see
+    /// [`PointTree::nearest_batch_filtered`].
+    pub fn within_batch_filtered<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        radius: f32,
+        accept: impl Fn(usize, u32) -> bool + Sync,
+    ) -> NeighborLists {
+        self.lists(queries, |place, query, buffer, out| {
+            let query = query.radius(radius).filter(|id| accept(place, id));
+            out.extend_from_slice(query.collect_sorted_into(buffer));
+        })
+    }
+
+    /// One answer for each query, in the order of the queries.
+    fn each<Q: Position, T: Clone + Default + Send>(
+        &self,
+        queries: &[(Q, f32)],
+        answer: impl Fn(usize, NeighborQuery<'_>) -> T + Sync,
+    ) -> Vec<T> {
+        let order = self.order(queries);
+        let runs = in_runs(&order, |places| {
+            let one = |&place: &usize| {
+                let (point, time) = queries[place];
+                answer(place, self.query(point, time))
+            };
+            places.iter().map(one).collect::<Vec<_>>()
+        });
+        let mut answers = vec![T::default(); queries.len()];
+        for (&place, found) in order.iter().zip(runs.into_iter().flatten()) {
+            answers[place] = found;
+        }
+        answers
     }
 
     fn lists<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> NeighborLists {
@@ -94,7 +152,7 @@ impl PointTree {
             let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(places.len()) };
             for &place in places {
                 let (point, time) = queries[place];
-                answer(self.query(point, time), &mut buffer, &mut run.found);
+                answer(place, self.query(point, time), &mut buffer, &mut run.found);
                 run.ends.push(run.found.len());
             }
             run
@@ -122,7 +180,7 @@ impl PointTree {
 
     /// The order in which queries are answered. In a tree that fits a near cache any order will do.
     fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
-        if self.stats().bytes() <= NEAR {
+        if self.statistics().bytes() <= NEAR {
             return (0..queries.len()).collect();
         }
         let places: Vec<Vec3> = queries.iter().map(|(point, _)| point.relative(self.origin)).collect();
@@ -141,9 +199,9 @@ pub(super) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Se
     order.chunks(RUN).map(one).collect()
 }
 
-/// What is done with one query of a batch: its results are appended.
-trait Answer: Fn(NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync {}
-impl<F: Fn(NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync> Answer for F {}
+/// What is done with one query of a batch, told by its place: its results are appended.
+trait Answer: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync {}
+impl<F: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync> Answer for F {}
 
 /// Answers of a run of queries, one behind the other.
 struct Run {

@@ -9,7 +9,7 @@ use super::plane_file::PlaneRecord;
 use super::plane_tree::PlaneTree;
 use super::precise::{PreciseRecord, PreciseTree};
 use super::static_file::StaticRecord;
-use super::stats::{PointLayerKind, PointLayerStats, PointStats};
+use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use super::tree::PointTree;
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken, require};
 use crate::limits::{MAX_KEYS, MAX_SLABS};
@@ -48,25 +48,25 @@ impl PointTree {
             to.put(self.origin)?;
             to.put(self.len as u64)?;
             to.put((self.layers.len() + self.precise.len()) as u32)?;
-            let (of_layers, of_precise) = self.stats.layers.split_at(self.layers.len());
-            for (layer, stats) in self.layers.iter().zip(of_layers) {
+            let (of_layers, of_precise) = self.statistics.layers.split_at(self.layers.len());
+            for (layer, statistics) in self.layers.iter().zip(of_layers) {
                 match layer {
                     Layer::Still(tree) => {
-                        begin(to, STILL, None, 1, stats)?;
+                        begin(to, STILL, None, 1, statistics)?;
                         tree.encode(to)?;
                     }
                     Layer::Moving(trees) => {
-                        begin(to, MOVING, trees.first().map(|tree| tree.part()), trees.len(), stats)?;
+                        begin(to, MOVING, trees.first().map(|tree| tree.part()), trees.len(), statistics)?;
                         trees.iter().try_for_each(|tree| tree.encode(to))?;
                     }
                     Layer::Planes(trees) => {
-                        begin(to, PLANES, trees.first().map(|tree| tree.part()), trees.len(), stats)?;
+                        begin(to, PLANES, trees.first().map(|tree| tree.part()), trees.len(), statistics)?;
                         trees.iter().try_for_each(|tree| tree.encode(to))?;
                     }
                 }
             }
-            for (layer, stats) in self.precise.iter().zip(of_precise) {
-                begin(to, PRECISE, layer.parts.first().map(PreciseTree::part), layer.parts.len(), stats)?;
+            for (layer, statistics) in self.precise.iter().zip(of_precise) {
+                begin(to, PRECISE, layer.parts.first().map(PreciseTree::part), layer.parts.len(), statistics)?;
                 layer.parts.iter().try_for_each(|tree| tree.encode(to))?;
             }
             Ok(())
@@ -74,7 +74,7 @@ impl PointTree {
     }
 
     /// Writes the tree, whatever its structure, with lives and ids of its points: about as many bytes as
-    /// [`stats`](PointTree::stats) says. They are the same on every machine and for any number of threads of the
+    /// [`statistics`](PointTree::statistics) says. They are the same on every machine and for any number of threads of the
     /// build. `docs/files.md` describes them.
     ///
     /// ```
@@ -117,7 +117,7 @@ impl PointTree {
     /// ```no_run
     /// use mbkd::PointTree;
     /// let tree = PointTree::load("photons.mbkd")?;
-    /// println!("{} points: {}", tree.len(), tree.stats());
+    /// println!("{} points: {}", tree.len(), tree.statistics());
     /// # Ok::<(), mbkd::FileError>(())
     /// ```
     ///
@@ -144,9 +144,9 @@ impl PointTree {
         require(all == Some(len) && len < u64::from(u32::MAX), "it has not as many points as its layers")?;
         let precise = layers.iter().filter(|layer| matches!(layer.trees, Trees::Precise(_))).count();
         require(precise == 0 || precise == layers.len(), "it has points in f32 and in f64")?;
-        let (layers_read, stats, simd) = (layers, PointStats::default(), SimdLevel::best());
+        let (layers_read, statistics, simd) = (layers, PointStatistics::default(), SimdLevel::best());
         let (layers, precise, len) = (Vec::new(), Vec::new(), len as usize);
-        let mut tree = PointTree { origin, simd, layers, precise, stats, len };
+        let mut tree = PointTree { origin, simd, layers, precise, statistics, len };
         for layer in layers_read {
             layer.checked(&mut tree)?;
         }
@@ -160,15 +160,15 @@ fn begin(
     number: u32,
     part: Option<&Part>,
     trees: usize,
-    stats: &PointLayerStats,
+    statistics: &PointLayerStatistics,
 ) -> Result<(), FileError> {
-    let per_segment = match stats.kind {
+    let per_segment = match statistics.kind {
         PointLayerKind::Linear { parts } => parts,
         PointLayerKind::Static | PointLayerKind::Mbkd => 1,
     };
     to.put([number, part.map_or(1, |part| part.keys) as u32, per_segment as u32, trees as u32])?;
-    to.put(stats.points as u64)?;
-    to.array(stats.why.as_bytes())
+    to.put(statistics.points as u64)?;
+    to.array(statistics.why.as_bytes())
 }
 
 impl LayerRecord {

@@ -46,7 +46,7 @@ mod select;
 mod snapshot;
 mod static_file;
 mod static_tree;
-mod stats;
+mod statistics;
 mod tree;
 mod tree_queries;
 mod visit;
@@ -65,6 +65,6 @@ pub use lists::{BulkQuery, Encounter, EncounterLists, ListError, ListQuery, Neig
 pub use neighbor::Neighbor;
 pub use query::{NeighborBuffer, NeighborQuery};
 pub use search::{KeepAll, KeepIf, NeighborWork};
-pub use stats::{PointLayerKind, PointLayerStats, PointStats};
+pub use statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 pub use tree::{PointParams, PointStructure, PointTree};
 pub use visit::TreePoint;

@@ -3,7 +3,7 @@
 use super::build::Source;
 use super::error::PointError;
 use super::partition::Layer;
-use super::stats::PointLayerKind;
+use super::statistics::PointLayerKind;
 use super::tree::{PointParams, PointTree};
 use crate::primitive::PointSet;
 use std::collections::HashMap;

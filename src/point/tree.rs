@@ -8,7 +8,7 @@ use super::moving_reference::Part;
 use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneTree;
 use super::precise::{PreciseLayer, PreciseTree};
-use super::stats::{PointLayerKind, PointLayerStats, PointStats};
+use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
@@ -104,7 +104,7 @@ pub struct PointTree {
     pub(super) layers: Vec<Layer>,
     /// Layers of points in f64; then there are no others.
     pub(super) precise: Vec<PreciseLayer>,
-    pub(super) stats: PointStats,
+    pub(super) statistics: PointStatistics,
     pub(super) len: usize,
 }
 
@@ -128,8 +128,9 @@ impl PointTree {
     /// Builds the tree of what was read.
     fn of(source: &Source, params: &PointParams) -> Result<PointTree, PointError> {
         let (len, keys, origin) = (source.len, source.keys, source.origin);
-        let stats = PointStats::default();
-        let mut tree = PointTree { origin, simd: params.simd, layers: Vec::new(), precise: Vec::new(), stats, len };
+        let statistics = PointStatistics::default();
+        let mut tree =
+            PointTree { origin, simd: params.simd, layers: Vec::new(), precise: Vec::new(), statistics, len };
         if source.is_precise() {
             tree.add_precise(source, params)?;
             return Ok(tree);
@@ -179,7 +180,7 @@ impl PointTree {
 
     /// Takes what is in the tree out, to be filled again.
     pub(super) fn renew(&mut self, origin: DVec3, simd: SimdLevel) {
-        (self.origin, self.simd, self.stats) = (origin, simd, PointStats::default());
+        (self.origin, self.simd, self.statistics) = (origin, simd, PointStatistics::default());
         self.layers.clear();
         self.precise.clear();
     }
@@ -233,7 +234,7 @@ impl PointTree {
             (parts.iter().map(|p| p.references()).sum(), parts.iter().map(|p| p.node_count()).sum());
         let (levels, bytes) =
             (parts.iter().map(|p| p.levels()).max().unwrap_or(0), parts.iter().map(PreciseTree::bytes).sum());
-        self.stats.layers.push(PointLayerStats { kind, points, references, nodes, levels, bytes, why });
+        self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, bytes, why });
         self.precise.push(PreciseLayer { parts });
     }
 
@@ -252,7 +253,7 @@ impl PointTree {
                 parts.iter().map(|p| p.depth()).max().unwrap_or(0),
             ),
         };
-        self.stats.layers.push(PointLayerStats { kind, points, references, nodes, levels, bytes, why });
+        self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, bytes, why });
         self.layers.push(layer);
     }
 
@@ -278,7 +279,7 @@ impl PointTree {
             return None;
         }
         let layers = self.layers.iter().map(boxed).collect();
-        Some(PointTree { layers, precise: self.precise.clone(), stats: self.stats.clone(), ..*self })
+        Some(PointTree { layers, precise: self.precise.clone(), statistics: self.statistics.clone(), ..*self })
     }
 
     /// Number of points.
@@ -292,8 +293,8 @@ impl PointTree {
     }
 
     /// What the tree consists of, and why.
-    pub fn stats(&self) -> &PointStats {
-        &self.stats
+    pub fn statistics(&self) -> &PointStatistics {
+        &self.statistics
     }
 
     /// The position in the caller's coordinates that limits of magnitude and f32 positions are relative to: zero for
@@ -305,7 +306,10 @@ impl PointTree {
 
 impl core::fmt::Debug for PointTree {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("PointTree").field("len", &self.len).field("stats", &self.stats).finish_non_exhaustive()
+        f.debug_struct("PointTree")
+            .field("len", &self.len)
+            .field("statistics", &self.statistics)
+            .finish_non_exhaustive()
     }
 }
 

@@ -77,14 +77,34 @@ pub(crate) fn answer_in_order<T: Copy + Send>(
 
 /// Answers queries in the order in which they are; `fill` those of one task.
 pub(crate) fn in_parallel<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(&[Q], &mut [T]) + Sync) {
+    in_tasks(queries, answers, |_, queries, answers| fill(queries, answers));
+}
+
+/// Answers queries one by one in the order in which they are; `one` also gets the place of each. `answers` is cleared first.
+pub(crate) fn answer_each<Q: Sync, T: Copy + Default + Send>(
+    queries: &[Q],
+    answers: &mut Vec<T>,
+    one: impl Fn(usize, &Q) -> T + Sync,
+) {
+    answers.clear();
+    answers.resize(queries.len(), T::default());
+    in_tasks(queries, answers, |first, queries, answers| {
+        for (i, (query, answer)) in queries.iter().zip(answers).enumerate() {
+            *answer = one(first + i, query);
+        }
+    });
+}
+
+/// Calls `fill` with the queries of each task, their answers, and the place of the first.
+fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(usize, &[Q], &mut [T]) + Sync) {
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
-        let tasks = queries.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK));
-        tasks.for_each(|(queries, answers)| fill(queries, answers));
+        let tasks = queries.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK)).enumerate();
+        tasks.for_each(|(task, (queries, answers))| fill(task * CHUNK, queries, answers));
     }
     #[cfg(not(feature = "rayon"))]
-    fill(queries, answers);
+    fill(0, queries, answers);
 }
 
 /// Looks at some pairs of successive rays.

@@ -1,6 +1,6 @@
 //! Nearest points as callers ask for them.
 
-use super::batch_order::in_parallel;
+use super::batch_order::answer_each;
 use super::closest_point::{ClosestPoint, ClosestPointQuery};
 use super::compiled::Guards;
 use super::observer::Observer;
@@ -77,12 +77,6 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<ClosestPoint>>) {
-        answers.clear();
-        answers.resize(queries.len(), None);
-        in_parallel(queries, answers, |queries: &[ClosestPointQuery], answers: &mut [Option<ClosestPoint>]| {
-            for (query, answer) in queries.iter().zip(answers) {
-                *answer = (self.queries.closest_point)(self.target(), query);
-            }
-        });
+        answer_each(queries, answers, |_, query| (self.queries.closest_point)(self.target(), query));
     }
 }

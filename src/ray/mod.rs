@@ -10,6 +10,7 @@ mod closest_point_queries;
 mod collect;
 mod compiled;
 mod filter;
+mod filtered_batches;
 mod hit;
 mod in_file;
 mod interleave;
@@ -42,7 +43,7 @@ pub use crate::params::{BuildParams, Division, KdParams, LazyParams, Policy, Wid
 pub use crate::primitive::Intersection;
 pub use crate::simd::SimdLevel;
 pub use crate::traverse::Visitor;
-pub(crate) use batch_order::{Space, answer_in_order, in_parallel};
+pub(crate) use batch_order::{Space, answer_each, answer_in_order, in_parallel};
 pub(crate) use closest_point::closest_point_of_all;
 pub use closest_point::{ClosestPoint, ClosestPointQuery};
 pub(crate) use filter::{Everything, Filter, Visible};

@@ -163,8 +163,8 @@ fn trees_come_back_bit_for_bit() {
         assert!(file(&again) == bytes, "{name}: written again it is another file");
         assert_eq!(answers(&again, 24, 5), answers(&tree, 24, 5), "{name}");
         assert_eq!((again.len(), again.origin()), (tree.len(), tree.origin()), "{name}");
-        for (new, old) in again.stats().layers.iter().zip(&tree.stats().layers) {
-            let counts = |s: &mbkd::PointLayerStats| (s.kind, s.points, s.references, s.nodes, s.levels);
+        for (new, old) in again.statistics().layers.iter().zip(&tree.statistics().layers) {
+            let counts = |s: &mbkd::PointLayerStatistics| (s.kind, s.points, s.references, s.nodes, s.levels);
             assert_eq!((counts(new), &new.why), (counts(old), &old.why), "{name}");
         }
         let (mut new, mut old) = (again, tree);

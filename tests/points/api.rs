@@ -45,6 +45,33 @@ fn batches_equal_single_queries_for_any_number_of_threads() {
     assert!(tree.nearest_n_batch(&empty, 3).is_empty() && tree.nearest_batch(&empty).is_empty());
 }
 
+#[test]
+fn filtered_batches_are_single_filtered_queries() {
+    for (kind, count) in [("random", 4000), ("short lives", 1000)] {
+        let mut rng = Rng(9);
+        let cloud = cloud(kind, count, &mut rng);
+        // Every query has a predicate of its own.
+        let accept = |query: usize, id: u32| id as usize % 3 != query % 3;
+        let mut queries: Vec<(Vec3, f32)> = (0..1500).map(|_| (rng.vec(), rng.unit())).collect();
+        queries[7] = (Vec3::NAN, 0.5);
+        for structure in STRUCTURES {
+            let tree = tree_of(&cloud, structure);
+            let nearest = tree.nearest_batch_filtered(&queries, accept);
+            let lists = tree.nearest_n_batch_filtered(&queries, 6, accept);
+            let within = tree.within_batch_filtered(&queries, 0.2, accept);
+            for (i, (q, t)) in queries.iter().enumerate() {
+                let query = tree.query(*q, *t).filter(|id| accept(i, id));
+                assert_eq!(nearest[i], query.nearest(), "{kind}, {structure:?}");
+                assert_eq!(lists.get(i), query.nearest_n(6), "{kind}, {structure:?}");
+                assert_eq!(within.get(i), query.radius(0.2).collect_sorted(), "{kind}, {structure:?}");
+            }
+            assert!(
+                nearest[7].is_none() && nearest.iter().flatten().count() > 1000 && within.iter().any(|l| l.len() > 1)
+            );
+        }
+    }
+}
+
 /// The closest approach by looking at every point, in f64, segment by segment.
 fn approach(cloud: &Cloud, from: Vec3, to: Vec3, interval: TimeInterval) -> Option<(f64, u32)> {
     let segments = (cloud.keys.len() - 1).max(1);
@@ -256,7 +283,7 @@ fn trees_and_choices_do_not_depend_on_threads() {
                 let tree = tree_of(&cloud, PointStructure::Automatic);
                 let mut rng = Rng(6);
                 let work: Vec<_> = (0..200).map(|_| tree.query(rng.vec(), rng.unit()).work(8)).collect();
-                (tree.stats().clone(), work)
+                (tree.statistics().clone(), work)
             })
         };
         assert_eq!(build(1), build(4), "{kind}");
@@ -296,8 +323,8 @@ const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
 fn automatic_says_what_and_why() {
     let kinds = |kind: &str| {
         let tree = tree_of(&cloud(kind, 40_000, &mut Rng(9)), PointStructure::Automatic);
-        println!("{kind}\n{}", tree.stats());
-        tree.stats().clone()
+        println!("{kind}\n{}", tree.statistics());
+        tree.statistics().clone()
     };
     let coherent = kinds("coherent");
     assert_eq!(coherent.layers[0].kind, PointLayerKind::Linear { parts: 1 });

@@ -172,11 +172,11 @@ fn f32_numbers_given_in_f64_are_f32_points() {
         PointTree::build(&points, &PointParams::default()).unwrap(),
         PointTree::build(&wide, &PointParams::default()).unwrap(),
     ];
-    assert_eq!((a.stats(), a.origin()), (b.stats(), b.origin()));
+    assert_eq!((a.statistics(), a.origin()), (b.statistics(), b.origin()));
     let more: Vec<[f64; 3]> = wide.iter().map(|p| p.map(|x| x + 1e-12)).collect();
     let precise = PointTree::build(&more, &PointParams::default()).unwrap();
-    assert_eq!(precise.stats().layers[0].kind, PointLayerKind::Static);
-    assert!(precise.stats().bytes() > a.stats().bytes());
+    assert_eq!(precise.statistics().layers[0].kind, PointLayerKind::Static);
+    assert!(precise.statistics().bytes() > a.statistics().bytes());
 }
 
 /// Sees whether boxes hold what is in them.

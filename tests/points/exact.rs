@@ -194,7 +194,7 @@ fn every_point_is_in_exactly_one_place_at_every_crossing() {
     for structure in [PointStructure::Mbkd] {
         let params = PointParams { structure, max_references: 16.0, ..PointParams::default() };
         let tree = PointTree::build(&points, &params).unwrap();
-        assert!(tree.stats().references_per_point() > 1.3, "nothing was cut: {}", tree.stats());
+        assert!(tree.statistics().references_per_point() > 1.3, "nothing was cut: {}", tree.statistics());
         for i in 0..1000 {
             // Crossing times are floats like these; the count would be off by one at any of them.
             let time = if i < 3 { i as f32 * 0.5 } else { rng.unit() };
@@ -239,9 +239,9 @@ fn a_set_that_stands_still_has_the_static_structure() {
     let mut rng = Rng(5);
     let cloud = cloud("uniform", 1000, &mut rng);
     for structure in STRUCTURES {
-        let stats = build(&cloud, structure, SimdLevel::best()).stats().clone();
-        assert_eq!((stats.layers.len(), stats.layers[0].kind), (1, PointLayerKind::Static), "{stats}");
-        assert_eq!(stats.references_per_point(), 1.0);
+        let statistics = build(&cloud, structure, SimdLevel::best()).statistics().clone();
+        assert_eq!((statistics.layers.len(), statistics.layers[0].kind), (1, PointLayerKind::Static), "{statistics}");
+        assert_eq!(statistics.references_per_point(), 1.0);
     }
 }
 
@@ -256,7 +256,7 @@ fn a_guess_does_not_count_what_another_layer_has_found() {
     let points: Vec<MovingPoint> = (0..9000).map(&mut point).collect();
     for simd in SimdLevel::available() {
         let tree = PointTree::build(&points, &PointParams { simd, ..PointParams::default() }).unwrap();
-        assert_eq!(tree.stats().layers.len(), 2);
+        assert_eq!(tree.statistics().layers.len(), 2);
         let keep = |id: u32| id >= 6000 || id % 1500 == 7;
         for _ in 0..300 {
             let (q, time) = (rng.vec(), rng.unit());

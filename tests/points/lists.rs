@@ -58,6 +58,7 @@ fn along(d: f32, period: Option<f32>) -> f32 {
 fn compare_all(own: &Cloud, among: &Cloud, ask: &Question) -> Vec<Vec<Entry>> {
     let mut lists = vec![Vec::new(); own.len()];
     let square = |r: f32| (r * r).min(f32::MAX);
+    let places: Vec<Vec3> = (0..among.len()).map(|j| among.at(j, ask.time)).collect();
     for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.alive[*i].contains(ask.time)) {
         let p = own.at(i, ask.time);
         for j in (0..among.len()).filter(|&j| among.alive[j].contains(ask.time)) {
@@ -66,7 +67,7 @@ fn compare_all(own: &Cloud, among: &Cloud, ask: &Question) -> Vec<Vec<Entry>> {
                 Radii::Own(own) => square(own[i]),
                 Radii::Larger { own, others } => square(own[i]).max(square(others[j])),
             };
-            let d = among.at(j, ask.time) - p;
+            let d = places[j] - p;
             let way = [0, 1, 2].map(|axis| along(d[axis], ask.periods[axis]));
             let distance = (way[0] * way[0] + way[1] * way[1]) + way[2] * way[2];
             let wanted = if ask.once { j > i } else { ask.other || j != i };
@@ -169,23 +170,24 @@ fn larger_sets_and_all_numbers_of_threads() {
     for kind in ["uniform", "random", "short lives"] {
         let mut rng = Rng(7);
         let cloud = cloud(kind, 3_000, &mut rng);
-        for structure in [PointStructure::Automatic, PointStructure::Mbkd] {
-            let tree = build(&cloud, structure, SimdLevel::best());
-            let time = rng.unit();
-            let own = radii(&cloud, 0.1, &mut rng);
-            let questions = [
-                Question::plain(time, 0.2),
-                Question { periods: [Some(2.0); 3], ..Question::plain(time, 0.2) },
-                Question { radii: Radii::Larger { own: &own, others: &own }, ..Question::plain(time, 0.0) },
-            ];
-            for ask in &questions {
+        let time = rng.unit();
+        let own = radii(&cloud, 0.1, &mut rng);
+        let questions = [
+            Question::plain(time, 0.2),
+            Question { periods: [Some(2.0); 3], ..Question::plain(time, 0.2) },
+            Question { radii: Radii::Larger { own: &own, others: &own }, ..Question::plain(time, 0.0) },
+        ];
+        let trees = [PointStructure::Automatic, PointStructure::Mbkd].map(|s| build(&cloud, s, SimdLevel::best()));
+        for ask in &questions {
+            let expected = compare_all(&cloud, &cloud, ask);
+            for tree in &trees {
                 let mut one = NeighborCsr::new();
-                check([&tree; 2], [&cloud; 2], ask, &mut one, kind);
+                check_against(&expected, [tree; 2], &cloud, ask, &mut one, kind);
                 for threads in [1, 3] {
                     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                     let mut lists = NeighborCsr::new();
-                    pool.install(|| ask.ask(&tree, &tree).with_displacements().run(&mut lists)).unwrap();
-                    ask.ask(&tree, &tree).with_displacements().run(&mut one).unwrap();
+                    pool.install(|| ask.ask(tree, tree).with_displacements().run(&mut lists)).unwrap();
+                    ask.ask(tree, tree).with_displacements().run(&mut one).unwrap();
                     assert_eq!(lists.points(), one.points());
                     assert_eq!(lists.offsets(), one.offsets());
                     assert_eq!(lists.ids(), one.ids());

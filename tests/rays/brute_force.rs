@@ -1,7 +1,7 @@
 //! Every query equals brute force over the same kernel, bit for bit: property tests with shrinking on
 //! soups on a grid, where flat, touching and coincident things are the rule.
 
-use crate::common::{Random, difference, grid, random_ray, soup, variants};
+use crate::common::{Random, assert_equal, difference, grid, random_ray, soup, trees, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
@@ -90,12 +90,12 @@ proptest! {
     #[test]
     fn soups_on_a_grid(meshes in prop::collection::vec(grid_mesh(), 1..4), rays in prop::collection::vec(grid_ray(), 24)) {
         let oracle = BruteForce::new(&meshes).unwrap();
-        for params in variants() {
-            let tree = RayTree::build(&meshes, &eager(params)).unwrap();
+        let trees = trees(|params| RayTree::build(&meshes, &eager(*params)).unwrap());
+        for (params, tree) in &trees {
             prop_assert_eq!(tree.validate(), Ok(()), "{:?}", params);
-            for ray in &rays {
-                prop_assert_eq!(difference(&tree, &oracle, ray), None, "{:?}", params);
-            }
+        }
+        for ray in &rays {
+            assert_equal(&trees, &oracle, ray);
         }
     }
 
@@ -103,11 +103,9 @@ proptest! {
     fn at_every_crossing_time(mesh in grid_mesh(), ray in grid_ray()) {
         let times = crossing_times(&mesh);
         let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
-        for params in variants() {
-            let tree = RayTree::build(std::slice::from_ref(&mesh), &eager(params)).unwrap();
-            for &time in times.iter().chain(&[0.0, 1.0]) {
-                prop_assert_eq!(difference(&tree, &oracle, &ray.at_time(time)), None, "{:?}", params);
-            }
+        let trees = trees(|params| RayTree::build(std::slice::from_ref(&mesh), &eager(*params)).unwrap());
+        for &time in times.iter().chain(&[0.0, 1.0]) {
+            assert_equal(&trees, &oracle, &ray.at_time(time));
         }
     }
 
@@ -117,12 +115,12 @@ proptest! {
         let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
         let mut random = Random(seed ^ 1);
         let rays: Vec<Ray> = (0..40).map(|_| random_ray(&mut random, 2.0)).collect();
-        for params in variants() {
-            let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
+        let trees = trees(|params| RayTree::build(std::slice::from_ref(&mesh), params).unwrap());
+        for (params, tree) in &trees {
             prop_assert_eq!(tree.validate(), Ok(()), "{:?}", params);
-            for ray in &rays {
-                prop_assert_eq!(difference(&tree, &oracle, ray), None, "{:?}", params);
-            }
+        }
+        for ray in &rays {
+            assert_equal(&trees, &oracle, ray);
         }
     }
 }
@@ -150,22 +148,20 @@ fn moving_spheres() {
         check_primitive(ball, 300).unwrap();
     }
     let oracle = BruteForce::of_primitives(balls.clone()).unwrap();
-    for params in variants() {
-        let tree = RayTree::of_primitives(balls.clone(), &params).unwrap();
-        let mut random = Random(8);
-        for i in 0..20_000 {
-            let mut ray = random_ray(&mut random, 4.0);
-            if i % 4 == 0 {
-                // Grazing: aimed at the rim of a sphere.
-                let (center, radius) = balls[random.below(balls.len())].at(ray.time);
-                let to = center - ray.origin;
-                let aside = to.cross(random.vec().as_dvec3()).normalize_or_zero() * radius;
-                ray.dir = (to + aside).as_vec3();
-            }
-            assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
+    let trees = trees(|params| RayTree::of_primitives(balls.clone(), params).unwrap());
+    let mut random = Random(8);
+    for i in 0..20_000 {
+        let mut ray = random_ray(&mut random, 4.0);
+        if i % 4 == 0 {
+            // Grazing: aimed at the rim of a sphere.
+            let (center, radius) = balls[random.below(balls.len())].at(ray.time);
+            let to = center - ray.origin;
+            let aside = to.cross(random.vec().as_dvec3()).normalize_or_zero() * radius;
+            ray.dir = (to + aside).as_vec3();
         }
-        assert_eq!(tree.primitives().len(), balls.len());
+        assert_equal(&trees, &oracle, &ray);
     }
+    assert!(trees.iter().all(|(_, tree)| tree.primitives().len() == balls.len()));
 }
 
 /// A caller's own primitive: an axis-aligned box that rises, hit on its near face.
@@ -228,12 +224,10 @@ fn the_callers_own_primitives() {
         .collect();
     check_primitive(&bricks[0], 2000).unwrap();
     let oracle = BruteForce::of_primitives(bricks.clone()).unwrap();
-    for params in variants() {
-        let tree = RayTree::of_primitives(bricks.clone(), &params).unwrap();
-        let mut random = Random(18);
-        for _ in 0..5000 {
-            assert_eq!(difference(&tree, &oracle, &random_ray(&mut random, 5.0)), None, "{params:?}");
-        }
+    let trees = trees(|params| RayTree::of_primitives(bricks.clone(), params).unwrap());
+    let mut random = Random(18);
+    for _ in 0..5000 {
+        assert_equal(&trees, &oracle, &random_ray(&mut random, 5.0));
     }
 }
 
@@ -296,6 +290,30 @@ fn batches_answer_in_order() {
     assert_eq!(hits.len(), rays.len());
     tree.closest_hits(&[], &mut hits);
     assert!(hits.is_empty());
+}
+
+#[test]
+fn filtered_batches_are_single_filtered_queries() {
+    let meshes: Vec<TriangleMesh> = (0..3).map(|i| soup(150, 2, 0.3, 0.5, 60 + i).with_mask(1 << i)).collect();
+    let mut random = Random(5);
+    let rays: Vec<Ray> = (0..2000).map(|_| random_ray(&mut random, 1.0)).collect();
+    for params in variants() {
+        let tree = RayTree::build(&meshes, &params).unwrap();
+        for mask in [u32::MAX, 0b101, 0] {
+            // Every ray has a filter of its own.
+            let accept = |i: usize, hit: &mbkd::Hit| hit.primitive as usize % 7 != i % 7;
+            let (mut hits, mut shadows) = (vec![None; 3], vec![true; 5]);
+            tree.closest_hits_filtered(&rays, mask, accept, &mut hits);
+            tree.any_hits_filtered(&rays, mask, accept, &mut shadows);
+            assert_eq!((hits.len(), shadows.len()), (rays.len(), rays.len()));
+            for (i, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
+                assert_eq!(*hit, tree.closest_hit_filtered(ray, mask, |hit| accept(i, hit)), "{params:?}");
+                assert_eq!(shadows[i], hit.is_some(), "{params:?}");
+            }
+            let found = hits.iter().flatten().count();
+            assert!(if mask == 0 { found == 0 } else { found > 100 }, "{found} with {mask:b}");
+        }
+    }
 }
 
 #[test]

@@ -218,5 +218,12 @@ fn masks_filters_and_batches() {
             let found = tree.closest_point_filtered(query, i % 16, odd);
             assert_eq!(bits(found), bits(oracle.closest_point_filtered(query, i % 16, odd)));
         }
+        let accept = |i: usize, p: &ClosestPoint| p.primitive as usize % 5 != i % 5;
+        let mut filtered = vec![None; 9];
+        tree.closest_points_filtered(&queries, 0b110, accept, &mut filtered);
+        assert_eq!(filtered.len(), queries.len());
+        for (i, (query, answer)) in queries.iter().zip(filtered).enumerate() {
+            assert_eq!(bits(answer), bits(tree.closest_point_filtered(query, 0b110, |p| accept(i, p))));
+        }
     }
 }

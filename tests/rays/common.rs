@@ -64,9 +64,26 @@ pub fn all_hits<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Vec<Hit> {
     hits
 }
 
+/// A tree for each of the [`variants`].
+pub fn trees<G: Geometry>(build: impl Fn(&BuildParams) -> RayTree<G>) -> Vec<(BuildParams, RayTree<G>)> {
+    variants().into_iter().map(|params| (params, build(&params))).collect()
+}
+
+/// Compares the answers of all trees to a ray with brute force, which is asked once.
+pub fn assert_equal<G: Geometry>(trees: &[(BuildParams, RayTree<G>)], oracle: &BruteForce<G>, ray: &Ray) {
+    let expected = oracle.all_hits(ray);
+    for (params, tree) in trees {
+        assert_eq!(difference_from(tree, &expected, ray), None, "{params:?}");
+    }
+}
+
 /// What differs between the tree's answers to a ray and brute force, if anything.
 pub fn difference<G: Geometry>(tree: &RayTree<G>, oracle: &BruteForce<G>, ray: &Ray) -> Option<String> {
-    let oracle = oracle.all_hits(ray);
+    difference_from(tree, &oracle.all_hits(ray), ray)
+}
+
+/// What differs between the tree's answers to a ray and all hits there are, in order of (mesh, primitive).
+fn difference_from<G: Geometry>(tree: &RayTree<G>, oracle: &[Hit], ray: &Ray) -> Option<String> {
     let closest = oracle.iter().copied().reduce(|a, b| if b.t < a.t { b } else { a });
     let same = |a: &Option<Hit>, b: &Option<Hit>| a.map(bits) == b.map(bits);
     let got = tree.closest_hit(ray);

@@ -297,6 +297,15 @@ fn batches_filters_and_early_ends() {
     tree.closest_hits(&rays, &mut hits);
     tree.any_hits(&rays, &mut any);
     assert_eq!((hits.len(), any.len()), (700, 700));
+    let accept = |i: usize, hit: &InstanceHit| hit.path[0] as usize % 3 != i % 3;
+    let (mut filtered, mut filtered_any) = (vec![None; 3], vec![true]);
+    tree.closest_hits_filtered(&rays, 0b10, accept, &mut filtered);
+    tree.any_hits_filtered(&rays, 0b10, accept, &mut filtered_any);
+    for (i, (ray, hit)) in rays.iter().zip(&filtered).enumerate() {
+        let single = tree.closest_hit_filtered(ray, 0b10, |hit| accept(i, hit));
+        assert_eq!((hit.map(name), filtered_any[i]), (single.map(name), single.is_some()));
+    }
+    assert!(filtered.iter().flatten().count() > 10 && filtered.len() == 700);
     for ((ray, hit), any) in rays.iter().zip(hits).zip(any) {
         assert_eq!(hit.map(name), tree.closest_hit(ray).map(name));
         assert_eq!(any, hit.is_some());

@@ -291,7 +291,7 @@ fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
     println!(
         "  bytes of lists {:.0} per particle, of the tree {:.1}",
         lists.bytes() as f64 / count as f64,
-        tree.stats().bytes() as f64 / count as f64
+        tree.statistics().bytes() as f64 / count as f64
     );
     println!("  k = 8: {k8:.0} ns; lists, build included, relative to it {:.3}", times[0] / k8);
     for sorted in [false, true] {

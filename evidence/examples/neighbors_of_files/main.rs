@@ -64,7 +64,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let Some(table) = Table::open(&file)? else { continue };
         let points = points(&table, 0.04)?;
         let tree = PointTree::build(&points, &PointParams::default())?;
-        println!("{}: {} points\n{}", file.display(), tree.len(), tree.stats());
+        println!("{}: {} points\n{}", file.display(), tree.len(), tree.statistics());
         let mut buffer = NeighborBuffer::new();
         let (mut distance, mut asked) = (0.0, 0);
         let begin = Instant::now();

@@ -123,7 +123,7 @@ fn one_motion(ground: &Ground, effort: Effort, name: &str, motion: Motion) -> Re
         heading(name),
         about(motion),
         if leaves == Leaves::Flat { "flat" } else { "arena" },
-        tree.stats()
+        tree.statistics()
             .layers
             .iter()
             .map(|l| format!("{:?} ({} points)", l.kind, l.points))

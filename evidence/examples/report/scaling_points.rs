@@ -112,7 +112,7 @@ fn cost<P: PointSet + ?Sized>(
         build: build * 1e9 / n,
         query: seconds * 1e9 / queries.len() as f64,
         bytes: bytes as f64 / n,
-        references: tree.stats().references_per_point(),
+        references: tree.statistics().references_per_point(),
     })
 }
 
@@ -192,7 +192,7 @@ fn over_displacement(run: &Run, size: &Size, spacings: &[f32]) -> Result<Vec<Cur
             let most = 2.0 * params.max_references;
             let params = PointParams { structure: PointStructure::Mbkd, max_references: most, ..params };
             // With more to spend it would cut more.
-            if PointTree::build(&points, &params)?.stats().references_per_point() > planes.references {
+            if PointTree::build(&points, &params)?.statistics().references_per_point() > planes.references {
                 costs.push((4, planes));
             }
             costs.push((5, cost_of_kiddo(&still, &queries)?));

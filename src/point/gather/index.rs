@@ -180,7 +180,7 @@ impl Index {
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
         self.stamped.bytes()
-            + self.others.as_ref().map_or(0, |tree| tree.stats().bytes())
+            + self.others.as_ref().map_or(0, |tree| tree.statistics().bytes())
             + self.riders.capacity() * size_of::<Rider>()
             + self.normals.capacity() * size_of::<Vec3>()
             + self.ids.capacity() * size_of::<u32>()

@@ -19,7 +19,7 @@ pub enum PointLayerKind {
 
 /// One layer of a tree.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PointLayerStats {
+pub struct PointLayerStatistics {
     /// The structure.
     pub kind: PointLayerKind,
     /// Points in it.
@@ -38,12 +38,12 @@ pub struct PointLayerStats {
 
 /// What a point tree consists of.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub struct PointStats {
+pub struct PointStatistics {
     /// The layers, in the order in which they are searched.
-    pub layers: Vec<PointLayerStats>,
+    pub layers: Vec<PointLayerStatistics>,
 }
 
-impl PointStats {
+impl PointStatistics {
     /// Bytes allocated.
     pub fn bytes(&self) -> usize {
         self.layers.iter().map(|layer| layer.bytes).sum()
@@ -57,7 +57,7 @@ impl PointStats {
     }
 }
 
-impl fmt::Display for PointStats {
+impl fmt::Display for PointStatistics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for layer in &self.layers {
             writeln!(

@@ -1,0 +1,89 @@
+//! Many queries at once among what a mask and a filter let through.
+//!
+//! Each is answered as the single query with its own filter, on any thread. They keep the caller's order: only batches without
+//! filters are sorted.
+
+use super::batch_order::answer_each;
+use super::closest_point::{ClosestPoint, ClosestPointQuery};
+use super::hit::Hit;
+use super::ray_tree::{Geometry, RayTree};
+use crate::geometry::Ray;
+
+impl<G: Geometry> RayTree<G> {
+    /// [`RayTree::closest_hit_filtered`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    ///
+    /// `accept` gets the place of the ray in `rays` with each hit, so every ray can have a filter of its own. It must be
+    /// pure, as that of a single ray, and is called from any thread.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let meshes = [1.0, 2.0].map(|z| TriangleMesh::fixed(vec![[0, 1, 2]], at(z)));
+    /// let tree = RayTree::build(&meshes, &BuildParams::default())?;
+    /// // Rays that begin on one of the triangles and must not hit it again.
+    /// let begin_on = [0, 1];
+    /// let rays = [1.0, 2.0].map(|z| Ray::new(Vec3::new(0.2, 0.2, z), Vec3::Z));
+    /// let mut hits = Vec::new();
+    /// tree.closest_hits_filtered(&rays, u32::MAX, |i, hit| hit.mesh != begin_on[i], &mut hits);
+    /// assert_eq!(hits[0].map(|hit| (hit.mesh, hit.t)), Some((1, 1.0)));
+    /// assert_eq!(hits[1], None);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_hits_filtered(
+        &self,
+        rays: &[Ray],
+        mask: u32,
+        accept: impl Fn(usize, &Hit) -> bool + Sync,
+        hits: &mut Vec<Option<Hit>>,
+    ) {
+        answer_each(rays, hits, |i, ray| self.closest_hit_filtered(ray, mask, |hit| accept(i, hit)));
+    }
+
+    /// [`RayTree::any_hit_filtered`] for many rays, in parallel, with a filter as that of
+    /// [`RayTree::closest_hits_filtered`]. `hits` is cleared and gets one answer per ray, in order.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let glass = TriangleMesh::fixed(vec![[0, 1, 2]], corners).with_mask(0b01);
+    /// let tree = RayTree::build(&[glass], &BuildParams::default())?;
+    /// let rays = [Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z)];
+    /// let mut shadows = Vec::new();
+    /// tree.any_hits_filtered(&rays, 0b10, |_, _| true, &mut shadows);
+    /// assert_eq!(shadows, [false]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn any_hits_filtered(
+        &self,
+        rays: &[Ray],
+        mask: u32,
+        accept: impl Fn(usize, &Hit) -> bool + Sync,
+        hits: &mut Vec<bool>,
+    ) {
+        answer_each(rays, hits, |i, ray| self.any_hit_filtered(ray, mask, |hit| accept(i, hit)));
+    }
+
+    /// [`RayTree::closest_point_filtered`] for many queries, in parallel, with a filter that gets the place of the query, as that
+    /// of [`RayTree::closest_hits_filtered`]. `answers` is cleared and gets one answer per query, in order.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [3, 4, 5]], (0..6).map(|i| Vec3::X * i as f32).collect());
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// // From each of both what is nearest of the other.
+    /// let queries = [0.0, 5.0].map(|x| ClosestPointQuery::new(Vec3::X * x, 0.0));
+    /// let mut answers = Vec::new();
+    /// tree.closest_points_filtered(&queries, u32::MAX, |i, near| near.primitive != i as u32, &mut answers);
+    /// assert_eq!(answers.iter().map(|near| near.unwrap().distance).collect::<Vec<_>>(), [3.0, 3.0]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_points_filtered(
+        &self,
+        queries: &[ClosestPointQuery],
+        mask: u32,
+        accept: impl Fn(usize, &ClosestPoint) -> bool + Sync,
+        answers: &mut Vec<Option<ClosestPoint>>,
+    ) {
+        answer_each(queries, answers, |i, query| self.closest_point_filtered(query, mask, |near| accept(i, near)));
+    }
+}
