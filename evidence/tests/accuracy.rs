@@ -1,7 +1,7 @@
 //! How accurate answers are: the goals, asserted on moderate numbers. The tables come from
 //! `cargo run --release --example accuracy`.
 
-use mbkd::{PointStructure, RayTree};
+use mbkd::{Keys, PointStructure, RayTree, TriangleMesh};
 use mbkd_evidence::accuracy::*;
 
 /// The most ulp that distances of well-conditioned problems may be off by.
@@ -55,6 +55,25 @@ fn triangles(families: &[&str]) {
 #[test]
 fn triangles_of_any_scale_and_place() {
     triangles(&["scale", "offset", "f64, offset"]);
+}
+
+#[test]
+fn triangles_kept_in_f64() {
+    triangles(&["f64 kept, offset", "f64 kept, clusters apart", "f64 kept, keys"]);
+}
+
+/// The same triangles are not what they were given as if f64 is not kept, and the check notices.
+#[test]
+fn triangles_rounded_to_f32_are_not_those_in_f64() {
+    let case = ray_cases().into_iter().find(|c| c.name == ("f64 kept, clusters apart", "1e7".into())).unwrap();
+    let scene = SceneUnderTest::new(&case, 5);
+    let rounded = scene.meshes.iter().map(|mesh| match &mesh.keys {
+        Keys::Precise(keys) => TriangleMesh::new(mesh.indices.clone(), keys.clone()),
+        _ => unreachable!("kept in f64"),
+    });
+    let trees = [RayTree::build(&rounded.collect::<Vec<_>>(), &policies()[0].1).unwrap()];
+    let tally = compare_rays(&scene, &trees, RAYS, &mut Random(77), |_| ()).remove(0);
+    assert!(tally.false_misses > 50, "{}", tally.false_misses);
 }
 
 #[test]

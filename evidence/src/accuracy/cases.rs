@@ -25,6 +25,8 @@ pub struct RayCase {
     pub direction: f64,
     /// Whether vertices are given in f64.
     pub wide: bool,
+    /// Whether those are kept in f64 ([`TriangleMesh::precise`](mbkd::TriangleMesh::precise)).
+    pub kept: bool,
 }
 
 impl RayCase {
@@ -41,6 +43,7 @@ impl RayCase {
             keys: 2,
             direction: 1.0,
             wide: false,
+            kept: false,
         }
     }
 }
@@ -67,6 +70,7 @@ fn family<T>(
 /// The cases for triangles.
 pub fn ray_cases() -> Vec<RayCase> {
     let of = RayCase::plain;
+    let kept = |family, value| RayCase { wide: true, kept: true, ..RayCase::plain(family, value) };
     [
         family("scale", &[1e-12, 1e-6, 1.0, 1e6, 1e12], of, |c, x| c.scale = x),
         family("offset", &[1.0, 1e2, 1e4, 1e6], of, |c, x| c.offset = x),
@@ -83,6 +87,15 @@ pub fn ray_cases() -> Vec<RayCase> {
         family("f64, offset", &[0.0, 1e6, 1e9], of, |c, x| {
             c.wide = true;
             c.offset = x;
+        }),
+        family("f64 kept, offset", &[0.0, 1e6, 1e9], kept, |c, x| c.offset = x),
+        family("f64 kept, clusters apart", &[1e4, 1e7, 1e9], kept, |c, x| {
+            c.offset = x;
+            c.outlier = Some(x);
+        }),
+        family("f64 kept, keys", &[1.0, 3.0, 17.0], kept, |c, x| {
+            c.offset = 1e6;
+            c.keys = x as usize;
         }),
     ]
     .concat()

@@ -69,14 +69,19 @@ impl SceneUnderTest {
                 _ => (0..keys[0].len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
             };
             if case.wide {
-                meshes.push(TriangleMesh::new(indices, keys.clone()));
+                let mesh = TriangleMesh::new(indices, keys.clone());
+                meshes.push(if case.kept { mesh.precise() } else { mesh });
             } else {
                 let given: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect();
                 *keys = given.iter().map(|key| key.iter().map(|p| p.as_dvec3()).collect()).collect();
                 meshes.push(TriangleMesh::new(indices, given));
             }
         }
-        let given = if case.wide { Given::Around(center) } else { Given::F32 };
+        let given = match (case.wide, case.kept) {
+            (false, _) => Given::F32,
+            (true, false) => Given::Around(center),
+            (true, true) => Given::F64,
+        };
         SceneUnderTest { meshes, keys: all, given, case: case.clone(), center }
     }
 

@@ -59,6 +59,8 @@ const ROOM_TO_SPARE: f64 = 0.02;
 enum In {
     F32,
     F64,
+    /// As f64, and kept so ([`TriangleMesh::precise`]).
+    Kept,
 }
 
 /// The meshes of the long run.
@@ -89,12 +91,21 @@ pub fn closed_meshes(seed: u64) -> Vec<ClosedMesh> {
     all.push(room("room, 1 key", 1, &mut random));
     all.push(room("room, 2 keys", 2, &mut random));
     all.push(room("room, 5 keys", 5, &mut random));
+    let mut kept = |name, keys, at| all.push(closed_ball(name, 10, keys, at, In::Kept, &mut random));
+    kept("ball 1e6 sizes away, kept in f64", 2, (1.0, 1e6));
+    kept("ball of 0.001 1e7 away from another, kept in f64", 3, (1e-3, 1e10));
+    if let Some(closed) = all.last_mut() {
+        let at_zero = vec![vec![DVec3::ZERO, DVec3::X * 1e-3, DVec3::Y * 1e-3]];
+        closed.meshes.push(TriangleMesh::new(vec![[0, 1, 2]], at_zero).precise());
+    }
     all
 }
 
 fn mesh_of(indices: Vec<[u32; 3]>, keys: &mut Vec<Vec<DVec3>>, given: In) -> TriangleMesh {
-    if given == In::F64 {
-        return TriangleMesh::new(indices, keys.clone());
+    match given {
+        In::F32 => {}
+        In::F64 => return TriangleMesh::new(indices, keys.clone()),
+        In::Kept => return TriangleMesh::new(indices, keys.clone()).precise(),
     }
     let rounded: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect();
     *keys = rounded.iter().map(|key| key.iter().map(|p| p.as_dvec3()).collect()).collect();
