@@ -1,9 +1,10 @@
 //! Nearest points as callers ask for them.
 
 use super::batch_order::answer_each;
-use super::closest_point::{ClosestPoint, ClosestPointQuery, PlacedQuery};
+use super::closest_point::ClosestPoint;
 use super::compiled::Guards;
 use super::observer::Observer;
+use super::point_query::{ClosestPointQuery, PlacedQuery};
 use super::ray_tree::{Geometry, RayTree};
 use glam::DVec3;
 

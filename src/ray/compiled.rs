@@ -6,11 +6,12 @@
 //! that builds the tree. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited block;
 //! a query is compiled without them and, once more, with whichever of them there are ([`Guards`]).
 
-use super::closest_point::{ClosestPoint, ClosestPointSource, PlacedQuery, closest_point_in_kd, closest_point_in_wide};
+use super::closest_point::{ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide};
 use super::interleave::{Anys, Asks, Batch, Closests};
 use super::intersect::RaySource;
 use super::lazy::LazyQuery;
 use super::lazy_closest_point::closest_point_in_lazy;
+use super::point_query::PlacedQuery;
 use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Visitor};
 use super::{Everything, Filter, Hit, Observer, Ray, Visible};
 use crate::layout::{LazyTree, WideTree};

@@ -4,8 +4,9 @@
 //! filters are sorted.
 
 use super::batch_order::answer_each;
-use super::closest_point::{ClosestPoint, ClosestPointQuery};
+use super::closest_point::ClosestPoint;
 use super::hit::Hit;
+use super::point_query::ClosestPointQuery;
 use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::Ray;
 

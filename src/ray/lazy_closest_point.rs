@@ -1,9 +1,10 @@
 //! The nearest point in a lazy tree: the coarse tree says in which order subtrees are searched, all for one best answer.
 
-use super::closest_point::{Best, ClosestPoint, ClosestPointSource, InPrimitives, PlacedQuery, Query, begin};
+use super::closest_point::{Best, ClosestPoint, ClosestPointSource, InPrimitives, begin};
 use super::filter::Filter;
 use super::nearest_first::{Leaves, NearestFirst};
 use super::observer::Observer;
+use super::point_query::{PlacedQuery, Query};
 use crate::layout::{ChildRef, LazyTree};
 use crate::simd::{Simd, SimdLevel, dispatch};
 

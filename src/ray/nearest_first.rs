@@ -2,7 +2,7 @@
 //! farther away than what was found. What leaves are is told by [`Leaves`]: primitives, subtrees that are built on demand,
 //! instances.
 
-use super::closest_point::Query;
+use super::point_query::Query;
 use crate::layout::{ChildRef, WideTree};
 use crate::simd::{Kernel, Mask, Simd};
 use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};

@@ -1,0 +1,183 @@
+//! A query for the nearest point: as it is asked, and in tree space, where it says how near boxes and triangles are.
+//!
+//! Why no nearest point is lost: see `closest_point`.
+
+use crate::geometry::{Frame, Placement, ULP, closest_on_triangle};
+use crate::layout::{ChildRef, NODE_ROWS};
+use crate::limits::MAX_COORDINATE;
+use crate::simd::{LANES, Mask, Simd, lanes_at};
+use crate::traverse::{NodeBlock, children_of};
+use glam::{DVec3, Vec3};
+
+/// A query of [`RayTree::closest_points`](crate::RayTree::closest_points): what is nearest to `point` at `time`, and no
+/// farther than `max_distance`?
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClosestPointQuery {
+    /// The point, in world coordinates.
+    pub point: DVec3,
+    /// When it looks, in the shutter `[0, 1]`.
+    pub time: f32,
+    /// What is farther away does not count; infinity is fine.
+    pub max_distance: f32,
+}
+
+impl ClosestPointQuery {
+    /// A query at a point (`Vec3` or `DVec3`) and a time, without a greatest distance.
+    pub fn new(point: impl Into<DVec3>, time: f32) -> ClosestPointQuery {
+        ClosestPointQuery { point: point.into(), time, max_distance: f32::INFINITY }
+    }
+
+    /// The query for what is no farther than `max_distance`.
+    pub fn within(self, max_distance: f32) -> ClosestPointQuery {
+        ClosestPointQuery { max_distance, ..self }
+    }
+
+    /// Whether it means anything: see [`RayTree::closest_point`]. (Comparisons in this form also refuse NaN.)
+    fn is_valid(&self) -> bool {
+        self.point.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
+            && (0.0..=1.0).contains(&self.time)
+            && self.max_distance >= 0.0
+    }
+}
+
+/// A query of a tree that may be placed in another space, in which the point and all distances are.
+#[derive(Clone, Copy)]
+pub(crate) struct PlacedQuery {
+    pub query: ClosestPointQuery,
+    /// Where the tree is placed; nothing where it is in that space itself.
+    pub placed: Option<Placement>,
+}
+
+impl From<ClosestPointQuery> for PlacedQuery {
+    fn from(query: ClosestPointQuery) -> PlacedQuery {
+        PlacedQuery { query, placed: None }
+    }
+}
+
+/// The point of one primitive that is nearest to a query.
+#[derive(Clone, Copy)]
+pub(crate) struct Candidate {
+    pub distance: f32,
+    pub point: DVec3,
+    pub u: f32,
+    pub v: f32,
+}
+
+/// A query where it was asked, and in tree space.
+pub(crate) struct Query {
+    pub(super) point: DVec3,
+    pub(super) time: f32,
+    pub(super) max_distance: f32,
+    frame: Frame,
+    pub(super) placed: Option<Placement>,
+    /// The point in the tree's own space.
+    pub(super) own: DVec3,
+    /// The most that a distance can be in tree space, per distance where it was asked.
+    grows: f64,
+    /// By how much distances where it was asked may be too small for that.
+    stray: f64,
+    /// The point in tree space.
+    pub(super) inside: DVec3,
+    /// The f32 numbers on either side of it.
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Query {
+    /// Nothing for a query that means nothing.
+    pub fn new(PlacedQuery { query, placed }: &PlacedQuery, frame: Frame) -> Option<Query> {
+        if !query.is_valid() {
+            return None;
+        }
+        let (own, grows, stray) = match placed {
+            None => (query.point, frame.scale, 0.0),
+            Some(placed) => {
+                let brought = placed.bring(query.point, frame.bounds);
+                (brought.point, brought.grows * frame.scale, brought.stray)
+            }
+        };
+        let inside = (own - frame.origin) * frame.scale;
+        // The difference is rounded in f64, and conversion goes to the nearest f32: a float down holds both.
+        let nearest = inside.as_vec3();
+        let (low, high) = (nearest.map(f32::next_down), nearest.map(f32::next_up));
+        let &ClosestPointQuery { point, time, max_distance } = query;
+        Some(Query { point, time, max_distance, frame, placed: *placed, own, grows, stray, inside, low, high })
+    }
+
+    /// The nearest point of a triangle with these corners in tree space.
+    #[inline(always)]
+    pub(super) fn on_triangle(&self, corners: [DVec3; 3]) -> Candidate {
+        if let Some(placed) = &self.placed {
+            return self.on_placed_triangle(placed, corners);
+        }
+        let found = closest_on_triangle(self.inside, corners);
+        Candidate {
+            distance: (found.distance_squared.sqrt() / self.frame.scale) as f32,
+            point: found.point / self.frame.scale + self.frame.origin,
+            u: found.u as f32,
+            v: found.v as f32,
+        }
+    }
+
+    /// The same where the tree is placed: of the triangle's image.
+    #[inline(never)]
+    fn on_placed_triangle(&self, placed: &Placement, corners: [DVec3; 3]) -> Candidate {
+        let corners = corners.map(|p| placed.matrix.transform_point3(self.frame.fine_to_world(p)));
+        let found = closest_on_triangle(self.point, corners);
+        Candidate {
+            distance: found.distance_squared.sqrt() as f32,
+            point: found.point,
+            u: found.u as f32,
+            v: found.v as f32,
+        }
+    }
+
+    /// The greatest distance in tree space, before rounding to a distance of at most `limit` where it was asked.
+    #[inline(always)]
+    pub(super) fn reach(&self, limit: f32) -> f64 {
+        (f64::from(limit.next_up()) + self.stray) * self.grows
+    }
+
+    /// The boxes of a node that are within reach, and their squared distances; see [`Query::distances`].
+    #[inline(always)]
+    pub(super) fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, cull: f32) -> (Mask, S::F) {
+        let time = s.splat(self.time);
+        let (mut lower, mut upper) = ([time; 3], [time; 3]);
+        for axis in 0..3 {
+            lower[axis] = face::<S, ROWS>(s, block, 2 * axis, time);
+            upper[axis] = face::<S, ROWS>(s, block, 2 * axis + 1, time);
+        }
+        let distances = self.distances(s, lower, upper);
+        let absent = s.splat_u(ChildRef::NOTHING.0);
+        let present = s.lt_u(s.to_bits(s.load(children_of::<ROWS>(block))), absent);
+        (s.le(distances, s.splat(cull)) & present, distances)
+    }
+
+    /// The squared distance above which a box, as computed in f32, has nothing within `limit`.
+    #[inline(always)]
+    pub(super) fn cull(&self, limit: f32) -> f32 {
+        let reach = self.reach(limit);
+        (reach * reach * (1.0 + f64::from(8.0 * ULP))) as f32 + f32::MIN_POSITIVE
+    }
+
+    /// Squared distances from sixteen boxes, never too large by more than [`Query::cull`] allows for.
+    #[inline(always)]
+    pub(super) fn distances<S: Simd>(&self, s: S, lower: [S::F; 3], upper: [S::F; 3]) -> S::F {
+        let zero = s.splat(0.0);
+        let mut sum = zero;
+        for axis in 0..3 {
+            let below = lower[axis] - s.splat(self.high[axis]);
+            let above = s.splat(self.low[axis]) - upper[axis];
+            let gap = s.max(s.max(below, above), zero);
+            sum = sum + gap * gap;
+        }
+        sum
+    }
+}
+
+/// The faces in a row of a node at a time.
+#[inline(always)]
+fn face<S: Simd, const ROWS: usize>(s: S, block: &NodeBlock, row: usize, time: S::F) -> S::F {
+    let at = s.load(lanes_at(block, row * LANES));
+    if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, (row + 6) * LANES)), time, at) } else { at }
+}
