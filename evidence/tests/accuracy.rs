@@ -188,18 +188,10 @@ fn approaches_of_far_and_fast_points_are_exact() {
 fn closed_meshes_do_not_leak() {
     const RAYS: usize = 1_000_000;
     let meshes = closed_meshes(1);
-    // Beside a huge ground the k-d trees keep the whole ball in one leaf: each ray is tested against all its triangles, so fewer
-    // rays test each of them as often as many do elsewhere.
-    let share = |closed: &ClosedMesh, policy: &str| match closed.meshes.len() > 1 && policy != "wide" {
-        true => 1,
-        false => 8,
-    };
-    let pairs = || meshes.iter().flat_map(|closed| policies().into_iter().map(move |policy| (closed, policy)));
-    let shares: usize = pairs().map(|(closed, (policy, _))| share(closed, policy)).sum();
+    let each = RAYS.div_ceil(meshes.len() * policies().len());
     let mut shot = 0;
     for closed in &meshes {
         for (policy, params) in policies() {
-            let each = RAYS.div_ceil(shares) * share(closed, policy);
             let tree = RayTree::build(&closed.meshes, &params).unwrap();
             let (rays, leaks) = shoot(closed, &tree, each, 9);
             assert!(leaks.is_empty(), "{}, {policy}: {} leaks, such as {:?}", closed.name, leaks.len(), leaks[0]);

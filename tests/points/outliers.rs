@@ -49,7 +49,7 @@ fn moving_points() {
         let p = (rng.vec() + 1.0) * 0.5;
         MovingPoint::new(p, p + rng.vec() * 0.01)
     };
-    let points: Vec<MovingPoint> = (0..100_000).map(&mut point).collect();
+    let points: Vec<MovingPoint> = (0..200_000).map(&mut point).collect();
     use PointStructure::*;
     for structure in [Linear, Slabs(2), Mbkd, Automatic] {
         compare(&points, structure);

@@ -15,7 +15,7 @@ fn full_size_equals_brute_force() {
     let mut random = Random(2);
     let rays: Vec<Ray> =
         (0..1000).map(|_| scene.camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect();
-    let paper = BuildParams::kd(KdParams { max_references: 1.5, ..KdParams::default() });
+    let paper = BuildParams::kd(KdParams { max_references: 3.0, ..KdParams::default() });
     let trees = [paper, BuildParams::default()].map(|params| RayTree::build(&scene.meshes, &params).unwrap());
     let oracle = BruteForce::new(&scene.meshes).unwrap();
     drop(scene);
