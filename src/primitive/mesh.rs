@@ -137,7 +137,7 @@ impl TriangleMesh {
     /// // Two slabs of a millimetre, one on either side of a distance of ten thousand kilometres.
     /// let slab = |x: f64| vec![DVec3::new(x, -1e-3, 0.0), DVec3::new(x, 1e-3, 0.0), DVec3::new(x, 0.0, 1e-3)];
     /// let at = [0.001, 0.002, 1e7 + 0.001, 1e7 + 0.002];
-    /// let corners = at.into_iter().flat_map(slab).collect();
+    /// let corners: Vec<DVec3> = at.into_iter().flat_map(slab).collect();
     /// let mesh = TriangleMesh::new(vec![[0, 1, 2], [3, 4, 5], [6, 7, 8], [9, 10, 11]], vec![corners]);
     /// let ray = Ray::new(DVec3::new(1e7, 0.0, 0.0005), Vec3::X);
     /// let tree = RayTree::build(&[mesh.clone().precise()], &BuildParams::default())?;
