@@ -122,11 +122,10 @@ fn checked(meshes: &[TriangleMesh], others: Aabb) -> Result<Frame, BuildError> {
         return Err(BuildError::TooManyPrimitives { found });
     }
     let given = || meshes.iter().filter(|mesh| mesh.keys.vertices(0) > 0);
-    Ok(match () {
-        () if given().any(|mesh| matches!(mesh.keys, Keys::F32(_))) => Frame::exact(swept),
-        () if given().any(TriangleMesh::is_precise) => Frame::exact_in_f64(swept),
-        () => Frame::around(swept),
-    })
+    if given().any(|mesh| matches!(mesh.keys, Keys::F32(_))) {
+        return Ok(Frame::exact(swept));
+    }
+    Ok(if given().any(TriangleMesh::is_precise) { Frame::exact_in_f64(swept) } else { Frame::around(swept) })
 }
 
 /// A number that other triangles between the vertices of a mesh hardly ever have: the sum of their indices, each mixed

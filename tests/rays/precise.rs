@@ -302,7 +302,7 @@ fn a_tree_for_each_machine_answers_alike_with_little_work() {
     assert!(work.primitive_tests > 20 * less.primitive_tests, "{work:?} {less:?}");
 }
 
-/// What is kept elsewhere is no matter of meshes in f32: bytes of trees, and so all that queries do.
+/// A mesh in f32 keeps every bit anyway: that it asks changes nothing, not a byte of its tree.
 #[test]
 fn meshes_in_f32_are_what_they_were() {
     let meshes = [soup(500, 1, 0.1, 0.0, 1), soup(500, 2, 0.1, 0.2, 2), soup(200, 4, 0.1, 0.2, 3)];
