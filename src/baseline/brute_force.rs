@@ -4,7 +4,7 @@ use super::spheres::Spheres;
 use crate::error::BuildError;
 use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
 use crate::ray::{
-    ClosestPoint, ClosestPointQuery, Everything, Filter, Geometry, Hit, PlacedQuery, Ray, TreeRay, Visible,
+    ClosestPoint, ClosestPointQuery, Everything, Filter, Geometry, Hit, PlacedQuery, Ray, Sheared, TreeRay, Visible,
     closest_point_of_all,
 };
 
@@ -64,10 +64,11 @@ impl<G: Geometry> BruteForce<G> {
     /// All accepted hits in the order of ids.
     fn visit(&self, ray: &Ray, filter: &impl Filter, mut visitor: impl FnMut(Hit)) {
         let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return };
+        let sheared = Sheared::new(&ray);
         self.spheres.near(&ray, |id| {
-            if self.geometry.active(id).contains(ray.time)
+            if self.geometry.active(id).contains(ray.time())
                 && filter.sees(|| self.geometry.mask(id))
-                && let Some(hit) = self.geometry.intersect(id, &ray)
+                && let Some(hit) = self.geometry.intersect(id, &ray, &sheared)
             {
                 let hit = hit.answer(self.geometry.name(id));
                 if filter.accepts(|| hit) {

@@ -55,7 +55,7 @@ impl Spheres {
 /// A ray's way past all spheres, for an instruction set.
 struct Near<'a, V> {
     spheres: &'a Spheres,
-    ray: &'a TreeRay,
+    ray: &'a TreeRay<'a>,
     visit: V,
 }
 
@@ -65,9 +65,9 @@ impl<V: FnMut(u32)> Kernel for Near<'_, V> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Near { spheres, ray, mut visit } = self;
-        let o = ray.origin;
-        let d = ray.world.dir.as_dvec3().normalize().as_vec3();
-        let (ox, oy, oz) = (s.splat(o.x), s.splat(o.y), s.splat(o.z));
+        let [ox, oy, oz, _] = ray.origin;
+        let d = ray.asked.dir.as_dvec3().normalize().as_vec3();
+        let (ox, oy, oz) = (s.splat(ox), s.splat(oy), s.splat(oz));
         let (dx, dy, dz) = (s.splat(d.x), s.splat(d.y), s.splat(d.z));
         let (part, least) = (s.splat(1e-3), s.splat(ray.slack + f32::MIN_POSITIVE));
         let size = s.splat_u(0x7fff_ffff);

@@ -3,7 +3,7 @@
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, KERNEL_ULPS, LinearBounds, TimeInterval, ULP};
 use crate::primitive::{PrimitiveSet, Scene, TriangleMesh};
-use crate::ray::{Geometry, Hit, Ray, TreeRay};
+use crate::ray::{Geometry, Hit, Ray, Sheared, TreeRay};
 use glam::{Vec3, Vec3A};
 
 /// Tests triangles one by one, exactly as [`RayTree`](crate::RayTree) and [`BruteForce`](super::BruteForce) do.
@@ -89,8 +89,8 @@ impl TriangleTests {
 
     /// Makes a ray ready to be tested; nothing for one that hits nothing anyway (see [`Ray`]).
     #[inline]
-    pub fn prepare(&self, ray: &Ray) -> Option<PreparedRay> {
-        TreeRay::new(ray, self.scene.frame()).map(|ray| PreparedRay { ray })
+    pub fn prepare<'a>(&self, ray: &'a Ray) -> Option<PreparedRay<'a>> {
+        TreeRay::new(ray, self.scene.frame()).map(|ray| PreparedRay { sheared: Sheared::new(&ray), ray })
     }
 
     /// What the ray hits of a triangle, in its range and no farther than `limit`.
@@ -99,33 +99,35 @@ impl TriangleTests {
         if !self.scene.always_active() && !self.scene.active(index).contains(ray.time()) {
             return None;
         }
-        test(&self.scene, index, &ray.ray, limit)
+        test(&self.scene, index, ray, limit)
     }
 }
 
 #[inline(always)]
-fn test<G: Geometry>(geometry: &G, index: u32, ray: &TreeRay, limit: f32) -> Option<Hit> {
-    let hit = geometry.intersect(index, ray)?;
+fn test<G: Geometry>(geometry: &G, index: u32, ray: &PreparedRay, limit: f32) -> Option<Hit> {
+    let hit = geometry.intersect(index, &ray.ray, &ray.sheared)?;
     (hit.t <= limit).then(|| hit.answer(geometry.name(index)))
 }
 
 /// A ray in tree space, for [`TriangleTests::hit`] and for slab tests: a point of it is `origin + direction * distance`, where the
 /// direction is the ray's, scaled by a power of two so that its largest component is in [1, 2).
-pub struct PreparedRay {
-    ray: TreeRay,
+pub struct PreparedRay<'a> {
+    ray: TreeRay<'a>,
+    sheared: Sheared,
 }
 
-impl PreparedRay {
+impl PreparedRay<'_> {
     /// Where the ray begins; rays that begin far away were led to the scene.
     #[inline]
     pub fn origin(&self) -> Vec3A {
-        self.ray.origin.into()
+        let [x, y, z, _] = self.ray.origin;
+        Vec3A::new(x, y, z)
     }
 
     /// One over each component of the direction. Never infinite: components that are too small count as 2^-24.
     #[inline]
     pub fn inverse(&self) -> Vec3A {
-        self.ray.inverse
+        self.ray.slabs.inverse
     }
 
     /// By how much slab tests must take boxes to be larger than they are, on every side.
@@ -149,6 +151,6 @@ impl PreparedRay {
     /// When the ray looks.
     #[inline]
     pub fn time(&self) -> f32 {
-        self.ray.time
+        self.ray.time()
     }
 }

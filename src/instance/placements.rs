@@ -129,7 +129,7 @@ impl Placements {
     /// The ray in tree space; see [`TreeRay::new`]. One that begins far away has more slack, by what it may stray on its way
     /// into an instance's space.
     #[inline]
-    pub fn tree_ray(&self, ray: &Ray) -> Option<TreeRay> {
+    pub fn tree_ray<'a>(&self, ray: &'a Ray) -> Option<TreeRay<'a>> {
         let frame = &self.frame;
         let away = ((ray.origin - frame.origin) * frame.scale).abs().max_element();
         if away <= NEAR * f64::from(frame.reach) {

@@ -109,7 +109,7 @@ const FEW: usize = 24;
 impl<V> All<V> {
     pub fn new(ray: &TreeRay, visitor: V) -> All<V> {
         All {
-            t_max: ray.t_max,
+            t_max: ray.t_max(),
             reach: ray.end,
             visitor,
             few: [0; FEW],

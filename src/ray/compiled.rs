@@ -12,12 +12,18 @@ use super::intersect::RaySource;
 use super::lazy::LazyQuery;
 use super::lazy_closest_point::closest_point_in_lazy;
 use super::point_query::PlacedQuery;
-use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Visitor};
+use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query, Visitor};
 use super::{Everything, Filter, Hit, Observer, Ray, Visible};
 use crate::layout::{LazyTree, WideTree};
 use crate::mbkd::KdTree;
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
+
+/// Apart from the wide layout's way, which has fewer registers to save without it.
+#[inline(never)]
+fn ask_kd<Q: Query>(query: Q, tree: &KdTree) -> Q::Answer {
+    query.ask(tree)
+}
 
 /// The arrays that queries walk.
 pub(super) enum Layout {
@@ -127,24 +133,25 @@ impl<G: ClosestPointSource> Target<'_, G> {
 }
 
 impl<G: RaySource> Target<'_, G> {
-    /// Asks the layout; the one place that knows the layouts apart.
+    /// Asks the layout; the one place that knows the layouts apart. The query is made where it is needed: moved there, it would
+    /// be copied by wide loads that wait for the narrow stores before them.
     #[inline(always)]
-    fn ask<Q: LazyQuery>(self, query: Q) -> Q::Answer {
+    fn ask<Q: LazyQuery>(self, query: impl FnOnce() -> Q) -> Q::Answer {
         match self.layout {
-            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
-            Layout::Kd(tree) => query.ask(tree),
-            Layout::Lazy(tree) => query.ask_lazily(tree, self.simd),
+            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query: query() }),
+            Layout::Kd(tree) => ask_kd(query(), tree),
+            Layout::Lazy(tree) => query().ask_lazily(tree, self.simd),
         }
     }
 
     #[inline(always)]
     fn closest(self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> Option<Hit> {
-        self.ask(ClosestQuery(Asked { set: self.geometry, ray, filter, observer }))
+        self.ask(|| ClosestQuery(Asked { set: self.geometry, ray, filter, observer }))
     }
 
     #[inline(always)]
     fn any(self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> bool {
-        self.ask(AnyQuery(Asked { set: self.geometry, ray, filter, observer }))
+        self.ask(|| AnyQuery(Asked { set: self.geometry, ray, filter, observer }))
     }
 
     #[inline(always)]
@@ -155,7 +162,7 @@ impl<G: RaySource> Target<'_, G> {
         observer: &mut impl Observer,
         visitor: Visitor<'_>,
     ) -> ControlFlow<()> {
-        self.ask(AllQuery { asked: Asked { set: self.geometry, ray, filter, observer }, visitor })
+        self.ask(|| AllQuery { asked: Asked { set: self.geometry, ray, filter, observer }, visitor })
     }
 
     /// Nothing to do in other layouts, whose rays are never interleaved.

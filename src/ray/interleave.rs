@@ -9,9 +9,10 @@ use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
 use super::hit::Hit;
 use super::intersect::RaySource;
+use super::shear::Sheared;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use super::wide_traversal::{Forms, RayQuery};
+use super::wide_traversal::RayQuery;
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, WideTree};
 use crate::simd::{Kernel, Simd};
@@ -52,7 +53,7 @@ impl Asks for Closests {
 
     #[inline(always)]
     fn collect(ray: &TreeRay) -> Closest<Accept> {
-        Closest { t_max: ray.t_max, reach: ray.end, best: None, accept }
+        Closest { t_max: ray.t_max(), reach: ray.end, best: None, accept }
     }
 
     #[inline(always)]
@@ -71,7 +72,7 @@ impl Asks for Anys {
 
     #[inline(always)]
     fn collect(ray: &TreeRay) -> Any<Accept> {
-        Any { t_max: ray.t_max, reach: ray.end, found: false, accept }
+        Any { t_max: ray.t_max(), reach: ray.end, found: false, accept }
     }
 
     #[inline(always)]
@@ -93,8 +94,8 @@ pub(crate) struct Batch<'a, G, A: Asks> {
 struct Turn<'a, C> {
     /// Its place in the batch.
     index: usize,
-    ray: TreeRay,
-    forms: Forms,
+    ray: TreeRay<'a>,
+    sheared: Option<Sheared>,
     cursor: Cursor<'a>,
     collect: C,
 }
@@ -116,14 +117,14 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
             let cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
             let collect = A::collect(&ray);
-            group.push(Turn { index, forms: Forms::new(&ray), ray, cursor, collect });
+            group.push(Turn { index, ray, sheared: None, cursor, collect });
         }
         while !group.is_empty() {
             let mut i = 0;
             while i < group.len() {
                 let turn = &mut group[i];
-                let Turn { ray, forms, cursor, collect, .. } = turn;
-                let mut query = RayQuery { traverser: &traverser, ray, forms, collect, observer: &mut () };
+                let Turn { ray, sheared, cursor, collect, .. } = turn;
+                let mut query = RayQuery { traverser: &traverser, ray, sheared, collect, observer: &mut () };
                 if traversal.advance(s, cursor, &mut query).is_continue() {
                     traverser.arena.prefetch(cursor.at.at(), cursor.at.lines());
                     i += 1;
@@ -134,8 +135,7 @@ impl<G: RaySource, A: Asks> Kernel for Batch<'_, G, A> {
                     Some((index, ray)) => {
                         turn.cursor.restart(tree.root);
                         turn.collect = A::collect(&ray);
-                        turn.forms = Forms::new(&ray);
-                        (turn.index, turn.ray) = (index, ray);
+                        (turn.index, turn.ray, turn.sheared) = (index, ray, None);
                         i += 1;
                     }
                     None => {

@@ -10,29 +10,29 @@ use glam::{DVec3, Vec3};
 /// A set of primitives that rays can be tested against one by one.
 pub(crate) trait RaySource: WideSource {
     /// The hit at the ray's time within its range.
-    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit>;
+    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
 }
 
 impl RaySource for Scene {
     #[inline(always)]
-    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
+    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
         match self.shape(id) {
             None => {
-                if let Some(corners) = self.triangles.precise_corners(id, ray.time) {
-                    return ray.decide_one(corners, ray.t_max);
+                if let Some(corners) = self.triangles.precise_corners(id, ray.time()) {
+                    return ray.decide_one(sheared, corners, ray.t_max());
                 }
-                let fine = || self.triangles.fine_corners(id, ray.time);
-                intersect_triangle(ray, self.triangles.corners(id, ray.time), fine)
+                let fine = || self.triangles.fine_corners(id, ray.time());
+                intersect_triangle(ray, sheared, self.triangles.corners(id, ray.time()), fine)
             }
-            Some(shape) => self.shapes.intersect(shape, ray),
+            Some(shape) => self.shapes.intersect(shape, ray, sheared),
         }
     }
 }
 
 impl<P: Primitive> RaySource for Shapes<P> {
     #[inline]
-    fn intersect(&self, id: u32, ray: &TreeRay) -> Option<SetHit> {
-        let hit = self.shapes()[id as usize].intersect(&ray.world)?;
+    fn intersect(&self, id: u32, ray: &TreeRay, _: &Sheared) -> Option<SetHit> {
+        let hit = self.shapes()[id as usize].intersect(ray.asked)?;
         ray.hit(hit.t, hit.u, hit.v)
     }
 }
@@ -41,10 +41,11 @@ impl<P: Primitive> RaySource for Shapes<P> {
 #[inline(always)]
 pub(crate) fn intersect_triangle(
     ray: &TreeRay,
+    sheared: &Sheared,
     [a, b, c]: [Vec3; 3],
     fine: impl FnOnce() -> [DVec3; 3],
 ) -> Option<SetHit> {
     // Each by itself: mapped arrays become calls.
-    let corners = [ray.shear.corner(a, ray.origin), ray.shear.corner(b, ray.origin), ray.shear.corner(c, ray.origin)];
-    if Sheared::may_hit(corners, ray.slack) { ray.decide_one(fine(), ray.t_max) } else { None }
+    let corners = [sheared.corner(a, ray.origin), sheared.corner(b, ray.origin), sheared.corner(c, ray.origin)];
+    if Sheared::may_hit(corners, ray.slack) { ray.decide_one(sheared, fine(), ray.t_max()) } else { None }
 }

@@ -15,13 +15,14 @@
 //! coordinate, `s` itself by less than 4 ULP where the plane moves: both are added to `e`. Therefore that leaf is visited
 //! with a range that contains `t`, unless an answer strictly nearer than the begin of the range has been found.
 //!
-//! Small direction components are replaced as everywhere ([`TreeRay::inverse`]), so every product stays finite, and there is
+//! Small direction components are replaced as everywhere ([`TreeRay::slabs`]), so every product stays finite, and there is
 //! no case of its own and no NaN.
 
 use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::observer::Observer;
+use super::shear::Sheared;
 use super::tree_ray::TreeRay;
 use super::walk::Walk;
 use crate::geometry::{KERNEL_ULPS, ULP};
@@ -49,12 +50,12 @@ impl Axes {
     /// For a scene whose largest coordinate is `magnitude`.
     #[inline]
     fn new(ray: &TreeRay, magnitude: f32) -> Axes {
-        let rounding = 8.0 * ULP * (magnitude + ray.origin.abs().max_element());
+        let rounding = 8.0 * ULP * (magnitude + ray.origin.into_iter().map(f32::abs).fold(0.0, f32::max));
         let slack = ray.slack + KERNEL_ULPS * ULP * magnitude + rounding;
         let mut axes = Axes { origin: [0.0; 4], inverse: [1.0; 4], pad: [0.0; 4] };
         for axis in 0..3 {
             axes.origin[axis] = ray.origin[axis];
-            axes.inverse[axis] = ray.inverse[axis];
+            axes.inverse[axis] = ray.slabs.inverse[axis];
             axes.pad[axis] = slack * axes.inverse[axis].abs();
         }
         axes
@@ -78,7 +79,7 @@ impl Walk for &KdTree {
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) {
-        let axes = Axes::new(ray, self.root.magnitude());
+        let (axes, sheared) = (Axes::new(ray, self.root.magnitude()), Sheared::new(ray));
         let (mut begin, mut end) = (ray.begin, ray.end);
         for axis in 0..3 {
             let (a, b) = (axes.crossing(axis, self.root.min[axis]), axes.crossing(axis, self.root.max[axis]));
@@ -96,7 +97,7 @@ impl Walk for &KdTree {
                 KdView::Inner { plane, right } => {
                     observer.node();
                     let axis = plane.axis & 3;
-                    let at = axes.crossing(axis, plane.position + plane.velocity * ray.time);
+                    let at = axes.crossing(axis, plane.position + plane.velocity * ray.time());
                     let pad = axes.pad[axis];
                     let (near, far) = if axes.inverse[axis] > 0.0 { (node + 1, right) } else { (right, node + 1) };
                     let (in_near, in_far) = (begin <= at + pad, at - pad <= end);
@@ -115,13 +116,13 @@ impl Walk for &KdTree {
                 KdView::Leaf { first, count } => {
                     observer.leaf();
                     for reference in &self.references[first as usize..][..count as usize] {
-                        if !reference.lives_at(ray.time) {
+                        if !reference.lives_at(ray.time()) {
                             observer.time_skip();
                             continue;
                         }
                         observer.primitive_tests(1);
                         if filter.sees(|| set.mask(reference.id))
-                            && let Some(hit) = set.intersect(reference.id, ray)
+                            && let Some(hit) = set.intersect(reference.id, ray, &sheared)
                             && hit.t <= collect.limit()
                             && collect.offer(Found { hit, id: reference.id })
                         {
@@ -169,8 +170,10 @@ mod tests {
             let target = a + (b - a) * (0.5 + 0.5 * next());
             // So long that distances in tree space are those of the answer.
             let dir = (target - origin) / (target - origin).abs().max_element() * 1.25;
-            let Some(ray) = TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD) else { continue };
-            let Some(hit) = intersect_triangle(&ray, [a, b, c], || [a, b, c].map(Vec3::as_dvec3)) else { continue };
+            let asked = Ray::new(origin, dir);
+            let Some(ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };
+            let fine = || [a, b, c].map(Vec3::as_dvec3);
+            let Some(hit) = intersect_triangle(&ray, &Sheared::new(&ray), [a, b, c], fine) else { continue };
             let axes = Axes::new(&ray, a.abs().max(b.abs()).max(c.abs()).max_element());
             let (at, pad) = (axes.crossing(0, a.x), axes.pad[0] * part);
             let within = if axes.inverse[0] > 0.0 { hit.t <= at + pad } else { at - pad <= hit.t };

@@ -8,11 +8,10 @@ use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::observer::Observer;
-use super::shear::margin;
+use super::shear::{Sheared, margin};
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use super::triangle::FineRay;
-use crate::geometry::{KERNEL_ULPS, KeyTime, ULP};
+use crate::geometry::{KERNEL_ULPS, ULP};
 use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, block_sizes, shared_count};
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
 
@@ -24,7 +23,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         s: S,
         leaf: LeafRows,
         ray: &TreeRay,
-        (of, between): (&LeafRay, Between),
+        (of, between): (&Sheared, Between),
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
@@ -34,8 +33,10 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let block = &self.arena.floats()[at..];
         let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
         let rows = Rows::new(block, n, count);
-        let of = of.read();
-        let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
+        // What the black box hides is not prepared for blocks that may never be met.
+        let of = core::hint::black_box(of);
+        let [kx, ky, kz] = of.axes;
+        let (ox, oy, oz) = (ray.origin[kx & 3], ray.origin[ky & 3], ray.origin[kz & 3]);
         let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, kz, oz);
         let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, kx, ox);
         let [ya, yb, yc] = corners::<S, MOVING>(s, &rows, between, ky, oy);
@@ -44,7 +45,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let a = (xa - sx * za, ya - sy * za);
         let b = (xb - sx * zb, yb - sy * zb);
         let c = (xc - sx * zc, yc - sy * zc);
-        let margin = block_margin(self.arena.ints()[ids - 1], of.slack);
+        let margin = block_margin(self.arena.ints()[ids - 1], ray.slack);
         let mut inside = maybe_inside(s, a, b, c, s.splat(margin)) & ((1u32 << n) - 1) as Mask;
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
@@ -55,7 +56,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 fine_corners::<S, MOVING>(s, &rows, between, ky, i),
                 fine_corners::<S, MOVING>(s, &rows, between, kz, i),
             ];
-            if self.offer(s, corners, ids + i, ray, collect) {
+            if self.offer(s, corners, ids + i, (ray, of), collect) {
                 return true;
             }
         }
@@ -69,7 +70,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         s: S,
         leaf: LeafRows,
         ray: &TreeRay,
-        (of, between): (&LeafRay, Between),
+        (of, between): (&Sheared, Between),
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
@@ -81,8 +82,10 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let n = shared_count(words[0]);
         observer.leaf();
         observer.primitive_tests(n);
-        let of = of.read();
-        let ([kx, ky, kz], [ox, oy, oz]) = (of.axes, of.origin);
+        // What the black box hides is not prepared for blocks that may never be met.
+        let of = core::hint::black_box(of);
+        let [kx, ky, kz] = of.axes;
+        let (ox, oy, oz) = (ray.origin[kx & 3], ray.origin[ky & 3], ray.origin[kz & 3]);
         let z = vertices::<S, MOVING>(s, &rows, between, kz, oz);
         let x = vertices::<S, MOVING>(s, &rows, between, kx, ox) - s.splat(of.sx) * z;
         let y = vertices::<S, MOVING>(s, &rows, between, ky, oy) - s.splat(of.sy) * z;
@@ -91,7 +94,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let a = (s.permute(x, first), s.permute(y, first));
         let b = (s.permute(x, second), s.permute(y, second));
         let c = (s.permute(x, third), s.permute(y, third));
-        let margin = block_margin(words[0], of.slack);
+        let margin = block_margin(words[0], ray.slack);
         let mut inside = maybe_inside(s, a, b, c, s.splat(margin)) & ((1u32 << n) - 1) as Mask;
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
@@ -103,7 +106,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 fine_vertices::<S, MOVING>(s, &rows, between, ky, lanes),
                 fine_vertices::<S, MOVING>(s, &rows, between, kz, lanes),
             ];
-            if self.offer(s, corners, at + n + i, ray, collect) {
+            if self.offer(s, corners, at + n + i, (ray, of), collect) {
                 return true;
             }
         }
@@ -112,8 +115,15 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
 
     /// Decides about a triangle of these corners, whose id is at word `id`; true ends the query.
     #[inline(always)]
-    fn offer<S: Simd>(&self, s: S, corners: [S::D; 3], id: usize, ray: &TreeRay, collect: &mut impl Collect) -> bool {
-        let Some(hit) = ray.decide(s, &FineRay::new(core::hint::black_box(ray)), corners, collect.limit()) else {
+    fn offer<S: Simd>(
+        &self,
+        s: S,
+        corners: [S::D; 3],
+        id: usize,
+        (ray, sheared): (&TreeRay, &Sheared),
+        collect: &mut impl Collect,
+    ) -> bool {
+        let Some(hit) = ray.decide(s, sheared, corners, collect.limit()) else {
             return false;
         };
         let id = self.arena.ints()[id];
@@ -125,7 +135,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     pub(super) fn list(
         &self,
         leaf: ChildRef,
-        ray: &TreeRay,
+        (ray, sheared): (&TreeRay, &Sheared),
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) -> bool {
@@ -133,7 +143,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         observer.primitive_tests(leaf.len());
         for &id in &self.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
             if self.sees(id, ray)
-                && let Some(hit) = self.set.intersect(id, ray)
+                && let Some(hit) = self.set.intersect(id, ray, sheared)
                 && hit.t <= collect.limit()
                 && collect.offer(Found { hit, id })
             {
@@ -147,7 +157,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// leaf blocks need not know.
     #[inline(always)]
     fn sees(&self, id: u32, ray: &TreeRay) -> bool {
-        (self.set.always_active() || self.set.active(id).contains(ray.time)) && self.filter.sees(|| self.set.mask(id))
+        (self.set.always_active() || self.set.active(id).contains(ray.time())) && self.filter.sees(|| self.set.mask(id))
     }
 }
 
@@ -258,40 +268,4 @@ fn fine_vertices<S: Simd, const MOVING: bool>(
     }
     let far = s.widen(rows.three_of_row(other + axis, lanes));
     near + (far - near) * s.splat_d(f64::from(between.fraction))
-}
-
-/// What leaf blocks need of a ray, in memory.
-#[derive(Clone, Copy)]
-pub(super) struct LeafRay {
-    /// The axes `kx`, `ky` and `kz` of the shear, and the ray's origin along them.
-    axes: [usize; 3],
-    origin: [f32; 3],
-    /// The slopes of the shear.
-    sx: f32,
-    sy: f32,
-    /// The ray's slack.
-    slack: f32,
-    /// The ray's time between two keys.
-    pub between: Between,
-}
-
-impl LeafRay {
-    #[inline(always)]
-    pub(super) fn new(ray: &TreeRay) -> LeafRay {
-        let (o, k) = ([ray.origin.x, ray.origin.y, ray.origin.z, 0.0], &ray.shear);
-        LeafRay {
-            axes: [k.kx, k.ky, k.kz],
-            origin: [o[k.kx & 3], o[k.ky & 3], o[k.kz & 3]],
-            sx: k.sx,
-            sy: k.sy,
-            slack: ray.slack,
-            between: Between::new(KeyTime::new(ray.time, 2)),
-        }
-    }
-
-    /// The ray for one leaf block. What the black box hides is not prepared for blocks that may never be met.
-    #[inline(always)]
-    pub(super) fn read(&self) -> LeafRay {
-        *core::hint::black_box(self)
-    }
 }

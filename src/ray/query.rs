@@ -45,14 +45,14 @@ impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
         let Asked { set, ray, filter, observer } = self.0;
         let (mut of, usual) = TreeRay::of(ray, set.frame());
         if !usual {
-            of.mend(ray, set.frame());
+            of.mend(set.frame());
         }
         let ray = &of;
         if ray.sees_nothing() {
             return None;
         }
         let accept = |found: &Found| filter.accepts(|| answer(set, found));
-        let mut collect = Closest { t_max: ray.t_max, reach: ray.end, best: None, accept };
+        let mut collect = Closest { t_max: ray.t_max(), reach: ray.end, best: None, accept };
         layout.walk(set, ray, filter, &mut collect, observer);
         collect.best.map(|found| answer(set, &found))
     }
@@ -69,14 +69,14 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
         let Asked { set, ray, filter, observer } = self.0;
         let (mut of, usual) = TreeRay::of(ray, set.frame());
         if !usual {
-            of.mend(ray, set.frame());
+            of.mend(set.frame());
         }
         let ray = &of;
         if ray.sees_nothing() {
             return false;
         }
         let accept = |found: &Found| filter.accepts(|| answer(set, found));
-        let mut collect = Any { t_max: ray.t_max, reach: ray.end, found: false, accept };
+        let mut collect = Any { t_max: ray.t_max(), reach: ray.end, found: false, accept };
         layout.walk(set, ray, filter, &mut collect, observer);
         collect.found
     }
@@ -99,7 +99,7 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
         let Asked { set, ray, filter, observer } = self.asked;
         let (mut of, usual) = TreeRay::of(ray, set.frame());
         if !usual {
-            of.mend(ray, set.frame());
+            of.mend(set.frame());
         }
         let ray = &of;
         if ray.sees_nothing() {

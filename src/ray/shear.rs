@@ -1,27 +1,28 @@
 //! The shear of the watertight test ([`super::triangle`]): a ray becomes an axis, and corners move along.
 
+use super::tree_ray::{Direction, TreeRay};
 use crate::geometry::{KERNEL_ULPS, ULP};
 use core::hint::select_unpredictable;
 use glam::Vec3;
 
-/// The shear that turns a ray into an axis.
+/// A ray as triangles are tested against it: the shear that turns it into an axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sheared {
-    /// The ray's longest axis, and the other two.
-    pub kz: usize,
-    pub kx: usize,
-    pub ky: usize,
+    /// `kx`, `ky` and `kz`: the last is the ray's longest axis.
+    pub axes: [usize; 3],
     /// Slopes of the ray along `kx` and `ky`.
     pub sx: f32,
     pub sy: f32,
-    /// Component along `kz`.
+    /// Component along `kz` of the direction of which distances in tree space are multiples.
     pub dz: f32,
 }
 
 impl Sheared {
-    /// The shear of a direction whose longest component is not zero.
+    /// The shear of a ray.
     #[inline(always)]
-    pub fn new(dir: Vec3) -> Sheared {
+    pub fn new(ray: &TreeRay) -> Sheared {
+        let direction = Direction::of(ray.asked.dir);
+        let dir = direction.dir;
         let (x, y, z) = (dir.x.to_bits(), dir.y.to_bits(), dir.z.to_bits());
         let size = |bits: u32| bits & 0x7fff_ffff;
         let not_x = (size(y) > size(x)) | (size(z) > size(x));
@@ -35,15 +36,20 @@ impl Sheared {
         let (kx, ky) = (0b00_10_01 >> (2 * kz) & 3, 0b01_00_10 >> (2 * kz) & 3);
         let dz = pick(x, y, z);
         let inverse = 1.0 / dz;
-        Sheared { kz, kx, ky, sx: pick(y, z, x) * inverse, sy: pick(z, x, y) * inverse, dz }
+        Sheared {
+            axes: [kx, ky, kz],
+            sx: pick(y, z, x) * inverse,
+            sy: pick(z, x, y) * inverse,
+            dz: dz * direction.shrink(),
+        }
     }
 
     /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
     #[inline(always)]
-    pub fn corner(&self, v: Vec3, origin: Vec3) -> [f32; 3] {
-        let a = v - origin;
+    pub fn corner(&self, v: Vec3, origin: [f32; 4]) -> [f32; 3] {
+        let a = v - Vec3::new(origin[0], origin[1], origin[2]);
         // A branch that always goes the same way for one ray, where an index would go through memory.
-        let (x, y, z) = match self.kz {
+        let (x, y, z) = match self.axes[2] {
             0 => (a.y, a.z, a.x),
             1 => (a.z, a.x, a.y),
             _ => (a.x, a.y, a.z),

@@ -3,8 +3,8 @@
 //! The way is that of every wide tree. In each leaf that the ray comes to, what it lists is asked; of a search for the nearest, the
 //! ray ends from then on at the best hit so far.
 
+use super::slabs::Slabs;
 use super::tree_ray::TreeRay;
-use super::wide_traversal::Slabs;
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, WideTree};
 use crate::simd::{Kernel, Mask, Simd};
@@ -29,7 +29,7 @@ pub(crate) struct Way<'a, const ORDERED: bool, Q: ?Sized> {
     /// The ray as it was asked.
     pub ray: &'a Ray,
     /// The same in tree space.
-    pub tree_ray: &'a TreeRay,
+    pub tree_ray: &'a TreeRay<'a>,
     pub stops: &'a mut Q,
 }
 
@@ -39,9 +39,8 @@ impl<const ORDERED: bool, Q: Stops + ?Sized> Kernel for Way<'_, ORDERED, Q> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Way { tree, ray, tree_ray, stops } = self;
-        let slabs = Slabs::new(tree_ray);
-        let (ray, reach) = (Ray { t_max: tree_ray.t_max, ..*ray }, tree_ray.end);
-        let mut query = OnTheWay::<ORDERED, Q> { tree, tree_ray, slabs: &slabs, ray, reach, stops };
+        let (ray, reach) = (Ray { t_max: tree_ray.t_max(), ..*ray }, tree_ray.end);
+        let mut query = OnTheWay::<ORDERED, Q> { tree, tree_ray, slabs: &tree_ray.slabs, ray, reach, stops };
         let mut memory = StackOf::new();
         let mut cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
         let traversal = WideTraversal::new(&tree.arena);
@@ -52,7 +51,7 @@ impl<const ORDERED: bool, Q: Stops + ?Sized> Kernel for Way<'_, ORDERED, Q> {
 /// A ray on its way.
 struct OnTheWay<'a, const ORDERED: bool, Q: ?Sized> {
     tree: &'a WideTree,
-    tree_ray: &'a TreeRay,
+    tree_ray: &'a TreeRay<'a>,
     slabs: &'a Slabs,
     /// The ray as it was asked, up to where something still matters.
     ray: Ray,

@@ -1,42 +1,34 @@
 //! The ray of a query in tree space.
 
 use super::hit::SetHit;
-use super::shear::Sheared;
+use super::slabs::Slabs;
 use crate::geometry::{Frame, KERNEL_ULPS, Ray, ULP};
 use glam::{DVec3, Vec3, Vec3A};
 
 /// A ray in tree space: origin rebased and led to the scene, direction scaled by a power of two so that its largest
 /// component lies in [1, 2), and `t` scaled to match.
-pub(crate) struct TreeRay {
-    pub origin: Vec3,
-    /// One over each component of the direction, where components smaller than [`LEAST_COMPONENT`] count as that.
-    pub inverse: Vec3A,
-    /// The range of answers.
-    pub t_min: f32,
-    pub t_max: f32,
-    /// The same as distances from the origin in tree space, rounded outward where that is inexact.
+///
+/// Here is what nodes need, and what must be known before anything else. What triangles need besides is made of it when a
+/// ray comes to the first ([`Sheared`](super::shear::Sheared)): many rays never do.
+pub(crate) struct TreeRay<'a> {
+    /// The ray as nodes want it. Components of the direction smaller than [`LEAST_COMPONENT`] count as that.
+    pub slabs: Slabs,
+    /// Where it begins; the fourth entry makes any two-bit index valid.
+    pub origin: [f32; 4],
+    /// The range of answers as distances from the origin in tree space, rounded outward where that is inexact.
     pub begin: f32,
     pub end: f32,
-    pub time: f32,
-    /// The direction as the triangle test wants it.
-    pub shear: Sheared,
     /// How much boxes must be larger than they are, per axis: [`KERNEL_ULPS`] of the origin's largest coordinate, or
     /// somewhat more.
     pub slack: f32,
-    /// The slack in units of `t`, per axis.
-    pub pad: Vec3A,
-    /// How far behind its origin the ray begins; 0 for one that begins before it.
-    pub behind: f32,
     /// How far the origin was led along the ray, in tree space.
     pub advance: f64,
     /// The origin as it was asked, in tree space and f64.
-    pub from: DVec3,
-    /// World `t` per tree `t`, a power of two.
-    t_scale: f64,
-    /// What [`TreeRay::reach_at`] adds for the rounding of `t` whatever the distance is.
-    margin: f64,
-    /// The ray as it was asked.
-    pub world: Ray,
+    pub from: [f64; 4],
+    /// Tree `t` per world `t`, a power of two.
+    t_per_world: f64,
+    /// The ray as it was asked. Not a copy: that would wait for the caller's last store to it.
+    pub asked: &'a Ray,
 }
 
 /// Farther origins than this (in scene sizes) see nothing: their rays would be off by more than about 2^-20 of the scene.
@@ -63,13 +55,13 @@ const T_DENORMAL: f64 = 1.0 / ((1u128 << 126) as f64 * 4194304.0);
 /// the other components are.
 const MODERATE: core::ops::RangeInclusive<u32> = 64..=190;
 
-impl TreeRay {
+impl<'a> TreeRay<'a> {
     /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
     #[inline(always)]
-    pub fn new(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
+    pub fn new(ray: &'a Ray, frame: &Frame) -> Option<TreeRay<'a>> {
         let (mut of, usual) = TreeRay::of(ray, frame);
         if !usual {
-            of.mend(ray, frame);
+            of.mend(frame);
         }
         if of.sees_nothing() { None } else { Some(of) }
     }
@@ -89,7 +81,7 @@ impl TreeRay {
     /// what is in registers out of them, whether it is made or not. That function mends the caller's variable in place: a
     /// ray that is handed on is copied, by wide loads that wait for the narrow stores before them.
     #[inline(always)]
-    pub fn of(ray: &Ray, frame: &Frame) -> (TreeRay, bool) {
+    pub fn of(ray: &'a Ray, frame: &Frame) -> (TreeRay<'a>, bool) {
         let from = frame.fine_point(ray.origin);
         let origin = from.as_vec3();
         let field = longest(ray.dir) >> 23;
@@ -108,23 +100,23 @@ impl TreeRay {
     /// Makes a ray of any kind what it should be. One that means nothing sees nothing.
     #[cold]
     #[inline(never)]
-    pub fn mend(&mut self, ray: &Ray, frame: &Frame) {
-        match TreeRay::unusual(ray, frame) {
+    pub fn mend(&mut self, frame: &Frame) {
+        match TreeRay::unusual(self.asked, frame) {
             Some(of) => *self = of,
             None => (self.begin, self.end) = (1.0, 0.0),
         }
     }
 
     /// A ray with more slack than what rounding takes, in tree space.
-    pub fn with_slack(ray: &Ray, frame: &Frame, more: f32) -> Option<TreeRay> {
+    pub fn with_slack(ray: &'a Ray, frame: &Frame, more: f32) -> Option<TreeRay<'a>> {
         let mut of = TreeRay::new(ray, frame)?;
         of.slack += more;
-        of.pad = of.inverse.abs() * of.slack;
+        of.slabs = of.slabs_with(of.slack, of.slabs.behind());
         Some(of)
     }
 
     /// A ray of any kind; nothing where it means nothing.
-    fn unusual(ray: &Ray, frame: &Frame) -> Option<TreeRay> {
+    fn unusual(ray: &'a Ray, frame: &Frame) -> Option<TreeRay<'a>> {
         let reach = f64::from(frame.reach);
         let from = frame.fine_point(ray.origin);
         let longest = longest(ray.dir);
@@ -137,11 +129,7 @@ impl TreeRay {
         if !fine {
             return None;
         }
-        let mut dir = Direction { dir: ray.dir, field: longest >> 23, more: 0 };
-        if !MODERATE.contains(&dir.field) {
-            let more = (f64::from(f32::from_bits(longest)).to_bits() >> 52) as i32 - 1023;
-            dir = Direction { dir: (ray.dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more };
-        }
+        let dir = Direction::of(ray.dir);
         // Minus zero is below zero as well.
         let line = ray.t_min.is_sign_negative();
         let away = from.abs().max_element();
@@ -158,67 +146,81 @@ impl TreeRay {
         let mut of = TreeRay::scaled(ray, from, origin, slack, frame.scale, dir);
         of.advance = advance;
         // A step outward for the rounding of `t`, and one for that of the distance.
-        let t_per_world = inverse_of_power(of.t_scale);
-        let distance = |t: f32| (f64::from(t) * t_per_world - advance) as f32;
-        of.begin = distance(ray.t_min.next_down()).next_down();
-        of.end = distance(ray.t_max.next_up()).next_up();
+        let distance = |t: f32| (f64::from(t) * of.t_per_world - advance) as f32;
+        let (begin, end) = (distance(ray.t_min.next_down()), distance(ray.t_max.next_up()));
+        (of.begin, of.end) = (begin.next_down(), end.next_up());
+        let mut behind = 0.0;
         if !line {
             of.begin = of.begin.max(0.0);
         } else if of.begin < 0.0 {
             // Nothing is hit farther back than this, and rounding a sum with it is an ULP of as much.
             let back = 2.0 * (frame.reach + origin.abs().max_element());
             of.slack += 8.0 * ULP * back;
-            of.pad = of.inverse.abs() * of.slack;
             of.begin = of.begin.max(-back);
-            of.behind = -of.begin;
+            behind = -of.begin;
         }
+        of.slabs = of.slabs_with(of.slack, behind);
         Some(of)
     }
 
+    /// The ray as nodes want it, with some slack, if it begins so far behind its origin.
+    pub(super) fn slabs_with(&self, slack: f32, behind: f32) -> Slabs {
+        let [x, y, z, _] = self.origin;
+        Slabs::new(
+            (Vec3A::new(x, y, z), self.asked.dir, self.slabs.inverse),
+            slack,
+            (self.begin, behind),
+            self.slabs.time(),
+        )
+    }
+
     #[inline(always)]
-    fn scaled(ray: &Ray, from: DVec3, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay {
+    fn scaled(ray: &'a Ray, from: DVec3, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay<'a> {
         let Direction { dir, field, more } = of;
-        // 2^-exponent of the longest component, and 2^exponent.
-        let (shrink, grow) = (f32::from_bits(254u32.wrapping_sub(field) << 23), f32::from_bits(field << 23));
+        // 2^exponent of the longest component.
+        let grow = f32::from_bits(field << 23);
         let d = Vec3A::from(dir);
         let inverse = ((Vec3A::ONE / d).abs() * grow).min(Vec3A::splat(1.0 / LEAST_COMPONENT)).copysign(d);
-        let mut shear = Sheared::new(dir);
-        shear.dz *= shrink;
         let t_per_world = scale * power_of_two(field as i32 - 127 + more);
         let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
+        let (begin, end) = (inward(ray.t_min), inward(ray.t_max));
+        let o = Vec3A::from(origin);
         TreeRay {
-            origin,
-            inverse,
-            // No answer is infinite, in front of the origin or behind it.
-            t_min: ray.t_min.max(f32::MIN),
-            t_max: ray.t_max.min(f32::MAX),
-            begin: inward(ray.t_min),
-            end: inward(ray.t_max),
-            time: ray.time,
-            shear,
+            slabs: Slabs::new((o, dir, inverse), slack, (begin, 0.0), ray.time),
+            origin: o.extend(0.0).to_array(),
+            begin,
+            end,
             slack,
-            pad: inverse.abs() * slack,
-            behind: 0.0,
             advance: 0.0,
-            from,
-            t_scale: inverse_of_power(t_per_world),
-            margin: T_DENORMAL * t_per_world,
-            // Field by field: copied as a whole, it would wait for its own halves.
-            world: Ray {
-                origin: DVec3::new(ray.origin.x, ray.origin.y, ray.origin.z),
-                dir: Vec3::new(ray.dir.x, ray.dir.y, ray.dir.z),
-                t_min: ray.t_min,
-                t_max: ray.t_max,
-                time: ray.time,
-            },
+            from: [from.x, from.y, from.z, 0.0],
+            t_per_world,
+            asked: ray,
         }
+    }
+
+    /// When it looks.
+    #[inline(always)]
+    pub fn time(&self) -> f32 {
+        self.slabs.time()
+    }
+
+    /// The least `t` of an answer. None is infinite, in front of the origin or behind it.
+    #[inline(always)]
+    pub fn t_min(&self) -> f32 {
+        self.asked.t_min.max(f32::MIN)
+    }
+
+    /// The greatest `t` of an answer, likewise.
+    #[inline(always)]
+    pub fn t_max(&self) -> f32 {
+        self.asked.t_max.min(f32::MAX)
     }
 
     /// The answer's `t` at a distance in tree space from the origin as it was asked: rounded once. (Zero is added last, so
     /// that there is no -0.)
     #[inline(always)]
     pub fn answer_at(&self, distance: f64) -> f32 {
-        (distance * self.t_scale) as f32 + 0.0
+        (distance * inverse_of_power(self.t_per_world)) as f32 + 0.0
     }
 
     /// A distance in tree space beyond which no answer is as near as the one at this distance from the origin as it was asked.
@@ -231,21 +233,21 @@ impl TreeRay {
         if self.advance != 0.0 {
             return self.reach(t);
         }
-        (distance + (distance.abs() * T_ROUNDING + self.margin)) as f32
+        (distance + (distance.abs() * T_ROUNDING + T_DENORMAL * self.t_per_world)) as f32
     }
 
     /// A distance in tree space beyond which no answer is as near as `t`, up to the rounding of a distance, for which
     /// there is slack.
     #[inline(always)]
     pub fn reach(&self, t: f32) -> f32 {
-        (f64::from(t.next_up()) * inverse_of_power(self.t_scale) - self.advance) as f32
+        (f64::from(t.next_up()) * self.t_per_world - self.advance) as f32
     }
 
     /// What a primitive of the caller's answers, if that is within the range.
     #[inline(always)]
     pub fn hit(&self, t: f32, u: f32, v: f32) -> Option<SetHit> {
         // In this form NaN is no hit.
-        (self.t_min <= t && t <= self.t_max).then(|| SetHit { t: t + 0.0, reach: self.reach(t), u, v })
+        (self.t_min() <= t && t <= self.t_max()).then(|| SetHit { t: t + 0.0, reach: self.reach(t), u, v })
     }
 }
 
@@ -271,10 +273,32 @@ fn way_to_scene(origin: DVec3, dir: DVec3, half: f64, line: bool) -> Option<f64>
 
 /// A direction to be scaled: the exponent field of its longest component, and the power of two by which it
 /// was shrunk before.
-struct Direction {
-    dir: Vec3,
+pub(super) struct Direction {
+    pub dir: Vec3,
     field: u32,
     more: i32,
+}
+
+impl Direction {
+    /// Of a direction of any length but zero.
+    #[inline(always)]
+    pub fn of(dir: Vec3) -> Direction {
+        let field = longest(dir) >> 23;
+        if MODERATE.contains(&field) { Direction { dir, field, more: 0 } } else { Direction::immoderate(dir) }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn immoderate(dir: Vec3) -> Direction {
+        let more = (f64::from(f32::from_bits(longest(dir))).to_bits() >> 52) as i32 - 1023;
+        Direction { dir: (dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more }
+    }
+
+    /// What scales it so that its longest component is in [1, 2): a power of two.
+    #[inline(always)]
+    pub fn shrink(&self) -> f32 {
+        f32::from_bits(254u32.wrapping_sub(self.field) << 23)
+    }
 }
 
 /// The bits of the longest component of a direction, without the sign: they order like numbers, and after all
@@ -305,6 +329,7 @@ fn inverse_of_power(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ray::shear::Sheared;
     use glam::DVec3;
 
     #[test]
@@ -313,9 +338,10 @@ mod tests {
         for length in [1e-42f32, 1e-30, 0.3, 1.0, 7.0, 1e38] {
             let ray = Ray::new(DVec3::new(5.0, 2.0, 3.0), Vec3::new(0.1, -1.0, 0.25) * length).between(0.5, 2.0);
             let tree = TreeRay::new(&ray, &frame).unwrap();
-            assert_eq!(tree.origin, Vec3::X);
-            assert!((1.0..2.0).contains(&tree.shear.dz.abs()), "{}", tree.shear.dz);
-            assert_eq!(tree.answer_at(0.5 / tree.t_scale), 0.5, "there and back at length {length}");
+            assert_eq!(tree.origin, [1.0, 0.0, 0.0, 0.0]);
+            let dz = Sheared::new(&tree).dz;
+            assert!((1.0..2.0).contains(&dz.abs()), "{dz}");
+            assert_eq!(tree.answer_at(0.5 * tree.t_per_world), 0.5, "there and back at length {length}");
         }
     }
 

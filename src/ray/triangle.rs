@@ -20,53 +20,46 @@
 //! of numbers that are not denormal in f32 keep all their bits.
 
 use super::hit::SetHit;
+use super::shear::Sheared;
 use super::tree_ray::TreeRay;
 use crate::geometry::Double;
-use crate::simd::{Portable, Simd};
+use crate::simd::{Mask, Portable, Simd};
 use glam::{DVec2, DVec3};
 
-/// What the test needs of a ray in f64, along the axes `kx`, `ky` and `kz` of its shear.
-#[derive(Clone, Copy)]
-pub(super) struct FineRay {
-    from: [f64; 3],
-    dir: [f64; 3],
-}
-
-impl FineRay {
-    #[inline(always)]
-    pub fn new(ray: &TreeRay) -> FineRay {
-        let (o, d, k) = (ray.from, ray.world.dir.as_dvec3(), &ray.shear);
-        let (o, d) = ([o.x, o.y, o.z, 0.0], [d.x, d.y, d.z, 0.0]);
-        let (x, y, z) = (k.kx & 3, k.ky & 3, k.kz & 3);
-        FineRay { from: [o[x], o[y], o[z]], dir: [d[x], d[y], d[z]] }
-    }
-}
-
-impl TreeRay {
+impl TreeRay<'_> {
     /// Decides whether the ray passes through a triangle within its range and up to `limit`, and where. The corners are in
     /// tree space: one vector for each of the axes `kx`, `ky` and `kz`, with one corner in each lane.
     ///
     /// Triangles without area as seen by the ray are not hit.
     #[inline(always)]
-    pub(super) fn decide<S: Simd>(&self, s: S, fine: &FineRay, corners: [S::D; 3], limit: f32) -> Option<SetHit> {
-        let z = corners[2] - s.splat_d(fine.from[2]);
-        let x = sheared(s, corners[0] - s.splat_d(fine.from[0]), z, fine.dir[0], fine.dir[2]);
-        let y = sheared(s, corners[1] - s.splat_d(fine.from[1]), z, fine.dir[1], fine.dir[2]);
+    pub(super) fn decide<S: Simd>(&self, s: S, sheared: &Sheared, corners: [S::D; 3], limit: f32) -> Option<SetHit> {
+        let [x, y, z] = sheared.axes;
+        let (ox, oy, oz) = (self.from[x & 3], self.from[y & 3], self.from[z & 3]);
+        let dir: &[f32; 3] = self.asked.dir.as_ref();
+        let (dx, dy, dz) = (f64::from(dir[x]), f64::from(dir[y]), f64::from(dir[z]));
+        let z = corners[2] - s.splat_d(oz);
+        let x = along(s, corners[0] - s.splat_d(ox), z, dx, dz);
+        let y = along(s, corners[1] - s.splat_d(oy), z, dy, dz);
         // Of corners a, b and c the edge functions c x b, a x c and b x a, in lanes.
-        let edges = s.turn_right(x) * s.turn_left(y) - s.turn_right(y) * s.turn_left(x);
-        let ([mut u, mut v, mut w, _], [za, zb, zc, _]) = (s.lanes_d(edges), s.lanes_d(z));
-        if (u == 0.0) | (v == 0.0) | (w == 0.0) {
-            [u, v, w] = exact_edges(s.lanes_d(x), s.lanes_d(y));
+        let mut edges = s.turn_right(x) * s.turn_left(y) - s.turn_right(y) * s.turn_left(x);
+        let mut signs = Signs::of(s, edges);
+        if signs.zero() != 0 {
+            edges = s.load_d(&exact_edges(s.lanes_d(x), s.lanes_d(y)));
+            signs = Signs::of(s, edges);
+            if signs.zero() == ALL {
+                return None;
+            }
         }
-        let outside = ((u < 0.0) | (v < 0.0) | (w < 0.0)) & ((u > 0.0) | (v > 0.0) | (w > 0.0));
-        let det = u + v + w;
-        if outside | (det == 0.0) {
+        // Some of them below zero, some above.
+        if (signs.at_least_zero != ALL) & (signs.at_most_zero != ALL) {
             return None;
         }
-        let distance = (u * za + v * zb + w * zc) / (det * f64::from(self.shear.dz));
+        let ([u, v, w, _], [za, zb, zc, _]) = (s.lanes_d(edges), s.lanes_d(z));
+        let det = u + v + w;
+        let distance = (u * za + v * zb + w * zc) / (det * f64::from(sheared.dz));
         let t = self.answer_at(distance);
         // NaN is no hit in this form.
-        (self.t_min <= t && t <= limit).then(|| {
+        (self.t_min() <= t && t <= limit).then(|| {
             let (u, v) = ((v / det) as f32, (w / det) as f32);
             SetHit { t, reach: self.reach_at(distance, t), u, v }
         })
@@ -74,32 +67,54 @@ impl TreeRay {
 
     /// The same for one triangle at a time.
     #[inline(always)]
-    pub fn decide_one(&self, [a, b, c]: [DVec3; 3], limit: f32) -> Option<SetHit> {
-        let fine = FineRay::new(self);
+    pub fn decide_one(&self, sheared: &Sheared, [a, b, c]: [DVec3; 3], limit: f32) -> Option<SetHit> {
         let (x, y, z) = ([a.x, b.x, c.x, 0.0], [a.y, b.y, c.y, 0.0], [a.z, b.z, c.z, 0.0]);
         // A branch that always goes the same way for one ray, where an index would go through memory.
-        let [x, y, z] = match self.shear.kz {
+        let [x, y, z] = match sheared.axes[2] {
             0 => [y, z, x],
             1 => [z, x, y],
             _ => [x, y, z],
         };
-        self.decide(Portable, &fine, [Portable.load_d(&x), Portable.load_d(&y), Portable.load_d(&z)], limit)
+        self.decide(Portable, sheared, [Portable.load_d(&x), Portable.load_d(&y), Portable.load_d(&z)], limit)
+    }
+}
+
+/// Lanes of the three edge functions.
+const ALL: Mask = 0b111;
+
+/// Which edge functions are at most zero, and which are at least zero.
+#[derive(Clone, Copy)]
+struct Signs {
+    at_most_zero: Mask,
+    at_least_zero: Mask,
+}
+
+impl Signs {
+    #[inline(always)]
+    fn of<S: Simd>(s: S, edges: S::D) -> Signs {
+        let zero = s.splat_d(0.0);
+        Signs { at_most_zero: s.le_d(edges, zero) & ALL, at_least_zero: s.le_d(zero, edges) & ALL }
+    }
+
+    #[inline(always)]
+    fn zero(self) -> Mask {
+        self.at_most_zero & self.at_least_zero
     }
 }
 
 /// Sheared coordinates of corners relative to the ray, times the direction's longest component.
 #[inline(always)]
-fn sheared<S: Simd>(s: S, x: S::D, z: S::D, dx: f64, dz: f64) -> S::D {
+fn along<S: Simd>(s: S, x: S::D, z: S::D, dx: f64, dz: f64) -> S::D {
     x * s.splat_d(dz) - s.splat_d(dx) * z
 }
 
-/// The three edge functions with the signs of the exact ones, and zero only where those are.
+/// The three edge functions with the signs of the exact ones, and zero only where those are; and 0.
 #[cold]
 #[inline(never)]
-fn exact_edges(x: [f64; 4], y: [f64; 4]) -> [f64; 3] {
+fn exact_edges(x: [f64; 4], y: [f64; 4]) -> [f64; 4] {
     let corner = |i: usize| DVec2::new(x[i], y[i]);
     let (a, b, c) = (corner(0), corner(1), corner(2));
-    [exact_edge(c, b), exact_edge(a, c), exact_edge(b, a)]
+    [exact_edge(c, b), exact_edge(a, c), exact_edge(b, a), 0.0]
 }
 
 /// An edge function with the sign of the exact one, and zero only where that is.
@@ -114,26 +129,23 @@ mod tests {
     use crate::geometry::{Frame, KERNEL_ULPS, ULP};
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
-    use crate::ray::shear::{Sheared, margin};
+    use crate::ray::shear::margin;
     use glam::Vec3;
 
-    fn intersect(ray: &TreeRay, corners: [Vec3; 3]) -> Option<SetHit> {
-        intersect_triangle(ray, corners, || corners.map(Vec3::as_dvec3))
-    }
-
-    fn tree_ray(origin: Vec3, dir: Vec3) -> TreeRay {
-        TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD).unwrap()
+    fn intersect(ray: &Ray, corners: [Vec3; 3]) -> Option<SetHit> {
+        let ray = TreeRay::new(ray, &Frame::WORLD).unwrap();
+        intersect_triangle(&ray, &Sheared::new(&ray), corners, || corners.map(Vec3::as_dvec3))
     }
 
     #[test]
     fn distance_and_barycentrics() {
         let corners = [Vec3::new(0.0, 0.0, 0.5), Vec3::new(1.0, 0.0, 0.5), Vec3::new(0.0, 1.0, 0.5)];
         for dir in [Vec3::Z, Vec3::new(0.0, -0.0, 1.5)] {
-            let hit = intersect(&tree_ray(Vec3::new(0.25, 0.5, -0.5), dir), corners).unwrap();
+            let hit = intersect(&Ray::new(Vec3::new(0.25, 0.5, -0.5), dir), corners).unwrap();
             assert_eq!((hit.u, hit.v), (0.25, 0.5));
             assert_eq!(hit.t * dir.z, 1.0);
         }
-        let behind = tree_ray(Vec3::new(0.25, 0.5, 0.75), Vec3::Z);
+        let behind = Ray::new(Vec3::new(0.25, 0.5, 0.75), Vec3::Z);
         assert_eq!(intersect(&behind, corners), None);
     }
 
@@ -151,7 +163,7 @@ mod tests {
                 .map(|(x, y)| Vec3::new(x * (0.4 + 0.2 * next()), y * (0.4 + 0.2 * next()), 0.1 * next()));
             let origin = Vec3::new(next(), next(), 4.0 + next());
             let target = if i % 2 == 0 { hub } else { hub + (rim[i % 4] - hub) * 0.5 * (1.0 + next()).min(0.95) };
-            let ray = tree_ray(origin, target - origin);
+            let ray = Ray::new(origin, target - origin);
             let hits = (0..4).filter(|&k| intersect(&ray, [hub, rim[k], rim[(k + 1) % 4]]).is_some()).count();
             assert!(hits >= 1, "leak at {origin} -> {target}");
         }
@@ -173,19 +185,21 @@ mod tests {
             let corners = [point(size) + place, point(size) + place, point(size) + place];
             let origin = point(3.0) * if i % 2 == 0 { 1.0 } else { size };
             let target = corners[0].lerp(corners[1], if i % 3 == 0 { 0.0 } else { 0.5 + 0.5 * next() });
-            let Some(ray) = TreeRay::new(&Ray::new(origin, target - origin), &Frame::WORLD) else { continue };
-            if ray.decide_one(corners.map(Vec3::as_dvec3), f32::INFINITY).is_none() {
+            let asked = Ray::new(origin, target - origin);
+            let Some(ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };
+            let sheared = Sheared::new(&ray);
+            if ray.decide_one(&sheared, corners.map(Vec3::as_dvec3), f32::INFINITY).is_none() {
                 continue;
             }
-            let [a, b, c] = corners.map(|p| ray.shear.corner(p, ray.origin));
-            assert!(Sheared::may_hit([a, b, c], ray.slack), "{corners:?} {:?}", ray.world);
+            let [a, b, c] = corners.map(|p| sheared.corner(p, ray.origin));
+            assert!(Sheared::may_hit([a, b, c], ray.slack), "{corners:?} {asked:?}");
             let size = corners.into_iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
             let extent = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (corners[i] - corners[j]).abs().max_element());
             let extent = extent.into_iter().fold(0.0, f32::max);
             let margin = margin(2.0 * extent, KERNEL_ULPS * ULP * size + ray.slack);
             let edges = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
             let ruled_out = |margin: f32| edges.iter().any(|e| *e < -margin) && edges.iter().any(|e| *e > margin);
-            assert!(!ruled_out(margin), "{corners:?} {:?}", ray.world);
+            assert!(!ruled_out(margin), "{corners:?} {asked:?}");
             hits += 1;
             without += usize::from(ruled_out(0.0));
         }
@@ -194,7 +208,7 @@ mod tests {
 
     #[test]
     fn triangles_without_area_are_not_hit() {
-        let ray = tree_ray(Vec3::new(0.0, 0.0, -1.0), Vec3::Z);
+        let ray = Ray::new(Vec3::new(0.0, 0.0, -1.0), Vec3::Z);
         for corners in [[Vec3::ZERO; 3], [Vec3::NEG_X, Vec3::X, Vec3::X], [Vec3::NEG_X, Vec3::ZERO, Vec3::X]] {
             assert_eq!(intersect(&ray, corners), None);
         }
@@ -208,7 +222,9 @@ mod tests {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
             (state >> 33) as i64 % (1 << bits)
         };
-        let ray = tree_ray(Vec3::ZERO, Vec3::Z);
+        let asked = Ray::new(Vec3::ZERO, Vec3::Z);
+        let ray = TreeRay::new(&asked, &Frame::WORLD).unwrap();
+        let sheared = Sheared::new(&ray);
         let (mut near, mut inside) = (0, 0);
         for _ in 0..100_000 {
             // Two corners on opposite sides of the axis and nearly in a line with it, the third aside.
@@ -221,7 +237,7 @@ mod tests {
             let sum: i64 = exact.iter().sum();
             let outside = exact.iter().any(|&e| e < 0) && exact.iter().any(|&e| e > 0);
             let corners = [a, b, c].map(|[x, y]| [x as f32, y as f32, 1.0]);
-            let hit = ray.decide_one(corners.map(|p| DVec3::from(p.map(f64::from))), f32::INFINITY).is_some();
+            let hit = ray.decide_one(&sheared, corners.map(|p| DVec3::from(p.map(f64::from))), f32::INFINITY).is_some();
             assert_eq!(hit, !outside && sum != 0, "{corners:?}");
             // An edge function within 1e-6 of zero, relative to the sum, and on the wrong side.
             near += u32::from(outside && exact.iter().any(|&e| e != 0 && (e as f64).abs() < 1e-6 * (sum as f64).abs()));

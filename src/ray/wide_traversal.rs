@@ -1,107 +1,19 @@
-//! Rays in the wide layout: one ray against sixteen boxes at a time.
-//!
-//! Boxes at the ray's time are one multiply-add per face away from the node's rows. A face `f` is met at
-//! `(f - o) / d`, and with `r = 1 / d` computed once, `f * r + (-o r -+ slack |r|)` grows the box by the slack as well, where
-//! it costs nothing.
-//!
-//! Proof that nothing is culled that a leaf would accept: along each axis the computed distance is
-//! `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|` (two products and the
-//! sum of the constant term, the sum with the face's, which is fused or has a product more), below 5 ULP of
-//! `(|f| + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1). That and what the kernel may stray
-//! ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)) grows with the coordinates of what is hit and with the origin's: boxes are
-//! padded by the first when they are written, rays have slack for the second. So one vertex far away
-//! makes no other box larger. Distances that tie with the limit are kept, since the comparison is `<=`.
-//! A ray that begins behind its origin counts distances from its begin, so that none that matters is below zero and
-//! integers order like numbers: three more roundings, of sums with that begin, for which its slack is larger.
-//! Everything stays finite: coordinates are below 2^102 and reciprocals at most 2^24.
+//! Rays in the wide layout: nodes by the slab test ([`super::slabs`]), leaf blocks by their own kernels ([`super::leaf`]).
 
 use super::collect::Collect;
 use super::filter::Filter;
 use super::intersect::RaySource;
-use super::leaf::{LeafRay, LeafRows};
+use super::leaf::LeafRows;
 use super::observer::Observer;
+use super::shear::Sheared;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use super::walk::Walk;
 use crate::geometry::KeyTime;
-use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, Kind, NODE_ROWS, VERTEX_ROWS, WideTree};
-use crate::simd::{LANES, Mask, Simd, Stack, lanes_at};
+use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, Kind, VERTEX_ROWS, WideTree};
+use crate::simd::{Mask, Simd, Stack};
 use crate::traverse::{Cursor, NodeBlock, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
-use glam::Vec3A;
-
-/// A ray as the slab test wants it, per axis.
-pub(crate) struct Slabs {
-    /// Words from an axis' pair of rows to that of the near faces: none, or a row where the ray goes backward.
-    near: [usize; 3],
-    inverse: Vec3A,
-    near_offset: Vec3A,
-    far_offset: Vec3A,
-    /// What distances along the ray are greater by here, so that none that counts is below zero; 0 for nearly all rays.
-    shift: f32,
-    /// Where the ray begins, shifted.
-    begin: f32,
-    /// When it looks.
-    time: f32,
-}
-
-impl Slabs {
-    #[inline(always)]
-    pub fn new(ray: &TreeRay) -> Slabs {
-        let inverse = ray.inverse;
-        let at_origin = -Vec3A::from(ray.origin) * inverse + ray.behind;
-        let pad = ray.pad;
-        Slabs {
-            near: [backward(ray.world.dir.x), backward(ray.world.dir.y), backward(ray.world.dir.z)],
-            inverse,
-            near_offset: at_origin - pad,
-            far_offset: at_origin + pad,
-            shift: ray.behind,
-            begin: ray.begin + ray.behind,
-            time: ray.time,
-        }
-    }
-
-    /// A limit for distances, as boxes are compared with it.
-    #[inline(always)]
-    fn limit(&self, limit: f32) -> f32 {
-        limit + self.shift
-    }
-
-    /// The same as a key of boxes: distances below zero were stored as zero.
-    #[inline(always)]
-    pub fn key(&self, limit: f32) -> f32 {
-        self.limit(limit).max(0.0)
-    }
-
-    /// The boxes of a node that the ray meets no farther away than `reach`, and where.
-    #[inline(always)]
-    pub fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, reach: f32) -> (Mask, S::F) {
-        let time = s.splat(self.time);
-        // Written out: closures would be compiled without the instruction set.
-        let near = [
-            face_distance::<S, ROWS, 0>(s, block, self.near[0], time, self.inverse.x, self.near_offset.x),
-            face_distance::<S, ROWS, 1>(s, block, self.near[1], time, self.inverse.y, self.near_offset.y),
-            face_distance::<S, ROWS, 2>(s, block, self.near[2], time, self.inverse.z, self.near_offset.z),
-        ];
-        let far = [
-            face_distance::<S, ROWS, 0>(s, block, self.near[0] ^ LANES, time, self.inverse.x, self.far_offset.x),
-            face_distance::<S, ROWS, 1>(s, block, self.near[1] ^ LANES, time, self.inverse.y, self.far_offset.y),
-            face_distance::<S, ROWS, 2>(s, block, self.near[2] ^ LANES, time, self.inverse.z, self.far_offset.z),
-        ];
-        // All that count are above zero, where integers order like numbers.
-        let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(self.begin)));
-        let limit = s.splat(self.limit(reach));
-        let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
-        (s.le_signed(enter, leave), enter)
-    }
-}
-
-/// A row's words where the sign is negative.
-#[inline(always)]
-fn backward(component: f32) -> usize {
-    (component.to_bits() >> 31) as usize * LANES
-}
 
 /// The wide layout with an instruction set to walk it by.
 pub(crate) struct Wide<'a, S> {
@@ -126,35 +38,19 @@ impl<S: Simd> Walk for Wide<'_, S> {
             return;
         }
         let traverser = Traverser { arena: &self.tree.arena, lists: self.tree.lists, set, filter };
-        let forms = Forms::new(ray);
-        let mut query = RayQuery { traverser: &traverser, ray, forms: &forms, collect, observer };
+        let mut query = RayQuery { traverser: &traverser, ray, sheared: &mut None, collect, observer };
         let mut cursor = Cursor::new(self.tree.root, self.stack);
         let traversal = WideTraversal::new(&self.tree.arena);
         while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
     }
 }
 
-/// A ray as nodes and as leaf blocks want it.
-///
-/// This stays in memory. As values that the compiler may keep where it likes, it would spread all of it over
-/// vector registers before the first node, which takes longer than some rays live.
-pub(super) struct Forms {
-    slabs: Slabs,
-    leaf: LeafRay,
-}
-
-impl Forms {
-    #[inline(always)]
-    pub fn new(ray: &TreeRay) -> Forms {
-        Forms { slabs: Slabs::new(ray), leaf: LeafRay::new(ray) }
-    }
-}
-
 /// A ray on its way through the tree, with all that is asked of it.
 pub(super) struct RayQuery<'a, G, F, C, O> {
     pub traverser: &'a Traverser<'a, G, F>,
-    pub ray: &'a TreeRay,
-    pub forms: &'a Forms,
+    pub ray: &'a TreeRay<'a>,
+    /// Made when the ray comes to its first leaf block.
+    pub sheared: &'a mut Option<Sheared>,
     pub collect: &'a mut C,
     pub observer: &'a mut O,
 }
@@ -164,7 +60,7 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
 
     #[inline(always)]
     fn time(&self) -> f32 {
-        self.ray.time
+        self.ray.time()
     }
 
     #[inline(always)]
@@ -174,22 +70,27 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
 
     #[inline(always)]
     fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
-        self.forms.slabs.enter::<S, ROWS>(s, block, self.collect.reach())
+        self.ray.slabs.enter::<S, ROWS>(s, block, self.collect.reach())
     }
 
     #[inline(always)]
     fn limit(&self) -> f32 {
-        self.forms.slabs.key(self.collect.reach())
+        self.ray.slabs.key(self.collect.reach())
     }
 
     #[inline(always)]
     fn leaf(&mut self, s: S, at: ChildRef) -> ControlFlow<()> {
-        let RayQuery { traverser, ray, forms, .. } = *self;
-        let (collect, observer, leaf_ray) = (&mut *self.collect, &mut *self.observer, &forms.leaf);
+        let RayQuery { traverser, ray, .. } = *self;
+        let (collect, observer) = (&mut *self.collect, &mut *self.observer);
+        if self.sheared.is_none() {
+            *self.sheared = Some(Sheared::new(ray));
+        }
+        let Some(sheared) = &*self.sheared else { return ControlFlow::Continue(()) };
         // Each kind of test stands here once: the code of a query must fit the instruction cache.
-        let still = (leaf_ray, Between::NEVER);
+        let still = (sheared, Between::NEVER);
+        let between = Between::new(KeyTime::new(ray.time(), 2));
         let (shared, rows, between) = match at.kind() {
-            _ if !G::TRIANGLES => return ended(traverser.list(at, ray, collect, observer)),
+            _ if !G::TRIANGLES => return ended(traverser.list(at, (ray, sheared), collect, observer)),
             Kind::StillLeaf => {
                 let rows = LeafRows::loose(at, CORNER_ROWS);
                 return ended(traverser.leaf::<S, false>(s, rows, ray, still, collect, observer));
@@ -198,16 +99,18 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
                 let rows = LeafRows::shared(at, VERTEX_ROWS);
                 return ended(traverser.shared::<S, false>(s, rows, ray, still, collect, observer));
             }
-            Kind::Leaf => (false, LeafRows::loose(at, 2 * CORNER_ROWS), leaf_ray.read().between),
-            Kind::SharedLeaf => (true, LeafRows::shared(at, 2 * VERTEX_ROWS), leaf_ray.read().between),
-            _ if at.at() >= traverser.lists => return ended(traverser.list(at, ray, collect, observer)),
+            Kind::Leaf => (false, LeafRows::loose(at, 2 * CORNER_ROWS), between),
+            Kind::SharedLeaf => (true, LeafRows::shared(at, 2 * VERTEX_ROWS), between),
+            _ if at.at() >= traverser.lists => {
+                return ended(traverser.list(at, (ray, sheared), collect, observer));
+            }
             _ => {
                 let keyed = KeyedLeaf::read(traverser.arena.ints(), at);
-                let time = KeyTime::new(ray.time, keyed.segments + 1);
+                let time = KeyTime::new(ray.time(), keyed.segments + 1);
                 (keyed.shared, LeafRows::keyed(at, &keyed, time.segment), Between::new(time))
             }
         };
-        let moving = (leaf_ray, between);
+        let moving = (sheared, between);
         ended(match shared {
             true => traverser.shared::<S, true>(s, rows, ray, moving, collect, observer),
             false => traverser.leaf::<S, true>(s, rows, ray, moving, collect, observer),
@@ -219,154 +122,4 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
 #[inline(always)]
 fn ended(end: bool) -> ControlFlow<()> {
     if end { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-}
-
-/// Distance along the ray at which it meets one face of every box of a node: `side` words behind the pair of rows.
-#[inline(always)]
-fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
-    s: S,
-    block: &NodeBlock,
-    side: usize,
-    time: S::F,
-    inverse: f32,
-    offset: f32,
-) -> S::F {
-    // The mask keeps the compiler from checking bounds.
-    let row = 2 * AXIS * LANES + (side & LANES);
-    let at = s.load(lanes_at(block, row));
-    let face = if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, row + 6 * LANES)), time, at) } else { at };
-    s.mul_add(face, s.splat(inverse), s.splat(offset))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::geometry::{Box3, Frame, KERNEL_ULPS, ULP};
-    use crate::ray::Ray;
-    use crate::ray::intersect::intersect_triangle;
-    use crate::ray::tree_ray::LEAST_COMPONENT;
-    use glam::Vec3;
-
-    #[test]
-    fn a_grown_slab_holds_the_exact_one() {
-        for (o, d) in [(0.3f32, 0.9f32), (-7.0, -1e-3), (1e4, 1e-20), (0.0, -0.0), (0.1, -1.0)] {
-            let ray = Ray::new(Vec3::new(0.0, o, 0.0), Vec3::new(1.0, d, 0.0));
-            let frame = Frame { reach: 1e5, ..Frame::WORLD };
-            let ray = TreeRay::new(&ray, &frame).unwrap();
-            let slabs = Slabs::new(&ray);
-            let (low, high) = (-0.25f32, 0.5f32);
-            let (near, far) = if slabs.near[1] == 0 { (low, high) } else { (high, low) };
-            let enter = near.mul_add(slabs.inverse[1], slabs.near_offset[1]);
-            let leave = far.mul_add(slabs.inverse[1], slabs.far_offset[1]);
-            if d.abs() > LEAST_COMPONENT {
-                let exact = |f: f32| (f64::from(f) - f64::from(o)) / f64::from(d);
-                assert!(f64::from(enter) < exact(near) && f64::from(leave) > exact(far), "{o} {d}");
-            } else {
-                let inside = low <= o && o <= high;
-                assert_eq!(enter < 1e5 && leave > -1e5 && enter < leave, inside, "{o} {d}");
-            }
-        }
-    }
-
-    /// Whether a ray hits a triangle, and then whether it misses its box, if that is padded by this part of its size.
-    fn hit_and_lost(ray: &TreeRay, corners: [Vec3; 3], pad: f32) -> (bool, bool) {
-        let Some(hit) = intersect_triangle(ray, corners, || corners.map(Vec3::as_dvec3)) else { return (false, false) };
-        let hull = corners.into_iter().fold(Box3::EMPTY, Box3::include);
-        let hull = hull.pad(pad * hull.magnitude());
-        let slabs = Slabs::new(ray);
-        let (mut enter, mut leave) = (slabs.begin, slabs.limit(hit.reach));
-        for axis in 0..3 {
-            let (low, high) = (hull.min[axis], hull.max[axis]);
-            let (near, far) = if slabs.near[axis] == 0 { (low, high) } else { (high, low) };
-            enter = enter.max(near.mul_add(slabs.inverse[axis], slabs.near_offset[axis]));
-            leave = leave.min(far.mul_add(slabs.inverse[axis], slabs.far_offset[axis]));
-        }
-        (true, enter > leave)
-    }
-
-    /// A triangle with one side along a face of its box, or along an edge, and a point of that side, where rays are aimed.
-    fn aim(mut next: impl FnMut() -> f32, at_edge: bool) -> ([Vec3; 3], Vec3) {
-        let mut point = || Vec3::new(next(), next(), next());
-        let (a, mut b, c) = (point(), point(), point());
-        b.x = a.x;
-        if at_edge {
-            b.y = a.y;
-        }
-        ([a, b, c], a + (b - a) * (0.5 + 0.5 * next()))
-    }
-
-    /// The hits of 200 000 rays that are lost; `ray` makes one and says by which part of its size the box is padded.
-    fn lost(mut ray: impl FnMut(&mut dyn FnMut() -> f32) -> Option<(TreeRay, [Vec3; 3], f32)>) -> usize {
-        let mut state = 31u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
-        let (mut hits, mut lost) = (0, 0);
-        for _ in 0..200_000 {
-            let Some((ray, corners, pad)) = ray(&mut next) else { continue };
-            let (hit, missed) = hit_and_lost(&ray, corners, pad);
-            hits += usize::from(hit);
-            lost += usize::from(missed);
-        }
-        assert!(hits > 50_000, "{hits}");
-        lost
-    }
-
-    /// Hits that are lost if boxes and rays have this part of the padding and the slack that they should have.
-    fn hits_lost(part: f32) -> usize {
-        lost(|next| {
-            let (corners, target) = aim(&mut *next, false);
-            let origin = Vec3::new(next(), next(), next()) * 3.0;
-            let mut ray = TreeRay::new(&Ray::new(origin, target - origin), &Frame::WORLD)?;
-            ray.pad *= part;
-            Some((ray, corners, KERNEL_ULPS * ULP * part))
-        })
-    }
-
-    /// The same of rays from far away that have this part of the slack for their way to the scene, and no other.
-    fn far_hits_lost(part: f32) -> usize {
-        lost(|next| {
-            let (corners, target) = aim(&mut *next, true);
-            let dir = Vec3::new(next(), next(), next());
-            let origin = target.as_dvec3() - dir.as_dvec3() * (4e9 / f64::from(dir.abs().max_element()));
-            let mut ray = TreeRay::new(&Ray::new(origin, dir), &Frame::WORLD)?;
-            let on_the_way = ray.slack - KERNEL_ULPS * ULP * ray.origin.abs().max_element();
-            ray.pad = ray.inverse.abs() * (on_the_way * part);
-            Some((ray, corners, 0.0))
-        })
-    }
-
-    /// The same of lines through small triangles that have this part of the slack for what is behind their origin, beside
-    /// the usual.
-    fn hits_of_lines_lost(part: f32) -> usize {
-        lost(|next| {
-            let (corners, target) = aim(&mut *next, true);
-            let origin = Vec3::new(next(), next(), next()) * 3e-4;
-            // Where `t` were 1, distances would be exact.
-            let line = Ray::new(origin, (target * 1e-4 - origin) * 0.7).between(f32::NEG_INFINITY, f32::INFINITY);
-            let mut ray = TreeRay::new(&line, &Frame::WORLD)?;
-            let usual = KERNEL_ULPS * ULP * ray.origin.abs().max_element();
-            ray.pad = ray.inverse.abs() * (usual + (ray.slack - usual) * part);
-            Some((ray, corners.map(|corner| corner * 1e-4), KERNEL_ULPS * ULP))
-        })
-    }
-
-    #[test]
-    fn the_kernels_rounding_is_held_by_boxes_and_rays_together() {
-        assert_eq!(hits_lost(1.0), 0);
-        assert!(hits_lost(0.0) > 100);
-    }
-
-    #[test]
-    fn what_is_lost_on_the_way_to_the_scene_is_held_and_would_not_be_without_slack() {
-        assert_eq!(far_hits_lost(1.0), 0);
-        assert!(far_hits_lost(0.0) > 100);
-    }
-
-    #[test]
-    fn what_lines_lose_behind_their_origin_is_held_and_would_not_be_without_slack() {
-        assert_eq!(hits_of_lines_lost(1.0), 0);
-        assert!(hits_of_lines_lost(0.0) > 100);
-    }
 }

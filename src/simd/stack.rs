@@ -7,14 +7,14 @@ use core::mem::MaybeUninit;
 /// Memory for a [`Stack`], uninitialized: `N` places here, or more on the heap where a stack needs them.
 pub(crate) struct StackMemory<T: Copy, const N: usize> {
     here: [MaybeUninit<T>; N],
-    heap: Vec<MaybeUninit<T>>,
+    heap: Option<Box<[MaybeUninit<T>]>>,
 }
 
 impl<T: Copy, const N: usize> StackMemory<T, N> {
     /// Touches nothing.
     #[inline(always)]
     pub(crate) fn new() -> Self {
-        StackMemory { here: [const { MaybeUninit::uninit() }; N], heap: Vec::new() }
+        StackMemory { here: [const { MaybeUninit::uninit() }; N], heap: None }
     }
 
     /// An empty stack in this memory with at least `places` places.
@@ -23,16 +23,15 @@ impl<T: Copy, const N: usize> StackMemory<T, N> {
         if places <= N {
             return Stack { items: &mut self.here, len: 0 };
         }
-        self.heap = uninitialized(places);
-        Stack { items: &mut self.heap, len: 0 }
+        Stack { items: self.heap.insert(uninitialized(places)), len: 0 }
     }
 }
 
 /// Memory for deep stacks. A call of its own, since hardly any tree needs it.
 #[cold]
 #[inline(never)]
-fn uninitialized<T: Copy>(places: usize) -> Vec<MaybeUninit<T>> {
-    vec![MaybeUninit::uninit(); places]
+fn uninitialized<T: Copy>(places: usize) -> Box<[MaybeUninit<T>]> {
+    vec![MaybeUninit::uninit(); places].into()
 }
 
 /// A stack; its length is apart from its memory, so that it can live in a register.
