@@ -87,6 +87,7 @@ def test_meshes_masks_lifetimes_and_ranges():
     assert tree.all_hits(*down)[1].t.tolist() == [2, 3]
     assert tree.closest_hits(down[0], [0, 0, 0]).mesh == -1
     assert np.isnan(tree.triangles([-1, 0], [0, 9])).all()
+    assert [tree.closest_point([[0.2, 0.2, 3]], mask=mask)[1].item() for mask in (1, 2, 3, 4)] == [3, 2, 2, np.inf]
 
 
 def test_closest_points():
