@@ -28,6 +28,7 @@ class Points:
         max_references: float,
         round_to_f32: bool,
         workers: int,
+        progress: _Progress,
     ) -> Points: ...
     def save(self, path: str) -> None: ...
     @staticmethod

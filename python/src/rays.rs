@@ -6,7 +6,6 @@ use crate::threads::{long, look_after, pool};
 use crate::traced::{
     Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
 };
-use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, ClosestPointQuery, Hit, Keys, Ray, RayTree, TimeInterval, TriangleMesh};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -38,8 +37,7 @@ impl Rays {
     fn new(py: Python<'_>, meshes: Vec<MeshArrays<'_>>, workers: isize, progress: Option<Py<PyAny>>) -> PyResult<Rays> {
         let meshes = meshes.iter().map(mesh).collect::<PyResult<Vec<_>>>()?;
         let build = long(py, workers, progress.as_ref(), |control| {
-            let hear = |done| if control.at(done) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            RayTree::build_with_progress(&meshes, &BuildParams::default(), &hear)
+            RayTree::build_with_progress(&meshes, &BuildParams::default(), &|done| control.hear(done))
         })?;
         Ok(Rays { tree: Arc::new(build.map_err(value_error)?) })
     }

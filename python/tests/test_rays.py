@@ -108,21 +108,6 @@ def test_closest_points():
     np.testing.assert_array_equal(near >= 0, distance <= np.float32(0.01))
 
 
-def test_a_build_can_be_ended():
-    side = np.linspace(0, 1, 400, dtype=np.float32)
-    x, y = np.meshgrid(side, side)
-    vertices = np.column_stack([x.ravel(), y.ravel(), np.sin(40 * x * y).ravel()]).astype(np.float32)
-    corner = (np.arange(399)[:, None] * 400 + np.arange(399)).ravel()
-    faces = np.concatenate([np.column_stack([corner, corner + 1, corner + 400])] * 3)
-
-    def enough(done):
-        assert 0 <= done <= 1
-        raise RuntimeError("enough")
-
-    with pytest.raises(RuntimeError, match="enough"):
-        RayTree(vertices, faces, progress=enough)
-
-
 WRONG = [
     (lambda: RayTree(OPEN[:2], [[0, 1, 2]]), ValueError, "vertex 2"),
     (lambda: RayTree(OPEN, [[0, 1, -2]]), ValueError, "indices"),
