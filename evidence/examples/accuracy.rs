@@ -167,6 +167,65 @@ fn spheres(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box<d
     Ok(())
 }
 
+fn closest_points(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    report.line("\n### Nearest points on moving triangles\n");
+    report.line(format!(
+        "{} queries per row at 82 triangles, each policy. Wrong: on a triangle that is farther than another one beyond doubt; nothing \
+         found, or something, where that is wrong; a place that is not as far away as is said. Beside it the worst order, in units.\n",
+        samples / 20
+    ));
+    report.line("| | | wrong | d: well conditioned | d: ulp, 99 % / worst | d: units |");
+    report.line("|---|---|---|---|---|---|");
+    let cases = closest_point_cases();
+    let bar = bar(cases.len(), "nearest points")?;
+    let rows: Vec<Result<Vec<OrderTally>, String>> = cases
+        .par_iter()
+        .enumerate()
+        .map(|(i, case)| {
+            let scene = SceneUnderTest::new(case, args.seed + i as u64);
+            let build = |p| RayTree::build(&scene.meshes, p).map_err(|e| e.to_string());
+            let trees = policies().iter().map(|(_, p)| build(p)).collect::<Result<Vec<_>, _>>()?;
+            let mut random = Random(args.seed.wrapping_mul(15_485_863) + i as u64);
+            let tallies = compare_closest_points(&scene, &trees, samples / 20, &mut random, |_| ());
+            bar.inc(1);
+            Ok(tallies)
+        })
+        .collect();
+    bar.finish_and_clear();
+    for (case, row) in cases.iter().zip(rows) {
+        let (family, value) = &case.name;
+        let row = match row {
+            Ok(row) => row,
+            Err(error) => {
+                report.line(format!("| {family} | {value} | {error} | | | |"));
+                continue;
+            }
+        };
+        let mut all = OrderTally::default();
+        for ((policy, _), tally) in policies().iter().zip(row) {
+            if !tally.is_right() {
+                report.faults.push(format!(
+                    "{family} {value}, nearest points, {policy}: {} in wrong order (worst by {} units), {} wrong counts, {} \
+                     broken promises in {} queries",
+                    tally.wrong_order,
+                    short(tally.worst_order),
+                    tally.wrong_count,
+                    tally.broken_promises,
+                    tally.queries
+                ));
+            }
+            all.merge(tally);
+        }
+        let wrong = all.wrong_order + all.wrong_count + all.broken_promises;
+        report.line(format!(
+            "| {family} | {value} | {wrong}; {} | {} |",
+            short(all.worst_order),
+            errors(&all.distance)
+        ));
+    }
+    Ok(())
+}
+
 fn neighbors(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
     report.line("\n### Neighbours and closest approaches of moving points\n");
     report.line(format!(
@@ -307,6 +366,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     ));
     triangles(&args, samples, &mut report)?;
     spheres(&args, samples / 4, &mut report)?;
+    closest_points(&args, samples, &mut report)?;
     neighbors(&args, samples, &mut report)?;
     watertight(&args, rays, &mut report)?;
     match &args.write {
