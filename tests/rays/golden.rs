@@ -33,6 +33,8 @@ const GOLDEN: &[(&str, &str, [u64; 4])] = &[
     ("hairball", "wide", [4487, 252, 0, 2037]),
     ("mixed", "wide", [11180, 4281, 0, 45236]),
     ("needles", "wide", [14660, 23082, 0, 232798]),
+    ("building", "wide", [0, 0, 0, 0]),
+    ("visited", "wide", [0, 0, 0, 0]),
 ];
 
 #[test]
