@@ -12,21 +12,34 @@ const WHOLE: u64 = 1 << 40;
 /// Shared by all threads of a build. It never influences the tree.
 pub(crate) struct Progress<'a> {
     callback: Option<Callback<'a>>,
+    /// Of what this is a part, and which fraction of it.
+    whole: Option<(&'a Progress<'a>, f64)>,
     done: AtomicU64,
     cancelled: AtomicBool,
 }
 
 impl<'a> Progress<'a> {
     pub fn new(callback: Option<Callback<'a>>) -> Progress<'a> {
-        Progress { callback, done: AtomicU64::new(0), cancelled: AtomicBool::new(false) }
+        Progress { callback, whole: None, done: AtomicU64::new(0), cancelled: AtomicBool::new(false) }
+    }
+
+    /// Progress of a part that is this fraction of the whole.
+    pub fn part(&'a self, fraction: f64) -> Progress<'a> {
+        Progress { whole: Some((self, fraction)), ..Progress::new(None) }
     }
 
     pub fn cancelled(&self) -> bool {
-        self.cancelled.load(Ordering::Relaxed)
+        match self.whole {
+            Some((whole, _)) => whole.cancelled(),
+            None => self.cancelled.load(Ordering::Relaxed),
+        }
     }
 
     /// A subtree that is this fraction of the whole is finished. Calls back at every half percent.
     pub fn finished(&self, fraction: f64) {
+        if let Some((whole, part)) = self.whole {
+            return whole.finished(part * fraction);
+        }
         let Some(callback) = self.callback else { return };
         let part = (fraction * WHOLE as f64) as u64;
         let before = self.done.fetch_add(part, Ordering::Relaxed);

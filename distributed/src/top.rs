@@ -146,6 +146,61 @@ mod tests {
         assert_eq!(sent[1], [vec![1], vec![]]);
     }
 
+    /// Of the pairs of particles on different ranks that come within the radius, how many there are, and how many of them
+    /// some rank lacks if halos are made for particles as `seen` sees them.
+    fn pairs_lost(periods: Periods, seen: fn(&Particle) -> Particle) -> (usize, usize) {
+        const RANKS: usize = 3;
+        const RADIUS: f32 = 0.1;
+        let mut state = 9u64;
+        let mut random = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        let sets: [Vec<Particle>; RANKS] = core::array::from_fn(|rank| {
+            let particle = |id| {
+                let open = [(rank as f32 + random()) / RANKS as f32, random(), random()];
+                Particle { id, open, close: open.map(|x| x + 0.3 * (random() - 0.5)) }
+            };
+            (0..250).map(particle).collect()
+        });
+        let sent = Threads::run(RANKS, |ranks| {
+            let own: Vec<Particle> = sets[ranks.rank()].iter().map(seen).collect();
+            let (top, chunks) = Top::new(ranks, &own, periods);
+            top.halo(ranks.rank(), &chunks, &own, RADIUS.into())
+        });
+        let distance = |a: &Particle, b: &Particle, time: f32| {
+            let apart = |axis: usize| {
+                let at = |p: &Particle| p.open[axis] + (p.close[axis] - p.open[axis]) * time;
+                let apart = at(a) - at(b);
+                periods[axis].map_or(apart, |length| apart - length * (apart / length).round())
+            };
+            (0..3).map(|axis| apart(axis) * apart(axis)).sum::<f32>().sqrt()
+        };
+        let (mut pairs, mut lost) = (0, 0);
+        for (from, to) in (0..RANKS).flat_map(|from| (0..RANKS).map(move |to| (from, to))).filter(|(a, b)| a != b) {
+            for (i, a) in sets[from].iter().enumerate() {
+                let meets = |b: &Particle| (0..=10).any(|step| distance(a, b, 0.1 * step as f32) <= RADIUS);
+                let met = sets[to].iter().filter(|b| meets(b)).count();
+                pairs += met;
+                lost += if sent[from][to].contains(&(i as u32)) { 0 } else { met };
+            }
+        }
+        (pairs, lost)
+    }
+
+    #[test]
+    fn the_margin_for_motion_is_enough_and_needed() {
+        for periods in [[None; 3], [Some(1.0); 3]] {
+            let (pairs, lost) = pairs_lost(periods, |particle| *particle);
+            assert!(pairs > 500 && lost == 0, "{lost} of {pairs} are lost");
+            // Without it: each is seen where the step begins, or ends, only.
+            let (_, lost) = pairs_lost(periods, |p| Particle::fixed(p.id, p.open));
+            assert!(lost > 10, "of what comes near later, only {lost} are lost");
+            let (_, lost) = pairs_lost(periods, |p| Particle::fixed(p.id, p.close));
+            assert!(lost > 5, "of what was near before, only {lost} are lost");
+        }
+    }
+
     #[test]
     fn what_has_left_the_box_does_not_draw_everything_along() {
         let sent = Threads::run(2, |ranks| {

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from . import _mbkd
 from ._arrays import floats, per_query
-from .rays import EVERYTHING, Hits, Progress, RayTree, _rays
+from ._traced import EVERYTHING, Hits, Traced
+from .rays import RayTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,7 @@ class InstanceHits(Hits):
         return self.path[:, 0]
 
 
-class InstanceTree:
+class InstanceTree(Traced[InstanceHits]):
     """Trees placed many times, moving, without a copy of what is placed.
 
     An instance places one of `trees` by a matrix, or by scale, rotation and translation, in this order. Either is given once
@@ -75,6 +76,9 @@ class InstanceTree:
     >>> hits.t, hits.instance
     (array([4.5, 4. ], dtype=float32), array([0, 1]))
     """
+
+    _tree: _mbkd.Instances
+    _hits = InstanceHits
 
     def __init__(
         self,
@@ -121,65 +125,39 @@ class InstanceTree:
     def __len__(self) -> int:
         return self._tree.n
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of everything, each tree that is placed counted once."""
-        return self._tree.nbytes
-
-    def statistics(self) -> str:
-        """What the build made, as text."""
-        return self._tree.statistics()
-
     def __repr__(self) -> str:
         return f"<InstanceTree of {len(self)} instances, {self.nbytes / 1e6:.1f} MB>"
 
-    def closest_hits(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        time: ArrayLike = 0.0,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = np.inf,
-        mask: int = EVERYTHING,
-        workers: int = 1,
-        progress: Progress | None = None,
-    ) -> InstanceHits:
-        """The nearest hit of each ray; of several at the same t that with the lowest path. Parameters as of `RayTree`."""
-        path, hits = self._tree.closest_hits(_rays(origins, directions, time, t_min, t_max), mask, workers, progress)
-        return InstanceHits(*hits, path)
+    def closest_point(self, points: ArrayLike, **options) -> tuple[np.ndarray, np.ndarray, InstanceHits]:
+        """The nearest point of anything that is placed to each point.
 
-    def all_hits(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        time: ArrayLike = 0.0,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = np.inf,
-        mask: int = EVERYTHING,
-        workers: int = 1,
-        progress: Progress | None = None,
-    ) -> tuple[np.ndarray, InstanceHits]:
-        """All hits of all rays: the index of the ray of each (int64), and the hits, by ray and along each ray."""
-        rays = _rays(origins, directions, time, t_min, t_max)
-        index, path, hits = self._tree.all_hits(rays, mask, workers, progress)
-        return index, InstanceHits(*hits, path)
+        Distances are those from the triangles where they are placed, in the coordinates of this tree, under any matrix.
 
-    def intersects_any(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        time: ArrayLike = 0.0,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = np.inf,
-        mask: int = EVERYTHING,
-        workers: int = 1,
-        progress: Progress | None = None,
-    ) -> np.ndarray:
-        """Whether each ray hits anything, bool (n,)."""
-        return self._tree.any_hits(_rays(origins, directions, time, t_min, t_max), mask, workers, progress)
+        Parameters
+        ----------
+        points : (n, 3)
+            Options as of `RayTree.closest_point`; `mask` sees the instances, and in them the meshes, whose mask shares a bit.
+
+        Returns
+        -------
+        closest : float64 (n, 3)
+        distance : float32 (n,)
+        near : InstanceHits
+            What each lies on: path, mesh, triangle, u and v; its t is the distance. NaN, ``inf`` and -1 where nothing is
+            near enough. Of several at the same distance the lowest (path, mesh, triangle).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from mbkd import InstanceTree, RayTree
+        >>> triangle = RayTree(np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]), [[0, 1, 2]])
+        >>> tree = InstanceTree([triangle], [0, 0], translations=[[[0, 0, 0], [9, 0, 0]], [[0, 0, 1], [9, 0, 2]]])
+        >>> closest, distance, near = tree.closest_point([[9, 0, 5]], time=0.5)
+        >>> closest, distance, near.instance
+        (array([[9., 0., 1.]]), array([4.], dtype=float32), array([1]))
+        """
+        closest, near = self._nearest(points, **options)
+        return closest, near.t, near
 
     def matrices(self, path: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
         """Where paths (m, levels), as those of hits, lead at times: float64 (m, 4, 4), from the space of the tree that is

@@ -42,6 +42,8 @@ class PointTree:
         lists.
     workers : int
         Threads for the build; -1 for all processors.
+    progress : callable, optional
+        Called with the finished fraction now and then. An exception ends the build, as Ctrl-C does.
 
     Attributes
     ----------
@@ -85,6 +87,7 @@ class PointTree:
         max_references: float = 8.0,
         round_to_f32: bool = False,
         workers: int = 1,
+        progress: Progress | None = None,
     ) -> None:
         arrays = keys_of(points, keys, "points")
         if lifetimes is not None:
@@ -97,7 +100,7 @@ class PointTree:
             if outside.any():
                 raise ValueError("points must lie inside of the periodic box: at least 0 and less than boxsize")
         self._tree = _mbkd.Points(
-            arrays, lifetimes, box.tolist(), structure, max_references, round_to_f32, workers
+            arrays, lifetimes, box.tolist(), structure, max_references, round_to_f32, workers, progress
         )
         self.data = arrays[0] if arrays else np.empty((0, 3), np.float32)
         self.boxsize = None if boxsize is None else box.copy()

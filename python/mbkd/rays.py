@@ -3,46 +3,16 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
-from typing import Callable, Sequence
+from typing import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import floats, interval, keys_of, per_query, places
+from ._arrays import interval, keys_of, per_query
+from ._traced import EVERYTHING, Hits, Progress, Traced, ends
 
-Progress = Callable[[float], object]
-EVERYTHING = 0xFFFF_FFFF
-
-
-@dataclass(frozen=True, eq=False)
-class Hits:
-    """What rays hit, one row for each ray (or for each hit of all hits).
-
-    Attributes
-    ----------
-    t : float32
-        Distance in units of the direction; ``inf`` where nothing is hit.
-    mesh : int32
-        The mesh, by its place among those that the tree was built of; -1 where nothing is hit.
-    triangle : int64
-        The triangle within its mesh; -1 where nothing is hit.
-    u, v : float32
-        Barycentric weights of the triangle's second and third corner; the first has 1 - u - v.
-    """
-
-    t: np.ndarray
-    mesh: np.ndarray
-    triangle: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-
-class RayTree:
+class RayTree(Traced[Hits]):
     """A tree of triangle meshes whose vertices may move, for rays and nearest points at any time.
 
     Parameters
@@ -75,6 +45,9 @@ class RayTree:
     >>> tree.closest_hits([[0, 0, 5], [0, 0, 5]], [0, 0, -1], time=[0, 0.5]).t
     array([5. , 4.5], dtype=float32)
     """
+
+    _tree: _mbkd.Rays
+    _hits = Hits
 
     def __init__(
         self,
@@ -136,70 +109,8 @@ class RayTree:
     def __reduce__(self) -> tuple:
         return _restored, (self._tree.to_bytes(),)
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes that the tree and its triangles take."""
-        return self._tree.nbytes
-
-    def statistics(self) -> str:
-        """What the build made, as text."""
-        return self._tree.statistics()
-
     def __repr__(self) -> str:
         return f"<RayTree, {self.nbytes / 1e6:.1f} MB>"
-
-    def closest_hits(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        time: ArrayLike = 0.0,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = np.inf,
-        mask: int = EVERYTHING,
-        workers: int = 1,
-        progress: Progress | None = None,
-    ) -> Hits:
-        """The nearest hit of each ray; of several at the same t that on the lowest (mesh, triangle).
-
-        Parameters
-        ----------
-        origins : (n, 3)
-            Where rays begin; float64 keeps what it has.
-        directions : (n, 3) or (3,)
-            Of any length but zero; t counts in that length. A ray whose direction is zero or not finite hits nothing.
-        time : float or (n,)
-            When each ray looks, in [0, 1].
-        t_min, t_max : float or (n,)
-            Hits count from t_min to t_max, both included.
-        mask : int
-            Sees the meshes whose mask shares a bit.
-        workers : int
-            Threads; -1 for all processors.
-        """
-        rays = _rays(origins, directions, time, t_min, t_max)
-        return Hits(*self._tree.closest_hits(rays, mask, workers, progress))
-
-    def all_hits(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        time: ArrayLike = 0.0,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = np.inf,
-        mask: int = EVERYTHING,
-        workers: int = 1,
-        progress: Progress | None = None,
-    ) -> tuple[np.ndarray, Hits]:
-        """All hits of all rays: the index of the ray of each (int64), and the hits, by ray and along each ray."""
-        rays = _rays(origins, directions, time, t_min, t_max)
-        index, hits = self._tree.all_hits(rays, mask, workers, progress)
-        return index, Hits(*hits)
-
-    def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
-        """Whether each ray hits anything, bool (n,). Options as of `closest_hits`."""
-        return _with(self._tree.any_hits, ray_origins, ray_directions, **options)
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
         """The triangle that each ray hits first, int64 (n,); -1 where there is none. Options as of `closest_hits`."""
@@ -242,19 +153,11 @@ class RayTree:
             hits = self.closest_hits(ray_origins, ray_directions, **options)
             index_ray = np.flatnonzero(hits.triangle >= 0)
             t, triangle = hits.t[index_ray], hits.triangle[index_ray]
-        origins, directions = _ends(ray_origins, ray_directions)
+        origins, directions = ends(ray_origins, ray_directions)
         directions = directions.astype(np.float64)
         return origins[index_ray] + directions[index_ray] * t[:, None].astype(np.float64), index_ray, triangle
 
-    def closest_point(
-        self,
-        points: ArrayLike,
-        *,
-        time: ArrayLike = 0.0,
-        max_distance: ArrayLike = np.inf,
-        workers: int = 1,
-        progress: Progress | None = None,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def closest_point(self, points: ArrayLike, **options) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The nearest point of the surface to each point, as ``trimesh.proximity.closest_point``.
 
         Parameters
@@ -264,6 +167,12 @@ class RayTree:
             When each query looks, in [0, 1].
         max_distance : float or (n,)
             What is farther away does not count.
+        mask : int
+            Sees the meshes whose mask shares a bit.
+        workers : int
+            Threads; -1 for all processors.
+        progress : callable, optional
+            Called with the finished fraction now and then.
 
         Returns
         -------
@@ -272,13 +181,8 @@ class RayTree:
         triangle_id : int64 (n,)
             NaN, ``inf`` and -1 where nothing is near enough.
         """
-        queries, shape = places(points, "points")
-        times, most = per_query(time, shape, "time"), per_query(max_distance, shape, "max_distance")
-        if not (most >= 0).all():
-            raise ValueError("max_distance must not be negative or NaN")
-        wide = np.ascontiguousarray(queries, dtype=np.float64)
-        closest, hits = self._tree.closest_points(wide, times, most, workers, progress)
-        return closest, hits[0], hits[2]
+        closest, near = self._nearest(points, **options)
+        return closest, near.t, near.triangle
 
     def triangles(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
         """The corners of triangles at times, float64 (n, 3, 3), exactly where queries see them; NaN for no triangle."""
@@ -297,32 +201,6 @@ class RayTree:
 def _restored(bytes_of_file: bytes) -> RayTree:
     """What pickle calls."""
     return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file))
-
-
-def _with(query, origins, directions, *, time=0.0, t_min=0.0, t_max=np.inf, mask=EVERYTHING, workers=1, progress=None):
-    return query(_rays(origins, directions, time, t_min, t_max), mask, workers, progress)
-
-
-def _ends(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Origins in float64 and directions in float32, both (n, 3)."""
-    begin, to = floats(origins, "origins"), floats(directions, "directions")
-    for array, name in ((begin, "origins"), (to, "directions")):
-        if array.ndim not in (1, 2) or array.shape[-1] != 3:
-            raise ValueError(f"{name} must have the shape (n, 3), not {array.shape}")
-    begin = np.atleast_2d(begin)
-    try:
-        to = np.broadcast_to(to, begin.shape)
-    except ValueError:
-        raise ValueError(f"{len(begin)} origins and {len(to)} directions of rays") from None
-    return np.ascontiguousarray(begin, dtype=np.float64), np.ascontiguousarray(to, dtype=np.float32)
-
-
-def _rays(origins: ArrayLike, directions: ArrayLike, time, t_min, t_max) -> tuple[np.ndarray, ...]:
-    begin, to = _ends(origins, directions)
-    if not np.isfinite(begin).all():
-        raise ValueError("origins must be finite; check for nan or inf values")
-    numbers = [per_query(v, (len(begin),), n) for v, n in ((time, "time"), (t_min, "t_min"), (t_max, "t_max"))]
-    return (begin, to, *numbers)
 
 
 def _mesh(vertices: ArrayLike, faces: ArrayLike, lifetime: Sequence[float], mask: int) -> tuple:

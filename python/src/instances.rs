@@ -1,12 +1,14 @@
 //! Trees placed many times, moving.
 
-use crate::arrays::{intervals, slice, value_error};
-use crate::queries::in_waves;
-use crate::rays::{Hits, NOTHING, RayArrays, Rays, columns};
+use crate::arrays::{intervals, slice, table, value_error};
+use crate::rays::Rays;
 use crate::threads::on;
-use core::ops::ControlFlow;
+use crate::traced::{NOTHING, PointArrays, RayArrays, Report, all, columns, each, nearest, on_surface, positions};
 use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3};
-use mbkd::{Hit, Instance, InstanceHit, InstanceOf, InstanceTree, MAX_NESTING, Pose, Ray, Transform, WideParams};
+use mbkd::{
+    ClosestPointQuery, Hit, Instance, InstanceHit, InstanceOf, InstancePoint, InstanceTree, MAX_NESTING, Pose, Ray,
+    Transform, WideParams,
+};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -25,8 +27,15 @@ enum Placed<'py> {
     Instances(Bound<'py, Instances>),
 }
 
-/// Indices of instances, outermost first, for each hit: (m, 4), -1 behind the last.
-type Paths<'py> = Bound<'py, PyArray2<i64>>;
+/// What is hit as [`Hits`](crate::traced::Hits), and the indices of the instances that lead there, outermost first: (m, 4), -1 behind the last.
+type PlacedHits<'py> = (
+    Bound<'py, PyArray1<f32>>,
+    Bound<'py, PyArray1<i32>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f32>>,
+    Bound<'py, PyArray1<f32>>,
+    Bound<'py, PyArray2<i64>>,
+);
 
 #[pymethods]
 impl Instances {
@@ -96,15 +105,13 @@ impl Instances {
         mask: u32,
         workers: isize,
         progress: Option<Py<PyAny>>,
-    ) -> PyResult<(Paths<'py>, Hits<'py>)> {
-        let rays = rays.slices()?;
+    ) -> PyResult<PlacedHits<'py>> {
         let mut found = Found::default();
-        let order: Vec<u32> = (0..rays.len() as u32).collect();
-        let one = |ray: &Ray| self.tree.closest_hit_filtered(ray, mask, |_| true);
-        let run = |queries: &[u32]| queries.iter().map(|&i| one(&rays.ray(i as usize))).collect::<Vec<_>>();
-        in_waves(py, &order, workers, progress.as_ref(), run, |_, hits| {
-            hits.into_iter().for_each(|hit| found.push(hit));
-        })?;
+        let one = |ray: &Ray| match mask {
+            u32::MAX => self.tree.closest_hit(ray),
+            _ => self.tree.closest_hit_filtered(ray, mask, |_| true),
+        };
+        each(py, rays.slices()?, (workers, progress.as_ref()), one, |hit| found.push(hit))?;
         found.columns(py)
     }
 
@@ -117,12 +124,12 @@ impl Instances {
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
-        let rays = rays.slices()?;
-        let mut hits = Vec::with_capacity(rays.len());
-        let order: Vec<u32> = (0..rays.len() as u32).collect();
-        let one = |ray: &Ray| self.tree.any_hit_filtered(ray, mask, |_| true);
-        let run = |queries: &[u32]| queries.iter().map(|&i| one(&rays.ray(i as usize))).collect::<Vec<_>>();
-        in_waves(py, &order, workers, progress.as_ref(), run, |_, run| hits.extend(run))?;
+        let mut hits = Vec::new();
+        let one = |ray: &Ray| match mask {
+            u32::MAX => self.tree.any_hit(ray),
+            _ => self.tree.any_hit_filtered(ray, mask, |_| true),
+        };
+        each(py, rays.slices()?, (workers, progress.as_ref()), one, |hit| hits.push(hit))?;
         Ok(hits.into_pyarray(py))
     }
 
@@ -134,20 +141,37 @@ impl Instances {
         mask: u32,
         workers: isize,
         progress: Option<Py<PyAny>>,
-    ) -> PyResult<(Bound<'py, PyArray1<i64>>, Paths<'py>, Hits<'py>)> {
-        let rays = rays.slices()?;
-        let (mut index, mut found) = (Vec::new(), Found::default());
-        let order: Vec<u32> = (0..rays.len() as u32).collect();
-        let run =
-            |queries: &[u32]| queries.iter().map(|&i| self.along(&rays.ray(i as usize), mask)).collect::<Vec<_>>();
-        in_waves(py, &order, workers, progress.as_ref(), run, |queries, run| {
-            for (&query, hits) in queries.iter().zip(run) {
-                index.resize(index.len() + hits.len(), i64::from(query));
-                hits.into_iter().for_each(|hit| found.push(Some(hit)));
-            }
-        })?;
-        let (paths, hits) = found.columns(py)?;
-        Ok((index.into_pyarray(py), paths, hits))
+    ) -> PyResult<(Bound<'py, PyArray1<i64>>, PlacedHits<'py>)> {
+        let every = |ray: &Ray, report: Report<'_, InstanceHit>| {
+            let _ = self.tree.all_hits_filtered(ray, mask, |_| true, report);
+        };
+        let along = |of: &InstanceHit| (of.hit.t, (of.path, of.hit.mesh, of.hit.primitive));
+        let (index, hits) = all(py, rays.slices()?, (workers, progress.as_ref()), &every, along)?;
+        let mut found = Found::default();
+        hits.into_iter().for_each(|hit| found.push(Some(hit)));
+        Ok((index.into_pyarray(py), found.columns(py)?))
+    }
+
+    /// The nearest points of what is placed: positions (m, 3), and t (their distance) to path as of hits.
+    fn closest_points<'py>(
+        &self,
+        py: Python<'py>,
+        points: PointArrays<'py>,
+        mask: u32,
+        workers: isize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, PlacedHits<'py>)> {
+        let one = |query: &ClosestPointQuery| match mask {
+            u32::MAX => self.tree.closest_point(query.point, query.time, query.max_distance),
+            _ => self.tree.closest_point_filtered(query, mask, |_| true),
+        };
+        let answers = nearest(py, &points, self.nbytes(), (workers, progress.as_ref()), &one)?;
+        let mut found = Found::default();
+        for answer in &answers {
+            found.push(answer.map(|InstancePoint { path, near }| InstanceHit { path, hit: on_surface(&near) }));
+        }
+        let near = answers.iter().map(|answer| answer.as_ref().map(|of| &of.near));
+        Ok((positions(py, near)?, found.columns(py)?))
     }
 
     /// The matrices from the spaces of what paths lead to, to that of this tree, (m, 12), row by row; NaN where a path leads
@@ -179,26 +203,7 @@ impl Instances {
                 None => entries.extend([f64::NAN; 12]),
             }
         }
-        crate::arrays::table(py, entries, 12)
-    }
-}
-
-impl Instances {
-    /// All hits of a ray in the order of t, path, mesh and triangle.
-    fn along(&self, ray: &Ray, mask: u32) -> Vec<InstanceHit> {
-        let mut hits = Vec::new();
-        let _ = self.tree.all_hits_filtered(
-            ray,
-            mask,
-            |_| true,
-            |hit| {
-                hits.push(hit);
-                ControlFlow::Continue(())
-            },
-        );
-        let name = |of: &InstanceHit| (of.path, of.hit.mesh, of.hit.primitive);
-        hits.sort_unstable_by(|a, b| a.hit.t.total_cmp(&b.hit.t).then(name(a).cmp(&name(b))));
-        hits
+        table(py, entries, 12)
     }
 }
 
@@ -228,9 +233,9 @@ impl Found {
         self.hits.push(hit.map_or(NOTHING, |hit| hit.hit));
     }
 
-    fn columns(self, py: Python<'_>) -> PyResult<(Paths<'_>, Hits<'_>)> {
-        let hits = columns(py, &self.hits);
-        Ok((crate::arrays::table(py, self.paths, MAX_NESTING)?, hits))
+    fn columns(self, py: Python<'_>) -> PyResult<PlacedHits<'_>> {
+        let (t, mesh, triangle, u, v) = columns(py, &self.hits);
+        Ok((t, mesh, triangle, u, v, table(py, self.paths, MAX_NESTING)?))
     }
 }
 

@@ -18,6 +18,7 @@ mod queries;
 mod rays;
 mod swept;
 mod threads;
+mod traced;
 
 use pyo3::prelude::*;
 

@@ -4,7 +4,7 @@ use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, table, 
 use crate::files::{file_error, from_bytes, to_bytes};
 use crate::images::Periods;
 use crate::queries::{in_waves, order};
-use crate::threads::on;
+use crate::threads::{Control, long};
 use core::ops::ControlFlow;
 use mbkd::{
     Aabb, Neighbor, NeighborBuffer, PointArrays, PointParams, PointStructure, PointTree, TimeInterval, TreePoint,
@@ -51,6 +51,7 @@ impl Points {
         max_references: f32,
         round_to_f32: bool,
         workers: isize,
+        progress: Option<Py<PyAny>>,
     ) -> PyResult<Points> {
         let keys = keys.iter().map(Positions::of).collect::<PyResult<Vec<_>>>()?;
         let keys = keys.iter().map(Positions::places).collect::<PyResult<Vec<_>>>()?;
@@ -63,7 +64,7 @@ impl Points {
         };
         let params =
             PointParams { structure: named(structure)?, max_references, round_to_f32, ..PointParams::default() };
-        let tree = on(py, workers, || build(&keys, &alive, &params))??;
+        let tree = long(py, workers, progress.as_ref(), |control| build(&keys, &alive, &params, control))??;
         let periods = Periods::new(boxsize, bounds(&keys)).map_err(PyValueError::new_err)?;
         Ok(Points { tree, periods })
     }
@@ -407,14 +408,15 @@ fn named(structure: &str) -> PyResult<PointStructure> {
     }
 }
 
-fn build(keys: &[Places<'_>], alive: &[TimeInterval], params: &PointParams) -> PyResult<PointTree> {
+fn build(keys: &[Places<'_>], alive: &[TimeInterval], params: &PointParams, control: &Control) -> PyResult<PointTree> {
+    let hear = |done| control.hear(done);
     let single: Option<Vec<&[[f32; 3]]>> =
         keys.iter().map(|key| if let Places::Single(rows) = key { Some(*rows) } else { None }).collect();
     let double: Option<Vec<&[[f64; 3]]>> =
         keys.iter().map(|key| if let Places::Double(rows) = key { Some(*rows) } else { None }).collect();
     match (single, double) {
-        (Some(keys), _) => PointTree::build(&PointArrays { keys: &keys, alive, ids: &[] }, params),
-        (_, Some(keys)) => PointTree::build(&PointArrays { keys: &keys, alive, ids: &[] }, params),
+        (Some(keys), _) => PointTree::build_with_progress(&PointArrays { keys: &keys, alive, ids: &[] }, params, &hear),
+        (_, Some(keys)) => PointTree::build_with_progress(&PointArrays { keys: &keys, alive, ids: &[] }, params, &hear),
         _ => return Err(PyValueError::new_err("all keys must have one precision")),
     }
     .map_err(value_error)

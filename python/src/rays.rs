@@ -1,12 +1,13 @@
 //! The tree of meshes: rays and nearest points.
 
-use crate::arrays::{PerQuery, Places, Positions, rows, slice, table, value_error};
+use crate::arrays::{PerQuery, Places, Positions, rows, slice, value_error};
 use crate::files::{file_error, from_bytes, to_bytes};
-use crate::queries::in_waves;
 use crate::threads::{long, look_after, pool};
-use core::ops::ControlFlow;
+use crate::traced::{
+    Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
+};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, Hit, Keys, Ray, RayTree, TimeInterval, TriangleMesh};
+use mbkd::{BuildParams, ClosestPointQuery, Hit, Keys, Ray, RayTree, TimeInterval, TriangleMesh};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -26,67 +27,8 @@ pub struct Rays {
     pub tree: Arc<RayTree>,
 }
 
-/// What is hit: t, mesh, triangle, u, v.
-pub type Hits<'py> = (
-    Bound<'py, PyArray1<f32>>,
-    Bound<'py, PyArray1<i32>>,
-    Bound<'py, PyArray1<i64>>,
-    Bound<'py, PyArray1<f32>>,
-    Bound<'py, PyArray1<f32>>,
-);
-
 /// A mesh as arrays: positions (V, 3) at its keys, corners (F, 3), when it exists, its mask.
 type MeshArrays<'py> = (Vec<Bound<'py, PyAny>>, PyReadonlyArray2<'py, u32>, [f32; 2], u32);
-
-/// Rays as arrays: origins, directions, times, least and greatest t.
-#[derive(FromPyObject)]
-pub struct RayArrays<'py>(
-    PyReadonlyArray2<'py, f64>,
-    PyReadonlyArray2<'py, f32>,
-    PyReadonlyArray1<'py, f32>,
-    PyReadonlyArray1<'py, f32>,
-    PyReadonlyArray1<'py, f32>,
-);
-
-/// The same as slices.
-#[derive(Clone, Copy)]
-pub struct RaySlices<'a> {
-    origins: &'a [[f64; 3]],
-    directions: &'a [[f32; 3]],
-    times: PerQuery<'a>,
-    t_min: PerQuery<'a>,
-    t_max: PerQuery<'a>,
-}
-
-impl RayArrays<'_> {
-    pub fn slices(&self) -> PyResult<RaySlices<'_>> {
-        let (origins, directions) = (rows(&self.0)?, rows(&self.1)?);
-        let n = origins.len();
-        if directions.len() != n {
-            return Err(PyValueError::new_err(format!("{n} origins and {} directions of rays", directions.len())));
-        }
-        let times = PerQuery::times(slice(&self.2)?, n)?;
-        let (t_min, t_max) = (slice(&self.3)?, slice(&self.4)?);
-        let (t_min, t_max) = (PerQuery::new(t_min, n, "t_min")?, PerQuery::new(t_max, n, "t_max")?);
-        Ok(RaySlices { origins, directions, times, t_min, t_max })
-    }
-}
-
-impl RaySlices<'_> {
-    pub fn len(&self) -> usize {
-        self.origins.len()
-    }
-
-    #[inline]
-    pub fn ray(&self, i: usize) -> Ray {
-        Ray::new(DVec3::from(self.origins[i]), Vec3::from(self.directions[i]))
-            .at_time(self.times.of(i))
-            .between(self.t_min.of(i), self.t_max.of(i))
-    }
-}
-
-/// What stands for no hit.
-pub const NOTHING: Hit = Hit { t: f32::INFINITY, u: f32::NAN, v: f32::NAN, mesh: u32::MAX, primitive: u32::MAX };
 
 #[pymethods]
 impl Rays {
@@ -95,8 +37,7 @@ impl Rays {
     fn new(py: Python<'_>, meshes: Vec<MeshArrays<'_>>, workers: isize, progress: Option<Py<PyAny>>) -> PyResult<Rays> {
         let meshes = meshes.iter().map(mesh).collect::<PyResult<Vec<_>>>()?;
         let build = long(py, workers, progress.as_ref(), |control| {
-            let hear = |done| if control.at(done) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            RayTree::build_with_progress(&meshes, &BuildParams::default(), &hear)
+            RayTree::build_with_progress(&meshes, &BuildParams::default(), &|done| control.hear(done))
         })?;
         Ok(Rays { tree: Arc::new(build.map_err(value_error)?) })
     }
@@ -188,36 +129,11 @@ impl Rays {
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray1<i64>>, Hits<'py>)> {
-        let rays = rays.slices()?;
-        let (mut index, mut hits) = (Vec::new(), Vec::new());
-        let order: Vec<u32> = (0..rays.len() as u32).collect();
-        let run = |queries: &[u32]| {
-            let (mut hits, mut ends) = (Vec::new(), Vec::with_capacity(queries.len()));
-            for &query in queries {
-                let begin = hits.len();
-                let _ = self.tree.all_hits_filtered(
-                    &rays.ray(query as usize),
-                    mask,
-                    |_| true,
-                    |hit| {
-                        hits.push(hit);
-                        ControlFlow::Continue(())
-                    },
-                );
-                let along =
-                    |a: &Hit, b: &Hit| a.t.total_cmp(&b.t).then((a.mesh, a.primitive).cmp(&(b.mesh, b.primitive)));
-                hits[begin..].sort_unstable_by(along);
-                ends.push(hits.len());
-            }
-            (hits, ends)
+        let every = |ray: &Ray, report: Report<'_, Hit>| {
+            let _ = self.tree.all_hits_filtered(ray, mask, |_| true, report);
         };
-        in_waves(py, &order, workers, progress.as_ref(), run, |queries, (found, ends): (Vec<Hit>, Vec<usize>)| {
-            let begins = core::iter::once(0).chain(ends.iter().copied());
-            for ((&query, begin), &end) in queries.iter().zip(begins).zip(&ends) {
-                index.resize(index.len() + end - begin, i64::from(query));
-            }
-            hits.extend(found);
-        })?;
+        let along = |hit: &Hit| (hit.t, (hit.mesh, hit.primitive));
+        let (index, hits) = all(py, rays.slices()?, (workers, progress.as_ref()), &every, along)?;
         Ok((index.into_pyarray(py), columns(py, &hits)))
     }
 
@@ -225,34 +141,18 @@ impl Rays {
     fn closest_points<'py>(
         &self,
         py: Python<'py>,
-        points: PyReadonlyArray2<'py, f64>,
-        times: PyReadonlyArray1<'py, f32>,
-        most: PyReadonlyArray1<'py, f32>,
+        points: PointArrays<'py>,
+        mask: u32,
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Hits<'py>)> {
-        let points = rows(&points)?;
-        let times = PerQuery::times(slice(&times)?, points.len())?;
-        let most = PerQuery::new(slice(&most)?, points.len(), "max_distance")?;
-        let (mut positions, mut hits) = (vec![f64::NAN; 3 * points.len()], vec![NOTHING; points.len()]);
-        let order = crate::queries::order(py, Places::Double(points), self.nbytes());
-        let run = |queries: &[u32]| {
-            let one = |&query: &u32| {
-                let i = query as usize;
-                self.tree.closest_point(DVec3::from(points[i]), times.of(i), most.of(i))
-            };
-            queries.iter().map(one).collect::<Vec<_>>()
+        let one = |query: &ClosestPointQuery| match mask {
+            u32::MAX => self.tree.closest_point(query.point, query.time, query.max_distance),
+            _ => self.tree.closest_point_filtered(query, mask, |_| true),
         };
-        in_waves(py, &order, workers, progress.as_ref(), run, |queries, run| {
-            for (&query, near) in queries.iter().zip(run) {
-                let Some(near) = near else { continue };
-                let i = query as usize;
-                positions[3 * i..3 * i + 3].copy_from_slice(&near.point.to_array());
-                let (mesh, primitive) = (near.mesh, near.primitive);
-                hits[i] = Hit { t: near.distance, u: near.u, v: near.v, mesh, primitive };
-            }
-        })?;
-        Ok((table(py, positions, 3)?, columns(py, &hits)))
+        let found = nearest(py, &points, self.nbytes(), (workers, progress.as_ref()), &one)?;
+        let hits: Vec<Hit> = found.iter().map(|near| near.as_ref().map_or(NOTHING, on_surface)).collect();
+        Ok((positions(py, found.iter().map(Option::as_ref))?, columns(py, &hits)))
     }
 
     /// The corners of triangles at times, (m, 3, 3); NaN where there is no such triangle.
@@ -295,9 +195,7 @@ impl Rays {
     ) -> PyResult<()> {
         let many = many.filter(|_| rays.len() > FEW);
         let Some(many) = many else {
-            let order: Vec<u32> = (0..rays.len() as u32).collect();
-            let run = |queries: &[u32]| queries.iter().map(|&i| one(&rays.ray(i as usize))).collect::<Vec<_>>();
-            return in_waves(py, &order, workers, progress.as_ref(), run, |_, run| take(&run));
+            return each(py, rays, (workers, progress.as_ref()), one, |answer| take(&[answer]));
         };
         let pool = pool(workers)?;
         let (mut block, mut answers) = (Vec::new(), Vec::new());
@@ -334,17 +232,4 @@ fn mesh((keys, faces, active, mask): &MeshArrays<'_>) -> PyResult<TriangleMesh> 
     };
     let active = TimeInterval::new(active[0], active[1]).map_err(value_error)?;
     Ok(TriangleMesh::new(rows(faces)?.to_vec(), keys).with_active(active).with_mask(*mask))
-}
-
-/// Hits as arrays.
-pub fn columns<'py>(py: Python<'py>, hits: &[Hit]) -> Hits<'py> {
-    // u32::MAX becomes -1.
-    let triangle = |hit: &Hit| i64::from(hit.primitive as i32);
-    (
-        hits.iter().map(|hit| hit.t).collect::<Vec<_>>().into_pyarray(py),
-        hits.iter().map(|hit| hit.mesh as i32).collect::<Vec<_>>().into_pyarray(py),
-        hits.iter().map(triangle).collect::<Vec<_>>().into_pyarray(py),
-        hits.iter().map(|hit| hit.u).collect::<Vec<_>>().into_pyarray(py),
-        hits.iter().map(|hit| hit.v).collect::<Vec<_>>().into_pyarray(py),
-    )
 }

@@ -1,6 +1,7 @@
 //! On how many threads something runs, how long work is interrupted, and how it tells how far it is.
 
 use crate::arrays::value_error;
+use core::ops::ControlFlow;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -51,10 +52,10 @@ pub struct Control {
 }
 
 impl Control {
-    /// Says how far the work is; returns whether it shall stop.
-    pub fn at(&self, done: f32) -> bool {
+    /// Hears how far the work is; says whether it shall stop.
+    pub fn hear(&self, done: f32) -> ControlFlow<()> {
         self.done.fetch_max(done.to_bits(), Ordering::Relaxed);
-        self.stop.load(Ordering::Relaxed)
+        if self.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
 

@@ -38,6 +38,7 @@ def test_everything_public_has_a_docstring():
     for name in mbkd.__all__:
         thing = getattr(mbkd, name)
         assert thing.__doc__, name
-        for member, value in vars(thing).items() if isinstance(thing, type) else ():
-            if callable(value) and not member.startswith("_"):
+        for member in dir(thing) if isinstance(thing, type) else ():
+            value = getattr(thing, member)
+            if (callable(value) or isinstance(value, property)) and not member.startswith("_"):
                 assert value.__doc__, f"{name}.{member}"

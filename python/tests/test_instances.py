@@ -75,6 +75,44 @@ def test_poses_masks_lifetimes_and_nesting():
     assert len(nested) == 2 and nested.nbytes > tree.nbytes and "InstanceTree" in repr(nested) and nested.statistics()
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_closest_points_are_those_of_meshes_in_their_places(workers):
+    begin, end = matrices(5), matrices(5)
+    tree = RayTree(VERTICES, FACES)
+    placed = InstanceTree([tree], np.zeros(5, int), np.stack([begin, end]), masks=1 << np.arange(5))
+    flat = RayTree.from_meshes([(np.stack([moved(a), moved(b)]), FACES) for a, b in zip(begin, end)])
+    points, times = RNG.normal(0, 3, (1200, 3)), TIMES.astype(np.float32)
+    told = []
+    closest, distance, near = placed.closest_point(points, time=times, workers=workers, progress=told.append)
+    expected = flat.closest_point(points, time=times)
+    np.testing.assert_allclose(distance, expected[1], rtol=1e-4, atol=1e-5)
+    np.testing.assert_array_equal(distance, near.t)
+    np.testing.assert_allclose(np.linalg.norm(closest - points, axis=1), distance, rtol=1e-5)
+    assert (near.triangle == expected[2]).mean() > 0.98  # others are as near, at a shared corner
+    assert len(set(near.instance)) == 5 and told[-1] == 1
+    # Where names and weights say it is: on that triangle of that mesh, placed there at that time.
+    corners = tree.triangles(near.mesh, near.triangle, time=times)
+    weights = np.column_stack([1 - near.u.astype(float) - near.v, near.u, near.v])
+    inside = np.append(np.einsum("nc,ncx->nx", weights, corners), np.ones((1200, 1)), axis=1)
+    outside = np.einsum("nij,nj->ni", placed.matrices(near.path, time=times), inside)
+    np.testing.assert_allclose(outside[:, :3], closest, atol=1e-5)
+
+    some = slice(0, 200)
+    within = placed.closest_point(points[some], time=times[some], max_distance=2)
+    found = distance[some] <= 2
+    assert 10 < found.sum() < 190
+    np.testing.assert_array_equal(within[2].path, np.where(found[:, None], near.path[some], -1))
+    assert np.isinf(within[1][~found]).all() and np.isnan(within[0][~found]).all()
+    only = placed.closest_point(points[some], time=times[some], mask=4)
+    np.testing.assert_array_equal(only[2].instance, 2)
+    alone = InstanceTree([tree], [0], np.stack([begin[2:3], end[2:3]])).closest_point(points[some], time=times[some])
+    np.testing.assert_array_equal(only[0], alone[0])
+    with pytest.raises(ValueError, match="max_distance"):
+        placed.closest_point(points, max_distance=np.nan)
+    nothing = InstanceTree([], [], np.empty((0, 4, 4))).closest_point([[0, 0, 0]])
+    assert np.isnan(nothing[0]).all() and nothing[1] == np.inf and nothing[2].instance == -1
+
+
 def test_what_can_not_be_placed_is_an_error():
     tree = RayTree(VERTICES, FACES)
     one = np.eye(4)[None]

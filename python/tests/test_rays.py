@@ -87,6 +87,7 @@ def test_meshes_masks_lifetimes_and_ranges():
     assert tree.all_hits(*down)[1].t.tolist() == [2, 3]
     assert tree.closest_hits(down[0], [0, 0, 0]).mesh == -1
     assert np.isnan(tree.triangles([-1, 0], [0, 9])).all()
+    assert [tree.closest_point([[0.2, 0.2, 3]], mask=mask)[1].item() for mask in (1, 2, 3, 4)] == [3, 2, 2, np.inf]
 
 
 def test_closest_points():
@@ -105,21 +106,6 @@ def test_closest_points():
         assert far <= least.min() + 1e-6 and least[index] <= far + 0.02
     near = tree.closest_point(points, time=TIMES[:50], max_distance=0.01)[2]
     np.testing.assert_array_equal(near >= 0, distance <= np.float32(0.01))
-
-
-def test_a_build_can_be_ended():
-    side = np.linspace(0, 1, 400, dtype=np.float32)
-    x, y = np.meshgrid(side, side)
-    vertices = np.column_stack([x.ravel(), y.ravel(), np.sin(40 * x * y).ravel()]).astype(np.float32)
-    corner = (np.arange(399)[:, None] * 400 + np.arange(399)).ravel()
-    faces = np.concatenate([np.column_stack([corner, corner + 1, corner + 400])] * 3)
-
-    def enough(done):
-        assert 0 <= done <= 1
-        raise RuntimeError("enough")
-
-    with pytest.raises(RuntimeError, match="enough"):
-        RayTree(vertices, faces, progress=enough)
 
 
 WRONG = [

@@ -9,6 +9,7 @@ use super::trajectories::{PointReference, Trajectories, Trajectory, build_kd_ove
 use crate::geometry::{LinearBox3, Plane, TimeInterval};
 use crate::params::KdParams;
 use crate::primitive::{MovingSphere, PrimitiveSet, Shapes};
+use crate::progress::Progress;
 use glam::Vec3;
 use std::collections::BTreeSet;
 
@@ -127,7 +128,7 @@ fn points_and_spheres_of_radius_zero_differ_by_the_rounding_only() {
     let (points, set) = both_kinds(600);
     let params = KdParams::default();
     let spheres = Primitives { set: &set, params: &params };
-    let tree = build_kd_over_points(POINTS, points.clone(), 8.0 * points.len() as f64);
+    let tree = build_kd_over_points(POINTS, points.clone(), 8.0 * points.len() as f64, &Progress::new(None));
     assert!(tree.depth >= 5 && tree.references.len() > points.len() * 5 / 4, "{} references", tree.references.len());
     let boxes = (0..set.len() as u32).map(|id| spheres.reference(id)).collect();
     let cell = LinearBox3 { begin: tree.root, end: tree.root };
@@ -144,7 +145,7 @@ fn points_and_spheres_of_radius_zero_differ_by_the_rounding_only() {
 #[test]
 fn every_point_is_in_one_leaf_at_every_time() {
     let (points, _) = both_kinds(2000);
-    let tree = build_kd_over_points(POINTS, points.clone(), 8.0 * points.len() as f64);
+    let tree = build_kd_over_points(POINTS, points.clone(), 8.0 * points.len() as f64, &Progress::new(None));
     let crossings = tree.references.iter().flat_map(|r| [r.begin, r.begin.next_down(), r.end.min(1.0)]);
     let times: Vec<f32> = crossings.step_by(97).chain([0.0, 0.5, 1.0]).filter(|t| (0.0..=1.0).contains(t)).collect();
     assert!(times.len() > 50);
@@ -163,7 +164,7 @@ fn the_same_tree_of_points_on_any_number_of_threads() {
     let (points, _) = both_kinds(20_000);
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| build_kd_over_points(POINTS, points.clone(), 3.0 * points.len() as f64))
+        pool.install(|| build_kd_over_points(POINTS, points.clone(), 3.0 * points.len() as f64, &Progress::new(None)))
     };
     let one = on(1);
     assert!(one == on(2) && one == on(5));
@@ -173,11 +174,11 @@ fn the_same_tree_of_points_on_any_number_of_threads() {
 fn budgets_and_equal_points_make_leaves() {
     let (points, _) = both_kinds(2000);
     for most in [1.0, 1.2, 2.0] {
-        let tree = build_kd_over_points(POINTS, points.clone(), most * 2000.0);
+        let tree = build_kd_over_points(POINTS, points.clone(), most * 2000.0, &Progress::new(None));
         assert!(tree.references.len() <= (most * 2000.0) as usize);
     }
     let equal: Vec<_> = points.iter().map(|r| PointReference { bounds: points[0].bounds, ..*r }).collect();
-    let tree = build_kd_over_points(POINTS, equal, 1e6);
+    let tree = build_kd_over_points(POINTS, equal, 1e6, &Progress::new(None));
     assert_eq!((tree.nodes.len(), tree.references.len()), (1, 2000));
-    assert_eq!(build_kd_over_points(POINTS, Vec::new(), 0.0).nodes.len(), 1);
+    assert_eq!(build_kd_over_points(POINTS, Vec::new(), 0.0, &Progress::new(None)).nodes.len(), 1);
 }

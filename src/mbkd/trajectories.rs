@@ -37,8 +37,13 @@ const LEAF: usize = 16;
 /// Builds a k-d tree with at most `references` references, from one reference for each point.
 ///
 /// It never exceeds the limits of the layout: both children of a node have references ([`Moving::worthwhile`]), so there
-/// are fewer than two nodes for each reference.
-pub(crate) fn build_kd_over_points(points: Trajectories, all: Vec<PointReference>, references: f64) -> KdTree {
+/// are fewer than two nodes for each reference. Once `progress` is cancelled, what is not divided yet becomes leaves.
+pub(crate) fn build_kd_over_points(
+    points: Trajectories,
+    all: Vec<PointReference>,
+    references: f64,
+    progress: &Progress,
+) -> KdTree {
     let corners = all.iter().flat_map(|r| [r.bounds.open, r.bounds.close]);
     let root = corners.fold(Box3::EMPTY, |b, p| b.include(Vec3::from_array(p)));
     let budget = Budget {
@@ -46,7 +51,7 @@ pub(crate) fn build_kd_over_points(points: Trajectories, all: Vec<PointReference
         references: references.min((MAX_NODES / 2) as f64),
         propagated_vote: true,
     };
-    build(&points, all, root, budget, &Progress::new(None)).0
+    build(&points, all, root, budget, progress).0
 }
 
 impl Trajectories {

@@ -11,6 +11,7 @@ use super::static_tree::StaticTree;
 use crate::geometry::TimeInterval;
 use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::primitive::PointSet;
+use crate::progress::Progress;
 use glam::DVec3;
 
 /// How moving points are put into trees.
@@ -31,11 +32,17 @@ impl Plan {
         }
     }
 
-    /// The layer over `movers` of each of these parts of the shutter.
-    pub(super) fn layer(self, parts: &[Part], movers: impl Fn(&Part) -> Vec<Mover>) -> Layer {
+    /// The layer over `movers` of each of these parts of the shutter; over none of them once `progress` is cancelled.
+    pub(super) fn layer(self, parts: &[Part], movers: impl Fn(&Part) -> Vec<Mover>, progress: &Progress) -> Layer {
+        let movers = |part: &Part| if progress.cancelled() { Vec::new() } else { movers(part) };
+        let progress = progress.part(1.0 / parts.len() as f64);
+        let boxes = |part: &Part| MovingTree::build(&movers(part), *part, &progress);
         match self {
-            Plan::Boxes(_) => Layer::Moving(parts.iter().map(|p| MovingTree::build(&movers(p), *p)).collect()),
-            Plan::Planes(most) => Layer::Planes(parts.iter().map(|p| PlaneTree::build(&movers(p), *p, most)).collect()),
+            Plan::Boxes(_) => Layer::Moving(parts.iter().map(boxes).collect()),
+            Plan::Planes(most) => {
+                let planes = |part: &Part| PlaneTree::build(&movers(part), *part, most, &progress);
+                Layer::Planes(parts.iter().map(planes).collect())
+            }
         }
     }
 }
@@ -156,9 +163,14 @@ impl Source {
     }
 
     /// A static tree of `count` of the points.
-    pub(super) fn still_tree(&self, count: usize, select: impl Iterator<Item = usize>) -> StaticTree {
+    pub(super) fn still_tree(
+        &self,
+        count: usize,
+        select: impl Iterator<Item = usize>,
+        progress: &Progress,
+    ) -> StaticTree {
         let item = |i: usize| Item { at: self.at(i, 0), index: i as u32 };
-        StaticTree::build(count, select.map(item), |i| self.id(i as usize))
+        StaticTree::build(count, select.map(item), |i| self.id(i as usize), progress)
     }
 
     /// The movers of a part of the shutter among some of the points.
@@ -287,8 +299,14 @@ fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
 }
 
 /// Builds a moving layer of some of the points.
-pub(super) fn moving_layer(source: &Source, select: impl Iterator<Item = usize> + Clone, plan: Plan) -> Layer {
-    plan.layer(&parts(source.keys, plan.parts()), |part| source.movers(part, select.clone(), |i| source.id(i)))
+pub(super) fn moving_layer(
+    source: &Source,
+    select: impl Iterator<Item = usize> + Clone,
+    plan: Plan,
+    progress: &Progress,
+) -> Layer {
+    let movers = |part: &Part| source.movers(part, select.clone(), |i| source.id(i));
+    plan.layer(&parts(source.keys, plan.parts()), movers, progress)
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use super::order::order;
 use super::search::KeepLanes;
 use super::search::candidates::Candidates;
 use crate::geometry::{KeyTime, TimeInterval};
+use crate::progress::Progress;
 use crate::simd::{Lanes, Mask, SimdLevel};
 use crate::tuning::points::{
     BLOCK_PRICE, COLD, GAIN, HALF_COLD, REFERENCE_BYTES, SAMPLE, SAMPLES, SEARCH_PRICE, SEARCHES,
@@ -106,7 +107,7 @@ fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Sample> {
         return vec![sample(movers.to_vec())];
     }
     let mut items = places(movers, &part);
-    order(&mut items, SAMPLE);
+    order(&mut items, SAMPLE, &Progress::new(None));
     let runs = items.len() / SAMPLE;
     (0..SAMPLES)
         .map(|i| {
@@ -125,7 +126,11 @@ fn work(sample: &Sample, plan: Plan, fast: Option<Plan>, simd: SimdLevel) -> (f6
         let count = plan.parts();
         let part = parts(*keys, count)[segment * count + count / 2];
         let inside = |m: &Mover| Some(Mover { alive: m.life.intersect(part.interval)?, ..*m });
-        let layer = plan.layer(&[part], |_| movers.iter().filter(|m| keep(m)).filter_map(inside).collect());
+        let layer = plan.layer(
+            &[part],
+            |_| movers.iter().filter(|m| keep(m)).filter_map(inside).collect(),
+            &Progress::new(None),
+        );
         let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, count, *keys)).sum();
         ([layer], part.interval, references)
     };

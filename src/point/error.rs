@@ -55,6 +55,8 @@ pub enum PointError {
         /// How many there were.
         found: usize,
     },
+    /// The callback of [`PointTree::build_with_progress`](crate::PointTree::build_with_progress) said to stop.
+    Cancelled,
     /// A parameter is outside its range.
     Parameter {
         /// The field of [`PointParams`](crate::PointParams).
@@ -87,6 +89,7 @@ impl fmt::Display for PointError {
             PointError::TooManyPoints { found } => {
                 write!(f, "{found} points are more than {} that one tree can hold; split the set", u32::MAX)
             }
+            PointError::Cancelled => f.write_str("the build was cancelled by its progress callback"),
             PointError::Parameter { name, expected } => write!(f, "`{name}` must be {expected}"),
         }
     }

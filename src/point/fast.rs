@@ -2,13 +2,14 @@
 
 use super::moving_reference::{Mover, Part};
 use super::order::{Item, include, order};
+use crate::progress::Progress;
 use crate::simd::LANES;
 use crate::tuning::points::FAST;
 
 /// Marks the movers that move far relative to their neighbours.
 pub(super) fn mark_fast(movers: &mut [Mover], part: &Part) {
     let mut items = places(movers, part);
-    order(&mut items, LANES);
+    order(&mut items, LANES, &Progress::new(None));
     let mut sizes: Vec<f32> = items.chunks(LANES).map(size).collect();
     let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else { return };
     let own = sizes.clone();

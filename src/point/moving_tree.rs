@@ -7,12 +7,13 @@ use super::linear_bounds::{Hull, LinearBoxes, Span};
 use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
 use super::moving_reference::{Mover, Part};
 use super::moving_view::{AtTime, HasLeaves};
-use super::order::{Item, order};
+use super::order::{Item, ORDERING, order};
 use super::over_interval::{Boxed, Flight, FlightRows, InRows};
 use super::snapshot::{Placed, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
 use crate::geometry::TimeInterval;
 use crate::parallel;
+use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 
 /// Points that move or live for a while, in a 16-ary tree for one part of the shutter.
@@ -39,14 +40,14 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[Hull]) {
 
 impl MovingTree {
     /// The complete tree: each mover is in one leaf.
-    pub(super) fn build(movers: &[Mover], part: Part) -> MovingTree {
+    pub(super) fn build(movers: &[Mover], part: Part, progress: &Progress) -> MovingTree {
         let phase = f64::from(part.phase(part.middle()));
         let place = |(index, mover): (usize, &Mover)| Item {
             at: core::array::from_fn(|axis| mover.at(axis, phase) as f32),
             index: index as u32,
         };
         let mut items: Vec<Item> = movers.iter().enumerate().map(place).collect();
-        order(&mut items, LANES);
+        order(&mut items, LANES, &progress.part(ORDERING));
         let timed = movers.iter().any(|m| m.alive != part.interval);
         let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
         let shape = Shape::with_leaf(movers.len(), 1);
@@ -74,6 +75,7 @@ impl MovingTree {
             hulls = above;
         }
         let first = first_children(&shape);
+        progress.finished(1.0 - ORDERING);
         MovingTree { part, nodes, first, leaves, node_times, levels: shape.levels, references: movers.len() }
     }
 

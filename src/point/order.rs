@@ -6,20 +6,26 @@
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
 use super::select::select;
+use crate::progress::Progress;
 pub(super) use crate::simd::Item;
 use crate::simd::LANES;
 
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;
 
+/// The fraction of building a tree that ordering takes, about.
+pub(super) const ORDERING: f64 = 0.7;
+
 /// Most points that are looked at to find the widest axis.
 const SAMPLE: usize = 128;
 
 /// Orders `items` so that leaf i holds the i-th run of `leaf` of them.
 ///
-/// O(n log n) and O(log n) stack; the order is the same for any number of threads.
-pub(super) fn order(items: &mut [Item], leaf: usize) {
-    order_blocks(items, subtree(items.len(), leaf), leaf);
+/// O(n log n) and O(log n) stack; the order is the same for any number of threads. Once `progress` is cancelled, large ranges
+/// stay as they are.
+pub(super) fn order(items: &mut [Item], leaf: usize, progress: &Progress) {
+    let progress = progress.part(1.0 / items.len() as f64);
+    order_blocks(items, subtree(items.len(), leaf), leaf, &progress);
 }
 
 /// Points below a child of the root: the largest full subtree that does not hold all.
@@ -36,11 +42,11 @@ pub(super) fn left_part(count: usize, block: usize) -> usize {
     count.div_ceil(block).div_ceil(2) * block
 }
 
-/// Orders a range whose subtrees have `block` points each.
-fn order_blocks(items: &mut [Item], mut block: usize, leaf: usize) {
+/// Orders a range whose subtrees have `block` points each. An item counts 1 for `progress`.
+fn order_blocks(items: &mut [Item], mut block: usize, leaf: usize, progress: &Progress) {
     while items.len() <= block {
         if block == leaf {
-            return;
+            return progress.finished(items.len() as f64);
         }
         block /= LANES;
     }
@@ -49,10 +55,10 @@ fn order_blocks(items: &mut [Item], mut block: usize, leaf: usize) {
     select(items, left, axis);
     let (low, high) = items.split_at_mut(left);
     if low.len() < SHARE {
-        order_blocks(low, block, leaf);
-        order_blocks(high, block, leaf);
-    } else {
-        join(|| order_blocks(low, block, leaf), || order_blocks(high, block, leaf));
+        order_blocks(low, block, leaf, progress);
+        order_blocks(high, block, leaf, progress);
+    } else if !progress.cancelled() {
+        join(|| order_blocks(low, block, leaf, progress), || order_blocks(high, block, leaf, progress));
     }
 }
 
@@ -104,7 +110,7 @@ mod tests {
         for count in [0, 1, 15, 16, 17, 300, 5000] {
             let mut items: Vec<Item> =
                 (0..count).map(|index| Item { at: [next(), 0.001 * next(), 0.001 * next()], index }).collect();
-            order(&mut items, LANES);
+            order(&mut items, LANES, &Progress::new(None));
             let mut seen: Vec<u32> = items.iter().map(|i| i.index).collect();
             seen.sort_unstable();
             assert!(seen.iter().copied().eq(0..count));

@@ -26,6 +26,7 @@ use super::over_interval::Flight;
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
+use crate::progress::Progress;
 use crate::simd::LANES;
 use glam::Vec3;
 
@@ -46,7 +47,7 @@ pub(super) struct PlaneTree {
 
 impl PlaneTree {
     /// Builds the tree of one part of the shutter with at most `references` for each mover.
-    pub(super) fn build(movers: &[Mover], part: Part, references: f32) -> PlaneTree {
+    pub(super) fn build(movers: &[Mover], part: Part, references: f32, progress: &Progress) -> PlaneTree {
         let reference = |(id, m): (usize, &Mover)| PointReference {
             id: id as u32,
             interval: m.alive,
@@ -56,7 +57,7 @@ impl PlaneTree {
         let all: Vec<_> = movers.iter().enumerate().map(reference).collect();
         let segments = part.keys.max(2) - 1;
         let points = Trajectories { segments, segment: part.segment, middle: part.middle() };
-        let tree = build_kd_over_points(points, all, movers.len() as f64 * f64::from(references));
+        let tree = build_kd_over_points(points, all, movers.len() as f64 * f64::from(references), progress);
         let (mut nodes, references) = (tree.nodes, tree.references);
         let mortal = movers.iter().any(|m| m.life != crate::TimeInterval::FULL);
         let blocks = |node: &KdNode| match node.view() {
@@ -164,7 +165,12 @@ impl PlaneTree {
         let (ids, places): (Vec<u32>, Vec<Vec3>) =
             self.leaves.counting(KeyTime::new(time, self.part.keys), time).unzip();
         let item = |(index, place): (usize, &Vec3)| Item { at: place.to_array(), index: index as u32 };
-        StaticTree::build(places.len(), places.iter().enumerate().map(item), |index| ids[index as usize])
+        StaticTree::build(
+            places.len(),
+            places.iter().enumerate().map(item),
+            |index| ids[index as usize],
+            &Progress::new(None),
+        )
     }
 
     /// The same points under boxes that move.
@@ -178,7 +184,7 @@ impl PlaneTree {
             let first = self.leaves.times(block, lane)[0] == alive.begin();
             first.then_some(Mover { open, close, alive, life, id, fast: false })
         });
-        MovingTree::build(&movers.collect::<Vec<_>>(), self.part)
+        MovingTree::build(&movers.collect::<Vec<_>>(), self.part, &Progress::new(None))
     }
 
     /// The tree at a time, which lies in its part.
@@ -269,7 +275,7 @@ mod tests {
             .collect();
         let part = parts(keys, 1)[(keys - 1) / 2];
         let inside: Vec<Mover> = movers.iter().map(|m| Mover { alive: part.interval, ..*m }).collect();
-        let tree = PlaneTree::build(&inside, part, 16.0);
+        let tree = PlaneTree::build(&inside, part, 16.0, &Progress::new(None));
         let mut worst: f64 = 0.0;
         leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {
             for lane in 0..LANES {

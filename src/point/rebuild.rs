@@ -6,6 +6,7 @@ use super::partition::Layer;
 use super::statistics::PointLayerKind;
 use super::tree::{PointParams, PointTree};
 use crate::primitive::PointSet;
+use crate::progress::Progress;
 use std::collections::HashMap;
 
 /// Growth of the leaves' boxes, added up over the steps, up to which the order is kept.
@@ -52,7 +53,7 @@ impl PointTree {
         let mut tree = tree.moved(source.len, |id| source.at(id as usize, 0));
         let kept = tree.excess() <= MOST_EXCESS;
         if !kept {
-            tree = source.still_tree(source.len, 0..source.len);
+            tree = source.still_tree(source.len, 0..source.len, &Progress::new(None));
         }
         let (len, origin) = (source.len, source.origin);
         self.renew(origin, params.simd);

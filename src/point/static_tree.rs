@@ -6,11 +6,12 @@
 //! fills the levels better.
 
 use super::byte_boxes::ByteBoxes;
-use super::order::{Item, include, order};
+use super::order::{Item, ORDERING, include, order};
 use super::over_interval::{Boxed, Flight, FlightRows, InRows};
 use super::snapshot::{Boxes, Leaves, Placed, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
+use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 
@@ -130,6 +131,7 @@ impl StaticTree {
         count: usize,
         items: impl Iterator<Item = Item>,
         id_of: impl Fn(u32) -> u32 + Sync,
+        progress: &Progress,
     ) -> StaticTree {
         let shape = Shape::of(count);
         let mut blocks = huge_vec_of(PointBlock::EMPTY, shape.begin[1] * LANES * shape.leaf_blocks);
@@ -137,8 +139,10 @@ impl StaticTree {
         for (to, item) in memory.iter_mut().zip(items) {
             *to = item;
         }
-        order(memory, shape.leaf());
-        StaticTree::around(count, blocks, shape, &id_of)
+        order(memory, shape.leaf(), &progress.part(ORDERING));
+        let tree = StaticTree::around(count, blocks, shape, &id_of);
+        progress.finished(1.0 - ORDERING);
+        tree
     }
 
     /// The tree over items that are in order, in the memory of its blocks.
@@ -320,7 +324,7 @@ fn move_items(count: usize, blocks: &mut [PointBlock], shape: Shape, at: &(impl 
                 }
             }
         }
-        order(&mut PointBlock::items(blocks)[..count], shape.leaf());
+        order(&mut PointBlock::items(blocks)[..count], shape.leaf(), &Progress::new(None));
     }
 }
 

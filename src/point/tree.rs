@@ -12,6 +12,7 @@ use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
+use crate::progress::{Callback, Progress};
 use crate::simd::SimdLevel;
 use crate::tuning::points::APART;
 use glam::DVec3;
@@ -108,6 +109,9 @@ pub struct PointTree {
     pub(super) len: usize,
 }
 
+/// The fraction of a build that reading takes, about.
+const READING: f64 = 0.1;
+
 /// The plan of what nothing was tried for.
 const SIMPLE: Plan = Plan::Boxes(1);
 
@@ -121,33 +125,69 @@ impl PointTree {
     /// gives a tree of the answers that it gave. Errors: coordinates that are not finite or too large, arrays of
     /// different length, parameters out of range. An empty set is a tree that finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
+        PointTree::heard(points, params, &Progress::new(None))
+    }
+
+    /// [`PointTree::build`] that calls `progress` with the finished fraction (0 to 1) now and then, from any of its threads.
+    /// `Break` cancels the build, which then returns [`PointError::Cancelled`].
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{PointError, PointParams, PointTree};
+    /// let points: Vec<[f32; 3]> = (0..100_000).map(|i| [i as f32, 0.0, 0.0]).collect();
+    /// let stop = |done: f32| if done < 0.5 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+    /// let tree = PointTree::build_with_progress(&points, &PointParams::default(), &stop);
+    /// assert_eq!(tree.unwrap_err(), PointError::Cancelled);
+    /// ```
+    pub fn build_with_progress<P: PointSet + ?Sized>(
+        points: &P,
+        params: &PointParams,
+        progress: Callback<'_>,
+    ) -> Result<PointTree, PointError> {
+        PointTree::heard(points, params, &Progress::new(Some(progress)))
+    }
+
+    fn heard<P: PointSet + ?Sized>(
+        points: &P,
+        params: &PointParams,
+        progress: &Progress,
+    ) -> Result<PointTree, PointError> {
         params.validate()?;
-        PointTree::of(&Source::read(points, params.round_to_f32)?, params)
+        let source = Source::read(points, params.round_to_f32)?;
+        progress.finished(READING);
+        if progress.cancelled() {
+            return Err(PointError::Cancelled);
+        }
+        // What is cancelled ends with a tree of less, or out of order.
+        let tree = PointTree::of(&source, params, &progress.part(1.0 - READING))?;
+        if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(tree) }
     }
 
     /// Builds the tree of what was read.
-    fn of(source: &Source, params: &PointParams) -> Result<PointTree, PointError> {
+    fn of(source: &Source, params: &PointParams, progress: &Progress) -> Result<PointTree, PointError> {
         let (len, keys, origin) = (source.len, source.keys, source.origin);
         let statistics = PointStatistics::default();
         let mut tree =
             PointTree { origin, simd: params.simd, layers: Vec::new(), precise: Vec::new(), statistics, len };
         if source.is_precise() {
-            tree.add_precise(source, params)?;
+            tree.add_precise(source, params, progress)?;
             return Ok(tree);
         }
+        let share = |points: usize| progress.part(points as f64 / len as f64);
         let still: Vec<bool> = match source.is_still() {
             true => Vec::new(),
             false => (0..len).map(|i| source.stands_still(i)).collect(),
         };
         let count = if source.is_still() { len } else { still.iter().filter(|&&s| s).count() };
         if count == len {
-            tree.add(Layer::Still(source.still_tree(len, 0..len)), PointLayerKind::Static, len, "nothing moves".into());
+            let layer = Layer::Still(source.still_tree(len, 0..len, progress));
+            tree.add(layer, PointLayerKind::Static, len, "nothing moves".into());
             return Ok(tree);
         }
         let apart = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
         if apart {
             let why = format!("{count} of {len} points stand still throughout");
-            let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i])));
+            let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i]), &share(count)));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         let moving = (0..len).filter(|&i| !(apart && still[i]));
@@ -165,16 +205,20 @@ impl PointTree {
                     let mut fast = vec![false; len];
                     movers.iter().filter(|m| m.fast).for_each(|m| fast[m.id as usize] = true);
                     let slow = moving.clone().filter(|&i| !fast[i]);
-                    tree.add(moving_layer(source, slow.clone(), choice.plan), kind(choice.plan), slow.count(), why);
+                    let count = slow.clone().count();
+                    let layer = moving_layer(source, slow, choice.plan, &share(count));
+                    tree.add(layer, kind(choice.plan), count, why);
                     let fast = moving.filter(|&i| fast[i]);
                     let why = "fast points, apart from the others".to_string();
-                    tree.add(moving_layer(source, fast.clone(), plan), kind(plan), fast.count(), why);
+                    let count = fast.clone().count();
+                    tree.add(moving_layer(source, fast, plan, &share(count)), kind(plan), count, why);
                     return Ok(tree);
                 }
                 (choice.plan, why)
             }
         };
-        tree.add(moving_layer(source, moving.clone(), plan), kind(plan), moving.count(), why);
+        let count = moving.clone().count();
+        tree.add(moving_layer(source, moving, plan, &share(count)), kind(plan), count, why);
         Ok(tree)
     }
 
@@ -186,7 +230,7 @@ impl PointTree {
     }
 
     /// Layers of points in f64: what stands still, and what does not.
-    fn add_precise(&mut self, source: &Source, params: &PointParams) -> Result<(), PointError> {
+    fn add_precise(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
         let (len, keys) = (source.len, source.keys);
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
         let count = still.iter().filter(|&&s| s).count();
@@ -210,15 +254,20 @@ impl PointTree {
         let apart = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
         if apart {
             let whole = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
-            let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), false);
+            let progress = progress.part(count as f64 / len as f64);
+            let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), false, &progress);
             let why = format!("{count} of {len} points stand still throughout; positions in f64");
             self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
         }
         if count < len {
             let moving = (0..len).filter(|&i| !(apart && still[i]));
-            let tree = |part: Part| PreciseTree::build(source, part, moving.clone(), true);
-            let trees = parts(keys, plan.parts()).into_iter().map(tree).collect();
-            self.add_precise_layer(trees, kind(plan), moving.count(), why);
+            let (count, parts) = (moving.clone().count(), parts(keys, plan.parts()));
+            let progress = progress.part(count as f64 / (len * parts.len()) as f64);
+            let tree = |part: Part| {
+                let count = if progress.cancelled() { 0 } else { len };
+                PreciseTree::build(source, part, moving.clone().take(count), true, &progress)
+            };
+            self.add_precise_layer(parts.into_iter().map(tree).collect(), kind(plan), count, why);
         }
         Ok(())
     }

@@ -1,11 +1,13 @@
 //! Batches, closest approach, the forms of input, bad input, and counted work.
 
 use crate::support::{Cloud, KINDS, Rng, cloud};
+use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     Approach, MovingPoint, PointArrays, PointColumns, PointError, PointLayerKind, PointParams, PointSet,
     PointStructure, PointTree, SimdLevel, TimeInterval,
 };
+use std::sync::Mutex;
 
 fn params(structure: PointStructure) -> PointParams {
     PointParams { structure, ..PointParams::default() }
@@ -18,6 +20,54 @@ fn tree_of(cloud: &Cloud, structure: PointStructure) -> PointTree {
 
 const STRUCTURES: [PointStructure; 4] =
     [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
+
+#[test]
+fn builds_tell_how_far_they_are_and_can_be_cancelled() {
+    let mut rng = Rng(21);
+    let cloud = cloud("random", 100_000, &mut rng);
+    let wide: Vec<Vec<DVec3>> =
+        cloud.keys.iter().map(|key| key.iter().map(|p| p.as_dvec3() * 1.000_000_001).collect()).collect();
+    let told = |params: &PointParams, keys: usize, precise: bool, stop_at: f32| {
+        let told = Mutex::new(0.0f32);
+        let hear = |done: f32| {
+            assert!((0.0..=1.0).contains(&done), "{done} of the work is done");
+            let mut most = told.lock().unwrap();
+            *most = most.max(done);
+            if done < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        };
+        let tree = if precise {
+            let keys: Vec<&[DVec3]> = wide[..keys].iter().map(Vec::as_slice).collect();
+            PointTree::build_with_progress(&PointArrays { keys: &keys, alive: &[], ids: &[] }, params, &hear)
+        } else {
+            let keys: Vec<&[Vec3]> = cloud.keys[..keys].iter().map(Vec::as_slice).collect();
+            PointTree::build_with_progress(&PointArrays { keys: &keys, alive: &[], ids: &[] }, params, &hear)
+        };
+        let most = *told.lock().unwrap();
+        (tree, most)
+    };
+    assert!(cloud.keys.len() > 1);
+    for (structure, keys, precise) in [
+        (PointStructure::Automatic, 1, false),
+        (PointStructure::Automatic, 2, false),
+        (PointStructure::Linear, 2, false),
+        (PointStructure::Slabs(4), 2, false),
+        (PointStructure::Mbkd, 2, false),
+        (PointStructure::Automatic, 1, true),
+        (PointStructure::Slabs(4), 2, true),
+    ] {
+        let what = format!("{structure:?} at {keys} keys, in f64: {precise}");
+        let params = params(structure);
+        let (whole, most) = told(&params, keys, precise, 2.0);
+        assert_eq!(whole.unwrap().len(), 100_000, "{what}");
+        assert!(most > 0.98, "{what}: {most} is told to be done at the end");
+        for stop_at in [0.0, 0.15] {
+            let (none, most) = told(&params, keys, precise, stop_at);
+            assert_eq!(none.unwrap_err(), PointError::Cancelled, "{what}");
+            // What is left out is not told to be done. The k-d tree makes leaves of what is left.
+            assert!(most < 0.9 || structure == PointStructure::Mbkd, "{what}: went on to {most}");
+        }
+    }
+}
 
 #[test]
 fn batches_equal_single_queries_for_any_number_of_threads() {

@@ -7,7 +7,9 @@ use crate::geometry::TimeInterval;
 use crate::point::build::Source;
 use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::Part;
+use crate::point::order::ORDERING;
 use crate::point::static_tree::Shape;
+use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 
 impl PreciseTree {
@@ -18,6 +20,7 @@ impl PreciseTree {
         part: Part,
         points: impl Iterator<Item = usize>,
         moves: bool,
+        progress: &Progress,
     ) -> PreciseTree {
         let later = (part.segment + 1).min(part.keys - 1);
         let keys = |point: usize| [source.exact(point, part.segment), source.exact(point, later)];
@@ -27,7 +30,7 @@ impl PreciseTree {
             Some(Place { at: between(keys(point), middle), point: point as u32 })
         };
         let mut places: Vec<Place> = points.filter_map(place).collect();
-        order(&mut places);
+        order(&mut places, &progress.part(ORDERING));
         let shape = Shape::with_leaf(places.len(), 1);
         let blocks = places.len().div_ceil(LANES);
         let life = |place: &Place| source.alive(place.point as usize);
@@ -93,6 +96,7 @@ impl PreciseTree {
             }
             hulls = above;
         }
+        progress.finished(1.0 - ORDERING);
         tree
     }
 }

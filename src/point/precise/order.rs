@@ -1,6 +1,7 @@
 //! Bringing f64 points into the order of a complete tree: [`crate::point::order`] in f64.
 
 use crate::point::order::{join, left_part, subtree};
+use crate::progress::Progress;
 use crate::simd::LANES;
 use glam::DVec3;
 
@@ -15,16 +16,17 @@ pub(super) struct Place {
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;
 
-/// Orders places so that leaf i holds the i-th sixteen of them.
-pub(super) fn order(places: &mut [Place]) {
-    blocks(places, subtree(places.len(), LANES));
+/// Orders places so that leaf i holds the i-th sixteen of them. Once `progress` is cancelled, large ranges stay as they are.
+pub(super) fn order(places: &mut [Place], progress: &Progress) {
+    let progress = progress.part(1.0 / places.len() as f64);
+    blocks(places, subtree(places.len(), LANES), &progress);
 }
 
-/// Orders a range whose subtrees have `block` points each.
-fn blocks(places: &mut [Place], mut block: usize) {
+/// Orders a range whose subtrees have `block` points each. A place counts 1 for `progress`.
+fn blocks(places: &mut [Place], mut block: usize, progress: &Progress) {
     while places.len() <= block {
         if block == LANES {
-            return;
+            return progress.finished(places.len() as f64);
         }
         block /= LANES;
     }
@@ -33,10 +35,10 @@ fn blocks(places: &mut [Place], mut block: usize) {
     places.select_nth_unstable_by(left, |a, b| a.at[axis].total_cmp(&b.at[axis]).then(a.point.cmp(&b.point)));
     let (low, high) = places.split_at_mut(left);
     if low.len() < SHARE {
-        blocks(low, block);
-        blocks(high, block);
-    } else {
-        join(|| blocks(low, block), || blocks(high, block));
+        blocks(low, block, progress);
+        blocks(high, block, progress);
+    } else if !progress.cancelled() {
+        join(|| blocks(low, block, progress), || blocks(high, block, progress));
     }
 }
 
