@@ -213,7 +213,7 @@ impl Builder<'_> {
     /// Whether a node of few references is among the largest: of a floor and walls, or of a wall and the things before it.
     /// What is to be in one leaf block is then left to the collapse.
     fn is_large(&self, bounds: &LinearBox3) -> bool {
-        self.large.is_some_and(|(density, large)| density.visits(bounds) >= large)
+        self.large.is_some_and(|(density, large)| density.visits(bounds) > large)
     }
 
     /// Parts the references of a node; returns both sides and how many are on the low one.

@@ -3,7 +3,7 @@
 //! Endless lines meet a convex box in proportion to its surface, which is the surface area heuristic. But rays begin on
 //! one surface and end on the next. Of segments of length `l`, evenly spread over places and directions, a box of surface
 //! `S` and volume `V` meets `S l / 4` from outside (Cauchy), and `V` begin in it. So a room is visited by every ray that begins
-//! there, but its floor is not, though both have about the same area of boxes; a leaf block of a floor and walls is dearer than it looks.
+//! there, but its floor and walls are not, though they have about as much area: a leaf block of all of them is dearer than it looks.
 //! (What rays find that begin inside was first counted by Aila, Karras and Laine, "On Quality Metrics of Bounding
 //! Volume Hierarchies", 2013, as the overlap of end points.)
 //!
