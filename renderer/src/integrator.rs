@@ -1,8 +1,9 @@
 //! How much light comes along a ray: the sun with a soft shadow, the sky, and what surfaces pass on.
 //!
-//! A path goes from surface to surface in cosine-weighted directions, always at the time of its camera ray,
-//! so shadows and reflected light of what moves blur as it does. At each surface one ray looks for the sun. After
-//! the last bounce a ray looks whether the sky is free: with no bounces at all that is ambient occlusion.
+//! A path goes from surface to surface in directions drawn as these reflect light, always at the time of its camera ray,
+//! so shadows and reflected light of what moves blur as it does. At each surface one ray looks for the sun; surfaces that
+//! shine themselves are found by the paths that hit them. After the last bounce a ray looks whether the sky is free: with no
+//! bounces at all that is ambient occlusion.
 
 use crate::sampling::Sampler;
 use crate::stage::Stage;
@@ -26,7 +27,8 @@ pub fn radiance(
             return (light + share * stage.sky.radiance(ray.dir), rays);
         };
         let point = world.point(&ray, &hit);
-        share *= point.color;
+        let to_eye = -ray.dir.normalize_or_zero();
+        light += share * point.emission;
         let from_here = |dir: Vec3| Ray::new(point.position, dir).at_time(ray.time);
 
         let to_sun = stage.sky.towards_sun(sampler);
@@ -34,10 +36,12 @@ pub fn radiance(
         if cosine > 0.0 {
             rays += 1;
             if !world.any(&from_here(to_sun), observer) {
-                light += share * stage.sky.sun * cosine;
+                light += share * point.reflects(to_eye, to_sun) * stage.sky.sun * cosine;
             }
         }
-        let onward = from_here(sampler.cosine(point.normal));
+        let Some((dir, reflected)) = point.scatter(to_eye, sampler) else { break };
+        share *= reflected;
+        let onward = from_here(dir);
         if bounce == bounces {
             rays += 1;
             if !world.any(&onward, observer) {

@@ -2,7 +2,7 @@
 //!
 //! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene
 //! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
-//! `sampling`, `sky` and `materials`, and at last `film` (pictures and files), `parts` (files of parts of a picture, and
+//! `sampling`, `sky`, `materials` and `gloss`, and at last `film` (pictures and files), `parts` (files of parts of a picture, and
 //! merging them), `heatmap` or `animation`. `farm` prints the commands of parts.
 
 mod animation;
@@ -11,6 +11,7 @@ mod farm;
 pub mod film;
 pub mod fluid;
 pub mod font;
+mod gloss;
 mod heatmap;
 mod integrator;
 mod materials;
@@ -47,7 +48,7 @@ use world::World;
 
 /// The whole program: reads the command line, renders, writes files; what is wrong goes to standard error.
 pub fn main() -> ExitCode {
-    match run(&Options::parse()) {
+    match run(&Options::parse(), stop_on_interrupt) {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             let _ = writeln!(std::io::stderr(), "error: {message}");
@@ -56,7 +57,8 @@ pub fn main() -> ExitCode {
     }
 }
 
-fn run(options: &Options) -> Result<(), String> {
+/// Does what a command line asks for. `listen` gives the flag that ends rendering when it is set.
+fn run(options: &Options, listen: fn() -> Result<Arc<AtomicBool>, String>) -> Result<(), String> {
     if let Some(Command::Merge { parts, output }) = &options.command {
         return merge(parts, &outputs(output)?);
     }
@@ -73,7 +75,7 @@ fn run(options: &Options) -> Result<(), String> {
     if farm::is_part(options) && outputs.iter().any(|path| !is(path, "exr")) {
         return Err("parts of pictures are written as .exr: say where to with -o".into());
     }
-    let stop = stop_on_interrupt()?;
+    let stop = listen()?;
     match (options.heatmap, options.frames) {
         (Some(kind), _) => heat(options, kind, &outputs, &stop),
         (None, _) if !options.compare.is_empty() => heat(options, Heat::Steps, &outputs, &stop),

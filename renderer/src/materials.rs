@@ -1,5 +1,6 @@
-//! What colour a surface has where it was hit.
+//! What colour a surface has where it was hit, how it shines, and what light is its own.
 
+use crate::gloss::Gloss;
 use crate::sampling::mix;
 use crate::smooth::Normals;
 use mbkd::Hit;
@@ -7,7 +8,7 @@ use mbkd::glam::{Vec2, Vec3};
 use mbkd_scenes::Look;
 use std::sync::Arc;
 
-/// The diffuse surface of a mesh.
+/// The surface of a mesh.
 #[derive(Clone, Debug)]
 pub struct Surface {
     /// Base colour, linear.
@@ -22,6 +23,12 @@ pub struct Surface {
     pub uvs: Vec<Vec2>,
     /// A picture that multiplies the base colour.
     pub texture: Option<Arc<Texture>>,
+    /// How it shines; without that it is diffuse.
+    pub finish: Option<Finish>,
+    /// Radiance of its own, linear.
+    pub emission: Vec3,
+    /// A picture that multiplies it.
+    pub emission_texture: Option<Arc<Texture>>,
     /// Shading normals; without them triangles look flat.
     pub normals: Option<Arc<Normals>>,
 }
@@ -29,7 +36,30 @@ pub struct Surface {
 impl Surface {
     /// One colour throughout.
     pub fn plain(color: Vec3) -> Surface {
-        Surface { color, group: 0, other: color, vertex_colors: vec![], uvs: vec![], texture: None, normals: None }
+        Surface {
+            color,
+            group: 0,
+            other: color,
+            vertex_colors: vec![],
+            uvs: vec![],
+            texture: None,
+            finish: None,
+            emission: Vec3::ZERO,
+            emission_texture: None,
+            normals: None,
+        }
+    }
+
+    /// Whether it needs texture coordinates.
+    pub fn has_pictures(&self) -> bool {
+        let of_finish = self.finish.as_ref().is_some_and(|finish| finish.texture.is_some());
+        self.texture.is_some() || self.emission_texture.is_some() || of_finish
+    }
+
+    /// Leaves out what needs texture coordinates.
+    pub fn drop_pictures(&mut self) {
+        (self.texture, self.emission_texture) = (None, None);
+        self.finish.iter_mut().for_each(|finish| finish.texture = None);
     }
 
     /// The look a scene asks for.
@@ -61,11 +91,42 @@ impl Surface {
             color *= at(0) * weights[0] + at(1) * weights[1] + at(2) * weights[2];
         }
         if let Some(texture) = &self.texture {
-            let at = |k: usize| self.uvs.get(triangle[k] as usize).copied().unwrap_or(Vec2::ZERO);
-            color *= texture.at(at(0) * weights[0] + at(1) * weights[1] + at(2) * weights[2]);
+            color *= texture.at(self.uv_at(hit, triangle));
         }
         color
     }
+
+    /// How it shines at a hit, if it does, where its colour is this.
+    pub fn gloss_at(&self, hit: &Hit, triangle: [u32; 3], color: Vec3) -> Option<Gloss> {
+        let Finish { metallic, roughness, texture } = self.finish.as_ref()?;
+        let [_, green, blue] = texture.as_ref().map_or([255; 3], |texture| texture.raw(self.uv_at(hit, triangle)));
+        let of = |byte: u8| f32::from(byte) / 255.0;
+        Some(Gloss::new(color, metallic * of(blue), roughness * of(green)))
+    }
+
+    /// The light of its own at a hit.
+    pub fn emission_at(&self, hit: &Hit, triangle: [u32; 3]) -> Vec3 {
+        match &self.emission_texture {
+            Some(texture) => self.emission * texture.at(self.uv_at(hit, triangle)),
+            None => self.emission,
+        }
+    }
+
+    fn uv_at(&self, hit: &Hit, triangle: [u32; 3]) -> Vec2 {
+        let at = |k: usize| self.uvs.get(triangle[k] as usize).copied().unwrap_or(Vec2::ZERO);
+        at(0) * (1.0 - hit.u - hit.v) + at(1) * hit.u + at(2) * hit.v
+    }
+}
+
+/// How a surface shines.
+#[derive(Clone, Debug)]
+pub struct Finish {
+    /// From 0 (the colour is that of what lies below a clear coat) to 1 (of a metal).
+    pub metallic: f32,
+    /// From 0 (a mirror) to 1.
+    pub roughness: f32,
+    /// A picture whose blue multiplies the former and whose green the latter.
+    pub texture: Option<Arc<Texture>>,
 }
 
 /// A picture in linear light, repeated over the plane.
@@ -80,14 +141,18 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// The pixel at (u, v), without filtering: the many samples of a pixel filter it.
+    /// The light at (u, v).
     fn at(&self, uv: Vec2) -> Vec3 {
+        Vec3::from(self.raw(uv).map(crate::film::decode))
+    }
+
+    /// The pixel at (u, v), without filtering: the many samples of a pixel filter it.
+    fn raw(&self, uv: Vec2) -> [u8; 3] {
         if !uv.is_finite() {
-            return Vec3::ZERO;
+            return [0; 3];
         }
         let place = |x: f32, size: u32| (((x - x.floor()) * size as f32) as u32).min(size - 1);
         let (x, y) = (place(uv.x, self.width), place(uv.y, self.height));
-        let [r, g, b] = self.pixels[(y * self.width + x) as usize];
-        Vec3::new(crate::film::decode(r), crate::film::decode(g), crate::film::decode(b))
+        self.pixels[(y * self.width + x) as usize]
     }
 }

@@ -89,23 +89,33 @@ impl Sampler {
 
     /// A point of the unit disk.
     pub fn disk(&mut self) -> Vec2 {
-        // Squares around the centre go to circles around it (Shirley and Chiu, 1997).
-        let p = self.square() * 2.0 - 1.0;
-        let (radius, eighths) = if p.x.abs() > p.y.abs() {
-            (p.x, if p.x == 0.0 { 0.0 } else { p.y / p.x })
-        } else {
-            (p.y, if p.y == 0.0 { 2.0 } else { 2.0 - p.x / p.y })
-        };
-        let (c, s) = cos_sin(eighths / 8.0);
-        Vec2::new(c, s) * radius
+        disk(self.square())
     }
 
     /// A direction about the unit normal `n`, with density proportional to the cosine.
     pub fn cosine(&mut self, n: Vec3) -> Vec3 {
-        let (u, v) = frame(n);
-        let d = self.disk();
-        u * d.x + v * d.y + n * (1.0 - d.length_squared()).max(0.0).sqrt()
+        cosine(n, self.square())
     }
+}
+
+/// The point of the unit disk that a point of the unit square goes to.
+pub fn disk(square: Vec2) -> Vec2 {
+    // Squares around the centre go to circles around it (Shirley and Chiu, 1997).
+    let p = square * 2.0 - 1.0;
+    let (radius, eighths) = if p.x.abs() > p.y.abs() {
+        (p.x, if p.x == 0.0 { 0.0 } else { p.y / p.x })
+    } else {
+        (p.y, if p.y == 0.0 { 2.0 } else { 2.0 - p.x / p.y })
+    };
+    let (c, s) = cos_sin(eighths / 8.0);
+    Vec2::new(c, s) * radius
+}
+
+/// The direction about the unit normal `n` that a point of the unit square goes to.
+pub fn cosine(n: Vec3, square: Vec2) -> Vec3 {
+    let (u, v) = frame(n);
+    let d = disk(square);
+    u * d.x + v * d.y + n * (1.0 - d.length_squared()).max(0.0).sqrt()
 }
 
 /// A number near 0.618 n without a common divisor with n.

@@ -3,17 +3,22 @@
 use crate::animation::Animation;
 use crate::exr::Region;
 use crate::film::{Film, in_units, save_linear};
-use crate::materials::Surface;
+use crate::materials::{Finish, Surface};
+use crate::options::Options;
 use crate::parts::{Part, merge};
 use crate::render::{Job, SQUARE, render};
+use crate::run;
 use crate::sky::Sky;
 use crate::stage::{Stage, Things};
 use crate::staging::scene_of;
 use crate::world::World;
+use clap::Parser;
 use indicatif::ProgressBar;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, KdParams, Policy, TriangleMesh};
 use mbkd_scenes::{Camera, View};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 fn exposed(stage: &Stage, policy: Policy, job: &Job) -> Film {
@@ -173,6 +178,97 @@ fn merged_parts_are_the_picture_bit_for_bit() {
     assert!(error(&read).contains("0 and 2 are not parts of the same picture"));
     assert!(error(&[]).contains("no parts"));
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn the_commands_of_a_farm_make_the_files_of_one_machine() {
+    let folder = std::env::temp_dir().join(format!("mbkd_farm_{}", std::process::id()));
+    let [one, farm] = ["one", "farm"].map(|name| folder.join(name));
+    [&one, &farm].into_iter().for_each(|folder| std::fs::create_dir_all(folder).unwrap());
+    let obey = |words: &[String]| {
+        let options = Options::try_parse_from(words).unwrap();
+        run(&options, || Ok(Arc::default())).unwrap();
+    };
+    let words = |line: &str, outputs: &[PathBuf]| -> Vec<String> {
+        let outputs = outputs.iter().flat_map(|path| ["-o".to_string(), path.display().to_string()]);
+        line.split(' ').map(str::to_string).chain(outputs).collect()
+    };
+    // Whatever picks up the lines, in whatever order; a merge comes last.
+    let work_off = |line: Vec<String>, parts: u32| {
+        let options = Options::try_parse_from(&line).unwrap();
+        let lines = crate::farm::commands(&options, parts, line);
+        let (last, first) = lines.split_last().unwrap();
+        for line in first.iter().rev().chain([last]) {
+            obey(&line.split(' ').map(|word| word.trim_matches('\'').to_string()).collect::<Vec<_>>());
+        }
+        lines.len()
+    };
+    let compare = |names: &[&str]| {
+        for name in names {
+            let [a, b] = [&one, &farm].map(|folder| std::fs::read(folder.join(name)).unwrap());
+            assert!(a == b && a.len() > 100, "{name} differs");
+        }
+    };
+    let picture = "motion_blur --scene tornado --triangles 800 --width 26 --height 15 --spp 7 --bounces 2 --seed 9";
+    let files = |folder: &Path| ["picture.exr", "picture.png"].map(|name| folder.join(name));
+    obey(&words(picture, &files(&one)));
+    assert_eq!(work_off(words(picture, &files(&farm)), 3), 4);
+    compare(&["picture.exr", "picture.png"]);
+
+    let sequence = "motion_blur --scene tornado --triangles 800 --width 26 --height 15 --spp 2 --frames 3";
+    obey(&words(sequence, &[one.join("f.png")]));
+    assert_eq!(work_off(words(sequence, &[farm.join("f.png")]), 4), 3);
+    compare(&["f_000.png", "f_001.png", "f_002.png"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// The radiance of a square that fills the picture, and is seen from the front.
+fn shown(surface: Surface, sky: Sky, bounces: u32) -> Vec3 {
+    let mut stage = stage(square(&[Vec3::ZERO]), 0.0, sky, front());
+    stage.things.surfaces = vec![surface];
+    let film = exposed(&stage, Policy::default(), &Job { bounces, ..job(8, 8, 64) });
+    film.linear().iter().sum::<Vec3>() / 64.0
+}
+
+#[test]
+fn in_a_white_furnace_metals_show_their_colour_and_gloss_little_more() {
+    let color = Vec3::new(0.9, 0.5, 0.1);
+    let of = |color: Vec3, metallic: f32, roughness: f32| {
+        let finish = Some(Finish { metallic, roughness, texture: None });
+        shown(Surface { finish, ..Surface::plain(color) }, furnace(), 1)
+    };
+    let metal = of(color, 1.0, 0.2);
+    assert!((metal - color).abs().max_element() < 0.01, "{metal}");
+    // What goes from mirror to mirror is left out: seen from straight above, the roughest white metal reflects 1 - ln 2.
+    let rough = of(Vec3::ONE, 1.0, 1.0);
+    assert!((rough - (1.0 - core::f32::consts::LN_2)).abs().max_element() < 0.01, "{rough}");
+    let coated = of(color, 0.0, 0.2);
+    let expected = Vec3::splat(0.04) + color * 0.96;
+    assert!((coated - expected).abs().max_element() < 0.02, "{coated} and {expected}");
+}
+
+#[test]
+fn what_shines_is_seen_and_lights_what_sees_it() {
+    let dark = Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, below: Vec3::ZERO, sun: Vec3::ZERO, ..furnace() };
+    let glow = Vec3::new(3.0, 2.0, 0.5);
+    let lamp = Surface { emission: glow, ..Surface::plain(Vec3::ZERO) };
+    assert!((shown(lamp.clone(), dark, 0) - glow).abs().max_element() < 1e-4);
+    // A lamp behind the camera that is a large part of what a square before it sees.
+    let mut stage = stage(square(&[Vec3::ZERO]), 0.0, dark, front());
+    let far = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| Vec3::new(40.0 * x, 40.0 * y, 20.0));
+    stage.things.meshes.push(TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], far.into()));
+    stage.things.surfaces = vec![Surface::plain(Vec3::splat(0.5)), lamp];
+    let lit = |bounces: u32| {
+        let film = exposed(&stage, Policy::default(), &Job { bounces, ..job(8, 8, 64) });
+        film.linear().iter().sum::<Vec3>() / 64.0
+    };
+    assert_eq!(lit(0), Vec3::ZERO);
+    // The share of the cosine-weighted hemisphere that a square of half width a at distance d takes in (form factor).
+    let (a, d) = (40.0f64, 20.0f64);
+    let root = (a * a + d * d).sqrt();
+    let share = 4.0 * a / root * (a / root).atan() / std::f64::consts::PI;
+    let found = lit(1);
+    assert!((found - glow * (0.5 * share as f32)).abs().max_element() < 0.03, "{found}, {share}");
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! A stage with its tree: what rays are asked of, and what is known where they hit.
 
+use crate::gloss::Gloss;
 use crate::materials::Surface;
+use crate::sampling::Sampler;
 use crate::stage::{LEVELS, Things};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildError, BuildParams, Hit, Keys, MovingSphere, Observer, Ray, RayTree, Shape, Statistics, TriangleMesh};
@@ -23,8 +25,27 @@ pub struct Point {
     pub position: DVec3,
     /// Unit normal for shading, on the side of the ray's origin.
     pub normal: Vec3,
-    /// Diffuse reflectance.
+    /// Diffuse reflectance, where there is no gloss.
     pub color: Vec3,
+    /// How it shines.
+    gloss: Option<Gloss>,
+    /// Light of its own.
+    pub emission: Vec3,
+}
+
+impl Point {
+    /// The light towards the eye of light from a direction, relative to what a white diffuse surface would show.
+    pub fn reflects(&self, to_eye: Vec3, to_light: Vec3) -> Vec3 {
+        self.gloss.map_or(self.color, |gloss| gloss.reflects(self.normal, to_eye, to_light))
+    }
+
+    /// A direction from which light comes that goes to the eye, and how much of it does; none where it is absorbed.
+    pub fn scatter(&self, to_eye: Vec3, sampler: &mut Sampler) -> Option<(Vec3, Vec3)> {
+        match self.gloss {
+            Some(gloss) => gloss.scatter(self.normal, to_eye, sampler),
+            None => Some((sampler.cosine(self.normal), self.color)),
+        }
+    }
 }
 
 impl World {
@@ -55,10 +76,13 @@ impl World {
     pub fn point(&self, ray: &Ray, hit: &Hit) -> Point {
         let at = ray.point(hit.t);
         let facing = |normal: Vec3| if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
+        let (mut gloss, mut emission) = (None, Vec3::ZERO);
         let (flat, normal, color) = match self.surfaces.get(hit.mesh as usize) {
             Some((surface, indices)) => {
                 let flat = facing(self.tree.normal(hit, ray.time));
-                let color = surface.color_at(hit, indices[hit.primitive as usize]);
+                let triangle = indices[hit.primitive as usize];
+                let color = surface.color_at(hit, triangle);
+                (gloss, emission) = (surface.gloss_at(hit, triangle, color), surface.emission_at(hit, triangle));
                 (flat, surface.normal_at(hit, ray.time, flat), color)
             }
             None => {
@@ -67,7 +91,7 @@ impl World {
             }
         };
         let lift = self.lift + 2e-6 * hit.t * ray.dir.length();
-        Point { position: at + flat.as_dvec3() * f64::from(lift), normal, color }
+        Point { position: at + flat.as_dvec3() * f64::from(lift), normal, color, gloss, emission }
     }
 
     /// The outward normal of the sphere that was hit.

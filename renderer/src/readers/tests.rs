@@ -97,7 +97,8 @@ fn arm() -> Vec<u8> {
                  {"mesh":0,"skin":0,"translation":[99,99,99]}],
         "meshes":[{"weights":[0],"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":2,"WEIGHTS_0":3,"TEXCOORD_0":9},
                    "indices":1,"material":0,"targets":[{"POSITION":7}]}]}],
-        "materials":[{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,1,1]}}],
+        "materials":[{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,1,1],"roughnessFactor":0.75},
+                      "emissiveFactor":[1,0.5,0],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4}}}],
         "skins":[{"joints":[0,1],"inverseBindMatrices":4}],
         "animations":[{"name":"bend","samplers":[{"input":5,"output":6,"interpolation":"LINEAR"},
                         {"input":5,"output":8,"interpolation":"STEP"}],
@@ -130,7 +131,10 @@ fn a_skinned_morphing_arm_is_where_hand_computation_puts_it() {
     near(end[2], 11.0 * a + 10.0 * b, a + 2.0 * b, 0.0);
     let (a, b) = (128.0 / 255.0, 127.0 / 255.0);
     near(end[3], 9.0 * a + 10.0 * b, a, 2.0);
-    assert_eq!(pose.parts[0].surface.color, Vec3::new(0.5, 0.25, 1.0));
+    let surface = &pose.parts[0].surface;
+    assert_eq!((surface.color, surface.emission), (Vec3::new(0.5, 0.25, 1.0), Vec3::new(4.0, 2.0, 0.0)));
+    let finish = surface.finish.as_ref().unwrap();
+    assert_eq!((finish.metallic, finish.roughness, finish.texture.is_none()), (1.0, 0.75, true), "1 if it is not said");
     assert_eq!(pose.parts[0].surface.uvs, Vec::<Vec2>::new(), "no texture, no coordinates");
 }
 

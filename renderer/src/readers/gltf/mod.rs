@@ -11,7 +11,7 @@ mod primitive;
 mod state;
 
 use super::{MOST_VERTICES, Part, Pose, ReadError, Wrong, check_positions, picture};
-use crate::materials::{Surface, Texture};
+use crate::materials::{Finish, Surface, Texture};
 use crate::staging::picture_height;
 use accessor::Data;
 use animation::{Clip, unit};
@@ -272,8 +272,22 @@ fn surface(material: &gltf::Material, textures: &[Arc<Texture>]) -> Surface {
     let [r, g, b, _] = pbr.base_color_factor();
     let channel = |x: f32| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) };
     let color = Vec3::new(channel(r), channel(g), channel(b));
-    let texture = pbr.base_color_texture().and_then(|info| textures.get(info.texture().source().index()).cloned());
-    Surface { texture, ..Surface::plain(color) }
+    // One set of texture coordinates is read: pictures that have another are left out.
+    let set = primitive::coordinates(material);
+    let picture = |info: Option<gltf::texture::Info>| {
+        let info = info.filter(|info| info.tex_coord() == set)?;
+        textures.get(info.texture().source().index()).cloned()
+    };
+    // The crate's materials without a number stand for primitives that have none.
+    let finish = material.index().map(|_| Finish {
+        metallic: channel(pbr.metallic_factor()),
+        roughness: channel(pbr.roughness_factor()),
+        texture: picture(pbr.metallic_roughness_texture()),
+    });
+    let strength = material.emissive_strength().unwrap_or(1.0);
+    let emission = Vec3::from(material.emissive_factor().map(channel)) * if strength > 0.0 { strength } else { 0.0 };
+    let emission_texture = picture(material.emissive_texture());
+    Surface { texture: picture(pbr.base_color_texture()), finish, emission, emission_texture, ..Surface::plain(color) }
 }
 
 /// All pictures of the file.

@@ -74,15 +74,22 @@ pub fn read(
         surface.vertex_colors = colors(data, &accessor)?;
         same_count("colours", surface.vertex_colors.len())?;
     }
-    let set = primitive.material().pbr_metallic_roughness().base_color_texture().map_or(0, |t| t.tex_coord());
-    match primitive.get(&Semantic::TexCoords(set)) {
-        Some(accessor) if surface.texture.is_some() => {
+    match primitive.get(&Semantic::TexCoords(coordinates(&primitive.material()))) {
+        Some(accessor) if surface.has_pictures() => {
             surface.uvs = data.floats::<2>(&accessor)?.into_iter().map(Vec2::from).collect();
             same_count("texture coordinates", surface.uvs.len())?;
         }
-        _ => surface.texture = None,
+        Some(_) => {}
+        None => surface.drop_pictures(),
     }
     Ok(Some(Primitive { indices, positions, targets, influences, surface }))
+}
+
+/// The texture coordinates that a material's pictures go by: those of the first that there is.
+pub fn coordinates(material: &gltf::Material) -> u32 {
+    let pbr = material.pbr_metallic_roughness();
+    let pictures = [pbr.base_color_texture(), pbr.metallic_roughness_texture(), material.emissive_texture()];
+    pictures.into_iter().flatten().next().map_or(0, |info| info.tex_coord())
 }
 
 fn vectors(data: &Data, accessor: &Accessor) -> Result<Vec<DVec3>, Wrong> {
