@@ -25,6 +25,9 @@ pub(crate) mod wide {
     /// Where both sides of a split have this many times the area of the node, neither is likely to be split much better:
     /// parts of needles and hair. A leaf block of sixteen at once costs a query no more there.
     pub const CROWDED: f32 = 1.4;
+    /// Nodes of few references are split on where they are visited this often, relative to the root's visits divided by the
+    /// number of references. Those are few; to do it with every leaf would take longer than a level of the build.
+    pub const LARGE_LEAF: f32 = 64.0;
     /// Trees up to this many bytes mostly stay in the caches, where neither the order of rays nor taking turns gains much.
     pub const CACHED: usize = 64 << 20;
     /// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the

@@ -62,6 +62,53 @@ fn triangles_kept_in_f64() {
     triangles(&["f64 kept, offset", "f64 kept, clusters apart", "f64 kept, keys"]);
 }
 
+/// Nearest points of all cases of some families; every policy.
+fn closest_points(families: &[&str]) {
+    let cases: Vec<RayCase> = closest_point_cases().into_iter().filter(|c| families.contains(&c.name.0)).collect();
+    assert!(cases.len() >= families.len());
+    for case in &cases {
+        let scene = SceneUnderTest::new(case, 5);
+        let trees: Vec<RayTree> = policies().iter().map(|(_, p)| RayTree::build(&scene.meshes, p).unwrap()).collect();
+        let tallies = compare_closest_points(&scene, &trees, 40, &mut Random(21), |_| ());
+        for (tally, (policy, _)) in tallies.iter().zip(policies()) {
+            let about = format!("{:?}, {policy}: {tally:?}", case.name).chars().take(250).collect::<String>();
+            assert!(tally.is_right(), "{about}");
+            assert!(tally.distance.len() > 30, "{about}");
+            assert!(tally.distance.worst_units() <= UNITS, "{} units: {about}", tally.distance.worst_units());
+            assert!(tally.distance.worst_ulps() <= ULPS, "{} ulp: {about}", tally.distance.worst_ulps());
+        }
+    }
+}
+
+#[test]
+fn nearest_points_on_triangles_kept_in_f64() {
+    closest_points(&["f64 kept, offset", "f64 kept, clusters apart", "f64 kept, keys"]);
+}
+
+#[test]
+fn nearest_points_on_triangles() {
+    closest_points(&["scale", "offset", "one outlier", "speed", "keys", "f64, offset"]);
+}
+
+#[test]
+fn tampering_with_nearest_points_is_noticed() {
+    let case = closest_point_cases().into_iter().find(|c| c.name == ("f64 kept, offset", "1e6".into())).unwrap();
+    let scene = SceneUnderTest::new(&case, 5);
+    let trees = [RayTree::build(&scene.meshes, &policies()[0].1).unwrap()];
+    let run = |tamper: &dyn Fn(&mut Option<mbkd::ClosestPoint>)| {
+        compare_closest_points(&scene, &trees, 60, &mut Random(21), tamper).remove(0)
+    };
+    assert!(run(&|_| ()).is_right());
+    let lost = run(&|found| *found = None);
+    assert!(lost.wrong_count > 30, "{}", lost.wrong_count);
+    let far = run(&|found| found.iter_mut().for_each(|near| near.distance *= 1.000_001));
+    assert!(far.distance.worst_ulps() > ULPS && far.distance.worst_ulps() < 20.0, "{}", far.distance.worst_ulps());
+    let other = run(&|found| found.iter_mut().for_each(|near| near.primitive = (near.primitive + 1) % 80));
+    assert!(other.wrong_order > 30, "{}", other.wrong_order);
+    let aside = run(&|found| found.iter_mut().for_each(|near| near.point.x += 1e-3));
+    assert!(aside.broken_promises > 30, "{}", aside.broken_promises);
+}
+
 /// The same triangles are not what they were given as if f64 is not kept, and the check notices.
 #[test]
 fn triangles_rounded_to_f32_are_not_those_in_f64() {

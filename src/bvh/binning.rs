@@ -341,7 +341,7 @@ fn gather_above<S: Simd>(s: S, bins: &[Packed], counts: &[u32; BINS], above: &mu
 /// infinite where one side is empty. `below` is what is below the first, and below the next planes afterwards.
 ///
 /// What is below a plane is in the low half of the lanes, what is above it in the high half. Six times the mean
-/// half area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::builder::mean_half_area`]), which is
+/// half area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::visits::mean_half_area`]), which is
 /// d0 . rot(2 d0 + d1) + d1 . rot(2 d1 + d0), where rot (x, y, z) = (y, z, x): six products in six lanes. The sums of
 /// the lanes of eight planes are formed together, and end up in one lane for each.
 #[inline(always)]

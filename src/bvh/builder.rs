@@ -8,12 +8,12 @@
 use super::binning::{Table, find_split, summary};
 use super::partition::{Partitioned, partition};
 use super::reference::Reference;
+use super::visits::{SurfaceDensity, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
 use crate::simd::{SimdLevel, concat, huge_vec};
-use crate::tuning::wide::CROWDED;
+use crate::tuning::wide::{CROWDED, LARGE_LEAF};
 use core::ops::RangeInclusive;
-use glam::Vec3;
 
 /// A node of the binary tree, in preorder: the left child follows its parent.
 #[derive(Clone, Copy, Debug)]
@@ -50,25 +50,15 @@ const SAH_DEPTH: u32 = 44;
 const PARALLEL: usize = 4096;
 const PIECES: usize = 32;
 
-/// Mean over the interval of half the surface area of a linearly changing box.
-///
-/// With h(d) = xy + yz + zx the integrand is quadratic in time, so the mean is exact:
-/// (h(d0) + h(d1) + h(d0 + d1)) / 6.
-#[inline(always)]
-pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
-    let h = |d: Vec3| d.x * d.y + d.y * d.z + d.z * d.x;
-    let d0 = (b.begin.max - b.begin.min).max(Vec3::ZERO);
-    let d1 = (b.end.max - b.end.min).max(Vec3::ZERO);
-    (h(d0) + h(d1) + h(d0 + d1)) * (1.0 / 6.0)
-}
-
 /// Builds over references, which are reordered. Nodes of at most `leaf.start` references are not split on, and those of
-/// at most `leaf.end` not where things overlap so much that splitting hardly pays (see [`CROWDED`]).
+/// at most `leaf.end` not where things overlap so much that splitting hardly pays (see [`CROWDED`]). With a `density`,
+/// by which boxes are visited, the largest of such nodes are split on (see [`LARGE_LEAF`]).
 /// Leaves hold references of one kind.
 pub(crate) fn build_binary(
     references: &mut [Reference],
     leaf: RangeInclusive<usize>,
     kinds: Option<&LeafKind<'_>>,
+    density: Option<SurfaceDensity>,
 ) -> BinaryTree {
     let n = references.len();
     if n == 0 {
@@ -80,7 +70,8 @@ pub(crate) fn build_binary(
         1 => usize::MAX,
         threads => PARALLEL.max(n / (PIECES * threads)),
     };
-    let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), alone, kinds };
+    let large = density.map(|density| (density, LARGE_LEAF * density.visits(&bounds) / n as f32));
+    let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), large, alone, kinds };
     let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
     match pieces.len() {
         1 => pieces.remove(0),
@@ -153,6 +144,8 @@ struct Builder<'a> {
     simd: SimdLevel,
     leaf: usize,
     crowded_leaf: usize,
+    /// Visits from which on a leaf is a large one, and by what they are counted; nothing where none is.
+    large: Option<(SurfaceDensity, f32)>,
     /// Up to this many references a subtree is built by one thread. It never changes the tree.
     alone: usize,
     /// Where leaves may only hold references of one kind.
@@ -197,15 +190,17 @@ impl Builder<'_> {
     fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
         let (at, n) = (nodes.len(), references.len());
         nodes.push(BinaryNode::new(&task, n));
-        let (low, high, middle) = if n <= self.leaf || task.crowded && n <= self.crowded_leaf {
-            let Some(middle) = self.kinds.and_then(|kind| by_kind(references, kind)) else {
-                let moving = references.iter().any(Reference::moving);
-                nodes[at].moving = moving;
-                return moving;
-            };
-            self.cut(references, &task, middle)
+        let few = n <= self.leaf || task.crowded && n <= self.crowded_leaf;
+        let sides = if few && (n == 1 || !self.is_large(&task.bounds)) {
+            let middle = self.kinds.and_then(|kind| by_kind(references, kind));
+            middle.map(|middle| self.cut(references, &task, middle))
         } else {
-            self.divide(references, &task, table)
+            Some(self.divide(references, &task, table))
+        };
+        let Some((low, high, middle)) = sides else {
+            let moving = references.iter().any(Reference::moving);
+            nodes[at].moving = moving;
+            return moving;
         };
         let (low_references, high_references) = references.split_at_mut(middle);
         let left = self.subtree(low_references, low, nodes, table);
@@ -213,6 +208,12 @@ impl Builder<'_> {
         let right = self.subtree(high_references, high, nodes, table);
         nodes[at].moving = left | right;
         left | right
+    }
+
+    /// Whether a node of few references is among the largest: of a floor and walls, or of a wall and the things before it.
+    /// What is to be in one leaf block is then left to the collapse.
+    fn is_large(&self, bounds: &LinearBox3) -> bool {
+        self.large.is_some_and(|(density, large)| density.visits(bounds) > large)
     }
 
     /// Parts the references of a node; returns both sides and how many are on the low one.
@@ -257,4 +258,54 @@ fn by_kind(references: &mut [Reference], kind: &LeafKind<'_>) -> Option<usize> {
     references.sort_by_key(|r| kind(r.id()));
     let least = kind(references[0].id());
     Some(references.partition_point(|r| kind(r.id()) == least))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    /// A floor and four walls of two triangles each, and small things in the room.
+    fn room() -> Vec<Reference> {
+        let mut references = Vec::new();
+        let mut add = |min: Vec3, max: Vec3| {
+            let b = Box3 { min, max };
+            references.push(Reference::new(LinearBox3 { begin: b, end: b }, references.len() as u32));
+        };
+        for _ in 0..2 {
+            add(Vec3::ZERO, Vec3::new(1.0, 0.0, 1.0));
+            add(Vec3::ZERO, Vec3::new(1.0, 0.5, 0.0));
+            add(Vec3::ZERO, Vec3::new(0.0, 0.5, 1.0));
+            add(Vec3::Z, Vec3::new(1.0, 0.5, 1.0));
+            add(Vec3::X, Vec3::new(1.0, 0.5, 1.0));
+        }
+        let mut state = 21u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        for _ in 0..2000 {
+            let at = Vec3::new(next(), 0.3 * next(), next());
+            add(at, at + 0.01);
+        }
+        references
+    }
+
+    #[test]
+    fn the_largest_leaves_are_parted_and_no_others() {
+        let built = |density: Option<SurfaceDensity>| {
+            let mut references = room();
+            let nodes = build_binary(&mut references, 8..=16, None, density);
+            let leaves: Vec<BinaryNode> = nodes.into_iter().filter(|node| node.right == 0).collect();
+            assert_eq!(leaves.iter().map(|leaf| leaf.count).sum::<u32>(), 2010);
+            leaves
+        };
+        let density = SurfaceDensity(8.0);
+        let visits = |leaf: &BinaryNode| density.visits(&leaf.bounds);
+        let (before, after) = (built(None), built(Some(density)));
+        let largest = |leaves: &[BinaryNode]| leaves.iter().map(visits).fold(0.0, f32::max);
+        // A leaf of a wall and the floor is as large as the room; the largest thing is the floor.
+        assert!(largest(&before) > 2.0 && largest(&after) <= 1.0, "{} {}", largest(&before), largest(&after));
+        assert!(after.len() > before.len() && after.len() <= before.len() + 20, "{} {}", before.len(), after.len());
+    }
 }

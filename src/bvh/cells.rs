@@ -46,7 +46,7 @@ pub(crate) fn coarse_tree(references: &[Reference], most: usize) -> (BinaryTree,
         dealt[begins[key as usize]] = id as u32;
         begins[key as usize] += 1;
     }
-    let tree = build_binary(&mut cell_references, 1..=1, None);
+    let tree = build_binary(&mut cell_references, 1..=1, None, None);
     let cells: Vec<&[u32]> = cell_references.iter().map(|r| &dealt[cells[r.id() as usize].clone()]).collect();
     let ids = huge_vec(references.len());
     let mut cut = Cut { references, tree: &tree, cells: &cells, most, binary: BinaryTree::new(), ids };
@@ -125,7 +125,7 @@ impl Cut<'_> {
         if count > self.most && node.right == 0 {
             let mut references: Vec<Reference> =
                 cells.iter().copied().flatten().map(|&id| self.references[id as usize]).collect();
-            let below = build_binary(&mut references, self.most..=self.most, None);
+            let below = build_binary(&mut references, self.most..=self.most, None, None);
             self.binary.extend(below.iter().map(|node| BinaryNode { first: first + node.first, ..*node }));
             self.ids.extend(references.iter().map(Reference::id));
             return;

@@ -5,7 +5,8 @@
 //! own, whose sixteen places are again shared out between the two halves. (The idea for four-way trees is
 //! in Pinter, "Surface area heuristic for wide bounding volume hierarchies"; the recurrence is the same.)
 
-use super::builder::{BinaryNode, mean_half_area};
+use super::builder::BinaryNode;
+use super::visits::SurfaceDensity;
 use crate::parallel;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, huge_vec, lanes_at};
 
@@ -22,6 +23,8 @@ pub(crate) struct CostModel {
     pub still: f32,
     /// Most primitives in one leaf block; 1 where the references are whole blocks already.
     pub most: usize,
+    /// How often boxes are visited.
+    pub density: SurfaceDensity,
 }
 
 impl CostModel {
@@ -43,7 +46,7 @@ pub(crate) struct Collapse {
     /// For each node and number of places: how many go to the left half; 0: this node is one child. As one
     /// child (the first entry) 0 means a leaf block, otherwise it is the share of the left half of sixteen.
     pub(super) left: Vec<[u8; LANES]>,
-    /// Cost of each node as one child: the sum over what is visited of price times area.
+    /// Cost of each node as one child: the sum over what is visited of price times visits.
     pub(super) one: Vec<f32>,
 }
 
@@ -81,7 +84,7 @@ impl Collapse {
         self.cost(0)
     }
 
-    /// Cost of a subtree: the sum over what is visited of price times area.
+    /// Cost of a subtree: the sum over what is visited of price times visits.
     pub fn cost(&self, node: u32) -> f32 {
         self.one.get(node as usize).copied().unwrap_or(0.0)
     }
@@ -173,9 +176,10 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
             best = s.select(better, sum, best);
             share = s.select_u(better, s.splat_u(i as u32 + 1), share);
         }
-        let (area, still) = (mean_half_area(&node.bounds), if node.moving { 1.0 } else { self.cost_model.still });
-        let as_leaf = (self.leaf_cost)(node).map_or(f32::INFINITY, |c| c * area * still);
-        let as_node = self.cost_model.node * still * area + s.lane(best, LANES - 1);
+        let visits = self.cost_model.density.visits(&node.bounds);
+        let still = if node.moving { 1.0 } else { self.cost_model.still };
+        let as_leaf = (self.leaf_cost)(node).map_or(f32::INFINITY, |c| c * visits * still);
+        let as_node = self.cost_model.node * still * visits + s.lane(best, LANES - 1);
         *one = as_leaf.min(as_node);
         // More places never cost more, so only one child can be as good; equal cost goes to it: fewer boxes.
         let single = s.splat(*one);
@@ -228,7 +232,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Sweep<'_, L> {
             let costs = if node.right == 0 {
                 let still = if node.moving { 1.0 } else { self.solver.cost_model.still };
                 let cost = (self.solver.leaf_cost)(node).unwrap_or(f32::INFINITY);
-                *one = cost * mean_half_area(&node.bounds) * still;
+                *one = cost * self.solver.cost_model.density.visits(&node.bounds) * still;
                 Costs { by_places: [*one; LANES], enough: 1 }
             } else {
                 let l = waiting.pop().unwrap_or(nothing);
@@ -249,7 +253,8 @@ mod tests {
     use crate::geometry::{Box3, LinearBox3};
     use glam::Vec3;
 
-    const COST_MODEL: CostModel = CostModel { node: 2.0, leaf: 1.0, primitive: 0.15, still: 0.7, most: 16 };
+    const COST_MODEL: CostModel =
+        CostModel { node: 2.0, leaf: 1.0, primitive: 0.15, still: 0.7, most: 16, density: SurfaceDensity(9.0) };
 
     fn leaf_cost(node: &BinaryNode) -> Option<f32> {
         (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
@@ -258,7 +263,7 @@ mod tests {
     /// The recurrence as it is written on paper.
     fn least(nodes: &[BinaryNode], x: usize) -> [f64; LANES] {
         let node = &nodes[x];
-        let weight = f64::from(mean_half_area(&node.bounds)) * if node.moving { 1.0 } else { 0.7 };
+        let weight = f64::from(COST_MODEL.density.visits(&node.bounds)) * if node.moving { 1.0 } else { 0.7 };
         let as_leaf = leaf_cost(node).map_or(f64::INFINITY, |c| f64::from(c) * weight);
         if node.right == 0 {
             return [as_leaf; LANES];
@@ -271,7 +276,7 @@ mod tests {
 
     fn cost_of(nodes: &[BinaryNode], collapse: &Collapse, x: u32) -> f64 {
         let node = &nodes[x as usize];
-        let weight = f64::from(mean_half_area(&node.bounds)) * if node.moving { 1.0 } else { 0.7 };
+        let weight = f64::from(COST_MODEL.density.visits(&node.bounds)) * if node.moving { 1.0 } else { 0.7 };
         if collapse.is_leaf(x) {
             return f64::from(leaf_cost(node).unwrap()) * weight;
         }
@@ -298,7 +303,7 @@ mod tests {
                     Reference::new(LinearBox3 { begin: around(begin, size), end: around(end, size) }, id)
                 })
                 .collect();
-            let nodes = build_binary(&mut references, 4..=4, None);
+            let nodes = build_binary(&mut references, 4..=4, None, None);
             let collapse = Collapse::new(&nodes, COST_MODEL, leaf_cost);
             let (expected, made) = (least(&nodes, 0)[0], cost_of(&nodes, &collapse, 0));
             assert!((made / expected - 1.0).abs() < 1e-4, "{n}: {made} instead of {expected}");

@@ -10,10 +10,12 @@ mod partition;
 mod presplit;
 mod reference;
 mod replace_subtree;
+mod visits;
 
-pub(crate) use builder::{BinaryNode, BinaryTree, LeafKind, build_binary, mean_half_area, neighbourhoods};
+pub(crate) use builder::{BinaryNode, BinaryTree, LeafKind, build_binary, neighbourhoods};
 pub(crate) use cells::coarse_tree;
 pub(crate) use collapse::{Collapse, CostModel, WideChild};
 pub(crate) use presplit::presplit;
 pub(crate) use reference::Reference;
 pub(crate) use replace_subtree::ReplacedSubtree;
+pub(crate) use visits::{SurfaceDensity, mean_half_area};

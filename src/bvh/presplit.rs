@@ -7,8 +7,8 @@
 //! *move*, cutting does not pay, so only references are cut whose motion is small beside their length.
 
 use super::binning::HALF;
-use super::builder::mean_half_area;
 use super::reference::{Packed, Reference};
+use super::visits::mean_half_area;
 use crate::geometry::{Box3, Ends, LinearBox3, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};

@@ -1,6 +1,6 @@
 //! Subtrees that are built apart, put into a collapsed tree as if they were leaf blocks.
 
-use super::builder::{BinaryNode, mean_half_area};
+use super::builder::BinaryNode;
 use super::collapse::{Collapse, CostModel};
 use crate::simd::{LANES, Lanes};
 
@@ -9,7 +9,7 @@ use crate::simd::{LANES, Lanes};
 pub(crate) struct ReplacedSubtree {
     /// Its binary node.
     pub node: u32,
-    /// What it costs: the sum over what is visited of price times area.
+    /// What it costs: the sum over what is visited of price times visits.
     pub cost: f32,
 }
 
@@ -56,7 +56,7 @@ impl Collapse {
             }
         }
         let still = if node.moving { 1.0 } else { cost_model.still };
-        let one = cost_model.node * still * mean_half_area(&node.bounds) + best[LANES - 1];
+        let one = cost_model.node * still * cost_model.density.visits(&node.bounds) + best[LANES - 1];
         // As one child it is a wide node, whose sixteen places are shared out.
         share[0] = share[LANES - 1];
         for places in 1..LANES {
@@ -88,10 +88,12 @@ mod tests {
     use super::*;
     use crate::bvh::builder::build_binary;
     use crate::bvh::reference::Reference;
+    use crate::bvh::visits::SurfaceDensity;
     use crate::geometry::{Box3, LinearBox3};
     use glam::Vec3;
 
-    const COST_MODEL: CostModel = CostModel { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16 };
+    const COST_MODEL: CostModel =
+        CostModel { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16, density: SurfaceDensity(9.0) };
 
     fn leaf_cost(node: &BinaryNode) -> Option<f32> {
         (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
@@ -110,7 +112,7 @@ mod tests {
             return f64::from(graft.cost);
         }
         let node = &nodes[x as usize];
-        let area = f64::from(mean_half_area(&node.bounds));
+        let area = f64::from(COST_MODEL.density.visits(&node.bounds));
         if collapse.is_leaf(x) {
             return f64::from(leaf_cost(node).unwrap()) * area;
         }
@@ -134,7 +136,7 @@ mod tests {
                 Reference::new(LinearBox3 { begin: a, end: b }, id)
             })
             .collect();
-        let nodes = build_binary(&mut references, 4..=4, None);
+        let nodes = build_binary(&mut references, 4..=4, None, None);
         let new = || Collapse::new(&nodes, COST_MODEL, leaf_cost);
         // With the cost that they have anyway, taken as single children.
         let mut replaced = Vec::new();

@@ -6,7 +6,7 @@
 //! ([`super::refit_plan`]), the nodes above them last.
 //!
 //! The answers stay those of brute force; the tree may become worse. Its cost, the sum over nodes and leaf blocks of price
-//! times area, per area of the root, is what the build makes small (MacDonald and Booth, "Heuristics for ray tracing using
+//! times area, per area of the root, is nearly what the build makes small (MacDonald and Booth, "Heuristics for ray tracing using
 //! space subdivision", 1990). How much it grew says when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006, look at
 //! ratios of areas).
 

@@ -140,7 +140,7 @@ impl WideTree {
         if let Division::Copies(copies) = params.division {
             return self.copies(set, ids, copies, params, step);
         }
-        let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params);
+        let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None);
         step(0.5)?;
         let regions = regions(set, &draft, params);
         step(0.25)?;
@@ -172,7 +172,7 @@ impl WideTree {
             replaced.push(ReplacedSubtree { node: region.node, cost: region.cost });
             roots.push((node.first, root));
         }
-        draft.collapse.replace_subtrees(&draft.binary, COST_MODEL, &replaced);
+        draft.collapse.replace_subtrees(&draft.binary, draft.cost_model, &replaced);
         let part = self.write_draft(set, &draft, &roots)?;
         let written = replaced.iter().map(|g| f64::from(draft.binary[g.node as usize].count)).sum::<f64>();
         step(0.25 * (1.0 - written / all))?;
@@ -191,7 +191,7 @@ impl WideTree {
         self.slices = self.slices.max(copies);
         let mut written = Vec::with_capacity(copies);
         for index in 0..copies {
-            let draft = draft_tree(set, ids, TimeSlice { index, of: copies }, params);
+            let draft = draft_tree(set, ids, TimeSlice { index, of: copies }, params, None);
             let before = self.arena.len();
             written.push(self.write_draft(set, &draft, &[])?);
             if index == 0 {
@@ -299,7 +299,7 @@ const LEAST_BYTES: usize = 8192;
 /// as long as to build the part.
 fn sampled_division<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Division {
     let count = (ids.len() / SAMPLED).max(LEAST_SAMPLE).min(ids.len());
-    let draft = draft_tree(set, &ids[..count], TimeSlice::WHOLE, params);
+    let draft = draft_tree(set, &ids[..count], TimeSlice::WHOLE, params, None);
     match regions(set, &draft, params)[..] {
         [Region { node: 0, division, .. }] => division,
         _ => Division::Whole,

@@ -18,7 +18,7 @@ pub struct Refit {
     /// Blocks that were not looked at.
     pub skipped: usize,
     /// Expected cost of a ray that meets the box of everything, relative to that when the tree was built: the sum over nodes and
-    /// leaf blocks of price times area, as the build's heuristic has it. What a ray costs grows about as much.
+    /// leaf blocks of price times area, as the surface area heuristic has it. What a ray costs grows about as much.
     pub cost: f64,
 }
 

@@ -273,14 +273,17 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
 fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &WideParams) -> f32 {
     let ids = primitives(draft, of);
     let params = params_of_copies(params, parts);
-    let cost = |i: usize| draft_tree(set, &ids, TimeSlice { index: i, of: parts }, &params).collapse.total();
+    let cost = |i: usize| {
+        draft_tree(set, &ids, TimeSlice { index: i, of: parts }, &params, Some(draft.cost_model)).collapse.total()
+    };
     (0..parts).map(cost).sum::<f32>() / parts as f32
 }
 
 /// Cost of a tree for a short time in the middle of the shutter.
 fn moment_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &WideParams) -> f32 {
     let slice = TimeSlice { index: MAX_TIME_SLICES / 2, of: MAX_TIME_SLICES };
-    draft_tree(set, &primitives(draft, of), slice, &params_of_copies(params, MAX_TIME_SLICES)).collapse.total()
+    let params = params_of_copies(params, MAX_TIME_SLICES);
+    draft_tree(set, &primitives(draft, of), slice, &params, Some(draft.cost_model)).collapse.total()
 }
 
 /// What copies are built with: the memory for cuts is divided between them.
@@ -357,7 +360,7 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = WideParams::default();
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None);
         let regions = regions(&set, &draft, &params);
         for pair in regions.windows(2) {
             let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);

@@ -3,10 +3,11 @@
 //! Long primitives fill little of their boxes. Where that is so, they are pre-split into several references under a
 //! budget before the build, if the expected cost of a ray falls enough in samples: a few neighbourhoods of some
 //! hundred references, with and without it. The cost of a tree is the sum over its nodes and leaf blocks of price
-//! times mean area, which the collapse returns.
+//! times visits, which the collapse returns.
 
 use crate::bvh::{
-    BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, build_binary, neighbourhoods, presplit,
+    BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, SurfaceDensity, build_binary, neighbourhoods,
+    presplit,
 };
 use crate::geometry::{Box3, KeyTime, TimeInterval};
 use crate::parallel;
@@ -18,9 +19,15 @@ use crate::tuning::presplit::{
 };
 use crate::tuning::wide::{BINARY_LEAF, BYTES_PER_REFERENCE, LEAF_COST, NODE_COST, PRIMITIVE_COST, STILL_COST};
 
-/// What the steps of a query cost, relative to each other.
-pub(crate) const COST_MODEL: CostModel =
-    CostModel { node: NODE_COST, leaf: LEAF_COST, primitive: PRIMITIVE_COST, still: STILL_COST, most: LANES };
+/// What the steps of a query cost, relative to each other, for rays from outside.
+pub(crate) const COST_MODEL: CostModel = CostModel {
+    node: NODE_COST,
+    leaf: LEAF_COST,
+    primitive: PRIMITIVE_COST,
+    still: STILL_COST,
+    most: LANES,
+    density: SurfaceDensity::NONE,
+};
 
 /// A drafted tree over the shutter or one of equal slices of it.
 pub(crate) struct Draft {
@@ -32,6 +39,8 @@ pub(crate) struct Draft {
     pub primitives: usize,
     /// Whether references may be parts of primitives.
     pub presplit: bool,
+    /// What its costs are computed with.
+    pub cost_model: CostModel,
     pub binary: BinaryTree,
     pub collapse: Collapse,
 }
@@ -87,30 +96,47 @@ fn widened(i: usize, n: usize, by: f64) -> TimeInterval {
     TimeInterval::half_open(begin, end).expect("a time slice is not empty")
 }
 
-/// Drafts one tree, pre-split where that pays.
-pub(crate) fn draft_tree<S: PrimitiveSet>(set: &S, ids: &[u32], slice: TimeSlice, params: &WideParams) -> Draft {
+/// Drafts one tree, pre-split where that pays. If it is to be compared with others its costs are computed with their model.
+pub(crate) fn draft_tree<S: PrimitiveSet>(
+    set: &S,
+    ids: &[u32],
+    slice: TimeSlice,
+    params: &WideParams,
+    cost_model: Option<CostModel>,
+) -> Draft {
     let over = slice.interval();
     let budget = params.max_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
-    let elongated = budget > 1.0 && area_ratio(set, ids, over) >= MIN_AREA_RATIO;
+    let ratio = area_ratio(set, ids, over);
+    let elongated = budget > 1.0 && ratio.is_some_and(|ratio| ratio >= MIN_AREA_RATIO);
     // Room for what is split off from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
     let mut references = huge_vec(most);
     parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
-    let presplits = elongated && presplit_pays(set, &references, slice, budget);
+    let cost_model = cost_model.unwrap_or_else(|| {
+        let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
+        CostModel { density, ..COST_MODEL }
+    });
+    let presplits = elongated && presplit_pays(set, &references, slice, budget, cost_model);
     if presplits {
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
-    Draft { primitives: ids.len(), ..draft_with(set, references, slice, presplits) }
+    Draft { primitives: ids.len(), ..draft_with(set, references, slice, presplits, cost_model) }
 }
 
 /// Whether pre-splitting pays in a few samples of neighbouring references.
-fn presplit_pays<S: PrimitiveSet>(set: &S, references: &[Reference], slice: TimeSlice, budget: f32) -> bool {
+fn presplit_pays<S: PrimitiveSet>(
+    set: &S,
+    references: &[Reference],
+    slice: TimeSlice,
+    budget: f32,
+    cost_model: CostModel,
+) -> bool {
     let over = slice.interval();
     let n = references.len();
     let most = (n / (16 * PRESPLIT_SAMPLES)).clamp(*PRESPLIT_SAMPLE.start(), *PRESPLIT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
     for sample in neighbourhoods(references, PRESPLIT_SAMPLES, most) {
-        let cost = |references: Vec<Reference>| draft_with(set, references, slice, true).collapse.total();
+        let cost = |references: Vec<Reference>| draft_with(set, references, slice, true, cost_model).collapse.total();
         let mut split = sample.clone();
         presplit(&mut split, |id| set.ends(id, over), budget);
         let (split, whole) = parallel::both(|| cost(split), || cost(sample));
@@ -124,12 +150,18 @@ fn presplit_pays<S: PrimitiveSet>(set: &S, references: &[Reference], slice: Time
 }
 
 /// Drafts one tree; `presplit` says whether references may be parts of primitives.
-fn draft_with<S: PrimitiveSet>(set: &S, mut references: Vec<Reference>, slice: TimeSlice, presplit: bool) -> Draft {
+fn draft_with<S: PrimitiveSet>(
+    set: &S,
+    mut references: Vec<Reference>,
+    slice: TimeSlice,
+    presplit: bool,
+    cost_model: CostModel,
+) -> Draft {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
     let [stop, crowded] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
-    let binary = build_binary(&mut references, stop..=crowded, kinds);
-    let collapse = Collapse::new(&binary, COST_MODEL, |node| {
+    let binary = build_binary(&mut references, stop..=crowded, kinds, Some(cost_model.density));
+    let collapse = Collapse::new(&binary, cost_model, |node| {
         if node.count as usize > S::PER_LEAF {
             return None;
         }
@@ -138,7 +170,7 @@ fn draft_with<S: PrimitiveSet>(set: &S, mut references: Vec<Reference>, slice: T
         fits.then_some(COST_MODEL.leaf_of(node.count as usize))
     });
     let primitives = references.len();
-    Draft { slice, over: slice.interval(), references, primitives, presplit, binary, collapse }
+    Draft { slice, over: slice.interval(), references, primitives, presplit, cost_model, binary, collapse }
 }
 
 /// Whether references may be a leaf block: they are of one kind, and what can be split on fits.
@@ -152,8 +184,12 @@ fn one_block<S: PrimitiveSet>(set: &S, references: &[Reference], kind: &LeafKind
     ids.iter().all(|&id| kind(id) == first) && (first == 0 || last || set.fits_block(ids))
 }
 
-/// Half-areas of the boxes, summed, per area of the triangles in them; 0 for what cannot be split.
-fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> f64 {
+/// Half the area of a box per area of what is in it, at least: of a triangle that fills half a flat box. That of spheres is
+/// hardly less, as a ray sees half of their surface.
+const LEAST_AREA_RATIO: f64 = 2.0;
+
+/// Half-areas of the boxes, summed, per area of the triangles in them; nothing for what cannot be split.
+fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> Option<f64> {
     let (mut boxes, mut triangles) = (0.0, 0.0);
     // A thousand or two tell.
     for &id in ids.iter().step_by(ids.len() / 2048 + 1) {
@@ -161,7 +197,7 @@ fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> f64 
         boxes += f64::from(ends.begin.into_iter().fold(Box3::EMPTY, Box3::include).half_area());
         triangles += f64::from(ends.area());
     }
-    if triangles > 0.0 { boxes / triangles } else { 0.0 }
+    (triangles > 0.0).then_some(boxes / triangles)
 }
 
 /// How many leaf blocks ahead the numbers of vertices are asked for; the vertices follow one block ahead.

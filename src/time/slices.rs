@@ -1,7 +1,7 @@
 //! Several hierarchies over the same leaf blocks, one for each part of the shutter.
 
-use super::draft::{COST_MODEL, Draft, prefetch_blocks, time_slice};
-use crate::bvh::{BinaryNode, BinaryTree, Collapse, Reference, build_binary};
+use super::draft::{Draft, prefetch_blocks, time_slice};
+use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary};
 use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
 use crate::primitive::PrimitiveSet;
@@ -40,7 +40,7 @@ impl SharedLeaves {
                     of.fold(LinearBox3::EMPTY, |b, r| b.union(slice_bounds(set, r, draft, over)))
                 }
             };
-            Slice::build(&clusters, over, bounds)
+            Slice::build(&clusters, over, draft.cost_model, bounds)
         });
         SharedLeaves { clusters, trees }
     }
@@ -74,15 +74,20 @@ fn seam<S: PrimitiveSet>(set: &S, draft: &Draft, clusters: &[BinaryNode], i: usi
 }
 
 impl Slice {
-    fn build(clusters: &[BinaryNode], over: TimeInterval, bounds: impl Fn(usize) -> LinearBox3 + Sync) -> Slice {
+    fn build(
+        clusters: &[BinaryNode],
+        over: TimeInterval,
+        cost_model: CostModel,
+        bounds: impl Fn(usize) -> LinearBox3 + Sync,
+    ) -> Slice {
         let n = clusters.len();
         let mut blocks = huge_vec(n);
         parallel::fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
-        let binary = build_binary(&mut blocks, 1..=1, None);
-        let collapse = Collapse::new(&binary, COST_MODEL, |node| {
+        let binary = build_binary(&mut blocks, 1..=1, None, None);
+        let collapse = Collapse::new(&binary, cost_model, |node| {
             (node.count == 1).then(|| {
                 let block = &clusters[blocks[node.first as usize].id() as usize];
-                COST_MODEL.leaf_of(block.count as usize)
+                cost_model.leaf_of(block.count as usize)
             })
         });
         Slice { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }

@@ -101,6 +101,12 @@ pub fn ray_cases() -> Vec<RayCase> {
     .concat()
 }
 
+/// Those of them that ask something of nearest points, which have no rays.
+pub fn closest_point_cases() -> Vec<RayCase> {
+    let of_rays = ["far origins", "direction length"];
+    ray_cases().into_iter().filter(|case| !of_rays.contains(&case.name.0)).collect()
+}
+
 /// The cases for spheres.
 pub fn sphere_cases() -> Vec<RayCase> {
     let of = RayCase::plain;

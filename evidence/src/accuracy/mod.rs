@@ -8,6 +8,7 @@
 
 mod approaches;
 mod cases;
+mod closest_points;
 mod neighbors;
 mod random;
 mod rays;
@@ -16,7 +17,8 @@ mod tally;
 mod watertight;
 
 pub use approaches::compare_approaches;
-pub use cases::{PointCase, RayCase, point_cases, ray_cases, sphere_cases};
+pub use cases::{PointCase, RayCase, closest_point_cases, point_cases, ray_cases, sphere_cases};
+pub use closest_points::compare_closest_points;
 pub use neighbors::{compare_neighbors, structures};
 pub use random::Random;
 pub use rays::{SceneUnderTest, compare_rays, policies};

@@ -90,8 +90,13 @@ impl SceneUnderTest {
         &self.case
     }
 
+    /// In which precision vertices are given.
+    pub(super) fn given(&self) -> Given {
+        self.given
+    }
+
     /// The exact corners of a triangle at a time.
-    fn corners(&self, mesh: usize, triangle: usize, time: f32) -> [Moving; 3] {
+    pub(super) fn corners(&self, mesh: usize, triangle: usize, time: f32) -> [Moving; 3] {
         let keys = &self.keys[mesh];
         let corner = |v: u32| Moving::new(time, keys.len(), self.given, |k| keys[k][v as usize]);
         self.meshes[mesh].indices[triangle].map(corner)

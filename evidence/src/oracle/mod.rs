@@ -9,6 +9,7 @@
 //! to do better than that, and rounding the answer costs another half ulp.
 
 mod approach;
+mod closest_point;
 mod distance;
 mod dyadic;
 mod motion;
@@ -18,6 +19,7 @@ mod triangle;
 mod vector;
 
 pub use approach::{ExactApproach, approach};
+pub use closest_point::ExactNearest;
 pub use distance::ExactDistance;
 pub use dyadic::{Dyadic, Ratio};
 pub use motion::{Given, HALF_ULP_F32, HALF_ULP_F64, Moving, fraction};
