@@ -26,7 +26,8 @@ pub(crate) mod wide {
     /// parts of needles and hair. A leaf block of sixteen at once costs a query no more there.
     pub const CROWDED: f32 = 1.4;
     /// Nodes of few references are split on where they are visited this often, relative to the root's visits divided by the
-    /// number of references. Those are few; to do it with every leaf would take longer than a level of the build.
+    /// number of references. To do it with every leaf would take longer than a level of the build; among needles nearly every leaf is
+    /// this large, and they do (docs/rays.md). Not fitted: `cargo bench --bench embree -- --only ours` shows what it brings and costs.
     pub const LARGE_LEAF: f32 = 64.0;
     /// Trees up to this many bytes mostly stay in the caches, where neither the order of rays nor taking turns gains much.
     pub const CACHED: usize = 64 << 20;

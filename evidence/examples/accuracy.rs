@@ -56,6 +56,21 @@ impl Report {
         self.text.push_str(line.as_ref());
         self.text.push('\n');
     }
+
+    /// Notes what is wrong with answers in order of distance; `of` names what gave them.
+    fn judge(&mut self, tally: &OrderTally, of: impl FnOnce() -> String) {
+        if !tally.is_right() {
+            self.faults.push(format!(
+                "{}: {} in wrong order (worst by {} units), {} wrong counts, {} broken promises in {} queries",
+                of(),
+                tally.wrong_order,
+                short(tally.worst_order),
+                tally.wrong_count,
+                tally.broken_promises,
+                tally.queries
+            ));
+        }
+    }
 }
 
 /// `n` with points of thousands left out, short.
@@ -211,17 +226,7 @@ fn closest_points(args: &Args, samples: usize, report: &mut Report) -> Result<()
         };
         let mut all = OrderTally::default();
         for ((policy, _), tally) in policies().iter().zip(row) {
-            if !tally.is_right() {
-                report.faults.push(format!(
-                    "{family} {value}, nearest points, {policy}: {} in wrong order (worst by {} units), {} wrong counts, {} \
-                     broken promises in {} queries",
-                    tally.wrong_order,
-                    short(tally.worst_order),
-                    tally.wrong_count,
-                    tally.broken_promises,
-                    tally.queries
-                ));
-            }
+            report.judge(&tally, || format!("{family} {value}, nearest points, {policy}"));
             all.merge(tally);
         }
         let wrong = all.wrong_order + all.wrong_count + all.broken_promises;
@@ -275,17 +280,7 @@ fn neighbors(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box
         for (kind, tallies) in ["neighbours", "approaches"].iter().zip(kinds) {
             let mut all = OrderTally::default();
             for ((structure, _), tally) in structures(case.wide).iter().zip(tallies) {
-                if !tally.is_right() {
-                    report.faults.push(format!(
-                        "{family} {value}, {kind}, {structure}: {} in wrong order (worst by {} units), {} wrong counts, {} \
-                         broken promises in {} queries",
-                        tally.wrong_order,
-                        short(tally.worst_order),
-                        tally.wrong_count,
-                        tally.broken_promises,
-                        tally.queries
-                    ));
-                }
+                report.judge(&tally, || format!("{family} {value}, {kind}, {structure}"));
                 all.merge(tally);
             }
             let wrong = all.wrong_order + all.wrong_count + all.broken_promises;

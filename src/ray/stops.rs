@@ -3,7 +3,6 @@
 //! The way is that of every wide tree. In each leaf that the ray comes to, what it lists is asked; of a search for the nearest, the
 //! ray ends from then on at the best hit so far.
 
-use super::slabs::Slabs;
 use super::tree_ray::TreeRay;
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, WideTree};
@@ -40,7 +39,7 @@ impl<const ORDERED: bool, Q: Stops + ?Sized> Kernel for Way<'_, ORDERED, Q> {
     fn run<S: Simd>(self, s: S) {
         let Way { tree, ray, tree_ray, stops } = self;
         let (ray, reach) = (Ray { t_max: tree_ray.t_max(), ..*ray }, tree_ray.end);
-        let mut query = OnTheWay::<ORDERED, Q> { tree, tree_ray, slabs: &tree_ray.slabs, ray, reach, stops };
+        let mut query = OnTheWay::<ORDERED, Q> { tree, tree_ray, ray, reach, stops };
         let mut memory = StackOf::new();
         let mut cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
         let traversal = WideTraversal::new(&tree.arena);
@@ -52,7 +51,6 @@ impl<const ORDERED: bool, Q: Stops + ?Sized> Kernel for Way<'_, ORDERED, Q> {
 struct OnTheWay<'a, const ORDERED: bool, Q: ?Sized> {
     tree: &'a WideTree,
     tree_ray: &'a TreeRay<'a>,
-    slabs: &'a Slabs,
     /// The ray as it was asked, up to where something still matters.
     ray: Ray,
     /// The same end as a distance in tree space.
@@ -75,12 +73,12 @@ impl<S: Simd, const ORDERED: bool, Q: Stops + ?Sized> WideQuery<S> for OnTheWay<
 
     #[inline(always)]
     fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
-        self.slabs.enter::<S, ROWS>(s, block, self.reach)
+        self.tree_ray.slabs.enter::<S, ROWS>(s, block, self.reach)
     }
 
     #[inline(always)]
     fn limit(&self) -> f32 {
-        self.slabs.key(self.reach)
+        self.tree_ray.slabs.key(self.reach)
     }
 
     #[inline(always)]
