@@ -1,6 +1,8 @@
-//! What f64 points cost: the same set with f32 and with f64 positions, in turn, one thread, medians.
+//! What f64 points cost: the same set with f32 and with f64 positions, one thread. A thousand queries of each in turn;
+//! the median of the ratios of such pairs, and the least time of each.
 //!
-//! `cargo run --release --example double_points -- 1000000`
+//! `cargo run --release --example double_points -- [points] [rows with this in their name]`; 100 000 and a million points
+//! unless said otherwise.
 
 use mbkd::glam::DVec3;
 use mbkd::{NeighborBuffer, PointArrays, PointParams, PointTree};
@@ -8,11 +10,17 @@ use mbkd_evidence::accuracy::Random;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Rounds, of which the median counts.
-const ROUNDS: usize = 9;
+/// Rounds through all queries.
+const ROUNDS: usize = 5;
 
-/// Queries per round.
+/// Queries of a round.
 const QUERIES: usize = 20_000;
+
+/// Queries that one tree answers before it is the other's turn.
+const TURN: usize = 1000;
+
+/// Asked of both trees: so many nearest, or with 0 all within a radius with forty hits.
+const ASKED: [usize; 4] = [1, 8, 32, 0];
 
 fn nanoseconds(run: impl FnOnce()) -> f64 {
     let start = Instant::now();
@@ -41,41 +49,96 @@ fn ask(tree: &PointTree, queries: &[(DVec3, f32)], k: usize, radius: f32, buffer
     }
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let count: usize = std::env::args().nth(1).map_or(Ok(1_000_000), |n| n.parse())?;
-    let mut random = Random(7);
-    let spacing = (count as f64).cbrt().recip() * 2.0;
-    for (name, speed) in [("still", 0.0), ("moving by half the spacing", 0.5)] {
-        let open: Vec<DVec3> = (0..count).map(|_| random.vec()).collect();
-        let close: Vec<DVec3> = open.iter().map(|p| *p + random.vec() * (speed * spacing)).collect();
-        let keys: Vec<&[DVec3]> = if speed > 0.0 { vec![&open, &close] } else { vec![&open] };
-        let set = PointArrays { keys: &keys, alive: &[], ids: &[] };
-        let build = |round_to_f32: bool| PointTree::build(&set, &PointParams { round_to_f32, ..Default::default() });
-        let mut builds = [Vec::new(), Vec::new()];
-        for _ in 0..3 {
-            for (times, round) in builds.iter_mut().zip([true, false]) {
-                times.push(nanoseconds(|| drop(black_box(build(round)))));
-            }
-        }
-        let [single, double] = builds.map(median);
-        println!("{name}: build {:.0} and {:.0} ms, {:.2} times", single / 1e6, double / 1e6, double / single);
-        let trees = [build(true)?, build(false)?];
-        let [single, double] = [&trees[0], &trees[1]].map(|tree| tree.statistics().bytes() as f64 / count as f64);
-        println!("{name}: {single:.0} and {double:.0} bytes per point");
-        let queries: Vec<(DVec3, f32)> = (0..QUERIES).map(|_| (random.vec(), random.unit() as f32)).collect();
-        let mut buffer = NeighborBuffer::new();
-        // A ball with about forty points.
-        let radius = (40.0 / count as f64 * 8.0 / 4.19).cbrt() as f32;
-        for k in [1, 8, 32, 0] {
-            let mut times = [Vec::new(), Vec::new()];
-            for _ in 0..ROUNDS {
-                for (times, tree) in times.iter_mut().zip(&trees) {
-                    times.push(nanoseconds(|| ask(tree, &queries, k, radius, &mut buffer)) / QUERIES as f64);
+/// Where points lie, all of it of about the same size.
+const SCENES: [&str; 3] = ["uniform", "surfaces", "clusters 1e7 apart"];
+
+fn place(scene: &str, random: &mut Random) -> DVec3 {
+    match scene {
+        "uniform" => random.vec(),
+        // Three spheres.
+        "surfaces" => {
+            let way = loop {
+                let way = random.vec();
+                if way.length_squared() <= 1.0 {
+                    break way.normalize();
                 }
+            };
+            let number = random.below(3) as f64;
+            DVec3::new(0.4, -0.2, 0.3) * number + way * (1.0 - 0.3 * number)
+        }
+        // Of a size whose spacing f32 can still tell apart.
+        _ => random.vec() * 1e5 + DVec3::new(0.7, 1.0, -0.3) * (1e7 * random.below(2) as f64),
+    }
+}
+
+/// Places along a curve through the set.
+fn morton(at: DVec3, (lo, hi): (DVec3, DVec3)) -> u64 {
+    let cell =
+        ((at - lo) / (hi - lo) * 1_048_575.0).clamp(DVec3::ZERO, DVec3::splat(1_048_575.0)).as_uvec3().to_array();
+    (0..60).fold(0, |code, bit| code | u64::from(cell[bit % 3] >> (bit / 3) & 1) << bit)
+}
+
+fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::error::Error>> {
+    let mut random = Random(7);
+    let open: Vec<DVec3> = (0..count).map(|_| place(scene, &mut random)).collect();
+    // A radius with about forty hits, and from it the mean spacing.
+    let sample = PointTree::build(&open, &PointParams::default())?;
+    let mut radii: Vec<f32> = (0..101)
+        .filter_map(|_| Some(sample.nearest_n(open[random.below(count)], 0.0, 41).last()?.distance()))
+        .collect();
+    radii.sort_by(f32::total_cmp);
+    let radius = radii[radii.len() / 2];
+    let spacing = f64::from(radius) / 2.1;
+    drop(sample);
+    let close: Vec<DVec3> = open.iter().map(|p| *p + random.vec() * (0.5 * spacing)).collect();
+    let keys: Vec<&[DVec3]> = if moving { vec![&open, &close] } else { vec![&open] };
+    let set = PointArrays { keys: &keys, alive: &[], ids: &[] };
+    let build = |round_to_f32: bool| PointTree::build(&set, &PointParams { round_to_f32, ..Default::default() });
+    let mut builds = [Vec::new(), Vec::new()];
+    for _ in 0..3 {
+        for (times, round) in builds.iter_mut().zip([true, false]) {
+            times.push(nanoseconds(|| drop(black_box(build(round)))));
+        }
+    }
+    let [single, double] = builds.map(median);
+    let trees = [build(true)?, build(false)?];
+    let [less, more] = [&trees[0], &trees[1]].map(|tree| tree.statistics().bytes() as f64 / count as f64);
+    let name = format!("{scene}, {count}, {}", if moving { "moving by half the spacing" } else { "still" });
+    println!("{name}: {less:.0} and {more:.0} bytes per point, build {:.2} times", double / single);
+    let mut queries: Vec<(DVec3, f32)> = (0..QUERIES)
+        .map(|_| (open[random.below(count)] + random.vec() * (0.5 * spacing), random.unit() as f32))
+        .collect();
+    let mut buffer = NeighborBuffer::new();
+    for order in ["random", "Morton"] {
+        if order == "Morton" {
+            let hull = open.iter().fold((open[0], open[0]), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+            queries.sort_by_key(|(q, _)| morton(*q, hull));
+        }
+        print!("  {order}:");
+        for k in ASKED {
+            let (mut least, mut ratios) = ([f64::INFINITY; 2], Vec::new());
+            for turn in (0..ROUNDS).flat_map(|_| queries.chunks(TURN)) {
+                let mut time = |tree| nanoseconds(|| ask(tree, turn, k, radius, &mut buffer)) / TURN as f64;
+                let times = [time(&trees[0]), time(&trees[1])];
+                ratios.push(times[1] / times[0]);
+                least = [least[0].min(times[0]), least[1].min(times[1])];
             }
-            let [single, double] = times.map(median);
-            let what = if k == 0 { "radius with 40 hits".into() } else { format!("{k} nearest") };
-            println!("{name}, {what}: {single:.0} and {double:.0} ns, {:.2} times", double / single);
+            let what = if k == 0 { "radius".into() } else { format!("k={k}") };
+            print!("  {what} {:.0} {:.0} {:.2}", least[0], least[1], median(ratios));
+        }
+        println!();
+    }
+    Ok(())
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let given: Vec<String> = std::env::args().skip(1).collect();
+    let counts = given.first().map_or(Ok(vec![100_000, 1_000_000]), |n| n.parse().map(|n| vec![n]))?;
+    for count in counts {
+        for scene in SCENES.into_iter().filter(|scene| given.get(1).is_none_or(|part| scene.contains(part))) {
+            for moving in [false, true] {
+                compare(scene, count, moving)?;
+            }
         }
     }
     Ok(())

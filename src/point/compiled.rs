@@ -56,7 +56,7 @@ impl<K: Keep> Search<'_, K> {
     #[cold]
     #[inline(never)]
     pub(super) fn asked<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
-        let keep = |id| self.keep.keep(id);
+        let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
         let PointTree { precise, simd, .. } = self.tree;
         run(&Asked {
             layers: precise,
@@ -65,7 +65,7 @@ impl<K: Keep> Search<'_, K> {
             time: self.time,
             bound: self.bound,
             shrink: self.shrink,
-            keep: Allowed(K::ASKS.then_some(&keep as &dyn Fn(u32) -> bool)),
+            keep: Allowed(K::ASKS.then_some(&kept)),
         })
     }
 }

@@ -17,7 +17,7 @@ const SHARE: usize = 1 << 14;
 pub(super) const ORDERING: f64 = 0.7;
 
 /// Most points that are looked at to find the widest axis.
-const SAMPLE: usize = 128;
+pub(super) const SAMPLE: usize = 128;
 
 /// Orders `items` so that leaf i holds the i-th run of `leaf` of them.
 ///

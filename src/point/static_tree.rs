@@ -56,11 +56,15 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// The shape of the tree over `count` points: the leaf size that leaves fewer lanes empty near
-    /// the root, with fewer levels first.
+    /// The shape of the tree over `count` points whose boxes may be bytes.
     pub(super) fn of(count: usize) -> Shape {
+        Shape::flattest(count).filled()
+    }
+
+    /// The shape with leaves of two blocks where that saves a level, otherwise of one.
+    pub(super) fn flattest(count: usize) -> Shape {
         let (one, two) = (Shape::with_leaf(count, 1), Shape::with_leaf(count, 2));
-        if two.levels < one.levels { two.filled() } else { one.filled() }
+        if two.levels < one.levels { two } else { one }
     }
 
     /// The shape with a given number of blocks per leaf.

@@ -423,6 +423,10 @@ impl Simd for Avx2 {
         a.narrowed()
     }
     #[inline(always)]
+    fn narrow_all(self, [a, b, c, d]: [Four; 4]) -> F {
+        F(Four::narrowed_pair(a, b), Four::narrowed_pair(c, d))
+    }
+    #[inline(always)]
     fn transpose_d(self, rows: [Four; 4]) -> [Four; 4] {
         Four::transposed(rows)
     }

@@ -321,6 +321,11 @@ impl Simd for Avx512 {
         a.narrowed()
     }
     #[inline(always)]
+    fn narrow_all(self, [a, b, c, d]: [Four; 4]) -> F {
+        let (low, high) = (Four::narrowed_pair(a, b), Four::narrowed_pair(c, d));
+        F(intrinsic!(_mm512_insertf32x8::<1>(_mm512_castps256_ps512(low), high)))
+    }
+    #[inline(always)]
     fn transpose_d(self, rows: [Four; 4]) -> [Four; 4] {
         Four::transposed(rows)
     }

@@ -54,6 +54,12 @@ impl Four {
     }
 
     #[inline(always)]
+    pub(super) fn narrowed_pair(low: Four, high: Four) -> __m256 {
+        // SAFETY: `Four` exists only where the CPU has AVX2.
+        unsafe { _mm256_set_m128(_mm256_cvtpd_ps(high.0), _mm256_cvtpd_ps(low.0)) }
+    }
+
+    #[inline(always)]
     pub(super) fn transposed([a, b, c, d]: [Four; 4]) -> [Four; 4] {
         // SAFETY: `Four` exists only where the CPU has AVX2.
         unsafe {

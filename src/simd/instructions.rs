@@ -114,6 +114,8 @@ pub(crate) trait Simd: Copy {
     fn widen_four(self, from: &[f32; 4]) -> Self::D;
     /// Four f64 rounded to floats.
     fn narrow(self, a: Self::D) -> [f32; 4];
+    /// Sixteen f64 rounded to floats.
+    fn narrow_all(self, a: [Self::D; 4]) -> Self::F;
     /// Lane `j` of vector `i` becomes lane `i` of vector `j`.
     fn transpose_d(self, rows: [Self::D; 4]) -> [Self::D; 4];
     /// The square roots, correctly rounded.

@@ -369,6 +369,10 @@ impl Simd for Portable {
         a.map(|x| x as f32)
     }
     #[inline]
+    fn narrow_all(self, a: [Four; 4]) -> F {
+        F(core::array::from_fn(|i| a[i / 4].0[i % 4] as f32))
+    }
+    #[inline]
     fn transpose_d(self, rows: [Four; 4]) -> [Four; 4] {
         core::array::from_fn(|j| Four(rows.map(|Four(row)| row[j])))
     }

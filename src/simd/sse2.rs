@@ -40,6 +40,13 @@ macro_rules! intrinsic {
     };
 }
 
+impl Four {
+    #[inline(always)]
+    fn narrowed(self) -> __m128 {
+        intrinsic!(_mm_movelh_ps(_mm_cvtpd_ps(self.0), _mm_cvtpd_ps(self.1)))
+    }
+}
+
 impl F {
     #[inline(always)]
     fn map(self, F(b): F, f: impl Fn(__m128, __m128) -> __m128) -> F {
@@ -508,9 +515,12 @@ impl Simd for Sse2 {
     #[inline(always)]
     fn narrow(self, a: Four) -> [f32; 4] {
         let mut lanes = [0.0; 4];
-        let four = intrinsic!(_mm_movelh_ps(_mm_cvtpd_ps(a.0), _mm_cvtpd_ps(a.1)));
-        intrinsic!(_mm_storeu_ps(lanes.as_mut_ptr(), four));
+        intrinsic!(_mm_storeu_ps(lanes.as_mut_ptr(), a.narrowed()));
         lanes
+    }
+    #[inline(always)]
+    fn narrow_all(self, [a, b, c, d]: [Four; 4]) -> F {
+        F([a.narrowed(), b.narrowed(), c.narrowed(), d.narrowed()])
     }
     #[inline(always)]
     fn transpose_d(self, [a, b, c, d]: [Four; 4]) -> [Four; 4] {

@@ -62,6 +62,11 @@ impl Kernel for All {
                 out_f(s.load_row(&Rows::new(&long, 1 + self.mask as usize % 16, 9), self.mask as usize % 9)),
                 out_f(s.load_bytes(&self.a.map(|x| x.to_bits() as u8))),
                 out_f(s.permute(a, ub)),
+                out_f({
+                    let third = |from: [f32; 4]| s.load_d(&from.map(|x| f64::from(x) / 3.0));
+                    let [x, y, z, w] = [0, 4, 8, 12].map(|at| core::array::from_fn(|i| self.a[at + i]));
+                    s.narrow_all([third(x), third(y), third(z), third(w)])
+                }),
                 out_f(thirds[0]),
                 out_f(thirds[1]),
                 out_f(thirds[2]),

@@ -1,14 +1,13 @@
 //! From f64 points to a tree.
 
-use super::hull::{FULL, Hull, Node};
+use super::hull::{FULL, Hull, Made, Node};
 use super::order::{Place, order};
-use super::tree::{ABSENT, PreciseTree, between};
+use super::tree::{Block, PreciseTree, Rows, between};
 use crate::geometry::TimeInterval;
 use crate::point::build::Source;
 use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::Part;
 use crate::point::order::ORDERING;
-use crate::point::static_tree::Shape;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 
@@ -30,41 +29,41 @@ impl PreciseTree {
             Some(Place { at: between(keys(point), middle), point: point as u32 })
         };
         let mut places: Vec<Place> = points.filter_map(place).collect();
-        order(&mut places, &progress.part(ORDERING));
-        let shape = Shape::with_leaf(places.len(), 1);
-        let blocks = places.len().div_ceil(LANES);
+        let shape = PreciseTree::shape(places.len(), moves);
+        order(&mut places, shape.leaf(), &progress.part(ORDERING));
+        let leaves = places.len().div_ceil(shape.leaf());
+        let blocks = leaves * shape.leaf_blocks;
         let life = |place: &Place| source.alive(place.point as usize);
         let mortal = places.iter().any(|place| life(place) != TimeInterval::FULL);
         let timed = places.iter().any(|place| life(place).intersect(part.interval) != Some(part.interval));
         let mut tree = PreciseTree {
             part,
             shape,
-            nodes: Vec::with_capacity(shape.nodes()),
-            slopes: Vec::with_capacity(if moves { shape.nodes() } else { 0 }),
-            middles: Vec::with_capacity(shape.nodes()),
-            begins: huge_vec_of([[ABSENT; LANES]; 3], blocks),
-            ends: huge_vec_of([[ABSENT; LANES]; 3], if moves { blocks } else { 0 }),
-            ids: vec![[u32::MAX; LANES]; blocks],
+            nodes: huge_vec_of(Node::NONE, shape.nodes()),
+            slopes: huge_vec_of(Node::STILL, if moves { shape.nodes() } else { 0 }),
+            blocks: huge_vec_of(Block::EMPTY, blocks),
+            ends: huge_vec_of(Rows::ABSENT, if moves { blocks } else { 0 }),
             node_times: Vec::new(),
             block_times: vec![Times::NEVER; if timed { blocks } else { 0 }],
             lives: vec![Times::NEVER; if mortal { blocks } else { 0 }],
             references: places.len(),
         };
-        let mut hulls = Vec::with_capacity(blocks);
-        for (block, places) in places.chunks(LANES).enumerate() {
+        let mut hulls = Vec::with_capacity(leaves);
+        for (leaf, places) in places.chunks(shape.leaf()).enumerate() {
             let mut hull = Hull::NONE;
-            for (lane, place) in places.iter().enumerate() {
+            for (i, place) in places.iter().enumerate() {
+                let (block, lane) = (leaf * shape.leaf_blocks + i / LANES, i % LANES);
                 let point = place.point as usize;
                 let (keys, life) = (keys(point), life(place));
                 let [begin, end] = keys.map(|p| p.to_array());
                 let alive = life.intersect(part.interval).unwrap_or(part.interval);
                 for axis in 0..3 {
-                    tree.begins[block][axis][lane] = begin[axis];
+                    tree.blocks[block].begin.0[axis][lane] = begin[axis];
                     if moves {
-                        tree.ends[block][axis][lane] = end[axis];
+                        tree.ends[block].0[axis][lane] = end[axis];
                     }
                 }
-                tree.ids[block][lane] = source.id(point);
+                tree.blocks[block].id[lane] = source.id(point);
                 let set = |to: &mut [Times], interval: TimeInterval| {
                     if let Some(to) = to.get_mut(block) {
                         (to.begin[lane], to.end[lane]) = (interval.begin(), interval.end_bound());
@@ -83,14 +82,14 @@ impl PreciseTree {
             // Even a tree without points has its root.
             for i in 0..shape.begin[level + 1] - shape.begin[level] {
                 let children = &hulls[(i * LANES).min(hulls.len())..((i + 1) * LANES).min(hulls.len())];
-                let (node, hull) = Node::over(children, moves, FULL);
-                tree.nodes.push(node.boxes);
-                tree.middles.push(node.middle);
+                let (Made { node, slopes, times }, hull) = Node::over(children, moves, FULL);
+                let number = shape.begin[level] + i;
+                tree.nodes[number] = node;
                 if moves {
-                    tree.slopes.push(node.slopes);
+                    tree.slopes[number] = slopes;
                 }
                 if timed {
-                    tree.node_times.push(node.times);
+                    tree.node_times.push(times);
                 }
                 above.push(hull);
             }

@@ -2,13 +2,16 @@
 //!
 //! **Padding.** A point on its way from a to b is computed with three roundings of at most 2^-52 max(|a|, |b|): its
 //! hull is wider by 2^-49 of that, and by nothing where it stands still ([`Hull::of_point`]). A face is stored relative to
-//! the middle of its node, and computed in f32 as `at + slope·w`, where w is rounded too: by at most (|at| + 3 |slope|)u;
-//! it is moved outward by (|at| + 4 |slope|)u, the difference of which covers the f64 rounding on the way. The middle
-//! moves along a line; where that is computed in f64 it is off by less than 2^-49 of its largest coordinates, which
-//! queries keep away in addition ([`Middle::slack`]).
+//! the middle of its node, and computed in f32 as `at + slope·w`, where w is rounded too: by at most (|at| + 3 |slope|)u.
+//! The query is rounded relative to the middle as well: by u of its distance from there, which is at most the distance of the
+//! face from there, |at| + |slope|, and that of the query from the face. The latter changes gaps by a part of themselves
+//! only, which is counted in `super::tree`. For the rest, (2 |at| + 4 |slope|)u, the face is moved outward by
+//! (3 |at| + 6 |slope|)u; the difference covers the f64 rounding on the way. The middle moves along a line; where that is
+//! computed in f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
 
 use crate::point::moving_leaf::Times;
 use crate::point::snapshot::Boxes;
+use crate::simd::LANES;
 use glam::DVec3;
 
 /// A box at the begin and at the end of a part of the shutter, linear between, and when what is in it lives.
@@ -19,30 +22,29 @@ pub(super) struct Hull {
     times: [f32; 2],
 }
 
-/// Where the boxes of a node are: what they are relative to.
-#[derive(Clone, Copy, Debug)]
+/// Sixteen boxes relative to a place that moves along a line.
+#[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub(super) struct Middle {
-    /// At the begin of the part.
-    pub(super) at: [f64; 3],
-    /// From there to the end of the part.
+pub(super) struct Node {
+    /// The place at the begin of the part.
+    pub(super) middle: [f64; 3],
+    /// From there to where it is at the end of the part.
     pub(super) way: [f64; 3],
-    /// How far queries keep away from faces, besides what the distance from the middle costs them.
-    pub(super) slack: f64,
+    /// The boxes at the begin of the part.
+    pub(super) boxes: Boxes,
 }
 
-/// A node: boxes at the begin of the part, how far they move during it, what both are relative to, when they count.
-pub(super) struct Node {
-    pub(super) boxes: Boxes,
+/// A node, how far its boxes move during the part, and when they count.
+pub(super) struct Made {
+    pub(super) node: Node,
     pub(super) slopes: Boxes,
-    pub(super) middle: Middle,
     pub(super) times: Times,
 }
 
 /// Relative rounding of one f32 operation, with room for that of f64 on the way.
 const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
 
-/// Queries keep away from boxes by at least this, so that squares in f32 may underflow (`super::tree`).
+/// Faces are moved outward by at least this, so that squares in f32 may underflow (`super::tree`).
 const TINY: f64 = 1e-22;
 
 /// Multiple of the paddings that is applied: 1, except where a test shows that less loses points.
@@ -70,45 +72,54 @@ impl Hull {
 }
 
 impl Node {
+    /// A node without children.
+    pub(super) const NONE: Node = Node { middle: [0.0; 3], way: [0.0; 3], boxes: Boxes::NONE };
+
+    /// Boxes that stay where they are.
+    pub(super) const STILL: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
+
     /// The node over at most sixteen children, and its hull.
-    pub(super) fn over(children: &[Hull], moves: bool, padding: f64) -> (Node, Hull) {
+    pub(super) fn over(children: &[Hull], moves: bool, padding: f64) -> (Made, Hull) {
         let hull = children.iter().fold(Hull::NONE, Hull::union);
-        let mut node = Node {
-            boxes: Boxes::NONE,
-            slopes: Boxes { lo: [[0.0; 16]; 3], hi: [[0.0; 16]; 3] },
-            middle: Middle { at: [0.0; 3], way: [0.0; 3], slack: TINY },
-            times: Times::NEVER,
-        };
+        let mut made = Made { node: Node::NONE, slopes: Node::STILL, times: Times::NEVER };
         if children.is_empty() {
-            return (node, hull);
+            return (made, hull);
         }
         let middle = |i: usize| hull.lo[i] * 0.5 + hull.hi[i] * 0.5;
         let way = if moves { middle(1) - middle(0) } else { DVec3::ZERO };
         let (begin, end) = (middle(0), middle(0) + way);
         let largest = begin.abs().max(end.abs()).max_element();
-        let slack = if moves { TINY + largest * 2f64.powi(-49) } else { TINY };
-        node.middle = Middle { at: begin.to_array(), way: way.to_array(), slack };
+        let slack = padding * if moves { TINY + largest * 2f64.powi(-49) } else { TINY };
+        (made.node.middle, made.node.way) = (begin.to_array(), way.to_array());
+        let (boxes, slopes) = (&mut made.node.boxes, &mut made.slopes);
         for (lane, child) in children.iter().enumerate() {
-            [node.times.begin[lane], node.times.end[lane]] = child.times;
+            [made.times.begin[lane], made.times.end[lane]] = child.times;
             for axis in 0..3 {
                 let relative = |ends: &[DVec3; 2]| [ends[0][axis] - begin[axis], ends[1][axis] - end[axis]];
                 let (lo, hi) = (relative(&child.lo), relative(&child.hi));
-                let (at, slope) = below(lo, moves, padding);
-                (node.boxes.lo[axis][lane], node.slopes.lo[axis][lane]) = (at, slope);
-                let (at, slope) = below(hi.map(|x| -x), moves, padding);
-                (node.boxes.hi[axis][lane], node.slopes.hi[axis][lane]) = (-at, -slope);
+                let (at, slope) = below(lo, moves, UNIT * padding, slack);
+                (boxes.lo[axis][lane], slopes.lo[axis][lane]) = (at, slope);
+                let (at, slope) = below(hi.map(|x| -x), moves, UNIT * padding, slack);
+                (boxes.hi[axis][lane], slopes.hi[axis][lane]) = (-at, -slope);
             }
         }
-        (node, hull)
+        (made, hull)
+    }
+
+    /// The place that boxes are relative to, at a fraction of the part.
+    #[inline(always)]
+    pub(super) fn place(&self, within: f64) -> [f64; 3] {
+        let ([x, y, z], [by_x, by_y, by_z]) = (self.middle, self.way);
+        [x + by_x * within, y + by_y * within, z + by_z * within]
     }
 }
 
-/// A line in f32 that is computed below the one between two heights.
-fn below([begin, end]: [f64; 2], moves: bool, padding: f64) -> (f32, f32) {
+/// A line in f32 that is computed below the one between two heights, by the slack and so many times its numbers.
+fn below([begin, end]: [f64; 2], moves: bool, unit: f64, slack: f64) -> (f32, f32) {
     let slope = if moves { (end - begin) as f32 } else { 0.0 };
     let wide = f64::from(slope);
     let least = if moves { begin.min(end - wide) } else { begin };
-    let at = least - (least.abs() + 4.0 * wide.abs()) * (UNIT * padding);
+    let at = least - (3.0 * least.abs() + 6.0 * wide.abs()) * unit - slack;
     let near = at as f32;
     (if f64::from(near) > at { near.next_down() } else { near }, slope)
 }
@@ -122,8 +133,8 @@ mod tests {
         (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
-    /// How many points are, exactly, outside of the faces of their node as queries compute them: relative to its middle,
-    /// at times of the part.
+    /// How many points are outside of the faces of their box as queries from where they are compute both: relative to the
+    /// middle of the node, at times of the part.
     fn lost(padding: f64) -> usize {
         let (mut state, mut lost) = (3, 0);
         for round in 0..400 {
@@ -138,17 +149,16 @@ mod tests {
                 })
                 .collect();
             let hulls: Vec<Hull> = points.iter().map(|&ends| Hull::of_point(ends, ends, [0.0, 1.0])).collect();
-            let (node, _) = Node::over(&hulls, moves, padding);
+            let (Made { node, slopes, .. }, _) = Node::over(&hulls, moves, padding);
             for step in 0..=8 {
                 let w = f64::from(step) / 8.0;
                 for (lane, [a, b]) in points.iter().enumerate() {
                     for axis in 0..3 {
-                        let Middle { at, way, slack } = node.middle;
-                        let p = (a[axis] - at[axis]) + ((b[axis] - a[axis]) - way[axis]) * w;
-                        let face = |at: f32, slope: f32| f64::from(at + slope * w as f32);
-                        let lo = face(node.boxes.lo[axis][lane], node.slopes.lo[axis][lane]);
-                        let hi = face(node.boxes.hi[axis][lane], node.slopes.hi[axis][lane]);
-                        lost += usize::from(p < lo - slack || p > hi + slack);
+                        let p = (a[axis] + (b[axis] - a[axis]) * w - node.place(w)[axis]) as f32;
+                        let face = |at: f32, slope: f32| at + slope * w as f32;
+                        let lo = face(node.boxes.lo[axis][lane], slopes.lo[axis][lane]);
+                        let hi = face(node.boxes.hi[axis][lane], slopes.hi[axis][lane]);
+                        lost += usize::from(p < lo || p > hi);
                     }
                 }
             }

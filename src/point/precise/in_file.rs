@@ -1,7 +1,7 @@
 //! Trees of f64 points in files.
 
-use super::hull::Middle;
-use super::tree::{ABSENT, PreciseTree, Rows};
+use super::hull::Node;
+use super::tree::{ABSENT, Block, PreciseTree, Rows};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
 use crate::parallel;
 use crate::point::moving_file::never;
@@ -9,31 +9,49 @@ use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::Part;
 use crate::point::snapshot::Boxes;
 use crate::point::static_file::{FARTHEST_FACE, are_fine};
-use crate::point::static_tree::Shape;
-use crate::simd::{LANES, Lanes};
+use crate::simd::LANES;
 use glam::DVec3;
 
-impl Record for Middle {
-    const BYTES: usize = 56;
+impl Record for Node {
+    const BYTES: usize = 432;
     fn put(&self, to: &mut [u8]) {
-        [self.at, self.way].put(&mut to[..48]);
-        self.slack.put(&mut to[48..]);
+        [self.middle, self.way].put(&mut to[..48]);
+        self.boxes.put(&mut to[48..]);
     }
-    fn get(from: &[u8]) -> Middle {
-        let [at, way] = Record::get(&from[..48]);
-        Middle { at, way, slack: Record::get(&from[48..]) }
+    fn get(from: &[u8]) -> Node {
+        let [middle, way] = Record::get(&from[..48]);
+        Node { middle, way, boxes: Record::get(&from[48..]) }
+    }
+}
+
+impl Record for Rows {
+    const BYTES: usize = 384;
+    fn put(&self, to: &mut [u8]) {
+        self.0.put(to);
+    }
+    fn get(from: &[u8]) -> Rows {
+        Rows(Record::get(from))
+    }
+}
+
+impl Record for Block {
+    const BYTES: usize = 448;
+    fn put(&self, to: &mut [u8]) {
+        self.begin.put(&mut to[..384]);
+        self.id.put(&mut to[384..]);
+    }
+    fn get(from: &[u8]) -> Block {
+        Block { begin: Record::get(&from[..384]), id: Record::get(&from[384..]) }
     }
 }
 
 /// What a file says of a tree.
 pub(in crate::point) struct PreciseRecord {
     count: u64,
-    nodes: Vec<Boxes>,
+    nodes: Vec<Node>,
     slopes: Vec<Boxes>,
-    middles: Vec<Middle>,
-    begins: Vec<Rows>,
+    blocks: Vec<Block>,
     ends: Vec<Rows>,
-    ids: Vec<Lanes<u32>>,
     node_times: Vec<Times>,
     block_times: Vec<Times>,
     lives: Vec<Times>,
@@ -45,10 +63,8 @@ impl PreciseTree {
         to.put(self.references as u64)?;
         to.array(&self.nodes)?;
         to.array(&self.slopes)?;
-        to.array(&self.middles)?;
-        to.array(&self.begins)?;
+        to.array(&self.blocks)?;
         to.array(&self.ends)?;
-        to.array(&self.ids)?;
         to.array(&self.node_times)?;
         to.array(&self.block_times)?;
         to.array(&self.lives)
@@ -62,10 +78,8 @@ impl PreciseRecord {
             count: from.get()?,
             nodes: from.array()?,
             slopes: from.array()?,
-            middles: from.array()?,
-            begins: from.array()?,
+            blocks: from.array()?,
             ends: from.array()?,
-            ids: from.array()?,
             node_times: from.array()?,
             block_times: from.array()?,
             lives: from.array()?,
@@ -80,38 +94,26 @@ impl PreciseRecord {
     /// The tree of a part of the shutter around an origin, if searches can walk it.
     pub(in crate::point) fn checked(self, part: Part, origin: DVec3) -> Result<PreciseTree, FileError> {
         let (moves, timed) = (self.moves(), !self.node_times.is_empty());
-        let PreciseRecord { count, nodes, slopes, middles, begins, ends, ids, node_times, block_times, lives } = self;
-        let blocks = begins.len();
-        require(count.div_ceil(LANES as u64) == blocks as u64, "it has not as many leaves as its points need")?;
+        let PreciseRecord { count, nodes, slopes, blocks, ends, node_times, block_times, lives } = self;
+        require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;
         let references = count as usize;
-        let shape = Shape::with_leaf(references, 1);
+        let shape = PreciseTree::shape(references, moves);
+        let leaves = references.div_ceil(shape.leaf());
+        require(blocks.len() == leaves * shape.leaf_blocks, "it has not as many leaves as its points need")?;
         let all = |needed: bool, of: usize| if needed { of } else { 0 };
-        let of_nodes = [nodes.len(), middles.len()] == [shape.nodes(); 2]
+        let of_nodes = nodes.len() == shape.nodes()
             && slopes.len() == all(moves, nodes.len())
             && node_times.len() == all(timed, nodes.len());
         require(of_nodes, "it has not as many nodes as its points need")?;
-        let of_blocks = ids.len() == blocks
-            && ends.len() == all(moves, blocks)
-            && block_times.len() == all(timed, blocks)
-            && lives.len() == all(!lives.is_empty(), blocks);
+        let of_blocks = ends.len() == all(moves, blocks.len())
+            && block_times.len() == all(timed, blocks.len())
+            && lives.len() == all(!lives.is_empty(), blocks.len());
         require(of_blocks && (moves || !timed && lives.is_empty()), "it has not as many times as leaves")?;
-        let tree = PreciseTree {
-            part,
-            shape,
-            nodes,
-            slopes,
-            middles,
-            begins,
-            ends,
-            ids,
-            node_times,
-            block_times,
-            lives,
-            references,
-        };
-        let fine = parallel::chunks(blocks, |range| range.into_iter().all(|block| tree.block_is_fine(block)));
+        let tree = PreciseTree { part, shape, nodes, slopes, blocks, ends, node_times, block_times, lives, references };
+        let fine =
+            parallel::chunks(tree.blocks.len(), |range| range.into_iter().all(|block| tree.block_is_fine(block)));
         require(fine.into_iter().all(|fine| fine), "a leaf holds something else than points")?;
-        let fine = tree.shape.lanes(blocks).all(|(node, lanes)| tree.node_is_fine(node, lanes, origin));
+        let fine = tree.shape.lanes(leaves).all(|(node, lanes)| tree.node_is_fine(node, lanes, origin));
         require(fine, "a node has a box that is none, or nothing in it")?;
         Ok(tree)
     }
@@ -120,12 +122,13 @@ impl PreciseRecord {
 impl PreciseTree {
     /// Whether the first lanes of a block are points and the others nothing.
     fn block_is_fine(&self, block: usize) -> bool {
-        let (begin, end) = (&self.begins[block], self.ends.get(block).unwrap_or(&self.begins[block]));
+        let Block { begin, id } = &self.blocks[block];
+        let end = self.ends.get(block).unwrap_or(begin);
         let count = self.references.saturating_sub(block * LANES);
         (0..LANES).all(|lane| {
-            let there = self.ids[block][lane] != u32::MAX;
+            let there = id[lane] != u32::MAX;
             let fine = (0..3).all(|axis| {
-                let (a, b) = (begin[axis][lane], end[axis][lane]);
+                let (a, b) = (begin.0[axis][lane], end.0[axis][lane]);
                 // Also their difference is a number.
                 if there { (b - a).is_finite() && a.is_finite() } else { a == ABSENT && b == ABSENT }
             });
@@ -135,13 +138,13 @@ impl PreciseTree {
 
     /// Whether boxes and what they are relative to are numbers, and absent where there is no child.
     fn node_is_fine(&self, node: usize, lanes: usize, origin: DVec3) -> bool {
-        let Middle { at, way, slack } = self.middles[node];
+        let Node { middle, way, boxes } = &self.nodes[node];
         let near = |x: f64| x.abs() <= f64::from(FARTHEST_FACE);
         let has_children = lanes > 0;
-        let middle = (0..3).all(|axis| near(at[axis] - origin[axis]) || !has_children && at[axis] == 0.0);
-        let fine = middle && way.into_iter().all(near) && (0.0..=f64::from(f32::MAX)).contains(&slack);
-        let absent = |lane: usize| self.nodes[node].lo[0][lane] == f32::INFINITY;
-        fine && are_fine(&self.nodes[node], lanes)
+        let placed = (0..3).all(|axis| near(middle[axis] - origin[axis]) || !has_children && middle[axis] == 0.0);
+        let fine = placed && way.iter().all(|&x| near(x));
+        let absent = |lane: usize| boxes.lo[0][lane] == f32::INFINITY;
+        fine && are_fine(boxes, lanes)
             && (0..LANES).all(|lane| {
                 let slopes =
                     self.slopes.get(node).map(|boxes| [boxes.lo, boxes.hi].map(|rows| rows.map(|row| row[lane])));

@@ -20,13 +20,13 @@ use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
-use super::search::radius::{Sink, within};
+use super::search::radius::within;
 use super::search::sinks::{Gather, Visit, VisitBlock};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
-use super::search::{Keep, KeepAll, NeighborWork};
+use super::search::{Keep, KeepAll, KeptLanes, NeighborWork};
 use super::snapshot::Leaves;
-use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -57,13 +57,19 @@ impl PreciseLayer {
 
 /// A predicate on ids, if there is one. (Searches among f64 points are compiled once, here, not for each predicate.)
 #[derive(Clone, Copy)]
-pub(super) struct Allowed<'a>(pub(super) Option<&'a dyn Fn(u32) -> bool>);
+pub(super) struct Allowed<'a>(pub(super) Option<KeptLanes<'a>>);
 
 impl Keep for Allowed<'_> {
     const ASKS: bool = true;
-    #[inline(always)]
     fn keep(&self, id: u32) -> bool {
-        self.0.is_none_or(|keep| keep(id))
+        self.kept(&[id; LANES], 1) != 0
+    }
+    #[inline(always)]
+    fn kept(&self, ids: &Lanes<u32>, mask: Mask) -> Mask {
+        match self.0 {
+            Some(kept) if mask != 0 => kept(ids, mask),
+            _ => mask,
+        }
     }
 }
 
@@ -127,12 +133,17 @@ impl Kernel for Nearest<'_> {
     type Output = Option<(u32, f32)>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
-        let asked = self.0;
-        let observe = &mut ();
-        let mut best = Best::within(s, asked.bound, asked.shrink, &asked.keep, observe);
-        for_each_layer!(asked, view => best.search(s, &view, &view.target(s, Vec3::ZERO)));
-        best.finish(s)
+        // What was found is waited for here, so that even asking whether there is a predicate would be noticed.
+        if self.0.keep.0.is_none() { nearest(s, self.0, &KeepAll) } else { nearest(s, self.0, &self.0.keep) }
     }
+}
+
+#[inline(always)]
+fn nearest<S: Simd>(s: S, asked: &Asked<'_>, keep: &impl Keep) -> Option<(u32, f32)> {
+    let observe = &mut ();
+    let mut best = Best::within(s, asked.bound, asked.shrink, keep, observe);
+    for_each_layer!(asked, view => best.search(s, &view, &view.target(s, Vec3::ZERO)));
+    best.finish(s)
 }
 
 struct NearestN<'a, 'b> {
@@ -170,21 +181,12 @@ impl Kernel for Collecting<'_, '_> {
     fn run<S: Simd>(self, s: S) {
         let Collecting { asked, candidates } = self;
         candidates.count = 0;
-        // Most points that are looked at count here, so that asking for each would be noticed.
-        if asked.keep.0.is_none() {
-            gather(s, asked, Gather { candidates, keep: &KeepAll });
-        } else {
-            gather(s, asked, Gather { candidates, keep: &asked.keep });
-        }
+        let mut sink = Gather { candidates, keep: &asked.keep };
+        for_each_layer!(asked, view => {
+            // A sink that never breaks.
+            let _ = within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ());
+        });
     }
-}
-
-#[inline(always)]
-fn gather<S: Simd>(s: S, asked: &Asked<'_>, mut sink: impl Sink<S>) {
-    for_each_layer!(asked, view => {
-        // A sink that never breaks.
-        let _ = within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ());
-    });
 }
 
 struct Visiting<'a, 'b> {

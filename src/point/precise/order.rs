@@ -1,6 +1,6 @@
 //! Bringing f64 points into the order of a complete tree: [`crate::point::order`] in f64.
 
-use crate::point::order::{join, left_part, subtree};
+use crate::point::order::{SAMPLE, join, left_part, subtree};
 use crate::progress::Progress;
 use crate::simd::LANES;
 use glam::DVec3;
@@ -16,16 +16,17 @@ pub(super) struct Place {
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;
 
-/// Orders places so that leaf i holds the i-th sixteen of them. Once `progress` is cancelled, large ranges stay as they are.
-pub(super) fn order(places: &mut [Place], progress: &Progress) {
+/// Orders places so that leaf i holds the i-th run of `leaf` of them. Once `progress` is cancelled, large ranges stay as they
+/// are.
+pub(super) fn order(places: &mut [Place], leaf: usize, progress: &Progress) {
     let progress = progress.part(1.0 / places.len() as f64);
-    blocks(places, subtree(places.len(), LANES), &progress);
+    blocks(places, subtree(places.len(), leaf), leaf, &progress);
 }
 
 /// Orders a range whose subtrees have `block` points each. A place counts 1 for `progress`.
-fn blocks(places: &mut [Place], mut block: usize, progress: &Progress) {
+fn blocks(places: &mut [Place], mut block: usize, leaf: usize, progress: &Progress) {
     while places.len() <= block {
-        if block == LANES {
+        if block == leaf {
             return progress.finished(places.len() as f64);
         }
         block /= LANES;
@@ -35,16 +36,17 @@ fn blocks(places: &mut [Place], mut block: usize, progress: &Progress) {
     places.select_nth_unstable_by(left, |a, b| a.at[axis].total_cmp(&b.at[axis]).then(a.point.cmp(&b.point)));
     let (low, high) = places.split_at_mut(left);
     if low.len() < SHARE {
-        blocks(low, block, progress);
-        blocks(high, block, progress);
+        blocks(low, block, leaf, progress);
+        blocks(high, block, leaf, progress);
     } else if !progress.cancelled() {
-        join(|| blocks(low, block, progress), || blocks(high, block, progress));
+        join(|| blocks(low, block, leaf, progress), || blocks(high, block, leaf, progress));
     }
 }
 
-/// The axis along which the points spread most.
+/// The axis along which the points spread most, judged by a sample where there are many.
 fn widest_axis(places: &[Place]) -> usize {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (lo, hi) = places.iter().fold(none, |(lo, hi), place| (lo.min(place.at), hi.max(place.at)));
+    let sample = places.iter().step_by((places.len() / SAMPLE).max(1));
+    let (lo, hi) = sample.fold(none, |(lo, hi), place| (lo.min(place.at), hi.max(place.at)));
     (hi - lo).max_position()
 }

@@ -1,51 +1,65 @@
 //! The tree over f64 points for a part of the shutter, as searches see it.
 //!
 //! **Why no search ever loses a neighbour.** Let `q` be the query and `m` the middle of a node at the query's time, both
-//! in f64. The boxes of the node are relative to `m`; the query is so only up to rounding: `from = q − m` is within
-//! 2^-23 of itself and the node's slack of the exact difference, in f32 as well. So the query is taken as
-//! the interval `from ± (2^-22 |from| + slack)`, and the gap between it and the box is, as computed, at most the exact
-//! gap times 1 + 2^-24 and less than it by at least 1e-22. The sum of squares is rounded five times, then multiplied by
-//! 1 − 2^-21: it is at most the exact squared distance of any point in the box times 1 − 2^-22 (where squares underflow,
-//! the 1e-22 make up for it), which is less than the point's squared distance as computed in f64. And rounding that to
-//! f32 is monotone. So the distance of the box is never above that of a point in it.
+//! in f64. The boxes of the node are relative to `m`, and so is the query: `p = q − m`, rounded to f32, is off by u = 2^-24 of
+//! itself. With `h` a face of what is in a box, the query on its outer side at a distance `g`, |p| is at most |h| + g. Faces
+//! as computed are farther out than `h` by more than u|h| and by 1e-22 (`super::hull` has the sum), so the gap is at most
+//! g (1 + u) before it is rounded; and where the query is not on the outer side, there is no gap. Rounding the gap, squaring
+//! it, and adding squares makes at most seven roundings of u in the square of the distance, with those of p. It is
+//! multiplied by 1 − 2^-20 (16 u): then it is below the exact squared distance of any point in the box by more than f64
+//! rounds that (where squares underflow, the 1e-22 make up for it). And rounding to f32 is monotone. So the distance of the box
+//! is never above that of a point in it.
 
-use super::hull::Middle;
+use super::hull::Node;
 use crate::geometry::TimeInterval;
 use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::{Part, exact_phase};
 use crate::point::over_interval::{Boxed, Flight};
-use crate::point::snapshot::{Boxes, Leaves, Target, View, diagonal, rows, squared};
+use crate::point::snapshot::{Boxes, Leaves, Target, View, diagonal, outside, rows};
 use crate::point::static_tree::Shape;
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
 
 /// Coordinates of sixteen points, in rows.
-pub(super) type Rows = [Lanes<f64>; 3];
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct Rows(pub(super) [Lanes<f64>; 3]);
+
+/// Sixteen points in rows, where they are at the earlier key of the segment.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct Block {
+    pub(super) begin: Rows,
+    pub(super) id: Lanes<u32>,
+}
+
+impl Rows {
+    /// No point.
+    pub(super) const ABSENT: Rows = Rows([[ABSENT; LANES]; 3]);
+}
+
+impl Block {
+    /// No point.
+    pub(super) const EMPTY: Block = Block { begin: Rows::ABSENT, id: [u32::MAX; LANES] };
+}
 
 /// Where absent points are: every squared distance to there is infinite in f32.
 pub(super) const ABSENT: f64 = 1e150;
 
-/// Relative width of the interval around a query in f32.
-const AROUND: f64 = 1.0 / 4_194_304.0;
-
 /// What squared distances of boxes are multiplied by.
-const LESS: f32 = 1.0 - 1.0 / 2_097_152.0;
+const LESS: f32 = 1.0 - 1.0 / 1_048_576.0;
 
 /// Points given in f64, in a complete 16-ary tree for one part of the shutter.
 #[derive(Clone)]
 pub(in crate::point) struct PreciseTree {
     pub(super) part: Part,
     pub(super) shape: Shape,
-    /// Boxes at the begin of the part, relative to the middles.
-    pub(super) nodes: Vec<Boxes>,
-    /// How far they move until its end; empty where nothing moves.
+    pub(super) nodes: Vec<Node>,
+    /// How far boxes move until the end of the part; empty where nothing moves.
     pub(super) slopes: Vec<Boxes>,
-    pub(super) middles: Vec<Middle>,
-    /// Positions at the earlier key of the segment.
-    pub(super) begins: Vec<Rows>,
-    /// At the later one; empty where nothing moves.
+    pub(super) blocks: Vec<Block>,
+    /// Positions at the later key; empty where nothing moves.
     pub(super) ends: Vec<Rows>,
-    pub(super) ids: Vec<Lanes<u32>>,
     /// When nodes and points count; empty where all count throughout.
     pub(super) node_times: Vec<Times>,
     pub(super) block_times: Vec<Times>,
@@ -68,6 +82,11 @@ fn nearer(phase: f64) -> (f64, bool) {
 }
 
 impl PreciseTree {
+    /// The shape of the tree over so many points.
+    pub(super) fn shape(count: usize, moves: bool) -> Shape {
+        if moves { Shape::with_leaf(count, 1) } else { Shape::flattest(count) }
+    }
+
     /// The part of the shutter it answers for.
     pub(in crate::point) fn part(&self) -> &Part {
         &self.part
@@ -80,10 +99,10 @@ impl PreciseTree {
 
     /// Bytes allocated.
     pub(in crate::point) fn bytes(&self) -> usize {
-        (self.nodes.capacity() + self.slopes.capacity()) * size_of::<Boxes>()
-            + self.middles.capacity() * size_of::<Middle>()
-            + (self.begins.capacity() + self.ends.capacity()) * size_of::<Rows>()
-            + self.ids.capacity() * size_of::<Lanes<u32>>()
+        self.nodes.capacity() * size_of::<Node>()
+            + self.slopes.capacity() * size_of::<Boxes>()
+            + self.blocks.capacity() * size_of::<Block>()
+            + self.ends.capacity() * size_of::<Rows>()
             + (self.node_times.capacity() + self.block_times.capacity() + self.lives.capacity()) * size_of::<Times>()
     }
 
@@ -94,7 +113,7 @@ impl PreciseTree {
 
     /// The ids of all points, in the order of the tree.
     pub(in crate::point) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
-        self.ids.iter_mut().flatten().filter(|id| **id != u32::MAX)
+        self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
     /// Number of nodes.
@@ -147,8 +166,8 @@ pub(in crate::point) struct PreciseView<'a, const MOVING: bool> {
 impl<const MOVING: bool> PreciseView<'_, MOVING> {
     /// Faces relative to the middle.
     #[inline(always)]
-    fn relative<S: Simd>(&self, s: S, node: usize) -> ([S::F; 3], [S::F; 3]) {
-        let boxes = &self.tree.nodes[node];
+    fn relative_faces<S: Simd>(&self, s: S, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        let boxes = &self.tree.nodes[node].boxes;
         let (lo, hi) = (rows(s, &boxes.lo), rows(s, &boxes.hi));
         if !MOVING {
             return (lo, hi);
@@ -158,29 +177,13 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
         ([lo[0] + ax * w, lo[1] + ay * w, lo[2] + az * w], [hi[0] + bx * w, hi[1] + by * w, hi[2] + bz * w])
     }
 
-    /// The middle of a node at the time.
+    /// The query relative to the middle of a node.
     #[inline(always)]
-    fn middle(&self, node: usize) -> [f64; 3] {
-        let Middle { at, way, .. } = &self.tree.middles[node];
-        if !MOVING {
-            return *at;
-        }
-        let w = self.within;
-        [at[0] + way[0] * w, at[1] + way[1] * w, at[2] + way[2] * w]
-    }
-
-    /// The query relative to the middle of a node, as an interval for each axis.
-    #[inline(always)]
-    fn around(&self, node: usize) -> ([f32; 3], [f32; 3]) {
-        let middle = self.middle(node);
-        let slack = self.tree.middles[node].slack;
-        let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
-        for axis in 0..3 {
-            let from = self.query[axis] - middle[axis];
-            let slack = from.abs() * AROUND + slack;
-            (low[axis], high[axis]) = ((from - slack) as f32, (from + slack) as f32);
-        }
-        (low, high)
+    fn relative_query<S: Simd>(&self, s: S, node: usize) -> [S::F; 3] {
+        let node = &self.tree.nodes[node];
+        let [x, y, z] = if MOVING { node.place(self.within) } else { node.middle };
+        let [qx, qy, qz] = self.query;
+        [s.splat((qx - x) as f32), s.splat((qy - y) as f32), s.splat((qz - z) as f32)]
     }
 
     /// Lanes of a row of times that count.
@@ -189,27 +192,33 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
         if times.is_empty() { Mask::MAX } else { times[at].counting(s, s.splat(self.time)) }
     }
 
-    /// A coordinate of the points of a block.
+    /// How far four points of a block are from the query along an axis.
     #[inline(always)]
-    fn coordinate(&self, block: usize, axis: usize) -> Lanes<f64> {
-        let begin = &self.tree.begins[block][axis];
+    fn apart<S: Simd>(&self, s: S, block: usize, axis: usize, four: usize) -> S::D {
+        let from = s.splat_d(self.query[axis]);
+        let begin = s.load_d(&self.tree.blocks[block].begin.0[axis].as_chunks().0[four]);
         if !MOVING {
-            return *begin;
+            return begin - from;
         }
-        let end = &self.tree.ends[block][axis];
+        let end = s.load_d(&self.tree.ends[block].0[axis].as_chunks().0[four]);
         let base = if self.from_end { end } else { begin };
-        let mut at = [0.0; LANES];
-        for lane in 0..LANES {
-            at[lane] = base[lane] + (end[lane] - begin[lane]) * self.step;
-        }
-        at
+        (base + (end - begin) * s.splat_d(self.step)) - from
+    }
+
+    /// Squared distances of four points of a block.
+    #[inline(always)]
+    fn four_distances<S: Simd>(&self, s: S, block: usize, four: usize) -> S::D {
+        let x = self.apart(s, block, 0, four);
+        let y = self.apart(s, block, 1, four);
+        let z = self.apart(s, block, 2, four);
+        (x * x + y * y) + z * z
     }
 }
 
 impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
-        1
+        if MOVING { 1 } else { self.tree.shape.leaf_blocks }
     }
     /// The place of the query is known to the view, in f64.
     #[inline(always)]
@@ -218,14 +227,12 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> S::F {
-        let (x, y, z) = (self.coordinate(block, 0), self.coordinate(block, 1), self.coordinate(block, 2));
-        let [qx, qy, qz] = self.query;
-        let mut distances = [0.0; LANES];
-        for lane in 0..LANES {
-            let (dx, dy, dz) = (x[lane] - qx, y[lane] - qy, z[lane] - qz);
-            distances[lane] = ((dx * dx + dy * dy) + dz * dz) as f32;
-        }
-        let distances = s.load(&distances);
+        let distances = s.narrow_all([
+            self.four_distances(s, block, 0),
+            self.four_distances(s, block, 1),
+            self.four_distances(s, block, 2),
+            self.four_distances(s, block, 3),
+        ]);
         if !MOVING || self.tree.block_times.is_empty() {
             return distances;
         }
@@ -233,8 +240,8 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn expect_leaf(&self, block: usize) {
-        if let Some(rows) = self.tree.begins.get(block) {
-            prefetch(rows);
+        if let Some(blocks) = self.tree.blocks.get(block..block + self.leaf_blocks()) {
+            blocks.iter().for_each(prefetch);
             if MOVING {
                 prefetch(&self.tree.ends[block]);
             }
@@ -242,11 +249,11 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn leaf_bytes(&self) -> usize {
-        (self.tree.begins.len() + self.tree.ends.len()) * size_of::<Rows>()
+        self.tree.blocks.len() * size_of::<Block>() + self.tree.ends.len() * size_of::<Rows>()
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
-        &self.tree.ids[block]
+        &self.tree.blocks[block].id
     }
 }
 
@@ -264,19 +271,13 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn first_block(&self, node: usize) -> usize {
-        node * LANES
+        node * LANES * self.leaf_blocks()
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> (S::F, Mask) {
-        let (lo, hi) = self.relative(s, node);
-        let (low, high) = self.around(node);
-        // No closure: it might not be inlined.
-        let x = s.max_with_zero(lo[0] - s.splat(high[0]), s.splat(low[0]) - hi[0]);
-        let y = s.max_with_zero(lo[1] - s.splat(high[1]), s.splat(low[1]) - hi[1]);
-        let z = s.max_with_zero(lo[2] - s.splat(high[2]), s.splat(low[2]) - hi[2]);
-        let widest = s.max_signed(s.max_signed(x, y), z);
-        let holding = s.le_signed(widest, s.splat(0.0));
-        let distances = squared::<S>(x, y, z) * s.splat(LESS);
+        let (lo, hi) = self.relative_faces(s, node);
+        let (distances, holding) = outside(s, &self.relative_query(s, node), lo, hi);
+        let distances = distances * s.splat(LESS);
         if !MOVING || self.tree.node_times.is_empty() {
             return (distances, holding);
         }
@@ -285,13 +286,12 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn box_sizes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> S::F {
-        let (lo, hi) = self.relative(s, node);
+        let (lo, hi) = self.relative_faces(s, node);
         diagonal::<S>(lo, hi)
     }
     #[inline(always)]
     fn expect_node(&self, node: usize) {
         prefetch(&self.tree.nodes[node]);
-        prefetch(&self.tree.middles[node]);
         if MOVING {
             prefetch(&self.tree.slopes[node]);
         }
@@ -311,8 +311,12 @@ impl Boxed for PreciseTree {
         (self.shape.levels - 1, self.nodes.len() - 1)
     }
     fn behind(&self, level: usize, node: usize) -> (usize, usize) {
-        let begin = &self.shape.begin;
-        (if level == 0 { node * LANES } else { begin[level - 1] + (node - begin[level]) * LANES }, 1)
+        let Shape { begin, leaf_blocks, .. } = &self.shape;
+        if level == 0 {
+            (node * LANES * leaf_blocks, *leaf_blocks)
+        } else {
+            (begin[level - 1] + (node - begin[level]) * LANES, 1)
+        }
     }
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {
         // What counts from the begin of the part does so from its exact begin on, likewise at the end.
@@ -320,7 +324,7 @@ impl Boxed for PreciseTree {
         let interval = self.part.interval;
         let Some(times) = self.node_times.get(node) else {
             return [
-                self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { first } else { f64::INFINITY }),
+                self.nodes[node].boxes.lo[0].map(|x| if x < f32::INFINITY { first } else { f64::INFINITY }),
                 [last; LANES],
             ];
         };
@@ -331,14 +335,14 @@ impl Boxed for PreciseTree {
     }
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let (boxes, slopes, middle) = (&self.nodes[node], self.slopes.get(node), &self.middles[node]);
+        let (Node { middle, way, boxes }, slopes) = (&self.nodes[node], self.slopes.get(node));
         let w = phase.map(|phase| self.within(phase));
         let mut faces = [[[0.0; LANES]; 3]; 2];
         for (number, (faces, boxes)) in faces.iter_mut().zip([&boxes.lo, &boxes.hi]).enumerate() {
             for axis in 0..3 {
                 for lane in 0..LANES {
                     let slope = slopes.map_or(0.0, |slopes| [&slopes.lo, &slopes.hi][number][axis][lane]);
-                    let place = middle.at[axis] + middle.way[axis] * w[lane];
+                    let place = middle[axis] + way[axis] * w[lane];
                     faces[axis][lane] = place + (f64::from(boxes[axis][lane]) + f64::from(slope) * w[lane]);
                 }
             }
@@ -349,17 +353,80 @@ impl Boxed for PreciseTree {
         self.block_times.get(block).is_none_or(|times| times.begin[lane] <= time && time < times.end[lane])
     }
     fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
-        let id = self.ids.get(block)?[lane];
+        let Block { begin, id } = self.blocks.get(block)?;
         let life = self.lives.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
         let life = life.unwrap_or(Some(TimeInterval::FULL))?;
-        let open = self.begins[block].map(|row| row[lane]);
-        let close = self.ends.get(block).map_or(open, |rows| rows.map(|row| row[lane]));
-        (id != u32::MAX).then_some(Flight { id, open, close, life })
+        let open = begin.0.map(|row| row[lane]);
+        let close = self.ends.get(block).map_or(open, |rows| rows.0.map(|row| row[lane]));
+        (id[lane] != u32::MAX).then_some(Flight { id: id[lane], open, close, life })
     }
     fn phase(&self, time: f32) -> f64 {
         self.phase_at(time)
     }
     fn position(&self, flight: &Flight, time: f32) -> DVec3 {
         between([flight.open, flight.close].map(DVec3::from_array), self.phase_at(time))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point::build::Source;
+    use crate::progress::Progress;
+    use crate::simd::{Kernel, SimdLevel, dispatch};
+
+    /// Counts boxes of leaves that are farther from the query than a point in them, their squared distances multiplied by
+    /// `less`.
+    struct Lost<'a> {
+        view: PreciseView<'a, false>,
+        less: f32,
+    }
+
+    impl Kernel for Lost<'_> {
+        type Output = usize;
+        #[inline(always)]
+        fn run<S: Simd>(self, s: S) -> usize {
+            let Lost { view, less } = self;
+            let target = view.target(s, Vec3::ZERO);
+            let (lo, hi) = view.relative_faces(s, 0);
+            let boxes = outside(s, &view.relative_query(s, 0), lo, hi).0 * s.splat(less);
+            let leaves = view.tree.blocks.len();
+            let lost = |&leaf: &usize| {
+                let nearest = s.reduce_min_u(s.to_bits(view.point_distances(s, &target, leaf)));
+                s.lane(boxes, leaf) > f32::from_bits(nearest)
+            };
+            (0..leaves).filter(lost).count()
+        }
+    }
+
+    #[test]
+    fn no_box_is_farther_than_its_points_and_some_would_be_without_less() {
+        let mut state = 7u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let (mut lost, mut lost_without) = (0, 0);
+        for round in 0..2000 {
+            let offset = [0.0, 1e9][round % 2];
+            // Of the size of the set, or so small that squares underflow.
+            let size = [1.0, 1e-3, 1e-20][round % 3];
+            let far = 10f64.powi(round as i32 % 9);
+            let mut place = |size: f64| DVec3::new(next(), next(), next()) * size;
+            let points: Vec<DVec3> = (0..256).map(|_| place(size) + offset).collect();
+            let source = Source::read(&points, false).expect("points are in order");
+            let part = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+            if !source.is_precise() {
+                continue;
+            }
+            let tree = PreciseTree::build(&source, part, 0..points.len(), false, &Progress::new(None));
+            let view = tree.at::<false>(points[0] + place(size * far), 0.0);
+            for simd in SimdLevel::available() {
+                lost += dispatch(simd, Lost { view, less: LESS });
+                lost_without += dispatch(simd, Lost { view, less: 1.0 });
+            }
+        }
+        assert_eq!(lost, 0);
+        assert!(lost_without > 20, "a factor that no box needs");
     }
 }
