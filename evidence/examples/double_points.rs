@@ -5,7 +5,7 @@
 //! unless said otherwise.
 
 use mbkd::glam::DVec3;
-use mbkd::{NeighborBuffer, PointArrays, PointParams, PointTree};
+use mbkd::{NeighborBuffer, NeighborCsr, PointArrays, PointParams, PointTree};
 use mbkd_evidence::accuracy::Random;
 use std::hint::black_box;
 use std::time::Instant;
@@ -108,7 +108,16 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     let mut queries: Vec<(DVec3, f32)> = (0..QUERIES)
         .map(|_| (open[random.below(count)] + random.vec() * (0.5 * spacing), random.unit() as f32))
         .collect();
-    let mut buffer = NeighborBuffer::new();
+    let (mut buffer, mut lists, mut ratios) = (NeighborBuffer::new(), NeighborCsr::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        let mut make = |tree: &PointTree| {
+            let start = Instant::now();
+            tree.neighbor_lists(0.5, radius).run(&mut lists).map(|()| start.elapsed().as_secs_f64())
+        };
+        let times = [make(&trees[0])?, make(&trees[1])?];
+        ratios.push(times[1] / times[0]);
+    }
+    println!("  lists of all within the radius: {:.2} times", median(ratios));
     for order in ["random", "Morton"] {
         if order == "Morton" {
             let hull = open.iter().fold((open[0], open[0]), |(lo, hi), p| (lo.min(*p), hi.max(*p)));

@@ -387,8 +387,8 @@ class PointTree:
     ) -> NeighborLists:
         """For every point all others within a radius, as particle methods want them.
 
-        One walk through the tree for many points: several times faster than `query_ball_point` of all points. Needs
-        positions in float32 (or `round_to_f32`).
+        One walk through the tree for many points: several times faster than `query_ball_point` of all points. Points in
+        float64 search one by one, without `larger` and `displacements`; these need float32 (or `round_to_f32`).
 
         Parameters
         ----------

@@ -169,7 +169,7 @@ def test_input_of_any_kind():
     assert PointTree(np.empty((0, 3))).query([[0, 0, 0]], 2)[1].tolist() == [[0, 0]]
     rounded = PointTree(DOUBLE, round_to_f32=True)
     np.testing.assert_allclose(rounded.query(QUERIES)[0], PointTree(DOUBLE).query(QUERIES)[0], atol=1e-6)
-    assert len(rounded.neighbor_lists(0.1)) == 500
+    assert len(rounded.neighbor_lists(0.1)) == len(PointTree(DOUBLE).neighbor_lists(0.1)) == 500
 
 
 WRONG = [
@@ -198,7 +198,7 @@ WRONG = [
     (lambda: PointTree(SINGLE).query_ball_point([0, 0, 0], -1), ValueError, "radius"),
     (lambda: PointTree(SINGLE).query_ball_point([0, 0, 0], np.nan), ValueError, "radius"),
     (lambda: PointTree(SINGLE).neighbor_lists(-1), ValueError, "radius"),
-    (lambda: PointTree(DOUBLE).neighbor_lists(0.1), ValueError, "f32"),
+    (lambda: PointTree(DOUBLE).neighbor_lists(0.1, displacements=True), ValueError, "f32"),
     (lambda: PointTree(SINGLE).neighbor_lists(np.ones(3)), ValueError, "r must"),
 ]
 

@@ -5,7 +5,7 @@ use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{
     Aabb, ListError, Neighbor, NeighborCsr, PointArrays, PointError, PointLayerKind, PointParams, PointStructure,
-    PointTree, SimdLevel, TimeInterval, TreePoint, Visitor,
+    PointTree, Radii, SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 
 struct Cloud {
@@ -147,13 +147,100 @@ fn clusters_far_apart_keep_their_spacing() {
     assert!(work.blocks < 20, "{work:?}");
 }
 
+/// Lists as ids and bits of squared distances.
+type Lists = Vec<Vec<(u32, u32)>>;
+
+/// All lists by comparing all pairs.
+fn compare_all(own: &Cloud, among: &Cloud, time: f32, radii: &[f32], keep: impl Fn(u32, u32) -> bool) -> Lists {
+    let list = |i: usize| {
+        if !own.alive[i].contains(time) {
+            return Vec::new();
+        }
+        let near = among.all(own.at(i, time), time).into_iter();
+        let near = near.filter(|n| n.distance_squared <= radii[i] * radii[i] && keep(i as u32, n.id));
+        let mut list: Vec<(u32, u32)> = near.map(|n| (n.id, n.distance_squared.to_bits())).collect();
+        list.sort_unstable();
+        list
+    };
+    (0..own.alive.len()).map(list).collect()
+}
+
+fn found(lists: &NeighborCsr) -> Lists {
+    let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits());
+    lists.offsets().windows(2).map(|ends| (ends[0]..ends[1]).map(entry).collect()).collect()
+}
+
+#[test]
+fn lists_equal_comparing_all_pairs() {
+    let mut rng = Rng(23);
+    let mut lists = NeighborCsr::new();
+    for (size, apart, speed) in [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-20, 1e-3, 0.0)] {
+        for (keys, mortal) in [(1, false), (2, true), (4, false)] {
+            let cloud = Cloud::new(600, keys, (size, apart, speed), mortal, &mut rng);
+            let other = Cloud::new(100, keys, (size, apart, speed), mortal, &mut rng);
+            for simd in SimdLevel::available() {
+                for structure in STRUCTURES {
+                    let [tree, others] = [&cloud, &other].map(|cloud| cloud.tree(structure, simd).unwrap());
+                    for time in [0.0, 1.0, rng.unit()] {
+                        let about = format!("{size} {apart} {speed}, {keys} keys, {structure:?}, {simd}, at {time}");
+                        let radius = (0.4 * size) as f32;
+                        let equal = vec![radius; 600];
+                        let own: Vec<f32> = equal.iter().map(|r| r * 2.0 * rng.unit()).collect();
+                        let ask = tree.neighbor_lists(time, radius).with_distances().sorted().rows_by_id();
+                        ask.run(&mut lists).unwrap();
+                        let expected = compare_all(&cloud, &cloud, time, &equal, |i, j| i != j);
+                        assert!(expected.iter().any(|list| list.len() > 3), "{about}");
+                        assert_eq!(found(&lists), expected, "{about}");
+                        ask.pairs_once().run(&mut lists).unwrap();
+                        assert_eq!(found(&lists), compare_all(&cloud, &cloud, time, &equal, |i, j| i < j), "{about}");
+                        ask.among(&others).run(&mut lists).unwrap();
+                        assert_eq!(found(&lists), compare_all(&cloud, &other, time, &equal, |_, _| true), "{about}");
+                        let ask = tree.neighbor_lists(time, Radii::Own(&own)).with_distances().sorted().rows_by_id();
+                        ask.run(&mut lists).unwrap();
+                        assert_eq!(found(&lists), compare_all(&cloud, &cloud, time, &own, |i, j| i != j), "{about}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn lists_do_not_depend_on_the_number_of_threads() {
+    let cloud = Cloud::new(5000, 2, (1.0, 1e7, 0.1), true, &mut Rng(31));
+    let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+    let lists = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut lists = NeighborCsr::new();
+        pool.install(|| tree.neighbor_lists(0.3, 0.2).with_distances().run(&mut lists)).unwrap();
+        (lists.points().to_vec(), found(&lists))
+    };
+    let alone = lists(1);
+    assert!(alone.1.iter().map(Vec::len).sum::<usize>() > 5000);
+    for threads in [2, 3, 8] {
+        assert_eq!(lists(threads), alone, "{threads} threads");
+    }
+}
+
 #[test]
 fn what_f64_points_can_not_do_is_refused() {
     let cloud = Cloud::new(100, 2, (1.0, 1e7, 1.0), false, &mut Rng(1));
     let error = cloud.tree(PointStructure::Mbkd, SimdLevel::best()).unwrap_err();
     assert!(matches!(error, PointError::Parameter { name: "structure", .. }), "{error}");
     let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
-    assert_eq!(tree.neighbor_lists(0.0, 1.0).run(&mut NeighborCsr::new()), Err(ListError::Double));
+    let mut lists = NeighborCsr::new();
+    let ask = tree.neighbor_lists(0.0, 1.0);
+    assert_eq!(ask.periodic([Some(9.0), None, None]).run(&mut lists), Err(ListError::Double));
+    assert_eq!(ask.with_displacements().run(&mut lists), Err(ListError::Double));
+    let larger = Radii::Larger { own: &[1.0; 100], others: &[1.0; 100] };
+    assert_eq!(tree.neighbor_lists(0.0, larger).run(&mut lists), Err(ListError::Double));
+    let own = Radii::Own(&[1.0; 99]);
+    assert_eq!(tree.neighbor_lists(0.0, own).run(&mut lists), Err(ListError::MissingRadius { id: 99 }));
+    let single = PointTree::build(&[[0.0f32; 3]], &PointParams::default()).unwrap();
+    assert_eq!(ask.among(&single).run(&mut lists), Err(ListError::Double));
+    assert_eq!(single.neighbor_lists(0.0, 1.0).among(&tree).run(&mut lists), Err(ListError::Double));
+    assert_eq!(tree.within_lists(&[[0.0f64; 3]], 0.0, 1.0).run(&mut lists), Err(ListError::Double));
+    assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, 0.1, 1.0, &mut lists), Err(ListError::Double));
     assert!(matches!(tree.neighbor_lists_swept(TimeInterval::FULL, 1.0), Err(ListError::Double)));
     // Rounded, all of it works.
     let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();

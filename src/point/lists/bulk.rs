@@ -70,6 +70,9 @@ impl<Q: Position> BulkQuery<'_, Q> {
         let BulkQuery { among, queries, .. } = self;
         lists.offsets.clear();
         lists.points.clear();
+        if !among.precise.is_empty() {
+            return Err(ListError::Double);
+        }
         let places: Vec<Vec3> = queries.iter().map(|query| query.relative(among.origin)).collect();
         let fine = |place: &Vec3| place.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all();
         if let Some(query) = places.iter().position(|place| !fine(place)) {

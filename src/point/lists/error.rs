@@ -48,7 +48,8 @@ pub enum ListError {
     TooManyQueries,
     /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
     Origins,
-    /// A tree holds its positions in f64; lists are made of f32 ones.
+    /// A tree holds its positions in f64, and what was asked is for f32 ones only: periodic axes, displacements, the larger
+    /// of two radii, lists with a skin or over an interval, of many places at once, or points in f64 among others in f32.
     Double,
     /// Lists were asked for in the order of ids, but an id is not less than the number of points, or occurs twice.
     Ids {
@@ -72,9 +73,9 @@ impl fmt::Display for ListError {
             ListError::Query { query } => write!(f, "query {query} is not finite or its coordinates are too large"),
             ListError::TooManyQueries => f.write_str("there are more queries than ids; ask in several parts"),
             ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
-            ListError::Double => {
-                f.write_str("lists need positions in f32; build the tree with `round_to_f32` or from f32 positions")
-            }
+            ListError::Double => f.write_str(
+                "such lists need positions in f32; build the trees with `round_to_f32` or from f32 positions",
+            ),
             ListError::Ids { id } => {
                 write!(f, "id {id} is not the index of a point; ask for the lists in the order of the tree")
             }

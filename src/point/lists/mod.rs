@@ -9,7 +9,8 @@
 //! Data flows `query` (what is asked) → `prepare` (groups of leaves) → `gather` (candidates of a group) → `row` (the list
 //! of a point) → `worker` (a share of the groups) → `run` (all threads) → `csr` (all lists, one behind the other).
 //!
-//! [`bulk`] makes lists for places that are not points of a tree, and [`swept`] makes lists over an interval of time.
+//! [`bulk`] makes lists for places that are not points of a tree, [`swept`] makes lists over an interval of time, and
+//! [`double`] makes those of points in f64, a search for each.
 //!
 //! **Why no neighbour is lost.** The proof is that of [`super::snapshot`], with a box in the place of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']` the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded once, is
@@ -20,6 +21,7 @@ mod bulk;
 mod by_id;
 mod columns;
 mod csr;
+mod double;
 mod error;
 mod gather;
 mod group;

@@ -50,6 +50,15 @@ pub(super) fn prepare(query: &Question<'_>, prepared: &mut Prepared) -> Result<(
         let groups = &mut prepared.groups;
         at_time!(layer, time, view => dispatch(simd, Bottoms { view, number, groups }));
     }
+    for (number, layer) in query.tree.precise.iter().enumerate() {
+        let tree = layer.tree_at(time);
+        prepared.groups.extend((0..tree.bottom_nodes()).map(|node| (number, node)));
+        if let Radii::Own(own) = query.listing.radii
+            && let Some(id) = tree.ids().find(|&id| id as usize >= own.len())
+        {
+            return Err(ListError::MissingRadius { id });
+        }
+    }
     for layer in query.tree.layers.iter().chain(&query.among.layers) {
         let most = at_time!(layer, time, view => dispatch(simd, Extent { view }));
         for (axis, length) in query.periods.iter().enumerate() {

@@ -26,7 +26,8 @@ impl PointTree {
     ///
     /// Cost: one walk through the tree for sixteen neighbouring leaves, then about one vector operation on sixteen
     /// candidates for two to three neighbours found. Of [`PointStructure::Mbkd`](crate::PointStructure::Mbkd) the points
-    /// that exist at the time are put into a tree of boxes first.
+    /// that exist at the time are put into a tree of boxes first. Of points kept in f64 each list is a search of its own,
+    /// and there are no periodic axes, displacements or [`Radii::Larger`] ([`ListError::Double`]).
     ///
     /// ```
     /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};

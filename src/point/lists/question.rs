@@ -44,10 +44,15 @@ impl Question<'_> {
         if !(0.0..=1.0).contains(&self.time) {
             return Err(ListError::Time);
         }
-        if !(self.tree.precise.is_empty() && self.among.precise.is_empty()) {
-            return Err(ListError::Double);
-        }
-        if self.tree.origin() != self.among.origin() && !self.tree.is_empty() && !self.among.is_empty() {
+        let both = !self.tree.is_empty() && !self.among.is_empty();
+        let [own, others] = [self.tree, self.among].map(|tree| !tree.precise.is_empty());
+        if own || others {
+            let Listing { radii, displacements, .. } = self.listing;
+            let larger = matches!(radii, Radii::Larger { .. });
+            if larger || displacements || self.periods != [None; 3] || both && own != others {
+                return Err(ListError::Double);
+            }
+        } else if self.tree.origin() != self.among.origin() && both {
             return Err(ListError::Origins);
         }
         let bad = |axis: &usize| self.periods[*axis].is_some_and(|length| !(length.is_normal() && length > 0.0));

@@ -24,6 +24,17 @@ impl From<f32> for Radii<'_> {
     }
 }
 
+impl Radii<'_> {
+    /// The squared distance up to which neighbours of a point count, as far as that is its own matter.
+    #[inline(always)]
+    pub(super) fn bound(&self, id: u32) -> f32 {
+        match self {
+            Radii::Equal(radius) => squared_radius(*radius),
+            Radii::Own(own) | Radii::Larger { own, .. } => bound_of(own, id),
+        }
+    }
+}
+
 /// The squared radius of a point; 0 for lanes without one.
 #[inline(always)]
 pub(super) fn bound_of(radii: &[f32], id: u32) -> f32 {

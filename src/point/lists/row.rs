@@ -4,7 +4,7 @@ use super::columns::Columns;
 use super::gather::{BoxRows, Candidates, Picks};
 use super::group::Member;
 use super::question::Listing;
-use super::radii::{Radii, bound_of, squared_radius};
+use super::radii::Radii;
 use crate::point::snapshot::{rows, squared};
 use crate::simd::{LANES, Lanes, Simd, lanes_at};
 
@@ -180,10 +180,7 @@ impl Near {
                 continue;
             }
             let id = spots.id[lane];
-            let bound = match listing.radii {
-                Radii::Equal(radius) => squared_radius(radius),
-                Radii::Own(own) | Radii::Larger { own, .. } => bound_of(own, id),
-            };
+            let bound = listing.radii.bound(id);
             let picks = self.picks.near_point(s, &self.boxes, at, bound);
             let begin = lists.len;
             lists.reserve(picks.len() * LANES, listing);
@@ -240,7 +237,7 @@ impl Lists {
 
     /// Makes room for `more` neighbours and a vector.
     #[inline(always)]
-    fn reserve(&mut self, more: usize, listing: &Listing) {
+    pub(super) fn reserve(&mut self, more: usize, listing: &Listing) {
         let length = self.len + more + LANES;
         let room = self.columns.ids.len() >= length
             && (!listing.distances || self.columns.distances.len() >= length)
@@ -257,7 +254,7 @@ impl Lists {
 
     /// Ends the list of a point.
     #[inline(always)]
-    fn end_list(&mut self, id: u32, begin: usize, end: usize, listing: &Listing) {
+    pub(super) fn end_list(&mut self, id: u32, begin: usize, end: usize, listing: &Listing) {
         self.len = end;
         if listing.sorted {
             self.sort(begin, listing);
@@ -292,7 +289,7 @@ impl Lists {
 }
 
 #[inline(always)]
-fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F) {
+pub(super) fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F) {
     let to: &mut Lanes<f32> = (&mut column[at..at + LANES]).try_into().expect("sixteen");
     s.store(x, to);
 }

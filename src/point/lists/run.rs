@@ -7,6 +7,7 @@
 use super::by_id;
 use super::columns::Columns;
 use super::csr::NeighborCsr;
+use super::double::DoubleShare;
 use super::error::ListError;
 use super::prepare::{Prepared, prepare};
 use super::question::{Listing, Question};
@@ -50,10 +51,18 @@ fn fill(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
             worker.share = begin..(begin + SHARE).min(groups);
             worker.lists.clear();
         }
-        parallel::each(workers, |worker| {
-            dispatch(query.tree.simd, Share { query, prepared, worker });
-        });
+        parallel::each(workers, |worker| work(Share { query, prepared, worker }));
         append(&query.listing, &lists.workers[..count], &mut lists.offsets, &mut lists.points, &mut lists.columns);
+    }
+}
+
+/// Makes the lists of a worker's share.
+fn work(share: Share<'_>) {
+    let tree = share.query.tree;
+    if tree.precise.is_empty() {
+        dispatch(tree.simd, share);
+    } else {
+        dispatch(tree.simd, DoubleShare(share));
     }
 }
 
@@ -69,7 +78,7 @@ fn alone(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     };
     swap(worker, columns, offsets, points);
     worker.lists.len = 0;
-    dispatch(query.tree.simd, Share { query, prepared, worker });
+    work(Share { query, prepared, worker });
     swap(worker, columns, offsets, points);
 }
 

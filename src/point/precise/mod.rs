@@ -20,7 +20,7 @@ use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
-use super::search::radius::within;
+use super::search::radius::{Sink, within};
 use super::search::sinks::{Gather, Visit, VisitBlock};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
@@ -48,10 +48,30 @@ impl PreciseLayer {
         self.parts.partition_point(|tree| tree.part().interval.end_bound() <= time).min(self.parts.len() - 1)
     }
 
+    /// The tree that answers at a time in [0, 1].
+    pub(super) fn tree_at(&self, time: f32) -> &PreciseTree {
+        &self.parts[self.part_at(time)]
+    }
+
     #[inline(always)]
     fn at(&self, point: DVec3, time: f32) -> AtTime<'_> {
-        let tree = &self.parts[self.part_at(time)];
+        let tree = self.tree_at(time);
         if tree.moves() { AtTime::Moving(tree.at(point, time)) } else { AtTime::Still(tree.at(point, time)) }
+    }
+
+    /// Hands every point within the bound of a place at a time to the sink.
+    #[inline(always)]
+    pub(super) fn within<S: Simd>(
+        &self,
+        s: S,
+        (point, time): (DVec3, f32),
+        bound: f32,
+        sink: &mut impl Sink<S>,
+    ) -> ControlFlow<()> {
+        match self.at(point, time) {
+            AtTime::Still(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink, &mut ()),
+            AtTime::Moving(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink, &mut ()),
+        }
     }
 }
 
@@ -182,10 +202,10 @@ impl Kernel for Collecting<'_, '_> {
         let Collecting { asked, candidates } = self;
         candidates.count = 0;
         let mut sink = Gather { candidates, keep: &asked.keep };
-        for_each_layer!(asked, view => {
+        for layer in asked.layers {
             // A sink that never breaks.
-            let _ = within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ());
-        });
+            let _ = layer.within(s, (asked.point, asked.time), asked.bound, &mut sink);
+        }
     }
 }
 
@@ -200,9 +220,9 @@ impl Kernel for Visiting<'_, '_> {
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
         let Visiting { asked, visit } = self;
         let mut sink = Visit(visit);
-        for_each_layer!(asked, view => {
-            within(s, &view, &view.target(s, Vec3::ZERO), asked.bound, &mut sink, &mut ())?;
-        });
+        for layer in asked.layers {
+            layer.within(s, (asked.point, asked.time), asked.bound, &mut sink)?;
+        }
         ControlFlow::Continue(())
     }
 }

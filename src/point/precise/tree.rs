@@ -116,6 +116,26 @@ impl PreciseTree {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
+    /// The ids of all points.
+    pub(in crate::point) fn ids(&self) -> impl Iterator<Item = u32> {
+        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
+    }
+
+    /// Number of nodes whose children are leaves.
+    pub(in crate::point) fn bottom_nodes(&self) -> usize {
+        self.shape.begin[1]
+    }
+
+    /// The points behind one of these nodes that count at a time, with their ids.
+    pub(in crate::point) fn points_behind(&self, node: usize, time: f32) -> impl Iterator<Item = (u32, DVec3)> {
+        let (first, blocks) = (node * LANES * self.shape.leaf_blocks, LANES * self.shape.leaf_blocks);
+        let lanes = (first..first + blocks).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
+        lanes.filter_map(move |(block, lane)| {
+            let flight = self.flight(block, lane)?;
+            self.counts(block, lane, time).then(|| (flight.id, self.position(&flight, time)))
+        })
+    }
+
     /// Number of nodes.
     pub(in crate::point) fn node_count(&self) -> usize {
         self.nodes.len()

@@ -56,6 +56,9 @@ impl PointTree {
     ) -> Result<f32, ListError> {
         lists.offsets.clear();
         lists.points.clear();
+        if !self.precise.is_empty() {
+            return Err(ListError::Double);
+        }
         if skin.is_nan() || skin < 0.0 {
             return Err(ListError::Skin);
         }

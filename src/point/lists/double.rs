@@ -1,0 +1,66 @@
+//! Lists of points in f64: for each of them a search of its own.
+//!
+//! Groups of leaves walk together where all positions are f32 ones around one place. Here each point asks the tree as any
+//! query does, with the same arithmetic, and what it finds goes to the same columns.
+
+use super::columns::Columns;
+use super::question::Listing;
+use super::row::{Lists, write};
+use super::worker::Share;
+use crate::point::search::radius::Sink;
+use crate::point::snapshot::Leaves;
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd};
+use core::ops::ControlFlow;
+
+/// The lists of a worker's share of groups.
+pub(super) struct DoubleShare<'a>(pub(super) Share<'a>);
+
+impl Kernel for DoubleShare<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Share { query, prepared, worker } = self.0;
+        let (listing, lists) = (&query.listing, &mut worker.lists);
+        for &(layer, node) in &prepared.groups[worker.share.clone()] {
+            for (id, at) in query.tree.precise[layer].tree_at(query.time).points_behind(node, query.time) {
+                let bound = listing.radii.bound(id);
+                let begin = lists.len;
+                let own = if listing.other_set && !listing.once { u32::MAX } else { id };
+                let mut row = Row { listing, lists, own };
+                for among in &query.among.precise {
+                    // A sink that never breaks.
+                    let _ = among.within(s, (at, query.time), bound, &mut row);
+                }
+                lists.end_list(id, begin, lists.len, listing);
+            }
+        }
+    }
+}
+
+/// A list in the making.
+struct Row<'a, 'b> {
+    listing: &'a Listing<'b>,
+    lists: &'a mut Lists,
+    /// The id that is no neighbour, or the one that those of neighbours are above.
+    own: u32,
+}
+
+impl<S: Simd> Sink<S> for Row<'_, '_> {
+    const TAKES_NONE: bool = true;
+    #[inline(always)]
+    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+        let Row { listing, lists, own } = self;
+        let (ids, own) = (s.load_u(view.ids(block)), s.splat_u(*own));
+        let hits = hits & if listing.once { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
+        lists.reserve(LANES, listing);
+        let end = lists.len;
+        let Columns { ids: listed, distances, .. } = &mut lists.columns;
+        let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
+        s.store_u(s.compress_u(ids, hits), to);
+        if listing.distances {
+            write(s, distances, end, s.compress(distance, hits));
+        }
+        lists.len = end + hits.count_ones() as usize;
+        ControlFlow::Continue(())
+    }
+}
