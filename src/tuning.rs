@@ -25,10 +25,11 @@ pub(crate) mod wide {
     /// Where both sides of a split have this many times the area of the node, neither is likely to be split much better:
     /// parts of needles and hair. A leaf block of sixteen at once costs a query no more there.
     pub const CROWDED: f32 = 1.4;
-    /// Nodes of few references are split on where they are visited this often, relative to the root's visits divided by the
-    /// number of references. To do it with every leaf would take longer than a level of the build; among needles nearly every leaf is
-    /// this large, and they do (docs/rays.md). Not fitted: `cargo bench --bench embree -- --only ours` shows what it brings and costs.
-    pub const LARGE_LEAF: f32 = 64.0;
+    /// Nodes of few references are split on where more than this share of the rays that come to the tree visits them. There are few:
+    /// at most the number of leaves that a ray visits, divided by this share. To do it with every leaf would take longer than a level
+    /// of the build. A half or a quarter of it finds nothing more in rooms, twice or four times misses the floors in them:
+    /// `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1` counts.
+    pub const LARGE_LEAF: f32 = 1.0 / 128.0;
     /// Trees up to this many bytes mostly stay in the caches, where neither the order of rays nor taking turns gains much.
     pub const CACHED: usize = 64 << 20;
     /// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the

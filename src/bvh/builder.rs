@@ -70,7 +70,7 @@ pub(crate) fn build_binary(
         1 => usize::MAX,
         threads => PARALLEL.max(n / (PIECES * threads)),
     };
-    let large = density.map(|density| (density, LARGE_LEAF * density.visits(&bounds) / n as f32));
+    let large = density.map(|density| (density, LARGE_LEAF * density.visits(&bounds)));
     let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), large, alone, kinds };
     let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
     match pieces.len() {

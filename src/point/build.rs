@@ -10,7 +10,7 @@ use super::plane_tree::PlaneTree;
 use super::static_tree::StaticTree;
 use crate::geometry::TimeInterval;
 use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
-use crate::primitive::PointSet;
+use crate::primitive::{PointSet, kept_keys};
 use crate::progress::Progress;
 use glam::DVec3;
 
@@ -52,7 +52,7 @@ impl Plan {
 pub(super) struct Source {
     /// Number of points.
     pub(super) len: usize,
-    /// Number of keys.
+    /// Number of keys: of those given, as many as motion needs.
     pub(super) keys: usize,
     /// What positions are relative to.
     pub(super) origin: DVec3,
@@ -83,11 +83,12 @@ impl Source {
         if len >= u32::MAX as usize {
             return Err(PointError::TooManyPoints { found: len });
         }
-        let (origin, positions, mut exact) =
+        let (origin, mut positions, mut exact) =
             if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
         if round_to_f32 {
             exact = Vec::new();
         }
+        let keys = if exact.is_empty() { merge_keys(&mut positions, len, keys) } else { keys };
         let mut alive = Vec::new();
         let mut ids = Vec::new();
         for point in 0..len {
@@ -238,6 +239,24 @@ fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result
     let place = |(i, at): (usize, &DVec3)| Ok(checked(*at - origin, i % len, i / len)?.as_vec3().to_array());
     let positions = wide.iter().enumerate().map(place).collect::<Result<_, PointError>>()?;
     Ok((origin, positions, wide))
+}
+
+/// Drops keys on the straight lines between others; returns how many are kept. What stands still is told apart point by point.
+fn merge_keys(positions: &mut Vec<[f32; 3]>, len: usize, keys: usize) -> usize {
+    if keys <= 2 || len == 0 {
+        return keys;
+    }
+    let kept = kept_keys(keys, len, |key, point| positions[key * len + point].into());
+    if kept == keys {
+        return keys;
+    }
+    let step = if kept > 1 { (keys - 1) / (kept - 1) } else { 0 };
+    for key in 1..kept {
+        positions.copy_within(key * step * len..(key * step + 1) * len, key * len);
+    }
+    positions.truncate(kept * len);
+    positions.shrink_to_fit();
+    kept
 }
 
 /// f64 positions that are f32 numbers.

@@ -30,6 +30,8 @@ pub struct PointLayerStatistics {
     pub nodes: usize,
     /// Levels of nodes of the deepest tree.
     pub levels: usize,
+    /// Keys that are kept: keys on the straight lines between others are not, nor keys of what stands still.
+    pub keys: usize,
     /// Bytes allocated.
     pub bytes: usize,
     /// Why this structure, in a sentence.
@@ -62,8 +64,15 @@ impl fmt::Display for PointStatistics {
         for layer in &self.layers {
             writeln!(
                 f,
-                "{:?}: {} points, {} references, {} nodes in {} levels, {} bytes; {}",
-                layer.kind, layer.points, layer.references, layer.nodes, layer.levels, layer.bytes, layer.why
+                "{:?}: {} points at {} keys, {} references, {} nodes in {} levels, {} bytes; {}",
+                layer.kind,
+                layer.points,
+                layer.keys,
+                layer.references,
+                layer.nodes,
+                layer.levels,
+                layer.bytes,
+                layer.why
             )?;
         }
         Ok(())

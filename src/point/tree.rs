@@ -283,7 +283,8 @@ impl PointTree {
             (parts.iter().map(|p| p.references()).sum(), parts.iter().map(|p| p.node_count()).sum());
         let (levels, bytes) =
             (parts.iter().map(|p| p.levels()).max().unwrap_or(0), parts.iter().map(PreciseTree::bytes).sum());
-        self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, bytes, why });
+        let keys = parts.first().map_or(1, |tree| tree.part().keys);
+        self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, keys, bytes, why });
         self.precise.push(PreciseLayer { parts });
     }
 
@@ -302,7 +303,12 @@ impl PointTree {
                 parts.iter().map(|p| p.depth()).max().unwrap_or(0),
             ),
         };
-        self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, bytes, why });
+        let keys = match &layer {
+            Layer::Still(_) => 1,
+            Layer::Moving(parts) => parts.first().map_or(1, |tree| tree.part().keys),
+            Layer::Planes(parts) => parts.first().map_or(1, |tree| tree.part().keys),
+        };
+        self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, keys, bytes, why });
         self.layers.push(layer);
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Keys are spaced evenly, so keys are kept on a coarser grid that the given one refines: of 65 keys every second, fourth, …
 //! or the first and the last; one where all of them are equal. The whole mesh keeps the same keys, so that triangles which
-//! share a vertex still compute the same numbers for it.
+//! share a vertex still compute the same numbers for it; so does a whole set of points, whose trees are one for each segment.
 //!
 //! The rule, with u = 2^-24: every coordinate of a key that is dropped lies within 4u of the line between the kept keys around it,
 //! relative to the larger coordinate of these two. This is what rounding does to a straight motion that a program samples in
@@ -17,11 +17,11 @@ use crate::parallel;
 use core::ops::Range;
 use glam::Vec3;
 
-/// How many keys remain of `keys` with so many vertices; `at` is a vertex at a key. Of given segments `(keys - 1) / (kept -
+/// How many keys remain of `keys` with so many vertices (or points); `at` is a vertex at a key. Of given segments `(keys - 1) / (kept -
 /// 1)` become one.
 ///
 /// Takes one pass over all positions where they merge, and mostly much less where they do not.
-pub(super) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) -> Vec3 + Sync) -> usize {
+pub(crate) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) -> Vec3 + Sync) -> usize {
     if keys < 2 || all_equal(keys, vertices, &at) {
         return keys.min(1);
     }

@@ -18,6 +18,7 @@ mod triangles_file;
 pub use check::{PrimitiveError, check_primitive};
 pub(crate) use custom::PrimitiveSet;
 pub use custom::{Intersection, Primitive, Shapes, SurfacePoint};
+pub(crate) use merge_keys::kept_keys;
 pub use mesh::{Keys, TriangleMesh};
 pub use points::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use scene::{Scene, Shape};

@@ -99,12 +99,11 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            let numbers = words[i] as usize;
-            let lanes = [numbers & 15, numbers >> 4 & 15, numbers >> 8 & 15];
+            let numbers = words[i];
             let corners = [
-                fine_vertices::<S, MOVING>(s, &rows, between, kx, lanes),
-                fine_vertices::<S, MOVING>(s, &rows, between, ky, lanes),
-                fine_vertices::<S, MOVING>(s, &rows, between, kz, lanes),
+                fine_vertices::<S, MOVING>(s, &rows, between, kx, numbers),
+                fine_vertices::<S, MOVING>(s, &rows, between, ky, numbers),
+                fine_vertices::<S, MOVING>(s, &rows, between, kz, numbers),
             ];
             if self.offer(s, corners, at + n + i, (ray, of), collect) {
                 return true;
@@ -254,18 +253,12 @@ fn fine_corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between
 
 /// One coordinate of three of a block's shared vertices, likewise.
 #[inline(always)]
-fn fine_vertices<S: Simd, const MOVING: bool>(
-    s: S,
-    rows: &Rows,
-    between: Between,
-    axis: usize,
-    lanes: [usize; 3],
-) -> S::D {
+fn fine_vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, numbers: u32) -> S::D {
     let (base, other) = between.rows(VERTEX_ROWS);
-    let near = s.widen(rows.three_of_row(base + axis, lanes));
+    let near = s.pick_four(s.load_row(rows, base + axis), numbers);
     if !MOVING {
         return near;
     }
-    let far = s.widen(rows.three_of_row(other + axis, lanes));
+    let far = s.pick_four(s.load_row(rows, other + axis), numbers);
     near + (far - near) * s.splat_d(f64::from(between.fraction))
 }

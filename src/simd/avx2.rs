@@ -401,6 +401,13 @@ impl Simd for Avx2 {
         Four(intrinsic!(_mm256_cvtps_pd(_mm_set_ps(0.0, c, b, a))))
     }
     #[inline(always)]
+    fn pick_four(self, a: F, numbers: u32) -> Four {
+        let shifts = intrinsic!(_mm_setr_epi32(0, 4, 8, 12));
+        let index = intrinsic!(_mm_srlv_epi32(_mm_set1_epi32(numbers as i32), shifts));
+        let picked = permuted(a, intrinsic!(_mm256_castsi128_si256(index)));
+        Four(intrinsic!(_mm256_cvtps_pd(_mm256_castps256_ps128(picked))))
+    }
+    #[inline(always)]
     fn turn_left(self, a: Four) -> Four {
         Four(intrinsic!(_mm256_permute4x64_pd::<0b11_00_10_01>(a.0)))
     }

@@ -299,6 +299,13 @@ impl Simd for Avx512 {
         Four(intrinsic!(_mm256_cvtps_pd(_mm_set_ps(0.0, c, b, a))))
     }
     #[inline(always)]
+    fn pick_four(self, a: F, numbers: u32) -> Four {
+        let shifts = intrinsic!(_mm_setr_epi32(0, 4, 8, 12));
+        let index = intrinsic!(_mm_srlv_epi32(_mm_set1_epi32(numbers as i32), shifts));
+        let picked = intrinsic!(_mm512_permutexvar_ps(_mm512_castsi128_si512(index), a.0));
+        Four(intrinsic!(_mm256_cvtps_pd(_mm512_castps512_ps128(picked))))
+    }
+    #[inline(always)]
     fn turn_left(self, a: Four) -> Four {
         Four(intrinsic!(_mm256_permute4x64_pd::<0b11_00_10_01>(a.0)))
     }

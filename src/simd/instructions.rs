@@ -104,6 +104,8 @@ pub(crate) trait Simd: Copy {
     fn load_d(self, from: &[f64; 4]) -> Self::D;
     /// Three floats as f64, and 0.
     fn widen(self, x: [f32; 3]) -> Self::D;
+    /// The lanes of `a` that the lowest four groups of four bits say, as f64.
+    fn pick_four(self, a: Self::F, numbers: u32) -> Self::D;
     /// The lanes 1, 2, 0, 3.
     fn turn_left(self, a: Self::D) -> Self::D;
     /// The lanes 2, 0, 1, 3.

@@ -43,17 +43,6 @@ impl<'a> Rows<'a> {
         [at, at.wrapping_add(3 * self.n), at.wrapping_add(6 * self.n)]
     }
 
-    /// Lanes `a`, `b` and `c` of row `i`. Panics where they are not there.
-    #[inline(always)]
-    pub(crate) fn three_of_row(&self, i: usize, [a, b, c]: [usize; 3]) -> [f32; 3] {
-        assert!((i < self.count) & (a < self.n) & (b < self.n) & (c < self.n));
-        let row = i * self.n;
-        // SAFETY: the row is one of `count` and the lanes are of `n`; `new` found as many words.
-        unsafe {
-            [*self.words.get_unchecked(row + a), *self.words.get_unchecked(row + b), *self.words.get_unchecked(row + c)]
-        }
-    }
-
     /// One lane of rows `first`, `first + 3` and `first + 6`. Panics where they are not there.
     #[inline(always)]
     pub(crate) fn lane_of_thirds(&self, first: usize, lane: usize) -> [f32; 3] {

@@ -349,6 +349,11 @@ impl Simd for Portable {
         Four([f64::from(a), f64::from(b), f64::from(c), 0.0])
     }
     #[inline(always)]
+    fn pick_four(self, a: F, numbers: u32) -> Four {
+        let lane = |i: u32| f64::from(a.0[(numbers >> (4 * i)) as usize % LANES]);
+        Four([lane(0), lane(1), lane(2), lane(3)])
+    }
+    #[inline(always)]
     fn turn_left(self, Four([a, b, c, d]): Four) -> Four {
         Four([b, c, a, d])
     }

@@ -491,6 +491,12 @@ impl Simd for Sse2 {
         Four(intrinsic!(_mm_setr_pd(f64::from(a), f64::from(b))), intrinsic!(_mm_setr_pd(f64::from(c), 0.0)))
     }
     #[inline(always)]
+    fn pick_four(self, a: F, numbers: u32) -> Four {
+        let from = a.bits().in_memory();
+        let lane = |i: u32| f64::from(f32::from_bits(from[(numbers >> (4 * i)) as usize % LANES]));
+        Four(intrinsic!(_mm_setr_pd(lane(0), lane(1))), intrinsic!(_mm_setr_pd(lane(2), lane(3))))
+    }
+    #[inline(always)]
     fn turn_left(self, Four(ab, cd): Four) -> Four {
         Four(intrinsic!(_mm_shuffle_pd::<0b01>(ab, cd)), intrinsic!(_mm_shuffle_pd::<0b10>(ab, cd)))
     }

@@ -186,6 +186,47 @@ fn many_keys_are_met_exactly() {
     }
 }
 
+/// Straight ways sampled at many keys are those of two, bit for bit, and cost as little; what bends, and what was given in f64, keeps all.
+#[test]
+fn keys_on_straight_ways_cost_nothing() {
+    let mut rng = Rng(23);
+    let open: Vec<Vec3> = (0..3000).map(|_| rng.vec()).collect();
+    let close: Vec<Vec3> = open.iter().map(|p| *p + rng.vec() * 0.2).collect();
+    let sampled = |keys: usize, off: f32| -> Vec<Vec<Vec3>> {
+        let at = |key: usize, i: usize| {
+            let p = open[i].lerp(close[i], key as f32 / (keys - 1) as f32);
+            if key == 1 && i == 1234 { p * (1.0 + off) } else { p }
+        };
+        (0..keys)
+            .map(|key| (0..open.len()).map(|i| if key + 1 == keys { close[i] } else { at(key, i) }).collect())
+            .collect()
+    };
+    for structure in STRUCTURES {
+        let of = |keys: Vec<Vec<Vec3>>| {
+            build(&Cloud { alive: vec![TimeInterval::FULL; keys[0].len()], keys }, structure, SimdLevel::best())
+        };
+        let two = of(vec![open.clone(), close.clone()]);
+        for keys in [3, 9, 65] {
+            let tree = of(sampled(keys, 0.0));
+            assert_eq!(tree.statistics().layers, two.statistics().layers, "{keys} keys, {structure:?}");
+            for _ in 0..300 {
+                let (q, time) = (rng.vec(), rng.unit());
+                assert_eq!(tree.nearest_n(q, time, 5), two.nearest_n(q, time, 5), "{keys} keys, {structure:?}, {q} at {time}");
+            }
+            let bent = of(sampled(keys, 1e-3));
+            assert!(bent.statistics().layers.iter().all(|layer| layer.keys == keys), "{structure:?}");
+        }
+        // The places of three keys, in nine.
+        let path = [open.clone(), close.clone(), open.iter().map(|p| *p - 0.1).collect()];
+        let nine = (0..9).map(|key: usize| {
+            let (from, w) = ((key / 4).min(1), (key - 4 * (key / 4).min(1)) as f32 / 4.0);
+            path[from].iter().zip(&path[from + 1]).map(|(p, q)| if w == 1.0 { *q } else { p.lerp(*q, w) }).collect()
+        });
+        let layers = of(nine.collect()).statistics().layers.clone();
+        assert!(layers.iter().all(|layer| layer.keys == 3), "{layers:?}");
+    }
+}
+
 #[test]
 fn every_point_is_in_exactly_one_place_at_every_crossing() {
     let mut rng = Rng(21);

@@ -44,13 +44,19 @@ enum Still {
     OneStepHighQuality,
 }
 
-/// All ways of a mode, the default first; those that differ in meshes of a kind only where there are some.
+/// Most steps that Embree takes of a mesh (`RTC_MAX_TIME_STEP_COUNT`).
+const MOST_STEPS: usize = 129;
+
+/// All ways of a mode, the default first; those that differ in meshes of a kind only where there are some, and those of so many steps
+/// only that Embree takes them.
 pub fn all(meshes: &[TriangleMesh], mode: Mode) -> Vec<Config> {
     let stores: &[Triangles] = match mode {
         Mode::Robust => &[Triangles::Default],
         Mode::Fast => &[Triangles::Default, Triangles::Vertices],
     };
     let parts: &[usize] = if meshes.iter().all(is_still) { &[1] } else { &[1, 2, 8] };
+    let segments = meshes.iter().map(|mesh| mesh.keys.len().max(2) - 1).max().unwrap_or(1);
+    let fits = |parts: &&usize| **parts == 1 || segments * **parts < MOST_STEPS;
     let stills: &[Still] = if meshes.iter().any(is_still) {
         &[Still::AsMoving, Still::OneStep, Still::OneStepHighQuality]
     } else {
@@ -59,7 +65,7 @@ pub fn all(meshes: &[TriangleMesh], mode: Mode) -> Vec<Config> {
     let mut configs = Vec::new();
     for &still in stills {
         for &triangles in stores {
-            configs.extend(parts.iter().map(|&parts| Config { triangles, parts, still }));
+            configs.extend(parts.iter().filter(fits).map(|&parts| Config { triangles, parts, still }));
         }
     }
     configs
