@@ -27,9 +27,9 @@ pub(crate) mod wide {
     pub const CROWDED: f32 = 1.4;
     /// Nodes of few references are split on where more than this share of the rays that come to the tree visits them. There are few:
     /// at most the number of leaves that a ray visits, divided by this share. To do it with every leaf would take longer than a level
-    /// of the build. A half or a quarter of it finds nothing more in rooms, twice or four times misses the floors in them:
-    /// `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1` counts.
-    pub const LARGE_LEAF: f32 = 1.0 / 128.0;
+    /// of the build. Half of it finds little more in rooms of a tenth to four times the triangles, twice as much misses some of the floors in
+    /// them: `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1 --scale 0.1` counts.
+    pub const LARGE_LEAF: f32 = 1.0 / 256.0;
     /// Trees up to this many bytes mostly stay in the caches, where neither the order of rays nor taking turns gains much.
     pub const CACHED: usize = 64 << 20;
     /// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the

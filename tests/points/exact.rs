@@ -211,7 +211,11 @@ fn keys_on_straight_ways_cost_nothing() {
             assert_eq!(tree.statistics().layers, two.statistics().layers, "{keys} keys, {structure:?}");
             for _ in 0..300 {
                 let (q, time) = (rng.vec(), rng.unit());
-                assert_eq!(tree.nearest_n(q, time, 5), two.nearest_n(q, time, 5), "{keys} keys, {structure:?}, {q} at {time}");
+                assert_eq!(
+                    tree.nearest_n(q, time, 5),
+                    two.nearest_n(q, time, 5),
+                    "{keys} keys, {structure:?}, {q} at {time}"
+                );
             }
             let bent = of(sampled(keys, 1e-3));
             assert!(bent.statistics().layers.iter().all(|layer| layer.keys == keys), "{structure:?}");
