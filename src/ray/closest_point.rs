@@ -55,6 +55,13 @@ pub struct ClosestPoint {
 pub(crate) trait ClosestPointSource: WideSource {
     /// The nearest point of a primitive at the query's time, however far away.
     fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate>;
+
+    /// The first of some primitives with a point within the limit: its place among them, and its nearest point.
+    #[inline(always)]
+    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
+        let near = |&id: &u32| self.closest_point(id, query).filter(|candidate| candidate.distance <= limit);
+        ids.iter().enumerate().find_map(|(i, id)| Some((i, near(id)?)))
+    }
 }
 
 impl ClosestPointSource for Scene {
@@ -147,10 +154,10 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InP
             return self.triangles(s, leaf);
         }
         self.observer.primitive_tests(leaf.len());
-        for &id in &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
-            if let Some(candidate) = self.best.set.closest_point(id, self.best.query) {
-                self.best.offer(candidate, id);
-            }
+        let mut ids = &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()];
+        while let Some((i, candidate)) = self.best.set.first_within(ids, self.best.query, self.best.limit) {
+            self.best.offer(candidate, ids[i]);
+            ids = &ids[i + 1..];
         }
     }
 }

@@ -1,10 +1,10 @@
 //! The queries of a tree as plain functions, compiled once where the tree is built.
 //!
 //! A query is generic over the geometry, the filter and the observer, and is compiled for each instruction set and layout.
-//! If callers instantiated it, every crate that asks a tree of triangles would compile all of that again. So a tree carries the
-//! addresses of its queries: those of triangles come from this crate, those of the caller's own primitives from the crate
-//! that builds the tree. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited block;
-//! a query is compiled without them and, once more, with whichever of them there are ([`Guards`]).
+//! If callers instantiated it, every crate that asks a tree would compile all of that again. So a tree carries the
+//! addresses of its queries: of those that this crate compiled, for triangles and for primitives of any type
+//! ([`super::own`]); likewise builds. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited
+//! block; a query is compiled without them and, once more, with whichever of them there are ([`Guards`]).
 
 use super::closest_point::{ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide};
 use super::interleave::{Anys, Asks, Batch, Closests};
@@ -14,8 +14,12 @@ use super::lazy_closest_point::closest_point_in_lazy;
 use super::point_query::PlacedQuery;
 use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query, Visitor};
 use super::{Everything, Filter, Hit, Observer, Ray, Visible};
-use crate::layout::{LazyTree, WideTree};
-use crate::mbkd::KdTree;
+use crate::error::BuildError;
+use crate::layout::{LazyTree, Statistics, WideSource, WideTree};
+use crate::mbkd::{KdTree, build_kd};
+use crate::params::{BuildParams, Policy};
+use crate::primitive::Scene;
+use crate::progress::Progress;
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
 
@@ -26,17 +30,59 @@ fn ask_kd<Q: Query>(query: Q, tree: &KdTree) -> Q::Answer {
 }
 
 /// The arrays that queries walk.
-pub(super) enum Layout {
+pub(crate) enum Layout {
     Wide(WideTree),
     Kd(KdTree),
     Lazy(LazyTree),
 }
 
 /// What a query is asked of.
-pub(super) struct Target<'a, G> {
+pub(crate) struct Target<'a, G> {
     pub layout: &'a Layout,
     pub geometry: &'a G,
     pub simd: SimdLevel,
+}
+
+/// What a tree can be made of, and what was compiled for it.
+pub(crate) trait Compiled: RaySource + ClosestPointSource + Sized {
+    /// The queries.
+    const QUERIES: Queries<Self>;
+    /// Builds the layout that the parameters ask for.
+    fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError>;
+}
+
+impl Compiled for Scene {
+    const QUERIES: Queries<Scene> = Queries::TABLE;
+
+    fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {
+        lay_out(self, params, progress)
+    }
+}
+
+/// Builds the layout that the parameters ask for over a set of primitives.
+pub(super) fn lay_out<G: WideSource>(
+    geometry: &mut G,
+    params: &BuildParams,
+    progress: &Progress,
+) -> Result<(Layout, Statistics), BuildError> {
+    match &params.policy {
+        Policy::Wide(params) => {
+            let tree = WideTree::build(geometry, params, progress)?;
+            geometry.written();
+            let statistics = tree.statistics(geometry);
+            Ok((Layout::Wide(tree), statistics))
+        }
+        Policy::Kd(params) => {
+            let (tree, times) = build_kd(geometry, params, progress)?;
+            let statistics = tree.statistics(geometry).with_times(times);
+            Ok((Layout::Kd(tree), statistics))
+        }
+        Policy::Lazy(params) => {
+            let tree = LazyTree::build(geometry, params, progress)?;
+            let statistics = tree.statistics(geometry);
+            Ok((Layout::Lazy(tree), statistics))
+        }
+    }
 }
 
 /// A mask and the caller's filter of what is found.
@@ -69,7 +115,7 @@ type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
 type Guarded<G, Q, T, R> = fn(Target<'_, G>, &Q, Guards<'_, T>) -> R;
 
 /// All queries of a geometry.
-pub(super) struct Queries<G> {
+pub(crate) struct Queries<G> {
     pub closest: Plain<G, Ray, Option<Hit>>,
     pub closest_guarded: Guarded<G, Ray, Hit, Option<Hit>>,
     pub any: Plain<G, Ray, bool>,

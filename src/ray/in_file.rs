@@ -1,6 +1,6 @@
 //! Ray trees in files.
 
-use super::compiled::{Layout, Queries};
+use super::compiled::Layout;
 use super::ray_tree::{Geometry, RayTree};
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken};
 use crate::layout::WideTree;
@@ -60,7 +60,7 @@ impl<G: Geometry> RayTree<G> {
             }
             Layout::Lazy(_) => return Err(FileError::Lazy),
         };
-        let (simd, queries) = (SimdLevel::best(), Queries::TABLE);
+        let (simd, queries) = (SimdLevel::best(), G::QUERIES);
         Ok(RayTree { geometry, layout, statistics, from_file: true, plan: None, simd, queries })
     }
 }

@@ -21,6 +21,7 @@ mod lazy_closest_point;
 mod leaf;
 mod nearest_first;
 mod observer;
+mod own;
 mod point_query;
 mod query;
 mod ray_tree;

@@ -1,14 +1,11 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
-use super::closest_point::ClosestPointSource;
-use super::compiled::{Guards, Layout, Queries, Target};
-use super::intersect::RaySource;
+use super::compiled::{Compiled, Guards, Layout, Queries, Target};
 use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
-use crate::layout::{LazyTree, Plan, Statistics, TreeBox, ValidationError, WideTree};
-use crate::mbkd::build_kd;
-use crate::params::{BuildParams, Policy};
+use crate::layout::{Plan, Statistics, TreeBox, ValidationError};
+use crate::params::BuildParams;
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shape, Shapes, TriangleMesh};
 use crate::progress::{Callback, Progress};
 use crate::simd::SimdLevel;
@@ -26,9 +23,9 @@ use glam::{DVec3, Vec3};
 /// }
 /// ```
 #[allow(private_bounds)] // that is what seals it
-pub trait Geometry: RaySource + ClosestPointSource {}
+pub trait Geometry: Compiled {}
 
-impl<S: RaySource + ClosestPointSource> Geometry for S {}
+impl<S: Compiled> Geometry for S {}
 
 /// Things that move, ready for rays at any time of the shutter.
 ///
@@ -69,26 +66,9 @@ impl<G> core::fmt::Debug for RayTree<G> {
 impl<G: Geometry> RayTree<G> {
     fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
         params.validate()?;
-        let (layout, statistics) = match &params.policy {
-            Policy::Wide(params) => {
-                let tree = WideTree::build(&geometry, params, progress)?;
-                geometry.written();
-                let statistics = tree.statistics(&geometry);
-                (Layout::Wide(tree), statistics)
-            }
-            Policy::Kd(params) => {
-                let (tree, times) = build_kd(&geometry, params, progress)?;
-                let statistics = tree.statistics(&geometry).with_times(times);
-                (Layout::Kd(tree), statistics)
-            }
-            Policy::Lazy(params) => {
-                let tree = LazyTree::build(&geometry, params, progress)?;
-                let statistics = tree.statistics(&geometry);
-                (Layout::Lazy(tree), statistics)
-            }
-        };
+        let (layout, statistics) = geometry.lay_out(params, progress)?;
         geometry.complaint()?;
-        let (simd, queries) = (SimdLevel::best(), Queries::TABLE);
+        let (simd, queries) = (SimdLevel::best(), G::QUERIES);
         Ok(RayTree { geometry, layout, statistics, from_file: false, plan: None, simd, queries })
     }
 

@@ -1,0 +1,195 @@
+//! Trees of the caller's own primitives, of whichever type, compiled once in this crate.
+//!
+//! Builders and queries are generic over what a tree is made of, and are compiled for each instruction set. Were they
+//! compiled for the caller's types, every program with a primitive of its own would compile all of them again. So they see
+//! [`Own`], behind which the caller's code is called: for each primitive that a ray comes to, for the points of each leaf, for each bound that
+//! a build asks for. Boxes, nodes and the order of visits are the crate's own.
+
+use super::closest_point::ClosestPointSource;
+use super::compiled::{Compiled, Layout, Queries, Target, lay_out};
+use super::hit::SetHit;
+use super::intersect::RaySource;
+use super::point_query::{Candidate, Query};
+use super::shear::Sheared;
+use super::tree_ray::TreeRay;
+use crate::error::BuildError;
+use crate::geometry::{Box3, Ends, Frame, LinearBox3, TimeInterval};
+use crate::layout::{ChildRef, Statistics, WideSource, write_list};
+use crate::params::BuildParams;
+use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
+use crate::progress::Progress;
+use crate::simd::Arena;
+use crate::time::TimeSlice;
+
+/// [`Shapes`] of any type.
+trait AnyShapes: Send + Sync {
+    fn len(&self) -> usize;
+    fn active(&self, id: u32) -> TimeInterval;
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
+    fn complaint(&self) -> Result<(), BuildError>;
+    fn bytes(&self) -> usize;
+    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
+    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)>;
+}
+
+impl<P: Primitive> AnyShapes for Shapes<P> {
+    fn len(&self) -> usize {
+        PrimitiveSet::len(self)
+    }
+    fn active(&self, id: u32) -> TimeInterval {
+        PrimitiveSet::active(self, id)
+    }
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
+        PrimitiveSet::bounds(self, id, over)
+    }
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
+        PrimitiveSet::clipped(self, id, time, cell)
+    }
+    fn complaint(&self) -> Result<(), BuildError> {
+        PrimitiveSet::complaint(self)
+    }
+    fn bytes(&self) -> usize {
+        PrimitiveSet::bytes(self)
+    }
+    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
+        RaySource::intersect(self, id, ray, sheared)
+    }
+    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
+        ClosestPointSource::first_within(self, ids, query, limit)
+    }
+}
+
+/// The caller's own primitives, of whichever type.
+pub(super) struct Own<'a> {
+    shapes: &'a dyn AnyShapes,
+    // At hand without a call.
+    frame: &'a Frame,
+    always_active: bool,
+}
+
+impl Own<'_> {
+    fn of<P: Primitive>(shapes: &Shapes<P>) -> Own<'_> {
+        Own { frame: shapes.frame(), always_active: shapes.always_active(), shapes }
+    }
+}
+
+impl PrimitiveSet for Own<'_> {
+    fn len(&self) -> usize {
+        self.shapes.len()
+    }
+
+    fn active(&self, id: u32) -> TimeInterval {
+        self.shapes.active(id)
+    }
+
+    #[inline(always)]
+    fn always_active(&self) -> bool {
+        self.always_active
+    }
+
+    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
+        self.shapes.bounds(id, over)
+    }
+
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
+        self.shapes.clipped(id, time, cell)
+    }
+
+    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
+        None
+    }
+
+    fn name(&self, id: u32) -> (u32, u32) {
+        (0, id)
+    }
+
+    fn frame(&self) -> &Frame {
+        self.frame
+    }
+
+    fn complaint(&self) -> Result<(), BuildError> {
+        self.shapes.complaint()
+    }
+
+    fn bytes(&self) -> usize {
+        self.shapes.bytes()
+    }
+}
+
+impl WideSource for Own<'_> {
+    const TRIANGLES: bool = false;
+
+    fn triangles(&self) -> Option<&Triangles> {
+        None
+    }
+
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: TimeSlice) -> Option<ChildRef> {
+        write_list(arena, ids)
+    }
+}
+
+impl RaySource for Own<'_> {
+    #[inline(always)]
+    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
+        self.shapes.intersect(id, ray, sheared)
+    }
+}
+
+impl ClosestPointSource for Own<'_> {
+    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
+        self.first_within(&[id], query, f32::INFINITY).map(|(_, candidate)| candidate)
+    }
+
+    #[inline(always)]
+    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
+        self.shapes.first_within(ids, query, limit)
+    }
+}
+
+/// The queries, at addresses in this crate: whoever could inline this would compile them all.
+#[inline(never)]
+fn queries<'a>() -> &'a Queries<Own<'a>> {
+    &Queries::TABLE
+}
+
+/// The same of the build.
+#[inline(never)]
+fn lay_out_own(
+    mut own: Own<'_>,
+    params: &BuildParams,
+    progress: &Progress,
+) -> Result<(Layout, Statistics), BuildError> {
+    lay_out(&mut own, params, progress)
+}
+
+impl<P: Primitive> Compiled for Shapes<P> {
+    const QUERIES: Queries<Shapes<P>> = Queries {
+        closest: |on, ray| (queries().closest)(on.about(&Own::of(on.geometry)), ray),
+        closest_guarded: |on, ray, guards| (queries().closest_guarded)(on.about(&Own::of(on.geometry)), ray, guards),
+        any: |on, ray| (queries().any)(on.about(&Own::of(on.geometry)), ray),
+        closest_point: |on, query| (queries().closest_point)(on.about(&Own::of(on.geometry)), query),
+        closest_point_guarded: |on, query, guards| {
+            (queries().closest_point_guarded)(on.about(&Own::of(on.geometry)), query, guards)
+        },
+        all: |on, ray, guards, visitor| (queries().all)(on.about(&Own::of(on.geometry)), ray, guards, visitor),
+        interleaved_closest: |on, rays, hits| {
+            (queries().interleaved_closest)(on.about(&Own::of(on.geometry)), rays, hits)
+        },
+        interleaved_any: |on, rays, hits| (queries().interleaved_any)(on.about(&Own::of(on.geometry)), rays, hits),
+    };
+
+    fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {
+        lay_out_own(Own::of(self), params, progress)
+    }
+}
+
+impl<'a, P> Target<'a, Shapes<P>> {
+    /// The same layout about its primitives without their type.
+    fn about<'b>(self, own: &'b Own<'b>) -> Target<'b, Own<'b>>
+    where
+        'a: 'b,
+    {
+        Target { layout: self.layout, geometry: own, simd: self.simd }
+    }
+}
