@@ -138,7 +138,7 @@ fn work(sample: &Sample, plan: Plan, fast: Option<Plan>, simd: SimdLevel) -> (f6
         Some(fast) => vec![group(plan, &|m| !m.fast), group(fast, &|m| m.fast)],
         None => vec![group(plan, &|_| true)],
     };
-    let (mut candidates, mut found) = (Candidates::default(), Vec::new());
+    let mut candidates = Candidates::default();
     let mut total = 0.0;
     for i in 0..SEARCHES {
         let m = &movers[i * movers.len() / SEARCHES];
@@ -151,7 +151,7 @@ fn work(sample: &Sample, plan: Plan, fast: Option<Plan>, simd: SimdLevel) -> (f6
         let all = |_: &Lanes<u32>, mask: Mask| mask;
         let search =
             CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
-        let work = search_counted(simd, &search, &mut candidates, &mut found).work;
+        let work = search_counted(simd, &search, &mut candidates);
         total += work.nodes as f64 + BLOCK_PRICE * work.blocks as f64;
     }
     let references: usize = groups.iter().map(|g| g.2).sum();

@@ -4,7 +4,7 @@
 //! a tree would compile all of that again, once for each of its filters. So a caller's filter is called through `dyn`, once
 //! for each block with something near, and what is compiled are two forms of each query: without and with a filter.
 
-use super::counted::{Counted, CountedSearch, search_counted};
+use super::counted::{CountedSearch, search_counted};
 use super::neighbor::Neighbor;
 use super::partition::{nearest_in_all, walk_all, within_all};
 use super::precise::{Allowed, Asked};
@@ -117,25 +117,23 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
         }
         return;
     }
-    let (simd, in_order) = match query {
-        Either::All(query) => (query.tree.simd, dispatch(query.tree.simd, NearestN { query, k, candidates, found })),
-        Either::Some(query) => (query.tree.simd, filtered(query, k, candidates, found).in_order),
+    let in_order = match query {
+        Either::All(query) => dispatch(query.tree.simd, NearestN { query, k, candidates, found }),
+        Either::Some(query) => {
+            filtered(query, k, candidates);
+            false
+        }
     };
     if !in_order {
-        nearest_in_order(simd, k, candidates, found);
+        nearest_in_order(query.simd(), k, candidates, found);
     }
 }
 
 /// The same with a filter, not yet in order.
-fn filtered(
-    query: &Search<'_, KeepLanes<'_>>,
-    k: usize,
-    candidates: &mut Candidates,
-    found: &mut Vec<Neighbor>,
-) -> Counted {
+fn filtered(query: &Search<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candidates) -> NeighborWork {
     let &Search { tree, point, time, bound, shrink, keep, .. } = query;
     let search = CountedSearch { layers: &[(&tree.layers, time)], point, k, bound, shrink, keep };
-    search_counted(tree.simd, &search, candidates, found)
+    search_counted(tree.simd, &search, candidates)
 }
 
 /// The work of finding the `k` nearest.
@@ -149,7 +147,7 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
         Either::All(query) => query.keeping(KeepLanes(&all)),
         Either::Some(query) => *query,
     };
-    filtered(&query, k, &mut candidates, &mut found).work
+    filtered(&query, k, &mut candidates)
 }
 
 /// Gathers all points within the radius.
@@ -157,10 +155,16 @@ fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
     if query.precise(|asked| asked.collect(candidates)).is_some() {
         return;
     }
+    candidates.count = 0;
     match query {
         Either::All(query) => dispatch(query.tree.simd, Collecting { query, candidates }),
-        Either::Some(query) => dispatch(query.tree.simd, Collecting { query, candidates }),
+        Either::Some(query) => append(query, candidates),
     }
+}
+
+/// Appends all points within the radius that pass a filter to candidates, from a tree of points in f32.
+pub(super) fn append(query: &Search<'_, KeepLanes<'_>>, candidates: &mut Candidates) {
+    dispatch(query.tree.simd, Collecting { query, candidates });
 }
 
 /// All points within the radius in any order, into an empty list.
@@ -253,7 +257,6 @@ impl<K: Keep> Kernel for Collecting<'_, '_, '_, K> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Collecting { query: q, candidates } = self;
-        candidates.count = 0;
         let mut sink = Gather { candidates, keep: &q.keep };
         // A sink that never breaks.
         let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());

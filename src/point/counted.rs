@@ -3,11 +3,9 @@
 //! Counting costs next to nothing beside a filter that is called for each block. So this one form serves whoever asks with a
 //! filter and whoever only wants the work; without a filter there is a form that does not count ([`super::compiled`]).
 
-use super::neighbor::Neighbor;
 use super::partition::{Layer, walk_all};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
-use super::search::sort::few_in_order;
 use super::search::{KeepLanes, NeighborWork};
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use glam::Vec3;
@@ -24,45 +22,41 @@ pub(super) struct CountedSearch<'a> {
     pub keep: KeepLanes<'a>,
 }
 
-/// What came of a search.
-pub(super) struct Counted {
-    pub work: NeighborWork,
-    /// Whether what was found is in order already; it is among the candidates in any case.
-    pub in_order: bool,
-}
-
-/// Searches, and counts the work.
-pub(super) fn search_counted(
-    simd: SimdLevel,
-    search: &CountedSearch<'_>,
-    candidates: &mut Candidates,
-    found: &mut Vec<Neighbor>,
-) -> Counted {
-    dispatch(simd, Count { search, candidates, found })
-}
-
-struct Count<'a, 'b> {
-    search: &'b CountedSearch<'a>,
-    candidates: &'b mut Candidates,
-    found: &'b mut Vec<Neighbor>,
-}
-
-impl Kernel for Count<'_, '_> {
-    type Output = Counted;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Counted {
-        let Count { search: CountedSearch { layers, point, k, bound, shrink, keep }, candidates, found } = self;
-        let mut work = NeighborWork::default();
-        let mut search = KNearest::within(*k, *bound, *shrink, candidates, keep, &mut work);
-        loop {
-            for (layers, time) in *layers {
-                walk_all(s, layers, (*point, *time), &mut search);
-            }
-            if !search.again() {
-                break;
-            }
+/// Searches, and counts the work. What was found is among the candidates, in no order.
+pub(super) fn search_counted(simd: SimdLevel, search: &CountedSearch<'_>, candidates: &mut Candidates) -> NeighborWork {
+    let CountedSearch { layers, point, k, bound, shrink, keep } = search;
+    let mut work = NeighborWork::default();
+    let mut search = KNearest::within(*k, *bound, *shrink, candidates, keep, &mut work);
+    loop {
+        for &(layers, time) in *layers {
+            walk_counted(simd, layers, (*point, time), &mut search);
         }
-        let in_order = few_in_order(s, *k, candidates, found);
-        Counted { work, in_order }
+        if !search.again() {
+            return work;
+        }
+    }
+}
+
+/// Walks through all layers, nearest boxes first: a part of a search.
+pub(super) fn walk_counted(
+    simd: SimdLevel,
+    layers: &[Layer],
+    at: (Vec3, f32),
+    search: &mut KNearest<'_, KeepLanes<'_>, NeighborWork>,
+) {
+    dispatch(simd, Walk { layers, at, search });
+}
+
+struct Walk<'a, 'b, 'c, 'k> {
+    layers: &'a [Layer],
+    at: (Vec3, f32),
+    search: &'b mut KNearest<'c, KeepLanes<'k>, NeighborWork>,
+}
+
+impl Kernel for Walk<'_, '_, '_, '_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        walk_all(s, self.layers, self.at, self.search);
     }
 }

@@ -6,7 +6,7 @@ use super::params::GatherParams;
 use super::photon::{Flux, Photon};
 use super::query::{GatherQuery, check_place};
 use super::scratch::GatherScratch;
-use super::search::PhotonSearch;
+use super::search::{PhotonSearch, nearest_in_metric};
 use crate::geometry::KeyTime;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::batch::{in_runs, morton_order};
@@ -207,11 +207,7 @@ impl<F: Flux> PhotonMap<F> {
         buffer.found.clear();
         if k > 0 {
             let index = &self.index;
-            PhotonSearch::<_, true> { index, point: position, time, scale: speed, keep: &KeepAll }.nearest(
-                k,
-                f32::MAX,
-                buffer,
-            );
+            nearest_in_metric(index, (position, time), speed, k, buffer);
             buffer.found.iter_mut().for_each(|n| n.id = index.ids[n.id as usize]);
         }
         Ok(&scratch.buffer.found)

@@ -7,17 +7,19 @@
 use super::index::Index;
 use super::span_view::SpanView;
 use super::stamped::{Scale, StampedView};
+use crate::point::compiled::{Search, append};
+use crate::point::counted::walk_counted;
 use crate::point::neighbor::Neighbor;
-use crate::point::partition::{Layer, walk_all, within_all};
 use crate::point::query::NeighborBuffer;
-use crate::point::search::Keep;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::k_nearest::KNearest;
 use crate::point::search::radius::within;
 use crate::point::search::sinks::Gather;
-use crate::point::search::sort::{all_in_order, few_in_order, nearest_in_order};
+use crate::point::search::sort::{all_in_order, nearest_in_order};
 use crate::point::search::walk::walk;
+use crate::point::search::{Keep, KeepAll, KeepLanes, NeighborWork};
 use crate::point::snapshot::Leaves;
+use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Simd, dispatch};
 use glam::Vec3;
 
@@ -36,9 +38,8 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         let more = k.saturating_add(1);
         let NeighborBuffer { candidates, found } = &mut *buffer;
         found.clear();
-        if !dispatch(self.index.simd, Nearest { search: self, k: more, bound, candidates, found }) {
-            nearest_in_order(self.index.simd, more, candidates, found);
-        }
+        dispatch(self.index.simd, Nearest { search: self, k: more, bound, candidates });
+        nearest_in_order(self.index.simd, more, candidates, found);
         if found.len() > k {
             let (last, next) = (found[k - 1].distance_squared, found[k].distance_squared);
             if last == next {
@@ -52,7 +53,13 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
     /// All within the bound, in order of (distance, index), as places.
     pub(super) fn within(&self, bound: f32, buffer: &mut NeighborBuffer) {
         let NeighborBuffer { candidates, found } = &mut *buffer;
+        candidates.count = 0;
         dispatch(self.index.simd, Within { search: self, bound, candidates });
+        if let Some(tree) = self.others() {
+            let (point, exact, time) = (self.point, self.point.as_dvec3(), self.time);
+            let kept = |places: &_, mask| self.keep.kept(places, mask);
+            append(&Search { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
+        }
         all_in_order(self.index.simd, candidates, found);
         self.settle_ties(found);
     }
@@ -67,13 +74,10 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         }
     }
 
-    /// The layers of photons without a stamp, which a metric knows nothing of.
+    /// Photons without a stamp, which a metric knows nothing of.
     #[inline(always)]
-    fn layers(&self) -> &[Layer] {
-        match &self.index.others {
-            Some(tree) if !METRIC => &tree.layers,
-            _ => &[],
-        }
+    fn others(&self) -> Option<&PointTree> {
+        if METRIC { None } else { self.index.others.as_ref() }
     }
 
     #[inline(always)]
@@ -87,15 +91,13 @@ struct Nearest<'a, 'b, K, const METRIC: bool> {
     k: usize,
     bound: f32,
     candidates: &'b mut Candidates,
-    found: &'b mut Vec<Neighbor>,
 }
 
 impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
-    /// Whether what was found is in order already.
-    type Output = bool;
+    type Output = ();
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> bool {
-        let Nearest { search: of, k, bound, candidates, found } = self;
+    fn run<S: Simd>(self, s: S) {
+        let Nearest { search: of, k, bound, candidates } = self;
         let observe = &mut ();
         let mut search = KNearest::within(k, bound, 1.0, candidates, of.keep, observe);
         let view = of.view();
@@ -103,14 +105,17 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
             if of.index.stamped.len() > 0 {
                 walk(s, &view, &view.target(s, of.point), &mut search);
             }
-            if !METRIC {
-                walk_all(s, of.layers(), (of.point, of.time), &mut search);
+            if let Some(tree) = of.others() {
+                // Compiled for searches with any filter.
+                let kept = |places: &_, mask| of.keep.kept(places, mask);
+                search.lend(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
+                    walk_counted(of.index.simd, &tree.layers, (of.point, of.time), search);
+                });
             }
             if !search.again() {
                 break;
             }
         }
-        few_in_order(s, k, candidates, found)
     }
 }
 
@@ -125,13 +130,21 @@ impl<K: Keep, const METRIC: bool> Kernel for Within<'_, '_, K, METRIC> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Within { search: of, bound, candidates } = self;
-        candidates.count = 0;
         let view = of.view();
         let mut sink = Gather { candidates, keep: of.keep };
         // A sink that never breaks.
         let _ = within(s, &view, &view.target(s, of.point), bound, &mut sink, &mut ());
-        if !METRIC {
-            let _ = within_all(s, of.layers(), (of.point, of.time), bound, &mut sink, &mut ());
-        }
     }
+}
+
+/// The `k` nearest in a metric of space and time, in order of (distance, index), as places. Compiled here, whatever photons
+/// carry.
+pub(super) fn nearest_in_metric(
+    index: &Index,
+    (point, time): (Vec3, f32),
+    speed: f32,
+    k: usize,
+    buffer: &mut NeighborBuffer,
+) {
+    PhotonSearch::<_, true> { index, point, time, scale: speed, keep: &KeepAll }.nearest(k, f32::MAX, buffer);
 }

@@ -91,6 +91,18 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
     }
 
+    /// The same search through another filter and before other eyes, between two walks.
+    #[inline(always)]
+    pub(in crate::point) fn lend<L, P>(&mut self, keep: &L, observe: &mut P, go: impl FnOnce(&mut KNearest<'_, L, P>)) {
+        let KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, .. } = *self;
+        let (candidates, waiting) = (&mut *self.candidates, Waiting::new());
+        let mut lent =
+            KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, candidates, waiting, keep, observe };
+        go(&mut lent);
+        let KNearest { threshold, origin, cull, guesses, scale, .. } = lent;
+        (self.threshold, self.origin, self.cull, self.guesses, self.scale) = (threshold, origin, cull, guesses, scale);
+    }
+
     /// Whether the guess was too small: then the walk through all layers has to be repeated.
     #[inline(always)]
     pub(in crate::point) fn again(&mut self) -> bool {

@@ -46,7 +46,7 @@ pub(in crate::point) fn all_in_order(simd: SimdLevel, candidates: &mut Candidate
 
 struct Network<'a> {
     k: usize,
-    candidates: &'a mut Candidates,
+    candidates: &'a Candidates,
     found: &'a mut Vec<Neighbor>,
 }
 
@@ -60,7 +60,7 @@ impl Kernel for Network<'_> {
         let count = *count;
         match count.div_ceil(LANES) {
             0 => true,
-            1 => sorted::<S, 1>(s, k, count, distances, ids, found),
+            1 => few_in_order(s, k, candidates, found) || sorted::<S, 1>(s, k, count, distances, ids, found),
             2 => sorted::<S, 2>(s, k, count, distances, ids, found),
             3 => sorted::<S, 3>(s, k, count, distances, ids, found),
             4 => sorted::<S, 4>(s, k, count, distances, ids, found),
