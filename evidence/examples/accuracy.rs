@@ -317,9 +317,9 @@ fn watertight(args: &Args, rays: u64, report: &mut Report) -> Result<(), Box<dyn
             let blocks = (0..rays.div_ceil(BLOCK)).into_par_iter().map(|block| {
                 let seed = args.seed.wrapping_mul(0x2545_f491_4f6c_dd1d).wrapping_add(block);
                 let count = BLOCK.min(rays - block * BLOCK);
-                let found = shoot(closed, &tree, count as usize, seed);
+                let (shot, leaks) = shoot(closed, std::slice::from_ref(&tree), count as usize, seed);
                 bar.inc(count);
-                found
+                (shot, leaks.into_iter().flatten().collect())
             });
             let join = |mut a: (usize, Vec<Leak>), b: (usize, Vec<Leak>)| {
                 a.0 += b.0;

@@ -3,6 +3,7 @@
 
 use mbkd::{Keys, PointStructure, RayTree, TriangleMesh};
 use mbkd_evidence::accuracy::*;
+use rayon::prelude::*;
 
 /// The most ulp that distances of well-conditioned problems may be off by.
 const ULPS: f64 = 4.0;
@@ -236,29 +237,33 @@ fn closed_meshes_do_not_leak() {
     const RAYS: usize = 1_000_000;
     let meshes = closed_meshes(1);
     let each = RAYS.div_ceil(meshes.len() * policies().len());
-    let mut shot = 0;
-    for closed in &meshes {
-        for (policy, params) in policies() {
-            let tree = RayTree::build(&closed.meshes, &params).unwrap();
-            let (rays, leaks) = shoot(closed, &tree, each, 9);
+    // The rays of a mesh, shot at the trees of all policies.
+    let shots = meshes.par_iter().map(|closed| {
+        let (names, params): (Vec<_>, Vec<_>) = policies().into_iter().unzip();
+        let trees: Vec<RayTree> = params.iter().map(|p| RayTree::build(&closed.meshes, p).unwrap()).collect();
+        let (rays, leaks) = shoot(closed, &trees, each, 9);
+        for (policy, leaks) in names.iter().zip(&leaks) {
             assert!(leaks.is_empty(), "{}, {policy}: {} leaks, such as {:?}", closed.name, leaks.len(), leaks[0]);
-            assert!(rays > each / 2, "{}: {rays} rays", closed.name);
-            shot += rays;
         }
-    }
+        assert!(rays > each / 2, "{}: {rays} rays", closed.name);
+        rays * trees.len()
+    });
+    let shot: usize = shots.sum();
     assert!(shot >= RAYS * 9 / 10, "{shot}");
 }
 
 #[test]
 fn a_hole_leaks() {
     for mut closed in closed_meshes(1) {
-        let tree = |closed: &ClosedMesh| RayTree::build(&closed.meshes, &policies()[0].1).unwrap();
-        let whole = shoot(&closed, &tree(&closed), 2000, 4).1.len();
+        let leaks = |closed: &ClosedMesh, rays: usize| {
+            let tree = RayTree::build(&closed.meshes, &policies()[0].1).unwrap();
+            shoot(closed, &[tree], rays, 4).1[0].len()
+        };
+        let whole = leaks(&closed, 2000);
         let middle = closed.meshes[0].len() / 2;
         let indices = &mut closed.meshes[0].indices;
         indices.remove(middle);
-        let (_, leaks) = shoot(&closed, &tree(&closed), 20_000, 4);
-        assert!(leaks.len() > 2 * whole, "{}: a hole of a triangle went unnoticed", closed.name);
+        assert!(leaks(&closed, 20_000) > 2 * whole, "{}: a hole of a triangle went unnoticed", closed.name);
     }
 }
 

@@ -300,12 +300,13 @@ impl ClosedMesh {
     }
 }
 
-/// Shoots about `count` rays from inside; how many there were, and those that got out.
-pub fn shoot(closed: &ClosedMesh, tree: &RayTree, count: usize, seed: u64) -> (usize, Vec<Leak>) {
+/// Shoots about `count` rays from inside, the same at each of some trees; how many there were, and of each tree those that got
+/// out.
+pub fn shoot(closed: &ClosedMesh, trees: &[RayTree], count: usize, seed: u64) -> (usize, Vec<Vec<Leak>>) {
     /// Rays from one origin.
     const TOGETHER: usize = 64;
     let mut random = Random(seed);
-    let (mut shot, mut leaks) = (0, Vec::new());
+    let (mut shot, mut leaks) = (0, vec![Vec::new(); trees.len()]);
     for _ in 0..count.div_ceil(TOGETHER) {
         for (ray, kind) in closed.rays(&mut random, TOGETHER) {
             shot += 1;
@@ -313,8 +314,10 @@ pub fn shoot(closed: &ClosedMesh, tree: &RayTree, count: usize, seed: u64) -> (u
                 continue;
             }
             let escapes = |hit: Option<Hit>| hit.is_none_or(|hit| hit.mesh != 0);
-            if escapes(tree.closest_hit(&ray)) || !tree.any_hit(&ray) {
-                leaks.push(Leak { ray, kind });
+            for (tree, leaks) in trees.iter().zip(&mut leaks) {
+                if escapes(tree.closest_hit(&ray)) || !tree.any_hit(&ray) {
+                    leaks.push(Leak { ray, kind });
+                }
             }
         }
     }
