@@ -52,6 +52,21 @@ macro_rules! intrinsic {
     };
 }
 
+impl Avx512 {
+    /// Squared distances of the first eight points or the others.
+    #[inline(always)]
+    fn eight_distances(self, [x, y, z]: &[Lanes<f64>; 3], from: [f64; 3], half: usize) -> __m256 {
+        let (x, y, z) = (&x.as_chunks::<8>().0[half], &y.as_chunks::<8>().0[half], &z.as_chunks::<8>().0[half]);
+        intrinsic!({
+            let x = _mm512_sub_pd(_mm512_loadu_pd(x.as_ptr()), _mm512_set1_pd(from[0]));
+            let y = _mm512_sub_pd(_mm512_loadu_pd(y.as_ptr()), _mm512_set1_pd(from[1]));
+            let z = _mm512_sub_pd(_mm512_loadu_pd(z.as_ptr()), _mm512_set1_pd(from[2]));
+            let square = _mm512_add_pd(_mm512_mul_pd(x, x), _mm512_mul_pd(y, y));
+            _mm512_cvtpd_ps(_mm512_add_pd(square, _mm512_mul_pd(z, z)))
+        })
+    }
+}
+
 impl Add for F {
     type Output = F;
     #[inline(always)]
@@ -330,6 +345,11 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn narrow_all(self, [a, b, c, d]: [Four; 4]) -> F {
         let (low, high) = (Four::narrowed_pair(a, b), Four::narrowed_pair(c, d));
+        F(intrinsic!(_mm512_insertf32x8::<1>(_mm512_castps256_ps512(low), high)))
+    }
+    #[inline(always)]
+    fn squared_distances(self, rows: &[Lanes<f64>; 3], from: [f64; 3]) -> F {
+        let (low, high) = (self.eight_distances(rows, from, 0), self.eight_distances(rows, from, 1));
         F(intrinsic!(_mm512_insertf32x8::<1>(_mm512_castps256_ps512(low), high)))
     }
     #[inline(always)]

@@ -118,6 +118,19 @@ pub(crate) trait Simd: Copy {
     fn narrow(self, a: Self::D) -> [f32; 4];
     /// Sixteen f64 rounded to floats.
     fn narrow_all(self, a: [Self::D; 4]) -> Self::F;
+    /// Squared distances of sixteen points in rows from a place, in f64 as `(dx·dx + dy·dy) + dz·dz`, each rounded to a
+    /// float.
+    #[inline(always)]
+    fn squared_distances(self, [x, y, z]: &[Lanes<f64>; 3], from: [f64; 3]) -> Self::F {
+        let mut squares = [self.splat_d(0.0); 4];
+        for (four, square) in squares.iter_mut().enumerate() {
+            let x = self.load_d(&x.as_chunks().0[four]) - self.splat_d(from[0]);
+            let y = self.load_d(&y.as_chunks().0[four]) - self.splat_d(from[1]);
+            let z = self.load_d(&z.as_chunks().0[four]) - self.splat_d(from[2]);
+            *square = (x * x + y * y) + z * z;
+        }
+        self.narrow_all(squares)
+    }
     /// Lane `j` of vector `i` becomes lane `i` of vector `j`.
     fn transpose_d(self, rows: [Self::D; 4]) -> [Self::D; 4];
     /// The square roots, correctly rounded.

@@ -67,6 +67,10 @@ impl Kernel for All {
                     let [x, y, z, w] = [0, 4, 8, 12].map(|at| core::array::from_fn(|i| self.a[at + i]));
                     s.narrow_all([third(x), third(y), third(z), third(w)])
                 }),
+                out_f({
+                    let rows = [self.a, self.b, self.a].map(|row| row.map(|x| f64::from(x) / 3.0));
+                    s.squared_distances(&rows, [self.b[1], self.a[2], self.b[3]].map(|x| f64::from(x) / 7.0))
+                }),
                 out_f(thirds[0]),
                 out_f(thirds[1]),
                 out_f(thirds[2]),

@@ -212,20 +212,16 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
         if times.is_empty() { Mask::MAX } else { times[at].counting(s, s.splat(self.time)) }
     }
 
-    /// How far four points of a block are from the query along an axis.
+    /// How far four moving points of a block are from the query along an axis.
     #[inline(always)]
     fn apart<S: Simd>(&self, s: S, block: usize, axis: usize, four: usize) -> S::D {
-        let from = s.splat_d(self.query[axis]);
         let begin = s.load_d(&self.tree.blocks[block].begin.0[axis].as_chunks().0[four]);
-        if !MOVING {
-            return begin - from;
-        }
         let end = s.load_d(&self.tree.ends[block].0[axis].as_chunks().0[four]);
         let base = if self.from_end { end } else { begin };
-        (base + (end - begin) * s.splat_d(self.step)) - from
+        (base + (end - begin) * s.splat_d(self.step)) - s.splat_d(self.query[axis])
     }
 
-    /// Squared distances of four points of a block.
+    /// Squared distances of four moving points of a block.
     #[inline(always)]
     fn four_distances<S: Simd>(&self, s: S, block: usize, four: usize) -> S::D {
         let x = self.apart(s, block, 0, four);
@@ -247,13 +243,16 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> S::F {
+        if !MOVING {
+            return s.squared_distances(&self.tree.blocks[block].begin.0, self.query);
+        }
         let distances = s.narrow_all([
             self.four_distances(s, block, 0),
             self.four_distances(s, block, 1),
             self.four_distances(s, block, 2),
             self.four_distances(s, block, 3),
         ]);
-        if !MOVING || self.tree.block_times.is_empty() {
+        if self.tree.block_times.is_empty() {
             return distances;
         }
         s.select(self.counting(s, &self.tree.block_times, block), distances, s.splat(f32::INFINITY))
