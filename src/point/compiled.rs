@@ -11,11 +11,9 @@ use super::precise::{Allowed, Asked};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
-use super::search::radius::Sink;
-use super::search::sinks::{Gather, Visit, VisitBlock};
+use super::search::sinks::{Count, Gather, Visit, VisitSome};
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepLanes, NeighborWork};
-use super::snapshot::Leaves;
 use super::tree::PointTree;
 use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
@@ -188,22 +186,14 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
     }
     match query {
         Either::All(query) => dispatch(query.tree.simd, Counting(query)),
-        Either::Some(query) => {
-            let mut count = 0;
-            // A visitor that never breaks.
-            let _ = for_each_block(&query.keeping(KeepAll), &mut |ids, _, hits| {
-                count += query.keep.kept(ids, hits).count_ones() as usize;
-                ControlFlow::Continue(())
-            });
-            count
-        }
+        Either::Some(query) => dispatch(query.tree.simd, Counting(query)),
     }
 }
 
-/// Calls `visit` with all blocks that have points within the radius, until it breaks.
-pub(super) fn for_each_block(query: &Search<'_, KeepAll>, visit: VisitBlock<'_>) -> ControlFlow<()> {
+/// Calls `visit` with all points within the radius, some at a time, until it breaks.
+pub(super) fn for_some(query: &Search<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
     if query.is_precise() {
-        return query.asked(|asked| asked.for_each_block(visit));
+        return query.asked(|asked| asked.for_some(visit));
     }
     dispatch(query.tree.simd, Visiting { query, visit })
 }
@@ -263,35 +253,23 @@ impl<K: Keep> Kernel for Collecting<'_, '_, '_, K> {
     }
 }
 
-/// How many points there are.
-struct Count(usize);
+struct Counting<'q, 'a, K>(&'q Search<'a, K>);
 
-impl<S: Simd> Sink<S> for Count {
-    const TAKES_NONE: bool = true;
-    #[inline(always)]
-    fn take<V: Leaves>(&mut self, _: S, _: &V, _: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
-        self.0 += hits.count_ones() as usize;
-        ControlFlow::Continue(())
-    }
-}
-
-struct Counting<'q, 'a>(&'q Search<'a, KeepAll>);
-
-impl Kernel for Counting<'_, '_> {
+impl<K: Keep> Kernel for Counting<'_, '_, K> {
     type Output = usize;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> usize {
         let q = self.0;
-        let mut sink = Count(0);
+        let mut sink = Count { count: 0, keep: &q.keep };
         // A sink that never breaks.
         let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
-        sink.0
+        sink.count
     }
 }
 
 struct Visiting<'q, 'a, 'v> {
     query: &'q Search<'a, KeepAll>,
-    visit: VisitBlock<'v>,
+    visit: VisitSome<'v>,
 }
 
 impl Kernel for Visiting<'_, '_, '_> {
@@ -299,7 +277,8 @@ impl Kernel for Visiting<'_, '_, '_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
         let q = self.query;
-        let mut sink = Visit(self.visit);
-        within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ())
+        let mut sink = Visit::new(self.visit);
+        within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ())?;
+        sink.finish()
     }
 }

@@ -7,7 +7,7 @@ use super::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
 use super::tree::PointTree;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::primitive::Position;
-use crate::simd::{LANES, Lanes, Mask};
+use crate::simd::{Lanes, Mask};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -247,12 +247,11 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if !self.finds_something() {
             return ControlFlow::Continue(());
         }
-        compiled::for_each_block(&self.search(KeepAll), &mut |ids, distances, hits| {
-            let mut rest = self.keep.kept(ids, hits);
-            while rest != 0 {
-                let lane = rest.trailing_zeros() as usize % LANES;
-                rest &= rest - 1;
-                visit(Neighbor { id: ids[lane], distance_squared: distances[lane] })?;
+        compiled::for_some(&self.search(KeepAll), &mut |ids, distances| {
+            for (&id, &distance_squared) in ids.iter().zip(distances) {
+                if self.keep.keep(id) {
+                    visit(Neighbor { id, distance_squared })?;
+                }
             }
             ControlFlow::Continue(())
         })

@@ -21,7 +21,7 @@ use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
-use super::search::sinks::{Gather, Visit, VisitBlock};
+use super::search::sinks::{Gather, Visit, VisitSome};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
 use super::search::{Keep, KeepAll, KeptLanes, NeighborWork};
@@ -141,8 +141,8 @@ impl Asked<'_> {
         dispatch(self.simd, Collecting { asked: self, candidates });
     }
 
-    /// Shows the blocks with points within the bound to a visitor, whatever is kept.
-    pub(super) fn for_each_block(&self, visit: VisitBlock<'_>) -> ControlFlow<()> {
+    /// Shows the points within the bound to a visitor, whatever is kept.
+    pub(super) fn for_some(&self, visit: VisitSome<'_>) -> ControlFlow<()> {
         dispatch(self.simd, Visiting { asked: self, visit })
     }
 }
@@ -211,7 +211,7 @@ impl Kernel for Collecting<'_, '_> {
 
 struct Visiting<'a, 'b> {
     asked: &'a Asked<'a>,
-    visit: VisitBlock<'b>,
+    visit: VisitSome<'b>,
 }
 
 impl Kernel for Visiting<'_, '_> {
@@ -219,10 +219,10 @@ impl Kernel for Visiting<'_, '_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
         let Visiting { asked, visit } = self;
-        let mut sink = Visit(visit);
+        let mut sink = Visit::new(visit);
         for layer in asked.layers {
             layer.within(s, (asked.point, asked.time), asked.bound, &mut sink)?;
         }
-        ControlFlow::Continue(())
+        sink.finish()
     }
 }

@@ -76,7 +76,7 @@ impl Candidates {
 /// Writes the lanes of a mask from place `end` on and returns the new end. (With the end apart from the buffers it
 /// stays in a register.)
 #[inline(always)]
-pub(super) fn append<S: Simd>(
+pub(in crate::point) fn append<S: Simd>(
     s: S,
     distances: &mut [f32],
     ids: &mut [u32],

@@ -1,10 +1,10 @@
-//! What is done with the points of a block that lie within a radius: gathered, or shown to a visitor.
+//! What is done with the points of a block that lie within a radius: gathered, counted, or shown to a visitor.
 
 use super::Keep;
-use super::candidates::Candidates;
+use super::candidates::{Candidates, append};
 use super::radius::Sink;
 use crate::point::snapshot::Leaves;
-use crate::simd::{LANES, Lanes, Mask, Simd};
+use crate::simd::{LANES, Mask, Simd};
 use core::ops::ControlFlow;
 
 /// Appends what is found to candidates.
@@ -24,18 +24,58 @@ impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
     }
 }
 
-/// What is called with the ids and squared distances of a block, and which lanes of it are within the radius.
-pub(in crate::point) type VisitBlock<'a> = &'a mut dyn FnMut(&Lanes<u32>, &Lanes<f32>, Mask) -> ControlFlow<()>;
+/// What is called with the ids and squared distances of some points within the radius.
+pub(in crate::point) type VisitSome<'a> = &'a mut dyn FnMut(&[u32], &[f32]) -> ControlFlow<()>;
 
-/// Hands blocks on.
-pub(in crate::point) struct Visit<'v>(pub(in crate::point) VisitBlock<'v>);
+/// Points that are found before they are handed on.
+const TOGETHER: usize = 64;
+
+/// Hands points on, many at a time: a call for each block would cost more than the block.
+pub(in crate::point) struct Visit<'v> {
+    visit: VisitSome<'v>,
+    distances: [f32; TOGETHER + LANES],
+    ids: [u32; TOGETHER + LANES],
+    count: usize,
+}
+
+impl<'v> Visit<'v> {
+    #[inline(always)]
+    pub(in crate::point) fn new(visit: VisitSome<'v>) -> Visit<'v> {
+        Visit { visit, distances: [0.0; TOGETHER + LANES], ids: [0; TOGETHER + LANES], count: 0 }
+    }
+
+    /// Hands on what is left.
+    #[inline(always)]
+    pub(in crate::point) fn finish(&mut self) -> ControlFlow<()> {
+        let count = core::mem::take(&mut self.count);
+        if count == 0 {
+            return ControlFlow::Continue(());
+        }
+        (self.visit)(&self.ids[..count], &self.distances[..count])
+    }
+}
 
 impl<S: Simd> Sink<S> for Visit<'_> {
-    const TAKES_NONE: bool = false;
+    const TAKES_NONE: bool = true;
     #[inline(always)]
     fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
-        let mut distances = [0.0; LANES];
-        s.store(distance, &mut distances);
-        (self.0)(view.ids(block), &distances, hits)
+        let id = s.load_u(view.ids(block));
+        self.count = append(s, &mut self.distances, &mut self.ids, self.count, (distance, id), hits);
+        if self.count >= TOGETHER { self.finish() } else { ControlFlow::Continue(()) }
+    }
+}
+
+/// How many points there are.
+pub(in crate::point) struct Count<'a, K> {
+    pub(in crate::point) count: usize,
+    pub(in crate::point) keep: &'a K,
+}
+
+impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
+    const TAKES_NONE: bool = true;
+    #[inline(always)]
+    fn take<V: Leaves>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
+        self.count += self.keep.kept(view.ids(block), hits).count_ones() as usize;
+        ControlFlow::Continue(())
     }
 }
