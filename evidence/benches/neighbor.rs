@@ -4,6 +4,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointStructure, PointTree};
 use std::hint::black_box;
+use std::ops::ControlFlow;
 
 struct Rng(u64);
 
@@ -49,12 +50,34 @@ fn neighbors(criterion: &mut Criterion) {
         group.bench_function(format!("{name}/nearest"), |b| {
             b.iter(|| queries.iter().filter_map(|(q, t)| tree.nearest(*q, *t)).map(|n| n.id).max());
         });
-        group.bench_function(format!("{name}/radius"), |b| {
+        let within = |(q, t): &(Vec3, f32)| tree.query(*q, *t).radius(2.1 * spacing);
+        // The sum of squared distances, by each form of a radius query that finds them.
+        group.bench_function(format!("{name}/radius/collect"), |b| {
             b.iter(|| {
-                for (q, t) in &queries {
-                    black_box(tree.query(*q, *t).radius(2.1 * spacing).collect_into(&mut buffer));
+                let mut sum = 0.0;
+                for query in &queries {
+                    sum += within(query).collect_into(&mut buffer).iter().map(|n| n.distance_squared).sum::<f32>();
                 }
+                sum
             });
+        });
+        group.bench_function(format!("{name}/radius/for_each"), |b| {
+            b.iter(|| {
+                let mut sum = 0.0;
+                for query in &queries {
+                    let _ = within(query).for_each(|n| {
+                        sum += n.distance_squared;
+                        ControlFlow::Continue(())
+                    });
+                }
+                sum
+            });
+        });
+        group.bench_function(format!("{name}/radius/iter"), |b| {
+            b.iter(|| queries.iter().flat_map(|query| within(query).iter()).map(|n| n.distance_squared).sum::<f32>());
+        });
+        group.bench_function(format!("{name}/radius/count"), |b| {
+            b.iter(|| queries.iter().map(|query| within(query).count()).sum::<usize>());
         });
     }
     group.finish();

@@ -1,4 +1,4 @@
-//! Points within a radius as an iterator, which searches one bottom node at a time.
+//! Points within a radius as an iterator, which searches a few bottom nodes at a time.
 
 use super::neighbor::Neighbor;
 use super::partition::{Layer, LayerView};
@@ -11,6 +11,9 @@ use super::search::sinks::Gather;
 use super::search::{Keep, KeepAll};
 use super::snapshot::View;
 use crate::simd::{Kernel, Simd, dispatch};
+
+/// Points from which on a search waits until they are handed out: each time it goes on costs more than a node.
+const TOGETHER: usize = 64;
 
 /// Where the search of a layer stands.
 #[allow(clippy::large_enum_variant)] // in place, so that iterating allocates nothing for it
@@ -30,7 +33,7 @@ struct Search<'a> {
     query: NeighborQuery<'a, KeepAll>,
     layer: usize,
     front: Option<Progress>,
-    /// Found in the last bottom node and not yet handed out.
+    /// Found in the last bottom nodes and not yet handed out.
     candidates: Candidates,
     next: usize,
 }
@@ -50,6 +53,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         let query = self.keeping(KeepAll);
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
         let mut candidates = Candidates::default();
+        candidates.reserve(TOGETHER);
         let search = query.search(KeepAll);
         if query.bound >= 0.0 && search.is_precise() {
             search.asked(|asked| asked.collect(&mut candidates));
@@ -95,7 +99,7 @@ impl Search<'_> {
     }
 }
 
-/// Searches the next bottom node of a layer; false where there is none.
+/// Searches the next bottom nodes of a layer; false at its end.
 struct Step<'i, 'l, 'a> {
     search: &'i mut Search<'a>,
     layer: &'l Layer,
@@ -106,12 +110,22 @@ impl Kernel for Step<'_, '_, '_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
         match self.layer.at(self.search.query.time) {
-            LayerView::Still(view) => step(s, self.search, &view),
-            LayerView::Moving(view) => step(s, self.search, &view),
-            LayerView::Timed(view) => step(s, self.search, &view),
+            LayerView::Still(view) => steps(s, self.search, &view),
+            LayerView::Moving(view) => steps(s, self.search, &view),
+            LayerView::Timed(view) => steps(s, self.search, &view),
             LayerView::Planes(view) => step_planes(s, self.search, &view),
         }
     }
+}
+
+#[inline(always)]
+fn steps<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
+    while search.candidates.count < TOGETHER {
+        if !step(s, search, view) {
+            return false;
+        }
+    }
+    true
 }
 
 #[inline(always)]
