@@ -284,7 +284,7 @@ mod tests {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
             (state >> 40) as f32 / (1 << 24) as f32
         };
-        for _ in 0..2000 {
+        for _ in 0..20_000 {
             let at = Vec3::new(next(), 0.3 * next(), next());
             add(at, at + 0.01);
         }
@@ -297,7 +297,7 @@ mod tests {
             let mut references = room();
             let nodes = build_binary(&mut references, 8..=16, None, density);
             let leaves: Vec<BinaryNode> = nodes.into_iter().filter(|node| node.right == 0).collect();
-            assert_eq!(leaves.iter().map(|leaf| leaf.count).sum::<u32>(), 2010);
+            assert_eq!(leaves.iter().map(|leaf| leaf.count).sum::<u32>(), 20_010);
             leaves
         };
         let density = SurfaceDensity(8.0);
@@ -306,6 +306,8 @@ mod tests {
         let largest = |leaves: &[BinaryNode]| leaves.iter().map(visits).fold(0.0, f32::max);
         // A leaf of a wall and the floor is as large as the room; the largest thing is the floor.
         assert!(largest(&before) > 2.0 && largest(&after) <= 1.0, "{} {}", largest(&before), largest(&after));
-        assert!(after.len() > before.len() && after.len() <= before.len() + 20, "{} {}", before.len(), after.len());
+        // And some of those of small things that stand around it.
+        let few = before.len() / 50;
+        assert!(after.len() > before.len() && after.len() <= before.len() + few, "{} {}", before.len(), after.len());
     }
 }
