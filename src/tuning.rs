@@ -25,10 +25,11 @@ pub(crate) mod wide {
     /// Where both sides of a split have this many times the area of the node, neither is likely to be split much better:
     /// parts of needles and hair. A leaf block of sixteen at once costs a query no more there.
     pub const CROWDED: f32 = 1.4;
-    /// Nodes of few references are split on where more than this share of the rays that come to the tree visits them. There are few:
-    /// at most the number of leaves that a ray visits, divided by this share. To do it with every leaf would take longer than a level
-    /// of the build. Half of it finds little more in rooms of a tenth to four times the triangles, twice as much misses some of the floors in
-    /// them: `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1 --scale 0.1` counts.
+    /// Nodes of few references are split on where they are visited by more than this share of the rays that come to the tree, or of the
+    /// visits to all primitives where those are fewer. There are few such nodes: at most the leaves that a ray visits, divided by this
+    /// share. To do it with every leaf would take longer than a level of the build. Half of it finds little more in rooms of a tenth to
+    /// four times the triangles, twice as much misses some of the floors in them:
+    /// `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1 --scale 0.1` counts.
     pub const LARGE_LEAF: f32 = 1.0 / 256.0;
     /// Trees up to this many bytes mostly stay in the caches, where neither the order of rays nor taking turns gains much.
     pub const CACHED: usize = 64 << 20;

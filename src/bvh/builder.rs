@@ -70,7 +70,11 @@ pub(crate) fn build_binary(
         1 => usize::MAX,
         threads => PARALLEL.max(n / (PIECES * threads)),
     };
-    let large = density.map(|density| (density, LARGE_LEAF * density.visits(&bounds)));
+    // One reference far away makes the box of all large, and the sum over them no larger.
+    let large = density.map(|density| {
+        let rays = density.visits(&bounds).min(density.visits_of_all(references));
+        (density, LARGE_LEAF * rays)
+    });
     let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), large, alone, kinds };
     let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
     match pieces.len() {

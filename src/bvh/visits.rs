@@ -49,6 +49,14 @@ impl SurfaceDensity {
         SurfaceDensity(if density.is_finite() { density } else { 0.0 })
     }
 
+    /// How often the boxes of references are visited, one by one, as an area.
+    pub fn visits_of_all(self, references: &[Reference]) -> f32 {
+        let parts = parallel::chunks(references.len(), |of| {
+            references[of].iter().map(|r| f64::from(self.visits(&r.bounds()))).sum::<f64>()
+        });
+        parts.into_iter().sum::<f64>() as f32
+    }
+
     /// How often a box is visited, as an area.
     #[inline(always)]
     pub fn visits(self, bounds: &LinearBox3) -> f32 {
