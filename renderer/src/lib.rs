@@ -3,9 +3,10 @@
 //! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene
 //! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
 //! `sampling`, `sky`, `materials` and `gloss`, and at last `film` (pictures and files), `parts` (files of parts of a picture, and
-//! merging them), `heatmap` or `animation`. `farm` prints the commands of parts.
+//! merging them), `heatmap` or `animation`. `farm` prints the commands of parts. `biplane` makes the model of the README's picture.
 
 mod animation;
+pub mod biplane;
 mod exr;
 mod farm;
 pub mod film;

@@ -64,6 +64,9 @@ pub struct Options {
     /// Distance in focus; that of the target if not given
     #[arg(long, requires = "aperture", value_parser = above_zero, allow_hyphen_values = true, help_heading = "Camera")]
     pub focus: Option<f32>,
+    /// The light from outside: of the scene, or a studio for files, if not given
+    #[arg(long, help_heading = "Light")]
+    pub sky: Option<Surround>,
     /// Direction towards the sun
     #[arg(long, value_name = "X,Y,Z", value_parser = direction, help_heading = "Light", allow_hyphen_values = true)]
     pub sun: Option<Vec3>,
@@ -125,7 +128,7 @@ pub struct Options {
 }
 
 /// What heat maps do not look at.
-const LIGHT: [&str; 5] = ["sun", "sun_radius", "exposure", "bounces", "frames"];
+const LIGHT: [&str; 6] = ["sky", "sun", "sun_radius", "exposure", "bounces", "frames"];
 
 /// Something else than rendering.
 #[derive(Subcommand, Clone, Debug)]
@@ -157,7 +160,7 @@ Examples:
   motion_blur --mesh run_20.obj run_21.obj --up x
   motion_blur --mesh robot.glb --clip Robot_Running --time 0.4 --shutter 0.05
   motion_blur --scene hall --heatmap steps --compare mbkd,classic-kd
-  motion_blur --mesh robot.glb --clip Robot_Dance --frames 24 -o dance.png
+  motion_blur --mesh renderer/models/biplane.glb --no-floor --sky air --frames 18 -o biplane.png
   motion_blur --scene hairball --spp 256 --list-commands 8 -o hair.png
   motion_blur --spp 256 --samples 0..64 --tile 0,0,480,540 -o part.exr
   motion_blur merge part*.exr -o whole.png";
@@ -171,6 +174,19 @@ pub enum Heat {
     Tests,
     /// References skipped because their time interval excludes the ray's time
     TimeSkips,
+}
+
+/// Light from outside that can be asked for.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Surround {
+    /// An even grey surround and a white key light
+    Studio,
+    /// A warm sun and a blue sky over brown ground
+    Afternoon,
+    /// The same high above the ground: blue all around, and haze below
+    Air,
+    /// One hard light and a faint glow
+    Night,
 }
 
 /// An axis of a file.
@@ -326,6 +342,8 @@ mod tests {
             ("x --sun 1,2,nan", "x,y,z"),
             ("x --mesh a.glb --shutter -1", "--shutter"),
             ("x --sun 0,0,0", "--sun"),
+            ("x --sky green", "studio"),
+            ("x --sky air --heatmap steps", "--heatmap"),
             ("x --exposure -1", "--exposure"),
             ("x --focus 3", "--aperture"),
             ("x --time 0.5", "--mesh"),

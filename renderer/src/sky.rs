@@ -36,6 +36,16 @@ impl Sky {
         }
     }
 
+    /// The same from high above the ground: blue all around, fading to haze below.
+    pub fn air(to_sun: Vec3) -> Sky {
+        Sky {
+            zenith: Vec3::new(0.10, 0.36, 1.10),
+            horizon: Vec3::new(0.38, 0.78, 1.40),
+            below: Vec3::new(0.95, 1.25, 1.60),
+            ..Sky::afternoon(to_sun)
+        }
+    }
+
     /// A studio: an even grey surround and a white key light.
     pub fn studio(to_sun: Vec3) -> Sky {
         Sky {

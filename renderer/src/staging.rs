@@ -1,7 +1,7 @@
 //! From the command line to a stage: which things, in what light, seen from where.
 
 use crate::materials::Surface;
-use crate::options::{Axis, Count, Options};
+use crate::options::{Axis, Count, Options, Surround};
 use crate::readers::{Model, Pose};
 use crate::sampling::cos_sin_f64;
 use crate::sky::Sky;
@@ -253,6 +253,15 @@ fn adjust(stage: &mut Stage, options: &Options) {
     }
     stage.aperture = options.aperture.max(0.0);
     stage.focus = options.focus.filter(|f| *f > 0.0);
+    if let Some(surround) = options.sky {
+        let sky = match surround {
+            Surround::Studio => Sky::studio,
+            Surround::Afternoon => Sky::afternoon,
+            Surround::Air => Sky::air,
+            Surround::Night => Sky::night,
+        };
+        stage.sky = sky(stage.sky.to_sun);
+    }
     if let Some(sun) = options.sun {
         stage.sky.to_sun = sun.normalize_or(Vec3::Y);
     }

@@ -35,6 +35,7 @@ pub use hall::{camera, hall, walking, walking_from};
 pub use hand::hand;
 pub use mixed::mixed;
 pub use needles::needles;
+pub use shape::Shape;
 pub use tornado::tornado;
 
 use engine::TriangleMesh;

@@ -8,7 +8,7 @@ use glam::{Mat3, Vec3};
 
 /// Triangles in the making, at one instant.
 #[derive(Default)]
-pub(super) struct Shape {
+pub struct Shape {
     indices: Vec<[u32; 3]>,
     positions: Vec<Vec3>,
 }
