@@ -1,16 +1,13 @@
 //! Metals and glossy surfaces: microfacets, as glTF 2.0 has them (appendix B of its specification).
 //!
-//! The picture: a surface is made of tiny mirrors whose slopes have the GGX distribution; roughness says how far they lean
-//! (Walter et al., "Microfacet models for refraction through rough surfaces", 2007). A metal shows what they reflect in its
-//! own colour. Another surface shows a little of that in white, and the rest comes back diffuse in its colour. Fresnel's term is Schlick's
-//! approximation (1994). Directions are drawn from the mirrors that are seen (Heitz, "Sampling the GGX distribution of visible
-//! normals", 2018).
+//! The picture: a surface is made of tiny mirrors ([`Mirrors`]); roughness says how far they lean. A metal shows what they reflect in
+//! its own colour. Another surface shows a little of that in white, and the rest comes back diffuse in its colour. Fresnel's term is
+//! Schlick's approximation (1994). Light that goes from mirror to mirror is not followed: what one reflection brings is made brighter by
+//! as much as is lost (Turquin, "Practical multiple scattering compensation for microfacet models", 2019), in full for white metals.
 
-use crate::sampling::{Sampler, cosine, disk, frame};
-use mbkd::glam::{Vec2, Vec3};
-
-/// The least lean of the mirrors: smoother ones show the disk of the sun as noise.
-const SMOOTHEST: f32 = 0.03;
+use crate::microfacets::Mirrors;
+use crate::sampling::{Sampler, cosine, disk};
+use mbkd::glam::Vec3;
 
 /// What a surface that is no metal reflects at right angles (a refractive index of 1.5).
 const DIELECTRIC: f32 = 0.04;
@@ -22,8 +19,18 @@ pub struct Gloss {
     straight: Vec3,
     /// What comes back diffuse of the light that they let through.
     diffuse: Vec3,
-    /// How far they lean: the square of the roughness.
-    lean: f32,
+    mirrors: Mirrors,
+}
+
+/// Where light comes from that goes to the eye.
+#[derive(Clone, Copy, Debug)]
+pub struct Scattered {
+    /// Direction, of length 1.
+    pub dir: Vec3,
+    /// How much of it goes to the eye, over the density of the direction.
+    pub share: Vec3,
+    /// How far such directions are spread: the lean of the mirrors; 1 where they are diffuse.
+    pub spread: f32,
 }
 
 impl Gloss {
@@ -32,8 +39,13 @@ impl Gloss {
         Gloss {
             straight: Vec3::splat(DIELECTRIC).lerp(color, metallic),
             diffuse: color * (1.0 - metallic),
-            lean: (roughness * roughness).max(SMOOTHEST),
+            mirrors: Mirrors::new(roughness),
         }
+    }
+
+    /// The same with mirrors that lean this far at least.
+    pub fn leaning(self, least: f32) -> Gloss {
+        Gloss { mirrors: self.mirrors.leaning(least), ..self }
     }
 
     /// The light towards the eye of light from a direction, relative to what a white diffuse surface would show. All are unit
@@ -45,29 +57,29 @@ impl Gloss {
         if light <= 0.0 {
             return Vec3::ZERO;
         }
-        let square = self.lean * self.lean;
-        let spread = along * along * (square - 1.0) + 1.0;
-        let mirrors = square / (spread * spread) * self.seen(eye) * self.seen(light) / (4.0 * eye * light);
-        self.mirrored(to_eye.dot(half)) * mirrors + self.diffuse * through(to_eye.dot(half))
+        let mirrors = self.mirrored(to_eye.dot(half)) * self.mirrors.reflect(eye, light, along);
+        mirrors * self.gain(eye) + self.diffuse * through(to_eye.dot(half))
     }
 
-    /// A direction in which light comes that goes to the eye, and how much of it does; none where the drawn mirror is
-    /// hidden or everything is absorbed.
-    pub fn scatter(&self, normal: Vec3, to_eye: Vec3, sampler: &mut Sampler) -> Option<(Vec3, Vec3)> {
+    /// A direction in which light comes that goes to the eye; none where the drawn mirror is hidden or everything is absorbed.
+    pub fn scatter(&self, normal: Vec3, to_eye: Vec3, sampler: &mut Sampler) -> Option<Scattered> {
         let to_eye = in_front(to_eye, normal);
-        let (glossy, matte) = (sum(self.mirrored(normal.dot(to_eye))), sum(self.diffuse));
-        let share = glossy / (glossy + matte);
+        let eye = normal.dot(to_eye);
+        let (glossy, matte) = (sum(self.mirrored(eye)), sum(self.diffuse));
+        let part = glossy / (glossy + matte);
         // The same numbers for both, so that what follows does not depend on the choice.
         let (choice, place) = (sampler.unit(), sampler.square());
-        if choice < share {
-            let half = self.mirror(normal, to_eye, disk(place));
+        if choice < part {
+            let half = self.mirrors.drawn(normal, to_eye, disk(place));
             let dir = half * (2.0 * to_eye.dot(half)) - to_eye;
             let light = normal.dot(dir);
-            (light > 0.0).then(|| (dir, self.mirrored(to_eye.dot(half)) * (self.seen(light) / share)))
+            let share = self.mirrored(to_eye.dot(half)) * self.gain(eye) * (self.mirrors.seen(light) / part);
+            (light > 0.0).then_some(Scattered { dir, share, spread: self.mirrors.lean() })
         } else if matte > 0.0 {
             let dir = cosine(normal, place);
             let half = (to_eye + dir).normalize_or(normal);
-            Some((dir, self.diffuse * (through(to_eye.dot(half)) / (1.0 - share))))
+            let share = self.diffuse * (through(to_eye.dot(half)) / (1.0 - part));
+            Some(Scattered { dir, share, spread: 1.0 })
         } else {
             None
         }
@@ -78,24 +90,10 @@ impl Gloss {
         self.straight + (Vec3::ONE - self.straight) * fifth(1.0 - cosine)
     }
 
-    /// The share of the mirrors that is not hidden by others, seen at an angle of this cosine (Smith).
-    fn seen(&self, cosine: f32) -> f32 {
-        let square = self.lean * self.lean;
-        2.0 * cosine / (cosine + (square + (1.0 - square) * cosine * cosine).sqrt())
-    }
-
-    /// The normal of a mirror that the eye sees, by a point of the unit disk.
-    fn mirror(&self, normal: Vec3, to_eye: Vec3, disk: Vec2) -> Vec3 {
-        let (u, v) = frame(normal);
-        // As if the surface were stretched until mirrors lie on a hemisphere.
-        let eye = Vec3::new(self.lean * u.dot(to_eye), self.lean * v.dot(to_eye), normal.dot(to_eye)).normalize();
-        let across = Vec3::new(-eye.y, eye.x, 0.0).normalize_or(Vec3::X);
-        let up = eye.cross(across);
-        let s = 0.5 * (1.0 + eye.z);
-        let y = (1.0 - s) * (1.0 - disk.x * disk.x).max(0.0).sqrt() + s * disk.y;
-        let z = (1.0 - disk.x * disk.x - y * y).max(0.0).sqrt();
-        let mirror = across * disk.x + up * y + eye * z;
-        (u * (self.lean * mirror.x) + v * (self.lean * mirror.y) + normal * mirror.z.max(0.0)).normalize_or(normal)
+    /// By how much more than one reflection all of them bring to an eye at an angle of this cosine.
+    fn gain(&self, cosine: f32) -> Vec3 {
+        let once = self.mirrors.once(cosine);
+        Vec3::ONE + self.straight * ((1.0 - once) / once)
     }
 }
 
@@ -123,6 +121,7 @@ fn in_front(to_eye: Vec3, normal: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampling::frame;
 
     const NORMAL: Vec3 = Vec3::new(0.36, -0.48, 0.8);
 
@@ -145,7 +144,7 @@ mod tests {
             const SAMPLES: u32 = 1 << 16;
             for sample in 0..SAMPLES {
                 let mut sampler = Sampler::new(5, 0, sample, SAMPLES);
-                if let Some((dir, share)) = gloss.scatter(NORMAL, eye, &mut sampler) {
+                if let Some(Scattered { dir, share, .. }) = gloss.scatter(NORMAL, eye, &mut sampler) {
                     assert!((dir.length() - 1.0).abs() < 1e-4 && dir.dot(NORMAL) >= -1e-5);
                     drawn += share * (seen(dir) / SAMPLES as f32);
                 }
@@ -157,18 +156,38 @@ mod tests {
     }
 
     #[test]
-    fn light_goes_both_ways_alike_and_none_is_made() {
+    fn light_goes_both_ways_alike_but_for_what_is_made_up_and_none_is_made() {
         for (gloss, eye) in cases() {
             let mut most = Vec3::ZERO;
             for sample in 0..4096 {
                 let mut sampler = Sampler::new(2, 0, sample, 4096);
                 let light = sampler.cosine(NORMAL);
-                let [there, back] = [gloss.reflects(NORMAL, eye, light), gloss.reflects(NORMAL, light, eye)];
-                let near = light.dot(NORMAL) < 0.02 || (there - back).abs().max_element() <= 1e-3 * there.max_element();
+                // What is made up depends on the eye alone: without it both are alike.
+                let once = |to_eye: Vec3, to_light: Vec3| {
+                    let diffuse = gloss.diffuse * through(to_eye.dot((to_eye + to_light).normalize()));
+                    (gloss.reflects(NORMAL, to_eye, to_light) - diffuse) / gloss.gain(NORMAL.dot(to_eye))
+                };
+                let [there, back] = [once(eye, light), once(light, eye)];
+                let near =
+                    light.dot(NORMAL) < 0.02 || (there - back).abs().max_element() <= 1e-3 * there.max_element() + 1e-5;
                 assert!(near, "{gloss:?}: {there} and {back}");
-                most += there / 4096.0;
+                most += gloss.reflects(NORMAL, eye, light) / 4096.0;
             }
             assert!(most.max_element() < 1.01, "{gloss:?} reflects {most}");
+        }
+    }
+
+    #[test]
+    fn in_a_white_furnace_a_white_metal_is_white() {
+        let (u, _) = frame(NORMAL);
+        for (roughness, slope) in (0..=10).flat_map(|r| [0.0, 0.5, 1.5, 5.0].map(|slope| (0.1 * r as f32, slope))) {
+            let (gloss, eye) = (Gloss::new(Vec3::ONE, 1.0, roughness), (NORMAL + u * slope).normalize());
+            const SAMPLES: u32 = 1 << 13;
+            let share = |sample: u32| {
+                gloss.scatter(NORMAL, eye, &mut Sampler::new(9, 0, sample, SAMPLES)).map_or(0.0, |s| s.share.x)
+            };
+            let mean = (0..SAMPLES).map(share).sum::<f32>() / SAMPLES as f32;
+            assert!((mean - 1.0).abs() < 0.01, "roughness {roughness}, slope {slope}: {mean}");
         }
     }
 }

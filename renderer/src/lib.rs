@@ -2,7 +2,7 @@
 //!
 //! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene
 //! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
-//! `sampling`, `sky`, `materials` and `gloss`, and at last `film` (pictures and files), `parts` (files of parts of a picture, and
+//! `sampling`, `sky`, `materials` and `gloss` (of `microfacets`), and at last `film` (pictures and files), `parts` (files of parts of a picture, and
 //! merging them), `heatmap` or `animation`. `farm` prints the commands of parts. `biplane` makes the model of the README's picture.
 
 mod animation;
@@ -16,6 +16,7 @@ mod gloss;
 mod heatmap;
 mod integrator;
 mod materials;
+mod microfacets;
 mod options;
 mod parts;
 mod readers;
@@ -249,6 +250,7 @@ fn job(options: &Options) -> Job {
     let whole = Job::new(options.width as usize, options.height as usize, options.spp);
     Job {
         bounces: options.bounces,
+        caustics: options.caustics,
         seed: options.seed,
         taken: options.samples.unwrap_or(whole.taken),
         region: options.tile.unwrap_or(whole.region),

@@ -79,6 +79,9 @@ pub struct Options {
     /// Diffuse bounces after the first surface; 0 is ambient occlusion
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64), help_heading = "Light")]
     pub bounces: u32,
+    /// Light that metals throw on other things as sharp as it is, with the specks that come of it
+    #[arg(long, help_heading = "Light")]
+    pub caustics: bool,
 
     /// Pixels across
     #[arg(long, default_value_t = 960, value_parser = clap::value_parser!(u32).range(1..=16384), help_heading = "Picture")]
@@ -128,7 +131,7 @@ pub struct Options {
 }
 
 /// What heat maps do not look at.
-const LIGHT: [&str; 6] = ["sky", "sun", "sun_radius", "exposure", "bounces", "frames"];
+const LIGHT: [&str; 7] = ["sky", "sun", "sun_radius", "exposure", "bounces", "caustics", "frames"];
 
 /// Something else than rendering.
 #[derive(Subcommand, Clone, Debug)]

@@ -6,7 +6,7 @@
 
 use crate::exr::Region;
 use crate::film::{Film, in_units};
-use crate::integrator::{camera_ray, radiance};
+use crate::integrator::{Paths, camera_ray, radiance};
 use crate::sampling::Sampler;
 use crate::stage::Stage;
 use crate::world::World;
@@ -35,6 +35,8 @@ pub struct Job {
     pub samples: u32,
     /// Diffuse bounces after the first surface; 0 is ambient occlusion.
     pub bounces: u32,
+    /// Whether light from mirrors is sharp on what they shine on, and full of specks.
+    pub caustics: bool,
     /// Another seed, other noise.
     pub seed: u64,
     /// The part of the shutter that is open.
@@ -81,7 +83,17 @@ impl Job {
     /// A whole picture with one bounce, over the whole shutter.
     pub fn new(width: usize, height: usize, samples: u32) -> Job {
         let region = Region { x: 0, y: 0, width, height };
-        Job { width, height, samples, bounces: 1, seed: 0, shutter: (0.0, 1.0), taken: (0, samples), region }
+        Job {
+            width,
+            height,
+            samples,
+            bounces: 1,
+            caustics: false,
+            seed: 0,
+            shutter: (0.0, 1.0),
+            taken: (0, samples),
+            region,
+        }
     }
 
     /// Number of steps that `render` reports to the progress bar.
@@ -160,14 +172,15 @@ fn pixel(
     cost: &mut Cost,
 ) -> [i64; 3] {
     let mut sum = [0; 3];
+    let paths = Paths { bounces: job.bounces, caustics: job.caustics };
     for sample in samples {
         let (ray, mut sampler) = job.ray(stage, x, y, sample);
         let (light, rays) = if sample == 0 {
-            let traced = radiance(world, stage, ray, job.bounces, &mut sampler, &mut cost.counters);
+            let traced = radiance(world, stage, ray, paths, &mut sampler, &mut cost.counters);
             cost.counted_rays += u64::from(traced.1);
             traced
         } else {
-            radiance(world, stage, ray, job.bounces, &mut sampler, &mut ())
+            radiance(world, stage, ray, paths, &mut sampler, &mut ())
         };
         let light = in_units(light);
         (0..3).for_each(|i| sum[i] += light[i]);

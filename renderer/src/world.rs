@@ -1,6 +1,6 @@
 //! A stage with its tree: what rays are asked of, and what is known where they hit.
 
-use crate::gloss::Gloss;
+use crate::gloss::{Gloss, Scattered};
 use crate::materials::Surface;
 use crate::sampling::Sampler;
 use crate::stage::{LEVELS, Things};
@@ -39,12 +39,17 @@ impl Point {
         self.gloss.map_or(self.color, |gloss| gloss.reflects(self.normal, to_eye, to_light))
     }
 
-    /// A direction from which light comes that goes to the eye, and how much of it does; none where it is absorbed.
-    pub fn scatter(&self, to_eye: Vec3, sampler: &mut Sampler) -> Option<(Vec3, Vec3)> {
+    /// A direction from which light comes that goes to the eye; none where it is absorbed.
+    pub fn scatter(&self, to_eye: Vec3, sampler: &mut Sampler) -> Option<Scattered> {
         match self.gloss {
             Some(gloss) => gloss.scatter(self.normal, to_eye, sampler),
-            None => Some((sampler.cosine(self.normal), self.color)),
+            None => Some(Scattered { dir: sampler.cosine(self.normal), share: self.color, spread: 1.0 }),
         }
+    }
+
+    /// The same point with mirrors, if it has any, that lean this far at least.
+    pub fn leaning(self, least: f32) -> Point {
+        Point { gloss: self.gloss.map(|gloss| gloss.leaning(least)), ..self }
     }
 }
 
