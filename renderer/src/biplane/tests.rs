@@ -41,7 +41,7 @@ fn the_reader_poses_it_where_hand_computation_puts_it() {
         assert!(far < within, "at {} s nothing is nearer to {place} than {far}", times[key]);
     };
 
-    // The planet turns by one of its sectors; a mill's vertex goes with it.
+    // The planet turns by one of its sectors, and its meadows with it.
     let centre = planet::CENTRE.as_dvec3();
     let ground = pose.parts.iter().position(|part| part.surface.color.y == 0.36).unwrap();
     for (key, time) in times.into_iter().enumerate() {
