@@ -6,13 +6,14 @@
 //! (`t_c2 - t_0` in the paper). Take one reference with the lower bound moving from `l0` to `l1`: as a
 //! function of the plane's position `s` this time is a ramp, 0 up to `min(l0, l1)`, the whole duration from
 //! `max(l0, l1)` on, linear between. A sum of ramps is kept as steps and slopes per bin, so that all
-//! planes of an axis are priced in one pass over the references: O(n) per node, O(n log n) for the tree.
+//! planes of all axes are priced in two passes over the references: O(n) per node, O(n log n) for the tree.
 //! Binning was preferred to sorted events because ramps make twice the events and because
 //! references that move do not keep one sorted order during the shutter.
 
 use super::reference::Reference;
 use crate::geometry::{Box3, LinearBox3, Plane, TimeInterval};
 use crate::params::KdParams;
+use glam::{DVec3, Vec3};
 
 /// Where a primitive is.
 #[derive(Clone, Copy, Debug)]
@@ -60,63 +61,72 @@ pub(crate) fn best_split(
     references: &[BoxReference],
     cell: Box3,
     params: &KdParams,
-    voting_time: impl Fn(TimeInterval) -> f32 + Copy,
+    voting_time: impl Fn(TimeInterval) -> f32,
 ) -> Option<Split> {
+    let span = Span::of(references);
+    let (low, high) = (span.low.max(cell.min), span.high.min(cell.max));
+    let velocity = if params.moving_planes { span.mean_velocity() } else { Vec3::ZERO };
+    let mut still = [0, 1, 2].map(|axis| Sweep::new(low[axis], high[axis]));
+    let mut moving = [0, 1, 2].map(|axis| (velocity[axis] != 0.0).then(|| Sweep::new(low[axis], high[axis])));
+    let mut total = 0.0;
+    for r in references.iter().filter(|r| r.votes) {
+        let weight = weight(r, params);
+        total += weight;
+        let Lines { lower, upper } = lines(r, voting_time(r.interval));
+        let since = [r.interval.begin(), r.interval.end()].map(|t| t - params.plane_time);
+        for axis in 0..3 {
+            let (lower, upper) = (lower.map(|p| p[axis]), upper.map(|p| p[axis]));
+            still[axis].add(lower, upper, weight, params.time_weighted);
+            if let Some(sweep) = &mut moving[axis] {
+                let [s0, s1] = since.map(|t| velocity[axis] * t);
+                let ([l0, l1], [u0, u1]) = (lower, upper);
+                sweep.add([l0 - s0, l1 - s1], [u0 - s0, u1 - s1], weight, params.time_weighted);
+            }
+        }
+    }
     let mut best: Option<Split> = None;
     for axis in 0..3 {
-        let mut consider = |velocity: f32| {
-            if let Some(split) = best_on_axis(references, cell, axis, velocity, params, voting_time)
-                && best.is_none_or(|b| split.cost < b.cost)
+        for (sweep, velocity) in [(Some(&still[axis]), 0.0), (moving[axis].as_ref(), velocity[axis])] {
+            if let Some((at, cost)) = sweep.and_then(|sweep| sweep.cheapest(axis, cell, total, params))
+                && best.is_none_or(|b| cost < b.cost)
             {
-                best = Some(split);
-            }
-        };
-        consider(0.0);
-        if params.moving_planes {
-            let velocity = mean_velocity(references, axis);
-            if velocity != 0.0 {
-                consider(velocity);
+                let position = at - velocity * params.plane_time;
+                best = Some(Split { plane: Plane { axis, position, velocity }, cost });
             }
         }
     }
     best
 }
 
-/// The mean velocity of the voters along an axis, weighted by the time they live.
-fn mean_velocity(references: &[BoxReference], axis: usize) -> f32 {
-    let (mut way, mut time) = (0.0f64, 0.0f64);
-    for r in references.iter().filter(|r| r.votes) {
-        let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
-        way += f64::from((e.min[axis] - b.min[axis]) + (e.max[axis] - b.max[axis])) * 0.5;
-        time += f64::from(r.interval.duration());
-    }
-    if time > 0.0 { ((way / time) as f32).clamp(-4.0, 4.0) } else { 0.0 }
+/// What the parts of the voters cover, and how the voters move.
+struct Span {
+    low: Vec3,
+    high: Vec3,
+    /// The sums of the ways of their middles, and of the time they live.
+    way: DVec3,
+    time: f64,
 }
 
-/// A sum of steps and ramps over the edges of one axis.
-struct Ramps {
-    /// At edge `k` the sum so far jumps by this.
-    step: [f64; EDGES + 1],
-    /// From edge `k` on it also rises by this per unit of position.
-    slope: [f64; EDGES + 1],
-}
-
-impl Ramps {
-    const ZERO: Ramps = Ramps { step: [0.0; EDGES + 1], slope: [0.0; EDGES + 1] };
-
-    /// Adds a ramp from 0 at `from` to `height` at `to`; `first` and `full` are the first edges beyond each.
-    #[inline]
-    fn add(&mut self, from: f32, to: f32, first: usize, full: usize, height: f64) {
-        if first >= full {
-            self.step[full] += height;
-            return;
+impl Span {
+    fn of(references: &[BoxReference]) -> Span {
+        let mut span = Span { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, way: DVec3::ZERO, time: 0.0 };
+        for r in references.iter().filter(|r| r.votes) {
+            span.low = span.low.min(r.bounds.part.min);
+            span.high = span.high.max(r.bounds.part.max);
+            let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
+            span.way += ((e.min - b.min) + (e.max - b.max)).as_dvec3() * 0.5;
+            span.time += f64::from(r.interval.duration());
         }
-        let (from, to) = (f64::from(from), f64::from(to));
-        let slope = height / (to - from);
-        self.slope[first] += slope;
-        self.step[first] -= slope * from;
-        self.slope[full] -= slope;
-        self.step[full] += slope * from + height;
+        span
+    }
+
+    /// The mean velocity of the voters, weighted by the time they live.
+    fn mean_velocity(&self) -> Vec3 {
+        if self.time > 0.0 {
+            (self.way / self.time).as_vec3().clamp(Vec3::splat(-4.0), Vec3::splat(4.0))
+        } else {
+            Vec3::ZERO
+        }
     }
 }
 
@@ -141,84 +151,127 @@ impl Edges {
         }
     }
 
-    /// The first edge beyond `x`; EDGES for none.
-    #[inline]
+    /// The first edge beyond `x`; [`BINS`] where there is none.
+    #[inline(always)]
     fn beyond(&self, x: f32) -> usize {
         // Saturates: below the first edge 0, NaN 0.
         if x < self.low { 0 } else { (((x - self.low) * self.scale) as usize).min(BINS - 1) + 1 }
     }
 }
 
-/// Lower and upper bound of a reference at the begin and end of its interval in the frame of a plane that moves
-/// with `velocity`, shrunk to its part in the cell at time `voted`.
-#[inline]
-fn lines(r: &BoxReference, axis: usize, velocity: f32, plane_time: f32, voted: f32) -> ([f32; 2], [f32; 2]) {
-    let (begin, end) = (r.interval.begin(), r.interval.end());
-    let w = if end > begin { (voted - begin) / (end - begin) } else { 0.0 };
-    let (l0, l1) = (r.bounds.whole.begin.min[axis], r.bounds.whole.end.min[axis]);
-    let (u0, u1) = (r.bounds.whole.begin.max[axis], r.bounds.whole.end.max[axis]);
-    // How far the part in the cell stays behind the whole primitive, at the voting time.
-    let raise = r.bounds.part.min[axis] - (l0 + (l1 - l0) * w);
-    let lower = r.bounds.part.max[axis] - (u0 + (u1 - u0) * w);
-    let (s0, s1) = (velocity * (begin - plane_time), velocity * (end - plane_time));
-    ([l0 + raise - s0, l1 + raise - s1], [u0 + lower - s0, u1 + lower - s1])
+/// What changes at an edge: from there on a sum is larger by a step, and rises by a slope per unit of position. Both of
+/// the sum of times left of a plane, and of those not right of it.
+type Change = [f64; 4];
+
+/// Of which sum, as places in a [`Change`].
+const LEFT: usize = 0;
+const RIGHT: usize = 2;
+
+/// Sums over the references that planes of one axis part, all planes moving with the same velocity.
+struct Sweep {
+    edges: Edges,
+    changes: [Change; EDGES],
 }
 
-fn best_on_axis(
-    references: &[BoxReference],
-    cell: Box3,
-    axis: usize,
-    velocity: f32,
-    params: &KdParams,
-    voting_time: impl Fn(TimeInterval) -> f32,
-) -> Option<Split> {
-    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-    for r in references.iter().filter(|r| r.votes) {
-        low = low.min(r.bounds.part.min[axis]);
-        high = high.max(r.bounds.part.max[axis]);
+impl Sweep {
+    fn new(low: f32, high: f32) -> Sweep {
+        Sweep { edges: Edges::new(low, high), changes: [[0.0; 4]; EDGES] }
     }
-    let edges = Edges::new(low.max(cell.min[axis]), high.min(cell.max[axis]));
-    let (mut left, mut right) = (Ramps::ZERO, Ramps::ZERO);
-    let mut total = 0.0;
-    for r in references.iter().filter(|r| r.votes) {
-        let weight = weight(r, params);
-        total += weight;
-        let (lower, upper) = lines(r, axis, velocity, params.plane_time, voting_time(r.interval));
+
+    /// Adds a reference with a lower and an upper bound at the begin and end of its interval.
+    #[inline(always)]
+    fn add(&mut self, lower: [f32; 2], upper: [f32; 2], weight: f64, time_weighted: bool) {
         let (l_min, l_max) = (lower[0].min(lower[1]), lower[0].max(lower[1]));
         let (u_min, u_max) = (upper[0].min(upper[1]), upper[0].max(upper[1]));
-        if params.time_weighted {
-            left.add(l_min, l_max, edges.beyond(l_min), edges.beyond(l_max), weight);
-            right.add(u_min, u_max, edges.beyond(u_min), edges.beyond(u_max), weight);
+        if time_weighted {
+            self.ramp::<LEFT>(l_min, l_max, weight);
+            self.ramp::<RIGHT>(u_min, u_max, weight);
         } else {
-            left.step[edges.beyond(l_min)] += weight;
-            right.step[edges.beyond(u_max)] += weight;
+            self.changes[self.edges.beyond(l_min)][LEFT] += weight;
+            self.changes[self.edges.beyond(u_max)][RIGHT] += weight;
         }
     }
-    let full = cell.half_area();
-    let (mut best, mut sums) = (None::<Split>, [0.0f64; 4]);
-    for k in 0..EDGES {
-        for (sum, change) in sums.iter_mut().zip([left.step[k], left.slope[k], right.step[k], right.slope[k]]) {
-            *sum += change;
+
+    /// Adds a ramp from 0 at `from` to `height` at `to`.
+    #[inline(always)]
+    fn ramp<const SUM: usize>(&mut self, from: f32, to: f32, height: f64) {
+        let (first, full) = (self.edges.beyond(from), self.edges.beyond(to));
+        if first >= full {
+            self.changes[full][SUM] += height;
+            return;
         }
-        let at = edges.position(k);
-        if !(cell.min[axis] < at && at < cell.max[axis]) {
-            continue;
-        }
-        let s = f64::from(at);
-        let clean = |x: f64| if x < 1e-9 * total { 0.0 } else { x };
-        let l = clean(sums[0] + sums[1] * s);
-        let r = clean(total - (sums[2] + sums[3] * s));
-        let (mut below, mut above) = (cell, cell);
-        below.max[axis] = at;
-        above.min[axis] = at;
-        let areas = l * f64::from(below.half_area()) + r * f64::from(above.half_area());
-        let mut cost = f64::from(params.traversal_cost) + f64::from(params.intersection_cost) * areas / f64::from(full);
-        if l == 0.0 || r == 0.0 {
-            cost *= f64::from(params.empty_factor);
-        }
-        if best.is_none_or(|b| cost < b.cost) {
-            best = Some(Split { plane: Plane { axis, position: at - velocity * params.plane_time, velocity }, cost });
+        let (from, to) = (f64::from(from), f64::from(to));
+        let slope = height / (to - from);
+        self.changes[first][SUM + 1] += slope;
+        self.changes[first][SUM] -= slope * from;
+        self.changes[full][SUM + 1] -= slope;
+        self.changes[full][SUM] += slope * from + height;
+    }
+
+    /// Where the cheapest plane within a cell stands at plane time, and its cost; `total` is the weight of all references.
+    fn cheapest(&self, axis: usize, cell: Box3, total: f64, params: &KdParams) -> Option<(f32, f64)> {
+        match axis {
+            0 => self.cheapest_along::<0>(cell, total, params),
+            1 => self.cheapest_along::<1>(cell, total, params),
+            _ => self.cheapest_along::<2>(cell, total, params),
         }
     }
-    best
+
+    /// The same for an axis known to the compiler: it does several planes at a time.
+    fn cheapest_along<const AXIS: usize>(&self, cell: Box3, total: f64, params: &KdParams) -> Option<(f32, f64)> {
+        let mut at = [0.0f32; EDGES];
+        let (mut left, mut right) = ([0.0f64; EDGES], [0.0f64; EDGES]);
+        let mut sums: Change = [0.0; 4];
+        for k in 0..EDGES {
+            for (sum, change) in sums.iter_mut().zip(self.changes[k]) {
+                *sum += change;
+            }
+            at[k] = self.edges.position(k);
+            let s = f64::from(at[k]);
+            left[k] = sums[LEFT] + sums[LEFT + 1] * s;
+            right[k] = total - (sums[RIGHT] + sums[RIGHT + 1] * s);
+        }
+        let size = cell.max - cell.min;
+        let half_area = |along: f32| {
+            let mut size = size;
+            size[AXIS] = along;
+            f64::from(Box3 { min: Vec3::ZERO, max: size }.half_area())
+        };
+        let full = f64::from(cell.half_area());
+        let (traversal, intersection) = (f64::from(params.traversal_cost), f64::from(params.intersection_cost));
+        let (least, empty_factor) = (1e-9 * total, f64::from(params.empty_factor));
+        let mut costs = [0.0f64; EDGES];
+        for k in 0..EDGES {
+            let clean = |x: f64| if x < least { 0.0 } else { x };
+            let (l, r) = (clean(left[k]), clean(right[k]));
+            let (below, above) = (half_area(at[k] - cell.min[AXIS]), half_area(cell.max[AXIS] - at[k]));
+            let cost = traversal + intersection * (l * below + r * above) / full;
+            costs[k] = if (l == 0.0) | (r == 0.0) { cost * empty_factor } else { cost };
+        }
+        let mut best: Option<(f32, f64)> = None;
+        for (at, cost) in at.into_iter().zip(costs) {
+            if cell.min[AXIS] < at && at < cell.max[AXIS] && best.is_none_or(|(_, least)| cost < least) {
+                best = Some((at, cost));
+            }
+        }
+        best
+    }
+}
+
+/// Bounds at the begin and end of an interval.
+struct Lines {
+    lower: [Vec3; 2],
+    upper: [Vec3; 2],
+}
+
+/// The bounds of a reference, shrunk to its part in the cell at time `voted`.
+#[inline(always)]
+fn lines(r: &BoxReference, voted: f32) -> Lines {
+    let (begin, end) = (r.interval.begin(), r.interval.end());
+    let w = if end > begin { (voted - begin) / (end - begin) } else { 0.0 };
+    let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
+    // How far the part in the cell stays behind the whole primitive, at the voting time.
+    let raise = r.bounds.part.min - (b.min + (e.min - b.min) * w);
+    let lower = r.bounds.part.max - (b.max + (e.max - b.max) * w);
+    Lines { lower: [b.min + raise, e.min + raise], upper: [b.max + lower, e.max + lower] }
 }
