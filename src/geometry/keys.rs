@@ -25,6 +25,10 @@ impl KeyTime {
         if keys < 2 {
             return KeyTime { segment: 0, s: 0.0, from_end: false };
         }
+        if keys == 2 {
+            // What follows comes to the same, and takes longer.
+            return KeyTime::in_segment(t, 0);
+        }
         let segments = keys - 1;
         let at = t * segments as f32;
         let segment = (at as usize).min(segments - 1);

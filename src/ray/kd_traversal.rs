@@ -68,8 +68,27 @@ impl Axes {
     }
 }
 
+/// Ids of primitives that a ray was tested against lately, each at a place of its own among a few.
+///
+/// A primitive in several leaves has the same answer in all of them, so testing it once will do. Where another took its
+/// place it is tested again, which costs time and changes nothing.
+struct Tested([u32; Tested::PLACES]);
+
+impl Tested {
+    const PLACES: usize = 256;
+
+    /// No id is this large.
+    const NOTHING: Tested = Tested([u32::MAX; Tested::PLACES]);
+
+    /// Whether the id is not among them; from now on it is.
+    #[inline(always)]
+    fn lacks(&mut self, id: u32) -> bool {
+        core::mem::replace(&mut self.0[id as usize % Tested::PLACES], id) != id
+    }
+}
+
 impl Walk for &KdTree {
-    /// Front to back; a primitive in several leaves is offered several times.
+    /// Front to back; a primitive in several leaves may be offered several times.
     #[inline(always)]
     fn walk<S: RaySource>(
         self,
@@ -91,6 +110,7 @@ impl Walk for &KdTree {
         }
         let mut memory = StackMemory::<Entry, DEPTH_LIMIT>::new();
         let mut stack = memory.stack(DEPTH_LIMIT);
+        let mut tested = Tested::NOTHING;
         let mut node = 0u32;
         loop {
             match self.nodes[node as usize].view() {
@@ -121,7 +141,8 @@ impl Walk for &KdTree {
                             continue;
                         }
                         observer.primitive_tests(1);
-                        if filter.sees(|| set.mask(reference.id))
+                        if tested.lacks(reference.id)
+                            && filter.sees(|| set.mask(reference.id))
                             && let Some(hit) = set.intersect(reference.id, ray, &sheared)
                             && hit.t <= collect.limit()
                             && collect.offer(Found { hit, id: reference.id })

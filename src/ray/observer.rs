@@ -30,7 +30,8 @@ pub trait Observer {
     /// A reference is skipped because its time interval excludes the ray's time.
     #[inline(always)]
     fn time_skip(&mut self) {}
-    /// `count` primitives are tested.
+    /// `count` primitives are tested. (The k-d layout counts each reference that lives at the ray's time, as the paper does; a
+    /// primitive that the ray met in another leaf just before is known to be missed, or hit already.)
     #[inline(always)]
     fn primitive_tests(&mut self, count: usize) {
         let _ = count;
@@ -92,7 +93,7 @@ pub struct Counters {
     pub leaves: u64,
     /// References skipped by their time interval.
     pub time_skips: u64,
-    /// Primitives tested.
+    /// Primitives tested, in the k-d layout by reference ([`Observer::primitive_tests`]).
     pub primitive_tests: u64,
 }
 

@@ -61,16 +61,21 @@ impl Sheared {
     #[inline(always)]
     pub fn may_hit([a, b, c]: [[f32; 3]; 3], slack: f32) -> bool {
         let signs = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
-        let least = signs[0].min(signs[1]).min(signs[2]);
-        let greatest = signs[0].max(signs[1]).max(signs[2]);
-        if !(least < 0.0 && greatest > 0.0) {
+        // Each compared by itself: the least and the greatest of numbers that may be NaN take several times as long.
+        let some_beyond = |margin: f32| {
+            let below = (signs[0] < -margin) | (signs[1] < -margin) | (signs[2] < -margin);
+            let above = (signs[0] > margin) | (signs[1] > margin) | (signs[2] > margin);
+            below & above
+        };
+        if !some_beyond(0.0) {
             return true;
         }
-        let beside = |p: [f32; 3]| p[0].abs().max(p[1].abs());
-        let aside = beside(a).max(beside(b)).max(beside(c));
-        let ahead = a[2].abs().max(b[2].abs()).max(c[2].abs());
-        let margin = margin(aside, KERNEL_ULPS * ULP * (aside + ahead) + 2.0 * slack);
-        !(least < -margin && greatest > margin)
+        // Of numbers; `f32::max` would look for NaN.
+        let max = |a: f32, b: f32| if a > b { a } else { b };
+        let beside = |p: [f32; 3]| max(p[0].abs(), p[1].abs());
+        let aside = max(max(beside(a), beside(b)), beside(c));
+        let ahead = max(max(a[2].abs(), b[2].abs()), c[2].abs());
+        !some_beyond(margin(aside, KERNEL_ULPS * ULP * (aside + ahead) + 2.0 * slack))
     }
 }
 
