@@ -7,7 +7,7 @@ use crate::parallel;
 use crate::point::lists::error::ListError;
 use crate::point::over_interval::Flight;
 use crate::point::tree::PointTree;
-use crate::simd::huge_vec;
+use crate::simd::{huge_vec, huge_vec_of};
 
 /// Who comes within a radius of whom during an interval, and when: a list for each point.
 ///
@@ -196,26 +196,44 @@ impl EncounterLists {
     }
 
     /// One list for each point, one encounter for each pair, in the order of ids.
+    ///
+    /// The lists of a point are brought together by counting, and each is sorted by itself.
     fn merged(&self) -> EncounterLists {
         let mut points = self.points.clone();
         points.sort_unstable();
         points.dedup();
-        let mut all: Vec<(u32, Encounter)> =
-            self.iter().flat_map(|(id, row)| row.iter().map(move |&encounter| (id, encounter))).collect();
-        all.sort_unstable_by_key(|(own, e)| (*own, e.id));
-        let mut merged = EncounterLists { offsets: vec![0], points, encounters: Vec::with_capacity(all.len()) };
-        let mut all = all.into_iter().peekable();
-        for &point in &merged.points {
-            let begin = merged.encounters.len();
-            while let Some((_, next)) = all.next_if(|(own, _)| *own == point) {
-                match merged.encounters[begin..].last_mut() {
-                    Some(last) if last.id == next.id => *last = last.and(next),
-                    _ => merged.encounters.push(next),
+        // Where each point's encounters go next.
+        let mut next = vec![0; points.len() + 1];
+        let of: Vec<usize> = self.points.iter().map(|id| points.partition_point(|point| point < id)).collect();
+        for (&point, (_, row)) in of.iter().zip(self.iter()) {
+            next[point + 1] += row.len();
+        }
+        for point in 0..points.len() {
+            next[point + 1] += next[point];
+        }
+        let begins = next.clone();
+        let mut encounters = huge_vec_of(Encounter::NONE, self.end());
+        for (&point, (_, row)) in of.iter().zip(self.iter()) {
+            encounters[next[point]..][..row.len()].copy_from_slice(row);
+            next[point] += row.len();
+        }
+        let mut offsets = vec![0];
+        let mut end = 0;
+        for ends in begins.windows(2) {
+            let begin = end;
+            encounters[ends[0]..ends[1]].sort_unstable_by_key(|e| e.id);
+            for from in ends[0]..ends[1] {
+                let encounter = encounters[from];
+                if end > begin && encounters[end - 1].id == encounter.id {
+                    encounters[end - 1] = encounters[end - 1].and(encounter);
+                } else {
+                    encounters[end] = encounter;
+                    end += 1;
                 }
             }
-            merged.offsets.push(merged.encounters.len());
+            offsets.push(end);
         }
-        merged
+        EncounterLists { offsets, points, encounters }
     }
 }
 
