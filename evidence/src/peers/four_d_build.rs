@@ -240,21 +240,23 @@ fn best_plane(references: &[Reference], cell: Box3) -> Option<(f32, usize, f32)>
     let area = cell.half_area();
     let parts = |r: &Reference| r.bounds.swept().intersection(cell);
     let all = references.iter().fold(Box3::EMPTY, |b, r| b.union(parts(r)));
-    for axis in 0..3 {
-        let (low, high) = (all.min[axis], all.max[axis]);
-        let width = (high - low) / BINS as f32;
-        let scale = 1.0 / width;
-        if !(width > 0.0 && scale.is_finite()) {
-            continue;
+    let width = (all.max - all.min) / BINS as f32;
+    let scale = Vec3::ONE / width;
+    let wide = [0, 1, 2].map(|axis| width[axis] > 0.0 && scale[axis].is_finite());
+    // References that begin, and that end, before each edge of each axis.
+    let (mut begun, mut ended) = ([[0usize; BINS + 2]; 3], [[0usize; BINS + 2]; 3]);
+    for r in references {
+        let part = parts(r);
+        for axis in (0..3).filter(|&axis| wide[axis]) {
+            let (low, min, max) = (all.min[axis], part.min[axis], part.max[axis]);
+            let edge = |x: f32| (((x - low) * scale[axis]).max(0.0) as usize).min(BINS - 1) + 1;
+            begun[axis][if min <= low { 0 } else { edge(min) }] += 1;
+            ended[axis][edge(max)] += 1;
         }
-        // References that begin, and that end, before each edge.
-        let (mut begun, mut ended) = ([0usize; BINS + 2], [0usize; BINS + 2]);
-        let edge = |x: f32| (((x - low) * scale).max(0.0) as usize).min(BINS - 1) + 1;
-        for r in references {
-            let part = parts(r);
-            begun[if part.min[axis] <= low { 0 } else { edge(part.min[axis]) }] += 1;
-            ended[edge(part.max[axis])] += 1;
-        }
+    }
+    for axis in (0..3).filter(|&axis| wide[axis]) {
+        let (low, high, width) = (all.min[axis], all.max[axis], width[axis]);
+        let (begun, ended) = (&begun[axis], &ended[axis]);
         let (mut left, mut gone) = (0, 0);
         for k in 0..=BINS {
             // Up to the edge before the first reference nothing has begun.
