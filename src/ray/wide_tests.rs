@@ -110,8 +110,8 @@ fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
 }
 
 /// Steps and tests, weighed by their prices, of rays through a scene.
-fn work(scene: &scene::Scene, params: &BuildParams) -> f64 {
-    let tree = RayTree::build(&scene.meshes, params).unwrap().with_simd(SimdLevel::PORTABLE);
+fn work(scene: &scene::Scene, tree: RayTree) -> f64 {
+    let tree = tree.with_simd(SimdLevel::PORTABLE);
     let (mut state, mut counters) = (5, Counters::default());
     for _ in 0..3000 {
         let mut unit = || random(&mut state) * 0.5 + 0.5;
@@ -128,9 +128,13 @@ fn work(scene: &scene::Scene, params: &BuildParams) -> f64 {
 #[test]
 fn a_choice_for_each_part_takes_less_work_than_one_for_all_of_no_more_memory() {
     let scene = scene::mixed(160_000);
-    let of = |division| BuildParams::wide(WideParams { division, ..WideParams::default() });
-    let bytes = |params: &BuildParams| RayTree::build(&scene.meshes, params).unwrap().statistics().bytes;
-    let (own, size) = (work(&scene, &of(Division::Automatic)), bytes(&of(Division::Automatic)));
+    let of = |division| {
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let tree = RayTree::build(&scene.meshes, &params).unwrap();
+        (tree.statistics().bytes, tree)
+    };
+    let (size, tree) = of(Division::Automatic);
+    let own = work(&scene, tree);
     let mut compared = 0;
     for division in [
         Division::Whole,
@@ -140,10 +144,11 @@ fn a_choice_for_each_part_takes_less_work_than_one_for_all_of_no_more_memory() {
         Division::Copies(3),
         Division::Copies(4),
     ] {
-        if bytes(&of(division)) <= size {
+        let (bytes, tree) = of(division);
+        if bytes <= size {
             compared += 1;
-            let other = work(&scene, &of(division));
-            println!("{division:?}: {other}, {} bytes; automatic {own}, {size}", bytes(&of(division)));
+            let other = work(&scene, tree);
+            println!("{division:?}: {other}, {bytes} bytes; automatic {own}, {size}");
             let factor = if division == Division::Whole { 0.7 } else { 0.98 };
             assert!(own < factor * other, "{division:?}: {own} against {other}");
         }

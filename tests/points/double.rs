@@ -150,19 +150,29 @@ fn clusters_far_apart_keep_their_spacing() {
 /// Lists as ids and bits of squared distances.
 type Lists = Vec<Vec<(u32, u32)>>;
 
-/// All lists by comparing all pairs.
-fn compare_all(own: &Cloud, among: &Cloud, time: f32, radii: &[f32], keep: impl Fn(u32, u32) -> bool) -> Lists {
-    let list = |i: usize| {
-        if !own.alive[i].contains(time) {
-            return Vec::new();
-        }
-        let near = among.all(own.at(i, time), time).into_iter();
-        let near = near.filter(|n| n.distance_squared <= radii[i] * radii[i] && keep(i as u32, n.id));
-        let mut list: Vec<(u32, u32)> = near.map(|n| (n.id, n.distance_squared.to_bits())).collect();
-        list.sort_unstable();
-        list
+/// The squared distances of all points of one cloud from those of another at a time, rounded once; nothing where one of
+/// both does not exist.
+fn compare_all(own: &Cloud, among: &Cloud, time: f32) -> Vec<Vec<Option<f32>>> {
+    let places = |cloud: &Cloud| -> Vec<Option<DVec3>> {
+        let place = |i: usize| cloud.alive[i].contains(time).then(|| cloud.at(i, time));
+        (0..cloud.alive.len()).map(place).collect()
     };
-    (0..own.alive.len()).map(list).collect()
+    let (own, among) = (places(own), places(among));
+    let squared = |q: Option<DVec3>, p: &Option<DVec3>| {
+        let d = (*p)? - q?;
+        Some(((d.x * d.x + d.y * d.y) + d.z * d.z) as f32)
+    };
+    own.iter().map(|q| among.iter().map(|p| squared(*q, p)).collect()).collect()
+}
+
+/// The lists of those within radii that are to be kept, by id.
+fn within(all: &[Vec<Option<f32>>], radii: &[f32], keep: impl Fn(u32, u32) -> bool) -> Lists {
+    let list = |(i, (row, radius)): (u32, (&Vec<Option<f32>>, &f32))| {
+        let near = (0..).zip(row).filter_map(|(j, squared)| Some((j, (*squared)?)));
+        let near = near.filter(|&(j, squared)| squared <= radius * radius && keep(i, j));
+        near.map(|(j, squared)| (j, squared.to_bits())).collect()
+    };
+    (0..).zip(all.iter().zip(radii)).map(list).collect()
 }
 
 fn found(lists: &NeighborCsr) -> Lists {
@@ -188,16 +198,17 @@ fn lists_equal_comparing_all_pairs() {
                         let own: Vec<f32> = equal.iter().map(|r| r * 2.0 * rng.unit()).collect();
                         let ask = tree.neighbor_lists(time, radius).with_distances().sorted().rows_by_id();
                         ask.run(&mut lists).unwrap();
-                        let expected = compare_all(&cloud, &cloud, time, &equal, |i, j| i != j);
+                        let (all, all_others) = (compare_all(&cloud, &cloud, time), compare_all(&cloud, &other, time));
+                        let expected = within(&all, &equal, |i, j| i != j);
                         assert!(expected.iter().any(|list| list.len() > 3), "{about}");
                         assert_eq!(found(&lists), expected, "{about}");
                         ask.pairs_once().run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), compare_all(&cloud, &cloud, time, &equal, |i, j| i < j), "{about}");
+                        assert_eq!(found(&lists), within(&all, &equal, |i, j| i < j), "{about}");
                         ask.among(&others).run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), compare_all(&cloud, &other, time, &equal, |_, _| true), "{about}");
+                        assert_eq!(found(&lists), within(&all_others, &equal, |_, _| true), "{about}");
                         let ask = tree.neighbor_lists(time, Radii::Own(&own)).with_distances().sorted().rows_by_id();
                         ask.run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), compare_all(&cloud, &cloud, time, &own, |i, j| i != j), "{about}");
+                        assert_eq!(found(&lists), within(&all, &own, |i, j| i != j), "{about}");
                     }
                 }
             }
