@@ -30,7 +30,7 @@ pub(crate) type BoxReference = Reference<Bounds>;
 /// Keeps it small: it is copied at every level.
 const _: () = assert!(size_of::<BoxReference>() <= 88);
 
-/// Bins per axis.
+/// Bins per axis, fewer than 256.
 const BINS: usize = 32;
 /// Candidate planes per axis: the bins' edges.
 const EDGES: usize = BINS + 1;
@@ -154,8 +154,8 @@ impl Edges {
     /// The first edge beyond `x`; [`BINS`] where there is none.
     #[inline(always)]
     fn beyond(&self, x: f32) -> usize {
-        // Saturates: below the first edge 0, NaN 0.
-        if x < self.low { 0 } else { (((x - self.low) * self.scale) as usize).min(BINS - 1) + 1 }
+        // Saturates, in few instructions for a type this small: NaN is 0.
+        if x < self.low { 0 } else { usize::from(((x - self.low) * self.scale) as u8).min(BINS - 1) + 1 }
     }
 }
 
@@ -195,7 +195,8 @@ impl Sweep {
     /// Adds a ramp from 0 at `from` to `height` at `to`.
     #[inline(always)]
     fn ramp<const SUM: usize>(&mut self, from: f32, to: f32, height: f64) {
-        let (first, full) = (self.edges.beyond(from), self.edges.beyond(to));
+        let full = self.edges.beyond(to);
+        let first = if from == to { full } else { self.edges.beyond(from) };
         if first >= full {
             self.changes[full][SUM] += height;
             return;
