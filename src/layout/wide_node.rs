@@ -19,7 +19,7 @@
 //! Sizes are the exponents of two powers of two: no coordinate of a vertex is larger than the first, and no
 //! triangle is larger than the second along an axis.
 
-use crate::simd::{Arena, LANES};
+use crate::simd::{Arena, LANES, Lanes};
 use glam::Vec3;
 
 /// Rows of a node with moving boxes, and of one with still boxes; the last row holds the children.
@@ -147,6 +147,18 @@ impl ChildRef {
         (rows * self.len() + 1).div_ceil(LANES)
     }
 
+    /// The first lane of a node: its reference, with the lane in place of a length. [`LANES_OF_NODE`] makes the others of it.
+    #[inline(always)]
+    pub fn first_lane(self) -> ChildRef {
+        ChildRef(self.0 & !(15 << 3))
+    }
+
+    /// Which lane this is, of a reference to one.
+    #[inline(always)]
+    pub fn lane(self) -> usize {
+        (self.0 >> 3 & 15) as usize
+    }
+
     #[inline(always)]
     pub fn kind(self) -> Kind {
         match self.0 & 7 {
@@ -161,6 +173,17 @@ impl ChildRef {
         }
     }
 }
+
+/// The bits of each lane of a node, to be set in its [first](ChildRef::first_lane).
+pub(crate) const LANES_OF_NODE: Lanes<u32> = {
+    let mut lanes = [0; LANES];
+    let mut i = 0;
+    while i < LANES {
+        lanes[i] = (i as u32) << 3;
+        i += 1;
+    }
+    lanes
+};
 
 /// The row of a node's children.
 pub(crate) fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {

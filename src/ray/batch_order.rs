@@ -1,7 +1,7 @@
 //! The order in which the rays of a large batch are answered.
 //!
-//! On a tree that no cache holds a ray is soonest through where the one before it went the same way. Rays that come like
-//! that, as from a camera or from the pixels of a tile, keep their order. All others are sorted: by the part of the
+//! Rays that look the same way, as from a camera, are led in packets. On a tree that no cache holds any other ray is soonest through where
+//! the one before it went the same way. Rays that come like that, as from the pixels of a tile, keep their order. All others are sorted: by the part of the
 //! shutter where the tree has one hierarchy for each, by the cell of space that they begin in, along the Morton curve, and
 //! by the octant that they look into. Answers do not depend on it.
 
@@ -13,7 +13,6 @@ use glam::DVec3;
 const WINDOW: usize = 1 << 16;
 
 /// Rays per task.
-#[cfg(feature = "rayon")]
 const CHUNK: usize = 256;
 
 /// The space that rays are sorted in.
@@ -24,14 +23,16 @@ pub(crate) struct Space {
     scale: f64,
     /// Equal parts of the shutter with a hierarchy each.
     pub parts: usize,
+    /// Whether caches hold the tree, so that the order of scattered rays does not matter.
+    pub cached: bool,
 }
 
 impl Space {
     /// Around a scene with these bounds.
-    pub fn new(bounds: Aabb, parts: usize) -> Space {
+    pub fn new(bounds: Aabb, parts: usize, cached: bool) -> Space {
         let half = bounds.max * 0.5 - bounds.min * 0.5;
         let scale = half.max_element().max(f64::MIN_POSITIVE).recip();
-        Space { centre: bounds.min + half, scale, parts }
+        Space { centre: bounds.min + half, scale, parts, cached }
     }
 }
 
@@ -49,18 +50,19 @@ enum Coming {
     Scattered,
 }
 
-/// Answers a large batch: rays that come together by `singly`, all others by `led`, those that are scattered in
-/// an order of their own.
+/// Answers a batch: rays that come together by `together`, all others by `led`, those that are scattered over a tree that no cache
+/// holds in an order of their own.
 pub(crate) fn answer_in_order<T: Copy + Send>(
     rays: &[Ray],
     answers: &mut [T],
     space: Space,
-    singly: impl Fn(&[Ray], &mut [T]) + Sync,
+    together: impl Fn(&[Ray], &mut [T]) + Sync,
     led: impl Fn(&[Ray], &mut [T]) + Sync,
 ) {
     for (rays, answers) in rays.chunks(WINDOW).zip(answers.chunks_mut(WINDOW)) {
         match coming(rays, space) {
-            Coming::Together => in_parallel(rays, answers, &singly),
+            Coming::Together => in_parallel(rays, answers, &together),
+            Coming::Scattered if space.cached => in_parallel(rays, answers, &led),
             Coming::Near => in_parallel(rays, answers, &led),
             Coming::Scattered => {
                 let order = sorted(rays, space);
@@ -104,7 +106,9 @@ fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(us
         tasks.for_each(|(task, (queries, answers))| fill(task * CHUNK, queries, answers));
     }
     #[cfg(not(feature = "rayon"))]
-    fill(0, queries, answers);
+    for (task, (queries, answers)) in queries.chunks(CHUNK).zip(answers.chunks_mut(CHUNK)).enumerate() {
+        fill(task * CHUNK, queries, answers);
+    }
 }
 
 /// Looks at some pairs of successive rays.
@@ -180,7 +184,7 @@ mod tests {
     use super::*;
     use glam::Vec3;
 
-    const SPACE: Space = Space { centre: DVec3::ZERO, scale: 1.0, parts: 1 };
+    const SPACE: Space = Space { centre: DVec3::ZERO, scale: 1.0, parts: 1, cached: false };
     const DIVIDED: Space = Space { parts: 4, ..SPACE };
 
     fn camera(i: usize) -> Ray {

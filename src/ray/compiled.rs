@@ -11,6 +11,7 @@ use super::interleave::{Anys, Asks, Batch, Closests};
 use super::intersect::RaySource;
 use super::lazy::LazyQuery;
 use super::lazy_closest_point::closest_point_in_lazy;
+use super::packets::Packets;
 use super::point_query::PlacedQuery;
 use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query, Visitor};
 use super::{Everything, Filter, Hit, Observer, Ray, Visible};
@@ -126,6 +127,9 @@ pub(crate) struct Queries<G> {
     /// Interleaved traversal of many rays through the wide layout.
     pub interleaved_closest: fn(Target<'_, G>, &[Ray], &mut [Option<Hit>]),
     pub interleaved_any: fn(Target<'_, G>, &[Ray], &mut [bool]),
+    /// Packets of rays through the wide layout.
+    pub packets_closest: fn(Target<'_, G>, &[Ray], &mut [Option<Hit>]),
+    pub packets_any: fn(Target<'_, G>, &[Ray], &mut [bool]),
 }
 
 impl<G: RaySource + ClosestPointSource> Queries<G> {
@@ -141,6 +145,8 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         all: |on, ray, Guards { visible, mut observer }, visitor| on.all(ray, &visible, &mut observer, visitor),
         interleaved_closest: |on, rays, hits| on.interleaved::<Closests>(rays, hits),
         interleaved_any: |on, rays, hits| on.interleaved::<Anys>(rays, hits),
+        packets_closest: |on, rays, hits| on.packets::<Closests>(rays, hits),
+        packets_any: |on, rays, hits| on.packets::<Anys>(rays, hits),
     };
 
     /// The plain queries are functions of their own: the address of a closure is that of a shim which calls it.
@@ -216,6 +222,14 @@ impl<G: RaySource> Target<'_, G> {
     fn interleaved<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer]) {
         if let Layout::Wide(tree) = self.layout {
             dispatch(self.simd, Batch::<G, A> { tree, set: self.geometry, rays, answers });
+        }
+    }
+
+    /// Likewise.
+    #[inline(always)]
+    fn packets<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer]) {
+        if let Layout::Wide(tree) = self.layout {
+            dispatch(self.simd, Packets::<G, A> { tree, set: self.geometry, rays, answers });
         }
     }
 }

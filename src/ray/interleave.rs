@@ -24,7 +24,7 @@ const GROUP: usize = 8;
 /// What a batch asks of each of its rays.
 pub(crate) trait Asks {
     /// An answer.
-    type Answer: Copy + Send;
+    type Answer: Copy + Send + PartialEq;
     /// The answer of a ray that hits nothing.
     const NOTHING: Self::Answer;
     /// What gathers it.
@@ -33,6 +33,8 @@ pub(crate) trait Asks {
     const ORDERED: bool = Self::Collect::ORDERED;
     /// A collector for a ray's hits.
     fn collect(ray: &TreeRay) -> Self::Collect;
+    /// How far the ray still looks as a distance in tree space; below zero where it has its answer.
+    fn reach(collect: &Self::Collect) -> f32;
     /// The answer, once the ray is through.
     fn answer(collect: &Self::Collect, set: &impl RaySource) -> Self::Answer;
 }
@@ -57,6 +59,11 @@ impl Asks for Closests {
     }
 
     #[inline(always)]
+    fn reach(collect: &Closest<Accept>) -> f32 {
+        collect.reach
+    }
+
+    #[inline(always)]
     fn answer(collect: &Closest<Accept>, set: &impl RaySource) -> Option<Hit> {
         collect.best.map(|found| found.hit.answer(set.name(found.id)))
     }
@@ -73,6 +80,11 @@ impl Asks for Anys {
     #[inline(always)]
     fn collect(ray: &TreeRay) -> Any<Accept> {
         Any { t_max: ray.t_max(), reach: ray.end, found: false, accept }
+    }
+
+    #[inline(always)]
+    fn reach(collect: &Any<Accept>) -> f32 {
+        if collect.found { -1.0 } else { collect.reach }
     }
 
     #[inline(always)]

@@ -22,6 +22,8 @@ mod leaf;
 mod nearest_first;
 mod observer;
 mod own;
+mod packet;
+mod packets;
 mod point_query;
 mod query;
 mod ray_tree;

@@ -13,6 +13,9 @@ use crate::tuning::wide::CACHED;
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
+/// Rays of a task that are asked before it is led in packets.
+const FIRST: usize = 16;
+
 /// What a [`RayTree`] is made of: [`Scene`] or [`Shapes`]. Sealed; a bound for
 /// code that is generic over both.
 ///
@@ -190,12 +193,14 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
-        self.batch::<Closests>(rays, hits, self.queries.closest, self.queries.interleaved_closest);
+        let queries = &self.queries;
+        self.batch::<Closests>(rays, hits, queries.closest, queries.packets_closest, queries.interleaved_closest);
     }
 
     /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
-        self.batch::<Anys>(rays, hits, self.queries.any, self.queries.interleaved_any);
+        let queries = &self.queries;
+        self.batch::<Anys>(rays, hits, queries.any, queries.packets_any, queries.interleaved_any);
     }
 
     fn batch<A: Asks>(
@@ -203,6 +208,7 @@ impl<G: Geometry> RayTree<G> {
         rays: &[Ray],
         answers: &mut Vec<A::Answer>,
         one: fn(Target<'_, G>, &Ray) -> A::Answer,
+        packets: fn(Target<'_, G>, &[Ray], &mut [A::Answer]),
         interleaved: fn(Target<'_, G>, &[Ray], &mut [A::Answer]),
     ) {
         answers.clear();
@@ -213,12 +219,23 @@ impl<G: Geometry> RayTree<G> {
             }
         };
         match &self.layout {
-            Layout::Wide(tree) if self.statistics.bytes > CACHED => {
-                let space = Space::new(self.geometry.frame().bounds, tree.parts());
+            Layout::Wide(tree) => {
+                let cached = self.statistics.bytes <= CACHED;
+                let space = Space::new(self.geometry.frame().bounds, tree.parts(), cached);
                 // Turns pay where a tree moves, and there only for the nearest hit in divided trees and for any hit in
                 // others (measured; see docs/rays.md).
-                let turns = tree.moves() && A::ORDERED == (space.parts > 1);
-                answer_in_order(rays, answers, space, singly, |rays, answers| match turns {
+                let turns = !cached && tree.moves() && A::ORDERED == (space.parts > 1);
+                // Where the first rays hit nothing, the others likely miss all there is, which each finds out sooner by itself.
+                let together = |rays: &[Ray], answers: &mut [A::Answer]| {
+                    let (first, others) = answers.split_at_mut(FIRST.min(rays.len()));
+                    let (first_rays, other_rays) = rays.split_at(first.len());
+                    singly(first_rays, first);
+                    match first.iter().all(|answer| *answer == A::NOTHING) {
+                        true => singly(other_rays, others),
+                        false => packets(self.target(), other_rays, others),
+                    }
+                };
+                answer_in_order(rays, answers, space, together, |rays, answers| match turns {
                     true => interleaved(self.target(), rays, answers),
                     false => singly(rays, answers),
                 });
@@ -409,35 +426,56 @@ impl<P: Primitive> RayTree<Shapes<P>> {
 mod tests {
     use super::*;
     use crate::ray::interleave::Batch;
+    use crate::ray::packets::Packets;
     use crate::scene;
     use crate::simd::dispatch;
 
-    /// Batches of small trees are asked ray by ray, so the turns are tested here on their own.
+    /// Turns and packets are tested here on their own: a batch takes one of them or none.
     #[test]
-    fn rays_led_by_turns_get_the_answers_of_single_rays() {
-        let hall = (scene::find("hall").expect("a scene of the catalogue").make)(4000);
+    fn rays_led_by_turns_and_in_packets_get_the_answers_of_single_rays() {
         let nothing = RayTree::build(&[], &BuildParams::default()).expect("an empty tree");
-        let full = RayTree::build(&hall.meshes, &BuildParams::default()).expect("a tree");
-        for tree in [full, nothing] {
-            for level in SimdLevel::available() {
-                // Fewer rays than a group, just as many, and more; some of them mean nothing.
-                for count in [0, 1, 7, 8, 9, 500] {
-                    let rays: Vec<Ray> = (0..count)
-                        .map(|i| {
-                            let at = |by: usize| (i * by % 97) as f32 / 97.0;
-                            let ray = hall.camera.ray(at(31), at(57), 1.0, at(13));
-                            if i % 10 == 3 { Ray { dir: Vec3::NAN, ..ray } } else { ray }
-                        })
-                        .collect();
-                    let Layout::Wide(wide) = &tree.layout else { panic!("the default is wide") };
-                    let (set, rays) = (&tree.geometry, rays.as_slice());
-                    let (mut hits, mut shadows) = (vec![None; count], vec![false; count]);
-                    dispatch(level, Batch::<_, Closests> { tree: wide, set, rays, answers: &mut hits });
-                    dispatch(level, Batch::<_, Anys> { tree: wide, set, rays, answers: &mut shadows });
-                    for ((ray, hit), shadow) in rays.iter().zip(hits).zip(shadows) {
-                        assert_eq!(hit, tree.closest_hit(ray), "{level}, {count} rays");
-                        assert_eq!(shadow, hit.is_some());
-                    }
+        let hall = scene::find("hall").expect("a scene of the catalogue");
+        check_batches(nothing, &(hall.make)(10).camera);
+        for (name, triangles, divided) in [("hall", 4000, false), ("building", 3000, false), ("tornado", 6000, true)] {
+            let made = (scene::find(name).expect("a scene of the catalogue").make)(triangles);
+            let tree = RayTree::build(&made.meshes, &BuildParams::default()).expect("a tree");
+            let Layout::Wide(wide) = &tree.layout else { panic!("the default is wide") };
+            assert_eq!(wide.parts() > 1, divided, "{name}");
+            check_batches(tree, &made.camera);
+        }
+    }
+
+    fn check_batches(mut tree: RayTree, camera: &scene::Camera) {
+        for level in SimdLevel::available() {
+            tree = tree.with_simd(level);
+            // Fewer rays than a group, just as many, and more; some of them mean nothing, some begin behind their origin.
+            for count in [0, 1, 2, 3, 7, 8, 9, 16, 17, 700] {
+                let rays: Vec<Ray> = (0..count)
+                    .map(|i| {
+                        let at = |by: usize| (i * by % 97) as f32 / 97.0;
+                        // First anywhere in the picture, then side by side, to the end at nearly one time.
+                        let (x, y) = if i < 200 { (at(31), at(57)) } else { (i as f32 / 700.0, 0.4 + 0.01 * at(57)) };
+                        let ray = camera.ray(x, y, 1.0, if i < 450 { at(13) } else { 0.3 + 0.001 * at(13) });
+                        match i % 30 {
+                            3 => Ray { dir: Vec3::NAN, ..ray },
+                            7 => ray.between(-10.0, f32::INFINITY),
+                            11 => Ray { dir: Vec3::Z, ..ray },
+                            _ => ray,
+                        }
+                    })
+                    .collect();
+                let Layout::Wide(wide) = &tree.layout else { panic!("the default is wide") };
+                let (set, rays) = (&tree.geometry, rays.as_slice());
+                let (mut hits, mut shadows) = (vec![None; count], vec![false; count]);
+                dispatch(level, Batch::<_, Closests> { tree: wide, set, rays, answers: &mut hits });
+                dispatch(level, Batch::<_, Anys> { tree: wide, set, rays, answers: &mut shadows });
+                let (mut packet_hits, mut packet_shadows) = (vec![None; count], vec![false; count]);
+                dispatch(level, Packets::<_, Closests> { tree: wide, set, rays, answers: &mut packet_hits });
+                dispatch(level, Packets::<_, Anys> { tree: wide, set, rays, answers: &mut packet_shadows });
+                for (i, ray) in rays.iter().enumerate() {
+                    let hit = tree.closest_hit(ray);
+                    assert_eq!((hits[i], packet_hits[i]), (hit, hit), "{level}, {count} rays, ray {i}");
+                    assert_eq!((shadows[i], packet_shadows[i]), (hit.is_some(), hit.is_some()));
                 }
             }
         }

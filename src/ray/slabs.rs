@@ -23,15 +23,15 @@ use glam::{Vec3, Vec3A};
 /// A ray as the slab test wants it, per axis.
 pub(crate) struct Slabs {
     /// Words from an axis' pair of rows to that of the near faces: none, or a row where the ray goes backward.
-    near: [usize; 3],
+    pub(super) near: [usize; 3],
     /// One over each component of the direction, where components that are too small count as more.
     pub inverse: Vec3A,
-    near_offset: Vec3A,
-    far_offset: Vec3A,
+    pub(super) near_offset: Vec3A,
+    pub(super) far_offset: Vec3A,
     /// What distances along the ray are greater by here, so that none that counts is below zero; 0 for nearly all rays.
     shift: f32,
     /// Where the ray begins, shifted.
-    begin: f32,
+    pub(super) begin: f32,
     /// When it looks.
     time: f32,
 }

@@ -169,7 +169,7 @@ impl<'a> WideTraversal<'a> {
         if others == 0 {
             return Some(first);
         }
-        Some(push_in_order::<S>(s, mask, keys, children, stack))
+        Some(push_in_order::<S>(s, mask, keys, s.to_bits(s.load(children)), stack))
     }
 
     /// Prefetches the blocks of some children of a node.
@@ -189,15 +189,21 @@ pub(crate) fn children_of<const ROWS: usize>(block: &NodeBlock) -> &Lanes<f32> {
     lanes_at(block, (ROWS - 1) * LANES)
 }
 
-/// Pushes the children of the mask, of which there are at least two, farthest first, and returns the nearest.
+/// Pushes the references of the mask, of which there are at least two, farthest first, and returns the nearest.
 #[inline(always)]
-fn push_in_order<S: Simd>(s: S, mask: Mask, keys: S::F, children: &Lanes<f32>, stack: &mut Stack<'_, u64>) -> ChildRef {
+pub(crate) fn push_in_order<S: Simd>(
+    s: S,
+    mask: Mask,
+    keys: S::F,
+    references: S::U,
+    stack: &mut Stack<'_, u64>,
+) -> ChildRef {
     let n = mask.count_ones() as usize;
     let packed = s.compress(keys, mask);
     let mut d = [0; LANES];
     let mut c = [0; LANES];
     s.store_u(s.to_bits(packed), &mut d);
-    s.store_u(s.compress_u(s.to_bits(s.load(children)), mask), &mut c);
+    s.store_u(s.compress_u(references, mask), &mut c);
     let entry = |i: usize| u64::from(d[i]) << 32 | u64::from(c[i]);
     if n <= 4 {
         // A sorting network of four, the missing ones nearest and so last; the nearest that is there waits for

@@ -116,7 +116,7 @@ impl Bench<'_> {
                 let theirs: Side<'_> = if there { Some(&their_singles) } else { None };
                 in_turns(self.options.runs, ours, theirs)
             })];
-            if batch && kind != Kind::Primary {
+            if batch {
                 turns.extend(self.batches(config, kind, theirs, &native));
             }
             let cell = |(batch, config, turns)| Cell {

@@ -1,0 +1,197 @@
+//! Rays that come together, sixteen at a time through the wide layout.
+//!
+//! Rays of neighbouring pixels take much the same way: a node's sixteen boxes are tested once for all of a packet
+//! ([`Packet`]), the few that are left once for sixteen rays. Where fewer rays are left than pays, and in leaf blocks, each goes
+//! its own way. Answers do not depend on it.
+
+use super::filter::Everything;
+use super::interleave::Asks;
+use super::intersect::RaySource;
+use super::packet::Packet;
+use super::shear::Sheared;
+use super::traverser::Traverser;
+use super::tree_ray::TreeRay;
+use super::wide_traversal::RayQuery;
+use crate::geometry::Ray;
+use crate::layout::{ChildRef, Kind, LANES_OF_NODE, NODE_ROWS, STILL_NODE_ROWS, WideTree};
+use crate::simd::{Kernel, LANES, Mask, Simd, Stack};
+use crate::traverse::{Cursor, StackOf, WideTraversal, children_of, push_in_order};
+
+/// Rays that go on by themselves where no more are left: half a packet, whose tests then cost as much as theirs.
+const ALONE: u32 = LANES as u32 / 2;
+
+/// A batch, to be dispatched to an instruction set. There are as many answers as rays, all still
+/// [`Asks::NOTHING`].
+pub(crate) struct Packets<'a, G, A: Asks> {
+    pub tree: &'a WideTree,
+    pub set: &'a G,
+    pub rays: &'a [Ray],
+    pub answers: &'a mut [A::Answer],
+}
+
+/// A ray of the packet.
+struct Member<'a, A: Asks> {
+    /// Its place in the batch.
+    index: usize,
+    ray: TreeRay<'a>,
+    sheared: Option<Sheared>,
+    collect: A::Collect,
+}
+
+impl<'a, A: Asks> Member<'a, A> {
+    #[inline(always)]
+    fn new(index: usize, ray: TreeRay<'a>) -> Member<'a, A> {
+        let collect = A::collect(&ray);
+        Member { index, ray, sheared: None, collect }
+    }
+}
+
+/// What is on the way through the tree.
+struct Traversal<'a, G, A: Asks> {
+    tree: &'a WideTree,
+    traverser: Traverser<'a, G, Everything>,
+    /// The first of them hold rays.
+    members: [Member<'a, A>; LANES],
+    packet: Packet,
+    /// Lanes of nodes that wait for the packet: keys in the high halves, references in the low.
+    stack: Stack<'a, u64>,
+    /// Of a ray that goes by itself.
+    cursor: Cursor<'a>,
+}
+
+impl<G: RaySource, A: Asks> Kernel for Packets<'_, G, A> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Packets { tree, set, rays, answers } = self;
+        if tree.root == ChildRef::NOTHING {
+            return;
+        }
+        let Some(first) = rays.first() else { return };
+        let (mut memory, mut own_memory) = (StackOf::new(), StackOf::new());
+        let mut traversal = Traversal::<'_, G, A> {
+            tree,
+            traverser: Traverser { arena: &tree.arena, lists: tree.lists, set, filter: &Everything },
+            members: core::array::from_fn(|_| Member::new(0, TreeRay::of(first, set.frame()).0)),
+            packet: Packet::empty(),
+            stack: memory.stack(tree.waiting()),
+            cursor: Cursor::new(tree.root, own_memory.stack(tree.waiting())),
+        };
+        let mut next = 0;
+        loop {
+            let mut count = 0;
+            while count < LANES
+                && let Some(ray) = rays.get(next)
+            {
+                // Made where it stays: a ray that is moved is copied, by wide loads that wait for the narrow stores before them.
+                let (of, usual) = TreeRay::of(ray, set.frame());
+                let member = &mut traversal.members[count];
+                *member = Member::new(next, of);
+                if !usual {
+                    member.ray.mend(set.frame());
+                    member.collect = A::collect(&member.ray);
+                }
+                if member.ray.sees_nothing() {
+                    next += 1;
+                    continue;
+                }
+                let in_packet = traversal.packet.takes(&member.ray);
+                if !in_packet && count > 0 {
+                    break;
+                }
+                if in_packet {
+                    traversal.packet.add(&member.ray);
+                }
+                (count, next) = (count + 1, next + 1);
+                if !in_packet {
+                    break;
+                }
+            }
+            if count == 0 {
+                return;
+            }
+            traversal.lead(s, count);
+            for member in &traversal.members[..count] {
+                answers[member.index] = A::answer(&member.collect, set);
+            }
+            traversal.packet.clear();
+        }
+    }
+}
+
+impl<G: RaySource, A: Asks> Traversal<'_, G, A> {
+    /// Leads the first members through the tree: a packet, or one ray that none takes.
+    #[inline(always)]
+    fn lead<S: Simd>(&mut self, s: S, count: usize) {
+        self.stack.clear();
+        let (mut at, mut active) = (self.tree.root, ((1u32 << count) - 1) as Mask);
+        loop {
+            let mut entered = match at.kind() {
+                Kind::Node if active.count_ones() > ALONE => self.enter::<S, NODE_ROWS>(s, at),
+                Kind::StillNode if active.count_ones() > ALONE => self.enter::<S, STILL_NODE_ROWS>(s, at),
+                _ => {
+                    self.singly(s, at, active);
+                    None
+                }
+            };
+            loop {
+                let Some(lane) = entered.take().or_else(|| self.pop()) else { return };
+                let block = self.tree.arena.block(lane.at());
+                let children = match lane.kind() {
+                    Kind::Node => {
+                        active = self.packet.meet::<S, NODE_ROWS>(s, block, lane.lane());
+                        children_of::<NODE_ROWS>(block)
+                    }
+                    _ => {
+                        active = self.packet.meet::<S, STILL_NODE_ROWS>(s, block, lane.lane());
+                        children_of::<STILL_NODE_ROWS>(block)
+                    }
+                };
+                if active != 0 {
+                    at = ChildRef(children[lane.lane()].to_bits());
+                    break;
+                }
+            }
+        }
+    }
+
+    /// Puts the lanes of a node that any ray may meet on the stack, but for the nearest, which is returned where order matters.
+    #[inline(always)]
+    fn enter<S: Simd, const ROWS: usize>(&mut self, s: S, node: ChildRef) -> Option<ChildRef> {
+        let (mask, keys) = self.packet.enter::<S, ROWS>(s, self.tree.arena.block(node.at()));
+        let lanes = s.splat_u(node.first_lane().0) | s.load_u(&LANES_OF_NODE);
+        if A::ORDERED && mask & mask.wrapping_sub(1) != 0 {
+            return Some(push_in_order::<S>(s, mask, keys, lanes, &mut self.stack));
+        }
+        self.stack.push_lanes(s, s.compress_u(lanes, mask), mask.count_ones() as usize);
+        None
+    }
+
+    /// The next lane of a node that is not farther away than any ray looks.
+    #[inline(always)]
+    fn pop(&mut self) -> Option<ChildRef> {
+        loop {
+            let entry = self.stack.pop()?;
+            if f32::from_bits((entry >> 32) as u32) <= self.packet.limit() {
+                return Some(ChildRef(entry as u32));
+            }
+        }
+    }
+
+    /// Leads some of the rays through a subtree, one after the other.
+    #[inline(always)]
+    fn singly<S: Simd>(&mut self, s: S, at: ChildRef, mut active: Mask) {
+        let traversal = WideTraversal::new(&self.tree.arena);
+        while active != 0 {
+            let i = active.trailing_zeros() as usize;
+            active &= active - 1;
+            let Member { ray, sheared, collect, .. } = &mut self.members[i % LANES];
+            let mut query = RayQuery { traverser: &self.traverser, ray, sheared, collect, observer: &mut () };
+            self.cursor.restart(at);
+            while traversal.advance(s, &mut self.cursor, &mut query).is_continue() {}
+            self.packet.look(i, A::reach(collect));
+        }
+        self.packet.looked(s);
+    }
+}
