@@ -115,6 +115,9 @@ type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
 /// The same among found `T`, with guards.
 type Guarded<G, Q, T, R> = fn(Target<'_, G>, &Q, Guards<'_, T>) -> R;
 
+/// Many rays, each of which gets an `R`.
+pub(crate) type Batched<G, R> = fn(Target<'_, G>, &[Ray], &mut [R]);
+
 /// All queries of a geometry.
 pub(crate) struct Queries<G> {
     pub closest: Plain<G, Ray, Option<Hit>>,
@@ -125,11 +128,12 @@ pub(crate) struct Queries<G> {
     /// All hits; and, for a visitor that breaks at the first, any hit with guards.
     pub all: fn(Target<'_, G>, &Ray, Guards<'_, Hit>, Visitor<'_>) -> ControlFlow<()>,
     /// Interleaved traversal of many rays through the wide layout.
-    pub interleaved_closest: fn(Target<'_, G>, &[Ray], &mut [Option<Hit>]),
-    pub interleaved_any: fn(Target<'_, G>, &[Ray], &mut [bool]),
-    /// Packets of rays through the wide layout.
-    pub packets_closest: fn(Target<'_, G>, &[Ray], &mut [Option<Hit>]),
-    pub packets_any: fn(Target<'_, G>, &[Ray], &mut [bool]),
+    pub interleaved_closest: Batched<G, Option<Hit>>,
+    pub interleaved_any: Batched<G, bool>,
+    /// Packets of rays through the wide layout; none where there are no triangles, since tests of the caller's own primitives take most
+    /// of the time.
+    pub packets_closest: Option<Batched<G, Option<Hit>>>,
+    pub packets_any: Option<Batched<G, bool>>,
 }
 
 impl<G: RaySource + ClosestPointSource> Queries<G> {
@@ -145,8 +149,8 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         all: |on, ray, Guards { visible, mut observer }, visitor| on.all(ray, &visible, &mut observer, visitor),
         interleaved_closest: |on, rays, hits| on.interleaved::<Closests>(rays, hits),
         interleaved_any: |on, rays, hits| on.interleaved::<Anys>(rays, hits),
-        packets_closest: |on, rays, hits| on.packets::<Closests>(rays, hits),
-        packets_any: |on, rays, hits| on.packets::<Anys>(rays, hits),
+        packets_closest: if G::TRIANGLES { Some(|on, rays, hits| on.packets::<Closests>(rays, hits)) } else { None },
+        packets_any: if G::TRIANGLES { Some(|on, rays, hits| on.packets::<Anys>(rays, hits)) } else { None },
     };
 
     /// The plain queries are functions of their own: the address of a closure is that of a shim which calls it.

@@ -177,8 +177,8 @@ impl<P: Primitive> Compiled for Shapes<P> {
             (queries().interleaved_closest)(on.about(&Own::of(on.geometry)), rays, hits)
         },
         interleaved_any: |on, rays, hits| (queries().interleaved_any)(on.about(&Own::of(on.geometry)), rays, hits),
-        packets_closest: |on, rays, hits| (queries().packets_closest)(on.about(&Own::of(on.geometry)), rays, hits),
-        packets_any: |on, rays, hits| (queries().packets_any)(on.about(&Own::of(on.geometry)), rays, hits),
+        packets_closest: None,
+        packets_any: None,
     };
 
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {

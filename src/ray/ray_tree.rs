@@ -1,6 +1,6 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
-use super::compiled::{Compiled, Guards, Layout, Queries, Target};
+use super::compiled::{Batched, Compiled, Guards, Layout, Queries, Target};
 use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
@@ -208,8 +208,8 @@ impl<G: Geometry> RayTree<G> {
         rays: &[Ray],
         answers: &mut Vec<A::Answer>,
         one: fn(Target<'_, G>, &Ray) -> A::Answer,
-        packets: fn(Target<'_, G>, &[Ray], &mut [A::Answer]),
-        interleaved: fn(Target<'_, G>, &[Ray], &mut [A::Answer]),
+        packets: Option<Batched<G, A::Answer>>,
+        interleaved: Batched<G, A::Answer>,
     ) {
         answers.clear();
         answers.resize(rays.len(), A::NOTHING);
@@ -230,9 +230,11 @@ impl<G: Geometry> RayTree<G> {
                     let (first, others) = answers.split_at_mut(FIRST.min(rays.len()));
                     let (first_rays, other_rays) = rays.split_at(first.len());
                     singly(first_rays, first);
-                    match first.iter().all(|answer| *answer == A::NOTHING) {
-                        true => singly(other_rays, others),
-                        false => packets(self.target(), other_rays, others),
+                    match packets {
+                        Some(packets) if first.iter().any(|answer| *answer != A::NOTHING) => {
+                            packets(self.target(), other_rays, others);
+                        }
+                        _ => singly(other_rays, others),
                     }
                 };
                 answer_in_order(rays, answers, space, together, |rays, answers| match turns {
