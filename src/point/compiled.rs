@@ -2,7 +2,8 @@
 //!
 //! A search is compiled for each instruction set and each kind of tree. If callers instantiated it, every crate that asks
 //! a tree would compile all of that again, once for each of its filters. So a caller's filter is called through `dyn`, once
-//! for each block with something near, and what is compiled are two forms of each query: without and with a filter.
+//! for each block with something near, and what is compiled are two forms of each query: without and with a filter. For SSE2 it is the
+//! latter alone, with a filter that lets everything through.
 
 use super::counted::{CountedSearch, search_counted};
 use super::neighbor::Neighbor;
@@ -15,7 +16,7 @@ use super::search::sinks::{Count, Gather, Visit, VisitSome};
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
 use super::search::{Keep, KeepAll, KeepLanes, NeighborWork};
 use super::tree::PointTree;
-use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch, dispatch_or};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -68,6 +69,9 @@ impl<K: Keep> Search<'_, K> {
     }
 }
 
+/// A filter that lets everything through.
+const ALL: KeepLanes<'static> = KeepLanes(&|_, mask| mask);
+
 /// A query without or with a filter.
 #[derive(Clone, Copy)]
 pub(super) enum Either<'q, 'a> {
@@ -99,7 +103,9 @@ pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
     let found = match query.precise(|asked| asked.nearest()) {
         Some(found) => found,
         None => match query {
-            Either::All(query) => dispatch(query.tree.simd, Nearest(query)),
+            Either::All(query) => dispatch_or(query.tree.simd, Nearest(query), |_| {
+                dispatch(query.tree.simd, Nearest(&query.keeping(ALL)))
+            }),
             Either::Some(query) => dispatch(query.tree.simd, Nearest(query)),
         },
     };
@@ -116,7 +122,13 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
         return;
     }
     let in_order = match query {
-        Either::All(query) => dispatch(query.tree.simd, NearestN { query, k, candidates, found }),
+        Either::All(query) => {
+            let search = NearestN { query, k, candidates: &mut *candidates, found };
+            dispatch_or(query.tree.simd, search, |search| {
+                filtered(&query.keeping(ALL), k, search.candidates);
+                false
+            })
+        }
         Either::Some(query) => {
             filtered(query, k, candidates);
             false
@@ -140,9 +152,8 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     if query.precise(|asked| asked.nearest_n(k, &mut candidates, &mut found, &mut work)).is_some() {
         return work;
     }
-    let all = |_: &Lanes<u32>, mask: Mask| mask;
     let query = match query {
-        Either::All(query) => query.keeping(KeepLanes(&all)),
+        Either::All(query) => query.keeping(ALL),
         Either::Some(query) => *query,
     };
     filtered(&query, k, &mut candidates)
@@ -155,7 +166,9 @@ fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
     }
     candidates.count = 0;
     match query {
-        Either::All(query) => dispatch(query.tree.simd, Collecting { query, candidates }),
+        Either::All(query) => dispatch_or(query.tree.simd, Collecting { query, candidates }, |collecting| {
+            append(&query.keeping(ALL), collecting.candidates);
+        }),
         Either::Some(query) => append(query, candidates),
     }
 }
@@ -185,7 +198,9 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
         return candidates.count;
     }
     match query {
-        Either::All(query) => dispatch(query.tree.simd, Counting(query)),
+        Either::All(query) => {
+            dispatch_or(query.tree.simd, Counting(query), |_| dispatch(query.tree.simd, Counting(&query.keeping(ALL))))
+        }
         Either::Some(query) => dispatch(query.tree.simd, Counting(query)),
     }
 }

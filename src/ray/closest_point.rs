@@ -21,7 +21,7 @@
 //! A distance is rounded to f32 before it is compared, so what is farther than the best by less than half a float may be
 //! equal to it, with a lower id. Culling therefore begins one float above the best.
 
-use super::filter::Filter;
+use super::filter::{Everything, Filter};
 use super::nearest_first::{Leaves, NearestFirst};
 use super::observer::Observer;
 use super::point_query::{Candidate, PlacedQuery, Query};
@@ -30,7 +30,7 @@ use crate::layout::{ChildRef, CornerLanes, WideSource, WideTree};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
-use crate::simd::{LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch};
+use crate::simd::{LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, dispatch_or};
 use glam::{DVec3, Vec3};
 
 /// The nearest point on anything in a [`RayTree`](crate::RayTree), as
@@ -284,6 +284,23 @@ pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
     let mut leaves = InPrimitives { tree, best: &mut best, observer };
     dispatch(simd, NearestFirst { tree, query, leaves: &mut leaves });
     best.finish()
+}
+
+/// The same among all primitives and without an observer; `guarded` gives the answer on an instruction set that has no code for that.
+#[inline(always)]
+pub(super) fn plain_closest_point_in_wide<G: ClosestPointSource>(
+    simd: SimdLevel,
+    tree: &WideTree,
+    set: &G,
+    query: &PlacedQuery,
+    guarded: impl FnOnce() -> Option<ClosestPoint>,
+) -> Option<ClosestPoint> {
+    let query = &Query::new(query, *set.frame())?;
+    let mut best = begin(set, query, &Everything);
+    let mut leaves = InPrimitives { tree, best: &mut best, observer: &mut () };
+    let mut found = None;
+    dispatch_or(simd, NearestFirst { tree, query, leaves: &mut leaves }, |_| found = Some(guarded()));
+    found.unwrap_or_else(|| best.finish())
 }
 
 /// The nearest point in the k-d layout.

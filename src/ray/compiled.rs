@@ -6,7 +6,9 @@
 //! ([`super::own`]); likewise builds. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited
 //! block; a query is compiled without them and, once more, with whichever of them there are ([`Guards`]).
 
-use super::closest_point::{ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide};
+use super::closest_point::{
+    ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide, plain_closest_point_in_wide,
+};
 use super::interleave::{Anys, Asks, Batch, Closests};
 use super::intersect::RaySource;
 use super::lazy::LazyQuery;
@@ -14,14 +16,14 @@ use super::lazy_closest_point::closest_point_in_lazy;
 use super::packets::Packets;
 use super::point_query::PlacedQuery;
 use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query, Visitor};
-use super::{Everything, Filter, Hit, Observer, Ray, Visible};
+use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
 use crate::layout::{LazyTree, Statistics, WideSource, WideTree};
 use crate::mbkd::{KdTree, build_kd};
 use crate::params::{BuildParams, Policy};
 use crate::primitive::Scene;
 use crate::progress::Progress;
-use crate::simd::{SimdLevel, dispatch};
+use crate::simd::{SimdLevel, dispatch, dispatch_or};
 use core::ops::ControlFlow;
 
 /// Apart from the wide layout's way, which has fewer registers to save without it.
@@ -110,7 +112,7 @@ impl<'a, T> Guards<'a, T> {
 }
 
 /// A query `Q` that gives an `R`.
-type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
+pub(crate) type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
 
 /// The same among found `T`, with guards.
 type Guarded<G, Q, T, R> = fn(Target<'_, G>, &Q, Guards<'_, T>) -> R;
@@ -140,27 +142,75 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     /// The addresses of all queries; whoever names them compiles them.
     pub(super) const TABLE: Queries<G> = Queries {
         closest: Queries::plain_closest,
-        closest_guarded: |on, ray, Guards { visible, mut observer }| on.closest(ray, &visible, &mut observer),
+        closest_guarded: Queries::guarded_closest,
         any: Queries::plain_any,
-        closest_point: |on, query| on.closest_point(query, &Everything, &mut ()),
-        closest_point_guarded: |on, query, Guards { visible, mut observer }| {
-            on.closest_point(query, &visible, &mut observer)
+        closest_point: Queries::plain_closest_point,
+        closest_point_guarded: Queries::guarded_closest_point,
+        all: Queries::guarded_all,
+        interleaved_closest: |on, rays, hits| on.interleaved::<Closests>(rays, hits, Queries::plain_closest),
+        interleaved_any: |on, rays, hits| on.interleaved::<Anys>(rays, hits, Queries::plain_any),
+        packets_closest: match G::TRIANGLES {
+            true => Some(|on, rays, hits| on.packets::<Closests>(rays, hits, Queries::plain_closest)),
+            false => None,
         },
-        all: |on, ray, Guards { visible, mut observer }, visitor| on.all(ray, &visible, &mut observer, visitor),
-        interleaved_closest: |on, rays, hits| on.interleaved::<Closests>(rays, hits),
-        interleaved_any: |on, rays, hits| on.interleaved::<Anys>(rays, hits),
-        packets_closest: if G::TRIANGLES { Some(|on, rays, hits| on.packets::<Closests>(rays, hits)) } else { None },
-        packets_any: if G::TRIANGLES { Some(|on, rays, hits| on.packets::<Anys>(rays, hits)) } else { None },
+        packets_any: match G::TRIANGLES {
+            true => Some(|on, rays, hits| on.packets::<Anys>(rays, hits, Queries::plain_any)),
+            false => None,
+        },
     };
 
-    /// The plain queries are functions of their own: the address of a closure is that of a shim which calls it.
+    // The plain queries are functions of their own: the address of a closure is that of a shim which calls it. They are compiled
+    // for the layouts and instruction sets where they are sooner than guarded ones and speed matters.
+
+    /// The nearest hit.
     fn plain_closest(on: Target<'_, G>, ray: &Ray) -> Option<Hit> {
-        on.closest(ray, &Everything, &mut ())
+        let observer = &mut ();
+        on.ask_plain(
+            || ClosestQuery(Asked { set: on.geometry, ray, filter: &Everything, observer }),
+            || Queries::guarded_closest(on, ray, Guards::NONE),
+        )
     }
 
-    /// The same for whether there is a hit.
+    /// Whether there is a hit.
     fn plain_any(on: Target<'_, G>, ray: &Ray) -> bool {
-        on.any(ray, &Everything, &mut ())
+        let observer = &mut ();
+        on.ask_plain(
+            || AnyQuery(Asked { set: on.geometry, ray, filter: &Everything, observer }),
+            || Queries::guarded_all(on, ray, Guards::NONE, &mut |_| ControlFlow::Break(())).is_break(),
+        )
+    }
+
+    /// The nearest point.
+    fn plain_closest_point(on: Target<'_, G>, query: &PlacedQuery) -> Option<ClosestPoint> {
+        let guarded = || Queries::guarded_closest_point(on, query, Guards::NONE);
+        match on.layout {
+            Layout::Wide(tree) => plain_closest_point_in_wide(on.simd, tree, on.geometry, query, guarded),
+            Layout::Kd(_) | Layout::Lazy(_) => guarded(),
+        }
+    }
+
+    fn guarded_closest(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Hit>) -> Option<Hit> {
+        let Guards { visible, mut observer } = guards;
+        on.ask(ClosestQuery(Asked { set: on.geometry, ray, filter: &visible, observer: &mut observer }))
+    }
+
+    fn guarded_all(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Hit>, visitor: Visitor<'_>) -> ControlFlow<()> {
+        let Guards { visible, mut observer } = guards;
+        on.ask(AllQuery { asked: Asked { set: on.geometry, ray, filter: &visible, observer: &mut observer }, visitor })
+    }
+
+    fn guarded_closest_point(
+        on: Target<'_, G>,
+        query: &PlacedQuery,
+        guards: Guards<'_, ClosestPoint>,
+    ) -> Option<ClosestPoint> {
+        let Guards { visible, mut observer } = guards;
+        let (filter, observer) = (&visible, &mut observer);
+        match on.layout {
+            Layout::Wide(tree) => closest_point_in_wide(on.simd, tree, on.geometry, query, filter, observer),
+            Layout::Kd(tree) => closest_point_in_kd(tree, on.geometry, query, filter, observer),
+            Layout::Lazy(tree) => closest_point_in_lazy(on.simd, tree, on.geometry, query, filter, observer),
+        }
     }
 }
 
@@ -172,68 +222,49 @@ impl<G> Clone for Target<'_, G> {
 
 impl<G> Copy for Target<'_, G> {}
 
-impl<G: ClosestPointSource> Target<'_, G> {
-    #[inline(always)]
-    fn closest_point(
-        self,
-        query: &PlacedQuery,
-        filter: &impl Filter<ClosestPoint>,
-        observer: &mut impl Observer,
-    ) -> Option<ClosestPoint> {
+impl<G: RaySource> Target<'_, G> {
+    /// Asks the layout.
+    fn ask<Q: LazyQuery>(self, query: Q) -> Q::Answer {
         match self.layout {
-            Layout::Wide(tree) => closest_point_in_wide(self.simd, tree, self.geometry, query, filter, observer),
-            Layout::Kd(tree) => closest_point_in_kd(tree, self.geometry, query, filter, observer),
-            Layout::Lazy(tree) => closest_point_in_lazy(self.simd, tree, self.geometry, query, filter, observer),
+            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
+            Layout::Kd(tree) => ask_kd(query, tree),
+            Layout::Lazy(tree) => query.ask_lazily(tree, self.simd),
         }
     }
-}
 
-impl<G: RaySource> Target<'_, G> {
-    /// Asks the layout; the one place that knows the layouts apart. The query is made where it is needed: moved there, it would
+    /// Asks the layout without guards, where there is code for that. The query is made where it is needed: moved there, it would
     /// be copied by wide loads that wait for the narrow stores before them.
     #[inline(always)]
-    fn ask<Q: LazyQuery>(self, query: impl FnOnce() -> Q) -> Q::Answer {
+    fn ask_plain<Q: Query>(self, query: impl FnOnce() -> Q, guarded: impl FnOnce() -> Q::Answer) -> Q::Answer {
         match self.layout {
-            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query: query() }),
+            Layout::Wide(tree) => dispatch_or(self.simd, OfWide { tree, query: query() }, |_| guarded()),
             Layout::Kd(tree) => ask_kd(query(), tree),
-            Layout::Lazy(tree) => query().ask_lazily(tree, self.simd),
+            Layout::Lazy(_) => guarded(),
         }
-    }
-
-    #[inline(always)]
-    fn closest(self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> Option<Hit> {
-        self.ask(|| ClosestQuery(Asked { set: self.geometry, ray, filter, observer }))
-    }
-
-    #[inline(always)]
-    fn any(self, ray: &Ray, filter: &impl Filter, observer: &mut impl Observer) -> bool {
-        self.ask(|| AnyQuery(Asked { set: self.geometry, ray, filter, observer }))
-    }
-
-    #[inline(always)]
-    fn all(
-        self,
-        ray: &Ray,
-        filter: &impl Filter,
-        observer: &mut impl Observer,
-        visitor: Visitor<'_>,
-    ) -> ControlFlow<()> {
-        self.ask(|| AllQuery { asked: Asked { set: self.geometry, ray, filter, observer }, visitor })
     }
 
     /// Nothing to do in other layouts, whose rays are never interleaved.
     #[inline(always)]
-    fn interleaved<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer]) {
+    fn interleaved<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer], one: Plain<G, Ray, A::Answer>) {
         if let Layout::Wide(tree) = self.layout {
-            dispatch(self.simd, Batch::<G, A> { tree, set: self.geometry, rays, answers });
+            let batch = Batch::<G, A> { tree, set: self.geometry, rays, answers };
+            dispatch_or(self.simd, batch, |batch| self.singly(batch.rays, batch.answers, one));
         }
     }
 
     /// Likewise.
     #[inline(always)]
-    fn packets<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer]) {
+    fn packets<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer], one: Plain<G, Ray, A::Answer>) {
         if let Layout::Wide(tree) = self.layout {
-            dispatch(self.simd, Packets::<G, A> { tree, set: self.geometry, rays, answers });
+            let batch = Packets::<G, A> { tree, set: self.geometry, rays, answers };
+            dispatch_or(self.simd, batch, |batch| self.singly(batch.rays, batch.answers, one));
+        }
+    }
+
+    /// One ray after the other.
+    pub fn singly<R>(self, rays: &[Ray], answers: &mut [R], one: Plain<G, Ray, R>) {
+        for (ray, answer) in rays.iter().zip(answers) {
+            *answer = one(self, ray);
         }
     }
 }

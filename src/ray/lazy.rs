@@ -9,7 +9,7 @@ use super::filter::Filter;
 use super::hit::Hit;
 use super::intersect::RaySource;
 use super::observer::Observer;
-use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query};
+use super::query::{AllQuery, Asked, ClosestQuery, OfWide, Query};
 use super::stops::{Stops, Way};
 use super::tree_ray::TreeRay;
 use crate::geometry::Ray;
@@ -39,20 +39,6 @@ impl<G: RaySource, F: Filter, O: Observer> LazyQuery for ClosestQuery<'_, G, F, 
         };
         lead::<true, _, _, _, _>(tree, simd, self.0, ask);
         best
-    }
-}
-
-impl<G: RaySource, F: Filter, O: Observer> LazyQuery for AnyQuery<'_, G, F, O> {
-    #[inline(never)]
-    fn ask_lazily(self, tree: &LazyTree, simd: SimdLevel) -> bool {
-        let mut found = false;
-        let ask = |tree: &WideTree, asked: Asked<'_, G, F, O>| {
-            let end = asked.ray.t_max;
-            found = dispatch(simd, OfWide { tree, query: AnyQuery(asked) });
-            if found { ControlFlow::Break(()) } else { ControlFlow::Continue(end) }
-        };
-        lead::<false, _, _, _, _>(tree, simd, self.0, ask);
-        found
     }
 }
 

@@ -1,6 +1,6 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
-use super::compiled::{Batched, Compiled, Guards, Layout, Queries, Target};
+use super::compiled::{Batched, Compiled, Guards, Layout, Plain, Queries, Target};
 use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
@@ -207,17 +207,13 @@ impl<G: Geometry> RayTree<G> {
         &self,
         rays: &[Ray],
         answers: &mut Vec<A::Answer>,
-        one: fn(Target<'_, G>, &Ray) -> A::Answer,
+        one: Plain<G, Ray, A::Answer>,
         packets: Option<Batched<G, A::Answer>>,
         interleaved: Batched<G, A::Answer>,
     ) {
         answers.clear();
         answers.resize(rays.len(), A::NOTHING);
-        let singly = |rays: &[Ray], answers: &mut [A::Answer]| {
-            for (ray, answer) in rays.iter().zip(answers) {
-                *answer = one(self.target(), ray);
-            }
-        };
+        let singly = |rays: &[Ray], answers: &mut [A::Answer]| self.target().singly(rays, answers, one);
         match &self.layout {
             Layout::Wide(tree) => {
                 let cached = self.statistics.bytes <= CACHED;
@@ -427,10 +423,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ray::interleave::Batch;
-    use crate::ray::packets::Packets;
     use crate::scene;
-    use crate::simd::dispatch;
 
     /// Turns and packets are tested here on their own: a batch takes one of them or none.
     #[test]
@@ -466,14 +459,12 @@ mod tests {
                         }
                     })
                     .collect();
-                let Layout::Wide(wide) = &tree.layout else { panic!("the default is wide") };
-                let (set, rays) = (&tree.geometry, rays.as_slice());
                 let (mut hits, mut shadows) = (vec![None; count], vec![false; count]);
-                dispatch(level, Batch::<_, Closests> { tree: wide, set, rays, answers: &mut hits });
-                dispatch(level, Batch::<_, Anys> { tree: wide, set, rays, answers: &mut shadows });
+                (tree.queries.interleaved_closest)(tree.target(), &rays, &mut hits);
+                (tree.queries.interleaved_any)(tree.target(), &rays, &mut shadows);
                 let (mut packet_hits, mut packet_shadows) = (vec![None; count], vec![false; count]);
-                dispatch(level, Packets::<_, Closests> { tree: wide, set, rays, answers: &mut packet_hits });
-                dispatch(level, Packets::<_, Anys> { tree: wide, set, rays, answers: &mut packet_shadows });
+                (tree.queries.packets_closest.expect("packets"))(tree.target(), &rays, &mut packet_hits);
+                (tree.queries.packets_any.expect("packets"))(tree.target(), &rays, &mut packet_shadows);
                 for (i, ray) in rays.iter().enumerate() {
                     let hit = tree.closest_hit(ray);
                     assert_eq!((hits[i], packet_hits[i]), (hit, hit), "{level}, {count} rays, ray {i}");

@@ -92,6 +92,27 @@ impl core::fmt::Display for SimdLevel {
     }
 }
 
+/// Runs a kernel that is not compiled for SSE2, where `otherwise` gives the answer by other code: few CPUs have nothing better, and what is
+/// compiled for it is larger than for any other.
+#[inline(always)]
+pub(crate) fn dispatch_or<K: Kernel>(level: SimdLevel, kernel: K, otherwise: impl FnOnce(K) -> K::Output) -> K::Output {
+    match level.0 {
+        #[cfg(target_arch = "x86_64")]
+        Isa::Baseline => otherwise(kernel),
+        #[cfg(not(target_arch = "x86_64"))]
+        Isa::Baseline => {
+            let _ = otherwise;
+            baseline::run(kernel)
+        }
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as in `dispatch`.
+        Isa::Avx2 => unsafe { avx2::run(kernel) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as in `dispatch`.
+        Isa::Avx512 => unsafe { avx512::run(kernel) },
+    }
+}
+
 /// Runs a kernel compiled for `level`.
 #[inline(always)]
 pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {

@@ -107,6 +107,8 @@ struct First<'a, F> {
 }
 
 impl<F: Fn(&Flight, &Flight) -> bool> Visitor for First<'_, F> {
+    const PASSES_OVER: bool = true;
+
     #[inline(always)]
     fn begin(&mut self, _own: &Flight) {}
 

@@ -35,6 +35,8 @@ impl Encounter {
 
 /// What is done with encounters.
 pub(super) trait Visitor {
+    /// Whether pairs are passed over that lists at the first time hold.
+    const PASSES_OVER: bool;
     /// Comes to a point.
     fn begin(&mut self, own: &Flight);
     /// The encounters of that point with four others.
@@ -47,8 +49,6 @@ pub(super) struct Question {
     pub(super) radius: f64,
     /// The group's first time.
     pub(super) first_time: f32,
-    /// Whether pairs that are known at the first time are passed over.
-    pub(super) known: bool,
     /// Whether some points do not live throughout.
     pub(super) mortal: bool,
 }

@@ -141,6 +141,8 @@ impl PointTree {
 }
 
 impl Visitor for EncounterLists {
+    const PASSES_OVER: bool = false;
+
     #[inline(always)]
     fn begin(&mut self, own: &Flight) {
         self.points.push(own.id);

@@ -56,25 +56,10 @@ impl Near {
         question: &Question,
         visitor: &mut V,
     ) {
-        if question.known {
-            self.visit_all::<S, V, true>(s, (block, partners), question, visitor);
-        } else {
-            self.visit_all::<S, V, false>(s, (block, partners), question, visitor);
-        }
-    }
-
-    #[inline(always)]
-    fn visit_all<S: Simd, V: Visitor, const KNOWN: bool>(
-        &mut self,
-        s: S,
-        (block, partners): (&Block, &Partners),
-        question: &Question,
-        visitor: &mut V,
-    ) {
         let Near { picks, rows, hits } = self;
         let reach = squared_up(question.radius);
         let all = picks.near(s, &partners.boxes, (block.lo, block.hi), reach);
-        let (shared, rest) = rows.gather::<S, KNOWN>(s, &partners.blocks, all, (block.lo, block.hi));
+        let (shared, rest) = rows.gather::<S, V>(s, &partners.blocks, all, (block.lo, block.hi));
         let shared = rest.is_empty().then_some(shared);
         for lane in 0..LANES {
             let Some(own) = block.points.flight(lane) else { continue };
@@ -83,10 +68,10 @@ impl Near {
             let from = [first[0][lane], first[1][lane], first[2][lane]];
             let way = [passing[0][lane], passing[1][lane], passing[2][lane]];
             // What did not exist at the first time was not near anything then.
-            let pass_over = KNOWN && own.life.contains(question.first_time);
+            let pass_over = V::PASSES_OVER && own.life.contains(question.first_time);
             let mut count = 0;
             if let Some(points) = shared {
-                count = rows.passing::<S, KNOWN>(s, (from, way), pass_over, points, (hits, count));
+                count = rows.passing::<S, V>(s, (from, way), pass_over, points, (hits, count));
             } else {
                 // Too many for all points of the block together: some go far, or the radius is large. Each for itself.
                 let to = [from[0] + way[0], from[1] + way[1], from[2] + way[2]];
@@ -95,8 +80,8 @@ impl Near {
                 let mut rest = picks.near(s, &partners.boxes, (lo, hi), reach);
                 while !rest.is_empty() {
                     let points;
-                    (points, rest) = rows.gather::<S, KNOWN>(s, &partners.blocks, rest, (lo, hi));
-                    count = rows.passing::<S, KNOWN>(s, (from, way), pass_over, points, (hits, count));
+                    (points, rest) = rows.gather::<S, V>(s, &partners.blocks, rest, (lo, hi));
+                    count = rows.passing::<S, V>(s, (from, way), pass_over, points, (hits, count));
                 }
             }
             let mut begin = 0;
@@ -113,7 +98,7 @@ impl Rows {
     /// Gathers the points of picked blocks whose ways come near a box, as many as there is room for; their number, and the
     /// picks that are left.
     #[inline(always)]
-    fn gather<'a, S: Simd, const KNOWN: bool>(
+    fn gather<'a, S: Simd, V: Visitor>(
         &mut self,
         s: S,
         partners: &[Partner],
@@ -140,7 +125,7 @@ impl Rows {
             write(s, to_v, end, s.compress(v, near));
             write(s, to_w, end, s.compress(w, near));
             write(s, to_bound, end, s.splat(*bound));
-            if KNOWN {
+            if V::PASSES_OVER {
                 write(s, to_known, end, s.compress(s.load(known), near));
             }
             let to: &mut Lanes<u32> = (&mut place[end..end + LANES]).try_into().expect("sixteen");
@@ -155,7 +140,7 @@ impl Rows {
     /// Appends to the first `end` hits which of the gathered points come as near as their bounds to one that goes from a
     /// place by a way, all but known ones; the new number of hits, behind which there is room for more.
     #[inline(always)]
-    fn passing<S: Simd, const KNOWN: bool>(
+    fn passing<S: Simd, V: Visitor>(
         &self,
         s: S,
         (from, way): ([f32; 3], [f32; 3]),
@@ -184,7 +169,7 @@ impl Rows {
             let time = s.max(s.min(dot(s, [x, y, z], [u, v, w]) / speed, one), zero);
             let (a, b, c) = (x - u * time, y - v * time, z - w * time);
             let mut near = s.le(dot(s, [a, b, c], [a, b, c]), s.load(lanes_at(bound, at)));
-            if KNOWN {
+            if V::PASSES_OVER {
                 let listed = s.le(squared::<S>(x, y, z), s.load(lanes_at(known, at)));
                 near &= !listed | nothing_known;
             }

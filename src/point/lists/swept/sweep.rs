@@ -145,7 +145,7 @@ impl<'a> Sweep<'a> {
         self
     }
 
-    /// Passes over pairs that lists at the first time with this radius hold for certain. Positions are rounded both there
+    /// Has visitors that pass over pairs pass over those that lists at the first time with this radius hold for certain. Positions are rounded both there
     /// and here, so what is allowed for rounding counts twice.
     pub(super) fn pass_over_lists_of(mut self, radius: f32) -> Sweep<'a> {
         let radius = f64::from(radius);
@@ -211,7 +211,7 @@ impl<V: Visitor> Kernel for Share<'_, V> {
             let first_time = part.times[0];
             // What is looked at from a later time on is not where it was at the first.
             let known = sweep.known.filter(|_| f64::from(first_time) == sweep.times[0]);
-            let question = Question { radius: sweep.radius, first_time, known: known.is_some(), mortal: sweep.mortal };
+            let question = Question { radius: sweep.radius, first_time, mortal: sweep.mortal };
             partners.clear();
             for other in &sweep.parts {
                 let Some(window) = sweep.window(part, other) else { continue };
