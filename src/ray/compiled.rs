@@ -4,7 +4,7 @@
 //! If callers instantiated it, every crate that asks a tree would compile all of that again. So a tree carries the
 //! addresses of its queries: of those that this crate compiled, for triangles and for primitives of any type
 //! ([`super::own`]); likewise builds. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited
-//! block; a query is compiled without them and, once more, with whichever of them there are ([`Guards`]).
+//! block; a query is compiled with whichever of them there are ([`Guards`]) and, but for SSE2 and for lazy trees, once more without.
 
 use super::closest_point::{
     ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide, plain_closest_point_in_wide,

@@ -2,7 +2,7 @@
 
 /// Sees what a query does. All methods do nothing unless implemented.
 ///
-/// A query without an observer is compiled without one, so it pays nothing for the possibility.
+/// A query without an observer is compiled without one (but for SSE2), so it pays nothing for the possibility.
 ///
 /// ```
 /// use mbkd::{BuildParams, Observer, Ray, RayTree, TriangleMesh, glam::Vec3};
