@@ -35,7 +35,7 @@ struct Along {
 /// Makes the section.
 pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let sizes: &[usize] = run.pick(&[1_000, 10_000], &[1_000, 10_000, 100_000, 1_000_000, 10_000_000]);
-    let ways: &[f32] = run.pick(&[0.0, 1.0, 10.0], &[0.0, 0.1, 0.3, 1.0, 3.0, 10.0]);
+    let ways: &[f64] = run.pick(&[0.0, 1.0, 10.0], &[0.0, 0.1, 0.3, 1.0, 3.0, 10.0]);
     let keys: &[usize] = run.pick(&[2, 65], &[2, 5, 17, 65]);
     run.begin("scaling-rays", sizes.len() + ways.len() + keys.len() + 1);
     let (n, rays) = run.pick((4_000, 1_000), (30_000, 20_000));
@@ -60,7 +60,7 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     items.extend(plots("size", "triangles", true, "one spacing of motion, 2 keys", by_size));
     let by_way = along(
         &cast,
-        ways.iter().map(|&way| f64::from(way)),
+        ways.iter().copied(),
         |way| {
             run.step(&format!("{way} times the spacing"));
             (cloud(n, way as f32, 2, &mut random), patience)
@@ -214,7 +214,7 @@ fn plots(name: &str, label: &str, log: bool, of: &str, all: Vec<Along>) -> Vec<I
     let row = |along: &Along, f: &Figures| {
         vec![
             along.name.to_string(),
-            (f.x as f32).to_string(),
+            f.x.to_string(),
             format!("{:.4}", f.build),
             format!("{:.0}", f.bytes),
             format!("{:.3}", 1e6 * f.ray),
