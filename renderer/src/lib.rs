@@ -3,10 +3,9 @@
 //! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene
 //! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
 //! `sampling`, `sky`, `materials` and `gloss` (of `microfacets`), and at last `film` (pictures and files), `parts` (files of parts of a picture, and
-//! merging them), `heatmap` or `animation`. `farm` prints the commands of parts. `biplane` makes the model of the README's picture.
+//! merging them), `heatmap` or `animation`. `farm` prints the commands of parts.
 
 mod animation;
-pub mod biplane;
 mod exr;
 mod farm;
 pub mod film;
@@ -19,7 +18,7 @@ mod materials;
 mod microfacets;
 mod options;
 mod parts;
-mod readers;
+pub mod readers;
 mod render;
 pub mod sampling;
 mod sky;

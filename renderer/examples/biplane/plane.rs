@@ -4,9 +4,9 @@ use super::cloth::Cloth;
 use super::glb::{Parts, Writer, of};
 use super::paint::Paint;
 use super::solids::{ALONG_X, ALONG_Z, Wing, ball, lathe, rod};
-use crate::sampling::cos_sin;
 use gltf::json::{Index, Node};
 use mbkd::glam::{Mat3, Vec3};
+use mbkd_renderer::sampling::cos_sin;
 
 /// Turns of the propeller during the clip.
 pub const TURNS: f32 = 10.0;

@@ -5,8 +5,8 @@
 use super::glb::{Parts, Writer, of};
 use super::paint::Paint;
 use super::solids::{ALONG_Z, ball, lathe, rod, turned};
-use crate::sampling::cos_sin;
 use mbkd::glam::{Mat3, Vec3};
+use mbkd_renderer::sampling::cos_sin;
 use mbkd_scenes::Shape;
 
 /// Sectors of the planet.

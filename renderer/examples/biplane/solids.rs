@@ -1,7 +1,7 @@
 //! Solids that the parts are made of: what a lathe turns, balls, rods, and wings.
 
-use crate::sampling::{cos_sin, frame};
 use mbkd::glam::{Mat3, Vec3};
+use mbkd_renderer::sampling::{cos_sin, frame};
 use mbkd_scenes::Shape;
 
 /// Axes of a solid whose own y, the axis of its lathe, points along x.

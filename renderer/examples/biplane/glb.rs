@@ -1,7 +1,6 @@
 //! A GLB file in the making: nodes, meshes of painted shapes, skins and one clip, in the order in which they are added.
 
 use super::paint::{Look, Paint};
-use crate::sampling::cos_sin_f64;
 use gltf::binary::{Glb, Header};
 use gltf::json::accessor::{ComponentType, GenericComponentType, Type};
 use gltf::json::animation::{Channel, Interpolation, Property, Sampler, Target};
@@ -16,6 +15,7 @@ use gltf::json::{
 };
 use mbkd::Keys;
 use mbkd::glam::Vec3;
+use mbkd_renderer::sampling::cos_sin_f64;
 use mbkd_scenes::Shape;
 use std::collections::BTreeMap;
 

@@ -5,9 +5,9 @@
 
 use super::glb::Writer;
 use super::paint::Paint;
-use crate::sampling::cos_sin;
 use gltf::json::{Index, Node};
 use mbkd::glam::Vec3;
+use mbkd_renderer::sampling::cos_sin;
 
 /// A sheet of square cells.
 pub struct Cloth<'a> {

@@ -1,13 +1,8 @@
 //! The file in the repository is what the code makes, and the reader poses it where hand computation puts it.
 
 use super::*;
-use crate::readers::Model;
 use mbkd::glam::{DQuat, DVec3};
-use std::path::PathBuf;
-
-fn path() -> PathBuf {
-    [env!("CARGO_MANIFEST_DIR"), "models", "biplane.glb"].iter().collect()
-}
+use mbkd_renderer::readers::Model;
 
 #[test]
 fn the_file_is_what_the_command_writes() {
