@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod bad_input;
+mod batches;
 mod brute_force;
 mod closest_point;
 mod common;

@@ -1,0 +1,100 @@
+//! Batches of rays that look the same way, which are led in packets, answer as single rays do.
+
+use crate::brute_force::Brick;
+use crate::common::{Random, soup};
+use mbkd::glam::Vec3;
+use mbkd::{
+    BuildParams, Division, MovingSphere, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh, WideParams,
+};
+
+/// All kinds of leaves: triangles that stand still, move, bend, live for a while and are kept in f64, spheres and bricks.
+fn tree(division: Division, level: SimdLevel) -> RayTree {
+    let some_time = TimeInterval::new(0.2, 0.8).unwrap();
+    let meshes = [
+        soup(400, 1, 0.2, 0.0, 1),
+        soup(300, 2, 0.2, 0.3, 2),
+        soup(200, 5, 0.2, 0.2, 3).with_active(some_time),
+        soup(100, 2, 0.2, 0.2, 4).precise(),
+    ];
+    let mut random = Random(9);
+    let shapes = (0..60).map(|i| {
+        let at = random.vec().as_dvec3();
+        if i % 10 == 3 {
+            return Shape::own(Brick::new(at, 0.2));
+        }
+        MovingSphere::new(vec![(at, 0.1), (at + random.vec().as_dvec3() * 0.3, 0.05)]).into()
+    });
+    let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+    RayTree::of_scene(&meshes, shapes.collect(), &params).unwrap().with_simd(level)
+}
+
+/// Rays that look nearly the same way from nearly the same place, some of them of another kind than the others.
+fn pencil(random: &mut Random, count: usize) -> Vec<Ray> {
+    // From nearby and from far away; also along axes, where some components are zero or nearly so.
+    let from = random.vec() * [0.5, 3.0, 300.0][random.below(3)];
+    let mut toward = random.vec() * 0.3 - from;
+    if random.below(3) == 0 {
+        toward[random.below(3)] = [0.0, -0.0, 1e-30][random.below(3)];
+    }
+    let spread = [0.0, 1e-4, 0.1][random.below(3)];
+    let times = if random.below(2) == 0 { [0.4, 0.0] } else { [0.0, 1.0] };
+    let ray = |random: &mut Random| {
+        let time = times[0] + times[1] * random.unit();
+        let ray =
+            Ray::new(from + random.vec() * spread, toward + random.vec() * (spread * toward.length())).at_time(time);
+        match random.below(40) {
+            0 => ray.between(-1.0, f32::INFINITY),
+            1 => ray.between(0.5, 1.2),
+            2 => Ray { dir: -ray.dir, ..ray },
+            3 => Ray { dir: Vec3::NAN, ..ray },
+            4 => ray.between(0.0, 0.0),
+            _ => ray,
+        }
+    };
+    (0..count).map(|_| ray(random)).collect()
+}
+
+#[test]
+fn rays_that_look_the_same_way_answer_as_single_rays() {
+    let mut random = Random(11);
+    let (mut hits, mut shadows) = (Vec::new(), Vec::new());
+    for division in [Division::Automatic, Division::Segments(3)] {
+        for level in SimdLevel::available() {
+            let tree = tree(division, level);
+            let mut found = 0;
+            for round in 0..120 {
+                let count = [300, 17, 1000, 16, 31][round % 5];
+                let rays = pencil(&mut random, count);
+                tree.closest_hits(&rays, &mut hits);
+                tree.any_hits(&rays, &mut shadows);
+                for (i, ray) in rays.iter().enumerate() {
+                    let alone = tree.closest_hit(ray);
+                    assert_eq!((hits[i], shadows[i]), (alone, alone.is_some()), "{level}, ray {i} of {count}: {ray:?}");
+                    found += usize::from(alone.is_some());
+                }
+            }
+            assert!(found > 10_000, "{found}");
+        }
+    }
+}
+
+#[test]
+fn order_changes_nothing_nor_does_time_where_all_stands_still() {
+    // The same rays, alone in a batch and among others, in any order.
+    let tree = tree(Division::Automatic, SimdLevel::best());
+    let mut random = Random(12);
+    let rays = pencil(&mut random, 512);
+    let (mut hits, mut reversed) = (Vec::new(), Vec::new());
+    tree.closest_hits(&rays, &mut hits);
+    let backward: Vec<Ray> = rays.iter().rev().copied().collect();
+    tree.closest_hits(&backward, &mut reversed);
+    reversed.reverse();
+    assert_eq!(hits, reversed);
+    let still: Vec<TriangleMesh> = vec![soup(300, 1, 0.3, 0.0, 5)];
+    let tree = RayTree::build(&still, &BuildParams::default()).unwrap();
+    // A tree that stands still answers alike at every time.
+    let at_once: Vec<Ray> = rays.iter().map(|ray| ray.at_time(0.5)).collect();
+    tree.closest_hits(&rays, &mut hits);
+    tree.closest_hits(&at_once, &mut reversed);
+    assert_eq!(hits, reversed);
+}
