@@ -67,6 +67,8 @@ mod params;
 pub mod point;
 mod primitive;
 mod progress;
+#[cfg(test)]
+mod random;
 pub mod ray;
 mod simd;
 mod time;

@@ -267,6 +267,7 @@ fn by_kind(references: &mut [Reference], kind: &LeafKind<'_>) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
     use glam::Vec3;
 
     /// A floor and four walls of two triangles each, and small things that lie about.
@@ -283,13 +284,9 @@ mod tests {
             add(Vec3::Z, Vec3::new(1.0, 0.5, 1.0));
             add(Vec3::X, Vec3::new(1.0, 0.5, 1.0));
         }
-        let mut state = 21u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = Random(21);
         for _ in 0..2000 {
-            let at = Vec3::new(next(), 0.1, next());
+            let at = Vec3::new(random.unit(), 0.1, random.unit());
             add(at, at + 0.01);
         }
         references

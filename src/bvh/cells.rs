@@ -145,6 +145,7 @@ impl Cut<'_> {
 mod tests {
     use super::*;
     use crate::geometry::LinearBox3;
+    use crate::random::Random;
     use glam::Vec3;
 
     /// Checks a node and all below it; returns how many nodes those are.
@@ -167,18 +168,14 @@ mod tests {
 
     #[test]
     fn every_reference_is_in_one_leaf_and_all_boxes_hold_what_is_below() {
-        let mut state = 5u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = Random(5);
         // All over a box, all but a few in a corner of it, in a plane, at one place.
         for spread in [Vec3::ONE, Vec3::splat(1e-4), Vec3::new(1.0, 0.0, 1.0), Vec3::ZERO] {
             for (n, most) in [(1, 1), (40, 1), (3000, 7), (150_000, 100), (5000, 5000)] {
                 let references: Vec<Reference> = (0..n)
                     .map(|id| {
                         let far = if id % 999 == 0 && spread != Vec3::ZERO { 1.0 } else { 0.0 };
-                        let p = Vec3::new(next(), next(), next()) * spread + far;
+                        let p = Vec3::new(random.unit(), random.unit(), random.unit()) * spread + far;
                         let of = |p: Vec3| Box3 { min: p, max: p + 0.01 * spread };
                         let end = if id % 3 == 0 { p + 0.1 * spread } else { p };
                         Reference::new(LinearBox3 { begin: of(p), end: of(end) }, id)

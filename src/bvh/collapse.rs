@@ -251,6 +251,7 @@ mod tests {
     use crate::bvh::builder::build_binary;
     use crate::bvh::reference::Reference;
     use crate::geometry::{Box3, LinearBox3};
+    use crate::random::Random;
     use glam::Vec3;
 
     const COST_MODEL: CostModel =
@@ -288,18 +289,18 @@ mod tests {
 
     #[test]
     fn the_collapse_costs_what_the_recurrence_says() {
-        let mut state = 5u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = Random(5);
         for n in [1, 5, 17, 64, 700, 20_000] {
             let mut references: Vec<Reference> = (0..n)
                 .map(|id| {
-                    let begin = Vec3::new(next(), next(), next());
-                    let end = if id % 3 == 0 { begin } else { begin + 0.1 * Vec3::new(next(), next(), next()) };
+                    let begin = Vec3::new(random.unit(), random.unit(), random.unit());
+                    let end = if id % 3 == 0 {
+                        begin
+                    } else {
+                        begin + 0.1 * Vec3::new(random.unit(), random.unit(), random.unit())
+                    };
                     let around = |p: Vec3, r: f32| Box3 { min: p, max: p + r };
-                    let size = 0.1 * next();
+                    let size = 0.1 * random.unit();
                     Reference::new(LinearBox3 { begin: around(begin, size), end: around(end, size) }, id)
                 })
                 .collect();

@@ -207,22 +207,24 @@ mod tests {
     use super::*;
     use crate::bvh::binning::{Table, find_split, summary};
     use crate::geometry::LinearBox3;
+    use crate::random::Random;
 
     #[test]
     fn large_nodes_are_parted_alike_by_any_number_of_threads() {
-        let mut state = 3u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = Random(3);
         let n = 3 * PARALLEL as u32 + 17;
         // In random order, sorted up, sorted down, and nearly all on one side.
         for order in 0..4 {
             let given: Vec<Reference> = (0..n)
                 .map(|i| {
                     let along = i as f32 / n as f32;
-                    let x = [next(), along, 1.0 - along, if i % 1000 == 999 { 5.0 + next() } else { next() }][order];
-                    let at = Vec3::new(x, 0.01 * next(), 0.01 * next());
+                    let x = [
+                        random.unit(),
+                        along,
+                        1.0 - along,
+                        if i % 1000 == 999 { 5.0 + random.unit() } else { random.unit() },
+                    ][order];
+                    let at = Vec3::new(x, 0.01 * random.unit(), 0.01 * random.unit());
                     let b = Box3 { min: at, max: at + 1e-3 };
                     Reference::new(LinearBox3 { begin: b, end: b }, i)
                 })

@@ -273,21 +273,16 @@ const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
     use glam::Vec3;
-
-    fn random(state: &mut u64) -> f32 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
 
     #[test]
     fn needles_are_cut_within_the_budget_and_the_longest_most() {
-        let mut state = 3;
+        let mut random = Random(3);
         let mut needles: Vec<Ends> = Vec::new();
         for i in 0..1000 {
-            let mut point = || Vec3::new(random(&mut state), random(&mut state), random(&mut state));
             let length = if i % 10 == 0 { 0.9 } else { 0.1 };
-            let (at, along, thick) = (point() * 0.1, point() * length, point() * 1e-3);
+            let (at, along, thick) = (random.vec() * 0.1, random.vec() * length, random.vec() * 1e-3);
             let begin = [at, at + along, at + thick];
             needles.push(Ends { begin, end: begin, slack: 0.0 });
         }
@@ -311,7 +306,7 @@ mod tests {
         }
         // What has no area gains nothing.
         let line = |i: u32| {
-            let at = Vec3::new(random(&mut 5u64.wrapping_add(u64::from(i))), 0.0, 0.0);
+            let at = Vec3::new(Random(5 + u64::from(i)).signed(), 0.0, 0.0);
             Ends { begin: [at, at + 0.1 * Vec3::X, at], end: [at, at + 0.1 * Vec3::X, at], slack: 0.0 }
         };
         let boxed = |i: u32| line(i).begin.into_iter().fold(Box3::EMPTY, Box3::include);
@@ -327,10 +322,10 @@ mod tests {
 
     #[test]
     fn every_point_of_a_moving_triangle_is_in_a_part_of_its_bin() {
-        let mut state = 17;
+        let mut random = Random(17);
         for round in 0..3000 {
             let motion = [0.0, 0.02, 0.3, 2.0][round % 4];
-            let mut point = |scale: f32| Vec3::new(random(&mut state), random(&mut state), random(&mut state)) * scale;
+            let mut point = |scale: f32| random.vec() * scale;
             let begin = [point(0.6), point(0.6), point(0.6)];
             let end = begin.map(|p| (p + point(motion)).clamp(Vec3::NEG_ONE, Vec3::ONE));
             let corners = Ends { begin, end, slack: 0.0 };
@@ -374,10 +369,10 @@ mod tests {
 
     /// Points of the edges of moving triangles beside the planes, in f64, that are in no part.
     fn points_lost(pad_of: impl Fn(&Ends) -> f32) -> usize {
-        let (mut state, mut lost) = (29, 0);
+        let (mut random, mut lost) = (Random(29), 0);
         for round in 0..4000 {
             let motion = [0.0, 0.02, 0.3][round % 3];
-            let mut point = |scale: f32| Vec3::new(random(&mut state), random(&mut state), random(&mut state)) * scale;
+            let mut point = |scale: f32| random.vec() * scale;
             let begin = [point(0.7), point(0.7), point(0.7)];
             let end = begin.map(|p| p + point(motion));
             let ends = Ends { begin, end, slack: 0.0 };

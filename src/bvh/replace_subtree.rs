@@ -90,6 +90,7 @@ mod tests {
     use crate::bvh::reference::Reference;
     use crate::bvh::visits::SurfaceDensity;
     use crate::geometry::{Box3, LinearBox3};
+    use crate::random::Random;
     use glam::Vec3;
 
     const COST_MODEL: CostModel =
@@ -124,15 +125,14 @@ mod tests {
 
     #[test]
     fn grafts_are_single_children_and_the_rest_is_decided_for_at_least_cost() {
-        let mut state = 9u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = Random(9);
         let mut references: Vec<Reference> = (0..5000)
             .map(|id| {
-                let at = Vec3::new(next(), next(), next());
-                let (a, b) = (Box3 { min: at, max: at + 0.03 * next() }, Box3 { min: at, max: at + 0.05 * next() });
+                let at = Vec3::new(random.unit(), random.unit(), random.unit());
+                let (a, b) = (
+                    Box3 { min: at, max: at + 0.03 * random.unit() },
+                    Box3 { min: at, max: at + 0.05 * random.unit() },
+                );
                 Reference::new(LinearBox3 { begin: a, end: b }, id)
             })
             .collect();

@@ -75,6 +75,7 @@ fn volume(b: &LinearBox3) -> f32 {
 mod tests {
     use super::*;
     use crate::geometry::Box3;
+    use crate::random::Random;
 
     fn fixed(min: Vec3, max: Vec3) -> LinearBox3 {
         LinearBox3 { begin: Box3 { min, max }, end: Box3 { min, max } }
@@ -83,11 +84,7 @@ mod tests {
     /// Segments between random points of six walls, counted in boxes inside.
     #[test]
     fn boxes_are_visited_by_as_many_segments_as_it_says() {
-        let mut state = 7u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = Random(7);
         // Many small plates make a ray end anywhere: segments begin anywhere, and their lengths decay.
         let density = 8.0f32;
         let mean_length = 2.0 / density;
@@ -98,11 +95,11 @@ mod tests {
         ];
         let mut visited = [0.0f32; 3];
         for _ in 0..200_000 {
-            let origin = Vec3::new(next(), next(), next());
-            let up = 2.0 * next() - 1.0;
-            let (sin, cos) = (core::f32::consts::TAU * next()).sin_cos();
+            let origin = Vec3::new(random.unit(), random.unit(), random.unit());
+            let up = 2.0 * random.unit() - 1.0;
+            let (sin, cos) = (core::f32::consts::TAU * random.unit()).sin_cos();
             let dir = Vec3::new((1.0 - up * up).sqrt() * cos, (1.0 - up * up).sqrt() * sin, up);
-            let length = -mean_length * (1.0 - next()).ln();
+            let length = -mean_length * (1.0 - random.unit()).ln();
             for (visited, b) in visited.iter_mut().zip(&boxes) {
                 let (a, c) = ((b.begin.min - origin) / dir, (b.begin.max - origin) / dir);
                 let (enter, leave) = (a.min(c).max_element().max(0.0), a.max(c).min_element().min(length));

@@ -56,6 +56,7 @@ fn whole_end(whole: Box3, axis: usize, sign: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     #[test]
     fn a_diagonal_triangle_leaves_a_corner_of_the_cell() {
@@ -70,15 +71,10 @@ mod tests {
 
     #[test]
     fn every_sampled_point_inside_the_cell_is_kept() {
-        let mut state = 3u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(3);
         let mut inside = 0;
         for _ in 0..2000 {
-            let mut point = || Vec3::new(next(), next(), next());
-            let (corners, a, b) = ([point(), point(), point()], point(), point());
+            let (corners, a, b) = ([random.vec(), random.vec(), random.vec()], random.vec(), random.vec());
             let cell = Box3 { min: a.min(b), max: a.max(b) };
             let part = clip_triangle(corners, cell);
             for i in 0..=16 {

@@ -76,6 +76,7 @@ fn closest_on_segment(q: DVec3, a: DVec3, b: DVec3) -> (DVec3, f64) {
 mod tests {
     use super::*;
     use crate::geometry::Box3;
+    use crate::random::Random;
     use glam::Vec3;
 
     /// A vector of whole numbers, for exact arithmetic.
@@ -120,11 +121,8 @@ mod tests {
 
     #[test]
     fn distances_are_those_of_exact_arithmetic() {
-        let mut state = 9u64;
-        let mut next = |reach: i128| {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            i128::from(state >> 33) % (2 * reach + 1) - reach
-        };
+        let mut random = Random(9);
+        let mut next = |reach: i128| i128::from(random.bits() >> 33) % (2 * reach + 1) - reach;
         let (mut inside, mut thin) = (0, 0);
         for round in 0..200_000 {
             // Small ones with many flat and coinciding, large ones, and slivers: a corner beside an edge.

@@ -87,15 +87,13 @@ impl Mul for Double {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     /// Sums and products of numbers of 20 bits and of very different sizes, which i128 holds.
     #[test]
     fn a_hundred_bits_are_kept() {
-        let mut state = 7u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 24) as i64 - (1 << 39)
-        };
+        let mut random = Random(7);
+        let mut next = || (random.bits() >> 24) as i64 - (1 << 39);
         for _ in 0..10_000 {
             let (a, b, c, d) = (next(), next(), next() >> 20, next() >> 20);
             let number = |x: i64| Double::from(x as f64);

@@ -129,6 +129,7 @@ fn exponent(x: f64) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     #[test]
     fn scenes_of_any_size_fill_the_unit_cube() {
@@ -163,11 +164,8 @@ mod tests {
 
     #[test]
     fn numbers_in_f32_keep_every_bit() {
-        let mut state = 1u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 32) as u32
-        };
+        let mut random = Random(1);
+        let mut next = || (random.bits() >> 32) as u32;
         for round in 0..20_000 {
             // Magnitudes from 2^-63 to 2^0, and what lies within a factor of two.
             let number = |bits: u32| match round % 2 {

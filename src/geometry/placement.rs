@@ -78,38 +78,35 @@ fn norm(m: DMat3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
     use glam::DQuat;
 
-    fn next(state: &mut u64) -> f64 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    fn vec(state: &mut u64) -> DVec3 {
-        DVec3::new(next(state), next(state), next(state))
+    fn vec(random: &mut Random) -> DVec3 {
+        DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64())
     }
 
     #[test]
     fn no_distance_grows_by_more_and_some_by_as_much() {
-        let mut state = 1;
+        let mut random = Random(1);
         for round in 0..2000 {
-            let scale = DVec3::from([0, 1, 2].map(|_| 10f64.powf(4.0 * next(&mut state)))) * vec(&mut state).signum();
-            let rotation = DQuat::from_axis_angle(vec(&mut state).normalize(), 3.0 * next(&mut state));
-            let mut matrix = DAffine3::from_scale_rotation_translation(scale, rotation, vec(&mut state) * 100.0);
+            let scale =
+                DVec3::from([0, 1, 2].map(|_| 10f64.powf(4.0 * random.signed_f64()))) * vec(&mut random).signum();
+            let rotation = DQuat::from_axis_angle(vec(&mut random).normalize(), 3.0 * random.signed_f64());
+            let mut matrix = DAffine3::from_scale_rotation_translation(scale, rotation, vec(&mut random) * 100.0);
             if round % 2 == 1 {
                 matrix = DAffine3::from_mat3_translation(DMat3::from_quat(rotation.inverse()), DVec3::X) * matrix;
-                matrix.matrix3.x_axis += matrix.matrix3.y_axis * next(&mut state);
+                matrix.matrix3.x_axis += matrix.matrix3.y_axis * random.signed_f64();
             }
             let placement = Placement::new(matrix);
             let bounds = Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE };
-            let q = vec(&mut state) * 10f64.powf(5.0 * next(&mut state));
+            let q = vec(&mut random) * 10f64.powf(5.0 * random.signed_f64());
             let Brought { point, grows, stray } = placement.bring(q, bounds);
             assert!(grows.is_finite() && stray.is_finite());
             let mut most = 0.0f64;
             for i in 0..50 {
                 // Also along each axis, in which scales are met exactly.
-                let by = if i < 3 { DVec3::AXES[i] } else { vec(&mut state) };
-                let p = vec(&mut state) * 0.5 + by * 0.5;
+                let by = if i < 3 { DVec3::AXES[i] } else { vec(&mut random) };
+                let p = vec(&mut random) * 0.5 + by * 0.5;
                 let inside = (point - p).length();
                 let image = (matrix.transform_point3(p) - q).length();
                 assert!(inside <= (image + stray) * grows, "{inside} {image} {stray} {grows}");

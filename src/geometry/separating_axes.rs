@@ -69,22 +69,14 @@ fn clear_by(instants: &[Instant], slack: f32, margin: f32) -> bool {
 mod tests {
     use super::*;
     use crate::geometry::clip::clip_triangle;
-
-    fn next(state: &mut u64) -> f32 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
-
-    fn point(state: &mut u64) -> Vec3 {
-        Vec3::new(next(state), next(state), next(state))
-    }
+    use crate::random::Random;
 
     /// Cells of one point, exactly on a triangle: whole numbers, and the point is a whole number of quarters of two edges
     /// away from a corner. (With a margin of 0, one in ninety is called clear.)
     #[test]
     fn a_triangle_is_not_clear_of_its_points_and_would_be_without_the_margin() {
-        let mut state = 5;
-        let mut whole = |size: f32| (point(&mut state) * size).round();
+        let mut random = Random(5);
+        let mut whole = |size: f32| (random.vec() * size).round();
         let mut lost = [0, 0];
         for _ in 0..20_000 {
             let (a, e, f) = (whole(1e6), whole(2e5), whole(2e5));
@@ -100,14 +92,14 @@ mod tests {
 
     #[test]
     fn what_is_called_clear_never_touches_and_diagonals_are_found() {
-        let mut state = 1;
+        let mut random = Random(1);
         let (mut clear, mut boxes) = (0, 0);
         for _ in 0..20_000 {
-            let [a, b, c] = core::array::from_fn(|_| point(&mut state));
-            let motion = point(&mut state) * 0.2;
-            let low = point(&mut state);
+            let [a, b, c] = core::array::from_fn(|_| random.vec());
+            let motion = random.vec() * 0.2;
+            let low = random.vec();
             let cell = Box3 { min: low, max: low + Vec3::splat(0.3) };
-            let drift = point(&mut state) * 0.1;
+            let drift = random.vec() * 0.1;
             let moved = Box3 { min: cell.min + drift, max: cell.max + drift };
             let end = [a + motion, b + motion * 0.5, c - motion];
             let instants = [Instant { corners: [a, b, c], cell }, Instant { corners: end, cell: moved }];

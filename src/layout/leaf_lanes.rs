@@ -123,18 +123,14 @@ impl Between {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
+    use crate::random::Random;
 
     #[test]
     fn leaf_blocks_interpolate_as_keys_do() {
-        let mut state = 3u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(3);
         for _ in 0..10_000 {
-            let (a, b) = (Vec3::new(next(), next(), next()), Vec3::new(next(), next(), next()));
-            let keys = KeyTime::new(next().abs(), 2);
+            let (a, b) = (random.vec(), random.vec());
+            let keys = KeyTime::new(random.signed().abs(), 2);
             let between = Between::new(keys);
             let (at, other) = if between.rows(9) == (0, 9) { (a, b) } else { (b, a) };
             assert_eq!(at + (other - at) * between.fraction, keys.position(a, b));

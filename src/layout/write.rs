@@ -271,6 +271,7 @@ impl Nodes<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     /// With the rounding of the query not taken into account, one face in a hundred is computed inside of its bound.
     #[test]
@@ -283,16 +284,12 @@ mod tests {
     /// How many faces, moved by so many roundings, are computed on the wrong side of their bounds.
     fn faces_inside(roundings: f64) -> usize {
         let mut lost = 0;
-        let mut state = 1u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(1);
         for i in 0..100_000 {
             let scale = if i % 3 == 0 { 1e-4 } else { 1.0 };
-            let (a, b) = (next().abs() * scale + 0.5 * next().abs(), next().abs());
+            let (a, b) = (random.signed().abs() * scale + 0.5 * random.signed().abs(), random.signed().abs());
             let Some(over) = TimeInterval::half_open(a.min(b), a.max(b)) else { continue };
-            let (begin, end) = (next(), next() * scale);
+            let (begin, end) = (random.signed(), random.signed() * scale);
             for side in [-1.0f32, 1.0] {
                 let f = face_by(begin, end, over, f64::from(side), 0.0, roundings);
                 for j in 0..=8 {

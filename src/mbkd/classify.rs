@@ -135,17 +135,15 @@ fn exactly_once(position: Line, interval: TimeInterval, plane: Plane) -> Sides {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     const PLANE: Plane = Plane { axis: 0, position: 0.0, velocity: 0.0 };
 
     /// Times beside crossings, at which the distance is negative in whole numbers and which the interval does not hold,
     /// with a begin and an end that were moved down and up.
     fn lost_beside_crossings(down: impl Fn(f32) -> f32 + Copy, up: impl Fn(f32) -> f32 + Copy) -> [usize; 2] {
-        let mut state = 3u64;
-        let mut next = |below: i64| {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 33) as i64 % below
-        };
+        let mut random = Random(3);
+        let mut next = |below: i64| (random.bits() >> 33) as i64 % below;
         let mut lost = [0, 0];
         for round in 0..20_000 {
             // Times from 1/2 to 1 are whole multiples of 2^-24.
@@ -229,11 +227,8 @@ mod tests {
 
     #[test]
     fn intervals_cover_every_time_on_each_side() {
-        let mut state = 9u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f64 / (1 << 23) as f64 - 1.0
-        };
+        let mut random = Random(9);
+        let mut next = || (random.bits() >> 40) as f64 / (1 << 23) as f64 - 1.0;
         for _ in 0..20_000 {
             let (a, b) = (next().abs() as f32, next().abs() as f32);
             let Some(interval) = TimeInterval::half_open(a.min(b), a.max(b)) else { continue };

@@ -10,25 +10,20 @@ use crate::geometry::{LinearBox3, Plane, TimeInterval};
 use crate::params::KdParams;
 use crate::primitive::{MovingSphere, PrimitiveSet, Shapes};
 use crate::progress::Progress;
+use crate::random::Random;
 use glam::Vec3;
 use std::collections::BTreeSet;
 
 const POINTS: Trajectories = Trajectories { segments: 1, segment: 0, middle: 0.5 };
 
-fn random(state: &mut u64) -> f32 {
-    *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-    (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
-}
-
 /// Points on their ways within the cube, every third alive for a part of the shutter, and as spheres.
 fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
-    let mut state = 17;
-    let mut place = || Vec3::new(random(&mut state), random(&mut state), random(&mut state));
+    let mut random = Random(17);
     let ways: Vec<[Vec3; 2]> = (0..count)
         .map(|i| {
-            let p = place();
+            let p = random.vec();
             // Still, slow, and far.
-            [p, (p + place() * [0.0, 0.05, 1.0][i % 3]).clamp(Vec3::NEG_ONE, Vec3::ONE)]
+            [p, (p + random.vec() * [0.0, 0.05, 1.0][i % 3]).clamp(Vec3::NEG_ONE, Vec3::ONE)]
         })
         .collect();
     let active = |i: usize| match i % 3 {

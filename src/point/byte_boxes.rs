@@ -175,6 +175,7 @@ fn face(corner: f32, step: f32, count: u8) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
     use crate::simd::{Kernel, SimdLevel, dispatch};
 
     /// Distances of the boxes as searches compute them.
@@ -190,14 +191,9 @@ mod tests {
         }
     }
 
-    fn next(state: &mut u64) -> f32 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 40) as f32 / (1 << 24) as f32
-    }
-
     #[test]
     fn boxes_are_rounded_outward_and_by_little() {
-        let mut state = 11;
+        let mut random = Random(11);
         for round in 0..3000 {
             // From one place to all that is allowed, near zero and far from it.
             let size = [0.0, 1e-44, 1e-39, 1e-3, 1.0, 1e18][round % 6];
@@ -205,7 +201,7 @@ mod tests {
             let mut boxes = Boxes::NONE;
             let present = round % 17;
             for lane in 0..present {
-                let mut corner = || core::array::from_fn(|_| offset + next(&mut state) * size);
+                let mut corner = || core::array::from_fn(|_| offset + random.unit() * size);
                 let (a, b): ([f32; 3], [f32; 3]) = (corner(), corner());
                 let least = core::array::from_fn(|i| a[i].min(b[i]));
                 boxes.include(lane, least, core::array::from_fn(|i| a[i].max(b[i])));
@@ -229,7 +225,7 @@ mod tests {
             assert!(present > 0 || hull_lo > hull_hi, "round {round}");
             assert!(present == 0 || (0..3).all(|axis| hull_lo[axis] <= corner[axis] && far[axis] <= hull_hi[axis]));
             // What searches see is what was checked above, fused or not.
-            let point = core::array::from_fn(|_| offset + (next(&mut state) * 3.0 - 1.0) * size);
+            let point = core::array::from_fn(|_| offset + (random.unit() * 3.0 - 1.0) * size);
             for simd in SimdLevel::available() {
                 let distances = dispatch(simd, Distances(&bytes, point));
                 for (lane, distance) in distances.into_iter().take(present).enumerate() {

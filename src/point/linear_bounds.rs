@@ -217,19 +217,15 @@ fn down(x: f64) -> f32 {
 mod tests {
     use super::*;
     use crate::geometry::KeyTime;
+    use crate::random::Random;
     use glam::Vec3;
 
-    fn next(state: &mut u64) -> f32 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
-
     /// Points on their ways: far from zero, tiny, fast and slow by turns, some of them with one that is far away.
-    fn ways(round: usize, state: &mut u64) -> Vec<[Vec3; 2]> {
+    fn ways(round: usize, random: &mut Random) -> Vec<[Vec3; 2]> {
         let offset = [0.0, 1000.0, -3.0e7, 1e-20, 1e-42][round % 5];
         let size = [1.0, 1e-3, 1e3, 1e-22, 1e-43][round % 5];
         let speed = [0.0, 1e-4, 1.0, 50.0][round / 5 % 4] * size;
-        let mut place = |by: f32| Vec3::new(next(state), next(state), next(state)) * by;
+        let mut place = |by: f32| random.vec() * by;
         let mut ways: Vec<[Vec3; 2]> = (0..64)
             .map(|_| {
                 let a = place(size) + offset;
@@ -245,9 +241,9 @@ mod tests {
     /// Faces of three levels of hulls and points, both as queries compute them.
     #[test]
     fn no_rounding_lets_a_point_out() {
-        let mut state = 3;
+        let mut random = Random(3);
         for round in 0..300 {
-            let ways = ways(round, &mut state);
+            let ways = ways(round, &mut random);
             let range = |i: usize| if round % 3 == 0 { [0.0, 1.0] } else { [0.25 * (i % 3) as f64, 1.0] };
             let span = |(i, way): (usize, &[Vec3; 2])| {
                 Span::of_point(way[0].to_array(), way[1].to_array(), range(i), [0.0, 2.0])
@@ -280,9 +276,9 @@ mod tests {
     /// counts. The other points of the box hold the slope of the face far from its own. Either it is fast and passes zero
     /// there, and they stand; or it stands near zero, and they are fast.
     fn lost_where_faces_touch(fast: bool, padding: Padding) -> usize {
-        let (mut state, mut lost) = (3, 0);
+        let (mut random, mut lost) = (Random(3), 0);
         for _ in 0..2000 {
-            let [r, w, o] = [(); 3].map(|()| 0.5 + 0.45 * next(&mut state));
+            let [r, w, o] = [(); 3].map(|()| 0.5 + 0.45 * random.signed());
             let (way, range) = if fast { ([-w * r, w * (1.0 - r)], [r, 1.0]) } else { ([1e-3 * w; 2], [0.0, r]) };
             let other = if fast { [3.0; 2] } else { [0.5 + o, 0.5 + o + w] };
             let span =
@@ -308,8 +304,8 @@ mod tests {
     /// A point a million sizes away, in the same leaf or not, pads no axis along which it lies near.
     #[test]
     fn padding_follows_what_is_in_the_box() {
-        let mut state = 5;
-        let mut place = || [next(&mut state), next(&mut state), next(&mut state)];
+        let mut random = Random(5);
+        let mut place = || [random.signed(), random.signed(), random.signed()];
         let mut spans: Vec<Span> = (0..16).map(|_| Span::of_point(place(), place(), [0.0, 1.0], [0.0, 2.0])).collect();
         let width = |hull: &Hull, axis: usize| hull.hi[axis].at(0.5) - hull.lo[axis].at(0.5);
         let before = Hull::of_points(&spans);

@@ -234,11 +234,7 @@ mod tests {
     use super::*;
     use crate::geometry::TimeInterval;
     use crate::point::build::parts;
-
-    fn random(state: &mut u64) -> f32 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
+    use crate::random::Random;
 
     /// Calls `visit` with the planes above each leaf, the sides it lies on (-1 below) with their slack, and its blocks.
     fn leaves(
@@ -262,8 +258,8 @@ mod tests {
     /// How far points are computed on the wrong side of planes, at the first and last times at which they count there:
     /// the most as a fraction of the slack.
     fn worst(keys: usize, offset: f32, size: f32, speed: f32) -> f64 {
-        let mut state = 11;
-        let mut place = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random(&mut state) * by);
+        let mut random = Random(11);
+        let mut place = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random.signed() * by);
         let movers: Vec<Mover> = (0..800)
             .map(|id| {
                 let open = place(size).map(|x| x + offset);

@@ -125,20 +125,16 @@ impl Tube {
 mod tests {
     use super::*;
     use crate::primitive::{PrimitiveSet, TriangleMesh};
-
-    fn next(state: &mut u64) -> f32 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 40) as f32 / (1 << 24) as f32
-    }
+    use crate::random::Random;
 
     /// Corners that leave the bounds at times of their interval, among them keys and times beside them, when a part of
     /// the padding is taken away.
     fn lost(part: f32) -> usize {
-        let (mut state, mut lost) = (19, 0);
+        let (mut random, mut lost) = (Random(19), 0);
         for keys in [3usize, 4, 9, 65, 200] {
             for _ in 0..60 {
                 let mut point = |around: Vec3| {
-                    around + Vec3::new(next(&mut state), next(&mut state), next(&mut state)) * 0.05 - Vec3::splat(0.025)
+                    around + Vec3::new(random.unit(), random.unit(), random.unit()) * 0.05 - Vec3::splat(0.025)
                 };
                 let mut places = vec![[Vec3::ZERO, Vec3::X, Vec3::Y].map(&mut point).to_vec()];
                 for _ in 1..keys {
@@ -146,8 +142,8 @@ mod tests {
                     places.push(last.into_iter().map(&mut point).collect());
                 }
                 let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], places)]).unwrap();
-                let (a, b) = (next(&mut state), next(&mut state));
-                let over = match next(&mut state) {
+                let (a, b) = (random.unit(), random.unit());
+                let over = match random.unit() {
                     x if x < 0.3 => TimeInterval::FULL,
                     _ => TimeInterval::half_open(a.min(b), a.max(b) + 1e-3).unwrap(),
                 };
@@ -160,7 +156,7 @@ mod tests {
                     let t = match i % 3 {
                         0 => key,
                         1 => [key.next_up(), key.next_down()][i / 3 % 2],
-                        _ => over.begin() + over.duration() * next(&mut state),
+                        _ => over.begin() + over.duration() * random.unit(),
                     };
                     if !(over.begin()..=over.end()).contains(&t) {
                         continue;

@@ -95,19 +95,14 @@ fn on_line(p: Vec3, a: Vec3, b: Vec3, w: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn random(state: &mut u64) -> f32 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
+    use crate::random::Random;
 
     /// Kept keys of vertices that go through random places at `places` keys, sampled at `keys` keys, and moved by
     /// `off` of their coordinate at one of the inner keys.
     fn kept(places: usize, keys: usize, off: f32) -> usize {
-        let mut state = 7;
+        let mut random = Random(7);
         let vertices = 1000;
-        let mut point = || Vec3::new(random(&mut state), random(&mut state), random(&mut state));
-        let path: Vec<Vec<Vec3>> = (0..places).map(|_| (0..vertices).map(|_| point()).collect()).collect();
+        let path: Vec<Vec<Vec3>> = (0..places).map(|_| (0..vertices).map(|_| random.vec()).collect()).collect();
         let step = if places > 1 { (keys - 1) / (places - 1) } else { usize::MAX };
         kept_keys(keys, vertices, |key, v| {
             let (segment, inner) = (key / step, key % step);
@@ -141,13 +136,13 @@ mod tests {
 
     #[test]
     fn what_merges_is_within_four_ulp_of_the_line() {
-        let (mut state, mut merged, mut far) = (3, 0, 0);
+        let (mut random, mut merged, mut far) = (Random(3), 0, 0);
         for _ in 0..200_000 {
-            let (a, b) = (random(&mut state), random(&mut state));
-            let w = f64::from(random(&mut state) * 0.5 + 0.5);
+            let (a, b) = (random.signed(), random.signed());
+            let w = f64::from(random.signed() * 0.5 + 0.5);
             let exact = f64::from(a) * (1.0 - w) + f64::from(b) * w;
             let size = f64::from(a.abs().max(b.abs()));
-            let p = (exact + size * f64::from(random(&mut state) * 8.0 * ULP)) as f32;
+            let p = (exact + size * f64::from(random.signed() * 8.0 * ULP)) as f32;
             let off = (f64::from(p) - exact).abs() / (size * f64::from(ULP));
             let taken = on_line(Vec3::splat(p), Vec3::splat(a), Vec3::splat(b), w);
             assert!(taken == (off <= 4.0) || (off - 4.0).abs() < 1e-6, "{off}");

@@ -47,21 +47,17 @@ mod tests {
     use super::*;
     use crate::geometry::LinearBox3;
     use crate::primitive::{PrimitiveSet, TriangleMesh};
-
-    fn next(state: &mut u64) -> f64 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
+    use crate::random::Random;
 
     /// Corners outside of their bounds over a part of the shutter, with all of the padding and without that for rounding.
     fn outside(keys: usize) -> [usize; 2] {
-        let (mut state, mut lost) = (9 + keys as u64, [0, 0]);
+        let (mut random, mut lost) = (Random(9 + keys as u64), [0, 0]);
         for _ in 0..200 {
-            let mut corners = || (0..3).map(|_| DVec3::from([0; 3].map(|_| next(&mut state)))).collect();
+            let mut corners = || (0..3).map(|_| DVec3::from([0; 3].map(|_| random.signed_f64()))).collect();
             let positions: Vec<Vec<DVec3>> = (0..keys).map(|_| corners()).collect();
             let mesh = TriangleMesh::new(vec![[0, 1, 2]], positions).precise();
             let set = Triangles::new(&[mesh]).unwrap();
-            let (a, b) = (next(&mut state).abs() as f32, next(&mut state).abs() as f32);
+            let (a, b) = (random.signed_f64().abs() as f32, random.signed_f64().abs() as f32);
             let over = TimeInterval::half_open(a.min(b), a.max(b) + 1e-3).unwrap();
             let LinearBox3 { begin, end } = set.bounds(0, over);
             for i in 0..=20 {
@@ -90,9 +86,9 @@ mod tests {
 
     #[test]
     fn every_bit_is_kept_and_equal_keys_are_one() {
-        let mut state = 3;
+        let mut random = Random(3);
         for around in [0.0, 1e-9, 5e6] {
-            let mut place = || DVec3::splat(around) + DVec3::from([0; 3].map(|_| next(&mut state)));
+            let mut place = || DVec3::splat(around) + DVec3::from([0; 3].map(|_| random.signed_f64()));
             let [open, close]: [Vec<DVec3>; 2] = core::array::from_fn(|_| (0..3).map(|_| place()).collect());
             let still = TriangleMesh::new(vec![[0, 1, 2]], vec![open.clone(); 5]).precise();
             let moving = TriangleMesh::new(vec![[0, 1, 2]; 2], vec![open.clone(), close.clone()]).precise();

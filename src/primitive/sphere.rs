@@ -131,21 +131,20 @@ impl Primitive for MovingSphere {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
     use glam::Vec3;
 
     /// Spheres between two keys, at times of the shutter, that reach out of the line between their boxes at its ends.
     fn outside_of_bounds(padding: f64) -> usize {
-        let mut state = 7u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mut random = Random(7);
         let mut outside = 0;
         for _ in 0..5000 {
-            let mut key = || (DVec3::new(next(), next(), next()), next().abs());
+            let mut key = || {
+                (DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()), random.signed_f64().abs())
+            };
             let ball = MovingSphere::new(vec![key(), key()]);
             let bounds = ball.padded_bounds(TimeInterval::FULL, padding);
-            let time = (next().abs() * 16.0).round() as f32 / 16.0;
+            let time = (random.signed_f64().abs() * 16.0).round() as f32 / 16.0;
             let at = |a: DVec3, b: DVec3| a + (b - a) * f64::from(time);
             let (min, max) = (at(bounds.begin.min, bounds.end.min), at(bounds.begin.max, bounds.end.max));
             let exact = ball.bounds_at(time);

@@ -445,22 +445,18 @@ const WIDENED: f64 = 2.4e-7 + 6e-8;
 mod tests {
     use super::*;
     use crate::primitive::TriangleMesh;
-
-    fn next(state: &mut u64) -> f32 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 40) as f32 / (1 << 24) as f32
-    }
+    use crate::random::Random;
 
     #[test]
     fn bounds_hold_the_kernels_corners_at_every_time() {
-        let mut state = 11;
+        let mut random = Random(11);
         for keys in [1usize, 2, 3, 4, 9] {
             let positions = (0..keys)
-                .map(|_| (0..3).map(|_| Vec3::new(next(&mut state), next(&mut state), next(&mut state))).collect())
+                .map(|_| (0..3).map(|_| Vec3::new(random.unit(), random.unit(), random.unit())).collect())
                 .collect::<Vec<Vec<Vec3>>>();
             let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], positions)]).unwrap();
             for _ in 0..200 {
-                let (a, b) = (next(&mut state), next(&mut state));
+                let (a, b) = (random.unit(), random.unit());
                 let over = TimeInterval::half_open(a.min(b), a.max(b) + 1e-3).unwrap();
                 let bounds = set.bounds(0, over);
                 for i in 0..=64 {
@@ -485,11 +481,11 @@ mod tests {
         assert_eq!((set.len(), set.keys(2), set.keys(3)), (5, 1, 2));
         assert_eq!((set.name(2), set.name(3), set.name(4)), ((0, 2), (2, 0), (2, 1)));
         // Meshes that begin and end anywhere, many of them in a block, with empty ones before, between and behind.
-        let mut state = 3;
+        let mut random = Random(3);
         let meshes: Vec<TriangleMesh> = (0..200)
             .map(|i| {
                 let most = if i % 50 < 30 { 4 } else { 90 };
-                let n = (next(&mut state) * most as f32) as usize;
+                let n = (random.unit() * most as f32) as usize;
                 let n = if i % 7 == 0 || i > 195 { 0 } else { n };
                 TriangleMesh::fixed(vec![[0, 1, 2]; n], corners.clone())
             })
@@ -502,10 +498,10 @@ mod tests {
     /// The largest distance of a kernel's vertex from the exact one, in ULP of the largest coordinate around its time.
     /// Products and differences of f32 are exact in f64, or nearly.
     fn largest_error(keys: usize) -> f64 {
-        let (mut state, mut worst) = (5, 0.0f64);
+        let (mut random, mut worst) = (Random(5), 0.0f64);
         for _ in 0..200_000 {
-            let t = next(&mut state);
-            let (a, b) = (next(&mut state) * 2.0 - 1.0, next(&mut state) * 2.0 - 1.0);
+            let t = random.unit();
+            let (a, b) = (random.unit() * 2.0 - 1.0, random.unit() * 2.0 - 1.0);
             let at = KeyTime::new(t, keys);
             let kernel = f64::from(at.position(Vec3::splat(a), Vec3::splat(b)).x);
             let s = f64::from(t) * (keys - 1) as f64 - at.segment as f64;
@@ -527,22 +523,22 @@ mod tests {
 
     #[test]
     fn bounds_hold_the_kernels_corners_exactly_and_would_not_without_slack() {
-        let mut state = 23;
+        let mut random = Random(23);
         {
             let keys = 2;
             let mut lost = [0, 0];
             for _ in 0..300 {
-                let mut point = || Vec3::new(next(&mut state), next(&mut state), next(&mut state)) * 2.0 - 1.0;
+                let mut point = || Vec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
                 let positions: Vec<Vec<Vec3>> = (0..keys).map(|_| vec![point(); 3]).collect();
                 let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], positions)]).unwrap();
                 // Within one segment, where bounds are no chord around other keys.
-                let segment = (next(&mut state) * (keys - 1) as f32) as usize;
+                let segment = (random.unit() * (keys - 1) as f32) as usize;
                 let key = |i: f32| (segment as f32 + i) / (keys - 1) as f32;
                 let over = TimeInterval::half_open(key(0.1), key(0.9)).unwrap();
                 let bounds = set.bounds(0, over);
                 let slack = Triangles::slack(keys, set.magnitude(0, over));
                 for _ in 0..50 {
-                    let t = over.begin() + over.duration() * next(&mut state);
+                    let t = over.begin() + over.duration() * random.unit();
                     let w = f64::from(t - over.begin()) / f64::from(over.duration());
                     let corner = set.corners(0, t)[0].as_dvec3();
                     for (lost, pad) in lost.iter_mut().zip([0.0, slack]) {

@@ -1,7 +1,8 @@
 //! What a traversal does with the hits it finds.
 
-use super::hit::SetHit;
+use super::hit::{Hit, SetHit};
 use super::tree_ray::TreeRay;
+use crate::primitive::PrimitiveSet;
 use core::ops::ControlFlow;
 use std::collections::HashSet;
 
@@ -10,6 +11,14 @@ use std::collections::HashSet;
 pub(crate) struct Found {
     pub hit: SetHit,
     pub id: u32,
+}
+
+impl Found {
+    /// The hit as an answer.
+    #[inline(always)]
+    pub fn answer(&self, set: &impl PrimitiveSet) -> Hit {
+        self.hit.answer(set.name(self.id))
+    }
 }
 
 /// Receives hits in any order. Culling asks for the limit: what is strictly farther is of no interest.
@@ -26,10 +35,17 @@ pub(crate) trait Collect {
 
 /// Keeps the nearest hit; of equally near ones the lowest id.
 pub(crate) struct Closest<F> {
-    pub t_max: f32,
+    t_max: f32,
     pub reach: f32,
     pub best: Option<Found>,
-    pub accept: F,
+    accept: F,
+}
+
+impl<F> Closest<F> {
+    #[inline(always)]
+    pub fn new(ray: &TreeRay, accept: F) -> Closest<F> {
+        Closest { t_max: ray.t_max(), reach: ray.end, best: None, accept }
+    }
 }
 
 impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
@@ -62,10 +78,17 @@ impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
 
 /// Stops at the first hit.
 pub(crate) struct Any<F> {
-    pub t_max: f32,
+    t_max: f32,
     pub reach: f32,
     pub found: bool,
-    pub accept: F,
+    accept: F,
+}
+
+impl<F> Any<F> {
+    #[inline(always)]
+    pub fn new(ray: &TreeRay, accept: F) -> Any<F> {
+        Any { t_max: ray.t_max(), reach: ray.end, found: false, accept }
+    }
 }
 
 impl<F: Fn(&Found) -> bool> Collect for Any<F> {

@@ -6,10 +6,11 @@
 //! ([`super::own`]); likewise builds. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited
 //! block; a query is compiled with whichever of them there are ([`Guards`]) and, but for SSE2 and for lazy trees, once more without.
 
+use super::batch::{AnyHits, Batch, BatchQuery, ClosestHits};
 use super::closest_point::{
     ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide, plain_closest_point_in_wide,
 };
-use super::interleave::{Anys, Asks, Batch, Closests};
+use super::interleave::Interleaved;
 use super::intersect::RaySource;
 use super::lazy::LazyQuery;
 use super::lazy_closest_point::closest_point_in_lazy;
@@ -18,7 +19,7 @@ use super::point_query::PlacedQuery;
 use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query, Visitor};
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
-use crate::layout::{LazyTree, Statistics, WideSource, WideTree};
+use crate::layout::{ChildRef, LazyTree, Statistics, WideSource, WideTree};
 use crate::mbkd::{KdTree, build_kd};
 use crate::params::{BuildParams, Policy};
 use crate::primitive::Scene;
@@ -147,14 +148,14 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         closest_point: Queries::plain_closest_point,
         closest_point_guarded: Queries::guarded_closest_point,
         all: Queries::guarded_all,
-        interleaved_closest: |on, rays, hits| on.interleaved::<Closests>(rays, hits, Queries::plain_closest),
-        interleaved_any: |on, rays, hits| on.interleaved::<Anys>(rays, hits, Queries::plain_any),
+        interleaved_closest: |on, rays, hits| on.interleaved::<ClosestHits>(rays, hits, Queries::plain_closest),
+        interleaved_any: |on, rays, hits| on.interleaved::<AnyHits>(rays, hits, Queries::plain_any),
         packets_closest: match G::TRIANGLES {
-            true => Some(|on, rays, hits| on.packets::<Closests>(rays, hits, Queries::plain_closest)),
+            true => Some(|on, rays, hits| on.packets::<ClosestHits>(rays, hits, Queries::plain_closest)),
             false => None,
         },
         packets_any: match G::TRIANGLES {
-            true => Some(|on, rays, hits| on.packets::<Anys>(rays, hits, Queries::plain_any)),
+            true => Some(|on, rays, hits| on.packets::<AnyHits>(rays, hits, Queries::plain_any)),
             false => None,
         },
     };
@@ -222,7 +223,7 @@ impl<G> Clone for Target<'_, G> {
 
 impl<G> Copy for Target<'_, G> {}
 
-impl<G: RaySource> Target<'_, G> {
+impl<'a, G: RaySource> Target<'a, G> {
     /// Asks the layout.
     fn ask<Q: LazyQuery>(self, query: Q) -> Q::Answer {
         match self.layout {
@@ -243,21 +244,30 @@ impl<G: RaySource> Target<'_, G> {
         }
     }
 
-    /// Nothing to do in other layouts, whose rays are never interleaved.
+    /// Answers a batch by turns.
     #[inline(always)]
-    fn interleaved<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer], one: Plain<G, Ray, A::Answer>) {
-        if let Layout::Wide(tree) = self.layout {
-            let batch = Batch::<G, A> { tree, set: self.geometry, rays, answers };
-            dispatch_or(self.simd, batch, |batch| self.singly(batch.rays, batch.answers, one));
+    fn interleaved<Q: BatchQuery>(self, rays: &[Ray], answers: &mut [Q::Answer], one: Plain<G, Ray, Q::Answer>) {
+        if let Some(batch) = self.batch::<Q>(rays, answers) {
+            dispatch_or(self.simd, Interleaved(batch), |it| self.singly(it.0.rays, it.0.answers, one));
         }
     }
 
-    /// Likewise.
+    /// Answers a batch in packets.
     #[inline(always)]
-    fn packets<A: Asks>(self, rays: &[Ray], answers: &mut [A::Answer], one: Plain<G, Ray, A::Answer>) {
-        if let Layout::Wide(tree) = self.layout {
-            let batch = Packets::<G, A> { tree, set: self.geometry, rays, answers };
-            dispatch_or(self.simd, batch, |batch| self.singly(batch.rays, batch.answers, one));
+    fn packets<Q: BatchQuery>(self, rays: &[Ray], answers: &mut [Q::Answer], one: Plain<G, Ray, Q::Answer>) {
+        if let Some(batch) = self.batch::<Q>(rays, answers) {
+            dispatch_or(self.simd, Packets(batch), |it| self.singly(it.0.rays, it.0.answers, one));
+        }
+    }
+
+    /// A batch for a wide layout with something in it; rays of others are asked one by one.
+    #[inline(always)]
+    fn batch<Q: BatchQuery>(self, rays: &'a [Ray], answers: &'a mut [Q::Answer]) -> Option<Batch<'a, G, Q>> {
+        match self.layout {
+            Layout::Wide(tree) if tree.root != ChildRef::NOTHING => {
+                Some(Batch { tree, set: self.geometry, rays, answers })
+            }
+            _ => None,
         }
     }
 

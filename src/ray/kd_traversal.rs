@@ -169,6 +169,7 @@ impl Walk for &KdTree {
 mod tests {
     use super::*;
     use crate::geometry::Frame;
+    use crate::random::Random;
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
     use glam::Vec3;
@@ -176,19 +177,14 @@ mod tests {
     /// Hits of triangles on one side of a plane, of which an edge lies in it, outside of the range of the cell on that side,
     /// if planes are padded by this part of what they should be.
     fn hits_lost(part: f32) -> usize {
-        let mut state = 77u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(77);
         let (mut hits, mut lost) = (0, 0);
         for _ in 0..200_000 {
-            let mut point = || Vec3::new(next(), next(), next());
-            let (a, mut b, mut c, origin) = (point(), point(), point(), point() * 3.0);
+            let (a, mut b, mut c, origin) = (random.vec(), random.vec(), random.vec(), random.vec() * 3.0);
             b.x = a.x;
             // The cell is on the side of lower x.
             c.x = a.x - c.x.abs();
-            let target = a + (b - a) * (0.5 + 0.5 * next());
+            let target = a + (b - a) * (0.5 + 0.5 * random.signed());
             // So long that distances in tree space are those of the answer.
             let dir = (target - origin) / (target - origin).abs().max_element() * 1.25;
             let asked = Ray::new(origin, dir);

@@ -4,6 +4,7 @@
 //! ([`Primitive`](crate::Primitive)) together, [`RayTree::of_primitives`] those of one type; [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
 //! [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 
+mod batch;
 mod batch_order;
 mod closest_point;
 mod closest_point_queries;
@@ -55,7 +56,6 @@ pub(crate) use closest_point::closest_point_of_all;
 pub(crate) use compiled::Guards;
 pub(crate) use filter::{Everything, Filter, Visible};
 pub use hit::Hit;
-pub(crate) use interleave::{Anys, Asks, Closests};
 pub(crate) use nearest_first::{Leaves, NearestFirst};
 pub use observer::{Counters, Observer};
 pub use point_query::ClosestPointQuery;

@@ -48,6 +48,7 @@ pub(super) struct Packet {
 
 impl Packet {
     /// No rays.
+    #[inline(always)]
     pub fn empty() -> Packet {
         Packet {
             count: 0,
@@ -67,16 +68,6 @@ impl Packet {
             soonest: f32::INFINITY,
             times: [f32::INFINITY, f32::NEG_INFINITY],
         }
-    }
-
-    /// Without rays again.
-    #[inline(always)]
-    pub fn clear(&mut self) {
-        self.count = 0;
-        (self.reach, self.limit) = ([-1.0; LANES], -1.0);
-        (self.ahead, self.behind) = (Vec3A::NEG_INFINITY, Vec3A::INFINITY);
-        (self.flat, self.steep) = (Vec3A::INFINITY, Vec3A::ZERO);
-        (self.soonest, self.times) = (f32::INFINITY, [f32::INFINITY, f32::NEG_INFINITY]);
     }
 
     /// Whether another ray finds a lane and looks into the same octant. One that begins behind its origin does not: it counts distances
@@ -215,6 +206,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Box3, Frame, KERNEL_ULPS, ULP};
     use crate::layout::STILL_NODE_ROWS;
+    use crate::random::Random;
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
     use crate::ray::shear::Sheared;
@@ -250,22 +242,17 @@ mod tests {
     /// Packets of which a ray hits a triangle along an edge of its box, and of these packets the ones that miss the box, of which rays
     /// have this part of their slack and the box of its padding; on an instruction set.
     fn lost(part: f32, level: SimdLevel) -> (usize, usize) {
-        let mut state = 77u64;
-        let mut next = move || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(77);
         let (mut met, mut missed) = (0, 0);
         for _ in 0..20_000 {
-            let mut point = || Vec3::new(next(), next(), next());
-            let (a, mut b, c) = (point(), point(), point());
+            let (a, mut b, c) = (random.vec(), random.vec(), random.vec());
             (b.x, b.y) = (a.x, a.y);
-            let origin = point() * 3.0;
+            let origin = random.vec() * 3.0;
             // All rays pass an edge of the box, and most beside it.
             let mut packet = Packet::empty();
             let mut any = false;
             for i in 0..LANES {
-                let target = a + (b - a) * (0.5 + 0.5 * next());
+                let target = a + (b - a) * (0.5 + 0.5 * random.signed());
                 let asked = Ray::new(origin, target - origin);
                 let mut ray = TreeRay::new(&asked, &Frame::WORLD).expect("a ray");
                 ray.slack *= part;
@@ -324,7 +311,6 @@ mod tests {
         assert_eq!(dispatch(SimdLevel::best(), Met(&mut packet, &node)).1, 0);
         let back = Ray::new(Vec3::ZERO, Vec3::NEG_Z);
         assert!(!packet.takes(&TreeRay::new(&back, &Frame::WORLD).expect("a ray")));
-        packet.clear();
-        assert_eq!(dispatch(SimdLevel::best(), Met(&mut packet, &node)), (0, 0));
+        assert_eq!(dispatch(SimdLevel::best(), Met(&mut Packet::empty(), &node)), (0, 0));
     }
 }

@@ -4,15 +4,12 @@
 //! ([`Packet`]), the few that are left once for sixteen rays. Where fewer rays are left than pays, and in leaf blocks, each goes
 //! its own way. Answers do not depend on it.
 
+use super::batch::{Batch, BatchQuery, Member};
 use super::filter::Everything;
-use super::interleave::Asks;
 use super::intersect::RaySource;
 use super::packet::Packet;
-use super::shear::Sheared;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use super::wide_traversal::RayQuery;
-use crate::geometry::Ray;
 use crate::layout::{ChildRef, Kind, LANES_OF_NODE, NODE_ROWS, STILL_NODE_ROWS, WideTree};
 use crate::simd::{Kernel, LANES, Mask, Simd, Stack};
 use crate::traverse::{Cursor, StackOf, WideTraversal, children_of, push_in_order};
@@ -20,38 +17,15 @@ use crate::traverse::{Cursor, StackOf, WideTraversal, children_of, push_in_order
 /// Rays that go on by themselves where no more are left: half a packet, whose tests then cost as much as theirs.
 const ALONE: u32 = LANES as u32 / 2;
 
-/// A batch, to be dispatched to an instruction set. There are as many answers as rays, all still
-/// [`Asks::NOTHING`].
-pub(crate) struct Packets<'a, G, A: Asks> {
-    pub tree: &'a WideTree,
-    pub set: &'a G,
-    pub rays: &'a [Ray],
-    pub answers: &'a mut [A::Answer],
-}
-
-/// A ray of the packet.
-struct Member<'a, A: Asks> {
-    /// Its place in the batch.
-    index: usize,
-    ray: TreeRay<'a>,
-    sheared: Option<Sheared>,
-    collect: A::Collect,
-}
-
-impl<'a, A: Asks> Member<'a, A> {
-    #[inline(always)]
-    fn new(index: usize, ray: TreeRay<'a>) -> Member<'a, A> {
-        let collect = A::collect(&ray);
-        Member { index, ray, sheared: None, collect }
-    }
-}
+/// A batch that is led in packets, to be dispatched to an instruction set.
+pub(super) struct Packets<'a, G, Q: BatchQuery>(pub Batch<'a, G, Q>);
 
 /// What is on the way through the tree.
-struct Traversal<'a, G, A: Asks> {
+struct Traversal<'a, G, Q: BatchQuery> {
     tree: &'a WideTree,
     traverser: Traverser<'a, G, Everything>,
     /// The first of them hold rays.
-    members: [Member<'a, A>; LANES],
+    members: [Member<'a, Q>; LANES],
     packet: Packet,
     /// Lanes of nodes that wait for the packet: keys in the high halves, references in the low.
     stack: Stack<'a, u64>,
@@ -59,20 +33,18 @@ struct Traversal<'a, G, A: Asks> {
     cursor: Cursor<'a>,
 }
 
-impl<G: RaySource, A: Asks> Kernel for Packets<'_, G, A> {
+impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Packets { tree, set, rays, answers } = self;
-        if tree.root == ChildRef::NOTHING {
-            return;
-        }
+        let traverser = self.0.traverser();
+        let Batch { tree, set, rays, answers } = self.0;
         let Some(first) = rays.first() else { return };
         let (mut memory, mut own_memory) = (StackOf::new(), StackOf::new());
-        let mut traversal = Traversal::<'_, G, A> {
+        let mut traversal = Traversal::<'_, G, Q> {
             tree,
-            traverser: Traverser { arena: &tree.arena, lists: tree.lists, set, filter: &Everything },
+            traverser,
             members: core::array::from_fn(|_| Member::new(0, TreeRay::of(first, set.frame()).0)),
             packet: Packet::empty(),
             stack: memory.stack(tree.waiting()),
@@ -90,7 +62,7 @@ impl<G: RaySource, A: Asks> Kernel for Packets<'_, G, A> {
                 *member = Member::new(next, of);
                 if !usual {
                     member.ray.mend(set.frame());
-                    member.collect = A::collect(&member.ray);
+                    member.collect = Q::collect(&member.ray);
                 }
                 if member.ray.sees_nothing() {
                     next += 1;
@@ -113,14 +85,14 @@ impl<G: RaySource, A: Asks> Kernel for Packets<'_, G, A> {
             }
             traversal.lead(s, count);
             for member in &traversal.members[..count] {
-                answers[member.index] = A::answer(&member.collect, set);
+                answers[member.index] = Q::answer(&member.collect, set);
             }
-            traversal.packet.clear();
+            traversal.packet = Packet::empty();
         }
     }
 }
 
-impl<G: RaySource, A: Asks> Traversal<'_, G, A> {
+impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
     /// Leads the first members through the tree: a packet, or one ray that none takes.
     #[inline(always)]
     fn lead<S: Simd>(&mut self, s: S, count: usize) {
@@ -161,7 +133,7 @@ impl<G: RaySource, A: Asks> Traversal<'_, G, A> {
     fn enter<S: Simd, const ROWS: usize>(&mut self, s: S, node: ChildRef) -> Option<ChildRef> {
         let (mask, keys) = self.packet.enter::<S, ROWS>(s, self.tree.arena.block(node.at()));
         let lanes = s.splat_u(node.first_lane().0) | s.load_u(&LANES_OF_NODE);
-        if A::ORDERED && mask & mask.wrapping_sub(1) != 0 {
+        if Q::ORDERED && mask & mask.wrapping_sub(1) != 0 {
             return Some(push_in_order::<S>(s, mask, keys, lanes, &mut self.stack));
         }
         self.stack.push_lanes(s, s.compress_u(lanes, mask), mask.count_ones() as usize);
@@ -186,11 +158,11 @@ impl<G: RaySource, A: Asks> Traversal<'_, G, A> {
         while active != 0 {
             let i = active.trailing_zeros() as usize;
             active &= active - 1;
-            let Member { ray, sheared, collect, .. } = &mut self.members[i % LANES];
-            let mut query = RayQuery { traverser: &self.traverser, ray, sheared, collect, observer: &mut () };
+            let (member, observer) = (&mut self.members[i % LANES], &mut ());
+            let mut query = member.query(&self.traverser, observer);
             self.cursor.restart(at);
             while traversal.advance(s, &mut self.cursor, &mut query).is_continue() {}
-            self.packet.look(i, A::reach(collect));
+            self.packet.look(i, Q::reach(&member.collect));
         }
         self.packet.looked(s);
     }

@@ -10,7 +10,6 @@ use super::walk::Walk;
 use super::wide_traversal::Wide;
 use crate::geometry::Ray;
 use crate::layout::WideTree;
-use crate::primitive::PrimitiveSet;
 use crate::simd::{Kernel, Simd};
 use crate::traverse::StackOf;
 use core::ops::ControlFlow;
@@ -51,10 +50,10 @@ impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
         if ray.sees_nothing() {
             return None;
         }
-        let accept = |found: &Found| filter.accepts(|| answer(set, found));
-        let mut collect = Closest { t_max: ray.t_max(), reach: ray.end, best: None, accept };
+        let accept = |found: &Found| filter.accepts(|| found.answer(set));
+        let mut collect = Closest::new(ray, accept);
         layout.walk(set, ray, filter, &mut collect, observer);
-        collect.best.map(|found| answer(set, &found))
+        collect.best.map(|found| found.answer(set))
     }
 }
 
@@ -75,8 +74,8 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
         if ray.sees_nothing() {
             return false;
         }
-        let accept = |found: &Found| filter.accepts(|| answer(set, found));
-        let mut collect = Any { t_max: ray.t_max(), reach: ray.end, found: false, accept };
+        let accept = |found: &Found| filter.accepts(|| found.answer(set));
+        let mut collect = Any::new(ray, accept);
         layout.walk(set, ray, filter, &mut collect, observer);
         collect.found
     }
@@ -106,18 +105,12 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
             return ControlFlow::Continue(());
         }
         let mut collect = All::new(ray, |found: &Found| {
-            let hit = answer(set, found);
+            let hit = found.answer(set);
             if filter.accepts(|| hit) { (self.visitor)(hit) } else { ControlFlow::Continue(()) }
         });
         layout.walk(set, ray, filter, &mut collect, observer);
         collect.flow
     }
-}
-
-/// A hit as an answer.
-#[inline(always)]
-fn answer(set: &impl PrimitiveSet, found: &Found) -> Hit {
-    found.hit.answer(set.name(found.id))
 }
 
 /// A query of the wide layout, to be dispatched to an instruction set.

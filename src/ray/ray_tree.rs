@@ -1,7 +1,8 @@
 //! The tree that rays are asked of: primitives and one layout over them.
 
+use super::batch::{AnyHits, BatchQuery, ClosestHits};
 use super::compiled::{Batched, Compiled, Guards, Layout, Plain, Queries, Target};
-use super::{Anys, Asks, Closests, Hit, Observer, Ray, Space, answer_in_order, in_parallel};
+use super::{Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
 use crate::layout::{Plan, Statistics, TreeBox, ValidationError};
@@ -195,42 +196,42 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
         let queries = &self.queries;
-        self.batch::<Closests>(rays, hits, queries.closest, queries.packets_closest, queries.interleaved_closest);
+        self.batch::<ClosestHits>(rays, hits, queries.closest, queries.packets_closest, queries.interleaved_closest);
     }
 
     /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
         let queries = &self.queries;
-        self.batch::<Anys>(rays, hits, queries.any, queries.packets_any, queries.interleaved_any);
+        self.batch::<AnyHits>(rays, hits, queries.any, queries.packets_any, queries.interleaved_any);
     }
 
-    fn batch<A: Asks>(
+    fn batch<Q: BatchQuery>(
         &self,
         rays: &[Ray],
-        answers: &mut Vec<A::Answer>,
-        one: Plain<G, Ray, A::Answer>,
-        packets: Option<Batched<G, A::Answer>>,
-        interleaved: Batched<G, A::Answer>,
+        answers: &mut Vec<Q::Answer>,
+        one: Plain<G, Ray, Q::Answer>,
+        packets: Option<Batched<G, Q::Answer>>,
+        interleaved: Batched<G, Q::Answer>,
     ) {
         answers.clear();
-        answers.resize(rays.len(), A::NOTHING);
-        let singly = |rays: &[Ray], answers: &mut [A::Answer]| self.target().singly(rays, answers, one);
+        answers.resize(rays.len(), Q::NOTHING);
+        let singly = |rays: &[Ray], answers: &mut [Q::Answer]| self.target().singly(rays, answers, one);
         match &self.layout {
             Layout::Wide(tree) => {
                 let cached = self.statistics.bytes <= CACHED;
                 let space = Space::new(self.geometry.frame().bounds, tree.parts(), cached);
                 // Turns pay where a tree moves, and there only for the nearest hit in divided trees and for any hit in
                 // others (measured; see docs/rays.md).
-                let turns = !cached && tree.moves() && A::ORDERED == (space.parts > 1);
+                let turns = !cached && tree.moves() && Q::ORDERED == (space.parts > 1);
                 // In a hierarchy for each part of the shutter, rays of several times part at once.
                 let packets = packets.filter(|_| space.parts == 1);
                 // Where the first rays hit nothing, the others likely miss all there is, which each finds out sooner by itself.
-                let together = |rays: &[Ray], answers: &mut [A::Answer]| {
+                let together = |rays: &[Ray], answers: &mut [Q::Answer]| {
                     let (first, others) = answers.split_at_mut(FIRST.min(rays.len()));
                     let (first_rays, other_rays) = rays.split_at(first.len());
                     singly(first_rays, first);
                     match packets {
-                        Some(packets) if first.iter().any(|answer| *answer != A::NOTHING) => {
+                        Some(packets) if first.iter().any(|answer| *answer != Q::NOTHING) => {
                             packets(self.target(), other_rays, others);
                         }
                         _ => singly(other_rays, others),

@@ -175,6 +175,7 @@ mod tests {
     use super::*;
     use crate::params::{BuildParams, Division, WideParams};
     use crate::primitive::Keys;
+    use crate::random::Random;
     use crate::scene;
     use glam::Vec3;
 
@@ -185,12 +186,8 @@ mod tests {
 
     /// All vertices elsewhere.
     fn shaken(meshes: &[TriangleMesh], by: f32) -> Vec<TriangleMesh> {
-        let mut state = 5u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
-        let mut shake = |p: &Vec3| *p + Vec3::new(next(), next(), next()) * by;
+        let mut random = Random(5);
+        let mut shake = |p: &Vec3| *p + random.vec() * by;
         let mesh = |mesh: &TriangleMesh| {
             let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
             let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(&mut shake).collect()).collect();

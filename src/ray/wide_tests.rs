@@ -2,26 +2,17 @@
 //! [`RayTree`](crate::RayTree) in `tests/`.)
 
 use crate::baseline::BruteForce;
+use crate::random::Random;
 use crate::simd::SimdLevel;
 use crate::{BuildParams, Counters, Division, Ray, RayTree, TimeInterval, TriangleMesh, WideParams, scene};
-use glam::Vec3;
 
-fn random(state: &mut u64) -> f32 {
-    *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-    (*state >> 40) as f32 / (1 << 23) as f32 - 1.0
-}
-
-fn point(state: &mut u64) -> Vec3 {
-    Vec3::new(random(state), random(state), random(state))
-}
-
-fn soup(n: usize, keys: usize, size: f32, motion: f32, state: &mut u64) -> TriangleMesh {
+fn soup(n: usize, keys: usize, size: f32, motion: f32, random: &mut Random) -> TriangleMesh {
     let mut positions = vec![Vec::new(); keys];
     for _ in 0..n {
-        let at = point(state);
-        let corners = [at, at + point(state) * size, at + point(state) * size];
+        let at = random.vec();
+        let corners = [at, at + random.vec() * size, at + random.vec() * size];
         for key in positions.iter_mut() {
-            let by = point(state) * motion;
+            let by = random.vec() * motion;
             key.extend(corners.map(|c| c + by));
         }
     }
@@ -30,12 +21,12 @@ fn soup(n: usize, keys: usize, size: f32, motion: f32, state: &mut u64) -> Trian
 
 #[test]
 fn closest_hits_equal_brute_force_on_every_level() {
-    let mut state = 42;
+    let mut random = Random(42);
     let meshes = [
-        soup(700, 1, 0.1, 0.0, &mut state),
-        soup(700, 2, 0.1, 0.3, &mut state),
-        soup(300, 4, 0.1, 0.2, &mut state),
-        soup(300, 2, 1.0, 0.01, &mut state),
+        soup(700, 1, 0.1, 0.0, &mut random),
+        soup(700, 2, 0.1, 0.3, &mut random),
+        soup(300, 4, 0.1, 0.2, &mut random),
+        soup(300, 2, 1.0, 0.01, &mut random),
     ];
     for some in [&meshes[..1], &meshes[1..2], &meshes[2..3], &meshes[..]] {
         for level in SimdLevel::available() {
@@ -43,8 +34,8 @@ fn closest_hits_equal_brute_force_on_every_level() {
             let oracle = BruteForce::new(some).unwrap();
             let mut hits = 0;
             for _ in 0..1500 {
-                let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
-                let time = (random(&mut state) * 1.2).clamp(-1.0, 1.0) * 0.5 + 0.5;
+                let (origin, dir) = (random.vec() * 2.0, random.vec());
+                let time = (random.signed() * 1.2).clamp(-1.0, 1.0) * 0.5 + 0.5;
                 let ray = Ray::new(origin, dir).at_time(time);
                 let expected = oracle.closest_hit(&ray);
                 hits += usize::from(expected.is_some());
@@ -58,11 +49,11 @@ fn closest_hits_equal_brute_force_on_every_level() {
 #[cfg(feature = "rayon")]
 #[test]
 fn the_tree_is_the_same_for_any_number_of_threads() {
-    let mut state = 7;
+    let mut random = Random(7);
     let meshes = [
-        soup(12_000, 1, 0.05, 0.0, &mut state),
-        soup(24_000, 2, 0.3, 0.02, &mut state),
-        soup(2_000, 3, 0.1, 0.2, &mut state),
+        soup(12_000, 1, 0.05, 0.0, &mut random),
+        soup(24_000, 2, 0.3, 0.02, &mut random),
+        soup(2_000, 3, 0.1, 0.2, &mut random),
     ];
     same_for_any_number_of_threads(&meshes);
     // Some subtrees divided, others not.
@@ -91,18 +82,18 @@ fn same_for_any_number_of_threads(meshes: &[TriangleMesh]) {
 
 #[test]
 fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
-    let mut state = 11;
+    let mut random = Random(11);
     // Long needles: cut. Loose triangles in fast random motion: copies.
     let needles = scene::needles(30_000, 0.05).meshes;
-    let loose = vec![soup(6000, 2, 0.01, 0.6, &mut state)];
+    let loose = vec![soup(6000, 2, 0.01, 0.6, &mut random)];
     for (meshes, least) in [(needles, 1.3), (loose, 1.9)] {
         let tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
         assert!(tree.statistics().references_per_primitive() > least, "{:?}", tree.statistics());
         tree.validate().unwrap();
         let oracle = BruteForce::new(&meshes).unwrap();
         for _ in 0..200 {
-            let (origin, target) = (point(&mut state) * 3.0, point(&mut state) * 0.5);
-            let ray = Ray::new(origin, target - origin).at_time(random(&mut state) * 0.5 + 0.5);
+            let (origin, target) = (random.vec() * 3.0, random.vec() * 0.5);
+            let ray = Ray::new(origin, target - origin).at_time(random.signed() * 0.5 + 0.5);
             assert_eq!(tree.closest_hit(&ray), oracle.closest_hit(&ray), "{ray:?}");
             assert_eq!(tree.any_hit(&ray), oracle.any_hit(&ray), "{ray:?}");
         }
@@ -112,14 +103,14 @@ fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
 /// Steps and tests, weighed by their prices, of rays through a scene.
 fn work(scene: &scene::Scene, tree: RayTree) -> f64 {
     let tree = tree.with_simd(SimdLevel::PORTABLE);
-    let (mut state, mut counters) = (5, Counters::default());
+    let (mut random, mut counters) = (Random(5), Counters::default());
     for _ in 0..3000 {
-        let mut unit = || random(&mut state) * 0.5 + 0.5;
+        let mut unit = || random.signed() * 0.5 + 0.5;
         let ray = scene.camera.ray(unit(), unit(), 1.0, unit());
         if let Some(hit) = tree.closest_hit_observed(&ray, &mut counters) {
             // On from there in any direction.
             let from = ray.point(hit.t).as_vec3();
-            tree.closest_hit_observed(&Ray::new(from, point(&mut state)).at_time(ray.time), &mut counters);
+            tree.closest_hit_observed(&Ray::new(from, random.vec()).at_time(ray.time), &mut counters);
         }
     }
     2.0 * counters.nodes as f64 + counters.leaves as f64 + 0.07 * counters.primitive_tests as f64
@@ -158,12 +149,12 @@ fn a_choice_for_each_part_takes_less_work_than_one_for_all_of_no_more_memory() {
 
 #[test]
 fn the_budget_is_kept_and_more_of_it_never_makes_less() {
-    let mut state = 3;
+    let mut random = Random(3);
     let scenes = [
         scene::mixed(60_000).meshes,
         scene::tornado(20_000).meshes,
         scene::needles(20_000, 0.3).meshes,
-        vec![soup(6000, 2, 0.01, 0.6, &mut state)],
+        vec![soup(6000, 2, 0.01, 0.6, &mut random)],
     ];
     for (i, meshes) in scenes.iter().enumerate() {
         let mut last = 0.0;
@@ -180,9 +171,9 @@ fn the_budget_is_kept_and_more_of_it_never_makes_less() {
 
 #[test]
 fn divisions_by_hand_answer_like_brute_force() {
-    let mut state = 23;
+    let mut random = Random(23);
     let meshes =
-        [soup(600, 1, 0.1, 0.0, &mut state), soup(600, 2, 0.1, 0.3, &mut state), soup(300, 3, 0.1, 0.2, &mut state)];
+        [soup(600, 1, 0.1, 0.0, &mut random), soup(600, 2, 0.1, 0.3, &mut random), soup(300, 3, 0.1, 0.2, &mut random)];
     let oracle = BruteForce::new(&meshes).unwrap();
     for division in [
         Division::Whole,
@@ -203,8 +194,8 @@ fn divisions_by_hand_answer_like_brute_force() {
             _ => assert_eq!(references, 1500),
         }
         for _ in 0..300 {
-            let (origin, dir) = (point(&mut state) * 2.0, point(&mut state));
-            let ray = Ray::new(origin, dir).at_time(random(&mut state) * 0.5 + 0.5);
+            let (origin, dir) = (random.vec() * 2.0, random.vec());
+            let ray = Ray::new(origin, dir).at_time(random.signed() * 0.5 + 0.5);
             assert_eq!(tree.closest_hit(&ray), oracle.closest_hit(&ray), "{division:?} {ray:?}");
         }
     }
@@ -218,10 +209,10 @@ fn boxes_hold_all_triangles_at_their_time() {
         let mut top = Vec::new();
         tree.boxes(time, |b| top.extend((b.level == 1).then_some(b.bounds)));
         assert!((2..=16).contains(&top.len()));
-        let mut state = 77;
+        let mut random = Random(77);
         for _ in 0..500 {
-            let mesh = (random(&mut state).abs() * scene.meshes.len() as f32) as u32;
-            let triangle = (random(&mut state).abs() * scene.meshes[mesh as usize].len() as f32) as u32;
+            let mesh = (random.signed().abs() * scene.meshes.len() as f32) as u32;
+            let triangle = (random.signed().abs() * scene.meshes[mesh as usize].len() as f32) as u32;
             let hit = crate::Hit { t: 0.0, u: 0.0, v: 0.0, mesh, primitive: triangle };
             let corners = tree.vertices(&hit, time);
             assert!(top.iter().any(|b| corners.iter().all(|&p| b.contains(p))), "{mesh} {triangle} at {time}");
@@ -236,14 +227,14 @@ fn boxes_hold_all_triangles_at_their_time() {
 
 #[test]
 fn corners_come_back_from_leaf_blocks_as_they_were_given() {
-    let mut state = 5;
+    let mut random = Random(5);
     let mut meshes = vec![
-        soup(40, 1, 0.3, 0.0, &mut state),
+        soup(40, 1, 0.3, 0.0, &mut random),
         TriangleMesh::fixed(vec![], vec![]),
-        soup(300, 2, 0.1, 0.3, &mut state),
-        soup(100, 4, 0.1, 0.2, &mut state),
-        soup(60, 1, 0.1, 0.0, &mut state),
-        soup(50, 3, 0.1, 0.2, &mut state).with_active(TimeInterval::new(0.2, 0.4).unwrap()),
+        soup(300, 2, 0.1, 0.3, &mut random),
+        soup(100, 4, 0.1, 0.2, &mut random),
+        soup(60, 1, 0.1, 0.0, &mut random),
+        soup(50, 3, 0.1, 0.2, &mut random).with_active(TimeInterval::new(0.2, 0.4).unwrap()),
     ];
     // Shared vertices, still and moving, and cut needles.
     meshes.extend(scene::hall(3000).meshes);
@@ -274,8 +265,8 @@ fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
     use crate::progress::Progress;
     use crate::simd::LANES;
 
-    let mut state = 9;
-    let meshes = [soup(200, 1, 0.1, 0.0, &mut state), soup(200, 2, 0.1, 0.3, &mut state)];
+    let mut random = Random(9);
+    let meshes = [soup(200, 1, 0.1, 0.0, &mut random), soup(200, 2, 0.1, 0.3, &mut random)];
     let set = Scene::new(&meshes, Vec::new()).unwrap();
     let params = WideParams { division: Division::Whole, ..WideParams::default() };
     let mut tree = WideTree::build(&set, &params, &Progress::new(None)).unwrap();

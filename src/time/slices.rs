@@ -120,24 +120,19 @@ fn box_at(bounds: LinearBox3, over: TimeInterval, t: f32, ulps: f32) -> Box3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
+    use crate::random::Random;
 
     /// Against the exact faces (f64 makes no noticeable error here). With a padding of 0 half of the faces are inside.
     #[test]
     fn boxes_between_are_rounded_outward_and_would_not_be_without_padding() {
-        let mut state = 3u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(3);
         let mut lost = [0, 0];
         for _ in 0..20_000 {
-            let mut place = || Vec3::new(next(), next(), next());
-            let (a, b) = (place(), place());
+            let (a, b) = (random.vec(), random.vec());
             let bounds = LinearBox3 { begin: Box3 { min: a, max: a }, end: Box3 { min: b, max: b } };
-            let begin = 0.4 + 0.4 * next();
+            let begin = 0.4 + 0.4 * random.signed();
             let over = TimeInterval::new(begin, begin + 0.1).expect("a part of the shutter");
-            let t = over.begin() + over.duration() * (0.5 + 0.5 * next());
+            let t = over.begin() + over.duration() * (0.5 + 0.5 * random.signed());
             let w = (f64::from(t) - f64::from(over.begin())) / (f64::from(over.end()) - f64::from(over.begin()));
             let exact = a.as_dvec3().lerp(b.as_dvec3(), w.clamp(0.0, 1.0));
             for (lost, ulps) in lost.iter_mut().zip([8.0, 0.0]) {

@@ -127,21 +127,17 @@ fn below([begin, end]: [f64; 2], moves: bool, unit: f64, slack: f64) -> (f32, f3
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn next(state: &mut u64) -> f64 {
-        *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
+    use crate::random::Random;
 
     /// How many points are outside of the faces of their box as queries from where they are compute both: relative to the
     /// middle of the node, at times of the part.
     fn lost(padding: f64) -> usize {
-        let (mut state, mut lost) = (3, 0);
+        let (mut random, mut lost) = (Random(3), 0);
         for round in 0..400 {
             let offset = [0.0, 1e9, -3e3][round % 3];
             let speed = [0.0, 1e-3, 5.0][round / 3 % 3];
             let moves = speed > 0.0;
-            let mut place = |by: f64| DVec3::new(next(&mut state), next(&mut state), next(&mut state)) * by;
+            let mut place = |by: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * by;
             let points: Vec<[DVec3; 2]> = (0..16)
                 .map(|_| {
                     let a = place(1.0) + offset;

@@ -392,6 +392,7 @@ mod tests {
     use super::*;
     use crate::point::build::Source;
     use crate::progress::Progress;
+    use crate::random::Random;
     use crate::simd::{Kernel, SimdLevel, dispatch};
 
     /// Counts boxes of leaves that are farther from the query than a point in them, their squared distances multiplied by
@@ -420,18 +421,15 @@ mod tests {
 
     #[test]
     fn no_box_is_farther_than_its_points_and_some_would_be_without_less() {
-        let mut state = 7u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mut random = Random(7);
         let (mut lost, mut lost_without) = (0, 0);
         for round in 0..2000 {
             let offset = [0.0, 1e9][round % 2];
             // Of the size of the set, or so small that squares underflow.
             let size = [1.0, 1e-3, 1e-20][round % 3];
             let far = 10f64.powi(round as i32 % 9);
-            let mut place = |size: f64| DVec3::new(next(), next(), next()) * size;
+            let mut place =
+                |size: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * size;
             let points: Vec<DVec3> = (0..256).map(|_| place(size) + offset).collect();
             let source = Source::read(&points, false).expect("points are in order");
             let part = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };

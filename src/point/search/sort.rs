@@ -230,6 +230,7 @@ fn by_comparison(k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     fn check(simd: SimdLevel, k: usize, pairs: &[(f32, u32)]) {
         let mut candidates = Candidates::default();
@@ -250,11 +251,8 @@ mod tests {
     /// equal throughout, the least and the greatest there are.
     #[test]
     fn every_count_comes_into_order() {
-        let mut state = 5u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 33) as u32
-        };
+        let mut random = Random(5);
+        let mut next = || (random.bits() >> 33) as u32;
         for count in (0..=MOST + 2).chain([500]) {
             let mut ids: Vec<u32> = (0..count as u32).collect();
             for i in 1..count {

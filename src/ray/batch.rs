@@ -1,0 +1,130 @@
+//! What a batch of rays asks, and its rays on their way through the wide layout.
+//!
+//! Two kernels lead them: in packets ([`super::packets`]) or by turns ([`super::interleave`]).
+
+use super::collect::{Any, Closest, Collect, Found};
+use super::filter::Everything;
+use super::hit::Hit;
+use super::intersect::RaySource;
+use super::shear::Sheared;
+use super::traverser::Traverser;
+use super::tree_ray::TreeRay;
+use super::wide_traversal::RayQuery;
+use crate::geometry::Ray;
+use crate::layout::WideTree;
+
+/// What a batch asks of each of its rays.
+pub(crate) trait BatchQuery {
+    /// An answer.
+    type Answer: Copy + Send + PartialEq;
+    /// The answer of a ray that hits nothing.
+    const NOTHING: Self::Answer;
+    /// What gathers it.
+    type Collect: Collect;
+    /// Whether blocks are visited from near to far.
+    const ORDERED: bool = Self::Collect::ORDERED;
+    /// A collector for a ray's hits.
+    fn collect(ray: &TreeRay) -> Self::Collect;
+    /// How far the ray still looks as a distance in tree space; below zero where it has its answer.
+    fn reach(collect: &Self::Collect) -> f32;
+    /// The answer, once the ray is through.
+    fn answer(collect: &Self::Collect, set: &impl RaySource) -> Self::Answer;
+}
+
+type Accept = fn(&Found) -> bool;
+
+fn accept(_: &Found) -> bool {
+    true
+}
+
+/// The nearest hit of each ray.
+pub(crate) struct ClosestHits;
+
+impl BatchQuery for ClosestHits {
+    type Answer = Option<Hit>;
+    const NOTHING: Option<Hit> = None;
+    type Collect = Closest<Accept>;
+
+    #[inline(always)]
+    fn collect(ray: &TreeRay) -> Closest<Accept> {
+        Closest::new(ray, accept)
+    }
+
+    #[inline(always)]
+    fn reach(collect: &Closest<Accept>) -> f32 {
+        collect.reach
+    }
+
+    #[inline(always)]
+    fn answer(collect: &Closest<Accept>, set: &impl RaySource) -> Option<Hit> {
+        collect.best.map(|found| found.answer(set))
+    }
+}
+
+/// Whether each ray hits anything.
+pub(crate) struct AnyHits;
+
+impl BatchQuery for AnyHits {
+    type Answer = bool;
+    const NOTHING: bool = false;
+    type Collect = Any<Accept>;
+
+    #[inline(always)]
+    fn collect(ray: &TreeRay) -> Any<Accept> {
+        Any::new(ray, accept)
+    }
+
+    #[inline(always)]
+    fn reach(collect: &Any<Accept>) -> f32 {
+        if collect.found { -1.0 } else { collect.reach }
+    }
+
+    #[inline(always)]
+    fn answer(collect: &Any<Accept>, _: &impl RaySource) -> bool {
+        collect.found
+    }
+}
+
+/// Rays for a tree that is not empty. There are as many answers, all still [`BatchQuery::NOTHING`].
+pub(super) struct Batch<'a, G, Q: BatchQuery> {
+    pub tree: &'a WideTree,
+    pub set: &'a G,
+    pub rays: &'a [Ray],
+    pub answers: &'a mut [Q::Answer],
+}
+
+impl<'a, G, Q: BatchQuery> Batch<'a, G, Q> {
+    /// What all its rays share on their way.
+    #[inline(always)]
+    pub fn traverser(&self) -> Traverser<'a, G, Everything> {
+        Traverser { arena: &self.tree.arena, lists: self.tree.lists, set: self.set, filter: &Everything }
+    }
+}
+
+/// A ray of a batch on its way.
+pub(super) struct Member<'a, Q: BatchQuery> {
+    /// Its place in the batch.
+    pub index: usize,
+    pub ray: TreeRay<'a>,
+    sheared: Option<Sheared>,
+    pub collect: Q::Collect,
+}
+
+impl<'a, Q: BatchQuery> Member<'a, Q> {
+    #[inline(always)]
+    pub fn new(index: usize, ray: TreeRay<'a>) -> Member<'a, Q> {
+        let collect = Q::collect(&ray);
+        Member { index, ray, sheared: None, collect }
+    }
+
+    /// What leads it through the tree, seen by `observer`.
+    #[inline(always)]
+    pub fn query<'b, G>(
+        &'b mut self,
+        traverser: &'b Traverser<'b, G, Everything>,
+        observer: &'b mut (),
+    ) -> RayQuery<'b, G, Everything, Q::Collect, ()> {
+        let Member { ray, sheared, collect, .. } = self;
+        RayQuery { traverser, ray, sheared, collect, observer }
+    }
+}
