@@ -7,6 +7,7 @@ use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::peers::{BvhParams, FourDParams, Peer, Structure, at_time};
 use mbkd_scenes as scene;
 use proptest::prelude::*;
+use rayon::prelude::*;
 
 /// All that are exact, the peers with small budgets and with large ones.
 fn exact() -> Vec<Structure> {
@@ -115,14 +116,14 @@ proptest! {
 
 #[test]
 fn exact_structures_equal_brute_force_on_scenes() {
-    for name in ["hall", "hairball", "hand", "tornado", "needles30"] {
+    ["hall", "hairball", "hand", "tornado", "needles30"].par_iter().for_each(|name| {
         let scene = (scene::find(name).unwrap().make)(3000);
         let mut random = Random(5);
         let mut unit = || random.unit() as f32;
         let mut rays: Vec<Ray> = (0..1500).map(|_| scene.camera.ray(unit(), unit(), 1.0, unit())).collect();
         rays.extend((0..200).map(|i| scene.camera.ray(unit(), unit(), 1.0, (i % 2) as f32)));
         assert!(compare(&scene.meshes, &rays) > 20, "{name}");
-    }
+    });
 }
 
 #[test]

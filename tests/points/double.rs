@@ -180,6 +180,24 @@ fn found(lists: &NeighborCsr) -> Lists {
     lists.offsets().windows(2).map(|ends| (ends[0]..ends[1]).map(entry).collect()).collect()
 }
 
+/// What comparing all pairs says at a time.
+struct Expected {
+    time: f32,
+    all: Vec<Vec<Option<f32>>>,
+    /// Within the same radius of all points: of the others, of those with a higher id, of another set.
+    equal: [Lists; 3],
+}
+
+impl Expected {
+    fn new(cloud: &Cloud, other: &Cloud, radii: &[f32], time: f32) -> Expected {
+        let (all, all_others) = (compare_all(cloud, cloud, time), compare_all(cloud, other, time));
+        let others = within(&all, radii, |i, j| i != j);
+        assert!(others.iter().any(|list| list.len() > 3));
+        let equal = [others, within(&all, radii, |i, j| i < j), within(&all_others, radii, |_, _| true)];
+        Expected { time, all, equal }
+    }
+}
+
 #[test]
 fn lists_equal_comparing_all_pairs() {
     let mut rng = Rng(23);
@@ -188,27 +206,28 @@ fn lists_equal_comparing_all_pairs() {
         for (keys, mortal) in [(1, false), (2, true), (4, false)] {
             let cloud = Cloud::new(600, keys, (size, apart, speed), mortal, &mut rng);
             let other = Cloud::new(100, keys, (size, apart, speed), mortal, &mut rng);
+            let radius = (0.4 * size) as f32;
+            let equal = vec![radius; 600];
+            let expected = |time| Expected::new(&cloud, &other, &equal, time);
+            let ends = [expected(0.0), expected(1.0)];
             for simd in SimdLevel::available() {
                 for structure in STRUCTURES {
                     let [tree, others] = [&cloud, &other].map(|cloud| cloud.tree(structure, simd).unwrap());
-                    for time in [0.0, 1.0, rng.unit()] {
+                    for expected in ends.iter().chain([&expected(rng.unit())]) {
+                        let time = expected.time;
                         let about = format!("{size} {apart} {speed}, {keys} keys, {structure:?}, {simd}, at {time}");
-                        let radius = (0.4 * size) as f32;
-                        let equal = vec![radius; 600];
                         let own: Vec<f32> = equal.iter().map(|r| r * 2.0 * rng.unit()).collect();
                         let ask = tree.neighbor_lists(time, radius).with_distances().sorted().rows_by_id();
+                        let [of_others, higher, of_another] = &expected.equal;
                         ask.run(&mut lists).unwrap();
-                        let (all, all_others) = (compare_all(&cloud, &cloud, time), compare_all(&cloud, &other, time));
-                        let expected = within(&all, &equal, |i, j| i != j);
-                        assert!(expected.iter().any(|list| list.len() > 3), "{about}");
-                        assert_eq!(found(&lists), expected, "{about}");
+                        assert_eq!(found(&lists), *of_others, "{about}");
                         ask.pairs_once().run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), within(&all, &equal, |i, j| i < j), "{about}");
+                        assert_eq!(found(&lists), *higher, "{about}");
                         ask.among(&others).run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), within(&all_others, &equal, |_, _| true), "{about}");
+                        assert_eq!(found(&lists), *of_another, "{about}");
                         let ask = tree.neighbor_lists(time, Radii::Own(&own)).with_distances().sorted().rows_by_id();
                         ask.run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), within(&all, &own, |i, j| i != j), "{about}");
+                        assert_eq!(found(&lists), within(&expected.all, &own, |i, j| i != j), "{about}");
                     }
                 }
             }
