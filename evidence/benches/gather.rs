@@ -16,26 +16,18 @@ use mbkd::glam::{IVec3, Vec3};
 use mbkd::point::{
     GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints,
 };
+use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
 use std::time::Instant;
 
-struct Rng(u64);
-
-impl Rng {
-    fn unit(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    /// A place on the walls of the unit cube, and the normal there.
-    fn wall(&mut self) -> (Vec3, Vec3) {
-        let (axis, far) = ((6.0 * self.unit()) as usize / 2, self.unit() < 0.5);
-        let mut at = Vec3::new(self.unit(), self.unit(), self.unit());
-        let mut normal = Vec3::ZERO;
-        at[axis] = if far { 1.0 } else { 0.0 };
-        normal[axis] = if far { -1.0 } else { 1.0 };
-        (at, normal)
-    }
+/// A place on the walls of the unit cube, and the normal there.
+fn wall(random: &mut Lcg) -> (Vec3, Vec3) {
+    let (axis, far) = ((6.0 * random.unit()) as usize / 2, random.unit() < 0.5);
+    let mut at = Vec3::new(random.unit(), random.unit(), random.unit());
+    let mut normal = Vec3::ZERO;
+    at[axis] = if far { 1.0 } else { 0.0 };
+    normal[axis] = if far { -1.0 } else { 1.0 };
+    (at, normal)
 }
 
 /// Runs each of the closures in turns and returns the median time of each, in ns per item, with their checksums.
@@ -83,10 +75,10 @@ fn stamp(photon: &Photon<Vec3>) -> f32 {
 }
 
 fn gathers(count: usize, queries: usize, rounds: usize) {
-    let mut rng = Rng(1);
+    let mut rng = Lcg(1);
     let mut photons: Vec<Photon<Vec3>> = (0..count)
         .map(|_| {
-            let (at, normal) = rng.wall();
+            let (at, normal) = wall(&mut rng);
             Photon::at_time(at, normal, Vec3::new(rng.unit(), rng.unit(), rng.unit()), rng.unit())
         })
         .collect();
@@ -104,7 +96,7 @@ fn gathers(count: usize, queries: usize, rounds: usize) {
     for (order, coherent) in [("along the walls", true), ("in random order", false)] {
         let mut at: Vec<(Vec3, Vec3, f32)> = (0..queries)
             .map(|_| {
-                let (at, normal) = rng.wall();
+                let (at, normal) = wall(&mut rng);
                 (at, normal, rng.unit())
             })
             .collect();
@@ -328,12 +320,12 @@ impl PointGrid {
 }
 
 fn inverse(count: usize, rounds: usize) {
-    let mut rng = Rng(2);
+    let mut rng = Lcg(2);
     let base = 1.5 / (count as f32 / 6.0).sqrt();
     let points: Vec<VisiblePoint> = (0..count)
-        .map(|_| VisiblePoint { position: rng.wall().0, time: rng.unit(), radius: base * 10f32.powf(rng.unit()) })
+        .map(|_| VisiblePoint { position: wall(&mut rng).0, time: rng.unit(), radius: base * 10f32.powf(rng.unit()) })
         .collect();
-    let mut photons: Vec<(Vec3, f32)> = (0..count).map(|_| (rng.wall().0, rng.unit())).collect();
+    let mut photons: Vec<(Vec3, f32)> = (0..count).map(|_| (wall(&mut rng).0, rng.unit())).collect();
     // In an order that serves the grid; ours finds one by itself.
     photons.sort_by_cached_key(|photon| curve(photon.0));
     let window = 0.05;

@@ -11,6 +11,7 @@ mod clock;
 use clap::Parser;
 use mbkd::glam::Vec3;
 use mbkd::{BuildError, BuildParams, Counters, Division, Keys, Ray, RayTree, TriangleMesh, WideParams};
+use mbkd_evidence::lcg::Lcg;
 use mbkd_scenes as scene;
 use std::hint::black_box;
 
@@ -113,12 +114,9 @@ fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
             trees.push(Tree { keys, whole, meshes, tree, build: vec![], rays: vec![] });
         }
     }
-    let mut seed = 1u64;
-    let mut random = || {
-        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (seed >> 40) as f32 / (1 << 24) as f32
-    };
-    let rays: Vec<Ray> = (0..args.rays).map(|_| scene.camera.ray(random(), random(), 1.0, random())).collect();
+    let mut random = Lcg(1);
+    let rays: Vec<Ray> =
+        (0..args.rays).map(|_| scene.camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect();
     for _ in 0..args.runs {
         for of in &mut trees {
             of.build.push(Tree::build(&of.meshes, of.whole)?.1);

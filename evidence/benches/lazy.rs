@@ -12,6 +12,7 @@ mod clock;
 use clap::Parser;
 use core::ops::ControlFlow;
 use mbkd::{Aabb, BuildParams, Division, LazyParams, Ray, RayTree, TreePrimitive, Visitor};
+use mbkd_evidence::lcg::Lcg;
 use mbkd_scenes as scene;
 use std::collections::HashSet;
 use std::error::Error;
@@ -139,14 +140,10 @@ fn picture(tree: &RayTree, camera: &scene::Camera, args: &Args) -> (Vec<Ray>, f6
 /// Rays through a window in the middle of a picture, so wide, at times of their own, row by row.
 fn rays(camera: &scene::Camera, window: f32, count: usize) -> Vec<Ray> {
     let side = (count as f32).sqrt() as usize;
-    let mut seed = 1u64;
-    let mut random = || {
-        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (seed >> 40) as f32 / (1 << 24) as f32
-    };
+    let mut random = Lcg(1);
     let place = |i: usize, by: f32| 0.5 + ((i as f32 + by) / side as f32 - 0.5) * window;
     let pixels = (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
-    pixels.map(|(x, y)| camera.ray(place(x, random()), place(y, random()), 1.0, random())).collect()
+    pixels.map(|(x, y)| camera.ray(place(x, random.unit()), place(y, random.unit()), 1.0, random.unit())).collect()
 }
 
 /// The share of the triangles in leaf blocks that rays come to before they hit.

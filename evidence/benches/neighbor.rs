@@ -3,26 +3,15 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointStructure, PointTree};
+use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
 use std::ops::ControlFlow;
-
-struct Rng(u64);
-
-impl Rng {
-    fn unit(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
-    fn vec(&mut self) -> Vec3 {
-        Vec3::new(self.unit(), self.unit(), self.unit())
-    }
-}
 
 const POINTS: usize = 100_000;
 const QUERIES: usize = 1000;
 
 fn neighbors(criterion: &mut Criterion) {
-    let mut rng = Rng(1);
+    let mut rng = Lcg(1);
     let still: Vec<Vec3> = (0..POINTS).map(|_| rng.vec()).collect();
     let spacing = 1.0 / (POINTS as f32).cbrt();
     let moving: Vec<MovingPoint> =

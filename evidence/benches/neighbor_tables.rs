@@ -14,6 +14,7 @@ use kiddo::leaf_strategy::FlatVec;
 use kiddo::stem_strategy::Eytzinger;
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval};
+use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
 use std::num::NonZero;
 use std::time::Instant;
@@ -62,35 +63,6 @@ enum Table {
 /// A number that makes sense: with fewer points or queries there is nothing to measure.
 fn at_least<const LEAST: usize>(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| *n >= LEAST).ok_or_else(|| format!("a whole number, at least {LEAST}"))
-}
-
-/// A small generator of numbers, so that every run sees the same points.
-struct Rng(u64);
-
-impl Rng {
-    fn unit(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
-    fn vec(&mut self) -> Vec3 {
-        Vec3::new(self.unit(), self.unit(), self.unit())
-    }
-    fn signed(&mut self) -> Vec3 {
-        self.vec() * 2.0 - 1.0
-    }
-    /// On the surfaces of forty spheres of very different size.
-    fn surface(&mut self) -> Vec3 {
-        let which = (self.unit() * 40.0) as u64;
-        let mut of = Rng(which.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0xabcdef);
-        of.unit();
-        let (centre, radius) = (of.vec(), 0.01 + 0.2 * of.unit().powi(3));
-        loop {
-            let p = self.signed();
-            if (0.01..1.0).contains(&p.length_squared()) {
-                return centre + p.normalize() * radius;
-            }
-        }
-    }
 }
 
 fn morton(p: Vec3) -> u64 {
@@ -173,7 +145,7 @@ fn static_tables(args: &Args) {
     println!("\nStatic points: ns per query, ours / kiddo's best = ratio (wanted)");
     for &n in &args.points {
         for set in ["uniform", "surface"] {
-            let mut rng = Rng(1);
+            let mut rng = Lcg(1);
             let mut point = || if set == "uniform" { rng.vec() } else { rng.surface() };
             let points: Vec<Vec3> = (0..n).map(|_| point()).collect();
             let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
@@ -259,7 +231,7 @@ fn batches(tree: &PointTree, at: &[(Vec3, f32)], peers: &[f64], repeat: usize) {
 
 /// The rows of the moving table: points and what they are called.
 fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
-    let mut rng = Rng(7);
+    let mut rng = Lcg(7);
     let spacing = 1.0 / (n as f32).cbrt();
     (0..n)
         .map(|_| {
@@ -302,7 +274,7 @@ fn moving_tables(args: &Args) {
     ];
     for row in rows.into_iter().filter(|row| row.contains(&args.rows)) {
         let points = moving_set(row, n);
-        let mut rng = Rng(99);
+        let mut rng = Lcg(99);
         let mut at: Vec<(Vec3, f32)> = (0..args.queries)
             .map(|i| {
                 let (p, t) = (&points[i * 7919 % n], rng.unit());
@@ -416,7 +388,7 @@ fn race_trees(
 fn lives_tables(args: &Args) {
     let n = *args.points.last().unwrap();
     println!("\nPoints that live for 2-10 % of the shutter, {n} of them: ns per query");
-    let mut rng = Rng(5);
+    let mut rng = Lcg(5);
     let points: Vec<MovingPoint> = (0..n)
         .map(|_| {
             let (begin, length) = (rng.unit() * 0.98, 0.02 + 0.08 * rng.unit());

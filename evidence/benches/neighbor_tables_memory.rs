@@ -9,6 +9,7 @@ use clap::Parser;
 use kiddo::leaf_strategy::FlatVec;
 use kiddo::stem_strategy::Eytzinger;
 use mbkd::{PointParams, PointTree};
+use mbkd_evidence::lcg::Lcg;
 use peak_alloc::PeakAlloc;
 
 #[global_allocator]
@@ -40,13 +41,9 @@ fn weigh<T>(name: &str, points: usize, build: impl FnOnce() -> T) {
 
 fn main() {
     let args = Args::parse();
-    let mut state = 1u64;
-    let mut unit = || {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 40) as f32 / (1u64 << 24) as f32
-    };
+    let mut random = Lcg(1);
     for n in args.points.into_iter().map(|n| n as usize) {
-        let points: Vec<[f32; 3]> = (0..n).map(|_| [unit(), unit(), unit()]).collect();
+        let points: Vec<[f32; 3]> = (0..n).map(|_| [random.unit(), random.unit(), random.unit()]).collect();
         println!("{n} points");
         weigh("mbkd", n, || PointTree::build(&points, &PointParams::default()).expect("points are finite"));
         weigh("kiddo, arena leaves", n, || kiddo::ImmutableKdTree::<f32, 3>::new_from_slice(&points).expect("a tree"));

@@ -11,6 +11,7 @@ mod clock;
 use clap::Parser;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Counters, Ray, RayTree, TriangleMesh};
+use mbkd_evidence::lcg::Lcg;
 use mbkd_scenes as scene;
 use std::error::Error;
 use std::hint::black_box;
@@ -147,12 +148,8 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
 }
 
 fn rays(camera: &scene::Camera, count: usize) -> Vec<Ray> {
-    let mut seed = 1u64;
-    let mut random = || {
-        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (seed >> 40) as f32 / (1 << 24) as f32
-    };
-    (0..count).map(|_| camera.ray(random(), random(), 1.0, random())).collect()
+    let mut random = Lcg(1);
+    (0..count).map(|_| camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect()
 }
 
 fn ask(tree: &RayTree, rays: &[Ray]) {

@@ -16,6 +16,7 @@ use clap::Parser;
 use film::Picture;
 use mbkd::glam::{DVec3, IVec2, Vec2, Vec3};
 use mbkd::{BuildParams, Division, Hit, Keys, RayTree, TriangleMesh, WideParams};
+use mbkd_evidence::lcg::Lcg;
 use mbkd_scenes as scene;
 use std::path::PathBuf;
 
@@ -159,17 +160,13 @@ fn flying() -> TriangleMesh {
 /// The rock as it bursts: each triangle flies its own way, on the whole outward.
 fn bursting() -> TriangleMesh {
     let (indices, rock) = rock();
-    let mut state = 7u64;
-    let mut random = || {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 40) as f32 / (1 << 24) as f32
-    };
+    let mut random = Lcg(7);
     let mut keys = vec![Vec::new(), Vec::new()];
     for triangle in &indices {
         let corners = triangle.map(|i| rock[i as usize]);
         let outward = (corners[0] + corners[1] + corners[2]).normalize();
-        let aside = Vec3::new(random() - 0.5, random() - 0.5, random() - 0.5);
-        let way = outward * (0.3 * random()) + aside * 1.8;
+        let aside = Vec3::new(random.unit() - 0.5, random.unit() - 0.5, random.unit() - 0.5);
+        let way = outward * (0.3 * random.unit()) + aside * 1.8;
         keys[0].extend(corners);
         keys[1].extend(corners.map(|p| p + way));
     }

@@ -1,6 +1,7 @@
 //! What measurements of `mbkd` share: exact arithmetic, peers, timing. Never published.
 
 pub mod accuracy;
+pub mod lcg;
 pub mod oracle;
 pub mod pareto;
 pub mod peers;

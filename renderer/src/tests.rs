@@ -358,7 +358,7 @@ fn files_hold_what_was_rendered() {
     let texture = crate::readers::decode(&std::fs::read(folder.join("a.png")).unwrap()).unwrap();
     assert_eq!(texture.pixels, picture.pixels);
     save_linear(&film, &folder.join("a.exr")).unwrap();
-    // Magic number; the last row ends with the red of its pixels. (Read with the exr crate: `evidence/tests/exr.rs`.)
+    // Magic number; the last row ends with the red of its pixels. (Read with the exr crate: `evidence/tests/all/exr.rs`.)
     let exr = std::fs::read(folder.join("a.exr")).unwrap();
     assert_eq!(exr[..4], [0x76, 0x2f, 0x31, 0x01]);
     assert_eq!(exr[exr.len() - 4..], film.linear()[12 * 7 - 1].x.to_le_bytes());

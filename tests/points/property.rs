@@ -1,5 +1,5 @@
 //! Properties with shrinking: against comparing all points, and against the tree itself under moves that must not
-//! matter. (Against kiddo: `evidence/tests/kiddo.rs`.)
+//! matter. (Against kiddo: `evidence/tests/all/kiddo.rs`.)
 
 use crate::support::Cloud;
 use mbkd::glam::Vec3;

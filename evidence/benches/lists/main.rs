@@ -15,6 +15,7 @@ use mbkd::{
     Encounter, EncounterLists, MovingPoint, NeighborBuffer, NeighborCsr, PointParams, PointStructure, PointTree, Radii,
     TimeInterval,
 };
+use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -41,36 +42,11 @@ struct Args {
     bench: bool,
 }
 
-struct Rng(u64);
-
-impl Rng {
-    fn unit(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
-    fn vec(&mut self) -> Vec3 {
-        Vec3::new(self.unit(), self.unit(), self.unit())
-    }
-    fn direction(&mut self) -> Vec3 {
-        loop {
-            let p = self.vec() * 2.0 - 1.0;
-            if (0.01..1.0).contains(&p.length_squared()) {
-                return p.normalize();
-            }
-        }
-    }
-    /// On the surfaces of forty spheres of very different size.
-    fn surface(&mut self) -> Vec3 {
-        let mut of = Rng(((self.unit() * 40.0) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0xabcdef);
-        of.unit();
-        of.vec() + self.direction() * (0.01 + 0.2 * of.unit().powi(3))
-    }
-    /// Around sixty centres, denser towards them by the square of the distance, as in galaxies.
-    fn galaxy(&mut self) -> Vec3 {
-        let mut of = Rng(((self.unit() * 60.0) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234);
-        of.unit();
-        of.vec() + self.direction() * (0.05 * self.unit() + 1e-4)
-    }
+/// Around sixty centres, denser towards them by the square of the distance, as in galaxies.
+fn galaxy(random: &mut Lcg) -> Vec3 {
+    let mut of = Lcg(((random.unit() * 60.0) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234);
+    of.unit();
+    of.vec() + random.direction() * (0.05 * random.unit() + 1e-4)
 }
 
 /// Something that is timed, under its name.
@@ -126,9 +102,9 @@ fn main() {
     let wanted = |name: &str| name.contains(&args.only);
     one.install(|| {
         for (name, point) in [
-            ("uniform", Rng::vec as fn(&mut Rng) -> Vec3),
-            ("surfaces", Rng::surface as fn(&mut Rng) -> Vec3),
-            ("galaxies", Rng::galaxy as fn(&mut Rng) -> Vec3),
+            ("uniform", Lcg::vec as fn(&mut Lcg) -> Vec3),
+            ("surfaces", Lcg::surface as fn(&mut Lcg) -> Vec3),
+            ("galaxies", galaxy as fn(&mut Lcg) -> Vec3),
         ] {
             if wanted(name) {
                 all(&args, name, point);
@@ -157,7 +133,7 @@ fn main() {
 
 /// The same on one and on several threads.
 fn threads(args: &Args, one: &rayon::ThreadPool, several: &rayon::ThreadPool) {
-    let starts: Vec<Vec3> = (0..args.points).map(|_| Rng::vec).scan(Rng(1), |rng, f| Some(f(rng))).collect();
+    let starts: Vec<Vec3> = (0..args.points).map(|_| Lcg::vec).scan(Lcg(1), |rng, f| Some(f(rng))).collect();
     let radius = radius(&starts, args.neighbors);
     let points = moving(&starts);
     let (mut lists, mut more) = (NeighborCsr::new(), NeighborCsr::new());
@@ -190,14 +166,14 @@ fn ours_swept(points: &[MovingPoint], radius: f32, lists: &mut EncounterLists) {
 
 /// Particles that go one mean spacing, each its own way.
 fn moving(starts: &[Vec3]) -> Vec<MovingPoint> {
-    let mut rng = Rng(9);
+    let mut rng = Lcg(9);
     let spacing = (1.0 / starts.len() as f32).cbrt();
     starts.iter().map(|p| MovingPoint::new(*p, *p + rng.direction() * spacing)).collect()
 }
 
 /// All ways to the lists of a set.
-fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
-    let mut rng = Rng(1);
+fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
+    let mut rng = Lcg(1);
     let points: Vec<Vec3> = (0..args.points).map(|_| point(&mut rng)).collect();
     let count = points.len();
     let radius = radius(&points, args.neighbors);
@@ -212,7 +188,7 @@ fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
     let steps = |sorted: bool| {
         let mut moving = points.clone();
         let mut tree = PointTree::build(&moving, &PointParams::default()).unwrap();
-        let (mut lists, mut rng, mut kept) = (NeighborCsr::new(), Rng(5), 0);
+        let (mut lists, mut rng, mut kept) = (NeighborCsr::new(), Lcg(5), 0);
         tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
         if sorted {
             moving = tree.take_order().iter().map(|&id| moving[id as usize]).collect();
@@ -306,7 +282,7 @@ fn all(args: &Args, name: &str, point: fn(&mut Rng) -> Vec3) {
 
 /// Radii that vary tenfold within one set: each particle lists what is within its own.
 fn radii(args: &Args) {
-    let mut rng = Rng(3);
+    let mut rng = Lcg(3);
     let points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
     let mean = radius(&points, args.neighbors);
     let own: Vec<f32> = points.iter().map(|_| mean * 10f32.powf(rng.unit() - 0.75)).collect();
@@ -339,7 +315,7 @@ fn radii(args: &Args) {
 
 /// All pairs that meet while each particle moves by one spacing.
 fn swept(args: &Args) {
-    let mut rng = Rng(4);
+    let mut rng = Lcg(4);
     let starts: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
     let radius = radius(&starts, args.neighbors);
     let spacing = (1.0 / args.points as f32).cbrt();
@@ -368,7 +344,7 @@ fn swept(args: &Args) {
 /// Lists with a skin of a fifth of the radius, with and without the time until which they hold, looking ahead to where
 /// particles have gone a tenth of their spacing.
 fn skin(args: &Args) {
-    let mut rng = Rng(8);
+    let mut rng = Lcg(8);
     let starts: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
     let radius = radius(&starts, args.neighbors) / 1.2;
     let params = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
@@ -406,7 +382,7 @@ fn pass(a: &MovingPoint, b: &MovingPoint, id: u32, radius: f32) -> Option<Encoun
 /// What keeping the order of the first step costs, beside what putting particles in order costs: a random walk by a tenth
 /// of the spacing.
 fn growth(args: &Args) {
-    let mut rng = Rng(7);
+    let mut rng = Lcg(7);
     let mut points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
     let radius = radius(&points, args.neighbors);
     let spacing = (1.0 / args.points as f32).cbrt();
@@ -444,7 +420,7 @@ fn growth(args: &Args) {
 
 /// Radius queries in bulk against a loop of single ones.
 fn bulk(args: &Args) {
-    let mut rng = Rng(6);
+    let mut rng = Lcg(6);
     let points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
     let radius = radius(&points, args.neighbors);
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();

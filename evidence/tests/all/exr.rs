@@ -1,6 +1,6 @@
 //! The renderer's EXR files are what the exr crate reads back.
 
-#[path = "../../renderer/src/exr.rs"]
+#[path = "../../../renderer/src/exr.rs"]
 #[allow(dead_code)] // parts of pictures, and reading them
 mod writer;
 

@@ -2,7 +2,7 @@
 //!
 //! Counts depend neither on the instruction set nor on the number of threads, which the test checks too. A change in them
 //! is a change in what the library does: look at it, then write the file anew with
-//! `UPDATE_GOLDEN=1 cargo test --release -p mbkd-evidence --test point_structures`.
+//! `UPDATE_GOLDEN=1 cargo test --release -p mbkd-evidence --test all point_structures`.
 
 use mbkd::{NeighborWork, PointParams, PointStructure, PointTree, SimdLevel};
 use mbkd_evidence::point_sets::{MOTIONS, moving_points, queries};
@@ -61,7 +61,7 @@ fn counts_are_those_of_the_golden_file() {
         assert_eq!(
             found,
             expected,
-            "line {} of {}; if the change is wanted: UPDATE_GOLDEN=1 cargo test --release -p mbkd-evidence --test point_structures",
+            "line {} of {}; if the change is wanted: UPDATE_GOLDEN=1 cargo test --release -p mbkd-evidence --test all point_structures",
             line + 1,
             path.display()
         );

@@ -1,16 +1,14 @@
 //! Real particles and lidar points, where `MBKD_DATA` names a directory that has them; without it the
 //! same checks run on a small made-up set in the same format.
 
-#[path = "../examples/neighbors_of_files/formats.rs"]
+#[path = "../../examples/neighbors_of_files/formats.rs"]
 mod formats;
-#[path = "../../tests/points/support.rs"]
-mod support;
 
+use crate::support::{Cloud, Rng};
 use formats::Table;
 use mbkd::glam::Vec3;
 use mbkd::{PointArrays, PointParams, PointStructure, PointTree, TimeInterval};
 use std::path::Path;
-use support::{Cloud, Rng};
 
 struct Set(Table);
 

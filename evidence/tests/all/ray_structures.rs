@@ -87,7 +87,7 @@ fn counted_work() {
         .collect();
     assert!(
         differ.is_empty() && found.lines().count() == expected.lines().count(),
-        "{heads}\n{}\nIf that is meant: {UPDATE}=1 cargo test --release -p mbkd-evidence --test ray_structures",
+        "{heads}\n{}\nIf that is meant: {UPDATE}=1 cargo test --release -p mbkd-evidence --test all ray_structures",
         differ.join("\n")
     );
 }

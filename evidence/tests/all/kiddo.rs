@@ -1,14 +1,11 @@
 //! Distances to neighbours equal those that kiddo finds among the points where they are at time t.
 
-#[path = "../../tests/points/support.rs"]
-mod support;
-
+use crate::support::Cloud;
 use kiddo::SquaredEuclidean;
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, PointParams, PointTree};
 use proptest::prelude::*;
 use std::num::NonZero;
-use support::Cloud;
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]

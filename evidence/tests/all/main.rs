@@ -1,0 +1,12 @@
+//! What the measurements rest on: the oracle, the structures of others, accuracy, counted work, files.
+
+mod accuracy;
+mod exr;
+mod kiddo;
+mod oracle;
+mod particle_files;
+mod peers;
+mod point_structures;
+mod ray_structures;
+#[path = "../../../tests/points/support.rs"]
+mod support;
