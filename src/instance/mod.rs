@@ -7,7 +7,7 @@
 //! placed in turn.
 //!
 //! What is where: transforms as they are given (`transform`) and as queries evaluate them (`motion`), boxes that hold what
-//! they move (`bounds`), how far they let rounded rays stray (`distortion`), the set that the build of the
+//! they move (`bounds`), how far they let rounded rays stray (`distortion`), which rays pass by what is placed (`outline`), the set that the build of the
 //! wide tree sees (`placements`), the tree (`tree`), the way of a ray through it (`query`) and what callers ask (`tree_queries`),
 //! nearest points (`closest_point`).
 
@@ -19,6 +19,7 @@ mod distortion;
 mod error;
 mod hit;
 mod motion;
+mod outline;
 mod placements;
 mod query;
 mod transform;

@@ -7,13 +7,13 @@ use super::distortion::Distortion;
 use super::error::InstanceError;
 use super::transform::{Pose, Transform};
 use crate::geometry::Ray;
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
 /// How one instance moves; keys lie in [`Motions`].
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Motion {
-    /// It stands still: the key, and the inverse of its matrix.
-    Still { key: u32, inverse: DMat3 },
+    /// It stands still: the key; and at hand, the inverse of its matrix and its translation.
+    Still { key: u32, inverse: DMat3, translation: DVec3 },
     /// Matrices, interpolated.
     Matrices { first: u32, keys: u32 },
     /// Poses, interpolated.
@@ -92,7 +92,8 @@ impl Motions {
         // Keys that all say the same are one key.
         if keys.iter().all(|&key| key == begin) {
             self.matrices.push(begin);
-            return Ok((Motion::Still { key: first, inverse: begin.matrix3.inverse() }, distortion));
+            let (inverse, translation) = (begin.matrix3.inverse(), begin.translation);
+            return Ok((Motion::Still { key: first, inverse, translation }, distortion));
         }
         for (key, pair) in keys.windows(2).enumerate() {
             let between = Distortion::between(pair[0].matrix3, pair[1].matrix3);
@@ -142,7 +143,7 @@ impl Motions {
         self.matrices.capacity() * size_of::<DAffine3>() + self.poses.capacity() * size_of::<Turn>()
     }
 
-    #[inline]
+    #[inline(always)]
     fn at(&self, motion: &Motion, time: f64) -> At {
         match *motion {
             Motion::Still { key, .. } => At::Matrix(self.matrices[key as usize]),
@@ -180,15 +181,15 @@ impl Motions {
         }
     }
 
-    /// A ray as the instance sees it: the same `t`, the origin in f64, the direction rounded to f32 once. Nothing where
-    /// the direction is so long or so short that rounding it would lose more than that.
-    #[inline]
-    pub fn local_ray(&self, motion: &Motion, ray: &Ray) -> Option<Ray> {
+    /// Origin and direction of a ray as the instance sees it, with the same `t`: the origin in f64, the direction rounded to f32 once.
+    /// Nothing where the direction is so long or so short that rounding it would lose more than that.
+    ///
+    /// It is compiled into the way of rays, for their instruction set.
+    #[inline(always)]
+    pub fn inward(&self, motion: &Motion, ray: &Ray) -> Option<(DVec3, Vec3)> {
         let dir = ray.dir.as_dvec3();
         let (origin, dir) = match *motion {
-            Motion::Still { key, ref inverse } => {
-                (*inverse * (ray.origin - self.matrices[key as usize].translation), *inverse * dir)
-            }
+            Motion::Still { ref inverse, translation, .. } => (*inverse * (ray.origin - translation), *inverse * dir),
             _ => match self.at(motion, f64::from(ray.time)) {
                 At::Matrix(matrix) => {
                     let inverse = matrix.matrix3.inverse();
@@ -201,7 +202,7 @@ impl Motions {
             },
         };
         let longest = dir.abs().max_element();
-        (SHORTEST..=SHORTEST.recip()).contains(&longest).then(|| Ray { origin, dir: dir.as_vec3(), ..*ray })
+        (SHORTEST..=SHORTEST.recip()).contains(&longest).then(|| (origin, dir.as_vec3()))
     }
 
     /// Times at which a motion may change its velocity, or has turned by [`ARC`]: between two of them it is smooth. Those
@@ -306,7 +307,6 @@ impl Turn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     fn pose(axis: DVec3, angle: f64, scale: f64, translation: DVec3) -> Pose {
         Pose { rotation: DQuat::from_axis_angle(axis.normalize(), angle), scale: DVec3::splat(scale), translation }
@@ -344,7 +344,8 @@ mod tests {
             let (motion, _) = motions.add(&transform, 0).unwrap();
             for i in 0..=20 {
                 let ray = Ray::new(Vec3::new(0.3, -7.0, 2.0), Vec3::new(0.1, 3.0, -2.0)).at_time(i as f32 / 20.0);
-                let local = motions.local_ray(&motion, &ray).unwrap();
+                let (origin, dir) = motions.inward(&motion, &ray).unwrap();
+                let local = Ray { origin, dir, ..ray };
                 let matrix = motions.matrix(&motion, f64::from(ray.time));
                 for t in [0.0, 1.0, 7.0] {
                     let there = matrix.transform_point3(local.point(t));
@@ -360,7 +361,7 @@ mod tests {
         for (scale, seen) in [(1.0, true), (1e20, true), (1e-20, true), (1e33, false), (1e-33, false)] {
             let (motion, _) = motions.add(&pose(DVec3::X, 1.0, scale, DVec3::ZERO).into(), 0).unwrap();
             let ray = Ray::new(Vec3::ZERO, Vec3::ONE);
-            assert_eq!(motions.local_ray(&motion, &ray).is_some(), seen, "{scale}");
+            assert_eq!(motions.inward(&motion, &ray).is_some(), seen, "{scale}");
         }
     }
 }

@@ -4,7 +4,8 @@ use super::bounds::{ROUNDING, grow};
 use super::distortion::Distortion;
 use super::error::InstanceError;
 use super::motion::{Motion, Motions};
-use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval, ULP};
+use super::outline::{INNER_ULPS, Outline};
+use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::layout::{ChildRef, WideSource, write_list};
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
@@ -45,6 +46,8 @@ struct Slack {
 pub(super) struct Placements {
     pub placed: Vec<Placed>,
     pub motions: Motions,
+    /// Of the different trees.
+    pub outlines: Vec<Outline>,
     frame: Frame,
     always_active: bool,
     /// The greatest [`Slack::per_distance`].
@@ -58,12 +61,6 @@ pub(super) struct Placements {
 
 /// The greatest [`Slack::per_distance`]: 2^18. Boxes then still grow by less than the scene is wide.
 const MOST_STRAY: f64 = 262144.0;
-
-/// ULP of the size of a tree by which its answers may lie outside of its box: its kernel's rounding ([`KERNEL_ULPS`] of
-/// what is hit and of an origin within sixteen sizes, 340 in all), and that of its vertices, with some to spare.
-///
-/// [`KERNEL_ULPS`]: crate::geometry::KERNEL_ULPS
-const INNER_ULPS: f64 = 400.0;
 
 /// Distances within which origins count as near, in sizes of the scene.
 const NEAR: f64 = 3.0;
@@ -90,7 +87,8 @@ impl Placements {
         }
         let always_active = all.iter().all(|one| one.active == TimeInterval::FULL);
         let (frame, width) = (Frame::WORLD, 0.0);
-        let mut set = Placements { placed: all, motions, frame, always_active, stray, extents, slacks, width };
+        let outlines = extents.iter().map(|of| Outline::new(of, padding)).collect();
+        let mut set = Placements { placed: all, motions, outlines, frame, always_active, stray, extents, slacks, width };
         let swept = parallel::map(set.placed.len(), |id| set.exact_bounds(id as u32, TimeInterval::FULL).swept());
         // The wider the scene, the larger the slack, and the wider the scene: by at most a quarter of itself.
         loop {
@@ -126,17 +124,30 @@ impl Placements {
         slack.fixed + slack.per_distance * distance * (f64::from(ULP) + ROUNDING)
     }
 
-    /// The ray in tree space; see [`TreeRay::new`]. One that begins far away has more slack, by what it may stray on its way
-    /// into an instance's space.
-    #[inline]
-    pub fn tree_ray<'a>(&self, ray: &'a Ray) -> Option<TreeRay<'a>> {
+    /// Whether a ray in tree space begins farther away than [`NEAR`].
+    #[inline(always)]
+    pub fn is_far(&self, ray: &TreeRay) -> bool {
+        let [x, y, z, _] = ray.from;
+        // NaN as well.
+        !(DVec3::new(x, y, z).abs().max_element() <= NEAR * f64::from(self.frame.reach))
+    }
+
+    /// Makes a ray in tree space what it should be if it is not of the usual kind, or far ([`TreeRay::mend`]): one that begins far away has more
+    /// slack, by what it may stray on its way into an instance's space.
+    #[cold]
+    #[inline(never)]
+    pub fn mend(&self, ray: &mut TreeRay) {
         let frame = &self.frame;
-        let away = ((ray.origin - frame.origin) * frame.scale).abs().max_element();
-        if away <= NEAR * f64::from(frame.reach) {
-            return TreeRay::new(ray, frame);
+        if !self.is_far(ray) {
+            return ray.mend(frame);
         }
+        let [x, y, z, _] = ray.from;
+        let away = DVec3::new(x, y, z).abs().max_element();
         let more = (self.stray * away * (2.0 * f64::from(ULP) + ROUNDING)) as f32;
-        TreeRay::with_slack(ray, &Frame { reach: frame.reach + 2.0 * more, ..*frame }, more)
+        match TreeRay::with_slack(ray.asked, &Frame { reach: frame.reach + 2.0 * more, ..*frame }, more) {
+            Some(of) => *ray = of,
+            None => (ray.begin, ray.end) = (1.0, 0.0),
+        }
     }
 }
 
@@ -203,7 +214,9 @@ impl PrimitiveSet for Placements {
     }
 
     fn bytes(&self) -> usize {
-        self.placed.capacity() * size_of::<Placed>() + self.motions.bytes()
+        self.placed.capacity() * size_of::<Placed>()
+            + self.outlines.capacity() * size_of::<Outline>()
+            + self.motions.bytes()
     }
 }
 

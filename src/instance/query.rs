@@ -2,7 +2,8 @@
 //!
 //! The way through the tree over instances is that of every wide tree. A leaf is one instance: the ray is brought into its space
 //! and asked of the tree there by the queries of that tree, so whatever holds for those (layouts, instruction sets, ties) holds here.
-//! Of a search for the nearest, the ray in there ends at the best hit so far, in its own `t`.
+//! Of a search for the nearest, the ray in there ends at the best hit so far, in its own `t`. A ray that passes by the box of what is
+//! placed, as it is in its own space, does not enter.
 //!
 //! Why nothing is missed: see `placements`, which says how far outside of its box something in an instance may be hit.
 
@@ -11,7 +12,8 @@ use super::placements::Placements;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
 use crate::layout::ChildRef;
-use crate::ray::{Observer, Stops, Way};
+use crate::primitive::PrimitiveSet;
+use crate::ray::{Observer, Stops, TreeRay, Way};
 use crate::simd::dispatch;
 use core::ops::ControlFlow;
 
@@ -46,9 +48,10 @@ impl<T> Look<'_, T> {
 trait Question {
     /// Whether near instances are asked first.
     const ORDERED: bool;
-    /// Asks the tree of an instance, by a ray in its space that ends where nothing farther matters. Returns the end from now
-    /// on; `Break` ends the query.
-    fn ask(&mut self, of: &InstanceOf, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> ControlFlow<(), f32>;
+    /// Asks the tree of an instance (which the path leads to with this number at its end), by a ray in its space that ends where
+    /// nothing farther matters. Returns the end from now on; `Break` ends the query.
+    fn ask(&mut self, of: &InstanceOf, ray: &Ray, path: (InstancePath, u32), look: &mut Look<'_>)
+    -> ControlFlow<(), f32>;
 }
 
 /// The nearest hit; of several at the same `t` that of the lowest path, and of these the lowest primitive.
@@ -59,9 +62,21 @@ struct Closest {
 impl Question for Closest {
     const ORDERED: bool = true;
 
-    #[inline]
-    fn ask(&mut self, of: &InstanceOf, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> ControlFlow<(), f32> {
-        let Some(found) = of.closest_hit(ray, path, look) else { return ControlFlow::Continue(ray.t_max) };
+    #[inline(always)]
+    fn ask(
+        &mut self,
+        of: &InstanceOf,
+        ray: &Ray,
+        (path, id): (InstancePath, u32),
+        look: &mut Look<'_>,
+    ) -> ControlFlow<(), f32> {
+        let found = match (of, &look) {
+            (InstanceOf::Tree(tree), Look::Plain) => {
+                tree.closest_hit(ray).map(|hit| InstanceHit { path: path.then(id), hit })
+            }
+            _ => of.closest_hit(ray, path.then(id), look),
+        };
+        let Some(found) = found else { return ControlFlow::Continue(ray.t_max) };
         let better = self
             .best
             .is_none_or(|best| found.hit.t < best.hit.t || found.hit.t == best.hit.t && found.path < best.path);
@@ -80,9 +95,18 @@ struct Any {
 impl Question for Any {
     const ORDERED: bool = false;
 
-    #[inline]
-    fn ask(&mut self, of: &InstanceOf, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> ControlFlow<(), f32> {
-        self.found = of.any_hit(ray, path, look);
+    #[inline(always)]
+    fn ask(
+        &mut self,
+        of: &InstanceOf,
+        ray: &Ray,
+        (path, id): (InstancePath, u32),
+        look: &mut Look<'_>,
+    ) -> ControlFlow<(), f32> {
+        self.found = match (of, &look) {
+            (InstanceOf::Tree(tree), Look::Plain) => tree.any_hit(ray),
+            _ => of.any_hit(ray, path.then(id), look),
+        };
         if self.found { ControlFlow::Break(()) } else { ControlFlow::Continue(ray.t_max) }
     }
 }
@@ -96,15 +120,22 @@ struct All<'a> {
 impl Question for All<'_> {
     const ORDERED: bool = false;
 
-    #[inline]
-    fn ask(&mut self, of: &InstanceOf, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> ControlFlow<(), f32> {
-        self.flow = of.all_hits(ray, path, look, self.visitor);
+    #[inline(always)]
+    fn ask(
+        &mut self,
+        of: &InstanceOf,
+        ray: &Ray,
+        (path, id): (InstancePath, u32),
+        look: &mut Look<'_>,
+    ) -> ControlFlow<(), f32> {
+        self.flow = of.all_hits(ray, path.then(id), look, self.visitor);
         self.flow?;
         ControlFlow::Continue(ray.t_max)
     }
 }
 
 impl InstanceOf {
+    #[inline(never)]
     fn closest_hit(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> Option<InstanceHit> {
         let tree = match self {
             InstanceOf::Tree(tree) => tree,
@@ -120,6 +151,7 @@ impl InstanceOf {
         hit.map(|hit| InstanceHit { path, hit })
     }
 
+    #[inline(never)]
     fn any_hit(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> bool {
         let tree = match self {
             InstanceOf::Tree(tree) => tree,
@@ -134,6 +166,7 @@ impl InstanceOf {
         }
     }
 
+    #[inline(never)]
     fn all_hits(
         &self,
         ray: &Ray,
@@ -181,9 +214,15 @@ impl InstanceTree {
         if self.wide.root == ChildRef::NOTHING {
             return question;
         }
-        let Some(tree_ray) = self.placements.tree_ray(ray) else { return question };
         let (set, trees) = (&self.placements, &self.trees[..]);
-        let mut stops = Asked { set, trees, path, look, question };
+        let (mut tree_ray, usual) = TreeRay::of(ray, set.frame());
+        if !usual || set.is_far(&tree_ray) {
+            set.mend(&mut tree_ray);
+        }
+        if tree_ray.sees_nothing() {
+            return question;
+        }
+        let mut stops = Asked { set, trees, local: *ray, path, look, question };
         let (tree, tree_ray) = (&self.wide, &tree_ray);
         if Q::ORDERED {
             dispatch(self.simd, Way::<true, _> { tree, ray, tree_ray, stops: &mut stops });
@@ -198,6 +237,9 @@ impl InstanceTree {
 struct Asked<'a, 'b, Q> {
     set: &'a Placements,
     trees: &'a [InstanceOf],
+    /// The ray in the space of the instance that is asked. It stays where it is, and only what differs is written: a ray that is
+    /// copied waits for the stores before.
+    local: Ray,
     path: InstancePath,
     look: &'a mut Look<'b>,
     question: Q,
@@ -214,14 +256,23 @@ impl<Q: Question> Stops for Asked<'_, '_, Q> {
         self.look.observe(|observer| observer.leaf());
     }
 
-    #[inline]
+    #[inline(always)]
     fn ask(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32> {
-        let Asked { set, trees, path, ref mut look, ref mut question } = *self;
+        let Asked { set, trees, path, ref mut local, ref mut look, ref mut question } = *self;
         let one = &set.placed[id as usize];
         if !(one.active.contains(ray.time) && look.sees(one.mask)) {
             return ControlFlow::Continue(ray.t_max);
         }
-        let Some(local) = set.motions.local_ray(&one.motion, ray) else { return ControlFlow::Continue(ray.t_max) };
-        question.ask(&trees[one.tree as usize], &local, path.then(id), look)
+        let Some((origin, dir)) = set.motions.inward(&one.motion, ray) else {
+            return ControlFlow::Continue(ray.t_max);
+        };
+        (local.origin, local.dir) = (origin, dir);
+        if set.outlines[one.tree as usize].is_missed(local) {
+            return ControlFlow::Continue(ray.t_max);
+        }
+        if local.t_max != ray.t_max {
+            local.t_max = ray.t_max;
+        }
+        question.ask(&trees[one.tree as usize], local, (path, id), look)
     }
 }

@@ -237,7 +237,8 @@ impl InstanceTree {
         if !(0.0..=1.0).contains(&ray.time) {
             return None;
         }
-        self.placements.motions.local_ray(&one.motion, ray)
+        let (origin, dir) = self.placements.motions.inward(&one.motion, ray)?;
+        Some(Ray { origin, dir, ..*ray })
     }
 
     /// The matrix from the space of what a path leads to, to that of this tree, at a time of the shutter. `None` where the
