@@ -60,6 +60,11 @@ impl LinearBounds {
         Aabb { min: self.begin.min.lerp(self.end.min, w), max: self.begin.max.lerp(self.end.max, w) }
     }
 
+    /// Linear bounds that hold both.
+    pub fn union(self, other: LinearBounds) -> LinearBounds {
+        LinearBounds { begin: self.begin.union(other.begin), end: self.end.union(other.end) }
+    }
+
     /// The box of everything between begin and end.
     pub fn swept(self) -> Aabb {
         self.begin.union(self.end)

@@ -191,10 +191,7 @@ impl Motions {
         let (origin, dir) = match *motion {
             Motion::Still { ref inverse, translation, .. } => (*inverse * (ray.origin - translation), *inverse * dir),
             _ => match self.at(motion, f64::from(ray.time)) {
-                At::Matrix(matrix) => {
-                    let inverse = matrix.matrix3.inverse();
-                    (inverse * (ray.origin - matrix.translation), inverse * dir)
-                }
+                At::Matrix(matrix) => solved(matrix.matrix3, ray.origin - matrix.translation, dir),
                 At::Pose { scale, rotation, translation } => {
                     let back = rotation.transpose();
                     ((back * (ray.origin - translation)) / scale, (back * dir) / scale)
@@ -268,6 +265,15 @@ impl Motions {
             }
         }
     }
+}
+
+/// What a matrix takes to either of two vectors, by Cramer's rule: divided last, since a division takes long.
+#[inline(always)]
+fn solved(matrix: DMat3, a: DVec3, b: DVec3) -> (DVec3, DVec3) {
+    let DMat3 { x_axis: x, y_axis: y, z_axis: z } = matrix;
+    let (yz, zx, xy) = (y.cross(z), z.cross(x), x.cross(y));
+    let (scale, back) = (z.dot(xy).recip(), DMat3::from_cols(yz, zx, xy).transpose());
+    ((back * a) * scale, (back * b) * scale)
 }
 
 /// How far the length of a quaternion may be from 1.

@@ -86,7 +86,7 @@ mod tests {
                 Aabb { min: a.min(b), max: a.max(b) }
             };
             let bounds = LinearBounds { begin: corners(), end: corners() };
-            let outline = Outline::new(&Extent { bounds, reach: 1.0, stray: 0.0 }, 1.0);
+            let outline = Outline::new(&Extent { bounds, parts: vec![bounds], reach: 1.0, stray: 0.0 }, 1.0);
             let time = next(&mut state).abs();
             let now = bounds.at(f64::from(time));
             // Corners among them, and directions along axes.

@@ -25,10 +25,11 @@ pub(super) struct Placed {
 }
 
 /// What is placed, in its own space.
-#[derive(Clone, Copy)]
 pub(super) struct Extent {
     /// Where it is during the shutter.
     pub bounds: LinearBounds,
+    /// The same of its parts: the boxes around what is turned are smaller where they need not hold the corners of one box.
+    pub parts: Vec<LinearBounds>,
     /// How far from the middle of its space it reaches.
     pub reach: f64,
     /// [`Placements::stray`], if it is a tree of instances, or 0.
@@ -114,7 +115,9 @@ impl Placements {
     /// Linear bounds in world space, without what rounding adds.
     fn exact_bounds(&self, id: u32, over: TimeInterval) -> LinearBounds {
         let one = &self.placed[id as usize];
-        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].bounds, over, 1.0)
+        let parts = &self.extents[one.tree as usize].parts;
+        let each = parts.iter().map(|part| self.motions.bounds(&one.motion, part, over, 1.0));
+        each.reduce(LinearBounds::union).unwrap_or(LinearBounds::fixed(Aabb::EMPTY))
     }
 
     /// What rounding adds to the bounds of an instance, for rays from near the scene.

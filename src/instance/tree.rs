@@ -57,15 +57,17 @@ impl InstanceOf {
 
     /// Where it is in its own space.
     fn extent(&self) -> Extent {
-        let (bounds, frame, stray) = match self {
-            InstanceOf::Tree(tree) => (tree.linear_bounds(), tree.frame(), 0.0),
+        let (bounds, parts, frame, stray) = match self {
+            InstanceOf::Tree(tree) => (tree.linear_bounds(), tree.linear_bounds_of_parts(), tree.frame(), 0.0),
             InstanceOf::Instances(tree) => {
                 let frame = tree.placements.frame();
                 let swept = LinearBounds::fixed(frame.bounds);
-                (tree.wide.linear_bounds(frame).unwrap_or(swept), frame, tree.placements.stray)
+                let bounds = tree.wide.linear_bounds(frame).unwrap_or(swept);
+                let parts = tree.wide.bounds_of_children(frame).unwrap_or_else(|| vec![bounds]);
+                (bounds, parts, frame, tree.placements.stray)
             }
         };
-        Extent { bounds, reach: f64::from(frame.reach) / frame.scale, stray }
+        Extent { bounds, parts, reach: f64::from(frame.reach) / frame.scale, stray }
     }
 }
 

@@ -29,6 +29,19 @@ impl WideTree {
         Some(all)
     }
 
+    /// The same of each of the root's children, where the root is a node.
+    pub(crate) fn bounds_of_children(&self, frame: &Frame) -> Option<Vec<LinearBounds>> {
+        if self.root == ChildRef::NOTHING || !matches!(self.root.kind(), Kind::Node | Kind::StillNode) {
+            return None;
+        }
+        let lanes = self.children(self.root).iter().enumerate().filter(|(_, child)| **child != ChildRef::NOTHING.0);
+        let at = |lane: usize, time: f32| {
+            let [min, max] = self.lane_box(self.root, lane, time);
+            Aabb { min: frame.to_world(min), max: frame.to_world(max) }
+        };
+        Some(lanes.map(|(lane, _)| LinearBounds { begin: at(lane, 0.0), end: at(lane, 1.0) }).collect())
+    }
+
     fn node_bounds(&self, node: ChildRef, over: [f32; 2], frame: &Frame) -> Option<LinearBounds> {
         if node == ChildRef::NOTHING || !matches!(node.kind(), Kind::Node | Kind::StillNode) {
             return None;

@@ -298,6 +298,16 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
+    /// The same of several parts, which together are all there is.
+    pub(crate) fn linear_bounds_of_parts(&self) -> Vec<LinearBounds> {
+        let parts = match &self.layout {
+            Layout::Wide(tree) => tree.bounds_of_children(self.geometry.frame()),
+            Layout::Lazy(tree) => tree.top.bounds_of_children(self.geometry.frame()),
+            Layout::Kd(_) => None,
+        };
+        parts.unwrap_or_else(|| vec![self.linear_bounds()])
+    }
+
     /// The map between world and tree space.
     pub(crate) fn frame(&self) -> &Frame {
         self.geometry.frame()
