@@ -11,27 +11,46 @@ use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 use glam::{DAffine3, DVec3};
 
 impl Motions {
-    /// Linear bounds over an interval of what has the bounds `of` over the shutter in its own space. `bulge` of the
+    /// Linear bounds over an interval of what has parts with the bounds `of` over the shutter in its own space. `bulge` of the
     /// distances from chords are counted: 1.
-    pub fn bounds(&self, motion: &Motion, of: &LinearBounds, over: TimeInterval, bulge: f64) -> LinearBounds {
+    pub fn bounds(&self, motion: &Motion, of: &[LinearBounds], over: TimeInterval, bulge: f64) -> LinearBounds {
         let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
-        let at = |time: f64| image(self.matrix(motion, time), of.at(time));
-        let mut bounds = LinearBounds { begin: at(begin), end: at(end) };
+        let times = self.breaks(motion, begin, end);
+        let at = |time: f64| (time, self.matrix(motion, time));
+        let matrices: Vec<(f64, DAffine3)> = times.into_iter().map(at).collect();
+        let each = of.iter().map(|of| self.bounds_of_part(motion, of, &matrices, bulge));
+        each.reduce(LinearBounds::union).unwrap_or(LinearBounds::fixed(Aabb::EMPTY))
+    }
+
+    /// The same of one part, with the matrices at all breaks.
+    fn bounds_of_part(
+        &self,
+        motion: &Motion,
+        of: &LinearBounds,
+        matrices: &[(f64, DAffine3)],
+        bulge: f64,
+    ) -> LinearBounds {
+        let [(begin, first), .., (end, last)] = *matrices else { return LinearBounds::fixed(Aabb::EMPTY) };
+        let mut bounds = LinearBounds::fixed(image(first, of.at(begin)));
         if begin == end {
             return bounds;
         }
-        let breaks = self.breaks(motion, begin, end);
-        for &time in &breaks[1..breaks.len() - 1] {
-            bounds.include((time - begin) / (end - begin), at(time));
+        let stands_still = matches!(motion, Motion::Still { .. });
+        if !(stands_still && of.begin == of.end) {
+            bounds.end = image(last, of.at(end));
+        }
+        for &(time, matrix) in &matrices[1..matrices.len() - 1] {
+            bounds.include((time - begin) / (end - begin), image(matrix, of.at(time)));
         }
         let mut beyond = DVec3::ZERO;
-        for pair in breaks.windows(2) {
-            let [from, to] = [of.at(pair[0]), of.at(pair[1])].map(|b| [b.min, b.max]);
-            beyond = beyond.max(self.bulge(motion, [pair[0], pair[1]], from, to));
+        for pair in matrices.windows(2).filter(|_| !stands_still) {
+            let over = [pair[0].0, pair[1].0];
+            let [from, to] = over.map(|time| of.at(time)).map(|b| [b.min, b.max]);
+            beyond = beyond.max(self.bulge(motion, over, from, to));
         }
         // Thousands of times what f64 rounds here.
-        let matrix = self.matrix(motion, begin);
-        let size = bounds.swept().min.abs().max(bounds.swept().max.abs()) + matrix.translation.abs();
+        let swept = bounds.swept();
+        let size = swept.min.abs().max(swept.max.abs()) + first.translation.abs();
         let beyond = beyond * bulge + size * ROUNDING;
         LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
     }
@@ -108,7 +127,7 @@ mod tests {
                 let (a, b) = (next(&mut state).abs() as f32, next(&mut state).abs() as f32);
                 let over =
                     if round % 3 == 0 { TimeInterval::FULL } else { TimeInterval::new(a.min(b), a.max(b)).unwrap() };
-                let bounds = motions.bounds(&motion, &of, over, bulge);
+                let bounds = motions.bounds(&motion, &[of], over, bulge);
                 for i in 0..=40 {
                     let w = f64::from(i) / 40.0;
                     let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));

@@ -115,9 +115,7 @@ impl Placements {
     /// Linear bounds in world space, without what rounding adds.
     fn exact_bounds(&self, id: u32, over: TimeInterval) -> LinearBounds {
         let one = &self.placed[id as usize];
-        let parts = &self.extents[one.tree as usize].parts;
-        let each = parts.iter().map(|part| self.motions.bounds(&one.motion, part, over, 1.0));
-        each.reduce(LinearBounds::union).unwrap_or(LinearBounds::fixed(Aabb::EMPTY))
+        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].parts, over, 1.0)
     }
 
     /// What rounding adds to the bounds of an instance, for rays from near the scene.
