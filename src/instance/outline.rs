@@ -62,40 +62,28 @@ pub(super) const INNER_ULPS: f64 = 400.0;
 mod tests {
     use super::*;
     use crate::geometry::{Aabb, LinearBounds};
+    use crate::random::Random;
     use glam::Vec3;
-
-    /// A small generator (splitmix64), in [-1, 1).
-    fn next(state: &mut u64) -> f32 {
-        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = *state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
-
-    fn vec(state: &mut u64) -> DVec3 {
-        DVec3::from([0; 3].map(|_| f64::from(next(state))))
-    }
 
     #[test]
     fn rays_at_the_moving_box_do_not_miss_it_and_most_others_do() {
-        let (mut state, mut missed) = (3, 0);
+        let (mut random, mut missed) = (Random(3), 0);
         for round in 0..100_000 {
             let mut corners = || {
-                let (a, b) = (vec(&mut state), vec(&mut state));
+                let (a, b) = (random.vec().as_dvec3(), random.vec().as_dvec3());
                 Aabb { min: a.min(b), max: a.max(b) }
             };
             let bounds = LinearBounds { begin: corners(), end: corners() };
             let outline = Outline::new(&Extent { bounds, parts: vec![bounds], reach: 1.0, stray: 0.0 }, 1.0);
-            let time = next(&mut state).abs();
+            let time = random.unit();
             let now = bounds.at(f64::from(time));
             // Corners among them, and directions along axes.
-            let mut inside = now.min + (now.max - now.min) * (vec(&mut state) * 0.5 + 0.5);
+            let mut inside = now.min + (now.max - now.min) * (random.vec().as_dvec3() * 0.5 + 0.5);
             if round % 3 == 0 {
                 inside = DVec3::new(now.min.x, now.max.y, now.min.z);
             }
-            let along = if round % 5 == 0 { Vec3::X } else { vec(&mut state).as_vec3() };
-            let away = 10f64.powf(4.0 * f64::from(next(&mut state)));
+            let along = if round % 5 == 0 { Vec3::X } else { random.vec() };
+            let away = 10f64.powf(4.0 * f64::from(random.signed()));
             let ray = Ray::new(inside - along.as_dvec3() * away, along).at_time(time);
             assert!(!outline.is_missed(&ray), "{ray:?} {outline:?}");
             // Beside the ball around the box.

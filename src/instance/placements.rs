@@ -89,7 +89,8 @@ impl Placements {
         let always_active = all.iter().all(|one| one.active == TimeInterval::FULL);
         let (frame, width) = (Frame::WORLD, 0.0);
         let outlines = extents.iter().map(|of| Outline::new(of, padding)).collect();
-        let mut set = Placements { placed: all, motions, outlines, frame, always_active, stray, extents, slacks, width };
+        let mut set =
+            Placements { placed: all, motions, outlines, frame, always_active, stray, extents, slacks, width };
         let swept = parallel::map(set.placed.len(), |id| set.exact_bounds(id as u32, TimeInterval::FULL).swept());
         // The wider the scene, the larger the slack, and the wider the scene: by at most a quarter of itself.
         loop {

@@ -50,8 +50,13 @@ trait Question {
     const ORDERED: bool;
     /// Asks the tree of an instance (which the path leads to with this number at its end), by a ray in its space that ends where
     /// nothing farther matters. Returns the end from now on; `Break` ends the query.
-    fn ask(&mut self, of: &InstanceOf, ray: &Ray, path: (InstancePath, u32), look: &mut Look<'_>)
-    -> ControlFlow<(), f32>;
+    fn ask(
+        &mut self,
+        of: &InstanceOf,
+        ray: &Ray,
+        path: (InstancePath, u32),
+        look: &mut Look<'_>,
+    ) -> ControlFlow<(), f32>;
 }
 
 /// The nearest hit; of several at the same `t` that of the lowest path, and of these the lowest primitive.

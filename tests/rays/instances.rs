@@ -392,6 +392,30 @@ fn near_instances_end_the_search_in_far_ones() {
 }
 
 #[test]
+fn rays_that_pass_by_what_is_placed_do_not_enter_it() {
+    // A thin rod along a diagonal: the box around it in the world is a cube, the rod's own fills a hundredth of it.
+    let rod = vec![Vec3::new(-1.0, -0.01, 0.0), Vec3::new(1.0, 0.0, 0.01), Vec3::new(1.0, 0.01, -0.01)];
+    let of = Arc::new(RayTree::build(&[TriangleMesh::fixed(vec![[0, 1, 2]], rod)], &BuildParams::default()).unwrap());
+    let diagonal = Pose {
+        rotation: DQuat::from_rotation_arc(DVec3::X, DVec3::ONE.normalize()),
+        scale: DVec3::splat(3f64.sqrt()),
+        translation: DVec3::ZERO,
+    };
+    let moved = Pose { translation: DVec3::splat(1e-3), ..diagonal };
+    for keys in [vec![diagonal], vec![diagonal, moved]] {
+        let tree = InstanceTree::build(vec![Instance::new(of.clone(), keys); 2], &WideParams::default()).unwrap();
+        let (mut random, mut seen) = (Random(8), Counters::default());
+        for _ in 0..1000 {
+            let target = Vec3::new(random.signed(), random.signed(), random.signed());
+            let origin = Vec3::new(0.3, 0.2, -5.0);
+            tree.closest_hit_observed(&Ray::new(origin, target - origin), &mut seen);
+        }
+        // Both instances are met by most rays, and the rod by few.
+        assert!(seen.leaves > 1000 && seen.primitive_tests < 200, "{seen:?}");
+    }
+}
+
+#[test]
 fn ten_thousand_instances_take_little_beyond_what_is_placed() {
     // 100 000 triangles in the issue; a tenth of them here, since their number does not matter.
     let of = Arc::new(RayTree::build(&[soup(10_000, 2, 0.02, 0.01, 5)], &BuildParams::default()).unwrap());
