@@ -251,11 +251,12 @@ impl Motions {
                 let segment = Place::new(0.5 * (begin + end), keys).segment;
                 let turn = &self.poses[first as usize + segment];
                 let angle = 2.0 * turn.angle * (end - begin) * f64::from(keys - 1);
-                let scale_at = |time: f64| match self.at(motion, time) {
-                    At::Pose { scale, .. } => scale,
-                    At::Matrix(_) => DVec3::ONE,
-                };
-                let (s0, s1) = (scale_at(begin), scale_at(end));
+                // Without the rotation, which takes far longer.
+                let [s0, s1] = [begin, end].map(|time| {
+                    let Place { segment, w } = Place::new(time, keys);
+                    let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
+                    lerp(a.scale, b.scale, w)
+                });
                 let (scale, scaled) = (s0.abs().max(s1.abs()), (s1 - s0).abs());
                 let far = from[0].abs().max(from[1].abs()).max(to[0].abs().max(to[1].abs()));
                 let y = (scale * far).length();
