@@ -6,7 +6,7 @@
 //! the tree there, and `t` keeps its meaning on the way, since directions are not normalized. A tree of instances can be
 //! placed in turn.
 //!
-//! What is where: transforms as they are given (`transform`) and as queries evaluate them (`motion`), boxes that hold what
+//! What is where: transforms as they are given (`transform`) and as queries evaluate them (`motion`), where what is placed lies (`extent`), boxes that hold what
 //! they move (`bounds`), how far they let rounded rays stray (`distortion`), which rays pass by what is placed (`outline`), the set that the build of the
 //! wide tree sees (`placements`), the tree (`tree`), the way of a ray through it (`query`) and what callers ask (`tree_queries`),
 //! nearest points (`closest_point`).
@@ -17,6 +17,7 @@ mod closest_point;
 mod closest_point_tests;
 mod distortion;
 mod error;
+mod extent;
 mod hit;
 mod motion;
 mod outline;

@@ -5,7 +5,7 @@
 //! are: a line and a box are apart exactly where they are along the cross product of the line's direction and one of the axes (Gottschalk,
 //! Lin and Manocha, "OBBTree: A Hierarchical Structure for Rapid Interference Detection", 1996).
 
-use super::placements::Extent;
+use super::extent::{Extent, INNER_ULPS};
 use crate::geometry::{Ray, ULP};
 use glam::DVec3;
 
@@ -51,12 +51,6 @@ impl Outline {
         apart.cmpgt(reach).any()
     }
 }
-
-/// ULP of the size of a tree by which its answers may lie outside of its box: its kernel's rounding ([`KERNEL_ULPS`] of
-/// what is hit and of an origin within sixteen sizes, 340 in all), and that of its vertices, with some to spare.
-///
-/// [`KERNEL_ULPS`]: crate::geometry::KERNEL_ULPS
-pub(super) const INNER_ULPS: f64 = 400.0;
 
 #[cfg(test)]
 mod tests {

@@ -3,8 +3,9 @@
 use super::bounds::{ROUNDING, grow};
 use super::distortion::Distortion;
 use super::error::InstanceError;
+use super::extent::{Extent, INNER_ULPS};
 use super::motion::{Motion, Motions};
-use super::outline::{INNER_ULPS, Outline};
+use super::outline::Outline;
 use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::layout::{ChildRef, WideSource, write_list};
 use crate::limits::MAX_COORDINATE;
@@ -22,18 +23,6 @@ pub(super) struct Placed {
     pub mask: u32,
     /// Index of its tree among the different ones.
     pub tree: u32,
-}
-
-/// What is placed, in its own space.
-pub(super) struct Extent {
-    /// Where it is during the shutter.
-    pub bounds: LinearBounds,
-    /// The same of its parts: the boxes around what is turned are smaller where they need not hold the corners of one box.
-    pub parts: Vec<LinearBounds>,
-    /// How far from the middle of its space it reaches.
-    pub reach: f64,
-    /// [`Placements::stray`], if it is a tree of instances, or 0.
-    pub stray: f64,
 }
 
 /// How far hits of an instance may lie outside of its box, beyond `per_distance` ULP of the distance to the ray's origin.
@@ -130,8 +119,7 @@ impl Placements {
     #[inline(always)]
     pub fn is_far(&self, ray: &TreeRay) -> bool {
         let [x, y, z, _] = ray.from;
-        // NaN as well.
-        !(DVec3::new(x, y, z).abs().max_element() <= NEAR * f64::from(self.frame.reach))
+        DVec3::new(x, y, z).abs().max_element() > NEAR * f64::from(self.frame.reach)
     }
 
     /// Makes a ray in tree space what it should be if it is not of the usual kind, or far ([`TreeRay::mend`]): one that begins far away has more

@@ -1,9 +1,10 @@
 //! The tree over instances, and what can be asked of it.
 
 use super::error::InstanceError;
+use super::extent::Extent;
 use super::hit::{InstanceHit, MAX_NESTING};
 use super::motion::Motions;
-use super::placements::{Extent, Placed, Placements};
+use super::placements::{Placed, Placements};
 use super::transform::Transform;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
