@@ -4,13 +4,15 @@
 //!   primitives, each ray at its own time ([`Ray::time`]).
 //! - **Points**: a [`PointTree`] answers nearest, k nearest and radius queries over points that move or live for a
 //!   while, each query at its own time.
+//! - **Instances**: an [`InstanceTree`] answers rays and nearest points on trees that are placed many times, moving.
+//! - **Photons**: a [`PhotonMap`](point::PhotonMap) gathers photons at the time of a camera ray.
 //!
 //! The shutter is the normalized time range `[0, 1]`. Positions are given at any number of keys spaced evenly over it
 //! and are linear in between. Every answer is the one that brute force over the same arithmetic gives, bit for bit,
 //! whatever the tree, the number of threads and the instruction set.
 //!
-//! Public names by topic: [`motion`] is what moves, [`ray`] and [`point`] are the two trees and what they answer; the
-//! main ones stand in the root as well.
+//! Public names by topic: [`motion`] is what moves, [`ray`], [`point`] and [`instance`] are the trees and what they answer,
+//! [`baseline`] is brute force; the main ones stand in the root as well.
 //!
 //! The modules lie in layers, and each imports from those above it in this table only, which is the way that data
 //! takes: primitives, builds, layouts, traversals, queries. (`tests/layers.rs` checks that.)

@@ -18,7 +18,7 @@
 //! ```
 //!
 //! A step of a simulation: [`distribute`] moves particles to ranks, ranges of a Morton curve with the same work each;
-//! [`Step::new`] replicates some dozen swept boxes of each rank, with which every rank knows whom its particles may come near,
+//! [`Step::new`] replicates about 64 swept boxes of each rank, with which every rank knows whom its particles may come near,
 //! and sends copies of those (the halo); the lists themselves are then each rank's own business. The k nearest need no radius:
 //! they are asked of the ranks whose boxes are near enough.
 //!

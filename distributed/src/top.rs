@@ -1,4 +1,4 @@
-//! The top of all ranks' particles, replicated on every rank: some dozen swept boxes of each.
+//! The top of all ranks' particles, replicated on every rank: about 64 swept boxes of each.
 
 use crate::curve::Curve;
 use crate::exchange::{Exchange, gather};

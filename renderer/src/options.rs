@@ -157,6 +157,8 @@ Scenes:
   hand      a hand that closes
   coherent  one rock in flight
   needles, needles30, debris: stress tests
+  mixed     the hall, the rock and a tornado in one scene
+  building, visited, distant, crowd: rooms and figures
 
 Examples:
   motion_blur --scene tornado --spp 64 -o tornado.png

@@ -1,7 +1,7 @@
 //! A wide tree that is built where queries go.
 //!
 //! The picture: a map on which towns are dots until someone drives there. The coarse top is an ordinary wide tree whose leaves are
-//! lists of one *subtree* each: some hundred primitives that object splits of coarse cells put together. A subtree is an
+//! lists of one *subtree* each: up to some thousand primitives that object splits of coarse cells put together. A subtree is an
 //! ordinary wide tree over its primitives in the same tree space, built by the first query that enters it.
 //!
 //! Boxes of the coarse tree hold all that is in them over the whole shutter, so it has no time nodes, and nothing in it is

@@ -9,7 +9,7 @@
 //! chosen by that very computation: lower faces at or below, upper faces at or above the true ones. Count 0
 //! is the corner itself, and count 255 reaches the other corner: the step is at least a 255th of the way, and
 //! rounding to nearest never takes a sum below a float that it exceeds. So `lo <= p <= hi` holds in floats for every
-//! point, which is all that the proof in `view` asks of a box.
+//! point, which is all that the proof in [`super::snapshot`] asks of a box.
 //!
 //! **Far neighbours.** A child far away from the others makes the grid coarse, and all boxes of the node larger than what
 //! is in them. Where that is so, the node refers to one with floats instead.

@@ -24,8 +24,8 @@ impl PointTree {
     ///
     /// Points stay in the part of the tree where they were, and are put in order only among the few hundred around
     /// them. That is checked: where larger boxes of leaves have cost as much since all points were last put in order as
-    /// doing so again costs, or if the set has another size, moves during the shutter or has ids of its own, the tree is
-    /// built afresh.
+    /// doing so again costs, the tree is built afresh. So it is if the set has another size, moves during the shutter, lives for a
+    /// part of it, is kept in f64 or has ids of its own.
     /// Returns whether the order was kept. After an error the tree is as it was.
     ///
     /// ```

@@ -1,8 +1,8 @@
 //! A tree before it is written: references, binary tree, and how that collapses into wide nodes.
 //!
 //! Long primitives fill little of their boxes. Where that is so, they are pre-split into several references under a
-//! budget before the build, if the expected cost of a ray falls enough in samples: a few neighbourhoods of some
-//! hundred references, with and without it. The cost of a tree is the sum over its nodes and leaf blocks of price
+//! budget before the build, if the expected cost of a ray falls enough in samples: one or two neighbourhoods of
+//! 512 to 4096 references, with and without it. The cost of a tree is the sum over its nodes and leaf blocks of price
 //! times visits, which the collapse returns.
 
 use crate::bvh::{

@@ -100,7 +100,7 @@ struct Disc {
 }
 
 impl<F: Flux> PhotonMap<F> {
-    /// Builds the map of photons: O(n log n) time; about 40 bytes per photon with a time stamp and its flux.
+    /// Builds the map of photons: O(n log n) time; about 50 bytes per photon with a time stamp and a flux of 12 bytes.
     ///
     /// Errors: coordinates, normals and fluxes that are not finite, coordinates that are too large, times outside the
     /// shutter, parameters out of range. An empty map gives no light.
