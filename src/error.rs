@@ -87,7 +87,7 @@ pub enum BuildError {
     },
     /// A build parameter is outside its range.
     Parameter {
-        /// The field of [`crate::WideParams`] or [`crate::KdParams`].
+        /// The field of [`crate::WideParams`], [`crate::KdParams`] or [`crate::LazyParams`].
         name: &'static str,
         /// What it has to be.
         expected: &'static str,

@@ -24,8 +24,8 @@ class PointTree:
     ----------
     points : (n, 3) or (K, n, 3)
         Positions, or positions at K keys that are spaced evenly over the shutter [0, 1]. Between keys points move
-        linearly. float32 is kept bit for bit; float64 too, at about twice the memory and time and without neighbour
-        lists, unless `round_to_f32`. Whole numbers become float64. C-contiguous arrays are read in place.
+        linearly. float32 is kept bit for bit; float64 too, unless `round_to_f32`, at about twice the memory and up to
+        twice the time; of neighbour lists there are plain ones only. Whole numbers become float64. C-contiguous arrays are read in place.
     keys : (n, 3) or (K - 1, n, 3), optional
         Positions at the later keys, where `points` are those when the shutter opens.
     lifetimes : (n, 2), optional
@@ -38,8 +38,8 @@ class PointTree:
     max_references : float
         Most references per point where points are divided among parts of the tree.
     round_to_f32 : bool
-        Rounds float64 positions to float32 relative to the middle of the set: smaller, faster, and with neighbour
-        lists.
+        Rounds float64 positions to float32 relative to the middle of the set: smaller, faster, and with all
+        neighbour lists.
     workers : int
         Threads for the build; -1 for all processors.
     progress : callable, optional

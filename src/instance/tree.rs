@@ -115,9 +115,9 @@ impl Instance {
 
 /// Trees placed many times, moving: what a [`RayTree`] answers about rays, without a copy of what is placed.
 ///
-/// A ray is brought into the space of every instance whose box it meets, and asked of the tree there. `t` keeps its meaning: it
-/// counts in the length of the ray's own direction. Each answer is that of asking all instances by their
-/// [`InstanceTree::local_ray`], bit for bit. The direction in an instance's space is rounded to f32, as the direction of every ray is;
+/// A ray is brought into the space of every instance whose box it meets. Unless it passes by the box of what is placed there, it is
+/// asked of the tree there. `t` keeps its meaning: it counts in the length of the ray's own direction. Each answer is that of asking
+/// all instances by their [`InstanceTree::local_ray`], bit for bit. The direction in an instance's space is rounded to f32, as the direction of every ray is;
 /// so from a distance of `d`, a hit may lie `2^-24 d` beside the exact ray, or more under transforms that nearly flatten space.
 ///
 /// ```

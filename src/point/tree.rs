@@ -84,7 +84,8 @@ impl PointParams {
 ///
 /// Every answer equals that of comparing all points: the position of a point at time t is interpolated
 /// in f32 from the nearer key, the squared distance is `(dx·dx + dy·dy) + dz·dz` in f32, and neighbours
-/// are ordered by it, ties by id. Thread count and instruction set make no difference.
+/// are ordered by it, ties by id. Of positions kept in f64 all of this is done in f64, and the square is rounded to f32 once. Thread
+/// count and instruction set make no difference.
 ///
 /// Queries at a time outside [0, 1], with a point that is not finite or farther from the origin than
 /// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE), or with a negative or NaN radius find nothing. Differences of coordinates
