@@ -71,7 +71,7 @@ impl BatchQuery for AnyHits {
 
     #[inline(always)]
     fn collect(ray: &TreeRay) -> Any<Accept> {
-        Any::new(ray, accept)
+        Any::new(ray, true, accept)
     }
 
     #[inline(always)]

@@ -31,6 +31,14 @@ pub(crate) trait Collect {
     fn reach(&self) -> f32;
     /// Takes a hit within the ray's range and the limit; true ends the query.
     fn offer(&mut self, found: Found) -> bool;
+    /// Whether any hit that the query sees ends it, so that none need be offered: [`Collect::found`] will do.
+    #[inline(always)]
+    fn anywhere(&self) -> bool {
+        false
+    }
+    /// There is a hit somewhere within the ray's range and the limit.
+    #[inline(always)]
+    fn found(&mut self) {}
 }
 
 /// Keeps the nearest hit; of equally near ones the lowest id.
@@ -81,13 +89,16 @@ pub(crate) struct Any<F> {
     t_max: f32,
     pub reach: f32,
     pub found: bool,
+    /// Whether all hits are accepted.
+    anywhere: bool,
     accept: F,
 }
 
 impl<F> Any<F> {
+    /// Of a ray's hits those that `accept` accepts; whether that is `all` of them.
     #[inline(always)]
-    pub fn new(ray: &TreeRay, accept: F) -> Any<F> {
-        Any { t_max: ray.t_max(), reach: ray.end, found: false, accept }
+    pub fn new(ray: &TreeRay, all: bool, accept: F) -> Any<F> {
+        Any { t_max: ray.t_max(), reach: ray.end, found: false, anywhere: all, accept }
     }
 }
 
@@ -108,6 +119,16 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     fn offer(&mut self, found: Found) -> bool {
         self.found = (self.accept)(&found);
         self.found
+    }
+
+    #[inline(always)]
+    fn anywhere(&self) -> bool {
+        self.anywhere
+    }
+
+    #[inline(always)]
+    fn found(&mut self) {
+        self.found = true;
     }
 }
 

@@ -8,6 +8,8 @@ pub(crate) trait Filter<T = Hit> {
     fn sees(&self, mask: impl FnOnce() -> u32) -> bool;
     /// Whether a hit counts.
     fn accepts(&self, hit: impl FnOnce() -> T) -> bool;
+    /// Whether all hits count.
+    fn accepts_all(&self) -> bool;
 }
 
 /// No filter: compiles to nothing.
@@ -20,6 +22,10 @@ impl<T> Filter<T> for Everything {
     }
     #[inline(always)]
     fn accepts(&self, _: impl FnOnce() -> T) -> bool {
+        true
+    }
+    #[inline(always)]
+    fn accepts_all(&self) -> bool {
         true
     }
 }
@@ -39,6 +45,10 @@ impl<T, F: Fn(&T) -> bool> Filter<T> for Visible<F> {
     fn accepts(&self, hit: impl FnOnce() -> T) -> bool {
         (self.accept)(&hit())
     }
+    #[inline(always)]
+    fn accepts_all(&self) -> bool {
+        false
+    }
 }
 
 /// Perhaps a filter.
@@ -50,5 +60,9 @@ impl<T, F: Filter<T>> Filter<T> for Option<F> {
     #[inline(always)]
     fn accepts(&self, hit: impl FnOnce() -> T) -> bool {
         self.as_ref().is_none_or(|filter| filter.accepts(hit))
+    }
+    #[inline(always)]
+    fn accepts_all(&self) -> bool {
+        self.as_ref().is_none_or(Filter::accepts_all)
     }
 }

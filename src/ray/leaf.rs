@@ -1,19 +1,19 @@
 //! Leaf blocks: one ray against up to sixteen triangles at a time.
 //!
 //! The corners of all triangles of a block are brought to the ray's time, moved to its origin and sheared onto its direction in
-//! f32; the signs of the edge functions rule most of them out, up to a margin, and the few that are left are decided one
-//! by one in f64 ([`super::triangle`]). That arithmetic is the same as brute force does, with nothing fused.
+//! f32, which rules most of them out ([`super::candidates`]); the few that are left are decided one by one in f64
+//! ([`super::triangle`]). That arithmetic is the same as brute force does, with nothing fused.
 
+use super::candidates::{Candidates, Edges};
 use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::observer::Observer;
-use super::shear::{Sheared, margin};
+use super::shear::Sheared;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use crate::geometry::{KERNEL_ULPS, ULP};
-use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, block_sizes, shared_count};
-use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
+use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, shared_count};
+use crate::simd::{Mask, Rows, Simd, lanes_at};
 
 impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// Tests the triangles of a leaf block; true ends the query.
@@ -42,14 +42,22 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let [ya, yb, yc] = corners::<S, MOVING>(s, &rows, between, ky, oy);
         // Sheared exactly as by `Sheared::corner`.
         let (sx, sy) = (s.splat(of.sx), s.splat(of.sy));
-        let a = (xa - sx * za, ya - sy * za);
-        let b = (xb - sx * zb, yb - sy * zb);
-        let c = (xc - sx * zc, yc - sy * zc);
-        let margin = block_margin(self.arena.ints()[ids - 1], ray.slack);
-        let mut inside = maybe_inside(s, a, b, c, s.splat(margin)) & ((1u32 << n) - 1) as Mask;
-        while inside != 0 {
-            let i = inside.trailing_zeros() as usize % LANES;
-            inside &= inside - 1;
+        let x = [xa - sx * za, xb - sx * zb, xc - sx * zc];
+        let y = [ya - sy * za, yb - sy * zb, yc - sy * zc];
+        let edges = Edges::new(s, x, y);
+        let sizes = self.arena.ints()[ids - 1];
+        let lanes = edges.may_be_hit(s, sizes, ray.slack) & ((1u32 << n) - 1) as Mask;
+        if lanes == 0 {
+            return false;
+        }
+        let mut candidates = Candidates::new(s, &edges, (lanes, [za, zb, zc], sizes), (ray, of), collect);
+        while let Some(i) = candidates.certain() {
+            if self.sees(self.arena.ints()[ids + i], ray) {
+                collect.found();
+                return true;
+            }
+        }
+        while let Some(i) = candidates.next(collect) {
             // Each by itself: a closure becomes a call, which pushes the query out of registers.
             let corners = [
                 fine_corners::<S, MOVING>(s, &rows, between, kx, i),
@@ -91,14 +99,22 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let y = vertices::<S, MOVING>(s, &rows, between, ky, oy) - s.splat(of.sy) * z;
         let first = s.load_u(words);
         let (second, third) = (s.shift_right::<4>(first), s.shift_right::<8>(first));
-        let a = (s.permute(x, first), s.permute(y, first));
-        let b = (s.permute(x, second), s.permute(y, second));
-        let c = (s.permute(x, third), s.permute(y, third));
-        let margin = block_margin(words[0], ray.slack);
-        let mut inside = maybe_inside(s, a, b, c, s.splat(margin)) & ((1u32 << n) - 1) as Mask;
-        while inside != 0 {
-            let i = inside.trailing_zeros() as usize % LANES;
-            inside &= inside - 1;
+        let x = [s.permute(x, first), s.permute(x, second), s.permute(x, third)];
+        let y = [s.permute(y, first), s.permute(y, second), s.permute(y, third)];
+        let edges = Edges::new(s, x, y);
+        let lanes = edges.may_be_hit(s, words[0], ray.slack) & ((1u32 << n) - 1) as Mask;
+        if lanes == 0 {
+            return false;
+        }
+        let z = [s.permute(z, first), s.permute(z, second), s.permute(z, third)];
+        let mut candidates = Candidates::new(s, &edges, (lanes, z, words[0]), (ray, of), collect);
+        while let Some(i) = candidates.certain() {
+            if self.sees(self.arena.ints()[at + n + i], ray) {
+                collect.found();
+                return true;
+            }
+        }
+        while let Some(i) = candidates.next(collect) {
             let numbers = words[i];
             let corners = [
                 fine_vertices::<S, MOVING>(s, &rows, between, kx, numbers),
@@ -190,26 +206,6 @@ impl LeafRows {
         let behind = if keyed.shared { keyed.vertices() } else { keyed.ids() };
         LeafRows { at: leaf.at() + keyed.rows(segment), n: leaf.len(), behind: leaf.at() + behind }
     }
-}
-
-/// Lanes whose triangles the edge functions in f32 do not rule out, up to a margin (see [`margin`]).
-#[inline(always)]
-fn maybe_inside<S: Simd>(s: S, a: (S::F, S::F), b: (S::F, S::F), c: (S::F, S::F), margin: S::F) -> Mask {
-    let u = c.0 * b.1 - c.1 * b.0;
-    let v = a.0 * c.1 - a.1 * c.0;
-    let w = b.0 * a.1 - b.1 * a.0;
-    let least = s.min(u, s.min(v, w));
-    let greatest = s.max(u, s.max(v, w));
-    !(s.lt(least, s.splat(0.0) - margin) & s.lt(margin, greatest))
-}
-
-/// The [`margin`] for all triangles of a block, from the word that has its sizes and the ray's slack.
-///
-/// Where a ray passes through a triangle, sheared corners are at most twice its extent away, since the slopes of the shear are at most 1.
-#[inline(always)]
-fn block_margin(sizes: u32, slack: f32) -> f32 {
-    let (size, extent) = block_sizes(sizes);
-    margin(2.0 * extent, KERNEL_ULPS * ULP * size + slack)
 }
 
 /// One coordinate of the three corners of a block's triangles at the ray's time, exactly as `KeyTime::position`

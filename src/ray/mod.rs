@@ -6,6 +6,7 @@
 
 mod batch;
 mod batch_order;
+mod candidates;
 mod closest_point;
 mod closest_point_queries;
 mod collect;

@@ -75,7 +75,7 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
             return false;
         }
         let accept = |found: &Found| filter.accepts(|| found.answer(set));
-        let mut collect = Any::new(ray, accept);
+        let mut collect = Any::new(ray, filter.accepts_all(), accept);
         layout.walk(set, ray, filter, &mut collect, observer);
         collect.found
     }

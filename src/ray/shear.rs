@@ -1,4 +1,13 @@
-//! The shear of the watertight test ([`super::triangle`]): a ray becomes an axis, and corners move along.
+//! The shear of the watertight test ([`super::triangle`]): a ray becomes an axis, and corners move along; and by how much that
+//! is off in f32.
+//!
+//! Corners relative to the ray are off by at most [`stray`], sheared or not. Let `m` be the largest coordinate of a vertex plus that of the
+//! origin, and `u` an [`ULP`]. Interpolation takes 3um, the origin and the difference um each. Slopes, at most 1, are off by 2u, so
+//! their product with a depth is off by 8um, and the sheared coordinate, once rounded, by 13 to 14um.
+//!
+//! An edge function is `c x b`. If `B` and `C` are the sums of both coordinates of these corners, then the corners put it off by
+//! `stray (B + C + 2 stray)`, and the rounding of its two products and their difference by 2u of the products; since a coordinate is at most
+//! 2m, that is less than `2/7 stray B`. Together this is less than [`edge_margin`].
 
 use super::tree_ray::{Direction, TreeRay};
 use crate::geometry::{KERNEL_ULPS, ULP};
@@ -13,8 +22,9 @@ pub(crate) struct Sheared {
     /// Slopes of the ray along `kx` and `ky`.
     pub sx: f32,
     pub sy: f32,
-    /// Component along `kz` of the direction of which distances in tree space are multiples.
+    /// Component along `kz` of the direction of which distances in tree space are multiples, and its reciprocal.
     pub dz: f32,
+    pub inverse: f32,
 }
 
 impl Sheared {
@@ -41,6 +51,7 @@ impl Sheared {
             sx: pick(y, z, x) * inverse,
             sy: pick(z, x, y) * inverse,
             dz: dz * direction.shrink(),
+            inverse: inverse * direction.grow(),
         }
     }
 
@@ -75,20 +86,24 @@ impl Sheared {
         let beside = |p: [f32; 3]| max(p[0].abs(), p[1].abs());
         let aside = max(max(beside(a), beside(b)), beside(c));
         let ahead = max(max(a[2].abs(), b[2].abs()), c[2].abs());
-        !some_beyond(margin(aside, KERNEL_ULPS * ULP * (aside + ahead) + 2.0 * slack))
+        // A vertex is no farther from zero than this and the origin.
+        !some_beyond(edge_margin(4.0 * aside, stray(aside + ahead, 2.0 * slack)))
     }
 }
 
-/// How far below zero an edge function of f32 corners may be while that of the true ones is not, where
-/// the ray passes through the true triangle.
-///
-/// `aside` is at least how far the sheared corners of that triangle are from the ray, per axis; `stray` how far those in f32 are from the
-/// true ones: `KERNEL_ULPS` of the largest coordinate and of the origin's, of which translation and shear take 11. An edge function is
-/// `c x b`. Changing both corners by `stray` per axis changes it by at most `4 aside stray + 2 stray²`; its two
-/// products and their difference are rounded by less than `4u (aside + stray)²`, which is less than `2 stray (aside + stray)`, since
-/// `aside` is at most four times the largest coordinate. Together that is less than half of this. (Products that are denormal
-/// err by less than what is added.)
+/// ULP of a vertex plus the origin by which corners in f32 are off.
+const STRAY_ULPS: f32 = 14.0;
+
+/// By how much corners in f32 relative to a ray are off, per axis, where no coordinate of a vertex is larger than `size`. A ray's slack is
+/// [`KERNEL_ULPS`] of its origin, and ten times what the origin may have strayed when it was moved.
 #[inline(always)]
-pub(crate) fn margin(aside: f32, stray: f32) -> f32 {
-    16.0 * stray * (aside + stray) + f32::MIN_POSITIVE
+pub(crate) fn stray(size: f32, slack: f32) -> f32 {
+    STRAY_ULPS * ULP * size + STRAY_ULPS / KERNEL_ULPS * slack
+}
+
+/// How far on the wrong side an edge function in f32 may be of a triangle that is hit; `aside` is what the sheared coordinates of both
+/// of its corners add up to. (Products that are denormal err by less than what is added.)
+#[inline(always)]
+pub(crate) fn edge_margin(aside: f32, stray: f32) -> f32 {
+    1.25 * stray * (aside + 2.0 * stray) + f32::MIN_POSITIVE
 }

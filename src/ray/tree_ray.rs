@@ -177,10 +177,8 @@ impl<'a> TreeRay<'a> {
     #[inline(always)]
     fn scaled(ray: &'a Ray, from: DVec3, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay<'a> {
         let Direction { dir, field, more } = of;
-        // 2^exponent of the longest component.
-        let grow = f32::from_bits(field << 23);
         let d = Vec3A::from(dir);
-        let inverse = ((Vec3A::ONE / d).abs() * grow).min(Vec3A::splat(1.0 / LEAST_COMPONENT)).copysign(d);
+        let inverse = ((Vec3A::ONE / d).abs() * of.grow()).min(Vec3A::splat(1.0 / LEAST_COMPONENT)).copysign(d);
         let t_per_world = scale * power_of_two(field as i32 - 127 + more);
         let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
         let (begin, end) = (inward(ray.t_min), inward(ray.t_max));
@@ -292,6 +290,12 @@ impl Direction {
     fn immoderate(dir: Vec3) -> Direction {
         let more = (f64::from(f32::from_bits(longest(dir))).to_bits() >> 52) as i32 - 1023;
         Direction { dir: (dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more }
+    }
+
+    /// 2^exponent of the longest component.
+    #[inline(always)]
+    pub fn grow(&self) -> f32 {
+        f32::from_bits(self.field << 23)
     }
 
     /// What scales it so that its longest component is in [1, 2): a power of two.

@@ -12,8 +12,8 @@
 //! depths, so it belongs to a point of the triangle that the ray passes within that distance. Boxes that hold the triangle and are
 //! grown by more never cull an accepted hit, not even of a triangle cut into parts: the point is in some part.
 //!
-//! Most triangles are beside the ray, and f32 says so: the lanes of the wide layout, and [`Sheared::may_hit`] for one triangle, rule out what is
-//! beyond a margin for their rounding ([`margin`](super::shear::margin)). What is left is decided here, so every layout gives the same answers bit
+//! Most triangles are beside the ray, and f32 says so: the lanes of the wide layout ([`super::candidates`]), and [`Sheared::may_hit`] for one triangle, rule out what is
+//! beyond margins for their rounding ([`super::shear`]). What is left is decided here, so every layout gives the same answers bit
 //! for bit.
 //!
 //! Coordinates are within 2^102 of zero in tree space and directions within 2^128, so no product overflows in f64, and those
@@ -126,10 +126,10 @@ fn exact_edge(p: DVec2, q: DVec2) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Frame, KERNEL_ULPS, ULP};
+    use crate::geometry::Frame;
+    use crate::random::Random;
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
-    use crate::ray::shear::margin;
     use glam::Vec3;
 
     fn intersect(ray: &Ray, corners: [Vec3; 3]) -> Option<SetHit> {
@@ -151,11 +151,8 @@ mod tests {
 
     #[test]
     fn a_ray_at_a_shared_edge_or_corner_hits_one_of_its_triangles() {
-        let mut state = 5u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(5);
+        let mut next = || random.signed();
         for i in 0..200_000 {
             // A fan of four triangles around `hub`, seen from far away; all rays end at the hub or a spoke.
             let hub = Vec3::new(next(), next(), 0.1 * next()) * 0.1;
@@ -169,14 +166,10 @@ mod tests {
         }
     }
 
-    /// Hits of triangles of many sizes at edges and corners that f32 rules out: with the margin, and without.
     #[test]
     fn f32_rules_out_no_hit_and_would_without_its_margin() {
-        let mut state = 15u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(15);
+        let mut next = || random.signed();
         let (mut hits, mut without) = (0, 0);
         for i in 0..300_000 {
             let size = 10f32.powi(-(i % 9));
@@ -193,15 +186,9 @@ mod tests {
             }
             let [a, b, c] = corners.map(|p| sheared.corner(p, ray.origin));
             assert!(Sheared::may_hit([a, b, c], ray.slack), "{corners:?} {asked:?}");
-            let size = corners.into_iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
-            let extent = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (corners[i] - corners[j]).abs().max_element());
-            let extent = extent.into_iter().fold(0.0, f32::max);
-            let margin = margin(2.0 * extent, KERNEL_ULPS * ULP * size + ray.slack);
             let edges = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
-            let ruled_out = |margin: f32| edges.iter().any(|e| *e < -margin) && edges.iter().any(|e| *e > margin);
-            assert!(!ruled_out(margin), "{corners:?} {asked:?}");
             hits += 1;
-            without += usize::from(ruled_out(0.0));
+            without += usize::from(edges.iter().any(|&e| e < 0.0) && edges.iter().any(|&e| e > 0.0));
         }
         assert!(hits > 50_000 && without > 1000, "{without} of {hits}");
     }
@@ -217,11 +204,8 @@ mod tests {
     #[test]
     fn edges_are_told_exactly_however_near_the_ray_passes() {
         // The ray is the axis, corners are integers: products of 24 bits, whose differences i64 holds.
-        let mut state = 9u64;
-        let mut next = |bits: u32| {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 33) as i64 % (1 << bits)
-        };
+        let mut random = Random(9);
+        let mut next = |bits: u32| (random.bits() >> 33) as i64 % (1 << bits);
         let asked = Ray::new(Vec3::ZERO, Vec3::Z);
         let ray = TreeRay::new(&asked, &Frame::WORLD).unwrap();
         let sheared = Sheared::new(&ray);

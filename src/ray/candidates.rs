@@ -1,0 +1,285 @@
+//! Candidates: the triangles of a leaf block that a ray may hit, as far as f32 can tell.
+//!
+//! To decide about one triangle in f64 ([`super::triangle`]) takes as long as f32 takes for a whole block. So f32 looks twice: at all
+//! triangles with one margin for the block, which rules out most blocks, and where some are left at each with its own, and at its
+//! distance. Rays that begin on a surface meet more triangles just behind their origin than ahead of it.
+//!
+//! Margins for edge functions stand in [`super::shear`]. In a block, corners of a triangle that is hit are at most twice its extent away
+//! per axis, since slopes are at most 1: the sheared coordinates of two of them add up to eight times the extent, and four
+//! [`stray`], at most. For a single triangle those of all three corners are summed, which serves for all three edges.
+//!
+//! The distance of a hit is the mean of its corners' distances, weighted by the edge functions, so it is between them. Weights that are off
+//! by the margin move it by the margin times what the corners' distances differ from it, divided by the sum of the weights. These differ from
+//! it, in all, by at most twice what those of the second and the third corner differ from that of the first; in f32 the latter are off
+//! by 4 `stray`. Depths, the reciprocal of the direction and the rounding of sums take less than 28um, 2 `stray`, of which there is twice as much.
+//! The range of the ray is rounded by at most an ULP of itself, which matters only where it is below 4m.
+
+use super::collect::Collect;
+use super::shear::{Sheared, edge_margin, stray};
+use super::tree_ray::TreeRay;
+use crate::layout::block_sizes;
+use crate::simd::{LANES, Lanes, Mask, Simd};
+
+/// The edge functions of the triangles of a block, in a lane each.
+pub(super) struct Edges<S: Simd> {
+    /// Sheared coordinates of the corners.
+    x: [S::F; 3],
+    y: [S::F; 3],
+    /// Of the edges across from the corners.
+    edges: [S::F; 3],
+    least: S::F,
+    greatest: S::F,
+}
+
+impl<S: Simd> Edges<S> {
+    #[inline(always)]
+    pub fn new(s: S, x: [S::F; 3], y: [S::F; 3]) -> Edges<S> {
+        let u = x[2] * y[1] - y[2] * x[1];
+        let v = x[0] * y[2] - y[0] * x[2];
+        let w = x[1] * y[0] - y[1] * x[0];
+        Edges { x, y, edges: [u, v, w], least: s.min(u, s.min(v, w)), greatest: s.max(u, s.max(v, w)) }
+    }
+
+    /// The triangles that may be hit, as far as the sizes of the block tell ([`block_sizes`]).
+    #[inline(always)]
+    pub fn may_be_hit(&self, s: S, sizes: u32, slack: f32) -> Mask {
+        let (size, extent) = block_sizes(sizes);
+        let stray = stray(size, slack);
+        self.agree(s, s.splat(edge_margin(8.0 * extent + 4.0 * stray, stray)))
+    }
+
+    /// Lanes where the signs of the edge functions agree, up to a margin.
+    #[inline(always)]
+    fn agree(&self, s: S, margin: S::F) -> Mask {
+        !(s.lt(self.least, s.splat(0.0) - margin) & s.lt(margin, self.greatest))
+    }
+}
+
+/// The triangles of a block that may be hit.
+pub(super) struct Candidates {
+    lanes: Mask,
+    /// Those of them that are hit for sure; known where it does not matter where.
+    certain: Mask,
+    /// None is hit at a lesser distance in tree space; known where there are several to be put in order.
+    near: Lanes<f32>,
+}
+
+impl Candidates {
+    /// Those of some lanes that may be hit within the ray's range and what is still of interest; `depths` are those of the
+    /// corners.
+    #[inline(always)]
+    pub fn new<S: Simd, C: Collect>(
+        s: S,
+        edges: &Edges<S>,
+        (lanes, depths, sizes): (Mask, [S::F; 3], u32),
+        (ray, sheared): (&TreeRay, &Sheared),
+        collect: &C,
+    ) -> Candidates {
+        let (size, extent) = block_sizes(sizes);
+        let stray = stray(size, ray.slack);
+        // For any number `e` above zero, the sum of six magnitudes is at most half of 6e and the sum of their squares divided by e.
+        let ([xa, xb, xc], [ya, yb, yc]) = (edges.x, edges.y);
+        let squares = s.mul_add(xa, xa, s.mul_add(xb, xb, xc * xc));
+        let squares = s.mul_add(ya, ya, s.mul_add(yb, yb, s.mul_add(yc, yc, squares)));
+        let scale = s.splat(sheared.inverse);
+        let corner = depths[0] * scale;
+        let (second, third) = (depths[1] * scale - corner, depths[2] * scale - corner);
+        let differ = magnitude(s, second) + (magnitude(s, third) + s.splat(4.0 * stray));
+        let [u, v, w] = [magnitude(s, edges.edges[0]), magnitude(s, edges.edges[1]), magnitude(s, edges.edges[2])];
+        let weights = u + v + w;
+        // The distance times the sum of the weights, and by how much that is off.
+        let distance = s.mul_add(weights, corner, s.mul_add(v, second, w * third));
+        let half = 0.5 * extent + f32::MIN_POSITIVE;
+        let (most, of_squares) = (edge_margin(3.0 * half, stray), 1.25 * stray * 0.5 / half);
+        let margin = s.mul_add(squares, s.splat(2.5 * of_squares), s.splat(2.5 * most));
+        let off = s.mul_add(margin, differ, s.mul_add(weights, s.splat(4.0 * stray), s.splat(f32::MIN_POSITIVE)));
+        let (least, greatest) = (distance - off, distance + off);
+        let (begin, end) = (weights * s.splat(ray.begin), weights * s.splat(collect.reach()));
+        // Comparisons with NaN are false, which keeps the triangle.
+        let mut out = s.lt(greatest, begin);
+        let mut near = [f32::NEG_INFINITY; LANES];
+        if C::ORDERED {
+            out |= s.lt(end, least);
+            if several(lanes & !out) {
+                s.store(least / weights, &mut near);
+            }
+        }
+        let mut certain = 0;
+        if collect.anywhere() {
+            let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, s.splat(0.0) - margin);
+            certain = lanes & inside & s.le(begin, least) & s.le(greatest, end);
+        }
+        Candidates { lanes: lanes & !out, certain, near }
+    }
+
+    /// One that is hit for sure, if there is any.
+    #[inline(always)]
+    pub fn certain(&mut self) -> Option<usize> {
+        let lane = self.certain.trailing_zeros() as usize % LANES;
+        let some = self.certain != 0;
+        self.certain &= self.certain.wrapping_sub(1);
+        some.then_some(lane)
+    }
+
+    /// The next to decide about: the nearest, where order matters, unless it is beyond what is still of interest.
+    #[inline(always)]
+    pub fn next<C: Collect>(&mut self, collect: &C) -> Option<usize> {
+        if self.lanes == 0 {
+            return None;
+        }
+        let mut next = self.lanes.trailing_zeros() as usize % LANES;
+        if C::ORDERED {
+            let mut others = self.lanes & (self.lanes - 1);
+            while others != 0 {
+                let lane = others.trailing_zeros() as usize % LANES;
+                others &= others - 1;
+                if self.near[lane] < self.near[next] {
+                    next = lane;
+                }
+            }
+            if self.near[next] > collect.reach() {
+                return None;
+            }
+        }
+        self.lanes ^= 1 << next;
+        Some(next)
+    }
+}
+
+/// Whether a mask has more than one lane.
+#[inline(always)]
+fn several(lanes: Mask) -> bool {
+    lanes & lanes.wrapping_sub(1) != 0
+}
+
+/// Without signs.
+#[inline(always)]
+fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
+    s.from_bits(s.to_bits(x) & s.splat_u(0x7fff_ffff))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Frame, Ray};
+    use crate::random::Random;
+    use crate::ray::collect::{Any, Closest, Found};
+    use crate::simd::Portable;
+    use glam::{DVec3, Vec3};
+
+    const ALL: Mask = Mask::MAX;
+
+    /// A block as the layout has it: triangles, and the word of their sizes.
+    struct Block {
+        triangles: Lanes<[Vec3; 3]>,
+        sizes: u32,
+    }
+
+    impl Block {
+        fn new(triangles: Lanes<[Vec3; 3]>) -> Block {
+            let largest =
+                |of: fn(&[Vec3; 3]) -> Vec3| triangles.iter().map(|t| of(t).max_element()).fold(0.0, f32::max);
+            let size = largest(|[a, b, c]| a.abs().max(b.abs()).max(c.abs()));
+            let extent = largest(|[a, b, c]| a.max(*b).max(*c) - a.min(*b).min(*c));
+            let exponent = |x: f32| (x.to_bits() >> 23) + 1;
+            Block { triangles, sizes: exponent(size) << 24 | exponent(extent) << 16 }
+        }
+
+        /// The lanes that are hit.
+        fn hit(&self, ray: &TreeRay, sheared: &Sheared) -> Mask {
+            let hit = |t: &[Vec3; 3]| ray.decide_one(sheared, t.map(Vec3::as_dvec3), ray.t_max()).is_some();
+            (0..LANES).filter(|&i| hit(&self.triangles[i])).fold(0, |mask, i| mask | 1 << i)
+        }
+
+        /// The lanes that are left after the first look, and after the second, and those that are certain.
+        fn looks(&self, ray: &TreeRay, sheared: &Sheared, sizes: u32) -> [Mask; 4] {
+            let s = Portable;
+            let corners = self.triangles.map(|t| t.map(|p| sheared.corner(p, ray.origin)));
+            let row = |corner: usize, axis: usize| s.load(&corners.map(|c| c[corner][axis]));
+            let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
+            let edges = Edges::new(s, rows(0), rows(1));
+            let first = edges.may_be_hit(s, sizes, ray.slack);
+            let of = (ALL, rows(2), sizes);
+            let closest = Closest::new(ray, |_: &Found| true);
+            let any = Any::new(ray, true, |_: &Found| true);
+            let closest = Candidates::new(s, &edges, of, (ray, sheared), &closest);
+            let any = Candidates::new(s, &edges, of, (ray, sheared), &any);
+            assert_eq!(closest.certain, 0);
+            [first, closest.lanes, any.lanes, any.certain]
+        }
+    }
+
+    /// Triangles of many sizes, rays to their corners and edges, and ranges that end at hits or one float beside them.
+    #[test]
+    fn no_hit_is_ruled_out_and_no_miss_is_certain_and_both_would_be_without_margins() {
+        let mut random = Random(15);
+        let (mut hits, mut certain, mut lost, mut lost_by_range, mut wrong) = (0, 0, 0, 0, 0);
+        for i in 0..30_000 {
+            let size = 10f32.powi(-(i % 7));
+            let mut point = |scale: f32| random.vec() * scale;
+            let place = point(1.0);
+            let block =
+                Block::new(core::array::from_fn(|_| [place + point(size), place + point(size), place + point(size)]));
+            let origin = if i % 2 == 0 { point(3.0) } else { place + point(3.0 * size) };
+            let [a, b, _] = block.triangles[i as usize % LANES];
+            let target = if i % 3 == 0 { a } else { a.lerp(b, random.unit()) };
+            let whole = Ray::new(origin, target - origin);
+            let Some(ray) = TreeRay::new(&whole, &Frame::WORLD) else { continue };
+            let sheared = Sheared::new(&ray);
+            let Some(hit) =
+                block.triangles.iter().find_map(|t| ray.decide_one(&sheared, t.map(Vec3::as_dvec3), f32::INFINITY))
+            else {
+                continue;
+            };
+            for (begin, end) in [
+                (0.0, f32::INFINITY),
+                (hit.t, f32::INFINITY),
+                (hit.t.next_up(), f32::INFINITY),
+                (0.0, hit.t),
+                (0.0, hit.t.next_down().max(0.0)),
+            ] {
+                let asked = whole.between(begin, end);
+                let Some(mut ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };
+                let hit = block.hit(&ray, &sheared);
+                let [first, closest, any, sure] = block.looks(&ray, &sheared, block.sizes);
+                assert_eq!(hit & !first, 0, "{asked:?}");
+                assert_eq!(hit & !closest, 0, "{asked:?}");
+                assert_eq!(hit & !any, 0, "{asked:?}");
+                assert_eq!(sure & !hit, 0, "{asked:?}");
+                hits += hit.count_ones();
+                certain += sure.count_ones();
+                // As if nothing were ever rounded.
+                ray.slack = 0.0;
+                let [first, closest, _, sure] = block.looks(&ray, &sheared, block.sizes & 0xff_ffff);
+                lost += (hit & !first).count_ones();
+                lost_by_range += (hit & first & !closest).count_ones();
+                wrong += (sure & !hit).count_ones();
+            }
+        }
+        assert!(hits > 100_000 && certain > hits / 4, "{certain} of {hits}");
+        assert!(lost > 1000 && lost_by_range > 1000 && wrong > 1000, "{lost} {lost_by_range} {wrong}");
+    }
+
+    #[test]
+    fn the_nearest_comes_first_and_what_is_beyond_it_never() {
+        let wall =
+            |depth: f32| [Vec3::new(-1.0, -1.0, depth), Vec3::new(3.0, -1.0, depth), Vec3::new(-1.0, 3.0, depth)];
+        let block = Block::new(core::array::from_fn(|i| wall((i * 7 % LANES) as f32 / LANES as f32 - 0.25)));
+        let asked = Ray::new(DVec3::ZERO, Vec3::Z).between(0.01, f32::INFINITY);
+        let ray = TreeRay::new(&asked, &Frame::WORLD).unwrap();
+        let sheared = Sheared::new(&ray);
+        let s = Portable;
+        let corners = block.triangles.map(|t| t.map(|p| sheared.corner(p, ray.origin)));
+        let row = |corner: usize, axis: usize| s.load(&corners.map(|c| c[corner][axis]));
+        let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
+        let edges = Edges::new(s, rows(0), rows(1));
+        let mut collect = Closest::new(&ray, |_: &Found| true);
+        let mut candidates = Candidates::new(s, &edges, (ALL, rows(2), block.sizes), (&ray, &sheared), &collect);
+        let depth = |lane: usize| block.triangles[lane][0].z;
+        assert_eq!(candidates.lanes.count_ones(), 11, "what is behind the begin is not among them");
+        assert_eq!(candidates.next(&collect).map(depth), Some(0.0625));
+        assert_eq!(candidates.next(&collect).map(depth), Some(0.125));
+        collect.reach = 0.15;
+        assert_eq!(candidates.next(&collect), None);
+    }
+}
