@@ -12,7 +12,8 @@
 //! by the margin move it by the margin times what the corners' distances differ from it, divided by the sum of the weights. These differ from
 //! it, in all, by at most twice what those of the second and the third corner differ from that of the first; in f32 the latter are off
 //! by 4 `stray`. Depths, the reciprocal of the direction and the rounding of sums take less than 28um, 2 `stray`, of which there is twice as much.
-//! The range of the ray is rounded by at most an ULP of itself, which matters only where it is below 4m.
+//! The range of the ray is rounded by two ULP of itself, which matters only where it is below 4m. Where it is rounded by more, nothing is
+//! certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
 use super::shear::{Sheared, edge_margin, stray};
@@ -94,20 +95,20 @@ impl Candidates {
         let margin = s.mul_add(squares, s.splat(2.5 * of_squares), s.splat(2.5 * most));
         let off = s.mul_add(margin, differ, s.mul_add(weights, s.splat(4.0 * stray), s.splat(f32::MIN_POSITIVE)));
         let (least, greatest) = (distance - off, distance + off);
-        let (begin, end) = (weights * s.splat(ray.begin), weights * s.splat(collect.reach()));
+        let begin = weights * s.splat(ray.begin);
         // Comparisons with NaN are false, which keeps the triangle.
         let mut out = s.lt(greatest, begin);
         let mut near = [f32::NEG_INFINITY; LANES];
         if C::ORDERED {
-            out |= s.lt(end, least);
+            out |= s.lt(weights * s.splat(collect.reach()), least);
             if several(lanes & !out) {
                 s.store(least / weights, &mut near);
             }
         }
         let mut certain = 0;
-        if collect.anywhere() {
+        if C::ANYWHERE {
             let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, s.splat(0.0) - margin);
-            certain = lanes & inside & s.le(begin, least) & s.le(greatest, end);
+            certain = lanes & inside & s.le(begin, least) & s.le(greatest, weights * s.splat(collect.certain()));
         }
         Candidates { lanes: lanes & !out, certain, near }
     }

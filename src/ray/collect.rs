@@ -31,12 +31,14 @@ pub(crate) trait Collect {
     fn reach(&self) -> f32;
     /// Takes a hit within the ray's range and the limit; true ends the query.
     fn offer(&mut self, found: Found) -> bool;
-    /// Whether any hit that the query sees ends it, so that none need be offered: [`Collect::found`] will do.
+    /// Whether a hit may end the query without being offered, by [`Collect::found`].
+    const ANYWHERE: bool = false;
+    /// A distance in tree space; a hit that is surely no farther, and one that the query sees, need not be offered.
     #[inline(always)]
-    fn anywhere(&self) -> bool {
-        false
+    fn certain(&self) -> f32 {
+        f32::NEG_INFINITY
     }
-    /// There is a hit somewhere within the ray's range and the limit.
+    /// There is such a hit.
     #[inline(always)]
     fn found(&mut self) {}
 }
@@ -89,8 +91,8 @@ pub(crate) struct Any<F> {
     t_max: f32,
     pub reach: f32,
     pub found: bool,
-    /// Whether all hits are accepted.
-    anywhere: bool,
+    /// See [`Collect::certain`].
+    certain: f32,
     accept: F,
 }
 
@@ -98,12 +100,14 @@ impl<F> Any<F> {
     /// Of a ray's hits those that `accept` accepts; whether that is `all` of them.
     #[inline(always)]
     pub fn new(ray: &TreeRay, all: bool, accept: F) -> Any<F> {
-        Any { t_max: ray.t_max(), reach: ray.end, found: false, anywhere: all, accept }
+        let certain = if all { ray.certain_end() } else { f32::NEG_INFINITY };
+        Any { t_max: ray.t_max(), reach: ray.end, found: false, certain, accept }
     }
 }
 
 impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     const ORDERED: bool = false;
+    const ANYWHERE: bool = true;
 
     #[inline(always)]
     fn limit(&self) -> f32 {
@@ -122,8 +126,8 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     }
 
     #[inline(always)]
-    fn anywhere(&self) -> bool {
-        self.anywhere
+    fn certain(&self) -> f32 {
+        self.certain
     }
 
     #[inline(always)]
