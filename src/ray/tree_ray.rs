@@ -196,14 +196,16 @@ impl<'a> TreeRay<'a> {
         }
     }
 
-    /// A distance in tree space up to which whatever is beyond the begin is within the range, but for two ULP of either. Minus infinity for
-    /// rays that were led to the scene: a step of their `t` may be longer than the scene.
+    /// A distance in tree space up to which whatever is beyond the begin is within the range, but for two ULP of either. Minus infinity
+    /// where there is none: for rays that were led to the scene, of whose `t` a step may be longer than the scene, and for lines that begin
+    /// where `t` is not finite.
     #[inline(always)]
     pub fn certain_end(&self) -> f32 {
-        if self.advance != 0.0 {
+        let finite = ((f64::from(f32::MAX) * self.t_per_world) as f32).next_down();
+        if self.advance != 0.0 || self.begin < -finite {
             return f32::NEG_INFINITY;
         }
-        self.end.min(((f64::from(f32::MAX) * self.t_per_world) as f32).next_down())
+        self.end.min(finite)
     }
 
     /// When it looks.
