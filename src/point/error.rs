@@ -87,7 +87,7 @@ impl fmt::Display for PointError {
                 write!(f, "the id of point {point} is {}, which is reserved; use smaller ids", u32::MAX)
             }
             PointError::TooManyPoints { found } => {
-                write!(f, "{found} points are more than {} that one tree can hold; split the set", u32::MAX)
+                write!(f, "{found} points are more than the {} that one tree can hold; split the set", u32::MAX - 1)
             }
             PointError::Cancelled => f.write_str("the build was cancelled by its progress callback"),
             PointError::Parameter { name, expected } => write!(f, "`{name}` must be {expected}"),

@@ -33,8 +33,8 @@ impl<S: Compiled> Geometry for S {}
 
 /// Things that move, ready for rays at any time of the shutter.
 ///
-/// Built once of triangle meshes ([`RayTree::build`]) or of the caller's own primitives
-/// ([`RayTree::of_primitives`]). Queries take `&self` and may run on any number of threads. Every answer is that of
+/// Built once of triangle meshes ([`RayTree::build`]), of the caller's own primitives ([`RayTree::of_primitives`]), or of
+/// meshes, spheres and others together ([`RayTree::of_scene`]). Queries take `&self` and may run on any number of threads. Every answer is that of
 /// testing all primitives one after the other ([`BruteForce`](crate::baseline::BruteForce)), bit for bit, whatever the
 /// parameters of the build.
 ///
@@ -221,7 +221,7 @@ impl<G: Geometry> RayTree<G> {
                 let cached = self.statistics.bytes <= CACHED;
                 let space = Space::new(self.geometry.frame().bounds, tree.parts(), cached);
                 // Turns pay where a tree moves, and there only for the nearest hit in divided trees and for any hit in
-                // others (measured; see docs/rays.md).
+                // others (measured; see docs/notes.md).
                 let turns = !cached && tree.moves() && Q::ORDERED == (space.parts > 1);
                 // In a hierarchy for each part of the shutter, rays of several times part at once.
                 let packets = packets.filter(|_| space.parts == 1);
