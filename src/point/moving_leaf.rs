@@ -195,6 +195,11 @@ impl MovingLeaves {
         [times.begin[lane], times.end[lane]]
     }
 
+    /// Whether the life of any point begins or ends at a time.
+    pub(super) fn begins_or_ends_at(&self, time: f32) -> bool {
+        self.lives.iter().any(|life| life.begin.contains(&time) || life.end.contains(&time))
+    }
+
     /// The points of a block between its keys.
     #[inline(always)]
     pub(super) fn flights(&self, block: usize) -> FlightRows {

@@ -313,10 +313,14 @@ impl PointTree {
         self.layers.push(layer);
     }
 
-    /// The tree with moving boxes over what k-d trees hold; `None` where it has boxes everywhere.
-    pub(super) fn boxed(&self) -> Option<PointTree> {
+    /// The tree with moving boxes over what k-d trees hold between two times; `None` where it has boxes everywhere.
+    pub(super) fn boxed(&self, [begin, end]: [f32; 2]) -> Option<PointTree> {
+        let between = |tree: &&PlaneTree| {
+            let interval = tree.part().interval;
+            interval.begin() <= end && begin <= interval.end()
+        };
         self.replaced(|layer| match layer {
-            Layer::Planes(parts) => Layer::Moving(parts.iter().map(PlaneTree::boxed).collect()),
+            Layer::Planes(parts) => Layer::Moving(parts.iter().filter(between).map(PlaneTree::boxed).collect()),
             _ => layer.clone(),
         })
     }

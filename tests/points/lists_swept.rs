@@ -159,6 +159,45 @@ fn larger_sets_swept_on_all_numbers_of_threads() {
     }
 }
 
+/// Parts of the shutter hold their begin and not their end, lives count with both ends here: points that are only together at
+/// a border between parts, where the one ends to exist and the other begins.
+#[test]
+fn lives_that_touch_where_the_shutter_is_divided() {
+    let mut rng = Rng(77);
+    let mut cloud = cloud("random", 160, &mut rng);
+    for (i, life) in cloud.alive.iter_mut().enumerate() {
+        let (begin, end) = [(0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.625), (0.0, 1.0), (0.375, 0.875)][i % 6];
+        *life = TimeInterval::new(begin, end).unwrap();
+    }
+    // Some stand still throughout, so that there may be layers; a few are fast.
+    for i in (0..160).filter(|i| i % 6 == 4) {
+        cloud.keys[1][i] = if i % 4 == 0 { cloud.keys[0][i] } else { cloud.keys[1][i] * 4.0 };
+    }
+    let structures = [
+        PointStructure::Automatic,
+        PointStructure::Linear,
+        PointStructure::Mbkd,
+        PointStructure::Slabs(2),
+        PointStructure::Slabs(3),
+        PointStructure::Slabs(8),
+    ];
+    let mut touching = 0;
+    for (begin, end) in [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.75), (0.4, 0.6), (0.625, 0.875)] {
+        let interval = TimeInterval::new(begin, end).unwrap();
+        for radius in [0.3, 9.0] {
+            let expected = meet_all(&cloud, interval, radius);
+            let touches = |e: &&Encounter| e.enter == 0.5 && e.leave == 0.5;
+            touching += expected.iter().flatten().filter(touches).count();
+            for structure in structures {
+                let tree = build(&cloud, structure, SimdLevel::best());
+                let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                check(&found, &expected, &format!("{structure:?}, {begin}..{end}, radius {radius}"));
+            }
+        }
+    }
+    assert!(touching > 1000, "{touching}");
+}
+
 /// At all times before the returned one, lists at the time hold nothing that is not in the lists with a skin; and the
 /// time is the last of which that can be said.
 #[test]
@@ -166,11 +205,17 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
     let (mut cut_short, mut complete) = (0, 0);
     for (kind, cloud, mut rng) in clouds(90) {
         let size = size(&cloud);
-        for structure in [PointStructure::Automatic, PointStructure::Mbkd, PointStructure::Slabs(2)] {
+        for structure in
+            [PointStructure::Automatic, PointStructure::Mbkd, PointStructure::Slabs(2), PointStructure::Slabs(8)]
+        {
             let tree = build(&cloud, structure, SimdLevel::best());
-            for (time, until, skin) in
-                [(0.0, 1.0, 0.05), (rng.unit() * 0.5, 0.8, 0.2), (0.5, 0.5 + 1e-3, 1e-3), (0.3, 1.0, 0.0)]
-            {
+            for (time, until, skin) in [
+                (0.0, 1.0, 0.05),
+                (rng.unit() * 0.5, 0.8, 0.2),
+                (0.5, 0.5 + 1e-3, 1e-3),
+                (0.3, 1.0, 0.0),
+                (0.5, 0.5, 0.1),
+            ] {
                 let (radius, skin) = (0.1 * size, skin * size);
                 let what = format!("{kind}, {structure:?}, {time}..{until}, radius {radius}, skin {skin}");
                 let mut lists = NeighborCsr::new();

@@ -86,7 +86,7 @@ impl PointTree {
             let both = a.life.contains(time) && b.life.contains(time);
             both && (d.x * d.x + d.y * d.y) + d.z * d.z <= bound
         };
-        let boxed = self.boxed();
+        let boxed = self.boxed([time, until]);
         let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(at.segment))
             .pass_over_lists_of(radius + skin)
             .allow_for_rounding();

@@ -57,10 +57,14 @@ pub(super) struct Question {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Window {
     /// Number of keys, at least 2, and the earlier key of the segment.
-    pub(super) keys: usize,
-    pub(super) segment: usize,
+    keys: usize,
+    segment: usize,
     /// First and last time.
-    pub(super) times: [f64; 2],
+    times: [f64; 2],
+    /// Encounters are told of that begin from this time on, and before the time of each of both points; or later, if that
+    /// point's life is over by then.
+    from: f64,
+    until: [f64; 2],
 }
 
 /// Points that are looked at side by side.
@@ -71,7 +75,14 @@ impl Window {
     pub(super) fn of_segment(keys: usize, segment: usize, [begin, end]: [f64; 2]) -> Window {
         let segments = (keys.max(2) - 1) as f64;
         let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
-        Window { keys, segment, times: [begin.max(ends[0]), end.min(ends[1])] }
+        let times = [begin.max(ends[0]), end.min(ends[1])];
+        Window { keys, segment, times, from: f64::NEG_INFINITY, until: [f64::INFINITY; 2] }
+    }
+
+    /// The same, but only what begins in the parts of the shutter of both points is told of. Parts hold their begin and
+    /// not their end.
+    pub(super) fn owned_by(self, [own, other]: [[f64; 2]; 2]) -> Window {
+        Window { from: own[0].max(other[0]), until: [own[1], other[1]], ..self }
     }
 
     /// Where in the segment a time lies, in [0, 1].
@@ -131,6 +142,8 @@ struct Common<S: Simd> {
     phases: [S::D; 2],
     /// Where the point is at begin and end.
     own: [[S::D; 3]; 2],
+    /// Encounters are told of that begin from the first of these times to before the second.
+    told: [S::D; 2],
 }
 
 impl<S: Simd> Common<S> {
@@ -140,9 +153,14 @@ impl<S: Simd> Common<S> {
         let begin = s.max_d(s.splat_d(greater(window.times[0], own_begin)), s.widen_four(&begins));
         // Lives that reach the end of the shutter have an end beyond it.
         let last = lesser(lesser(window.times[1], 1.0), own_end);
-        let times = [begin, s.min_d(s.splat_d(last), s.widen_four(&ends))];
+        let ends = s.widen_four(&ends);
+        let times = [begin, s.min_d(s.splat_d(last), ends)];
+        let [own_until, until] = window.until;
+        let own_until = if own_end <= own_until { f64::INFINITY } else { own_until };
+        let until = s.select_le(ends, s.splat_d(until), s.splat_d(f64::INFINITY), s.splat_d(until));
+        let told = [s.splat_d(window.from), s.min_d(s.splat_d(own_until), until)];
         let phases = [window.phases(s, times[0]), window.phases(s, times[1])];
-        Common { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])] }
+        Common { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])], told }
     }
 
     /// Where others are seen from the point at begin or end.
@@ -184,12 +202,15 @@ impl<S: Simd> Common<S> {
         let distance = dot::<S>(nearest, nearest);
         let [begin, end] = self.times;
         let duration = end - begin;
+        let enter = begin + duration * enter;
+        let [from, until] = self.told;
+        let told = s.le_d(from, enter) & !s.le_d(until, enter);
         Meetings {
-            enter: s.narrow(begin + duration * enter),
+            enter: s.narrow(enter),
             leave: s.narrow(begin + duration * leave),
             closest: s.narrow(begin + duration * w),
             distance_squared: s.narrow(distance),
-            there: s.le_d(begin, end) & s.le_d(distance, square),
+            there: s.le_d(begin, end) & s.le_d(distance, square) & told,
         }
     }
 }

@@ -16,8 +16,9 @@ const SLACK: f64 = 64.0 * ROUNDING;
 /// the wrong side of it.
 pub(super) fn phases<T: Boxed>(tree: &T, times: [f32; 2]) -> [f64; 2] {
     let (keys, segment, _) = tree.part();
-    let window = Window { keys, segment, times: times.map(f64::from) };
-    [window.phase(window.times[0] - ROUNDING), window.phase(window.times[1] + ROUNDING)]
+    let [begin, end] = times.map(f64::from);
+    let window = Window::of_segment(keys, segment, [begin, end]);
+    [window.phase(begin - ROUNDING), window.phase(end + ROUNDING)]
 }
 
 /// Sixteen ways, in rows: where points are at the begin of a range of times, and how far they come, drift taken off.

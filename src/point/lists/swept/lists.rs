@@ -7,7 +7,7 @@ use crate::parallel;
 use crate::point::lists::error::ListError;
 use crate::point::over_interval::Flight;
 use crate::point::tree::PointTree;
-use crate::simd::{huge_vec, huge_vec_of};
+use crate::simd::huge_vec;
 
 /// Who comes within a radius of whom during an interval, and when: a list for each point.
 ///
@@ -27,10 +27,10 @@ use crate::simd::{huge_vec, huge_vec_of};
 #[derive(Clone, Debug)]
 pub struct EncounterLists {
     /// Begin of each list, and the end of the last.
-    offsets: Vec<usize>,
-    points: Vec<u32>,
+    pub(super) offsets: Vec<usize>,
+    pub(super) points: Vec<u32>,
     /// Longer than what is in use, so that nothing is cleared from question to question.
-    encounters: Vec<Encounter>,
+    pub(super) encounters: Vec<Encounter>,
 }
 
 impl Default for EncounterLists {
@@ -84,7 +84,8 @@ impl PointTree {
     ///
     /// Decided in f64 for exact linear motion between the f32 positions at the keys; lives count with both ends. The
     /// lists do not depend on the structure, the number of threads or the instruction set, apart from the order of
-    /// lists and within them, which is that of the tree. Points with the same id are the same point.
+    /// lists and within them, which is that of the tree, or of ids where it consists of several. Points with the same id
+    /// are the same point.
     ///
     /// Cost: a little more than lists at a time while points move less than their spacing relative to their
     /// neighbours; motion that all have in common costs nothing.
@@ -126,15 +127,15 @@ impl PointTree {
         if radius.is_nan() || radius < 0.0 {
             return Err(ListError::Radius { id: None });
         }
-        let boxed = self.boxed();
-        let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), [interval.begin(), interval.end()], radius, None);
-        if parallel::threads() == 1 {
+        let times = [interval.begin(), interval.end()];
+        let boxed = self.boxed(times);
+        let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), times, radius, None);
+        if !sweep.once {
+            lists.merge(&sweep.run(EncounterLists::new));
+        } else if parallel::threads() == 1 {
             sweep.run_alone(lists);
         } else {
             lists.append(&sweep.run(EncounterLists::new));
-        }
-        if !sweep.once {
-            *lists = lists.merged();
         }
         Ok(())
     }
@@ -172,14 +173,21 @@ fn grow(encounters: &mut Vec<Encounter>, length: usize) {
 impl EncounterLists {
     /// Where the last list ends.
     #[inline(always)]
-    fn end(&self) -> usize {
+    pub(super) fn end(&self) -> usize {
         self.offsets.last().map_or(0, |end| *end)
     }
 
-    fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         self.points.clear();
         self.offsets.clear();
         self.offsets.push(0);
+    }
+
+    /// Room for so many encounters.
+    pub(super) fn make_room(&mut self, length: usize) {
+        if self.encounters.len() < length {
+            grow(&mut self.encounters, length);
+        }
     }
 
     /// Appends the lists of shares.
@@ -191,51 +199,8 @@ impl EncounterLists {
             self.offsets.extend(share.offsets[1..].iter().map(|end| base + end));
         }
         let end = self.end();
-        if self.encounters.len() < end {
-            grow(&mut self.encounters, end);
-        }
+        self.make_room(end);
         copy(shares, &mut self.encounters[begin..end]);
-    }
-
-    /// One list for each point, one encounter for each pair, in the order of ids.
-    ///
-    /// The lists of a point are brought together by counting, and each is sorted by itself.
-    fn merged(&self) -> EncounterLists {
-        let mut points = self.points.clone();
-        points.sort_unstable();
-        points.dedup();
-        // Where each point's encounters go next.
-        let mut next = vec![0; points.len() + 1];
-        let of: Vec<usize> = self.points.iter().map(|id| points.partition_point(|point| point < id)).collect();
-        for (&point, (_, row)) in of.iter().zip(self.iter()) {
-            next[point + 1] += row.len();
-        }
-        for point in 0..points.len() {
-            next[point + 1] += next[point];
-        }
-        let begins = next.clone();
-        let mut encounters = huge_vec_of(Encounter::NONE, self.end());
-        for (&point, (_, row)) in of.iter().zip(self.iter()) {
-            encounters[next[point]..][..row.len()].copy_from_slice(row);
-            next[point] += row.len();
-        }
-        let mut offsets = vec![0];
-        let mut end = 0;
-        for ends in begins.windows(2) {
-            let begin = end;
-            encounters[ends[0]..ends[1]].sort_unstable_by_key(|e| e.id);
-            for from in ends[0]..ends[1] {
-                let encounter = encounters[from];
-                if end > begin && encounters[end - 1].id == encounter.id {
-                    encounters[end - 1] = encounters[end - 1].and(encounter);
-                } else {
-                    encounters[end] = encounter;
-                    end += 1;
-                }
-            }
-            offsets.push(end);
-        }
-        EncounterLists { offsets, points, encounters }
     }
 }
 

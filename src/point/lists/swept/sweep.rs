@@ -3,99 +3,23 @@
 use super::encounter::{Question, Visitor, Window};
 use super::flights::{Group, Partners};
 use super::near::Near;
+use super::parts::{Pairing, Part, Tree, pairings, parts_of};
 use crate::parallel;
-use crate::point::moving_tree::MovingTree;
-use crate::point::over_interval::{Boxed, InRows};
-use crate::point::partition::Layer;
-use crate::point::static_tree::StaticTree;
 use crate::point::tree::PointTree;
-use crate::simd::{Kernel, LANES, Lanes, Simd, dispatch};
-
-/// A tree for a part of the shutter.
-#[derive(Clone, Copy)]
-enum Tree<'a> {
-    Still(&'a StaticTree),
-    Moving(&'a MovingTree),
-}
-
-/// A tree and the times that it is looked at.
-#[derive(Clone, Copy)]
-struct Part<'a> {
-    tree: Tree<'a>,
-    times: [f32; 2],
-}
-
-impl Part<'_> {
-    /// Number of keys and segment where anything moves.
-    fn segment(&self) -> Option<(usize, usize)> {
-        match self.tree {
-            Tree::Still(_) => None,
-            Tree::Moving(tree) => Some((tree.part().keys, tree.part().segment)),
-        }
-    }
-
-    /// The largest magnitude of a coordinate at either key of the segment, or somewhat more.
-    fn magnitude(&self) -> f64 {
-        match self.tree {
-            Tree::Still(tree) => magnitude(tree),
-            Tree::Moving(tree) => magnitude(tree),
-        }
-    }
-
-    /// Whether some points do not live throughout.
-    fn mortal(&self) -> bool {
-        match self.tree {
-            Tree::Still(tree) => tree.mortal(),
-            Tree::Moving(tree) => tree.mortal(),
-        }
-    }
-
-    /// The bottom nodes.
-    fn bottom_nodes(&self) -> Vec<usize> {
-        match self.tree {
-            Tree::Still(tree) => bottom_nodes(tree),
-            Tree::Moving(tree) => bottom_nodes(tree),
-        }
-    }
-}
-
-fn bottom_nodes<T: Boxed>(tree: &T) -> Vec<usize> {
-    let (top, root) = tree.top();
-    let mut nodes = vec![root];
-    for level in (1..=top).rev() {
-        let children = |&node: &usize| {
-            let first = tree.behind(level, node).0;
-            let begins = tree.times(node)[0];
-            (0..LANES).filter(move |&lane| begins[lane] < f64::INFINITY).map(move |lane| first + lane)
-        };
-        nodes = nodes.iter().flat_map(children).collect();
-    }
-    nodes
-}
-
-fn magnitude<T: Boxed>(tree: &T) -> f64 {
-    let root = tree.top().1;
-    let begins = tree.times(root)[0];
-    let keys = [0.0, 1.0].map(|phase| tree.faces(root, &[phase; LANES]));
-    let rows = keys.iter().flatten().flatten();
-    let there = |row: &Lanes<f64>| {
-        let lanes = (0..LANES).filter(|&lane| begins[lane] < f64::INFINITY);
-        lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
-    };
-    rows.map(there).fold(0.0, f64::max)
-}
+use crate::simd::{Kernel, Simd, dispatch};
 
 /// A search for all encounters of a set with itself.
 pub(super) struct Sweep<'a> {
     tree: &'a PointTree,
     parts: Vec<Part<'a>>,
-    /// Part and bottom node of each group.
+    pairings: Vec<Pairing>,
+    /// Pairing and bottom node of each group.
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
     radius: f64,
     /// Pairs that are nearer than this at the first time are passed over.
     known: Option<f64>,
-    /// Whether each point and each encounter comes up once.
+    /// Whether each point comes up once.
     pub(super) once: bool,
     /// Whether some points do not live throughout.
     mortal: bool,
@@ -107,30 +31,25 @@ const SHARE: usize = 8;
 impl<'a> Sweep<'a> {
     /// Between two times of the shutter; where a segment between keys is given, in that one only.
     pub(super) fn new(tree: &'a PointTree, times: [f32; 2], radius: f32, segment: Option<usize>) -> Sweep<'a> {
-        let (mut parts, mut once) = (Vec::new(), true);
+        let (mut parts, mut layers) = (Vec::new(), Vec::new());
         for layer in &tree.layers {
-            let before = parts.len();
-            match layer {
-                Layer::Still(tree) => parts.push(Part { tree: Tree::Still(tree), times }),
-                // See `PointTree::boxed`.
-                Layer::Planes(_) => {}
-                Layer::Moving(trees) => {
-                    for tree in trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.part().segment)) {
-                        let interval = tree.part().interval;
-                        let times = [times[0].max(interval.begin()), times[1].min(interval.end())];
-                        if times[0] <= times[1] {
-                            parts.push(Part { tree: Tree::Moving(tree), times });
-                            once &= !tree.timed();
-                        }
-                    }
-                }
-            }
-            once &= parts.len() <= before + 1;
+            let begin = parts.len();
+            parts.extend(parts_of(layer, times, segment));
+            layers.push(begin..parts.len());
         }
-        let nodes = |(number, part): (usize, &Part)| part.bottom_nodes().into_iter().map(move |node| (number, node));
-        let groups = parts.iter().enumerate().flat_map(nodes).collect();
+        let pairings = pairings(&parts, &layers, times);
+        let nodes = |(number, pairing): (usize, &Pairing)| {
+            let nodes = parts[pairing.own].bottom_nodes();
+            nodes.into_iter().map(move |node| (number, node))
+        };
+        let groups = pairings.iter().enumerate().flat_map(nodes).collect();
+        // Pieces of a life that have the same id are the same point.
+        let once = pairings.len() == parts.len()
+            && layers.iter().all(|layer| layer.len() <= 1)
+            && !parts.iter().any(Part::timed);
         let mortal = parts.iter().any(Part::mortal);
-        Sweep { tree, parts, groups, times: times.map(f64::from), radius: radius.into(), known: None, once, mortal }
+        let times = times.map(f64::from);
+        Sweep { tree, parts, pairings, groups, times, radius: radius.into(), known: None, once, mortal }
     }
 
     /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32,
@@ -176,16 +95,10 @@ impl<'a> Sweep<'a> {
         dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups, visitor });
     }
 
-    /// The times at which points of two parts are looked at; `None` where they lie in different segments or parts of
-    /// the shutter.
-    fn window(&self, a: &Part, b: &Part) -> Option<Window> {
-        let (keys, segment) = match (a.segment(), b.segment()) {
-            (Some(a), Some(b)) if a != b => return None,
-            (Some(both), _) | (_, Some(both)) => both,
-            (None, None) => (1, 0),
-        };
-        let apart = a.times[1] < b.times[0] || b.times[1] < a.times[0];
-        (!apart).then(|| Window::of_segment(keys, segment, self.times))
+    /// How points of two parts, which do not lie in different segments, are looked at.
+    fn window(&self, a: &Part, b: &Part) -> Window {
+        let (keys, segment) = a.segment().or(b.segment()).unwrap_or((1, 0));
+        Window::of_segment(keys, segment, self.times).owned_by([a.owns, b.owns])
     }
 }
 
@@ -203,18 +116,20 @@ impl<V: Visitor> Kernel for Share<'_, V> {
         let (mut group, mut partners, mut near) = (Group::default(), Partners::default(), Near::default());
         let Share { sweep, groups, visitor } = self;
         for &(number, node) in groups {
-            let part = &sweep.parts[number];
+            let pairing = &sweep.pairings[number];
+            let part = &sweep.parts[pairing.own];
             match part.tree {
-                Tree::Still(tree) => group.take(tree, node, part.times),
-                Tree::Moving(tree) => group.take(tree, node, part.times),
+                Tree::Still(tree) => group.take(tree, node, pairing.times),
+                Tree::Moving(tree) => group.take(tree, node, pairing.times),
             }
-            let first_time = part.times[0];
+            let first_time = pairing.times[0];
             // What is looked at from a later time on is not where it was at the first.
             let known = sweep.known.filter(|_| f64::from(first_time) == sweep.times[0]);
             let question = Question { radius: sweep.radius, first_time, mortal: sweep.mortal };
             partners.clear();
-            for other in &sweep.parts {
-                let Some(window) = sweep.window(part, other) else { continue };
+            for &other in &pairing.others {
+                let other = &sweep.parts[other];
+                let window = sweep.window(part, other);
                 match other.tree {
                     Tree::Still(tree) => partners.add(s, tree, &group, window, (&question, known)),
                     Tree::Moving(tree) => partners.add(s, tree, &group, window, (&question, known)),
@@ -224,5 +139,89 @@ impl<V: Visitor> Kernel for Share<'_, V> {
                 near.visit(s, (block, &partners), &question, visitor);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::encounter::{Four, Meetings};
+    use super::super::lists::EncounterLists;
+    use super::*;
+    use crate::geometry::TimeInterval;
+    use crate::point::over_interval::Flight;
+    use crate::primitive::PointArrays;
+    use crate::random::Random;
+    use crate::{PointParams, PointStructure};
+    use glam::Vec3;
+
+    /// Counts the encounters that it is told of.
+    struct Told(usize);
+
+    impl Visitor for Told {
+        const PASSES_OVER: bool = false;
+        fn begin(&mut self, _own: &Flight) {}
+        fn meet(&mut self, _own: &Flight, _others: &Four, meetings: &Meetings) {
+            self.0 += meetings.entering().count();
+        }
+    }
+
+    /// Whatever the parts of the shutter, a pair comes up once in a segment between keys: what is gathered before lists
+    /// are brought together is what is in them.
+    #[test]
+    fn an_encounter_is_told_of_in_one_part_of_the_shutter() {
+        let mut random = Random(3);
+        let mut place = |by: f32| Vec3::from_array(core::array::from_fn(|_| random.signed() * by));
+        let first: Vec<Vec3> = (0..600).map(|_| place(1.0)).collect();
+        // Some stand still, a few are fast.
+        let speed = |i: usize| [0.0, 0.3, 0.3, if i.is_multiple_of(16) { 3.0 } else { 0.3 }][i % 4];
+        let mut way = |from: &[Vec3]| from.iter().enumerate().map(|(i, p)| *p + place(speed(i))).collect::<Vec<_>>();
+        let second = way(&first);
+        let third = way(&second);
+        let lives = (0..600u16).map(|i| {
+            let (begin, end) = [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.25, 0.75)][usize::from(i % 7 % 4)];
+            TimeInterval::new(begin, end).unwrap()
+        });
+        let lives: Vec<_> = lives.collect();
+        let mut divided = 0;
+        for (keys, alive) in [
+            (&[&first[..], &second][..], &[][..]),
+            (&[&first, &second], &lives),
+            (&[&first, &second, &third], &[]),
+            (&[&first, &second, &third], &lives),
+        ] {
+            for (begin, end) in [(0.0, 1.0), (0.25, 0.5), (0.3, 0.8)] {
+                let interval = TimeInterval::new(begin, end).unwrap();
+                let mut of_linear = None;
+                for structure in [
+                    PointStructure::Linear,
+                    PointStructure::Slabs(2),
+                    PointStructure::Slabs(8),
+                    PointStructure::Automatic,
+                    PointStructure::Mbkd,
+                ] {
+                    let params = PointParams { structure, ..PointParams::default() };
+                    let tree = PointTree::build(&PointArrays { keys, alive, ids: &[] }, &params).unwrap();
+                    for radius in [0.2, 9.0] {
+                        let what =
+                            format!("{} keys, {} lives, {structure:?}, radius {radius}", keys.len(), alive.len());
+                        let mut lists = EncounterLists::new();
+                        tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
+                        let boxed = tree.boxed([begin, end]);
+                        let sweep = Sweep::new(boxed.as_ref().unwrap_or(&tree), [begin, end], radius, None);
+                        let told: usize = sweep.run(|| Told(0)).iter().map(|told| told.0).sum();
+                        let found = lists.encounters().len();
+                        if keys.len() == 2 {
+                            assert_eq!(told, found, "{what}");
+                        }
+                        assert!(told <= found * (keys.len() - 1), "{what}: {told} for {found}");
+                        divided += usize::from(sweep.pairings.len() > 1);
+                        if radius < 1.0 {
+                            assert_eq!(found, *of_linear.get_or_insert(found), "{what}");
+                        }
+                    }
+                }
+            }
+        }
+        assert!(divided > 40, "{divided}");
     }
 }

@@ -1,0 +1,118 @@
+//! Brings together the lists of points that come up more than once.
+//!
+//! Where the shutter is divided, a point has a list in each part, and a pair an encounter in each segment between keys. All lists of
+//! a point are copied to their final place, put in order of ids, and encounters of the same pair become one: each point by
+//! itself, so that what it takes beside the lists is small.
+
+use super::encounter::Encounter;
+use super::lists::EncounterLists;
+use crate::parallel;
+
+/// One of the lists of a point: its id, the share, and the number of the list in it.
+type Row = (u32, u32, u32);
+
+/// Lists, or points, that one task does.
+const SHARE: usize = 256;
+
+impl EncounterLists {
+    /// One list for each point, one encounter for each pair, in the order of ids, in place of what the lists held.
+    pub(super) fn merge(&mut self, shares: &[EncounterLists]) {
+        let mut rows: Vec<Row> = Vec::with_capacity(shares.iter().map(EncounterLists::len).sum());
+        for (share, lists) in shares.iter().enumerate() {
+            rows.extend(lists.points().iter().enumerate().map(|(row, &id)| (id, share as u32, row as u32)));
+        }
+        sort(&mut rows);
+        let points: Vec<&[Row]> = rows.chunk_by(|a, b| a.0 == b.0).collect();
+        self.clear();
+        for rows in &points {
+            self.points.push(rows[0].0);
+            let length: usize = rows.iter().map(|row| list(shares, row).len()).sum();
+            self.offsets.push(self.end() + length);
+        }
+        let end = self.end();
+        self.make_room(end);
+        let mut lengths = vec![0; points.len()];
+        let all = Points { shares, rows: &points, ends: &self.offsets };
+        all.merge(&mut self.encounters[..end], &mut lengths);
+        // Lists that have become shorter move up.
+        let mut end = 0;
+        for (point, length) in lengths.into_iter().enumerate() {
+            let begin = self.offsets[point];
+            if begin != end {
+                self.encounters.copy_within(begin..begin + length, end);
+            }
+            self.offsets[point] = end;
+            end += length;
+        }
+        if let Some(last) = self.offsets.last_mut() {
+            *last = end;
+        }
+    }
+}
+
+fn list<'a>(shares: &'a [EncounterLists], &(_, share, row): &Row) -> &'a [Encounter] {
+    let (share, row) = (&shares[share as usize], row as usize);
+    &share.encounters()[share.offsets[row]..share.offsets[row + 1]]
+}
+
+/// Sorts, halves at the same time.
+fn sort(rows: &mut [Row]) {
+    if rows.len() <= 16 * SHARE {
+        rows.sort_unstable();
+        return;
+    }
+    let half = rows.len() / 2;
+    rows.select_nth_unstable(half);
+    let (low, high) = rows.split_at_mut(half);
+    parallel::both(|| sort(low), || sort(high));
+}
+
+/// Points, the lists of each, and where each one's encounters end, the first entry being where the first one's begin.
+struct Points<'a> {
+    shares: &'a [EncounterLists],
+    rows: &'a [&'a [Row]],
+    ends: &'a [usize],
+}
+
+impl Points<'_> {
+    /// Writes the encounters of each point to its place, and how many there are.
+    fn merge(&self, to: &mut [Encounter], lengths: &mut [usize]) {
+        if self.rows.len() > SHARE {
+            let half = self.rows.len() / 2;
+            let (rows, more_rows) = self.rows.split_at(half);
+            let (to, more_to) = to.split_at_mut(self.ends[half] - self.ends[0]);
+            let (lengths, more_lengths) = lengths.split_at_mut(half);
+            parallel::both(
+                || Points { rows, ends: &self.ends[..=half], ..*self }.merge(to, lengths),
+                || Points { rows: more_rows, ends: &self.ends[half..], ..*self }.merge(more_to, more_lengths),
+            );
+            return;
+        }
+        for ((rows, ends), length) in self.rows.iter().zip(self.ends.windows(2)).zip(lengths) {
+            let to = &mut to[ends[0] - self.ends[0]..ends[1] - self.ends[0]];
+            let mut end = 0;
+            for row in *rows {
+                let list = list(self.shares, row);
+                to[end..end + list.len()].copy_from_slice(list);
+                end += list.len();
+            }
+            *length = unite(to);
+        }
+    }
+}
+
+/// Puts the encounters of a point in order of ids, and those with the same id together; how many are left.
+fn unite(encounters: &mut [Encounter]) -> usize {
+    encounters.sort_unstable_by_key(|encounter| encounter.id);
+    let mut end = 0;
+    for from in 0..encounters.len() {
+        let encounter = encounters[from];
+        if end > 0 && encounters[end - 1].id == encounter.id {
+            encounters[end - 1] = encounters[end - 1].and(encounter);
+        } else {
+            encounters[end] = encounter;
+            end += 1;
+        }
+    }
+    end
+}
