@@ -127,20 +127,20 @@ fn triangles(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box
         .collect();
     bar.finish_and_clear();
     for ((_, case), row) in cases.iter().zip(rows) {
-        rays_row(&case.name, row, report);
+        rays_row(&case.name, case.is_promised(), row, report);
     }
     Ok(())
 }
 
-/// One row for all policies where they agree, as they should.
-fn rays_row(name: &(&str, String), row: Result<Vec<(&str, RayTally)>, String>, report: &mut Report) {
+/// One row for all policies where they agree, as they should; whether the library promises to be right there.
+fn rays_row(name: &(&str, String), promised: bool, row: Result<Vec<(&str, RayTally)>, String>, report: &mut Report) {
     let row = match row {
         Ok(row) => row,
         Err(error) => return report.line(format!("| {} | {} | {error} | | | | | |", name.0, name.1)),
     };
     let mut all = RayTally::default();
     for (policy, tally) in row {
-        if !tally.is_right() {
+        if promised && !tally.is_right() {
             report.faults.push(format!(
                 "{} {}, {policy}: {} false misses, {} false hits, {} wrong closest, {} out of range, {} contradictions \
                  of {} hits",
@@ -186,7 +186,7 @@ fn spheres(args: &Args, samples: usize, report: &mut Report) -> Result<(), Box<d
         .collect();
     bar.finish_and_clear();
     for ((_, case), row) in cases.iter().zip(rows) {
-        rays_row(&case.name, row, report);
+        rays_row(&case.name, true, row, report);
     }
     Ok(())
 }

@@ -30,6 +30,11 @@ pub struct RayCase {
 }
 
 impl RayCase {
+    /// Whether rays begin where the library promises answers: up to 2^32 scene sizes away.
+    pub fn is_promised(&self) -> bool {
+        self.away <= 4294967296.0
+    }
+
     fn plain(family: &'static str, value: String) -> RayCase {
         RayCase {
             name: (family, value),
