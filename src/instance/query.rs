@@ -75,6 +75,7 @@ impl Question for Closest {
         (path, id): (InstancePath, u32),
         look: &mut Look<'_>,
     ) -> ControlFlow<(), f32> {
+        // The usual case stands here, and all else is a call, which would push the way there out of registers.
         let found = match (of, &look) {
             (InstanceOf::Tree(tree), Look::Plain) => {
                 tree.closest_hit(ray).map(|hit| InstanceHit { path: path.then(id), hit })
@@ -108,6 +109,7 @@ impl Question for Any {
         (path, id): (InstancePath, u32),
         look: &mut Look<'_>,
     ) -> ControlFlow<(), f32> {
+        // Likewise.
         self.found = match (of, &look) {
             (InstanceOf::Tree(tree), Look::Plain) => tree.any_hit(ray),
             _ => of.any_hit(ray, path.then(id), look),

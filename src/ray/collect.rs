@@ -25,14 +25,14 @@ impl Found {
 pub(crate) trait Collect {
     /// Whether nearer children should be visited first.
     const ORDERED: bool;
+    /// Whether a hit may end the query without being offered, by [`Collect::found`].
+    const ANYWHERE: bool = false;
     /// The largest `t` that still matters.
     fn limit(&self) -> f32;
     /// The same as a distance in tree space, rounded up where that is inexact.
     fn reach(&self) -> f32;
     /// Takes a hit within the ray's range and the limit; true ends the query.
     fn offer(&mut self, found: Found) -> bool;
-    /// Whether a hit may end the query without being offered, by [`Collect::found`].
-    const ANYWHERE: bool = false;
     /// A distance in tree space; a hit that is surely no farther, and one that the query sees, need not be offered.
     #[inline(always)]
     fn certain(&self) -> f32 {

@@ -51,11 +51,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
             return false;
         }
         let mut candidates = Candidates::new(s, &edges, (lanes, [za, zb, zc], sizes), (ray, of), collect);
-        while let Some(i) = candidates.certain() {
-            if self.sees(self.arena.ints()[ids + i], ray) {
-                collect.found();
-                return true;
-            }
+        if self.is_hit_for_sure(&mut candidates, ids, ray, collect) {
+            return true;
         }
         while let Some(i) = candidates.next(collect) {
             // Each by itself: a closure becomes a call, which pushes the query out of registers.
@@ -108,11 +105,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         }
         let z = [s.permute(z, first), s.permute(z, second), s.permute(z, third)];
         let mut candidates = Candidates::new(s, &edges, (lanes, z, words[0]), (ray, of), collect);
-        while let Some(i) = candidates.certain() {
-            if self.sees(self.arena.ints()[at + n + i], ray) {
-                collect.found();
-                return true;
-            }
+        if self.is_hit_for_sure(&mut candidates, at + n, ray, collect) {
+            return true;
         }
         while let Some(i) = candidates.next(collect) {
             let numbers = words[i];
@@ -122,6 +116,25 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 fine_vertices::<S, MOVING>(s, &rows, between, kz, numbers),
             ];
             if self.offer(s, corners, at + n + i, (ray, of), collect) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Ends the query, where it does not matter where a hit is, with one that is certain and that the query sees. The ids of the block
+    /// begin at word `ids`.
+    #[inline(always)]
+    fn is_hit_for_sure(
+        &self,
+        candidates: &mut Candidates,
+        ids: usize,
+        ray: &TreeRay,
+        collect: &mut impl Collect,
+    ) -> bool {
+        while let Some(i) = candidates.certain() {
+            if self.sees(self.arena.ints()[ids + i], ray) {
+                collect.found();
                 return true;
             }
         }

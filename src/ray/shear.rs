@@ -2,8 +2,10 @@
 //! is off in f32.
 //!
 //! Corners relative to the ray are off by at most [`stray`], sheared or not. Let `m` be the largest coordinate of a vertex plus that of the
-//! origin, and `u` an [`ULP`]. Interpolation takes 3um, the origin and the difference um each. Slopes, at most 1, are off by 2u, so
-//! their product with a depth is off by 8um, and the sheared coordinate, once rounded, by 13 to 14um.
+//! origin, and `u` an [`ULP`]. Interpolation puts a vertex off by 3u of itself and rounding the origin by u of that, together at most 3um;
+//! their difference, at most m, is rounded by um: 4um. Slopes, at most 1, are off by 2u, so their product with a depth is off by
+//! 4 + 2 um and rounded by um: 7um. The sheared coordinate, at most 2m, is rounded by 2um: 13um in all. [`STRAY_ULPS`] is one more, for
+//! what roundings of roundings add.
 //!
 //! An edge function is `c x b`. If `B` and `C` are the sums of both coordinates of these corners, then the corners put it off by
 //! `stray (B + C + 2 stray)`, and the rounding of its two products and their difference by 2u of the products; since a coordinate is at most

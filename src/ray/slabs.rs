@@ -131,6 +131,7 @@ fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
 #[cfg(test)]
 mod tests {
     use crate::geometry::{Box3, Frame, KERNEL_ULPS, ULP};
+    use crate::random::Random;
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
     use crate::ray::shear::Sheared;
@@ -193,11 +194,8 @@ mod tests {
         slack: impl Fn(&TreeRay) -> f32,
         pad: f32,
     ) -> usize {
-        let mut state = 31u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(31);
+        let mut next = || random.signed();
         let (mut hits, mut lost) = (0, 0);
         for _ in 0..200_000 {
             let (asked, corners) = ray(&mut next);

@@ -85,7 +85,7 @@ impl PointTree {
     /// Decided in f64 for exact linear motion between the f32 positions at the keys; lives count with both ends. The
     /// lists do not depend on the structure, the number of threads or the instruction set, apart from the order of
     /// lists and within them, which is that of the tree, or of ids where it consists of several. Points with the same id
-    /// are the same point.
+    /// are no neighbours of each other; where the tree consists of several, they have one list together.
     ///
     /// Cost: a little more than lists at a time while points move less than their spacing relative to their
     /// neighbours; motion that all have in common costs nothing.
