@@ -8,6 +8,7 @@
 use crate::microfacets::Mirrors;
 use crate::sampling::{Sampler, cosine, disk};
 use mbkd::glam::Vec3;
+use std::f32::consts::PI;
 
 /// What a surface that is no metal reflects at right angles (a refractive index of 1.5).
 const DIELECTRIC: f32 = 0.04;
@@ -65,8 +66,7 @@ impl Gloss {
     pub fn scatter(&self, normal: Vec3, to_eye: Vec3, sampler: &mut Sampler) -> Option<Scattered> {
         let to_eye = in_front(to_eye, normal);
         let eye = normal.dot(to_eye);
-        let (glossy, matte) = (sum(self.mirrored(eye)), sum(self.diffuse));
-        let part = glossy / (glossy + matte);
+        let part = self.part(eye);
         // The same numbers for both, so that what follows does not depend on the choice.
         let (choice, place) = (sampler.unit(), sampler.square());
         if choice < part {
@@ -75,7 +75,7 @@ impl Gloss {
             let light = normal.dot(dir);
             let share = self.mirrored(to_eye.dot(half)) * self.gain(eye) * (self.mirrors.seen(light) / part);
             (light > 0.0).then_some(Scattered { dir, share, spread: self.mirrors.lean() })
-        } else if matte > 0.0 {
+        } else if self.diffuse != Vec3::ZERO {
             let dir = cosine(normal, place);
             let half = (to_eye + dir).normalize_or(normal);
             let share = self.diffuse * (through(to_eye.dot(half)) / (1.0 - part));
@@ -83,6 +83,21 @@ impl Gloss {
         } else {
             None
         }
+    }
+
+    /// How likely `scatter` draws a direction, per steradian. All are unit vectors.
+    pub fn density(&self, normal: Vec3, to_eye: Vec3, to_light: Vec3) -> f32 {
+        let to_eye = in_front(to_eye, normal);
+        let half = (to_eye + to_light).normalize_or(normal);
+        let (eye, light, along) = (normal.dot(to_eye), normal.dot(to_light), normal.dot(half).clamp(0.0, 1.0));
+        let part = self.part(eye);
+        if light > 0.0 { part * self.mirrors.density(eye, along) + (1.0 - part) * light / PI } else { 0.0 }
+    }
+
+    /// How often a mirror is drawn, for an eye at an angle of this cosine.
+    fn part(&self, eye: f32) -> f32 {
+        let (glossy, matte) = (sum(self.mirrored(eye)), sum(self.diffuse));
+        glossy / (glossy + matte).max(f32::MIN_POSITIVE)
     }
 
     /// What mirrors reflect that are met at an angle of this cosine.
@@ -141,17 +156,21 @@ mod tests {
         let seen = |dir: Vec3| 1.0 + 2.0 * dir.dot(u) + dir.dot(NORMAL);
         for (gloss, eye) in cases() {
             let (mut drawn, mut even) = (Vec3::ZERO, Vec3::ZERO);
+            let (mut often, mut likely) = (0.0, 0.0);
             const SAMPLES: u32 = 1 << 16;
             for sample in 0..SAMPLES {
                 let mut sampler = Sampler::new(5, 0, sample, SAMPLES);
                 if let Some(Scattered { dir, share, .. }) = gloss.scatter(NORMAL, eye, &mut sampler) {
                     assert!((dir.length() - 1.0).abs() < 1e-4 && dir.dot(NORMAL) >= -1e-5);
                     drawn += share * (seen(dir) / SAMPLES as f32);
+                    often += seen(dir) / SAMPLES as f32;
                 }
                 let dir = sampler.cosine(NORMAL);
                 even += gloss.reflects(NORMAL, eye, dir) * (seen(dir) / SAMPLES as f32);
+                likely += gloss.density(NORMAL, eye, dir) * PI / dir.dot(NORMAL).max(1e-6) * seen(dir) / SAMPLES as f32;
             }
             assert!((drawn - even).abs().max_element() < 0.02, "{gloss:?}: {drawn} and {even}");
+            assert!((often - likely).abs() < 0.02, "{gloss:?}: {often} and {likely}");
         }
     }
 

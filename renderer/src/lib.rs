@@ -2,7 +2,7 @@
 //!
 //! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene
 //! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
-//! `sampling`, `sky`, `materials` and `gloss` (of `microfacets`), and at last `film` (pictures and files), `parts` (files of parts of a picture, and
+//! `sampling`, `sky`, `lamps`, `materials` and `gloss` (of `microfacets`), and at last `film` (pictures and files), `parts` (files of parts of a picture, and
 //! merging them), `heatmap` or `animation`. `farm` prints the commands of parts.
 
 mod animation;
@@ -14,6 +14,7 @@ pub mod font;
 mod gloss;
 mod heatmap;
 mod integrator;
+mod lamps;
 mod materials;
 mod microfacets;
 mod options;

@@ -5,6 +5,7 @@
 
 use crate::sampling::{disk, frame};
 use mbkd::glam::{Vec2, Vec3};
+use std::f32::consts::PI;
 use std::sync::LazyLock;
 
 /// The least lean: smoother mirrors show the disk of the sun as noise.
@@ -36,9 +37,14 @@ impl Mirrors {
     /// The light from one direction towards another off mirrors that reflect all of it, relative to what a white diffuse surface
     /// would show, by the cosines that the two and the middle between them have with the normal.
     pub fn reflect(self, eye: f32, light: f32, along: f32) -> f32 {
+        self.leaned(along) * self.seen(eye) * self.seen(light) / (4.0 * eye * light)
+    }
+
+    /// How many mirrors lean so that their normals have this cosine, relative to as many for every cosine.
+    fn leaned(self, along: f32) -> f32 {
         let square = self.lean * self.lean;
         let spread = along * along * (square - 1.0) + 1.0;
-        square / (spread * spread) * self.seen(eye) * self.seen(light) / (4.0 * eye * light)
+        square / (spread * spread)
     }
 
     /// The share of the mirrors that is not hidden by others, seen at an angle of this cosine (Smith).
@@ -59,6 +65,12 @@ impl Mirrors {
         let z = (1.0 - disk.x * disk.x - y * y).max(0.0).sqrt();
         let mirror = across * disk.x + up * y + eye * z;
         (u * (self.lean * mirror.x) + v * (self.lean * mirror.y) + normal * mirror.z.max(0.0)).normalize_or(normal)
+    }
+
+    /// How likely a direction is that the `drawn` mirrors send light to, per steradian, by the cosines that the eye's and the middle
+    /// between both have with the normal.
+    pub fn density(self, eye: f32, along: f32) -> f32 {
+        self.leaned(along) * self.seen(eye) / (4.0 * eye * PI)
     }
 
     /// The share of the light that one reflection brings to an eye at an angle of this cosine from a white surround, where mirrors

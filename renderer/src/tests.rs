@@ -3,7 +3,8 @@
 use crate::animation::Animation;
 use crate::exr::Region;
 use crate::film::{Film, in_units, save_linear};
-use crate::materials::{Finish, Surface};
+use crate::lamps::Lamps;
+use crate::materials::{Finish, Surface, Texture};
 use crate::options::Options;
 use crate::parts::{Part, merge};
 use crate::render::{Job, SQUARE, render};
@@ -14,9 +15,10 @@ use crate::staging::scene_of;
 use crate::world::World;
 use clap::Parser;
 use indicatif::ProgressBar;
-use mbkd::glam::Vec3;
+use mbkd::glam::{Vec2, Vec3};
 use mbkd::{BuildParams, KdParams, Policy, TriangleMesh};
 use mbkd_scenes::{Camera, View};
+use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -315,6 +317,129 @@ fn what_shines_is_seen_and_lights_what_sees_it() {
     let share = 4.0 * a / root * (a / root).atan() / std::f64::consts::PI;
     let found = lit(1);
     assert!((found - glow * (0.5 * share as f32)).abs().max_element() < 0.03, "{found}, {share}");
+}
+
+/// A square that fills the picture, in the light of lamps alone.
+fn lit_by(floor: Surface, lamps: Vec<(TriangleMesh, Surface)>) -> Stage {
+    let dark = Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, below: Vec3::ZERO, sun: Vec3::ZERO, ..furnace() };
+    let mut stage = stage(square(&[Vec3::ZERO]), 0.0, dark, front());
+    stage.things.surfaces = vec![floor];
+    for (mesh, surface) in lamps {
+        stage.things.meshes.push(mesh);
+        stage.things.surfaces.push(surface);
+    }
+    stage
+}
+
+/// A picture with rays that look for lamps, or with paths alone.
+fn lit(stage: &Stage, looks: bool, bounces: u32, samples: u32) -> Vec<Vec3> {
+    let mut world = World::build(&stage.things, &BuildParams::default()).unwrap();
+    assert!(!world.lamps.is_empty());
+    if !looks {
+        world.lamps = Lamps::default();
+    }
+    let job = Job { bounces, ..job(8, 8, samples) };
+    render(&world, stage, &job, &AtomicBool::new(false), &ProgressBar::hidden()).0.linear()
+}
+
+#[test]
+fn lamps_light_as_much_as_paths_find_with_less_noise() {
+    let white = || Surface::plain(Vec3::splat(0.8));
+    let shining =
+        |light: f32| Surface { emission: Vec3::new(1.0, 0.7, 0.4) * light, ..Surface::plain(Vec3::splat(0.2)) };
+    let metal = Surface { finish: Some(Finish { metallic: 0.6, roughness: 0.5, texture: None }), ..white() };
+    let pixels = vec![[255, 255, 255], [0, 0, 0], [200, 40, 90], [0, 0, 0]];
+    let painted = Surface {
+        uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
+        emission_texture: Some(Arc::new(Texture { width: 2, height: 2, pixels })),
+        ..shining(50.0)
+    };
+    // A square of this half width that stands beside the floor or passes over it.
+    let lamp = |half: f32, keys: &[Vec3]| {
+        let corners = |at: &Vec3| {
+            [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(y, z)| *at + Vec3::new(-0.3 * z, y, z))
+        };
+        let keys = keys.iter().map(|at| corners(at).into()).collect::<Vec<Vec<Vec3>>>();
+        TriangleMesh::new(vec![[0, 1, 2], [0, 2, 3]], keys)
+    };
+    let aside = Vec3::new(3.0, 0.5, 2.0);
+    // What stands there, bounces, and how much less noise there is at least (mean square, 16 samples).
+    let cases = [
+        ("small", lit_by(white(), vec![(lamp(0.2, &[aside]), shining(50.0))]), 1, 1000.0),
+        (
+            "moving",
+            lit_by(white(), vec![(lamp(0.2, &[Vec3::new(3.0, 3.0, 1.0), Vec3::new(2.0, -3.0, 3.0)]), shining(50.0))]),
+            1,
+            1000.0,
+        ),
+        ("painted", lit_by(white(), vec![(lamp(0.4, &[aside]), painted)]), 1, 50.0),
+        ("on metal", lit_by(metal, vec![(lamp(0.3, &[aside]), shining(20.0))]), 1, 1000.0),
+        (
+            "three, and walls",
+            lit_by(
+                white(),
+                vec![
+                    (lamp(0.2, &[aside]), shining(50.0)),
+                    (lamp(0.05, &[Vec3::new(-2.0, 1.0, 1.0)]), shining(300.0)),
+                    (lamp(1.0, &[Vec3::new(0.0, 4.0, 1.0)]), shining(1.0)),
+                    (lamp(2.0, &[Vec3::new(-4.0, 0.0, 2.0)]), white()),
+                ],
+            ),
+            3,
+            100.0,
+        ),
+        ("large", lit_by(white(), vec![(lamp(4.0, &[Vec3::new(2.5, 0.0, 4.0)]), shining(1.0))]), 1, 4.0),
+    ];
+    for (name, stage, bounces, less) in cases {
+        let of = |looks: bool, samples: u32| lit(&stage, looks, bounces, samples);
+        const MANY: u32 = 1 << 14;
+        let (paths, both) = ((of(false, 16), of(false, MANY)), (of(true, 16), of(true, MANY / 16)));
+        let mean = |film: &[Vec3]| film.iter().sum::<Vec3>() / film.len() as f32;
+        let error = |film: &[Vec3]| {
+            film.iter().zip(&both.1).map(|(a, b)| (*a - *b).length_squared()).sum::<f32>() / film.len() as f32
+        };
+        let [before, now] = [error(&paths.0), error(&both.0)];
+        // Four standard deviations of the mean that paths alone find, over 64 pixels and as many samples.
+        let near = 4.0 * (before * 16.0 / (64.0 * MANY as f32)).sqrt();
+        assert!((mean(&paths.1) - mean(&both.1)).length() < near, "{name}: {} and {}", mean(&paths.1), mean(&both.1));
+        assert!(now * less < before, "{name}: {before:e} and {now:e}");
+    }
+}
+
+#[test]
+fn a_small_lamp_lights_by_cosines_and_distance() {
+    let (half, light) = (0.02f32, 1e4);
+    let corners = [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(y, z)| Vec3::new(3.0, y, 2.0 + z));
+    let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], corners.into());
+    let lamp = Surface { emission: Vec3::splat(light), ..Surface::plain(Vec3::ZERO) };
+    let film = lit(&lit_by(Surface::plain(Vec3::splat(0.8)), vec![(mesh, lamp)]), true, 1, 16);
+    for (i, found) in film.into_iter().enumerate() {
+        let at = |i: usize| (i as f32 + 0.5) / 4.0 - 1.0;
+        let way = Vec3::new(3.0, 0.0, 2.0) - Vec3::new(at(i % 8), -at(i / 8), 0.0);
+        let square = way.length_squared();
+        let expected = 0.8 / PI * light * 4.0 * half * half * way.z * way.x / (square * square);
+        assert!((found.x / expected - 1.0).abs() < 0.02, "pixel {i}: {found} and {expected}");
+    }
+}
+
+#[test]
+fn in_a_room_whose_walls_shine_there_is_little_noise() {
+    // Paths alone would find the same light everywhere; rays that look for lamps must not spoil that.
+    let wall = |corners: [[f32; 3]; 4]| {
+        let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], corners.map(Vec3::from).into());
+        (mesh, Surface { emission: Vec3::ONE, ..Surface::plain(Vec3::ZERO) })
+    };
+    let (a, b) = (-12.0, 12.0);
+    let walls = vec![
+        wall([[a, a, -1.0], [a, b, -1.0], [a, b, b], [a, a, b]]),
+        wall([[b, a, -1.0], [b, b, -1.0], [b, b, b], [b, a, b]]),
+        wall([[a, a, -1.0], [b, a, -1.0], [b, a, b], [a, a, b]]),
+        wall([[a, b, -1.0], [b, b, -1.0], [b, b, b], [a, b, b]]),
+        wall([[a, a, b], [b, a, b], [b, b, b], [a, b, b]]),
+    ];
+    let film = lit(&lit_by(Surface::plain(Vec3::splat(0.5)), walls), true, 1, 64);
+    let error = film.iter().map(|c| (c.x - 0.5) * (c.x - 0.5)).sum::<f32>() / film.len() as f32;
+    assert!(error.sqrt() < 0.01, "{}", error.sqrt());
 }
 
 #[test]

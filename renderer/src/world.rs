@@ -1,12 +1,14 @@
 //! A stage with its tree: what rays are asked of, and what is known where they hit.
 
 use crate::gloss::{Gloss, Scattered};
+use crate::lamps::{Lamps, Sight, spread};
 use crate::materials::Surface;
 use crate::sampling::Sampler;
 use crate::stage::{LEVELS, Things};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildError, BuildParams, Hit, Keys, MovingSphere, Observer, Ray, RayTree, Shape, Statistics, TriangleMesh};
 use mbkd_scenes::FlakeSphere;
+use std::f32::consts::PI;
 
 /// A tree and the surfaces of the things in it.
 pub struct World {
@@ -15,6 +17,8 @@ pub struct World {
     surfaces: Vec<(Surface, Vec<[u32; 3]>)>,
     /// The colour of each sphere.
     colors: Vec<Vec3>,
+    /// What rays look for.
+    pub(crate) lamps: Lamps,
     /// How far points are lifted off a surface before the next ray starts, relative to the distances involved.
     lift: f32,
 }
@@ -47,6 +51,14 @@ impl Point {
         }
     }
 
+    /// How likely `scatter` draws a direction, per steradian.
+    pub fn density(&self, to_eye: Vec3, to_light: Vec3) -> f32 {
+        match self.gloss {
+            Some(gloss) => gloss.density(self.normal, to_eye, to_light),
+            None => self.normal.dot(to_light).max(0.0) / PI,
+        }
+    }
+
     /// The same point with mirrors, if it has any, that lean this far at least.
     pub fn leaning(self, least: f32) -> Point {
         Point { gloss: self.gloss.map(|gloss| gloss.leaning(least)), ..self }
@@ -62,6 +74,7 @@ impl World {
         Ok(World {
             tree: RayTree::of_scene(meshes, spheres.iter().map(moving).collect(), params)?,
             surfaces: surfaces.iter().cloned().zip(meshes.iter().map(|mesh| mesh.indices.clone())).collect(),
+            lamps: Lamps::new(meshes, surfaces),
             colors: spheres.iter().map(|sphere| colors[sphere.level as usize % colors.len()]).collect(),
             lift: if spheres.is_empty() { lift } else { lift.max(1e-5) },
         })
@@ -95,8 +108,33 @@ impl World {
                 (normal, normal, self.colors[hit.primitive as usize])
             }
         };
-        let lift = self.lift + 2e-6 * hit.t * ray.dir.length();
+        let lift = self.lift(hit.t * ray.dir.length());
         Point { position: at + flat.as_dvec3() * f64::from(lift), normal, color, gloss, emission }
+    }
+
+    /// A place on a lamp, drawn, with the ray that looks whether it is free and the light that it sends; none without lamps.
+    pub fn towards_lamp(&self, from: &Point, time: f32, sampler: &mut Sampler) -> Option<(Sight, Ray, Vec3)> {
+        let (mesh, primitive) = self.lamps.chosen(sampler.unit())?;
+        let [u, v] = spread(sampler.square());
+        let corners @ [a, b, c] = self.tree.triangle(mesh, primitive, time);
+        let place = a * f64::from(1.0 - u - v) + b * f64::from(u) + c * f64::from(v);
+        let sight = Sight::new(from.position, place, corners, self.lamps.chance(mesh, primitive));
+        let (surface, indices) = &self.surfaces[mesh as usize];
+        let emission = surface.emission_at(&Hit { t: 0.0, u, v, mesh, primitive }, indices[primitive as usize]);
+        let free = sight.distance as f32 - self.lift(sight.distance as f32);
+        let ray = Ray::new(from.position, sight.dir).at_time(time).between(0.0, free.max(0.0));
+        Some((sight, ray, emission))
+    }
+
+    /// How likely a ray would have looked for the place that another ray hit, per steradian.
+    pub fn lamp_density(&self, ray: &Ray, hit: &Hit) -> f32 {
+        let chance = self.lamps.chance(hit.mesh, hit.primitive);
+        Sight::new(ray.origin, ray.point(hit.t), self.tree.vertices(hit, ray.time), chance).density
+    }
+
+    /// How far points are lifted off a surface at this distance.
+    fn lift(&self, distance: f32) -> f32 {
+        self.lift + 2e-6 * distance
     }
 
     /// The outward normal of the sphere that was hit.
