@@ -70,6 +70,23 @@ impl Film {
         self.sums.iter().zip(&self.samples).map(|pixel| Vec3::from(mean(pixel))).collect()
     }
 
+    /// The film seen through a filter wider than a pixel: in both directions an eighth of either neighbour and six of the pixel itself,
+    /// as a quadratic B-spline has it. Lines are smoother, and pixels share samples: independent noise has a third of its variance. At the
+    /// edge of the picture pixels stand for the neighbours that are not there.
+    pub fn filtered(&self) -> Film {
+        let blend = |before: Vec3, pixel: Vec3, after: Vec3| pixel * 0.75 + (before + after) * 0.125;
+        let pixels = self.linear();
+        let at = |x: usize, y: usize| pixels[y * self.width + x];
+        let (last, bottom) = (self.width.saturating_sub(1), self.height.saturating_sub(1));
+        let across = |x: usize, y: usize| blend(at(x.saturating_sub(1), y), at(x, y), at((x + 1).min(last), y));
+        let rows: Vec<Vec3> = (0..pixels.len()).map(|i| across(i % self.width, i / self.width)).collect();
+        let row = |x: usize, y: usize| rows[y * self.width + x];
+        let down = |x: usize, y: usize| blend(row(x, y.saturating_sub(1)), row(x, y), row(x, (y + 1).min(bottom)));
+        let mut film = Film::new(self.width, self.height);
+        (0..pixels.len()).for_each(|i| film.add(i, down(i % self.width, i / self.width), 1));
+        film
+    }
+
     /// The picture as 8-bit sRGB.
     pub fn developed(&self, exposure: f32) -> Picture {
         let pixels = self.linear().into_iter().map(|c| tone_map(c * exposure).to_array().map(encode)).collect();
@@ -202,6 +219,23 @@ mod tests {
             assert_eq!(encode(decode(byte)), byte);
         }
         assert_eq!((encode(-1.0), encode(f32::NAN), encode(9.0)), (0, 0, 255));
+    }
+
+    #[test]
+    fn filtering_spreads_light_and_keeps_all_of_it() {
+        let light = Vec3::new(64.0, 32.0, 0.5);
+        for (x, y) in [(2, 2), (0, 0), (4, 3)] {
+            let mut film = Film::new(5, 4);
+            (0..20).for_each(|pixel| film.add(pixel, Vec3::ZERO, 2));
+            film.add(y * 5 + x, light * 4.0, 2);
+            let filtered = film.filtered().linear();
+            assert_eq!(filtered.iter().sum::<Vec3>(), light);
+            assert_eq!(filtered[7], if x == 2 { light * (6.0 / 64.0) } else { Vec3::ZERO });
+        }
+        let mut even = Film::new(3, 1);
+        (0..3).for_each(|pixel| even.add(pixel, light * 3.0, 3));
+        assert_eq!(even.filtered().linear(), vec![light; 3]);
+        assert!(Film::new(0, 0).filtered().linear().is_empty());
     }
 
     #[test]

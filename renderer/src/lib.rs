@@ -159,7 +159,7 @@ fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBo
         say(&format!("frame {} of {frames}", frame + 1));
         let film = expose(&world, &stage, &job, stop)?;
         if let Some(animation) = &mut animation {
-            animation.add(&film.developed(stage.sky.exposure))?;
+            animation.add(&film.filtered().developed(stage.sky.exposure))?;
         }
         for path in outputs {
             save(&film, stage.sky.exposure, &job, options, &numbered(path, frame))?;
@@ -311,7 +311,7 @@ fn save(film: &Film, exposure: f32, job: &Job, options: &Options, path: &Path) -
 /// Writes a picture in the format its name asks for, and says so.
 fn save_whole(film: &Film, exposure: f32, path: &Path) -> Result<(), String> {
     if is_png(path) {
-        film.developed(exposure).save(path)?;
+        film.filtered().developed(exposure).save(path)?;
     } else {
         save_linear(film, path)?;
     }

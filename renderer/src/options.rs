@@ -90,7 +90,7 @@ pub struct Options {
     #[arg(long, default_value_t = 540, value_parser = clap::value_parser!(u32).range(1..=16384), help_heading = "Picture")]
     pub height: u32,
     /// Samples per pixel
-    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Picture")]
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Picture")]
     pub spp: u32,
     /// Another seed, other noise; the same seed, the same file
     #[arg(long, default_value_t = 0, help_heading = "Picture")]

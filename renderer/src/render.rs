@@ -1,13 +1,13 @@
 //! The loop over tiles: parallel, interruptible, and with the same result for any number of threads.
 //!
-//! A pixel's samples depend on its number and the seed alone, and their sum is the same in any order. Several passes over
+//! A pixel's samples depend on its place, the seed and their number alone, and their sum is the same in any order. Several passes over
 //! the picture take a part of the samples each, so that an interrupted picture is complete and merely noisier; the first
 //! takes one sample of one pixel in sixteen, so that there is something to show at once.
 
 use crate::exr::Region;
 use crate::film::{Film, in_units};
 use crate::integrator::{Paths, camera_ray, radiance};
-use crate::sampling::Sampler;
+use crate::sampling::{Sampler, z_order};
 use crate::stage::Stage;
 use crate::world::World;
 use indicatif::ProgressBar;
@@ -124,8 +124,7 @@ impl Job {
 
     /// The ray of one sample of a pixel, with what is left of its random numbers.
     pub fn ray(&self, stage: &Stage, x: usize, y: usize, sample: u32) -> (mbkd::Ray, Sampler) {
-        let pixel = (y * self.width + x) as u64;
-        let mut sampler = Sampler::new(self.seed, pixel, sample, self.samples);
+        let mut sampler = Sampler::new(self.seed, z_order(x as u32, y as u32), sample, self.samples);
         let time = sampler.time();
         let time = self.shutter.0 + (self.shutter.1 - self.shutter.0) * time;
         let place = sampler.square();

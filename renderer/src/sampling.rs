@@ -1,37 +1,15 @@
-//! Sample points: evenly spread, different in every pixel, and the same on every machine.
+//! Sample points: evenly spread over every pixel and its neighbours, and the same on every machine.
 //!
-//! The samples of a pixel are points of an additive recurrence: sample `s` has `frac(shift + s * alpha)` in
-//! each dimension, with the `alpha` of the generalized golden ratio (Roberts, "The Unreasonable Effectiveness
-//! of Quasirandom Sequences", 2018) and a random shift per pixel. In 32-bit integers this is exact. Whatever
-//! needs more dimensions than there are gets plain random numbers. Times are stratified: with `n` samples
-//! each of `n` equal parts of the shutter gets one.
+//! Each pair of dimensions that a sample asks for is a point of Sobol's sequence in the plane: 2^k samples of a pixel put one into each
+//! of 2^k boxes of equal shape, whatever the shape. Owen's scrambling makes them random and keeps that (Owen, "Randomly permuted
+//! (t,m,s)-nets and (t,s)-sequences", 1995), by a hash whose bits depend on lower ones alone (Laine and Karras, "Stratified sampling for stochastic
+//! transparency", 2011); pairs are joined by scrambling the order of points too (Burley, "Practical hash-based Owen scrambling", 2020).
+//!
+//! Pixels that have successive numbers share one sequence: their samples together are as evenly spread as those of one. Numbered
+//! along a Z curve, what one pixel has too much of its neighbours have too little of, and noise is fine-grained (Ahmed and Wonka,
+//! "Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of pixels", 2020).
 
 use mbkd::glam::{Vec2, Vec3};
-
-/// Dimensions that come from the recurrence.
-const DIMENSIONS: usize = 10;
-/// 2^32 * g^-(i+1), where g = 1.0638... is the root of x^11 = x + 1.
-const ALPHA: [u32; DIMENSIONS] = alphas();
-
-const fn alphas() -> [u32; DIMENSIONS] {
-    // Newton's method on x^11 - x - 1.
-    let mut x = 1.07f64;
-    let mut step = 0;
-    while step < 30 {
-        let x5 = x * x * x * x * x;
-        let x10 = x5 * x5;
-        x -= (x10 * x - x - 1.0) / (11.0 * x10 - 1.0);
-        step += 1;
-    }
-    let mut alpha = [0u32; DIMENSIONS];
-    let (mut i, mut power) = (0, 1.0);
-    while i < DIMENSIONS {
-        power /= x;
-        alpha[i] = (power * 4294967296.0) as u32;
-        i += 1;
-    }
-    alpha
-}
 
 /// A stateless mix of two words (the finalizer of SplitMix64).
 pub fn mix(a: u64, b: u64) -> u64 {
@@ -43,48 +21,50 @@ pub fn mix(a: u64, b: u64) -> u64 {
 
 /// The random numbers of one sample of one pixel.
 pub struct Sampler {
-    pixel: u64,
-    sample: u32,
-    samples: u32,
-    used: usize,
-    random: u64,
+    /// What scrambles the sequence.
+    seed: u64,
+    /// Place in the sequence.
+    index: u32,
+    /// Dimensions used.
+    used: u32,
 }
 
 impl Sampler {
     /// Sample `sample` of `samples` of the pixel with this number, under a seed.
     pub fn new(seed: u64, pixel: u64, sample: u32, samples: u32) -> Sampler {
-        let pixel = mix(mix(0x6d62_6b64, seed), pixel);
-        Sampler { pixel, sample, samples, used: 0, random: mix(pixel, u64::from(sample) << 32) }
+        // Every pixel has a power of two of places; those beyond 2^32 are in another sequence.
+        let bits = 32 - samples.saturating_sub(1).leading_zeros();
+        let (index, sequence) = ((pixel << bits) as u32 | sample, pixel >> (32 - bits));
+        Sampler { seed: mix(mix(0x6d62_6b64, seed), sequence), index, used: 0 }
     }
 
     /// The next number in [0, 1).
     pub fn unit(&mut self) -> f32 {
-        let bits = if self.used < DIMENSIONS {
-            let shift = mix(self.pixel, self.used as u64) as u32;
-            let bits = shift.wrapping_add(self.sample.wrapping_mul(ALPHA[self.used]));
-            self.used += 1;
-            bits
-        } else {
-            self.random = mix(self.random, 0);
-            self.random as u32
-        };
-        (bits >> 8) as f32 / (1u32 << 24) as f32
+        let pair = self.pair();
+        self.used += 1;
+        if self.used % 2 == 1 { pair.x } else { pair.y }
     }
 
     /// A point of the unit square.
     pub fn square(&mut self) -> Vec2 {
-        Vec2::new(self.unit(), self.unit())
+        self.used = self.used.next_multiple_of(2);
+        let pair = self.pair();
+        self.used += 2;
+        pair
     }
 
-    /// A time in the stratum of this sample, in [0, 1).
-    ///
-    /// Strata are visited in the order of a stride near the golden section, so that the first few
-    /// samples of a picture that is interrupted cover the shutter too.
+    /// The point of the pair of dimensions whose turn it is.
+    fn pair(&self) -> Vec2 {
+        let key = mix(self.seed, u64::from(self.used / 2));
+        let index = scrambled(self.index.reverse_bits(), key as u32).reverse_bits();
+        let keys = mix(key, 0);
+        let unit = |bits: u32, key: u32| (scrambled(bits, key).reverse_bits() >> 8) as f32 / (1u32 << 24) as f32;
+        Vec2::new(unit(index, (key >> 32) as u32 ^ keys as u32), unit(shifted(index), (keys >> 32) as u32))
+    }
+
+    /// A time in [0, 1): of as many samples as a power of two, one in each of as many equal parts.
     pub fn time(&mut self) -> f32 {
-        let n = u64::from(self.samples);
-        let stratum = u64::from(self.sample) * stride(n) % n;
-        // Below 1 for certain: sums of multiples of 2^-24 near 1 may round up.
-        ((stratum as f32 + self.unit()) / self.samples as f32).min(1.0 - f32::EPSILON)
+        self.unit()
     }
 
     /// A point of the unit disk.
@@ -118,19 +98,31 @@ pub fn cosine(n: Vec3, square: Vec2) -> Vec3 {
     u * d.x + v * d.y + n * (1.0 - d.length_squared()).max(0.0).sqrt()
 }
 
-/// A number near 0.618 n without a common divisor with n.
-fn stride(n: u64) -> u64 {
-    let mut stride = (n * 309 / 500).max(1);
-    let divisor = |mut a: u64, mut b: u64| {
-        while b != 0 {
-            (a, b) = (b, a % b);
-        }
-        a
-    };
-    while divisor(stride, n) != 1 {
-        stride += 1;
+/// Owen's scrambling of a number whose bits are in reverse order: every bit is flipped or not by what the lower ones are.
+fn scrambled(mut x: u32, key: u32) -> u32 {
+    x = x.wrapping_add(key);
+    for even in [0x6c50_b47c, 0xb82f_1e52, 0xc7af_e638, 0x8d22_f6e6] {
+        x ^= x.wrapping_mul(even);
     }
-    stride
+    x
+}
+
+/// The second dimension of Sobol's sequence at an index, bits in reverse order: the polynomial over two elements that the bits of the index are, at
+/// x + 1 instead of x. Halves are joined by (x + 1)^n = x^n + 1 for n = 16, 8, 4, 2, 1.
+fn shifted(mut x: u32) -> u32 {
+    x ^= x >> 16;
+    x ^= (x & 0xff00_ff00) >> 8;
+    x ^= (x & 0xf0f0_f0f0) >> 4;
+    x ^= (x & 0xcccc_cccc) >> 2;
+    x ^ (x & 0xaaaa_aaaa) >> 1
+}
+
+/// The number of a pixel along a Z curve: the bits of column and row in turns.
+pub fn z_order(x: u32, y: u32) -> u64 {
+    const MASKS: [u64; 5] =
+        [0xffff_0000_ffff, 0xff_00ff_00ff_00ff, 0x0f0f_0f0f_0f0f_0f0f, 0x3333_3333_3333_3333, 0x5555_5555_5555_5555];
+    let apart = |v: u32| (0..5).fold(u64::from(v), |v, i| (v | v << (16 >> i)) & MASKS[i]);
+    apart(x) | apart(y) << 1
 }
 
 /// Cosine and sine of an angle in turns, from additions and products alone: the platform's differ in the
@@ -176,9 +168,70 @@ pub fn frame(n: Vec3) -> (Vec3, Vec3) {
 mod tests {
     use super::*;
 
+    /// The points of a pixel in a pair of dimensions.
+    fn points(pixel: u64, samples: u32, pair: usize) -> Vec<Vec2> {
+        let point = |sample: u32| {
+            let mut sampler = Sampler::new(1, pixel, sample, samples);
+            for _ in 0..pair {
+                sampler.square();
+            }
+            sampler.square()
+        };
+        (0..samples).map(point).collect()
+    }
+
     #[test]
-    fn every_stratum_of_the_shutter_gets_one_time() {
-        for samples in [1u32, 2, 7, 16, 100] {
+    fn every_box_of_any_shape_gets_one_point() {
+        // Of one pixel, and of sixteen neighbours together.
+        let neighbours = |pair: usize| (0..16).flat_map(|pixel| points(1_000_000 * 16 + pixel, 16, pair)).collect();
+        for pair in 0..6 {
+            for points in [points(99, 256, pair), neighbours(pair)] {
+                for columns in (0..9).map(|power| 1 << power) {
+                    let place = |p: &Vec2| {
+                        (p.x * columns as f32) as usize * (256 / columns) + (p.y * (256 / columns) as f32) as usize
+                    };
+                    let mut boxes: Vec<usize> = points.iter().map(place).collect();
+                    boxes.sort_unstable();
+                    assert!(boxes.into_iter().eq(0..256), "pair {pair}, {columns} columns");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pairs_pixels_and_seeds_have_nothing_in_common() {
+        // Correlations of independent numbers have a standard deviation of 1/64.
+        let numbers = |seed: u64, pixel: u64, dimension: usize| -> Vec<f32> {
+            let number = |sample: u32| {
+                let mut sampler = Sampler::new(seed, pixel, sample, 4096);
+                for _ in 0..dimension {
+                    sampler.unit();
+                }
+                sampler.unit() - 0.5
+            };
+            (0..4096).map(number).collect()
+        };
+        let all = [(0, 0), (0, 1), (0, 1 << 40), (1, 0)]
+            .into_iter()
+            .flat_map(|(seed, pixel)| (0..12).map(move |dimension| numbers(seed, pixel, dimension)));
+        let all: Vec<Vec<f32>> = all.collect();
+        for (i, a) in all.iter().enumerate() {
+            for b in &all[..i] {
+                let correlation = a.iter().zip(b).map(|(a, b)| 12.0 * a * b / 4096.0).sum::<f32>();
+                assert!(correlation.abs() < 0.08, "{i}: {correlation}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_z_curve_takes_bits_in_turns() {
+        assert_eq!((z_order(1, 0), z_order(0, 1), z_order(5, 3)), (1, 2, 0b01_10_11));
+        assert_eq!(z_order(u32::MAX, 0) | z_order(0, u32::MAX), u64::MAX);
+    }
+
+    #[test]
+    fn times_of_a_power_of_two_of_samples_are_one_in_each_part() {
+        for samples in [1u32, 2, 16, 64] {
             let mut seen = vec![0; samples as usize];
             for sample in 0..samples {
                 let time = Sampler::new(1, 99, sample, samples).time();
@@ -187,6 +240,12 @@ mod tests {
             }
             assert!(seen.iter().all(|&n| n == 1), "{samples}: {seen:?}");
         }
+        // Of others, none has two of the parts of the next power.
+        let mut parts: Vec<usize> =
+            (0..100).map(|sample| (Sampler::new(1, 99, sample, 100).time() * 128.0) as usize).collect();
+        parts.sort_unstable();
+        parts.dedup();
+        assert_eq!(parts.len(), 100);
     }
 
     #[test]
