@@ -9,6 +9,7 @@ mod photons;
 mod picture;
 mod progressive;
 mod room;
+mod sequence;
 mod sheet;
 
 use clap::Parser;
@@ -16,7 +17,7 @@ use mbkd::glam::Vec3;
 use mbkd_renderer::film::save_linear;
 use mbkd_renderer::{bar, say, stop_on_interrupt};
 use photons::Paths;
-use picture::{Method, Pictures, Settings, pass};
+use picture::{Method, Pictures, Reach, Settings, pass};
 use progressive::Progressive;
 use room::Room;
 use sheet::{EXPOSURE, Errors, draw, errors};
@@ -42,12 +43,18 @@ struct Options {
     /// How long each picture may take
     #[arg(long, default_value_t = 30.0, value_name = "SECONDS", value_parser = seconds)]
     seconds: f64,
-    /// Photon paths per pass
-    #[arg(long, default_value_t = 300_000, value_parser = clap::value_parser!(u32).range(1000..=100_000_000))]
-    photons: u32,
-    /// Camera samples per pixel and pass, where rays have times of their own
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    /// Photon paths per pass, where rays have times of their own; three for four pixels if not given
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1000..=100_000_000))]
+    photons: Option<u32>,
+    /// Photon paths per pass, where a pass has one time; one for four pixels if not given, the best of those tried
+    #[arg(long, value_name = "PHOTONS", value_parser = clap::value_parser!(u32).range(1000..=100_000_000))]
+    photons_of_one_time: Option<u32>,
+    /// Camera samples per pixel and pass, where rays have times of their own; best a power of two
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1024))]
     samples: u32,
+    /// The share of the glass sphere's way that the camera goes along: 0 stands still
+    #[arg(long, default_value_t = 1.0, value_name = "SHARE", value_parser = share)]
+    along: f32,
     /// Another seed, other noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -70,6 +77,11 @@ fn seconds(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "a number of seconds above 0".into())
 }
 
+fn share(text: &str) -> Result<f32, String> {
+    let number = text.parse::<f32>().ok().filter(|x| (0.0..=1.0).contains(x));
+    number.ok_or_else(|| "a number from 0 to 1".into())
+}
+
 fn main() -> ExitCode {
     match run(&Options::parse()) {
         Ok(()) => ExitCode::SUCCESS,
@@ -85,22 +97,21 @@ fn run(options: &Options) -> Result<(), String> {
         return Err(format!("{}: pictures are written as .png", options.output.display()));
     }
     let stop = stop_on_interrupt()?;
-    let room = Room::new().map_err(|e| e.to_string())?;
-    let settings = Settings {
-        width: options.width as usize,
-        height: options.height as usize,
-        paths: Paths { glass: options.photons as usize / 2, others: options.photons as usize / 2 },
-        caustic: (0.035, 0.015),
-        indirect: (0.22, 0.08),
-        samples: options.samples,
-        seed: options.seed,
-    };
+    let room = Room::new(options.along).map_err(|e| e.to_string())?;
     if options.progressive {
-        return progressive(options, &room, &settings, &stop);
+        return progressive(options, &room, &settings(options, Method::RayTime), &stop);
     }
     if options.reference {
-        let settings = Settings { caustic: (0.016, 1.0), indirect: (0.12, 1.0), seed: !options.seed, ..settings };
-        let [made] = expose(&room, &settings, [Method::OneTime], options.seconds, &stop);
+        let settings = settings(options, Method::OneTime);
+        let settings = Settings {
+            paths: Paths { glass: 2 * settings.paths.glass, others: 2 * settings.paths.others },
+            caustic: Reach { radius: 0.018, photons: 400, ..settings.caustic },
+            indirect: Reach { radius: 0.13, photons: 300, ..settings.indirect },
+            shrinks: false,
+            seed: !options.seed,
+            ..settings
+        };
+        let [made] = expose(&room, [(Method::OneTime, settings)], options.seconds, &stop);
         save_linear(&made.all, &beside(options, "_reference.pfm"))?;
         save_linear(&made.caustic, &beside(options, "_reference_caustic.pfm"))?;
         made.all.developed(EXPOSURE).save(&beside(options, "_reference.png"))?;
@@ -112,16 +123,24 @@ fn run(options: &Options) -> Result<(), String> {
         return Ok(());
     }
     if options.alone {
-        let [made] = expose(&room, &settings, [Method::RayTime], options.seconds, &stop);
+        let [made] = expose(&room, [(Method::RayTime, settings(options, Method::RayTime))], options.seconds, &stop);
         return save(&made, &options.output);
     }
     let methods = [Method::Ignored, Method::OneTime, Method::RayTime];
-    let made = expose(&room, &settings, methods, options.seconds, &stop);
+    let made = expose(&room, methods.map(|method| (method, settings(options, method))), options.seconds, &stop);
     save(&made[2], &options.output)?;
-    let reference = reference(options, &settings)?;
+    let reference = reference(options)?;
     let panel = |method: Method, made: &Pictures| {
         let name = name(method);
-        let mut text = vec![name.to_string(), format!("{:.0} s, {} passes", made.spent.as_secs_f64(), made.passes)];
+        let mut text = vec![
+            name.to_string(),
+            format!(
+                "{:.0} s, {} passes of {}",
+                made.spent.as_secs_f64(),
+                made.passes,
+                settings(options, method).samples
+            ),
+        ];
         if let Some([all, caustic]) = &reference {
             let Errors { all, caustic } = errors(made, all, caustic);
             say(&format!("{name}: {} passes, relative MSE {all:.5}, in the caustic {caustic:.5}", made.passes));
@@ -138,6 +157,25 @@ fn run(options: &Options) -> Result<(), String> {
         say("no reference of this size: --reference makes one, and the sheet then has errors");
     }
     Ok(())
+}
+
+/// What a method works with: of what was tried for it, what gave the least error in the caustic in the same time.
+fn settings(options: &Options, method: Method) -> Settings {
+    let pixels = options.width * options.height;
+    let (paths, samples, enough) = match method {
+        Method::OneTime => (options.photons_of_one_time.unwrap_or(pixels / 4), 1, (300, 150)),
+        Method::RayTime | Method::Ignored => (options.photons.unwrap_or(pixels / 4 * 3), options.samples, (300, 150)),
+    };
+    Settings {
+        width: options.width as usize,
+        height: options.height as usize,
+        paths: Paths { glass: paths as usize / 2, others: paths as usize / 2 },
+        caustic: Reach { radius: 0.07, window: 0.3, photons: enough.0 },
+        indirect: Reach { radius: 0.45, window: 0.2, photons: enough.1 },
+        shrinks: true,
+        samples,
+        seed: options.seed,
+    }
 }
 
 /// What a method is called.
@@ -159,21 +197,21 @@ fn save(made: &Pictures, path: &Path) -> Result<(), String> {
 /// methods take turns, the one that has had the least time first: what else the machine does delays all of them alike.
 fn expose<const N: usize>(
     room: &Room,
-    settings: &Settings,
-    methods: [Method; N],
+    methods: [(Method, Settings); N],
     seconds: f64,
     stop: &AtomicBool,
 ) -> [Pictures; N] {
     let budget = Duration::from_secs_f64(seconds);
     let bar = bar((1000.0 * seconds) as u64 * N as u64);
-    let mut all = methods.map(|_| Pictures::new(settings));
+    let mut all = methods.map(|(_, settings)| Pictures::new(&settings));
     // A pass more, if more than half of it fits.
     let wants = |made: &Pictures| match made.passes {
         0 => true,
         passes => made.spent + made.spent / (2 * passes) < budget && !stop.load(Ordering::Relaxed),
     };
     while let Some(next) = (0..N).filter(|&i| wants(&all[i])).min_by_key(|&i| all[i].spent) {
-        pass(room, settings, methods[next], &mut all[next]);
+        let (method, settings) = &methods[next];
+        pass(room, settings, *method, &mut all[next]);
         bar.set_position(all.iter().map(|made| made.spent.as_millis() as u64).sum());
     }
     bar.finish_and_clear();
@@ -205,25 +243,26 @@ fn beside(options: &Options, end: &str) -> PathBuf {
 }
 
 /// The reference's light and caustic, if there is one of this size.
-fn reference(options: &Options, settings: &Settings) -> Result<Option<[Vec<Vec3>; 2]>, String> {
+fn reference(options: &Options) -> Result<Option<[Vec<Vec3>; 2]>, String> {
     let (all, caustic) = (beside(options, "_reference.pfm"), beside(options, "_reference_caustic.pfm"));
     if !all.exists() || !caustic.exists() {
         return Ok(None);
     }
-    let (all, caustic) = (read_pfm(&all, settings)?, read_pfm(&caustic, settings)?);
+    let (all, caustic) = (read_pfm(&all, options)?, read_pfm(&caustic, options)?);
     Ok(all.zip(caustic).map(|(all, caustic)| [all, caustic]))
 }
 
 /// A portable float map as this program writes it; `None` if it has another size.
-fn read_pfm(path: &Path, settings: &Settings) -> Result<Option<Vec<Vec3>>, String> {
+fn read_pfm(path: &Path, options: &Options) -> Result<Option<Vec<Vec3>>, String> {
     let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
-    let header = format!("PF\n{} {}\n-1.0\n", settings.width, settings.height);
+    let (width, height) = (options.width as usize, options.height as usize);
+    let header = format!("PF\n{width} {height}\n-1.0\n");
     let Some(body) = bytes.strip_prefix(header.as_bytes()) else { return Ok(None) };
-    if body.len() != 12 * settings.width * settings.height {
+    if body.len() != 12 * width * height {
         return Err(format!("{}: the file is not complete", path.display()));
     }
     let number = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let pixel = |bytes: &[u8]| Vec3::new(number(bytes), number(&bytes[4..]), number(&bytes[8..]));
-    let rows = body.chunks(12 * settings.width).rev();
+    let rows = body.chunks(12 * width).rev();
     Ok(Some(rows.flat_map(|row| row.chunks(12).map(pixel)).collect()))
 }

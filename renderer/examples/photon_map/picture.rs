@@ -2,9 +2,10 @@
 
 use crate::photons::{Paths, Photons, Times, trace};
 use crate::room::{EMITTED, Room, Spot, Surface, lifted, through_glass};
+use crate::sequence::{Sample, time_of_pass};
 use mbkd::Ray;
-use mbkd::glam::Vec3;
-use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Kernel, PhotonMap};
+use mbkd::glam::{Vec2, Vec3};
+use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Kernel, PhotonMap, PointStructure};
 use mbkd_renderer::film::Film;
 use mbkd_renderer::sampling::Sampler;
 use rayon::prelude::*;
@@ -15,15 +16,29 @@ use std::time::{Duration, Instant};
 /// glass would make more noise than all that is compared here. The reference has the same limit.
 const WHITE: Vec3 = Vec3::splat(4.0);
 
+/// Rows of pixels that are looked at together.
+const BAND: usize = 8;
+
 /// What is done about the times of photons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Photons are gathered through a window around the time of the camera's ray.
+    /// Photons are gathered through a window around the time of the camera's ray; those of the caustic go on with it.
     RayTime,
     /// Each pass has one time for all photons and all rays.
     OneTime,
     /// Photons of all times are gathered.
     Ignored,
+}
+
+/// How far a gather reaches.
+#[derive(Clone, Copy, Debug)]
+pub struct Reach {
+    /// Radius of the disc.
+    pub radius: f32,
+    /// Half width of the window.
+    pub window: f32,
+    /// Photons that are enough: the disc is smaller where there are more.
+    pub photons: usize,
 }
 
 /// Sizes of gathers and passes.
@@ -35,14 +50,31 @@ pub struct Settings {
     pub height: usize,
     /// Paths per pass.
     pub paths: Paths,
-    /// Radius and half window of gathers of the caustic.
-    pub caustic: (f32, f32),
-    /// The same of indirect light.
-    pub indirect: (f32, f32),
-    /// Samples per pixel and pass where rays may have times of their own.
+    /// Gathers of the caustic, were there one sample per pixel.
+    pub caustic: Reach,
+    /// Gathers of indirect light.
+    pub indirect: Reach,
+    /// Whether discs and windows shrink as samples become more.
+    pub shrinks: bool,
+    /// Samples per pixel and pass.
     pub samples: u32,
     /// Other noise.
     pub seed: u64,
+}
+
+impl Settings {
+    /// How far the gathers of a pass reach. With n samples per pixel radius and window are n to the power of -1/6 of
+    /// what they are with one: error by noise and error by blur then both go to zero (Knaus and Zwicker, "Progressive
+    /// Photon Mapping: A Probabilistic Approach", 2011, with their parameter at 2/3).
+    fn reaches(&self, method: Method, pass: u32) -> [Reach; 2] {
+        let samples = ((pass + 1) * self.samples) as f32;
+        let share = if self.shrinks { samples.powf(-1.0 / 6.0) } else { 1.0 };
+        [self.caustic, self.indirect].map(|reach| Reach {
+            radius: reach.radius * share,
+            window: if method == Method::RayTime { reach.window * share } else { f32::INFINITY },
+            ..reach
+        })
+    }
 }
 
 /// A picture in the making: all light, and the caustic alone.
@@ -95,16 +127,10 @@ pub fn look(room: &Room, mut ray: Ray, sampler: &mut Sampler) -> Seen {
 }
 
 /// The camera ray of a sample of a pixel.
-pub fn camera_ray(room: &Room, settings: &Settings, pixel: usize, time: f32, sampler: &mut Sampler) -> Ray {
+pub fn camera_ray(room: &Room, settings: &Settings, pixel: usize, place: Vec2, time: f32) -> Ray {
     let (x, y) = (pixel % settings.width, pixel / settings.width);
-    let place = sampler.square();
     let (u, v) = ((x as f32 + place.x) / settings.width as f32, (y as f32 + place.y) / settings.height as f32);
     room.camera.ray(u, v, settings.width as f32 / settings.height as f32, time)
-}
-
-/// A time for pass `pass` that fills the shutter evenly, however many passes there will be (van der Corput).
-pub fn time_of_pass(pass: u32) -> f32 {
-    pass.wrapping_add(1).reverse_bits() as f32 / (1u64 << 32) as f32 * (1.0 - f32::EPSILON)
 }
 
 /// One pass.
@@ -113,37 +139,40 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
     let number = pictures.passes;
     let seed = settings.seed.wrapping_add(u64::from(number) << 20);
     let one_time = (method == Method::OneTime).then(|| time_of_pass(number));
-    let photons = trace(room, settings.paths, one_time.map_or(Times::Spread, Times::At), seed);
-    let maps =
-        [(&photons.caustic, settings.caustic), (&photons.indirect, settings.indirect)].map(|(photons, (_, w))| {
-            let params =
-                GatherParams { window: if method == Method::RayTime { w } else { 1.0 }, ..GatherParams::default() };
-            PhotonMap::build(photons, &params).expect("traced photons are finite and in the shutter")
-        });
+    let times = match one_time {
+        Some(time) => Times::At(time),
+        None if method == Method::RayTime => Times::Carried,
+        None => Times::Spread,
+    };
+    let photons = trace(room, settings.paths, times, seed);
+    let reaches = settings.reaches(method, number);
+    let maps = [(&photons.caustic, reaches[0]), (&photons.indirect, reaches[1])].map(|(photons, reach)| {
+        // What is carried goes the same way.
+        let structure = PointStructure::Linear;
+        let params = GatherParams { window: reach.window.min(1.0), structure, ..GatherParams::default() };
+        PhotonMap::build(photons, &params).expect("traced photons are finite and in the shutter")
+    });
     drop::<Photons>(photons);
-    let samples = if method == Method::OneTime { 1 } else { settings.samples };
+    let samples = settings.samples;
     let pixels: Vec<usize> = (0..settings.width * settings.height).collect();
-    let rows: Vec<Vec<[Vec3; 2]>> = pixels
-        .par_chunks(settings.width)
-        .map(|row| {
+    let bands: Vec<Vec<[Vec3; 2]>> = pixels
+        .par_chunks(BAND * settings.width)
+        .map(|band| {
             let mut scratch = GatherScratch::new();
-            row.iter()
-                .map(|&pixel| {
-                    let mut sum = [Vec3::ZERO; 2];
-                    for sample in 0..samples {
-                        // As many samples as there may ever be: the sequence goes on from pass to pass.
-                        let mut sampler = Sampler::new(settings.seed, pixel as u64, number * samples + sample, 1 << 20);
-                        let own = sampler.unit();
-                        let time = one_time.unwrap_or(own);
-                        let light = radiance(room, settings, method, &maps, (pixel, time), &mut sampler, &mut scratch);
-                        sum = [sum[0] + light[0], sum[1] + light[1]];
-                    }
-                    sum
-                })
-                .collect()
+            let mut sums = vec![[Vec3::ZERO; 2]; band.len()];
+            // All pixels at about the same time, then at another: their windows are full of the same photons.
+            for sample in 0..samples {
+                for (sum, &pixel) in sums.iter_mut().zip(band) {
+                    let sample = Sample::new(settings.seed, pixel, number * samples + sample);
+                    let time = one_time.unwrap_or_else(|| sample.time(samples.ilog2()));
+                    let light = radiance(room, settings, &reaches, &maps, (pixel, time), &sample, &mut scratch);
+                    *sum = std::array::from_fn(|i| sum[i] + light[i]);
+                }
+            }
+            sums
         })
         .collect();
-    for (pixel, [all, caustic]) in rows.into_iter().flatten().enumerate() {
+    for (pixel, [all, caustic]) in bands.into_iter().flatten().enumerate() {
         for (film, light) in [(&mut pictures.all, all), (&mut pictures.caustic, caustic)] {
             film.add(pixel, light, samples);
         }
@@ -156,19 +185,18 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
 fn radiance(
     room: &Room,
     settings: &Settings,
-    method: Method,
+    reaches: &[Reach; 2],
     maps: &[PhotonMap<Vec3>; 2],
     (pixel, time): (usize, f32),
-    sampler: &mut Sampler,
+    sample: &Sample,
     scratch: &mut GatherScratch,
 ) -> [Vec3; 2] {
-    let seen = look(room, camera_ray(room, settings, pixel, time, sampler), sampler);
+    let seen = look(room, camera_ray(room, settings, pixel, sample.place(), time), &mut sample.more());
     let Some((spot, color, behind_glass)) = seen.spot else { return [seen.light, Vec3::ZERO] };
-    let direct = room.direct(&spot, color, time, sampler.square());
-    let gathered = [settings.caustic, settings.indirect].map(|(radius, window)| {
-        let window = if method == Method::RayTime { window } else { f32::INFINITY };
-        let query = GatherQuery::new(spot.position, spot.normal, time).nearest(80).radius(radius).window(window);
-        query.cosine(0.8).thickness(0.25 * radius).kernels(Kernel::Epanechnikov, Kernel::Box)
+    let direct = room.direct(&spot, color, time, sample.lamp());
+    let gathered = reaches.map(|Reach { radius, window, photons }| {
+        let query = GatherQuery::new(spot.position, spot.normal, time).nearest(photons).radius(radius).window(window);
+        query.cosine(0.8).kernels(Kernel::Epanechnikov, Kernel::Box)
     });
     let light = |i: usize, scratch: &mut GatherScratch| {
         // No area: all photons in one place, which does not happen here and would be no light.

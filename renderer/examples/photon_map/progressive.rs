@@ -6,9 +6,9 @@
 use crate::photons::{Times, trace};
 use crate::picture::{Pictures, Settings, camera_ray, look};
 use crate::room::Room;
+use crate::sequence::Sample;
 use mbkd::glam::Vec3;
 use mbkd::point::{GatherParams, Kernel, PhotonTime, VisiblePoint, VisiblePoints};
-use mbkd_renderer::sampling::Sampler;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
@@ -16,6 +16,9 @@ use std::f32::consts::PI;
 const PASSES: u64 = 3;
 /// The share of new photons that is kept: radii shrink the faster the smaller it is.
 const ALPHA: f32 = 2.0 / 3.0;
+
+/// Radius and half window of the first round.
+const FIRST: (f32, f32) = (0.09, 0.015);
 
 /// What a pixel has gathered.
 #[derive(Clone, Copy, Debug)]
@@ -41,24 +44,23 @@ pub struct Progressive {
 impl Progressive {
     /// Nothing yet.
     pub fn new(settings: &Settings) -> Progressive {
-        let fresh =
-            Gathering { radius: settings.indirect.0 * 0.4, photons: 0.0, flux: Vec3::ZERO, new: (0, Vec3::ZERO) };
+        let fresh = Gathering { radius: FIRST.0, photons: 0.0, flux: Vec3::ZERO, new: (0, Vec3::ZERO) };
         let pixels = settings.width * settings.height;
         Progressive { pixels: vec![fresh; pixels], direct: vec![Vec3::ZERO; pixels], rounds: 0, photon_passes: 0 }
     }
 
     /// One round.
     pub fn round(&mut self, room: &Room, settings: &Settings) {
-        let window = settings.caustic.1 / (1.0 + self.rounds as f32).powf(1.0 / 6.0);
+        let window = FIRST.1 / (1.0 + self.rounds as f32).powf(1.0 / 6.0);
         let rounds = self.rounds;
         let seen: Vec<_> = (0..self.pixels.len())
             .into_par_iter()
             .map(|pixel| {
-                let mut sampler = Sampler::new(settings.seed, pixel as u64, rounds, 1 << 20);
-                let time = sampler.unit();
-                let seen = look(room, camera_ray(room, settings, pixel, time, &mut sampler), &mut sampler);
+                let sample = Sample::new(settings.seed, pixel, rounds);
+                let time = sample.time(0);
+                let seen = look(room, camera_ray(room, settings, pixel, sample.place(), time), &mut sample.more());
                 let direct = match &seen.spot {
-                    Some((spot, color, _)) => room.direct(spot, *color, time, sampler.square()),
+                    Some((spot, color, _)) => room.direct(spot, *color, time, sample.lamp()),
                     None => seen.light,
                 };
                 (time, direct, seen.spot)

@@ -25,6 +25,8 @@ pub struct Spot {
     pub normal: Vec3,
     /// The surface.
     pub surface: Surface,
+    /// The number of the body it belongs to.
+    pub body: u32,
 }
 
 /// Half the width of the square lamp.
@@ -68,8 +70,8 @@ fn block(center: Vec3, half: Vec3, cos: f32, sin: f32) -> TriangleMesh {
 }
 
 impl Room {
-    /// Builds it.
-    pub fn new() -> Result<Room, BuildError> {
+    /// Builds it. The camera goes along with the glass sphere by the share `along` of its way.
+    pub fn new(along: f32) -> Result<Room, BuildError> {
         let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
         let (low, deep) = (Vec3::new(-2.0, 0.0, -2.0), 7.0);
         let white = Vec3::splat(0.74);
@@ -90,18 +92,19 @@ impl Room {
             sphere([-0.75, 0.95, 0.75], [0.75, 0.95, 0.95], GLASS),
             sphere([-1.33, 0.55, -0.9], [-1.33, 1.45, -0.35], 0.5),
         ];
-        // The camera goes along with the glass sphere: the caustic is sharp in the picture, and the room is not.
+        // In the middle of the shutter all cameras are at the same place.
         let flight = Vec3::new(1.5, 0.0, 0.2);
-        let view = |x: f32| View::new(Vec3::new(x, 1.7, 4.6), Vec3::new(x, 0.85, 0.0), 0.74);
-        let mut views = [view(-0.75), view(-0.75)];
-        views[1].position += flight;
-        views[1].target += flight;
+        let middle = View::new(Vec3::new(0.0, 1.7, 4.7), Vec3::new(0.0, 0.85, 0.1), 0.74);
+        let view = |share: f32| {
+            let way = flight * (share * along);
+            View { position: middle.position + way, target: middle.target + way, ..middle }
+        };
         Ok(Room {
             walls: RayTree::build(&meshes, &BuildParams::default())?,
             colors,
             spheres: RayTree::of_primitives(spheres, &BuildParams::default())?,
             ball: Vec3::new(0.85, 0.13, 0.06),
-            camera: Camera { keys: views.to_vec() },
+            camera: Camera { keys: vec![view(-0.5), view(0.5)] },
         })
     }
 
@@ -113,18 +116,20 @@ impl Room {
             let (center, _) = self.spheres.primitives()[hit.primitive as usize].at(ray.time);
             let at = ray.point(hit.t);
             let surface = if hit.primitive == 0 { Surface::Glass } else { Surface::Matte(self.ball) };
-            return Some(Spot { position: at.as_vec3(), normal: (at - center).normalize().as_vec3(), surface });
+            let normal = (at - center).normalize().as_vec3();
+            return Some(Spot { position: at.as_vec3(), normal, surface, body: u32::MAX - hit.primitive });
         }
         let hit = wall?;
         let normal = self.walls.normal(&hit, ray.time);
         let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
         let position = ray.point(hit.t).as_vec3();
+        let body = hit.mesh;
         let from_lamp = position - LAMP_AT;
         if hit.mesh == 1 && from_lamp.x.abs() <= LAMP && from_lamp.z.abs() <= LAMP {
-            return Some(Spot { position, normal, surface: Surface::Lamp });
+            return Some(Spot { position, normal, surface: Surface::Lamp, body });
         }
         let color = if hit.mesh == 0 { self.tiles(position) } else { self.colors[hit.mesh as usize] };
-        Some(Spot { position, normal, surface: Surface::Matte(color) })
+        Some(Spot { position, normal, surface: Surface::Matte(color), body })
     }
 
     /// The floor's tiles, with a joint between them.

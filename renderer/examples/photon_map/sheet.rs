@@ -61,7 +61,7 @@ pub fn draw(panels: &[(&Film, Vec<String>)]) -> Picture {
     let (gap, scale) = (8, 2);
     // The floor under the glass sphere.
     let (part_width, part_height) = (width / 2, height / 4);
-    let corner = (width / 4, height * 5 / 8);
+    let corner = (width / 4, height * 3 / 4);
     let line = (font::HEIGHT + 4) * scale;
     let lines = panels.iter().map(|panel| panel.1.len()).max().unwrap_or(0);
     let total = (gap + (width + gap) * panels.len(), gap * 3 + height + part_height * 2 + lines * line + gap);
