@@ -2,8 +2,8 @@
 //!
 //! The points are those of I. M. Sobol' (1967), with the direction numbers of S. Joe and F. Y. Kuo, "Constructing Sobol
 //! sequences with better two-dimensional projections" (2008). Each pixel has an order of its own (A. B. Owen, "Randomly
-//! permuted (t,m,s)-nets and (t,s)-sequences", 1995). Few samples have to do here, and those of
-//! [`Sampler`](mbkd_renderer::sampling::Sampler) fill the shutter only after 17 of them.
+//! permuted (t,m,s)-nets and (t,s)-sequences", 1995). [`Sampler`] spreads pairs of numbers, each pair by itself; here the
+//! first digits of times can be the same in all pixels, so that a pass goes through the shutter with all of them together.
 
 use mbkd::glam::Vec2;
 use mbkd_renderer::sampling::{Sampler, mix};
