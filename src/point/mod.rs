@@ -14,6 +14,7 @@
 
 mod approach;
 mod batch;
+mod bottom;
 mod build;
 mod byte_boxes;
 mod choose;

@@ -2,13 +2,15 @@
 //!
 //! The tree needs no pointers because all its subtrees are full except the last on each level. So
 //! ordering is all there is to building: cut the range across its widest axis, the left part as large
-//! as whole subtrees allow, and go on in both parts. A selection finds the cut, nothing is sorted.
+//! as whole subtrees allow, and go on in both parts. A selection finds the cut, nothing is sorted. The last few hundred
+//! points are left to `bottom`, which does the same with vectors.
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
+use super::bottom::{self, Bottom};
 use super::select::select;
 use crate::progress::Progress;
 pub(super) use crate::simd::Item;
-use crate::simd::LANES;
+use crate::simd::{LANES, SimdLevel, dispatch};
 
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;
@@ -49,6 +51,12 @@ fn order_blocks(items: &mut [Item], mut block: usize, leaf: usize, progress: &Pr
             return progress.finished(items.len() as f64);
         }
         block /= LANES;
+    }
+    if block == leaf && items.len() <= bottom::MOST && items.len().is_multiple_of(LANES) {
+        let count = items.len() as f64;
+        // The order does not depend on the instruction set.
+        dispatch(SimdLevel::best(), Bottom { items, leaf });
+        return progress.finished(count);
     }
     let left = left_part(items.len(), block);
     let axis = widest_axis(items);

@@ -6,7 +6,7 @@ use super::group::Member;
 use super::question::Listing;
 use super::radii::Radii;
 use crate::point::snapshot::{rows, squared};
-use crate::simd::{LANES, Lanes, Simd, lanes_at};
+use crate::simd::{LANES, Lanes, Simd};
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -96,6 +96,8 @@ impl Near {
         }
         let lo = [s.splat(member.lo[0]), s.splat(member.lo[1]), s.splat(member.lo[2])];
         let hi = [s.splat(member.hi[0]), s.splat(member.hi[1]), s.splat(member.hi[2])];
+        // Slices, whose ends stay in registers.
+        let (to_x, to_y, to_z, to_id) = (&mut to_x[..], &mut to_y[..], &mut to_z[..], &mut to_id[..]);
         let (bound, mut end) = (s.splat(member.bound), 0);
         for &pick in picks {
             let block = &candidates.blocks[pick as usize];
@@ -126,6 +128,9 @@ impl Near {
         lists: &mut Lists,
     ) {
         let PointRows { at: [from_x, from_y, from_z], id: from_id } = &self.points;
+        // As many vectors as there are, so that nothing is checked for each of them.
+        let (from_x, from_y) = (&from_x.as_chunks().0[..vectors], &from_y.as_chunks().0[..vectors]);
+        let (from_z, from_id) = (&from_z.as_chunks().0[..vectors], &from_id.as_chunks().0[..vectors]);
         let bound = s.splat(member.bound);
         for lane in 0..LANES {
             let at = member.spots.at.map(|row| row[lane]);
@@ -139,11 +144,11 @@ impl Near {
             // Apart from the lists, the end stays in a register.
             let Columns { ids: listed, distances, displacements: [ways_x, ways_y, ways_z] } = &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
-            for from in (0..vectors * LANES).step_by(LANES) {
-                let x = s.load(lanes_at(from_x, from)) - point[0];
-                let y = s.load(lanes_at(from_y, from)) - point[1];
-                let z = s.load(lanes_at(from_z, from)) - point[2];
-                let ids = s.load_u(lanes_at(from_id, from));
+            for from in 0..vectors {
+                let x = s.load(&from_x[from]) - point[0];
+                let y = s.load(&from_y[from]) - point[1];
+                let z = s.load(&from_z[from]) - point[2];
+                let ids = s.load_u(&from_id[from]);
                 let distance = squared::<S>(x, y, z);
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
                 let hits = s.le(distance, bound) & others;
