@@ -12,6 +12,7 @@ use crate::geometry::TimeInterval;
 use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::primitive::{PointSet, kept_keys};
 use crate::progress::Progress;
+use crate::simd::huge_vec;
 use glam::DVec3;
 
 /// How moving points are put into trees.
@@ -182,14 +183,15 @@ impl Source {
         id: impl Fn(usize) -> u32,
     ) -> Vec<Mover> {
         let later = (part.segment + 1).min(part.keys - 1);
-        select
-            .filter_map(|i| {
-                let life = self.alive(i);
-                let alive = life.intersect(part.interval)?;
-                let (open, close) = (self.at(i, part.segment), self.at(i, later));
-                Some(Mover { open, close, alive, life, id: id(i), fast: false })
-            })
-            .collect()
+        // Room for all: what is not used is never touched.
+        let mut movers = huge_vec(select.size_hint().1.unwrap_or(0));
+        movers.extend(select.filter_map(|i| {
+            let life = self.alive(i);
+            let alive = life.intersect(part.interval)?;
+            let (open, close) = (self.at(i, part.segment), self.at(i, later));
+            Some(Mover { open, close, alive, life, id: id(i), fast: false })
+        }));
+        movers
     }
 }
 

@@ -7,9 +7,9 @@
 
 use super::build::{Plan, parts};
 use super::counted::{CountedSearch, search_counted};
-use super::fast::{mark_fast, places};
-use super::moving_reference::Mover;
-use super::order::order;
+use super::fast::mark_fast;
+use super::moving_reference::{Mover, places};
+use super::order::order_runs;
 use super::search::KeepLanes;
 use super::search::candidates::Candidates;
 use crate::geometry::{KeyTime, TimeInterval};
@@ -58,8 +58,8 @@ pub(super) fn choose(movers: &[Mover], keys: usize, segment: usize, most: f32, s
     let mut trials = vec![trial(simple, None)];
     let finer = [2, 4, 8, 16, 32].map(Plan::Boxes);
     let affordable = |plan: &Plan| {
-        let total: usize = movers.iter().map(|m| references(m.life, plan.parts(), keys)).sum();
-        total as f64 <= f64::from(most) * movers.len() as f64
+        let total = || -> usize { movers.iter().map(|m| references(m.life, plan.parts(), keys)).sum() };
+        plan.parts() as f32 <= most || total() as f64 <= f64::from(most) * movers.len() as f64
     };
     // Finer parts until twice finer does not help any more.
     let mut refine = |fixed: Option<Plan>| {
@@ -107,15 +107,11 @@ fn samples(movers: &[Mover], keys: usize, segment: usize) -> Vec<Sample> {
         return vec![sample(movers.to_vec())];
     }
     let mut items = places(movers, &part);
-    order(&mut items, SAMPLE, &Progress::new(None));
     let runs = items.len() / SAMPLE;
-    (0..SAMPLES)
-        .map(|i| {
-            let run = (2 * i + 1) * runs / (2 * SAMPLES);
-            let items = &items[run * SAMPLE..(run + 1) * SAMPLE];
-            sample(items.iter().map(|item| movers[item.index as usize]).collect())
-        })
-        .collect()
+    let wanted: Vec<usize> = (0..SAMPLES).map(|i| (2 * i + 1) * runs / (2 * SAMPLES)).collect();
+    order_runs(&mut items, SAMPLE, &wanted);
+    let run = |run: usize| items[run * SAMPLE..(run + 1) * SAMPLE].iter();
+    wanted.into_iter().map(|i| sample(run(i).map(|item| movers[item.index as usize]).collect())).collect()
 }
 
 /// Counted and priced work of searches for eight neighbours, each layer in the middle part of its plan,

@@ -1,6 +1,6 @@
 //! Points that move far relative to their neighbours.
 
-use super::moving_reference::{Mover, Part};
+use super::moving_reference::{Mover, Part, places};
 use super::order::{Item, include, order};
 use crate::progress::Progress;
 use crate::simd::LANES;
@@ -27,7 +27,8 @@ pub(super) fn mark_fast(movers: &mut [Mover], part: &Part) {
         for item in leaf {
             let m = &mut movers[item.index as usize];
             let far = (0..3).map(|a| (way(m, a) - usual[a]).abs()).fold(0.0, f64::max);
-            m.fast = far * m.span(part).duration() > FAST * least;
+            let [begin, end] = m.range(part);
+            m.fast = far * (end - begin) > FAST * least;
         }
     }
 }
@@ -39,14 +40,4 @@ fn size(leaf: &[Item]) -> f32 {
         include(&mut lo, &mut hi, item.at);
     }
     (hi[0] - lo[0]).max(hi[1] - lo[1]).max(hi[2] - lo[2])
-}
-
-/// Where movers are at mid-part.
-pub(super) fn places(movers: &[Mover], part: &Part) -> Vec<Item> {
-    let phase = f64::from(part.phase(part.middle()));
-    let place = |(index, m): (usize, &Mover)| Item {
-        at: core::array::from_fn(|axis| m.at(axis, phase) as f32),
-        index: index as u32,
-    };
-    movers.iter().enumerate().map(place).collect()
 }

@@ -8,14 +8,15 @@
 //!
 //! **Padding.** Let u = 2^-24. A point on its way from a to b is computed as `base + (b − a)·s` with |s| ≤ 1/2: the
 //! difference is rounded by at most |b − a|u and then halved at least, the product by |b − a|u/2, the sum, which lies
-//! between a and b, by max(|a|, |b|)u: together e = (|b − a| + max(|a|, |b|))u ([`Span::of_point`]). A face is computed
+//! between a and b, by max(|a|, |b|)u: together e = (|b − a| + max(|a|, |b|))u ([`AroundPoints`]). A face is computed
 //! as `a + b·s` with s in [0, 1]: the product is rounded by |b|u, the sum by (|a| + |b|)u: together f = (|a| + 2|b|)u.
 //! A lower face stays below its points by e of each and below that by its own f; around other faces, by its own f
 //! only: it is below their exact lines. Both bounds are raised by 2^-10 of themselves, which covers the f64 rounding on
 //! the way, and by 2^-148 for products that underflow. They hold per axis, and follow what is in the box: a point
 //! far away pads the boxes that hold it and no others.
 
-use crate::simd::{LANES, Lanes};
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+use core::iter::repeat;
 
 /// Rows of sixteen boxes whose faces are `a + b·s`.
 #[derive(Clone, Copy)]
@@ -85,15 +86,30 @@ pub(super) struct Hull {
     pub(super) times: [f32; 2],
 }
 
-/// What a hull is put around: positions of lower and upper faces at both ends of a range.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Span {
-    lo: [[f64; 2]; 3],
-    hi: [[f64; 2]; 3],
-    /// How far a computed position may be from the exact one.
-    error: [f64; 3],
-    range: [f64; 2],
-    pub(super) times: [f32; 2],
+/// Sixteen points on their ways between two keys, in rows. A lane without a point repeats another one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ways {
+    pub(super) open: [Lanes<f32>; 3],
+    pub(super) close: [Lanes<f32>; 3],
+    /// First and last phase of each.
+    pub(super) range: [Lanes<f64>; 2],
+    /// Begin and end bound in time.
+    pub(super) times: [Lanes<f32>; 2],
+}
+
+impl Ways {
+    /// Sets one lane.
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, [open, close]: [[f32; 3]; 2], range: [f64; 2], times: [f32; 2]) {
+        for axis in 0..3 {
+            self.open[axis][lane] = open[axis];
+            self.close[axis][lane] = close[axis];
+        }
+        for end in 0..2 {
+            self.range[end][lane] = range[end];
+            self.times[end][lane] = times[end];
+        }
+    }
 }
 
 /// Bound of the relative rounding of one operation, with room for that of f64 on the way.
@@ -101,21 +117,6 @@ const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
 
 /// Bound of what underflow adds: twice the least f32.
 const TINY: f64 = 2.0 * f32::from_bits(1) as f64;
-
-impl Span {
-    /// A point on its way from `a` to `b`, from one phase to another.
-    pub(super) fn of_point(a: [f32; 3], b: [f32; 3], range: [f64; 2], times: [f32; 2]) -> Span {
-        let [a, b] = [a, b].map(|p| p.map(f64::from));
-        let ends = core::array::from_fn(|i| range.map(|s| a[i] + (b[i] - a[i]) * s));
-        let error = core::array::from_fn(|i| UNIT * ((b[i] - a[i]).abs() + a[i].abs().max(b[i].abs())) + TINY);
-        Span { lo: ends, hi: ends, error, range, times }
-    }
-
-    /// Length of its range.
-    pub(super) fn duration(&self) -> f64 {
-        self.range[1] - self.range[0]
-    }
-}
 
 /// Multiples of the paddings that are applied: 1, except where a test shows that less loses points.
 #[derive(Clone, Copy)]
@@ -127,84 +128,193 @@ struct Padding {
 const FULL: Padding = Padding { point: 1.0, face: 1.0 };
 
 impl Hull {
-    /// The hull as something to be put into a larger one.
-    fn span(&self) -> Span {
-        let ends = |face: Face| [face.at(self.range[0]), face.at(self.range[1])];
-        let [lo, hi] = [self.lo.map(ends), self.hi.map(ends)];
-        Span { lo, hi, error: [0.0; 3], range: self.range, times: self.times }
-    }
-
     /// The hull of points.
-    pub(super) fn of_points(spans: &[Span]) -> Hull {
-        Hull::around(spans, FULL)
+    pub(super) fn of_points(ways: &Ways) -> Hull {
+        dispatch(SimdLevel::best(), AroundPoints { ways, padding: FULL })
     }
 
-    /// The hull of hulls.
+    /// The hull of one to sixteen hulls.
     pub(super) fn of_hulls(hulls: &[Hull]) -> Hull {
-        let mut spans = [Span::default(); LANES];
-        for (span, hull) in spans.iter_mut().zip(hulls) {
-            *span = hull.span();
+        let mut spans = Spans::default();
+        // Lanes without a hull repeat the last one.
+        for (lane, hull) in (0..LANES).zip(hulls.iter().chain(repeat(hulls.last().expect("a node has a child")))) {
+            for end in 0..2 {
+                spans.range[end][lane] = hull.range[end];
+                spans.times[end][lane] = hull.times[end];
+                for axis in 0..3 {
+                    spans.lo[axis][end][lane] = hull.lo[axis].at(hull.range[end]);
+                    spans.hi[axis][end][lane] = hull.hi[axis].at(hull.range[end]);
+                }
+            }
         }
-        Hull::around(&spans[..hulls.len()], FULL)
+        dispatch(SimdLevel::best(), Around { spans: &spans })
     }
+}
 
-    fn around(spans: &[Span], padding: Padding) -> Hull {
-        let mut hull = Hull {
-            lo: [Face::default(); 3],
-            hi: [Face::default(); 3],
-            range: [f64::INFINITY, f64::NEG_INFINITY],
-            times: [f32::INFINITY, f32::NEG_INFINITY],
-        };
-        for span in spans {
-            hull.range = [hull.range[0].min(span.range[0]), hull.range[1].max(span.range[1])];
-            hull.times = [hull.times[0].min(span.times[0]), hull.times[1].max(span.times[1])];
-        }
-        let whole = spans.iter().all(|span| span.range == hull.range);
+/// Sixteen spans in rows: where lower and upper faces have to be at both ends of ranges of phases. A lane without one repeats another.
+#[derive(Default)]
+struct Spans {
+    lo: [[Lanes<f64>; 2]; 3],
+    hi: [[Lanes<f64>; 2]; 3],
+    range: [Lanes<f64>; 2],
+    times: [Lanes<f32>; 2],
+}
+
+/// Puts a hull around points.
+struct AroundPoints<'a> {
+    ways: &'a Ways,
+    padding: Padding,
+}
+
+impl Kernel for AroundPoints<'_> {
+    type Output = Hull;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Hull {
+        let Ways { open, close, range, times } = self.ways;
+        let mut spans = Spans { range: *range, times: *times, ..Spans::default() };
+        let [unit, tiny] = [UNIT, TINY].map(|e| s.splat_d(e * self.padding.point));
         for axis in 0..3 {
-            let error = |span: &Span| span.error[axis] * padding.point;
-            let low = |span: &Span| span.lo[axis].map(|x| x - error(span));
-            let high = |span: &Span| span.hi[axis].map(|x| -x - error(span));
-            hull.lo[axis] = below(spans, low, hull.range, whole, padding.face);
-            let above = below(spans, high, hull.range, whole, padding.face);
+            for four in 0..FOURS {
+                let open = s.widen_four(&open[axis].as_chunks().0[four]);
+                let close = s.widen_four(&close[axis].as_chunks().0[four]);
+                let way = close - open;
+                let error = unit * (magnitude(s, way) + s.max_d(magnitude(s, open), magnitude(s, close))) + tiny;
+                for end in 0..2 {
+                    let at = open + way * s.load_d(&range[end].as_chunks().0[four]);
+                    spans.lo[axis][end].as_chunks_mut().0[four] = s.lanes_d(at - error);
+                    spans.hi[axis][end].as_chunks_mut().0[four] = s.lanes_d(at + error);
+                }
+            }
+        }
+        spans.hull(s, self.padding.face)
+    }
+}
+
+/// Puts a hull around others.
+struct Around<'a> {
+    spans: &'a Spans,
+}
+
+impl Kernel for Around<'_> {
+    type Output = Hull;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Hull {
+        self.spans.hull(s, FULL.face)
+    }
+}
+
+/// Vectors of four f64 in a row.
+const FOURS: usize = LANES / 4;
+
+impl Spans {
+    #[inline(always)]
+    fn hull<S: Simd>(&self, s: S, pad: f64) -> Hull {
+        let (begins, ends) = (fours(s, &self.range[0]), fours(s, &self.range[1]));
+        let range = [least(s, begins), -least(s, negated(s, ends))];
+        let whole = (0..LANES).all(|lane| self.range[0][lane] == range[0] && self.range[1][lane] == range[1]);
+        let mut around = Faces { begins, ends, range, whole, duration: 0.0, pad };
+        around.duration = sum(s, ends, begins);
+        let mut hull = Hull { lo: [Face::default(); 3], hi: [Face::default(); 3], range, times: self.times() };
+        for axis in 0..3 {
+            let [at_begin, at_end] = &self.lo[axis];
+            hull.lo[axis] = around.below(s, fours(s, at_begin), fours(s, at_end));
+            let [at_begin, at_end] = &self.hi[axis];
+            let above = around.below(s, negated(s, fours(s, at_begin)), negated(s, fours(s, at_end)));
             hull.hi[axis] = Face { at_zero: -above.at_zero, slope: -above.slope };
         }
         hull
     }
+
+    #[inline(always)]
+    fn times(&self) -> [f32; 2] {
+        let mut times = [f32::INFINITY, f32::NEG_INFINITY];
+        for lane in 0..LANES {
+            times = [times[0].min(self.times[0][lane]), times[1].max(self.times[1][lane])];
+        }
+        times
+    }
 }
 
-/// A line that is computed below all the given ones.
+/// Sixteen f64.
+type Fours<S> = [<S as Simd>::D; FOURS];
+
 #[inline(always)]
-fn below(spans: &[Span], ends: impl Fn(&Span) -> [f64; 2], range: [f64; 2], whole: bool, pad: f64) -> Face {
-    let length = range[1] - range[0];
-    let (mut rise, mut duration) = (0.0, 0.0);
-    let mut least = [f64::INFINITY; 2];
-    for span in spans {
-        let [begin, end] = ends(span);
-        rise += end - begin;
-        duration += span.range[1] - span.range[0];
-        least = [least[0].min(begin), least[1].min(end)];
-    }
-    let mean = lowered(spans, &ends, if duration > 0.0 { rise / duration } else { 0.0 }, pad);
-    if !whole || length <= 0.0 {
-        return mean;
-    }
-    let chord = lowered(spans, &ends, (least[1] - least[0]) / length, pad);
-    let middle = 0.5 * (range[0] + range[1]);
-    if chord.at(middle) > mean.at(middle) { chord } else { mean }
+fn fours<S: Simd>(s: S, row: &Lanes<f64>) -> Fours<S> {
+    let row = row.as_chunks().0;
+    [s.load_d(&row[0]), s.load_d(&row[1]), s.load_d(&row[2]), s.load_d(&row[3])]
 }
 
-/// The highest line of about this slope that is computed below all the given ones.
 #[inline(always)]
-fn lowered(spans: &[Span], ends: &impl Fn(&Span) -> [f64; 2], slope: f64, pad: f64) -> Face {
-    let slope = slope as f32;
-    let wide = f64::from(slope);
-    let mut least = f64::INFINITY;
-    for span in spans {
-        let [begin, end] = ends(span);
-        least = least.min(begin - wide * span.range[0]).min(end - wide * span.range[1]);
+fn negated<S: Simd>(s: S, [a, b, c, d]: Fours<S>) -> Fours<S> {
+    let zero = s.splat_d(0.0);
+    [zero - a, zero - b, zero - c, zero - d]
+}
+
+#[inline(always)]
+fn magnitude<S: Simd>(s: S, a: S::D) -> S::D {
+    s.max_d(a, s.splat_d(0.0) - a)
+}
+
+/// The least of sixteen.
+#[inline(always)]
+fn least<S: Simd>(s: S, [a, b, c, d]: Fours<S>) -> f64 {
+    let [a, b, c, d] = s.lanes_d(s.min_d(s.min_d(a, b), s.min_d(c, d)));
+    let [ab, cd] = [if a < b { a } else { b }, if c < d { c } else { d }];
+    if ab < cd { ab } else { cd }
+}
+
+/// The sum of sixteen differences.
+#[inline(always)]
+fn sum<S: Simd>(s: S, [a, b, c, d]: Fours<S>, [e, f, g, h]: Fours<S>) -> f64 {
+    let [a, b, c, d] = s.lanes_d(((a - e) + (b - f)) + ((c - g) + (d - h)));
+    (a + b) + (c + d)
+}
+
+/// What the faces of a hull have in common.
+struct Faces<S: Simd> {
+    /// First and last phase of each of what it is put around.
+    begins: Fours<S>,
+    ends: Fours<S>,
+    /// First and last phase of all.
+    range: [f64; 2],
+    /// Whether all have the same phases.
+    whole: bool,
+    /// Lengths of the ranges, added up.
+    duration: f64,
+    /// The multiple of the padding.
+    pad: f64,
+}
+
+impl<S: Simd> Faces<S> {
+    /// A line that is computed below all the given ones.
+    #[inline(always)]
+    fn below(&self, s: S, at_begin: Fours<S>, at_end: Fours<S>) -> Face {
+        let rise = sum(s, at_end, at_begin);
+        let mean = if self.duration > 0.0 { rise / self.duration } else { 0.0 };
+        let mean = self.lowered(s, at_begin, at_end, mean);
+        let length = self.range[1] - self.range[0];
+        if !self.whole || length <= 0.0 {
+            return mean;
+        }
+        let chord = self.lowered(s, at_begin, at_end, (least(s, at_end) - least(s, at_begin)) / length);
+        let middle = 0.5 * (self.range[0] + self.range[1]);
+        if chord.at(middle) > mean.at(middle) { chord } else { mean }
     }
-    let error = UNIT * (least.abs() + 2.0 * wide.abs()) + TINY;
-    Face { at_zero: down(least - error * pad), slope }
+
+    /// The highest line of about this slope that is computed below all the given ones.
+    #[inline(always)]
+    fn lowered(&self, s: S, at_begin: Fours<S>, at_end: Fours<S>, slope: f64) -> Face {
+        let slope = slope as f32;
+        let wide = f64::from(slope);
+        let (by, mut all) = (s.splat_d(wide), at_begin);
+        for four in 0..FOURS {
+            let begin = at_begin[four] - by * self.begins[four];
+            all[four] = s.min_d(begin, at_end[four] - by * self.ends[four]);
+        }
+        let least = least(s, all);
+        let error = UNIT * (least.abs() + 2.0 * wide.abs()) + TINY;
+        Face { at_zero: down(least - error * self.pad), slope }
+    }
 }
 
 /// The greatest f32 at or below.
@@ -238,6 +348,40 @@ mod tests {
         ways
     }
 
+    /// A way from place to place, and its phases.
+    type Way = ([[f32; 3]; 2], [f64; 2]);
+
+    /// One to sixteen ways in rows.
+    fn in_rows(ways: &[Way]) -> Ways {
+        let way = |lane: usize| &ways[lane.min(ways.len() - 1)];
+        Ways {
+            open: core::array::from_fn(|axis| core::array::from_fn(|lane| way(lane).0[0][axis])),
+            close: core::array::from_fn(|axis| core::array::from_fn(|lane| way(lane).0[1][axis])),
+            range: core::array::from_fn(|end| core::array::from_fn(|lane| way(lane).1[end])),
+            times: [[0.0; LANES], [2.0; LANES]],
+        }
+    }
+
+    fn hull(ways: &[Way]) -> Hull {
+        Hull::of_points(&in_rows(ways))
+    }
+
+    #[test]
+    fn hulls_do_not_depend_on_the_instruction_set() {
+        let mut random = Random(7);
+        for round in 0..60 {
+            let ways = ways(round, &mut random);
+            let way = |(i, way): (usize, &[Vec3; 2])| (way.map(|p| p.to_array()), [0.125 * (i % 4) as f64, 1.0]);
+            let ways = in_rows(&ways.iter().enumerate().map(way).take(1 + round % LANES).collect::<Vec<_>>());
+            let faces = SimdLevel::available().into_iter().map(|level| {
+                let hull = dispatch(level, AroundPoints { ways: &ways, padding: FULL });
+                [hull.lo, hull.hi].map(|faces| faces.map(|f| [f.at_zero.to_bits(), f.slope.to_bits()]))
+            });
+            let faces: Vec<_> = faces.collect();
+            assert!(faces.iter().all(|other| *other == faces[0]), "round {round}");
+        }
+    }
+
     /// Faces of three levels of hulls and points, both as queries compute them.
     #[test]
     fn no_rounding_lets_a_point_out() {
@@ -245,11 +389,9 @@ mod tests {
         for round in 0..300 {
             let ways = ways(round, &mut random);
             let range = |i: usize| if round % 3 == 0 { [0.0, 1.0] } else { [0.25 * (i % 3) as f64, 1.0] };
-            let span = |(i, way): (usize, &[Vec3; 2])| {
-                Span::of_point(way[0].to_array(), way[1].to_array(), range(i), [0.0, 2.0])
-            };
-            let spans: Vec<Span> = ways.iter().enumerate().map(span).collect();
-            let leaves: Vec<Hull> = spans.chunks(8).map(Hull::of_points).collect();
+            let way = |(i, way): (usize, &[Vec3; 2])| (way.map(|p| p.to_array()), range(i));
+            let spans: Vec<Way> = ways.iter().enumerate().map(way).collect();
+            let leaves: Vec<Hull> = spans.chunks(8).map(hull).collect();
             let nodes: Vec<Hull> = leaves.chunks(4).map(Hull::of_hulls).collect();
             let root = Hull::of_hulls(&nodes);
             for step in 0..=40 {
@@ -281,11 +423,10 @@ mod tests {
             let [r, w, o] = [(); 3].map(|()| 0.5 + 0.45 * random.signed());
             let (way, range) = if fast { ([-w * r, w * (1.0 - r)], [r, 1.0]) } else { ([1e-3 * w; 2], [0.0, r]) };
             let other = if fast { [3.0; 2] } else { [0.5 + o, 0.5 + o + w] };
-            let span =
-                |[a, b]: [f32; 2], range: [f32; 2]| Span::of_point([a; 3], [b; 3], range.map(f64::from), [0.0, 2.0]);
+            let span = |way: [f32; 2], range: [f32; 2]| (way.map(|x| [x; 3]), range.map(f64::from));
             let mut spans = [span(other, [0.0, 1.0]); LANES];
             spans[0] = span(way, range);
-            let face = Hull::around(&spans, padding).lo[0];
+            let face = dispatch(SimdLevel::best(), AroundPoints { ways: &in_rows(&spans), padding }).lo[0];
             let [a, b] = way;
             let p = if r < 0.5 { a + (b - a) * r } else { b + (b - a) * (r - 1.0) };
             lost += usize::from(face.at_zero + face.slope * r > p);
@@ -306,11 +447,11 @@ mod tests {
     fn padding_follows_what_is_in_the_box() {
         let mut random = Random(5);
         let mut place = || [random.signed(), random.signed(), random.signed()];
-        let mut spans: Vec<Span> = (0..16).map(|_| Span::of_point(place(), place(), [0.0, 1.0], [0.0, 2.0])).collect();
+        let mut spans: Vec<Way> = (0..16).map(|_| ([place(), place()], [0.0, 1.0])).collect();
         let width = |hull: &Hull, axis: usize| hull.hi[axis].at(0.5) - hull.lo[axis].at(0.5);
-        let before = Hull::of_points(&spans);
-        spans[3] = Span::of_point([1e6, 0.1, 0.2], [-1e6, 0.2, 0.1], [0.0, 1.0], [0.0, 2.0]);
-        let after = Hull::of_points(&spans);
+        let before = hull(&spans);
+        spans[3].0 = [[1e6, 0.1, 0.2], [-1e6, 0.2, 0.1]];
+        let after = hull(&spans);
         for axis in 1..3 {
             assert!(width(&after, axis) < width(&before, axis) + 1e-6, "axis {axis}");
         }
@@ -318,13 +459,13 @@ mod tests {
 
     #[test]
     fn coherent_motion_keeps_hulls_tight() {
-        let spans: Vec<Span> = (0..16)
+        let spans: Vec<Way> = (0..16)
             .map(|i| {
                 let x = i as f32 / 16.0;
-                Span::of_point([x; 3], [x + 5.0; 3], [0.0, 1.0], [0.0, 2.0])
+                ([[x; 3], [x + 5.0; 3]], [0.0, 1.0])
             })
             .collect();
-        let hull = Hull::of_points(&spans);
+        let hull = hull(&spans);
         for s in [0.0, 0.5, 1.0] {
             let width = hull.hi[0].at(s) - hull.lo[0].at(s);
             assert!((0.9375..0.938).contains(&width), "{width} at {s}");

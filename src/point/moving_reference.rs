@@ -1,7 +1,7 @@
 //! Points between two keys, and the part of the shutter a tree covers.
 
-use super::linear_bounds::Span;
 use crate::geometry::{KeyTime, TimeInterval};
+use crate::simd::{Item, huge_vec};
 
 /// A point on a straight way between two keys, counting during `alive`.
 #[derive(Clone, Copy, Debug)]
@@ -87,15 +87,20 @@ impl Mover {
         open + (close - open) * phase
     }
 
-    /// Its way while it counts, for hulls.
-    pub(super) fn span(&self, part: &Part) -> Span {
-        let times = [self.alive.begin(), self.alive.end_bound()];
-        Span::of_point(self.open, self.close, part.range(times), times)
+    /// The phases while it counts, as [`Part::range`] has them.
+    pub(super) fn range(&self, part: &Part) -> [f64; 2] {
+        part.range([self.alive.begin(), self.alive.end_bound()])
     }
+}
 
-    /// The same for one that counts throughout a part, of which the range is known.
-    #[inline]
-    pub(super) fn span_throughout(&self, part: &Part, range: [f64; 2]) -> Span {
-        Span::of_point(self.open, self.close, range, [part.interval.begin(), part.interval.end_bound()])
-    }
+/// Where movers are at mid-part.
+pub(super) fn places(movers: &[Mover], part: &Part) -> Vec<Item> {
+    let phase = f64::from(part.phase(part.middle()));
+    let place = |(index, m): (usize, &Mover)| Item {
+        at: core::array::from_fn(|axis| m.at(axis, phase) as f32),
+        index: index as u32,
+    };
+    let mut places = huge_vec(movers.len());
+    places.extend(movers.iter().enumerate().map(place));
+    places
 }

@@ -3,9 +3,9 @@
 //! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
 //! from two keys, and where points live for a while only, nodes and leaves say when.
 
-use super::linear_bounds::{Hull, LinearBoxes, Span};
+use super::linear_bounds::{Hull, LinearBoxes, Ways};
 use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
-use super::moving_reference::{Mover, Part};
+use super::moving_reference::{Mover, Part, places};
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{Item, ORDERING, order};
 use super::over_interval::{Boxed, Flight, FlightRows, InRows};
@@ -41,12 +41,7 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[Hull]) {
 impl MovingTree {
     /// The complete tree: each mover is in one leaf.
     pub(super) fn build(movers: &[Mover], part: Part, progress: &Progress) -> MovingTree {
-        let phase = f64::from(part.phase(part.middle()));
-        let place = |(index, mover): (usize, &Mover)| Item {
-            at: core::array::from_fn(|axis| mover.at(axis, phase) as f32),
-            index: index as u32,
-        };
-        let mut items: Vec<Item> = movers.iter().enumerate().map(place).collect();
+        let mut items = places(movers, &part);
         order(&mut items, LANES, &progress.part(ORDERING));
         let timed = movers.iter().any(|m| m.alive != part.interval);
         let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
@@ -70,7 +65,9 @@ impl MovingTree {
                 if timed {
                     node_times[begin + i] = times;
                 }
-                above.push(Hull::of_hulls(children));
+                if !children.is_empty() {
+                    above.push(Hull::of_hulls(children));
+                }
             }
             hulls = above;
         }
@@ -152,17 +149,33 @@ impl Fill<'_> {
             parallel::both(|| self.leaves(items, leaves, hulls), || self.leaves(more_items, more_leaves, more_hulls));
             return;
         }
-        let whole = self.part.range([self.part.interval.begin(), self.part.interval.end_bound()]);
-        for (i, items) in items.chunks(LANES).enumerate() {
-            let (mut leaf, mut spans) = (Leaf::EMPTY, [Span::default(); LANES]);
-            for (lane, item) in items.iter().enumerate() {
+        let throughout = [self.part.interval.begin(), self.part.interval.end_bound()];
+        let whole = self.part.range(throughout);
+        let mut ways = Ways {
+            open: [[0.0; LANES]; 3],
+            close: [[0.0; LANES]; 3],
+            range: whole.map(|phase| [phase; LANES]),
+            times: throughout.map(|time| [time; LANES]),
+        };
+        for (i, of_leaf) in items.chunks(LANES).enumerate() {
+            // Where each of them lies in memory is as good as random.
+            for item in items.iter().skip((i + 2) * LANES).take(LANES) {
+                prefetch(&self.movers[item.index as usize]);
+            }
+            let mut leaf = Leaf::EMPTY;
+            for lane in 0..LANES {
+                let item = of_leaf.get(lane).or(of_leaf.last()).expect("a leaf has a point");
                 let mover = &self.movers[item.index as usize];
-                let throughout = mover.alive == self.part.interval;
-                spans[lane] = if throughout { mover.span_throughout(self.part, whole) } else { mover.span(self.part) };
-                leaf.set(lane, mover, spans[lane].times);
+                let counts_throughout = mover.alive == self.part.interval;
+                let range = if counts_throughout { whole } else { mover.range(self.part) };
+                let times = [mover.alive.begin(), mover.alive.end_bound()];
+                ways.set(lane, [mover.open, mover.close], range, times);
+                if lane < of_leaf.len() {
+                    leaf.set(lane, mover, times);
+                }
             }
             leaves.set(i, &leaf);
-            hulls[i] = Some(Hull::of_points(&spans[..items.len()]));
+            hulls[i] = Some(Hull::of_points(&ways));
         }
     }
 }

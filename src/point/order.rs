@@ -30,6 +30,34 @@ pub(super) fn order(items: &mut [Item], leaf: usize, progress: &Progress) {
     order_blocks(items, subtree(items.len(), leaf), leaf, &progress);
 }
 
+/// Orders only as much as it takes for the given runs of `leaf` items to hold what they would hold if all were ordered.
+///
+/// O(n log of the number of those runs).
+pub(super) fn order_runs(items: &mut [Item], leaf: usize, runs: &[usize]) {
+    let block = subtree(items.len(), leaf);
+    order_runs_from(items, block, leaf, (0, runs));
+}
+
+/// The same for items of which the first is in run `first`.
+fn order_runs_from(items: &mut [Item], mut block: usize, leaf: usize, (first, runs): (usize, &[usize])) {
+    let end = first + items.len().div_ceil(leaf);
+    if !runs.iter().any(|run| (first..end).contains(run)) {
+        return;
+    }
+    while items.len() <= block {
+        if block == leaf {
+            return;
+        }
+        block /= LANES;
+    }
+    let left = left_part(items.len(), block);
+    let axis = widest_axis(items);
+    select(items, left, axis);
+    let (low, high) = items.split_at_mut(left);
+    order_runs_from(low, block, leaf, (first, runs));
+    order_runs_from(high, block, leaf, (first + left / leaf, runs));
+}
+
 /// Points below a child of the root: the largest full subtree that does not hold all.
 pub(super) fn subtree(count: usize, leaf: usize) -> usize {
     let mut block = leaf;
@@ -107,14 +135,29 @@ pub(super) fn join(a: impl FnOnce() + Send, b: impl FnOnce() + Send) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
+
+    #[test]
+    fn runs_hold_what_they_would_hold_if_all_were_ordered() {
+        let mut random = Random(9);
+        let at = |random: &mut Random| random.vec().to_array();
+        let items: Vec<Item> = (0..20_000).map(|index| Item { at: at(&mut random), index }).collect();
+        let (leaf, runs) = (1000, [3, 11, 19]);
+        let (mut whole, mut parts) = (items.clone(), items);
+        order(&mut whole, leaf, &Progress::new(None));
+        order_runs(&mut parts, leaf, &runs);
+        let indices = |items: &[Item]| items.iter().map(|item| item.index).collect::<Vec<_>>();
+        for run in runs {
+            let run = run * leaf..(run + 1) * leaf;
+            assert_eq!(indices(&whole[run.clone()]), indices(&parts[run]));
+        }
+        assert_ne!(indices(&whole), indices(&parts));
+    }
 
     #[test]
     fn every_item_stays_and_halves_are_separated() {
-        let mut state = 1u32;
-        let mut next = || {
-            state = state.wrapping_mul(1664525).wrapping_add(1013904223);
-            (state >> 20) as f32
-        };
+        let mut random = Random(1);
+        let mut next = || random.unit();
         for count in [0, 1, 15, 16, 17, 300, 5000] {
             let mut items: Vec<Item> =
                 (0..count).map(|index| Item { at: [next(), 0.001 * next(), 0.001 * next()], index }).collect();
