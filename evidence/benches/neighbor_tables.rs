@@ -321,7 +321,7 @@ fn moving_tables(args: &Args) {
         println!("{row}:{rivals}");
         for (((tree, build), structure), text) in trees.iter().zip(&structures).zip(&table) {
             let bytes = tree.statistics().bytes() as f64 / n as f64;
-            println!("  {structure:?}:{text}; build {build:.0} ms, {bytes:.0} bytes per point");
+            println!("  {structure:?}:{text}; build {build:.1} x static, {bytes:.0} bytes per point");
         }
         for layer in &trees[0].0.statistics().layers {
             println!("      {:?}, {} points: {}", layer.kind, layer.points, layer.why);
@@ -352,12 +352,20 @@ fn moving_tables(args: &Args) {
     }
 }
 
-/// The trees of all structures, and the milliseconds that they took.
+/// The trees of all structures, and how many times as long each takes to build as the tree of the same points when they
+/// stand still: medians of three builds by turns.
 fn built(points: &[MovingPoint], structures: &[PointStructure]) -> Vec<(PointTree, f64)> {
+    let still: Vec<Vec3> = points.iter().map(|p| p.open.lerp(p.close, 0.5)).collect();
     let build = |&structure: &PointStructure| {
-        let start = Instant::now();
-        let tree = PointTree::build(points, &PointParams { structure, ..PointParams::default() }).unwrap();
-        (tree, start.elapsed().as_secs_f64() * 1e3)
+        let params = PointParams { structure, ..PointParams::default() };
+        let times = race(
+            3,
+            1,
+            &mut [&mut || drop(black_box(PointTree::build(points, &params).unwrap())), &mut || {
+                drop(black_box(PointTree::build(&still, &PointParams::default()).unwrap()))
+            }],
+        );
+        (PointTree::build(points, &params).unwrap(), times[0] / times[1])
     };
     structures.iter().map(build).collect()
 }
