@@ -97,7 +97,7 @@ pub struct Recipe {
     pub make: fn(usize) -> Scene,
 }
 
-/// Every scene of triangles ([`flake`] is the one of spheres).
+/// Every scene of triangles ([`flake()`] is the one of spheres).
 pub const CATALOGUE: &[Recipe] = &[
     Recipe { name: "hairball", about: "hair, each strand moving its own way", full: 2_500_000, make: hairball },
     Recipe { name: "tornado", about: "loose triangles in random motion", full: 200_000, make: tornado },

@@ -1,8 +1,8 @@
 //! From primitives to the wide layout.
 //!
 //! Triangles that leaf blocks hold are one group, those that leaves only name another, other primitives the third. Every group
-//! is first drafted: the binary tree and its collapse are made ([`crate::time::draft`]), and it is decided which of its subtrees
-//! divide the shutter ([`crate::time::choose`]). Those are written first, each below a time node of its own; then the rest, in
+//! is first drafted: the binary tree and its collapse are made (`time/draft.rs`), and it is decided which of its subtrees
+//! divide the shutter (`time/choose.rs`). Those are written first, each below a time node of its own; then the rest, in
 //! which they are children like leaf blocks.
 
 use super::leaf_block::WideSource;

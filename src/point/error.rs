@@ -22,7 +22,7 @@ pub enum PointError {
         key: usize,
     },
     /// A coordinate is farther from zero (for f64 input, from the set's centre) than
-    /// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE).
+    /// [`MAX_POINT_COORDINATE`].
     TooLarge {
         /// The point.
         point: usize,

@@ -179,8 +179,8 @@ impl Kernel for AroundPoints<'_> {
                 let close = s.widen_four(&close[axis].as_chunks().0[four]);
                 let way = close - open;
                 let error = unit * (magnitude(s, way) + s.max_d(magnitude(s, open), magnitude(s, close))) + tiny;
-                for end in 0..2 {
-                    let at = open + way * s.load_d(&range[end].as_chunks().0[four]);
+                for (end, phases) in range.iter().enumerate() {
+                    let at = open + way * s.load_d(&phases.as_chunks().0[four]);
                     spans.lo[axis][end].as_chunks_mut().0[four] = s.lanes_d(at - error);
                     spans.hi[axis][end].as_chunks_mut().0[four] = s.lanes_d(at + error);
                 }

@@ -17,7 +17,7 @@ use glam::DVec3;
 /// - [`bounds`](Primitive::bounds) hold, at every time of the interval, every point that
 ///   [`intersect`](Primitive::intersect) can report at that time, *including its own rounding*: pad them by
 ///   the error of the intersection arithmetic.
-/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`](crate::MAX_COORDINATE), over every part of the
+/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`], over every part of the
 ///   shutter, down to a single instant.
 /// - They hold every point that [`closest_point`](Primitive::closest_point) reports at that time, exactly.
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same question gets

@@ -32,7 +32,7 @@ impl ClosestPointQuery {
         ClosestPointQuery { max_distance, ..self }
     }
 
-    /// Whether it means anything: see [`RayTree::closest_point`]. (Comparisons in this form also refuse NaN.)
+    /// Whether it means anything: see [`RayTree::closest_point`](crate::RayTree::closest_point). (Comparisons in this form also refuse NaN.)
     fn is_valid(&self) -> bool {
         self.point.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
             && (0.0..=1.0).contains(&self.time)

@@ -145,7 +145,7 @@ pub(crate) trait Simd: Copy {
     fn select_le(self, x: Self::D, y: Self::D, a: Self::D, b: Self::D) -> Self::D;
 }
 
-/// A computation that [`dispatch`] can compile for every instruction set.
+/// A computation that [`dispatch`](super::dispatch()) can compile for every instruction set.
 ///
 /// Mark `run` and all it calls `#[inline(always)]`: whatever stays a call of its own is compiled
 /// without the instruction set, and every vector then travels through memory.

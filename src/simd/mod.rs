@@ -1,6 +1,6 @@
 //! Sixteen lanes with run-time dispatch, and the aligned memory they read.
 //!
-//! A query kernel is written once, generic over [`Simd`], as plain straight-line code. [`dispatch`]
+//! A query kernel is written once, generic over [`Simd`], as plain straight-line code. [`dispatch()`]
 //! compiles it three times (SSE2, AVX2, AVX-512) and runs the widest version that the CPU has, so
 //! a default build reaches AVX-512 without compiler flags. The picture to have in mind: a token `s`
 //! of type `S: Simd` is the proof that the CPU has the instructions, and every vector is born from it. Architectures other

@@ -1,5 +1,5 @@
 //! `.mseq`: a baked sequence. Little-endian, no padding: 8 bytes "MSEQ0001", u32 vertices, u32 triangles, u32
-//! frames, f32 seconds per frame, u32 triangles[][3], f32 positions[frames][vertices][3].
+//! frames, f32 seconds per frame, `u32 triangles[][3]`, `f32 positions[frames][vertices][3]`.
 
 use super::sequence::Sequence;
 use super::{Part, Wrong, check_indices, check_positions};

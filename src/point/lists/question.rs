@@ -20,7 +20,7 @@ pub(super) struct Listing<'a> {
 }
 
 impl Listing<'_> {
-    /// Which columns of floats are asked for, in the order of [`Columns::floats`].
+    /// Which columns of floats are asked for, in the order of [`Columns::floats`](super::columns::Columns::floats).
     pub(super) fn columns(&self) -> [bool; 4] {
         [self.distances, self.displacements, self.displacements, self.displacements]
     }
