@@ -2,8 +2,8 @@
 //!
 //! Points lie in rows. Of a range the widest axis is found, then a threshold below which the left part's coordinates are,
 //! by counting what is below a guess and guessing again, and then every vector is compressed twice: what is on the left
-//! to the front of the same rows, the rest to spare ones that are copied behind it. Nothing is written before it is read, because no more
-//! is written to the front than was read. A range has whole vectors, and so have its parts.
+//! to the front of the same rows, the rest to spare ones that are copied behind it. Nothing is overwritten before it is read, because no
+//! more is written to the front than was read. A range has whole vectors, and so have its parts.
 
 use super::order::left_part;
 use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at};
@@ -27,8 +27,7 @@ impl Kernel for Bottom<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let mut rows = Rows { at: [[0.0; MOST]; 3], index: [0; MOST] };
-        let mut spare = Rows { at: [[0.0; MOST]; 3], index: [0; MOST] };
+        let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::EMPTY);
         for (i, item) in self.items.iter().enumerate() {
             rows.set(i, item);
         }
@@ -52,13 +51,18 @@ impl Kernel for Bottom<'_> {
     }
 }
 
+/// Room for the right part of a range, which is not the larger one, and to the end of a vector behind it.
+const SPARE: usize = MOST / 2 + LANES;
+
 /// Points in rows.
-struct Rows {
-    at: [[f32; MOST]; 3],
-    index: [u32; MOST],
+struct Rows<const N: usize> {
+    at: [[f32; N]; 3],
+    index: [u32; N],
 }
 
-impl Rows {
+impl<const N: usize> Rows<N> {
+    const EMPTY: Rows<N> = Rows { at: [[0.0; N]; 3], index: [0; N] };
+
     #[inline(always)]
     fn set(&mut self, i: usize, item: &Item) {
         let [x, y, z] = &mut self.at;
@@ -73,7 +77,7 @@ impl Rows {
 
     /// Brings the lowest coordinates along the widest axis of `begin..end` into `begin..middle`.
     #[inline(always)]
-    fn split<S: Simd>(&mut self, s: S, (begin, middle, end): (usize, usize, usize), spare: &mut Rows) {
+    fn split<S: Simd>(&mut self, s: S, (begin, middle, end): (usize, usize, usize), spare: &mut Rows<SPARE>) {
         let (axis, least, most) = self.widest_axis(s, begin, end);
         let keys = self.at[axis][begin..end].as_chunks().0;
         let (bound, mut equal) = threshold(s, keys, middle - begin, (least, most));

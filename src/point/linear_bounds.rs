@@ -212,8 +212,7 @@ impl Spans {
         let (begins, ends) = (fours(s, &self.range[0]), fours(s, &self.range[1]));
         let range = [least(s, begins), -least(s, negated(s, ends))];
         let whole = (0..LANES).all(|lane| self.range[0][lane] == range[0] && self.range[1][lane] == range[1]);
-        let mut around = Faces { begins, ends, range, whole, duration: 0.0, pad };
-        around.duration = sum(s, ends, begins);
+        let around = Faces { begins, ends, range, whole, duration: sum(s, ends, begins), pad };
         let mut hull = Hull { lo: [Face::default(); 3], hi: [Face::default(); 3], range, times: self.times() };
         for axis in 0..3 {
             let [at_begin, at_end] = &self.lo[axis];

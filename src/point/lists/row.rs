@@ -102,9 +102,9 @@ impl Near {
         for &pick in picks {
             let block = &candidates.blocks[pick as usize];
             let [x, y, z] = rows(s, &block.at);
-            let gap_x = s.max_with_zero(x - hi[0], lo[0] - x);
-            let gap_y = s.max_with_zero(y - hi[1], lo[1] - y);
-            let gap_z = s.max_with_zero(z - hi[2], lo[2] - z);
+            let gap_x = x - s.min(s.max(x, lo[0]), hi[0]);
+            let gap_y = y - s.min(s.max(y, lo[1]), hi[1]);
+            let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
             let near = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
             write(s, to_x, end, s.compress(x, near));
             write(s, to_y, end, s.compress(y, near));
