@@ -5,7 +5,7 @@
 //! to the front of the same rows, the rest to spare ones that are copied behind it. Nothing is overwritten before it is read, because no
 //! more is written to the front than was read. A range has whole vectors, and so have its parts.
 
-use super::order::left_part;
+use super::complete_tree::left_part;
 use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at};
 
 /// Most points that are ordered here: those below a bottom node whose leaves have two vectors.

@@ -19,6 +19,7 @@ mod build;
 mod byte_boxes;
 mod choose;
 mod compiled;
+mod complete_tree;
 mod counted;
 mod error;
 mod fast;

@@ -7,6 +7,7 @@
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
 use super::bottom::{self, Bottom};
+use super::complete_tree::{left_part, subtree};
 use super::select::select;
 use crate::progress::Progress;
 pub(super) use crate::simd::Item;
@@ -56,20 +57,6 @@ fn order_runs_from(items: &mut [Item], mut block: usize, leaf: usize, (first, ru
     let (low, high) = items.split_at_mut(left);
     order_runs_from(low, block, leaf, (first, runs));
     order_runs_from(high, block, leaf, (first + left / leaf, runs));
-}
-
-/// Points below a child of the root: the largest full subtree that does not hold all.
-pub(super) fn subtree(count: usize, leaf: usize) -> usize {
-    let mut block = leaf;
-    while block * LANES < count {
-        block *= LANES;
-    }
-    block
-}
-
-/// Points in the left part of a range that consists of subtrees of `block` points.
-pub(super) fn left_part(count: usize, block: usize) -> usize {
-    count.div_ceil(block).div_ceil(2) * block
 }
 
 /// Orders a range whose subtrees have `block` points each. An item counts 1 for `progress`.

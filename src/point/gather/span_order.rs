@@ -7,7 +7,8 @@
 //!
 //! The tree is that of [`Shape`](crate::point::static_tree::Shape): all subtrees full but the last of each level.
 
-use crate::point::order::{join, left_part, subtree};
+use crate::point::complete_tree::{left_part, subtree};
+use crate::point::order::join;
 use crate::simd::LANES;
 
 /// Channels of an item: x, y, z, time, reach.

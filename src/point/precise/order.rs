@@ -1,6 +1,7 @@
 //! Bringing f64 points into the order of a complete tree: [`crate::point::order`] in f64.
 
-use crate::point::order::{SAMPLE, join, left_part, subtree};
+use crate::point::complete_tree::{left_part, subtree};
+use crate::point::order::{SAMPLE, join};
 use crate::progress::Progress;
 use crate::simd::LANES;
 use glam::DVec3;

@@ -1,0 +1,17 @@
+//! The subtrees of a complete tree: all are full except the last on each level.
+
+use crate::simd::LANES;
+
+/// Points below a child of the root: the largest full subtree that does not hold all.
+pub(super) fn subtree(count: usize, leaf: usize) -> usize {
+    let mut block = leaf;
+    while block * LANES < count {
+        block *= LANES;
+    }
+    block
+}
+
+/// Points in the left part of a range that consists of subtrees of `block` points.
+pub(super) fn left_part(count: usize, block: usize) -> usize {
+    count.div_ceil(block).div_ceil(2) * block
+}
