@@ -11,6 +11,17 @@ pub(super) fn subtree(count: usize, leaf: usize) -> usize {
     block
 }
 
+/// Points of each of the subtrees that a range of `count` points consists of, at most `block`; none where it is one leaf.
+pub(super) fn subtrees_of(count: usize, mut block: usize, leaf: usize) -> Option<usize> {
+    while count <= block {
+        if block == leaf {
+            return None;
+        }
+        block /= LANES;
+    }
+    Some(block)
+}
+
 /// Points in the left part of a range that consists of subtrees of `block` points.
 pub(super) fn left_part(count: usize, block: usize) -> usize {
     count.div_ceil(block).div_ceil(2) * block

@@ -7,7 +7,7 @@
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
 use super::bottom::{self, Bottom};
-use super::complete_tree::{left_part, subtree};
+use super::complete_tree::{left_part, subtree, subtrees_of};
 use super::select::select;
 use crate::progress::Progress;
 pub(super) use crate::simd::Item;
@@ -40,43 +40,38 @@ pub(super) fn order_runs(items: &mut [Item], leaf: usize, runs: &[usize]) {
 }
 
 /// The same for items of which the first is in run `first`.
-fn order_runs_from(items: &mut [Item], mut block: usize, leaf: usize, (first, runs): (usize, &[usize])) {
+fn order_runs_from(items: &mut [Item], block: usize, leaf: usize, (first, runs): (usize, &[usize])) {
     let end = first + items.len().div_ceil(leaf);
     if !runs.iter().any(|run| (first..end).contains(run)) {
         return;
     }
-    while items.len() <= block {
-        if block == leaf {
-            return;
-        }
-        block /= LANES;
-    }
+    let Some(block) = subtrees_of(items.len(), block, leaf) else { return };
+    let (low, high) = halves(items, block);
+    let middle = first + low.len() / leaf;
+    order_runs_from(low, block, leaf, (first, runs));
+    order_runs_from(high, block, leaf, (middle, runs));
+}
+
+/// Cuts a range that consists of subtrees of `block` points across its widest axis.
+fn halves(items: &mut [Item], block: usize) -> (&mut [Item], &mut [Item]) {
     let left = left_part(items.len(), block);
     let axis = widest_axis(items);
     select(items, left, axis);
-    let (low, high) = items.split_at_mut(left);
-    order_runs_from(low, block, leaf, (first, runs));
-    order_runs_from(high, block, leaf, (first + left / leaf, runs));
+    items.split_at_mut(left)
 }
 
 /// Orders a range whose subtrees have `block` points each. An item counts 1 for `progress`.
-fn order_blocks(items: &mut [Item], mut block: usize, leaf: usize, progress: &Progress) {
-    while items.len() <= block {
-        if block == leaf {
-            return progress.finished(items.len() as f64);
-        }
-        block /= LANES;
-    }
+fn order_blocks(items: &mut [Item], block: usize, leaf: usize, progress: &Progress) {
+    let Some(block) = subtrees_of(items.len(), block, leaf) else {
+        return progress.finished(items.len() as f64);
+    };
     if block == leaf && items.len() <= bottom::MOST && items.len().is_multiple_of(LANES) {
         let count = items.len() as f64;
         // The order does not depend on the instruction set.
         dispatch(SimdLevel::best(), Bottom { items, leaf });
         return progress.finished(count);
     }
-    let left = left_part(items.len(), block);
-    let axis = widest_axis(items);
-    select(items, left, axis);
-    let (low, high) = items.split_at_mut(left);
+    let (low, high) = halves(items, block);
     if low.len() < SHARE {
         order_blocks(low, block, leaf, progress);
         order_blocks(high, block, leaf, progress);

@@ -162,16 +162,16 @@ fn run(options: &Options) -> Result<(), String> {
 /// What a method works with: of what was tried for it, what gave the least error in the caustic in the same time.
 fn settings(options: &Options, method: Method) -> Settings {
     let pixels = options.width * options.height;
-    let (paths, samples, enough) = match method {
-        Method::OneTime => (options.photons_of_one_time.unwrap_or(pixels / 4), 1, (300, 150)),
-        Method::RayTime | Method::Ignored => (options.photons.unwrap_or(pixels / 4 * 3), options.samples, (300, 150)),
+    let (paths, samples) = match method {
+        Method::OneTime => (options.photons_of_one_time.unwrap_or(pixels / 4), 1),
+        Method::RayTime | Method::Ignored => (options.photons.unwrap_or(pixels / 4 * 3), options.samples),
     };
     Settings {
         width: options.width as usize,
         height: options.height as usize,
         paths: Paths { glass: paths as usize / 2, others: paths as usize / 2 },
-        caustic: Reach { radius: 0.07, window: 0.3, photons: enough.0 },
-        indirect: Reach { radius: 0.45, window: 0.2, photons: enough.1 },
+        caustic: Reach { radius: 0.07, window: 0.3, photons: 300 },
+        indirect: Reach { radius: 0.45, window: 0.2, photons: 150 },
         shrinks: true,
         samples,
         seed: options.seed,

@@ -7,7 +7,7 @@
 //!
 //! The tree is that of [`Shape`](crate::point::static_tree::Shape): all subtrees full but the last of each level.
 
-use crate::point::complete_tree::{left_part, subtree};
+use crate::point::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::order::join;
 use crate::simd::LANES;
 
@@ -49,13 +49,8 @@ pub(super) fn order(items: &mut [Item], queries: &Queries) {
     divide(items, subtree(items.len(), LANES), queries);
 }
 
-fn divide(items: &mut [Item], mut block: usize, queries: &Queries) {
-    while items.len() <= block {
-        if block == LANES {
-            return;
-        }
-        block /= LANES;
-    }
+fn divide(items: &mut [Item], block: usize, queries: &Queries) {
+    let Some(block) = subtrees_of(items.len(), block, LANES) else { return };
     let left = left_part(items.len(), block);
     let channel = best_channel(items, queries);
     items.select_nth_unstable_by(left, |a, b| a.at[channel].total_cmp(&b.at[channel]));

@@ -1,9 +1,8 @@
 //! Bringing f64 points into the order of a complete tree: [`crate::point::order`] in f64.
 
-use crate::point::complete_tree::{left_part, subtree};
+use crate::point::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::order::{SAMPLE, join};
 use crate::progress::Progress;
-use crate::simd::LANES;
 use glam::DVec3;
 
 /// A point to be put in order.
@@ -25,13 +24,10 @@ pub(super) fn order(places: &mut [Place], leaf: usize, progress: &Progress) {
 }
 
 /// Orders a range whose subtrees have `block` points each. A place counts 1 for `progress`.
-fn blocks(places: &mut [Place], mut block: usize, leaf: usize, progress: &Progress) {
-    while places.len() <= block {
-        if block == leaf {
-            return progress.finished(places.len() as f64);
-        }
-        block /= LANES;
-    }
+fn blocks(places: &mut [Place], block: usize, leaf: usize, progress: &Progress) {
+    let Some(block) = subtrees_of(places.len(), block, leaf) else {
+        return progress.finished(places.len() as f64);
+    };
     let left = left_part(places.len(), block);
     let axis = widest_axis(places);
     places.select_nth_unstable_by(left, |a, b| a.at[axis].total_cmp(&b.at[axis]).then(a.point.cmp(&b.point)));
