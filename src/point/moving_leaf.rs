@@ -195,9 +195,9 @@ impl MovingLeaves {
         [times.begin[lane], times.end[lane]]
     }
 
-    /// Whether the life of any point begins or ends at a time.
-    pub(super) fn begins_or_ends_at(&self, time: f32) -> bool {
-        self.lives.iter().any(|life| life.begin.contains(&time) || life.end.contains(&time))
+    /// Whether the life of any point begins at a time.
+    pub(super) fn begins_at(&self, time: f32) -> bool {
+        self.lives.iter().any(|life| life.begin.contains(&time))
     }
 
     /// The points of a block between its keys.

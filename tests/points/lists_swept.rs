@@ -19,6 +19,7 @@ fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> 
         if begin > end {
             continue;
         }
+        let over = |time: f64| lives.iter().any(|life| life.end() < 1.0 && time >= life.end().into());
         let place = |k: usize, time: f64| {
             let key = |number: usize| cloud.keys[number.min(cloud.keys.len() - 1)][k].as_dvec3();
             let phase = (time * segments - segment as f64).clamp(0.0, 1.0);
@@ -39,6 +40,9 @@ fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> 
         let enter = if outside <= 0.0 { 0.0 } else { (outside / (approach + root)).clamp(0.0, w) };
         let leave = if dot(last, last) <= square { 1.0 } else { ((approach + root) / speed).clamp(w, 1.0) };
         let time = |w: f64| (begin + (end - begin) * w) as f32;
+        if over(begin + (end - begin) * enter) {
+            continue;
+        }
         let (enter, leave, closest) = (time(enter), time(leave), time(w));
         let distance_squared = distance as f32;
         let all = all.get_or_insert(Encounter { id: j as u32, enter, leave, closest, distance_squared });
@@ -159,8 +163,8 @@ fn larger_sets_swept_on_all_numbers_of_threads() {
     }
 }
 
-/// Parts of the shutter hold their begin and not their end, lives count with both ends here: points that are only together at
-/// a border between parts, where the one ends to exist and the other begins.
+/// Lives and parts of the shutter hold their begin and not their end: points of which one begins to exist where the other ends do not
+/// meet there, those that begin together do, also where the shutter is divided, at keys, and at the end of what is looked at.
 #[test]
 fn lives_that_touch_where_the_shutter_is_divided() {
     let mut rng = Rng(77);
@@ -173,6 +177,12 @@ fn lives_that_touch_where_the_shutter_is_divided() {
     for i in (0..160).filter(|i| i % 6 == 4) {
         cloud.keys[1][i] = if i % 4 == 0 { cloud.keys[0][i] } else { cloud.keys[1][i] * 4.0 };
     }
+    let third = |(a, b): (&Vec3, &Vec3)| if a == b { *a } else { *a * 0.5 + *b * 0.4 };
+    let mut three_keys = cloud.clone();
+    three_keys.keys.push(cloud.keys[0].iter().zip(&cloud.keys[1]).map(third).collect());
+    let mut five_keys = three_keys.clone();
+    five_keys.keys.push(cloud.keys[1].clone());
+    five_keys.keys.push(cloud.keys[0].clone());
     let structures = [
         PointStructure::Automatic,
         PointStructure::Linear,
@@ -181,21 +191,24 @@ fn lives_that_touch_where_the_shutter_is_divided() {
         PointStructure::Slabs(3),
         PointStructure::Slabs(8),
     ];
-    let mut touching = 0;
-    for (begin, end) in [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.75), (0.4, 0.6), (0.625, 0.875)] {
-        let interval = TimeInterval::new(begin, end).unwrap();
-        for radius in [0.3, 9.0] {
-            let expected = meet_all(&cloud, interval, radius);
-            let touches = |e: &&Encounter| e.enter == 0.5 && e.leave == 0.5;
-            touching += expected.iter().flatten().filter(touches).count();
-            for structure in structures {
-                let tree = build(&cloud, structure, SimdLevel::best());
-                let found = tree.neighbor_lists_swept(interval, radius).unwrap();
-                check(&found, &expected, &format!("{structure:?}, {begin}..{end}, radius {radius}"));
+    for cloud in [cloud, three_keys, five_keys] {
+        let trees = structures.map(|structure| (structure, build(&cloud, structure, SimdLevel::best())));
+        let mut touching = 0;
+        for (begin, end) in [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.75), (0.4, 0.6), (0.625, 0.875)] {
+            let interval = TimeInterval::new(begin, end).unwrap();
+            for radius in [0.3, 9.0] {
+                let expected = meet_all(&cloud, interval, radius);
+                let touches = |e: &&Encounter| e.enter == 0.5 && e.leave == 0.5;
+                touching += expected.iter().flatten().filter(touches).count();
+                for (structure, tree) in &trees {
+                    let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                    let keys = cloud.keys.len();
+                    check(&found, &expected, &format!("{keys} keys, {structure:?}, {begin}..{end}, radius {radius}"));
+                }
             }
         }
+        assert!(touching > 1000, "{touching}");
     }
-    assert!(touching > 1000, "{touching}");
 }
 
 /// At all times before the returned one, lists at the time hold nothing that is not in the lists with a skin; and the

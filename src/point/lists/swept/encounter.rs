@@ -61,10 +61,8 @@ pub(super) struct Window {
     segment: usize,
     /// First and last time.
     times: [f64; 2],
-    /// Encounters are told of that begin from this time on, and before the time of each of both points; or later, if that
-    /// point's life is over by then.
-    from: f64,
-    until: [f64; 2],
+    /// Encounters are told of that begin from the first of these times to before the second.
+    told: [f64; 2],
 }
 
 /// Points that are looked at side by side.
@@ -76,13 +74,13 @@ impl Window {
         let segments = (keys.max(2) - 1) as f64;
         let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
         let times = [begin.max(ends[0]), end.min(ends[1])];
-        Window { keys, segment, times, from: f64::NEG_INFINITY, until: [f64::INFINITY; 2] }
+        Window { keys, segment, times, told: [f64::NEG_INFINITY, f64::INFINITY] }
     }
 
     /// The same, but only what begins in the parts of the shutter of both points is told of. Parts hold their begin and
     /// not their end.
     pub(super) fn owned_by(self, [own, other]: [[f64; 2]; 2]) -> Window {
-        Window { from: own[0].max(other[0]), until: [own[1], other[1]], ..self }
+        Window { told: [own[0].max(other[0]), own[1].min(other[1])], ..self }
     }
 
     /// Where in the segment a time lies, in [0, 1].
@@ -155,10 +153,9 @@ impl<S: Simd> Common<S> {
         let last = lesser(lesser(window.times[1], 1.0), own_end);
         let ends = s.widen_four(&ends);
         let times = [begin, s.min_d(s.splat_d(last), ends)];
-        let [own_until, until] = window.until;
-        let own_until = if own_end <= own_until { f64::INFINITY } else { own_until };
-        let until = s.select_le(ends, s.splat_d(until), s.splat_d(f64::INFINITY), s.splat_d(until));
-        let told = [s.splat_d(window.from), s.min_d(s.splat_d(own_until), until)];
+        // Where a life ends, the point is no more.
+        let [from, until] = window.told;
+        let told = [s.splat_d(from), s.min_d(s.splat_d(lesser(until, own_end)), ends)];
         let phases = [window.phases(s, times[0]), window.phases(s, times[1])];
         Common { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])], told }
     }

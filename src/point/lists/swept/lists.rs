@@ -82,7 +82,8 @@ impl PointTree {
     /// For every point all others that come within `radius` at some time of the interval, both ends included, with
     /// the times: what a step of a simulation needs in which nothing may pass unseen.
     ///
-    /// Decided in f64 for exact linear motion between the f32 positions at the keys; lives count with both ends. The
+    /// Decided in f64 for exact linear motion between the f32 positions at the keys. Points meet while both are alive: not
+    /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. The
     /// lists do not depend on the structure, the number of threads or the instruction set, apart from the order of
     /// lists and within them, which is that of the tree, or of ids where it consists of several. Points with the same id
     /// are no neighbours of each other; where the tree consists of several, they have one list together.

@@ -5,9 +5,10 @@
 //! begins: in the part of the one point and the part of the other that hold this time. The begin is computed from the two
 //! points alone, so it is the same wherever the pair comes up, and just one comparison tells of it.
 //!
-//! **Why none is lost.** Let an encounter begin at the computed time x. Each point has a reference in the part of its layer that holds
-//! x; or, if its life ends at x, which counts here and not there, in the part that holds the time before. Both parts
-//! answer for x, their ends included, so they are compared at x. The exact begin differs from x by at most 2^-25 of the
+//! **Why none is lost.** Let an encounter begin at the computed time x, which both lives hold. Each point has a reference in
+//! the part of its layer that holds x, so these parts are compared at x. The part that begins where the times looked at end is
+//! looked at only if a life begins there, in any layer: all other points are in the part before, too, which tells of all
+//! later encounters if it is the last. The exact begin differs from x by at most 2^-25 of the
 //! time that both exist: it comes from the root of a difference of f64 products. So at x the two are within the radius or farther by no more
 //! than 2^-25 of their relative motion, one of the 64 units of slack in [`super`]. At keys, whose times f32 rounds, the
 //! first and the last part of a segment tell of all that is beyond them, and ranges of times are widened by more than that.
@@ -75,11 +76,11 @@ impl Part<'_> {
         matches!(self.tree, Tree::Moving(tree) if tree.timed())
     }
 
-    /// Whether the life of any point begins or ends at a time.
-    fn begins_or_ends_at(&self, time: f32) -> bool {
+    /// Whether the part of the shutter holds a time.
+    fn holds(&self, time: f32) -> bool {
         match self.tree {
-            Tree::Still(_) => false,
-            Tree::Moving(tree) => tree.leaves.begins_or_ends_at(time),
+            Tree::Still(_) => true,
+            Tree::Moving(tree) => tree.part().interval.contains(time),
         }
     }
 
@@ -118,8 +119,15 @@ fn magnitude<T: Boxed>(tree: &T) -> f64 {
     rows.map(there).fold(0.0, f64::max)
 }
 
-/// The parts of a layer that are looked at between two times, in one segment between keys where that is given.
-pub(super) fn parts_of<'a>(layer: &'a Layer, times: [f32; 2], segment: Option<usize>) -> Vec<Part<'a>> {
+/// Whether a life begins just where a part of the shutter does.
+pub(super) fn begins_with_a_part(layers: &[Layer], time: f32) -> bool {
+    let begins = |tree: &MovingTree| tree.part().interval.begin() == time && tree.leaves.begins_at(time);
+    layers.iter().any(|layer| matches!(layer, Layer::Moving(trees) if trees.iter().any(begins)))
+}
+
+/// The parts of a layer that are looked at between two times, in one segment between keys where that is given; the last of
+/// the times counts in the part that it begins only where a life does too, see [`begins_with_a_part`].
+pub(super) fn parts_of<'a>(layer: &'a Layer, times: [f32; 2], begins: bool, segment: Option<usize>) -> Vec<Part<'a>> {
     let trees = match layer {
         Layer::Still(tree) => return vec![Part { tree: Tree::Still(tree), times, owns: ALWAYS }],
         // See `PointTree::boxed`.
@@ -130,10 +138,9 @@ pub(super) fn parts_of<'a>(layer: &'a Layer, times: [f32; 2], segment: Option<us
         let interval = tree.part().interval;
         let owns = [interval.begin(), interval.end_bound()].map(f64::from);
         let both = [times[0].max(interval.begin()), times[1].min(interval.end())];
-        let part = Part { tree: Tree::Moving(tree), times: both, owns };
-        // What is there besides at the time of one end is in the part beside too.
-        let beside = both[0] == both[1] && times[0] < times[1] && !part.begins_or_ends_at(both[0]);
-        (both[0] <= both[1] && !beside).then_some(part)
+        let last = both[0] == times[1] && times[0] < times[1];
+        let looked_at = both[0] <= both[1] && times[0] < interval.end_bound() && (begins || !last);
+        looked_at.then_some(Part { tree: Tree::Moving(tree), times: both, owns })
     };
     let mut parts: Vec<Part> = trees.filter_map(part).collect();
     // Times at keys are rounded, and the part beside may not be looked at.
@@ -157,9 +164,8 @@ pub(super) fn pairings(parts: &[Part], layers: &[Range<usize>], times: [f32; 2])
                 if both[0] > both[1] {
                     break;
                 }
-                // Points on both sides of a border between parts are in both, apart from those whose lives touch there.
-                let border = number != own && both[0] == both[1] && times[0] < times[1];
-                if border && ![part, other].iter().any(|part| part.begins_or_ends_at(both[0])) {
+                // A part does not hold its end.
+                if both[0] == both[1] && both[0] < times[1] && !(part.holds(both[0]) && other.holds(both[0])) {
                     continue;
                 }
                 if matches!((part.segment(), other.segment()), (Some(a), Some(b)) if a != b) {

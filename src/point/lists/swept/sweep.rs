@@ -3,7 +3,7 @@
 use super::encounter::{Question, Visitor, Window};
 use super::flights::{Group, Partners};
 use super::near::Near;
-use super::parts::{Pairing, Part, Tree, pairings, parts_of};
+use super::parts::{Pairing, Part, Tree, begins_with_a_part, pairings, parts_of};
 use crate::parallel;
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Simd, dispatch};
@@ -32,9 +32,10 @@ impl<'a> Sweep<'a> {
     /// Between two times of the shutter; where a segment between keys is given, in that one only.
     pub(super) fn new(tree: &'a PointTree, times: [f32; 2], radius: f32, segment: Option<usize>) -> Sweep<'a> {
         let (mut parts, mut layers) = (Vec::new(), Vec::new());
+        let begins = begins_with_a_part(&tree.layers, times[1]);
         for layer in &tree.layers {
             let begin = parts.len();
-            parts.extend(parts_of(layer, times, segment));
+            parts.extend(parts_of(layer, times, begins, segment));
             layers.push(begin..parts.len());
         }
         let pairings = pairings(&parts, &layers, times);
