@@ -111,27 +111,31 @@ pub(crate) mod slices {
 
 /// Trees over points: which structure, and from which size on memory is waited for.
 ///
-/// `cargo bench --bench neighbor_tables`
+/// `cargo bench --bench neighbor_tables`; prices are the least squares of `cargo bench --bench neighbor_tables -- prices`
 pub(crate) mod points {
-    /// Points of each sample, samples, and searches in each of them.
-    pub const SAMPLE: usize = 1 << 15;
-    pub const SAMPLES: usize = 2;
-    pub const SEARCHES: usize = 192;
+    /// Samples; points in each, at least and at most, of which each stands for so many of the set.
+    pub const SAMPLES: usize = 4;
+    pub const SAMPLE: [usize; 2] = [256, 2048];
+    pub const SAMPLED: usize = 64;
+    /// Searches in all samples, at least and at most, of which each stands for so many points of the set.
+    pub const SEARCHES: [usize; 2] = [96, 384];
+    pub const SEARCHED: usize = 256;
     /// Price of a block in nodes: a node has twelve rows and leads on, a block has six and does not.
-    pub const BLOCK_PRICE: f64 = 0.7;
-    /// What a search costs besides, in nodes: setting out and putting the found ones in order.
-    pub const SEARCH_PRICE: f64 = 6.0;
-    /// What a search costs besides when all it touches comes from memory, in nodes: some eight nodes of twelve cache lines
-    /// and eight blocks of seven, each line about as dear as a node in the cache. Whatever a search visits beyond that
-    /// lies beside it and is asked for ahead, so this does not grow with the work.
-    pub const COLD: f64 = 150.0;
-    /// Bytes of a structure of which half is found in no cache, by searches that follow each other through space at times of
-    /// their own: the more trees they are spread over, the less one finds of what the one before has fetched.
-    pub const HALF_COLD: f64 = 430e6;
+    pub const BLOCK_PRICE: f64 = 0.35;
+    /// What a search costs besides when all it touches comes from memory, in nodes. What it visits lies beside each other and is asked
+    /// for ahead, so this does not grow with the work.
+    pub const COLD: f64 = 24.0;
+    /// Bytes of a structure of which half is found in no cache, between those of searches that follow each other through space (three
+    /// times as many) and of such that do not (four tenths): the more trees they are spread over, the less one finds of what the one
+    /// before has fetched.
+    pub const HALF_COLD: f64 = 100e6;
     /// Bytes of a reference with its share of nodes.
     pub const REFERENCE_BYTES: f64 = 32.0;
     /// A structure must be this much cheaper than a smaller one to be taken.
     pub const GAIN: f64 = 0.93;
+    /// What a structure must cost in samples, relative to one in the whole set, for a tree of it to be built and looked at. Samples see
+    /// too little by some hundredths.
+    pub const PROMISE: f64 = 0.87;
     /// A mover is fast when it moves farther, relative to its neighbours, than this many times the size of
     /// a leaf: that which they share at mid-part, or the median of all leaves if that is smaller. (What has left the crowd by
     /// then shares a large leaf with few others.)

@@ -12,7 +12,7 @@ use clap::{Parser, ValueEnum};
 use kiddo::SquaredEuclidean;
 use kiddo::leaf_strategy::FlatVec;
 use kiddo::stem_strategy::Eytzinger;
-use mbkd::glam::Vec3;
+use mbkd::glam::{DMat3, DVec3, Vec3};
 use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval};
 use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
@@ -58,6 +58,8 @@ enum Table {
     Moving,
     /// Points that live for a while
     Lives,
+    /// What nodes, blocks and memory cost: the fit of the prices by which structures are chosen (only if named)
+    Prices,
 }
 
 /// A number that makes sense: with fewer points or queries there is nothing to measure.
@@ -442,6 +444,55 @@ fn lives_tables(args: &Args) {
     println!("      {}", trees[0].0.statistics().layers.last().map_or("", |l| &l.why));
 }
 
+/// Fits the time of searches for eight neighbours by the nodes and blocks that they visit and by the bytes of the tree, for searches in
+/// the order of space and in none, over forced structures of sets of all the sizes.
+fn prices(args: &Args) {
+    // Nodes, blocks, bytes and time.
+    let mut rows: Vec<[f64; 4]> = Vec::new();
+    for &n in &args.points {
+        for row in ["coherent 10%", "random 0.5x", "random 1x", "random 5x", "random 20x", "clustered"] {
+            let points = moving_set(row, n);
+            let mut rng = Lcg(99);
+            let place = |(p, t): (&MovingPoint, f32)| (p.open.lerp(p.close, t), t);
+            let at: Vec<_> = (0..args.queries).map(|i| place((&points[i * 7919 % n], rng.unit()))).collect();
+            let mut ordered = at.clone();
+            ordered.sort_by_key(|(q, _)| morton(*q));
+            for parts in [1, 2, 4, 8, 16] {
+                let (structure, mut buffer) = (PointStructure::Slabs(parts), NeighborBuffer::new());
+                let tree = PointTree::build(&points, &PointParams { structure, ..PointParams::default() }).unwrap();
+                let some = || at.iter().step_by(10);
+                let work = some().map(|(q, t)| tree.query(*q, *t).work(8)).map(|w| [w.nodes as f64, w.blocks as f64]);
+                let [nodes, blocks] = work.fold([0.0; 2], |sum, w| [sum[0] + w[0], sum[1] + w[1]]);
+                let count = some().count() as f64;
+                // What no one would choose says nothing about what one might.
+                if nodes > 50.0 * count {
+                    continue;
+                }
+                for at in [&at, &ordered] {
+                    let time = race(args.repeat, at.len(), &mut [&mut || k_nearest(&tree, at, 8, &mut buffer)])[0];
+                    rows.push([nodes / count, blocks / count, 32.0 * (n * parts) as f64, time]);
+                }
+            }
+        }
+    }
+    println!(
+        "\nPrices of {} structures: half cold at bytes; ns per node; block and cold memory in nodes; error",
+        rows.len()
+    );
+    for half_cold in [1e7, 2e7, 5e7, 1e8, 2e8, 5e8, 1e9] {
+        let terms =
+            |&[nodes, blocks, bytes, time]: &[f64; 4]| DVec3::new(nodes, blocks, bytes / (bytes + half_cold)) / time;
+        // The squares of relative errors are to be least.
+        let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+        let (squares, sum) = rows.iter().map(terms).fold((DMat3::ZERO, DVec3::ZERO), |s, v| (s.0 + outer(v), s.1 + v));
+        let price = squares.inverse() * sum;
+        let errors = rows.iter().map(|row| (terms(row).dot(price) - 1.0).powi(2)).sum::<f64>();
+        let [node, block, cold] = price.to_array();
+        let error = (errors / rows.len() as f64).sqrt();
+        println!("  {half_cold:5.0e}: {node:.1}; {:.2} {:.0}; {error:.3}", block / node, cold / node);
+    }
+}
+
 fn main() {
     let args = Args::parse();
     println!(
@@ -462,6 +513,9 @@ fn main() {
         }
         if wants(Table::Lives) {
             lives_tables(&args);
+        }
+        if args.tables.contains(&Table::Prices) {
+            prices(&args);
         }
     });
 }

@@ -8,7 +8,7 @@ use super::order::Item;
 use super::partition::Layer;
 use super::plane_tree::PlaneTree;
 use super::static_tree::StaticTree;
-use crate::geometry::TimeInterval;
+use crate::geometry::{KeyTime, TimeInterval};
 use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::primitive::{PointSet, kept_keys};
 use crate::progress::Progress;
@@ -300,23 +300,12 @@ pub(super) fn parts(keys: usize, per_segment: usize) -> Vec<Part> {
     (0..count).filter_map(part).collect()
 }
 
-/// Begin of part `i`. At keys: the least float that queries count to the later segment.
+/// Begin of part `i`.
 fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
-    use crate::geometry::KeyTime;
-    let segments = (keys - 1).max(1);
-    let near = (i as f64 / (segments * per_segment) as f64) as f32;
-    if !i.is_multiple_of(per_segment) || i == 0 {
-        return near;
+    if i.is_multiple_of(per_segment) {
+        return KeyTime::first_time(i / per_segment, keys);
     }
-    let segment = i / per_segment;
-    let mut t = near;
-    while KeyTime::new(t, keys).segment < segment {
-        t = t.next_up();
-    }
-    while KeyTime::new(t.next_down(), keys).segment >= segment {
-        t = t.next_down();
-    }
-    t
+    (i as f64 / ((keys - 1).max(1) * per_segment) as f64) as f32
 }
 
 /// Builds a moving layer of some of the points.
@@ -333,7 +322,6 @@ pub(super) fn moving_layer(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::KeyTime;
 
     #[test]
     fn every_time_is_in_one_part_and_in_its_segment() {

@@ -6,9 +6,9 @@ use crate::progress::Progress;
 use crate::simd::LANES;
 use crate::tuning::points::FAST;
 
-/// Marks the movers that move far relative to their neighbours.
-pub(super) fn mark_fast(movers: &mut [Mover], part: &Part) {
-    let mut items = places(movers, part);
+/// Marks the movers that move far, during a part of the shutter, relative to their neighbours at a phase of it.
+pub(super) fn mark_fast(movers: &mut [Mover], part: &Part, phase: f64) {
+    let mut items = places(movers, phase);
     order(&mut items, LANES, &Progress::new(None));
     let mut sizes: Vec<f32> = items.chunks(LANES).map(size).collect();
     let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else { return };

@@ -13,6 +13,7 @@
 //! measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
 
 mod approach;
+mod automatic;
 mod batch;
 mod bottom;
 mod build;
@@ -43,6 +44,7 @@ mod plane_tree;
 mod precise;
 mod query;
 mod rebuild;
+mod sample;
 mod search;
 mod select;
 mod snapshot;

@@ -58,6 +58,11 @@ impl Part {
     pub(super) fn middle(&self) -> f32 {
         0.5 * (self.interval.begin() + self.interval.end())
     }
+
+    /// Where that lies in the segment.
+    pub(super) fn middle_phase(&self) -> f64 {
+        self.phase(self.middle()).into()
+    }
 }
 
 /// Where a time lies between the keys of a segment, outside of [0, 1] where it lies outside; exact.
@@ -93,9 +98,8 @@ impl Mover {
     }
 }
 
-/// Where movers are at mid-part.
-pub(super) fn places(movers: &[Mover], part: &Part) -> Vec<Item> {
-    let phase = f64::from(part.phase(part.middle()));
+/// Where movers are at a phase between their keys.
+pub(super) fn places(movers: &[Mover], phase: f64) -> Vec<Item> {
     let place = |(index, m): (usize, &Mover)| Item {
         at: core::array::from_fn(|axis| m.at(axis, phase) as f32),
         index: index as u32,

@@ -41,7 +41,7 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[Hull]) {
 impl MovingTree {
     /// The complete tree: each mover is in one leaf.
     pub(super) fn build(movers: &[Mover], part: Part, progress: &Progress) -> MovingTree {
-        let mut items = places(movers, &part);
+        let mut items = places(movers, part.middle_phase());
         order(&mut items, LANES, &progress.part(ORDERING));
         let timed = movers.iter().any(|m| m.alive != part.interval);
         let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);

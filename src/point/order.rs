@@ -31,27 +31,6 @@ pub(super) fn order(items: &mut [Item], leaf: usize, progress: &Progress) {
     order_blocks(items, subtree(items.len(), leaf), leaf, &progress);
 }
 
-/// Orders only as much as it takes for the given runs of `leaf` items to hold what they would hold if all were ordered.
-///
-/// O(n log of the number of those runs).
-pub(super) fn order_runs(items: &mut [Item], leaf: usize, runs: &[usize]) {
-    let block = subtree(items.len(), leaf);
-    order_runs_from(items, block, leaf, (0, runs));
-}
-
-/// The same for items of which the first is in run `first`.
-fn order_runs_from(items: &mut [Item], block: usize, leaf: usize, (first, runs): (usize, &[usize])) {
-    let end = first + items.len().div_ceil(leaf);
-    if !runs.iter().any(|run| (first..end).contains(run)) {
-        return;
-    }
-    let Some(block) = subtrees_of(items.len(), block, leaf) else { return };
-    let (low, high) = halves(items, block);
-    let middle = first + low.len() / leaf;
-    order_runs_from(low, block, leaf, (first, runs));
-    order_runs_from(high, block, leaf, (middle, runs));
-}
-
 /// Cuts a range that consists of subtrees of `block` points across its widest axis.
 fn halves(items: &mut [Item], block: usize) -> (&mut [Item], &mut [Item]) {
     let left = left_part(items.len(), block);
@@ -118,23 +97,6 @@ pub(super) fn join(a: impl FnOnce() + Send, b: impl FnOnce() + Send) {
 mod tests {
     use super::*;
     use crate::random::Random;
-
-    #[test]
-    fn runs_hold_what_they_would_hold_if_all_were_ordered() {
-        let mut random = Random(9);
-        let at = |random: &mut Random| random.vec().to_array();
-        let items: Vec<Item> = (0..20_000).map(|index| Item { at: at(&mut random), index }).collect();
-        let (leaf, runs) = (1000, [3, 11, 19]);
-        let (mut whole, mut parts) = (items.clone(), items);
-        order(&mut whole, leaf, &Progress::new(None));
-        order_runs(&mut parts, leaf, &runs);
-        let indices = |items: &[Item]| items.iter().map(|item| item.index).collect::<Vec<_>>();
-        for run in runs {
-            let run = run * leaf..(run + 1) * leaf;
-            assert_eq!(indices(&whole[run.clone()]), indices(&parts[run]));
-        }
-        assert_ne!(indices(&whole), indices(&parts));
-    }
 
     #[test]
     fn every_item_stays_and_halves_are_separated() {

@@ -1,9 +1,9 @@
 //! The tree that callers build and ask.
 
+use super::automatic::moving_layers;
 use super::build::{Plan, Source, moving_layer, parts};
-use super::choose::{Trial, choose};
+use super::choose::Trials;
 use super::error::PointError;
-use super::fast::mark_fast;
 use super::moving_reference::Part;
 use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneTree;
@@ -166,7 +166,7 @@ impl PointTree {
 
     /// Builds the tree of what was read.
     fn of(source: &Source, params: &PointParams, progress: &Progress) -> Result<PointTree, PointError> {
-        let (len, keys, origin) = (source.len, source.keys, source.origin);
+        let (len, origin) = (source.len, source.origin);
         let statistics = PointStatistics::default();
         let mut tree =
             PointTree { origin, simd: params.simd, layers: Vec::new(), precise: Vec::new(), statistics, len };
@@ -191,35 +191,14 @@ impl PointTree {
             let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i]), &share(count)));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
-        let moving = (0..len).filter(|&i| !(apart && still[i]));
-        let (plan, why) = match forced(params) {
-            Some(plan) => (plan, "asked for".to_string()),
-            None => {
-                // The middle segment stands for all of them.
-                let segment = (keys.max(2) - 1) / 2;
-                let part = parts(keys, 1)[segment];
-                let mut movers = source.movers(&part, moving.clone(), |i| i as u32);
-                let (choice, trials) = choose(&movers, keys, segment, params.max_references, params.simd);
-                let why = explain(&trials, &choice);
-                if let Some(plan) = choice.fast {
-                    mark_fast(&mut movers, &part);
-                    let mut fast = vec![false; len];
-                    movers.iter().filter(|m| m.fast).for_each(|m| fast[m.id as usize] = true);
-                    let slow = moving.clone().filter(|&i| !fast[i]);
-                    let count = slow.clone().count();
-                    let layer = moving_layer(source, slow, choice.plan, &share(count));
-                    tree.add(layer, kind(choice.plan), count, why);
-                    let fast = moving.filter(|&i| fast[i]);
-                    let why = "fast points, apart from the others".to_string();
-                    let count = fast.clone().count();
-                    tree.add(moving_layer(source, fast, plan, &share(count)), kind(plan), count, why);
-                    return Ok(tree);
-                }
-                (choice.plan, why)
-            }
-        };
-        let count = moving.clone().count();
-        tree.add(moving_layer(source, moving, plan, &share(count)), kind(plan), count, why);
+        if let Some(plan) = forced(params) {
+            tree.add(moving_layer(source, 0..len, plan, progress), kind(plan), len, "asked for".into());
+            return Ok(tree);
+        }
+        let moving: Vec<u32> = (0..len as u32).filter(|&i| !(apart && still[i as usize])).collect();
+        for chosen in moving_layers(source, &moving, params.max_references, params.simd, &share(moving.len())) {
+            tree.add(chosen.layer, kind(chosen.plan), chosen.points, chosen.why);
+        }
         Ok(tree)
     }
 
@@ -243,11 +222,9 @@ impl PointTree {
             Some(plan) => (plan, "asked for; positions in f64".to_string()),
             None if count == len => (SIMPLE, String::new()),
             None => {
-                let segment = (keys.max(2) - 1) / 2;
-                let part = parts(keys, 1)[segment];
-                let movers = source.movers(&part, (0..len).filter(|&i| !still[i]), |i| i as u32);
-                let (_, trials) = choose(&movers, keys, segment, params.max_references, params.simd);
-                let whole = trials.iter().filter(|trial| trial.fast.is_none());
+                let points: Vec<u32> = (0..len as u32).filter(|&i| !still[i as usize]).collect();
+                let trials = Trials::new(source, &points, params.max_references, params.simd);
+                let whole = trials.all.iter().filter(|trial| trial.fast.is_none());
                 let best = whole.min_by(|a, b| a.cost.total_cmp(&b.cost));
                 (best.map_or(SIMPLE, |trial| trial.plan), "costs least in trials of f32; positions in f64".to_string())
             }
@@ -389,19 +366,4 @@ fn forced(params: &PointParams) -> Option<Plan> {
         PointStructure::Slabs(parts) => Some(Plan::Boxes(parts)),
         PointStructure::Mbkd => Some(Plan::Planes(params.max_references)),
     }
-}
-
-/// What was tried, in words.
-fn explain(trials: &[Trial], best: &Trial) -> String {
-    let plan = |plan: &Plan| match plan {
-        Plan::Boxes(1) => "one linear tree".to_string(),
-        Plan::Boxes(parts) => format!("{parts} parts"),
-        Plan::Planes(_) => "one k-d tree".to_string(),
-    };
-    let name = |trial: &Trial| match &trial.fast {
-        Some(fast) => format!("fast points apart in {}", plan(fast)),
-        None => plan(&trial.plan),
-    };
-    let costs: Vec<String> = trials.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
-    format!("{} costs least in trial searches ({})", name(best), costs.join(", "))
 }

@@ -1,0 +1,184 @@
+//! Building what costs least.
+//!
+//! Samples say which structure that is ([`super::choose`]), as far as they can: of what comes from far they see little, so a structure
+//! may turn out to cost more. So the tree over one part of the shutter is built, searches in it are counted, and if parts half as long
+//! promise to cost less, one of those is built, too. What is built of the structure that remains is used.
+
+use super::build::{Plan, Source, parts};
+use super::choose::{Trial, Trials, references_of};
+use super::fast::mark_fast;
+use super::moving_reference::Part;
+use super::moving_tree::MovingTree;
+use super::partition::Layer;
+use crate::progress::Progress;
+use crate::simd::SimdLevel;
+use crate::tuning::points::{GAIN, PROMISE};
+
+/// A layer, and why it is as it is.
+pub(super) struct Chosen {
+    pub(super) layer: Layer,
+    pub(super) plan: Plan,
+    /// Number of points.
+    pub(super) points: usize,
+    pub(super) why: String,
+}
+
+/// The layers of some points of a set, at least one, with at most so many references for each point.
+pub(super) fn moving_layers(
+    source: &Source,
+    points: &[u32],
+    max_references: f32,
+    simd: SimdLevel,
+    progress: &Progress,
+) -> Vec<Chosen> {
+    let mut trials = Trials::new(source, points, max_references, simd);
+    let best = trials.best(true);
+    let why = explain(&trials.all, &best);
+    let (fast, slow) = if best.fast.is_some() { divided(source, points) } else { (Vec::new(), Vec::new()) };
+    let apart = best.fast.map(|plan| Apart::new(source, (&slow, best.plan), (&fast, plan), &trials, progress));
+    let apart = match apart {
+        Some(apart) if apart.cost * PROMISE <= trials.best(false).cost => return apart.finish(why, progress),
+        other => other,
+    };
+    let mut plan = trials.best(false).plan;
+    let mut begun = Begun::new(source, points, plan, progress);
+    let mut cost = begun.cost(&trials);
+    let mut measured = vec![format!("{} {cost:.1}", name(plan))];
+    while !progress.cancelled() && trials.finer(plan).is_some_and(|finer| finer < cost * PROMISE) {
+        let finer = Plan::Boxes(2 * plan.parts());
+        let next = Begun::new(source, points, finer, progress);
+        let of_next = next.cost(&trials);
+        measured.push(format!("{} {of_next:.1}", name(finer)));
+        if of_next >= cost * GAIN {
+            break;
+        }
+        (plan, begun, cost) = (finer, next, of_next);
+    }
+    match apart {
+        Some(apart) if apart.cost * GAIN <= cost => apart.finish(why, progress),
+        _ => {
+            let why = format!("{why}; in the set itself {}", measured.join(", "));
+            vec![Chosen { layer: begun.finish(progress), plan, points: points.len(), why }]
+        }
+    }
+}
+
+/// The points that move fast, and the others.
+fn divided(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    // The middle segment stands for all of them.
+    let part = parts(source.keys, 1)[(source.keys.max(2) - 1) / 2];
+    let mut movers = source.movers(&part, points.iter().map(|&i| i as usize), |i| i as u32);
+    mark_fast(&mut movers, &part, part.middle_phase());
+    let mut is_fast = vec![false; source.len];
+    movers.iter().filter(|m| m.fast).for_each(|m| is_fast[m.id as usize] = true);
+    points.iter().partition(|&&i| is_fast[i as usize])
+}
+
+/// Two layers, one of them for the fast points.
+struct Apart<'a> {
+    slow: Begun<'a>,
+    fast: Begun<'a>,
+    cost: f64,
+}
+
+impl<'a> Apart<'a> {
+    fn new(
+        source: &'a Source,
+        (slow, of_slow): (&'a [u32], Plan),
+        (fast, of_fast): (&'a [u32], Plan),
+        trials: &Trials,
+        progress: &Progress,
+    ) -> Apart<'a> {
+        let slow = Begun::new(source, slow, of_slow, progress);
+        let fast = Begun::new(source, fast, of_fast, progress);
+        let references = slow.references() + fast.references();
+        let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.part());
+        Apart { slow, fast, cost }
+    }
+
+    fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {
+        let Apart { slow, fast, cost } = self;
+        let points = [slow.points.len(), fast.points.len()];
+        let share = points.map(|count| progress.part(count as f64 / (points[0] + points[1]) as f64));
+        let why = [format!("{why}; in the set itself {cost:.1}"), "fast points, apart from the others".to_string()];
+        let layers = [slow, fast].into_iter().zip(points).zip(share).zip(why);
+        let chosen = |(((begun, points), share), why): (((Begun, usize), Progress), String)| {
+            let plan = begun.plan;
+            Chosen { layer: begun.finish(&share), plan, points, why }
+        };
+        layers.map(chosen).collect()
+    }
+}
+
+/// A layer of which there is one tree.
+struct Begun<'a> {
+    source: &'a Source,
+    points: &'a [u32],
+    plan: Plan,
+    parts: Vec<Part>,
+    /// The part that the tree is for.
+    at: usize,
+    tree: Layer,
+}
+
+impl<'a> Begun<'a> {
+    /// Builds the tree for a part in the middle.
+    fn new(source: &'a Source, points: &'a [u32], plan: Plan, progress: &Progress) -> Begun<'a> {
+        let parts = parts(source.keys, plan.parts());
+        let at = parts.len() / 2;
+        // It counts once it is known whether it is used.
+        let tree = Layer::Moving(vec![tree(source, points, &parts[at], &progress.part(0.0))]);
+        Begun { source, points, plan, parts, at, tree }
+    }
+
+    fn part(&self) -> &Part {
+        &self.parts[self.at]
+    }
+
+    fn references(&self) -> usize {
+        references_of(self.source, self.points, self.plan.parts())
+    }
+
+    fn cost(&self, trials: &Trials) -> f64 {
+        trials.measured(&[&self.tree], self.references(), self.part())
+    }
+
+    /// Builds the other trees.
+    fn finish(self, progress: &Progress) -> Layer {
+        let share = progress.part(1.0 / self.parts.len() as f64);
+        let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
+        let tree = |(i, part): (usize, &Part)| match ready.pop_if(|_| i == self.at) {
+            Some(tree) => {
+                share.finished(1.0);
+                tree
+            }
+            None => tree(self.source, self.points, part, &share),
+        };
+        Layer::Moving(self.parts.iter().enumerate().map(tree).collect())
+    }
+}
+
+/// The tree over a part of the shutter.
+fn tree(source: &Source, points: &[u32], part: &Part, progress: &Progress) -> MovingTree {
+    let points = if progress.cancelled() { &[] } else { points };
+    let movers = source.movers(part, points.iter().map(|&i| i as usize), |i| source.id(i));
+    MovingTree::build(&movers, *part, progress)
+}
+
+fn name(plan: Plan) -> String {
+    match plan {
+        Plan::Boxes(1) => "one linear tree".to_string(),
+        Plan::Boxes(parts) => format!("{parts} parts"),
+        Plan::Planes(_) => "one k-d tree".to_string(),
+    }
+}
+
+/// What was tried, in words.
+fn explain(trials: &[Trial], best: &Trial) -> String {
+    let name = |trial: &Trial| match trial.fast {
+        Some(fast) => format!("fast points apart in {}", name(fast)),
+        None => name(trial.plan),
+    };
+    let costs: Vec<String> = trials.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
+    format!("{} costs least in trial searches ({})", name(best), costs.join(", "))
+}

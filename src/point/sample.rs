@@ -1,0 +1,202 @@
+//! Compact parts of a set that stand for all of it.
+//!
+//! A tree over a part of the shutter is ordered by where points are in the middle of it. So a structure is tried on some thousand points
+//! that are close together then: their leaves are those that they have in the whole set. There are some such samples, in
+//! different places and parts of the shutter.
+//!
+//! Where such points are is told by a few points of the whole set, drawn evenly: cut in two again and again, across the widest
+//! axis, they leave a box that holds its share of all. One look at every point then finds who is inside.
+
+use super::build::{Source, parts};
+use super::fast::mark_fast;
+use super::moving_reference::{Mover, Part};
+use super::order::widest_axis;
+use super::select::select;
+use crate::simd::Item;
+use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
+
+/// What samples are taken of: some points of a set, between the keys in the middle.
+pub(super) struct Sampler<'a> {
+    source: &'a Source,
+    points: &'a [u32],
+    /// Some of them.
+    drawn: Vec<u32>,
+    /// Points wanted in a sample.
+    wanted: f32,
+}
+
+/// Points that are close together in the middle of a part of the shutter.
+pub(super) struct Sample {
+    pub(super) movers: Vec<Mover>,
+    pub(super) part: Part,
+    /// Points of the set for each of the sample.
+    pub(super) scale: f64,
+}
+
+/// Points drawn to find out where the others are, at most.
+const DRAWN: usize = 1 << 12;
+
+/// Steps that fill an interval evenly, however many there are: the fraction of the golden ratio, of 2^64.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// The `i`-th of numbers below `count` that are spread evenly.
+pub(super) fn spread(i: usize, count: usize) -> usize {
+    let fraction = (i as u64).wrapping_mul(GOLDEN).wrapping_add(1 << 63);
+    ((u128::from(fraction) * count as u128) >> 64) as usize
+}
+
+impl<'a> Sampler<'a> {
+    /// Takes points, at least one.
+    pub(super) fn new(source: &'a Source, points: &'a [u32]) -> Sampler<'a> {
+        let count = (points.len() / 16).clamp(1, DRAWN);
+        let drawn: Vec<u32> = (0..count).map(|i| points[spread(i, points.len())]).collect();
+        let lives: f32 = drawn.iter().map(|&i| source.alive(i as usize).duration()).sum();
+        let [least, most] = SAMPLE;
+        // Of short lives only some fall into a part of the shutter.
+        let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (lives / drawn.len() as f32).max(0.125);
+        Sampler { source, points, drawn, wanted }
+    }
+
+    /// Samples for trees over so many parts of the time between two keys. Points that move fast are marked if wanted.
+    pub(super) fn samples(&self, per_segment: usize, marked: bool) -> Vec<Sample> {
+        let (source, points) = (self.source, self.points);
+        let [segment, later] = self.segment();
+        let whole = parts(source.keys, 1)[segment];
+        let parts = &parts(source.keys, per_segment)[segment * per_segment..][..per_segment];
+        let parts: [Part; SAMPLES] = core::array::from_fn(|i| parts[spread(i, per_segment)]);
+        let mut cells = Cells { phases: parts.map(|part| part.middle_phase() as f32), ..Cells::EVERYWHERE };
+        (0..SAMPLES).for_each(|i| self.narrow(&mut cells, i));
+        let mut inside: [Vec<u32>; SAMPLES] = Default::default();
+        for &point in points {
+            let holding = cells.holding(source.at(point as usize, segment), source.at(point as usize, later));
+            if holding != [false; SAMPLES] {
+                for (inside, _) in inside.iter_mut().zip(holding).filter(|(_, holds)| *holds) {
+                    // Where many points are in one place, some of them will do.
+                    if inside.len() < 2 * self.wanted as usize {
+                        inside.push(point);
+                    }
+                }
+            }
+        }
+        let sample = |(part, inside): (Part, Vec<u32>)| {
+            let mut movers = source.movers(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
+            if marked {
+                mark_fast(&mut movers, &whole, part.middle_phase());
+            }
+            let scale = points.len() as f64 / inside.len().max(1) as f64;
+            Sample { movers, part, scale }
+        };
+        parts.into_iter().zip(inside).map(sample).collect()
+    }
+
+    /// The segment that stands for all, and its later key.
+    fn segment(&self) -> [usize; 2] {
+        let segment = (self.source.keys.max(2) - 1) / 2;
+        [segment, (segment + 1).min(self.source.keys - 1)]
+    }
+
+    /// Makes a cell one of those that result if space is divided into such that hold as many points as are wanted.
+    fn narrow(&self, cells: &mut Cells, cell: usize) {
+        let [segment, later] = self.segment();
+        let place = |&index: &u32| {
+            let [open, close] = [segment, later].map(|key| self.source.at(index as usize, key));
+            Item { at: core::array::from_fn(|axis| cells.places(axis, open, close)[cell]), index }
+        };
+        let mut items: Vec<Item> = self.drawn.iter().map(place).collect();
+        let mut runs = (self.points.len() as f32 / self.wanted).round().max(1.0) as usize;
+        let (mut items, mut wanted) = (&mut items[..], (2 * cell + 1) * runs / (2 * SAMPLES));
+        while runs > 1 && items.len() > 1 {
+            let left = runs.div_ceil(2);
+            let axis = widest_axis(items);
+            let cut = (items.len() * left / runs).clamp(1, items.len() - 1);
+            select(items, cut, axis);
+            let border = items[cut].at[axis];
+            let (low, high) = items.split_at_mut(cut);
+            if wanted < left {
+                (items, runs, cells.hi[axis][cell]) = (low, left, border);
+            } else {
+                (items, runs, wanted, cells.lo[axis][cell]) = (high, runs - left, wanted - left, border);
+            }
+        }
+    }
+}
+
+/// Boxes, and the phases at which points are in them.
+struct Cells {
+    phases: [f32; SAMPLES],
+    /// Lower and upper faces per axis.
+    lo: [[f32; SAMPLES]; 3],
+    hi: [[f32; SAMPLES]; 3],
+}
+
+impl Cells {
+    const EVERYWHERE: Cells =
+        Cells { phases: [0.0; SAMPLES], lo: [[f32::NEG_INFINITY; SAMPLES]; 3], hi: [[f32::INFINITY; SAMPLES]; 3] };
+
+    /// Where a point is at the phases, about.
+    #[inline(always)]
+    fn places(&self, axis: usize, open: [f32; 3], close: [f32; 3]) -> [f32; SAMPLES] {
+        self.phases.map(|phase| open[axis] + (close[axis] - open[axis]) * phase)
+    }
+
+    /// In which boxes a point is. Those that lie side by side share the points on their border.
+    #[inline(always)]
+    fn holding(&self, open: [f32; 3], close: [f32; 3]) -> [bool; SAMPLES] {
+        let mut holding = [true; SAMPLES];
+        for axis in 0..3 {
+            let at = self.places(axis, open, close);
+            for (cell, holds) in holding.iter_mut().enumerate() {
+                *holds &= (self.lo[axis][cell] <= at[cell]) & (at[cell] <= self.hi[axis][cell]);
+            }
+        }
+        holding
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::MovingPoint;
+    use crate::geometry::TimeInterval;
+    use crate::random::Random;
+    use glam::Vec3;
+
+    #[test]
+    fn samples_are_compact_and_of_the_wanted_size() {
+        let mut random = Random(11);
+        let lives = [TimeInterval::FULL, TimeInterval::new(0.25, 0.5).unwrap()];
+        for (n, life) in [(1, 0), (300, 0), (5000, 0), (200_000, 0), (50_000, 1)] {
+            let points: Vec<MovingPoint> =
+                (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).alive(lives[life])).collect();
+            let source = Source::read(&points[..], false).unwrap();
+            let all: Vec<u32> = (0..n as u32).collect();
+            let sampler = Sampler::new(&source, &all);
+            for parts in [1, 8] {
+                for sample in sampler.samples(parts, false) {
+                    let count = sample.movers.len() as f32;
+                    assert!(count >= (0.5 * sampler.wanted).min(n as f32), "{count} of {n}, not {}", sampler.wanted);
+                    assert!(count <= 2.0 * sampler.wanted, "{count} of {n}, not {}", sampler.wanted);
+                    assert!((sample.scale - n as f64 / f64::from(count)).abs() < 1e-6);
+                    // As compact as a cube of as many, or nearly.
+                    let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+                    let phase = sample.part.middle_phase();
+                    for mover in &sample.movers {
+                        let at = Vec3::from_array([0, 1, 2].map(|axis| mover.at(axis, phase) as f32));
+                        (lo, hi) = (lo.min(at), hi.max(at));
+                    }
+                    let wanted = (count / n as f32).cbrt() * 2.0;
+                    assert!((hi - lo).max_element() <= 2.5 * wanted, "{} instead of {wanted}", hi - lo);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn points_in_one_place_are_sampled_too() {
+        let points = vec![MovingPoint::new(Vec3::ONE, Vec3::X); 100_000];
+        let source = Source::read(&points[..], false).unwrap();
+        let all: Vec<u32> = (0..points.len() as u32).collect();
+        let sampler = Sampler::new(&source, &all);
+        assert!(sampler.samples(2, true).iter().all(|s| s.movers.len() == 2 * sampler.wanted as usize));
+    }
+}
