@@ -121,10 +121,10 @@ pub(crate) mod points {
     pub const SEARCHES: [usize; 2] = [96, 384];
     pub const SEARCHED: usize = 256;
     /// Price of a block in nodes: a node has twelve rows and leads on, a block has six and does not.
-    pub const BLOCK_PRICE: f64 = 0.35;
+    pub const BLOCK_PRICE: f64 = 0.4;
     /// What a search costs besides when all it touches comes from memory, in nodes. What it visits lies beside each other and is asked
     /// for ahead, so this does not grow with the work.
-    pub const COLD: f64 = 24.0;
+    pub const COLD: f64 = 26.0;
     /// Bytes of a structure of which half is found in no cache, between those of searches that follow each other through space (three
     /// times as many) and of such that do not (four tenths): the more trees they are spread over, the less one finds of what the one
     /// before has fetched.

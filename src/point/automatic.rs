@@ -90,9 +90,21 @@ impl<'a> Apart<'a> {
         progress: &Progress,
     ) -> Apart<'a> {
         let slow = Begun::new(source, slow, of_slow, progress);
-        let fast = Begun::new(source, fast, of_fast, progress);
-        let references = slow.references() + fast.references();
-        let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.part());
+        let begin = |plan: Plan| {
+            let fast = Begun::new(source, fast, plan, progress);
+            let references = slow.references() + fast.references();
+            let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.part());
+            (fast, cost)
+        };
+        let (mut fast, mut cost) = begin(of_fast);
+        // Trees over the few are soon built.
+        while !progress.cancelled() && trials.affordable(2 * fast.plan.parts()) {
+            let finer = begin(Plan::Boxes(2 * fast.plan.parts()));
+            if finer.1 >= cost * GAIN {
+                break;
+            }
+            (fast, cost) = finer;
+        }
         Apart { slow, fast, cost }
     }
 

@@ -117,7 +117,7 @@ impl<'a> Trials<'a> {
     }
 
     /// Whether there may be so many parts in a segment.
-    fn affordable(&self, parts: usize) -> bool {
+    pub(super) fn affordable(&self, parts: usize) -> bool {
         let all = || references_of(self.source, self.points, parts) as f64;
         let within = || all() <= f64::from(self.most) * self.points.len() as f64;
         parts <= FINEST && (parts as f32 <= self.most || within())
