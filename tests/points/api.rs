@@ -383,3 +383,40 @@ fn automatic_says_what_and_why() {
     assert!(fast.layers[0].why.contains("fast points apart"), "not tried: {fast}");
     assert!(kinds("wild speeds").references_per_point() > 1.0);
 }
+
+/// What is compact in the middle of the shutter comes apart differently in each place: samples see their own place only, and one tree looks
+/// good in all of them. In a whirl leaves of all places lie through each other before and after, and clusters cross each other's ways.
+#[test]
+fn automatic_sees_what_comes_from_far() {
+    let count = 200_000;
+    let mut rng = Rng(31);
+    let place = |rng: &mut Rng| Vec3::new(rng.unit(), rng.unit(), rng.unit());
+    let whirl = |rng: &mut Rng, _: usize| {
+        let p = place(rng);
+        let from = p - 0.5;
+        MovingPoint::new(p, p + Vec3::new(-from.y, from.x, 0.3) * 0.5 / (from.length() + 0.1))
+    };
+    let clusters: Vec<(Vec3, Vec3)> = (0..40).map(|_| (place(&mut rng), place(&mut rng) - 0.5)).collect();
+    let crossing = |rng: &mut Rng, i: usize| {
+        let (at, way) = clusters[i % 40];
+        let p = at + place(rng) * 0.04;
+        MovingPoint::new(p, p + way)
+    };
+    let sets: [(&str, Vec<MovingPoint>); 2] = [
+        ("whirl", (0..count).map(|i| whirl(&mut rng, i)).collect()),
+        ("crossing clusters", (0..count).map(|i| crossing(&mut rng, i)).collect()),
+    ];
+    for (what, points) in sets {
+        let visited = |structure: PointStructure| {
+            let tree = PointTree::build(&points, &params(structure)).unwrap();
+            let work = (0..1000).map(|i| {
+                let (point, time) = (&points[i * 199], (i * 89 % 1000) as f32 / 1000.0);
+                let work = tree.query(point.open + (point.close - point.open) * time, time).work(8);
+                work.nodes + work.blocks
+            });
+            work.sum::<u64>()
+        };
+        let [one, chosen] = [PointStructure::Linear, PointStructure::Automatic].map(visited);
+        assert!(chosen * 4 < one * 3, "{what}: {chosen} nodes and blocks, {one} in one linear tree");
+    }
+}
