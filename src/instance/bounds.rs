@@ -2,11 +2,11 @@
 //!
 //! What is placed lies in boxes that move linearly in its own space. At a time, each corner of the box of that time is a
 //! corner `T + M x` in the space around, and so is the least box around them. Between two successive breaks
-//! ([`Motions::breaks`]) every corner stays within a known distance of its chord ([`Motions::bulge`]), so the line between
+//! ([`Motions::breaks`]) every corner stays within a known distance of its chord ([`Bend::bulge`]), so the line between
 //! the boxes at both, moved outward by that, holds all. Over an interval with breaks in it, the line between its ends is
 //! moved outward until the boxes at all breaks are inside, and then by the greatest of the distances.
 
-use super::motion::{Motion, Motions};
+use super::motion::{Bend, Motion, Motions};
 use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 use glam::{DAffine3, DVec3};
 
@@ -16,44 +16,50 @@ impl Motions {
     pub fn bounds(&self, motion: &Motion, of: &[LinearBounds], over: TimeInterval, bulge: f64) -> LinearBounds {
         let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
         let times = self.breaks(motion, begin, end);
+        let bends: Vec<Bend> = times.windows(2).map(|pair| self.bend(motion, [pair[0], pair[1]])).collect();
         let at = |time: f64| (time, self.matrix(motion, time));
         let matrices: Vec<(f64, DAffine3)> = times.into_iter().map(at).collect();
-        let each = of.iter().map(|of| self.bounds_of_part(motion, of, &matrices, bulge));
+        let stands_still = matches!(motion, Motion::Still { .. });
+        let each = of.iter().map(|of| bounds_of_part(stands_still, of, (&matrices, &bends), bulge));
         each.reduce(LinearBounds::union).unwrap_or(LinearBounds::fixed(Aabb::EMPTY))
     }
+}
 
-    /// The same of one part, with the matrices at all breaks.
-    fn bounds_of_part(
-        &self,
-        motion: &Motion,
-        of: &LinearBounds,
-        matrices: &[(f64, DAffine3)],
-        bulge: f64,
-    ) -> LinearBounds {
-        let [(begin, first), .., (end, last)] = *matrices else { return LinearBounds::fixed(Aabb::EMPTY) };
-        let mut bounds = LinearBounds::fixed(image(first, of.at(begin)));
-        if begin == end {
-            return bounds;
-        }
-        let stands_still = matches!(motion, Motion::Still { .. });
-        if !(stands_still && of.begin == of.end) {
-            bounds.end = image(last, of.at(end));
-        }
-        for &(time, matrix) in &matrices[1..matrices.len() - 1] {
-            bounds.include((time - begin) / (end - begin), image(matrix, of.at(time)));
-        }
-        let mut beyond = DVec3::ZERO;
-        for pair in matrices.windows(2).filter(|_| !stands_still) {
-            let over = [pair[0].0, pair[1].0];
-            let [from, to] = over.map(|time| of.at(time)).map(|b| [b.min, b.max]);
-            beyond = beyond.max(self.bulge(motion, over, from, to));
-        }
-        // Thousands of times what f64 rounds here.
-        let swept = bounds.swept();
-        let size = swept.min.abs().max(swept.max.abs()) + first.translation.abs();
-        let beyond = beyond * bulge + size * ROUNDING;
-        LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
+/// The same of one part, with the matrices at all breaks and how the motion bends between them.
+fn bounds_of_part(
+    stands_still: bool,
+    of: &LinearBounds,
+    (matrices, bends): (&[(f64, DAffine3)], &[Bend]),
+    bulge: f64,
+) -> LinearBounds {
+    let [(begin, first), .., (end, last)] = *matrices else { return LinearBounds::fixed(Aabb::EMPTY) };
+    let mut bounds = LinearBounds::fixed(image(first, of.at(begin)));
+    if begin == end {
+        return bounds;
     }
+    let moves = of.begin != of.end;
+    if !stands_still || moves {
+        bounds.end = image(last, of.at(end));
+    }
+    for &(time, matrix) in &matrices[1..matrices.len() - 1] {
+        bounds.include((time - begin) / (end - begin), image(matrix, of.at(time)));
+    }
+    let mut beyond = DVec3::ZERO;
+    let ends = |time: f64| {
+        let b = of.at(time);
+        [b.min, b.max]
+    };
+    let mut from = ends(begin);
+    for (&(time, _), bend) in matrices[1..].iter().zip(bends) {
+        let to = if moves { ends(time) } else { from };
+        beyond = beyond.max(bend.bulge(from, to));
+        from = to;
+    }
+    // Thousands of times what f64 rounds here.
+    let swept = bounds.swept();
+    let size = swept.min.abs().max(swept.max.abs()) + first.translation.abs();
+    let beyond = beyond * bulge + size * ROUNDING;
+    LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
 }
 
 /// What f64 rounds, with plenty to spare.

@@ -230,21 +230,13 @@ impl Motions {
         times
     }
 
-    /// How far a point of the instance's space may be, at a time inside an interval without breaks, from the line between
-    /// where it is at the ends: `[low, high]` and `[low', high']` are boxes around the point at both ends, in between it
-    /// moves linearly. Per axis of the space around.
-    ///
-    /// A function `f` is at most `h^2 / 8 |f''|` away from its chord over `h`. With matrices `f = T + M x`, of which `T`, `M` and `x` are
-    /// linear: `h^2 f'' = 2 ΔM Δx`. With poses `f = T + R y` and `y = S x`, where `R` turns at a uniform rate, by `φ` in all:
-    /// `h^2 |f''| <= φ^2 |y| + 2 φ |h y'| + |h^2 y''|`, with `|h y'| <= |ΔS x| + |S Δx|` and `h^2 y'' = 2 ΔS Δx`.
-    pub fn bulge(&self, motion: &Motion, over: [f64; 2], from: [DVec3; 2], to: [DVec3; 2]) -> DVec3 {
-        let moved = (to[0] - from[0]).abs().max((to[1] - from[1]).abs());
-        let [begin, end] = over;
+    /// How a motion bends during an interval without breaks.
+    pub fn bend(&self, motion: &Motion, [begin, end]: [f64; 2]) -> Bend {
         match *motion {
-            Motion::Still { .. } => DVec3::ZERO,
+            Motion::Still { .. } => Bend::Straight,
             Motion::Matrices { .. } => {
                 let by = self.matrix(motion, end).matrix3 - self.matrix(motion, begin).matrix3;
-                0.25 * (by.x_axis.abs() * moved.x + by.y_axis.abs() * moved.y + by.z_axis.abs() * moved.z)
+                Bend::Matrices([by.x_axis.abs(), by.y_axis.abs(), by.z_axis.abs()])
             }
             Motion::Poses { first, keys } => {
                 // The segment is told by the middle, since the ends may be those of the one before.
@@ -257,7 +249,36 @@ impl Motions {
                     let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
                     lerp(a.scale, b.scale, w)
                 });
-                let (scale, scaled) = (s0.abs().max(s1.abs()), (s1 - s0).abs());
+                Bend::Poses { angle, scale: s0.abs().max(s1.abs()), scaled: (s1 - s0).abs() }
+            }
+        }
+    }
+}
+
+/// How a motion bends during an interval without breaks.
+pub(super) enum Bend {
+    /// Not at all.
+    Straight,
+    /// How far the columns of the matrix move, per axis.
+    Matrices([DVec3; 3]),
+    /// The angle that it turns by, the greatest scale, and by how much that changes.
+    Poses { angle: f64, scale: DVec3, scaled: DVec3 },
+}
+
+impl Bend {
+    /// How far a point of the instance's space may be, at a time inside the interval, from the line between
+    /// where it is at the ends: `[low, high]` and `[low', high']` are boxes around the point at both ends, in between it
+    /// moves linearly. Per axis of the space around.
+    ///
+    /// A function `f` is at most `h^2 / 8 |f''|` away from its chord over `h`. With matrices `f = T + M x`, of which `T`, `M` and `x` are
+    /// linear: `h^2 f'' = 2 ΔM Δx`. With poses `f = T + R y` and `y = S x`, where `R` turns at a uniform rate, by `φ` in all:
+    /// `h^2 |f''| <= φ^2 |y| + 2 φ |h y'| + |h^2 y''|`, with `|h y'| <= |ΔS x| + |S Δx|` and `h^2 y'' = 2 ΔS Δx`.
+    pub fn bulge(&self, from: [DVec3; 2], to: [DVec3; 2]) -> DVec3 {
+        let moved = (to[0] - from[0]).abs().max((to[1] - from[1]).abs());
+        match *self {
+            Bend::Straight => DVec3::ZERO,
+            Bend::Matrices([x, y, z]) => 0.25 * (x * moved.x + y * moved.y + z * moved.z),
+            Bend::Poses { angle, scale, scaled } => {
                 let far = from[0].abs().max(from[1].abs()).max(to[0].abs().max(to[1].abs()));
                 let y = (scale * far).length();
                 let slope = (scaled * far + scale * moved).length();

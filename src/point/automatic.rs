@@ -58,7 +58,7 @@ pub(super) fn moving_layers(
         Some(apart) if apart.cost * GAIN <= cost => apart.finish(why, progress),
         _ => {
             let why = format!("{why}; in the set itself {}", measured.join(", "));
-            vec![Chosen { layer: begun.finish(progress), plan, points: points.len(), why }]
+            vec![begun.finish(why, progress)]
         }
     }
 }
@@ -110,15 +110,11 @@ impl<'a> Apart<'a> {
 
     fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {
         let Apart { slow, fast, cost } = self;
-        let points = [slow.points.len(), fast.points.len()];
-        let share = points.map(|count| progress.part(count as f64 / (points[0] + points[1]) as f64));
-        let why = [format!("{why}; in the set itself {cost:.1}"), "fast points, apart from the others".to_string()];
-        let layers = [slow, fast].into_iter().zip(points).zip(share).zip(why);
-        let chosen = |(((begun, points), share), why): (((Begun, usize), Progress), String)| {
-            let plan = begun.plan;
-            Chosen { layer: begun.finish(&share), plan, points, why }
-        };
-        layers.map(chosen).collect()
+        let all = (slow.points.len() + fast.points.len()) as f64;
+        let share = |of: &Begun| progress.part(of.points.len() as f64 / all);
+        let (of_slow, of_fast) = (share(&slow), share(&fast));
+        let slow = slow.finish(format!("{why}; in the set itself {cost:.1}"), &of_slow);
+        vec![slow, fast.finish("fast points, apart from the others".to_string(), &of_fast)]
     }
 }
 
@@ -156,7 +152,7 @@ impl<'a> Begun<'a> {
     }
 
     /// Builds the other trees.
-    fn finish(self, progress: &Progress) -> Layer {
+    fn finish(self, why: String, progress: &Progress) -> Chosen {
         let share = progress.part(1.0 / self.parts.len() as f64);
         let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
         let tree = |(i, part): (usize, &Part)| match ready.pop_if(|_| i == self.at) {
@@ -166,7 +162,8 @@ impl<'a> Begun<'a> {
             }
             None => tree(self.source, self.points, part, &share),
         };
-        Layer::Moving(self.parts.iter().enumerate().map(tree).collect())
+        let layer = Layer::Moving(self.parts.iter().enumerate().map(tree).collect());
+        Chosen { layer, plan: self.plan, points: self.points.len(), why }
     }
 }
 

@@ -286,18 +286,20 @@ fn checked(at: DVec3, point: usize, key: usize) -> Result<DVec3, PointError> {
 
 /// The parts into which the shutter is divided: `per_segment` for each segment between keys.
 pub(super) fn parts(keys: usize, per_segment: usize) -> Vec<Part> {
-    let segments = (keys - 1).max(1);
-    let count = segments * per_segment;
-    let bound = |i: usize| if i == count { 2.0 } else { boundary(i, per_segment, keys) };
-    let part = |i: usize| {
+    (0..(keys - 1).max(1)).flat_map(|segment| parts_of(segment, keys, per_segment)).collect()
+}
+
+/// The same of one segment.
+pub(super) fn parts_of(segment: usize, keys: usize, per_segment: usize) -> impl Iterator<Item = Part> {
+    let (begin, end) = (segment * per_segment, (segment + 1) * per_segment);
+    let count = (keys - 1).max(1) * per_segment;
+    let bound = move |i: usize| if i == count { 2.0 } else { boundary(i, per_segment, keys) };
+    (begin..end).filter_map(move |i| {
         let interval = TimeInterval::half_open(bound(i), bound(i + 1))?;
-        let segment = i / per_segment;
         let at = |i: usize| exact_phase(bound(i), keys, segment);
-        let begin = if i.is_multiple_of(per_segment) { 0.0 } else { at(i) };
-        let end = if (i + 1).is_multiple_of(per_segment) { 1.0 } else { at(i + 1) };
-        Some(Part { keys, segment, interval, phases: [begin, end] })
-    };
-    (0..count).filter_map(part).collect()
+        let phases = [if i == begin { 0.0 } else { at(i) }, if i + 1 == end { 1.0 } else { at(i + 1) }];
+        Some(Part { keys, segment, interval, phases })
+    })
 }
 
 /// Begin of part `i`.

@@ -5,7 +5,7 @@
 //! in each structure that comes into question, and a few hundred searches among them are counted in
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
-use super::build::{Plan, Source, parts};
+use super::build::{Plan, Source, parts_of};
 use super::counted::{CountedSearch, search_counted};
 use super::moving_reference::{Mover, Part, places};
 use super::order::include;
@@ -150,8 +150,8 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
     let Part { keys, segment, interval, .. } = part;
     let group = |plan: Plan, keep: &dyn Fn(&Mover) -> bool| {
         let count = plan.parts();
-        let of_segment = &parts(*keys, count)[segment * count..][..count];
-        let part = of_segment[of_segment.partition_point(|part| part.interval.end_bound() <= interval.begin())];
+        let answers = |part: &Part| part.interval.contains(interval.begin());
+        let part = parts_of(*segment, *keys, count).find(answers).unwrap_or(*part);
         let inside = |m: &Mover| Some(Mover { alive: m.life.intersect(part.interval)?, ..*m });
         let layer = plan.layer(
             &[part],

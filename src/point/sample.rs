@@ -7,7 +7,7 @@
 //! Where such points are is told by a few points of the whole set, drawn evenly: cut in two again and again, across the widest
 //! axis, they leave a box that holds its share of all. One look at every point then finds who is inside.
 
-use super::build::{Source, parts};
+use super::build::{Source, parts, parts_of};
 use super::fast::mark_fast;
 use super::moving_reference::{Mover, Part};
 use super::order::widest_axis;
@@ -62,8 +62,8 @@ impl<'a> Sampler<'a> {
         let (source, points) = (self.source, self.points);
         let [segment, later] = self.segment();
         let whole = parts(source.keys, 1)[segment];
-        let parts = &parts(source.keys, per_segment)[segment * per_segment..][..per_segment];
-        let parts: [Part; SAMPLES] = core::array::from_fn(|i| parts[spread(i, per_segment)]);
+        let finer: Vec<Part> = parts_of(segment, source.keys, per_segment).collect();
+        let parts: [Part; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
         let mut cells = Cells { phases: parts.map(|part| part.middle_phase() as f32), ..Cells::EVERYWHERE };
         (0..SAMPLES).for_each(|i| self.narrow(&mut cells, i));
         let mut inside: [Vec<u32>; SAMPLES] = Default::default();
