@@ -40,27 +40,47 @@ pub(super) fn moving_layers(
         Some(apart) if apart.cost * PROMISE <= trials.best(false).cost => return apart.finish(why, progress),
         other => other,
     };
-    let mut plan = trials.best(false).plan;
-    let mut begun = Begun::new(source, points, plan, progress);
-    let mut cost = begun.cost(&trials);
-    let mut measured = vec![format!("{} {cost:.1}", name(plan))];
-    while !progress.cancelled() && trials.finer(plan).is_some_and(|finer| finer < cost * PROMISE) {
-        let finer = Plan::Boxes(2 * plan.parts());
-        let next = Begun::new(source, points, finer, progress);
-        let of_next = next.cost(&trials);
-        measured.push(format!("{} {of_next:.1}", name(finer)));
+    let (whole, cost, measured) = for_all(source, points, &mut trials, progress);
+    match apart {
+        Some(apart) if apart.cost * GAIN <= cost => apart.finish(why, progress),
+        _ => vec![whole.finish(format!("{why}; {measured}"), progress)],
+    }
+}
+
+/// The plan of a layer for all of some points, at least one, and why it is that.
+pub(super) fn plan_for_all(
+    source: &Source,
+    points: &[u32],
+    max_references: f32,
+    simd: SimdLevel,
+    progress: &Progress,
+) -> (Plan, String) {
+    let mut trials = Trials::new(source, points, max_references, simd);
+    let why = explain(&trials.all, &trials.best(false));
+    let (whole, _, measured) = for_all(source, points, &mut trials, progress);
+    (whole.plan, format!("{why}; {measured}"))
+}
+
+/// Begins the layer for all that costs least; what that is, and what was measured.
+fn for_all<'a>(
+    source: &'a Source,
+    points: &'a [u32],
+    trials: &mut Trials,
+    progress: &Progress,
+) -> (Begun<'a>, f64, String) {
+    let mut begun = Begun::new(source, points, trials.best(false).plan, progress);
+    let mut cost = begun.cost(trials);
+    let mut measured = vec![format!("in the set itself {} {cost:.1}", name(begun.plan))];
+    while !progress.cancelled() && trials.finer(begun.plan).is_some_and(|finer| finer < cost * PROMISE) {
+        let next = Begun::new(source, points, Plan::Boxes(2 * begun.plan.parts()), progress);
+        let of_next = next.cost(trials);
+        measured.push(format!("{} {of_next:.1}", name(next.plan)));
         if of_next >= cost * GAIN {
             break;
         }
-        (plan, begun, cost) = (finer, next, of_next);
+        (begun, cost) = (next, of_next);
     }
-    match apart {
-        Some(apart) if apart.cost * GAIN <= cost => apart.finish(why, progress),
-        _ => {
-            let why = format!("{why}; in the set itself {}", measured.join(", "));
-            vec![begun.finish(why, progress)]
-        }
-    }
+    (begun, cost, measured.join(", "))
 }
 
 /// The points that move fast, and the others.

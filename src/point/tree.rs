@@ -1,8 +1,7 @@
 //! The tree that callers build and ask.
 
-use super::automatic::moving_layers;
+use super::automatic::{moving_layers, plan_for_all};
 use super::build::{Plan, Source, moving_layer, parts};
-use super::choose::Trials;
 use super::error::PointError;
 use super::moving_reference::Part;
 use super::partition::{Layer, LayerView};
@@ -223,10 +222,8 @@ impl PointTree {
             None if count == len => (SIMPLE, String::new()),
             None => {
                 let points: Vec<u32> = (0..len as u32).filter(|&i| !still[i as usize]).collect();
-                let trials = Trials::new(source, &points, params.max_references, params.simd);
-                let whole = trials.all.iter().filter(|trial| trial.fast.is_none());
-                let best = whole.min_by(|a, b| a.cost.total_cmp(&b.cost));
-                (best.map_or(SIMPLE, |trial| trial.plan), "costs least in trials of f32; positions in f64".to_string())
+                let (plan, why) = plan_for_all(source, &points, params.max_references, params.simd, progress);
+                (plan, format!("{why}; tried with positions rounded to f32"))
             }
         };
         let apart = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
