@@ -407,16 +407,28 @@ fn automatic_sees_what_comes_from_far() {
         ("crossing clusters", (0..count).map(|i| crossing(&mut rng, i)).collect()),
     ];
     for (what, points) in sets {
-        let visited = |structure: PointStructure| {
-            let tree = PointTree::build(&points, &params(structure)).unwrap();
+        // The same in f64, near a place that f32 does not know.
+        let wide = |p: Vec3| p.as_dvec3() + 1000.1;
+        let keys = [points.iter().map(|p| wide(p.open)).collect(), points.iter().map(|p| wide(p.close)).collect()];
+        let keys: [Vec<DVec3>; 2] = keys;
+        let keys: [&[DVec3]; 2] = [&keys[0], &keys[1]];
+        let visited = |structure: PointStructure, precise: bool| {
+            let tree = match precise {
+                true => PointTree::build(&PointArrays { keys: &keys, alive: &[], ids: &[] }, &params(structure)),
+                false => PointTree::build(&points, &params(structure)),
+            };
+            let tree = tree.unwrap();
             let work = (0..1000).map(|i| {
                 let (point, time) = (&points[i * 199], (i * 89 % 1000) as f32 / 1000.0);
-                let work = tree.query(point.open + (point.close - point.open) * time, time).work(8);
+                let at = point.open + (point.close - point.open) * time;
+                let work = if precise { tree.query(wide(at), time).work(8) } else { tree.query(at, time).work(8) };
                 work.nodes + work.blocks
             });
             work.sum::<u64>()
         };
-        let [one, chosen] = [PointStructure::Linear, PointStructure::Automatic].map(visited);
-        assert!(chosen * 4 < one * 3, "{what}: {chosen} nodes and blocks, {one} in one linear tree");
+        for precise in [false, true] {
+            let [one, chosen] = [PointStructure::Linear, PointStructure::Automatic].map(|s| visited(s, precise));
+            assert!(chosen * 4 < one * 3, "{what}, f64 {precise}: {chosen} nodes and blocks, {one} in one linear tree");
+        }
     }
 }
