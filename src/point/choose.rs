@@ -100,12 +100,14 @@ impl<'a> Trials<'a> {
         priced(visited(layers, part, &points, self.simd), references)
     }
 
-    /// Tries a structure; what it costs.
+    /// Tries a structure; what it costs. Where nobody lives during a sample's part of the shutter, it says nothing.
     fn add(&mut self, samples: &[Sample], plan: Plan, fast: Option<Plan>) -> f64 {
-        let searches = self.searches().div_ceil(samples.len());
-        let all = samples.iter().map(|s| work(s, searches, (plan, fast), self.simd));
+        let lively = samples.iter().filter(|sample| !sample.movers.is_empty());
+        let count = lively.clone().count().max(1);
+        let searches = self.searches().div_ceil(count);
+        let all = lively.map(|s| work(s, searches, (plan, fast), self.simd));
         let (cost, references) = all.fold((0.0, 0), |sum, (cost, n)| (sum.0 + cost, sum.1 + n));
-        let cost = cost / samples.len() as f64;
+        let cost = cost / count as f64;
         self.all.push(Trial { plan, fast, cost, references });
         cost
     }

@@ -384,6 +384,28 @@ fn automatic_says_what_and_why() {
     assert!(kinds("wild speeds").references_per_point() > 1.0);
 }
 
+/// Samples are taken between the keys in the middle, where nobody may be.
+#[test]
+fn automatic_where_few_live_or_nobody_does() {
+    for (begin, end) in [(0.0, 0.3), (0.9, 1.0)] {
+        for some in [false, true] {
+            let mut cloud = cloud("random", 5000, &mut Rng(12));
+            let third = cloud.keys[0].iter().map(|p| *p * 0.5).collect();
+            cloud.keys.push(third);
+            for (i, life) in cloud.alive.iter_mut().enumerate() {
+                let all_the_time = some && cloud.keys[0][i].x > 0.5;
+                *life = if all_the_time { TimeInterval::FULL } else { TimeInterval::new(begin, end).unwrap() };
+            }
+            let tree = tree_of(&cloud, PointStructure::Automatic);
+            let why = &tree.statistics().layers[0].why;
+            assert!(!why.contains("NaN") && !why.contains("inf"), "{why}");
+            for (time, alive) in [(0.1, begin == 0.0), (0.5, false), (0.95, begin == 0.9)] {
+                assert_eq!(tree.query(Vec3::ZERO, time).count() == 5000, alive, "{why}");
+            }
+        }
+    }
+}
+
 /// What is compact in the middle of the shutter comes apart differently in each place: samples see their own place only, and one tree looks
 /// good in all of them. In a whirl leaves of all places lie through each other before and after, and clusters cross each other's ways.
 #[test]
