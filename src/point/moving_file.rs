@@ -4,9 +4,9 @@ use super::linear_bounds::LinearBoxes;
 use super::moving_leaf::{Block, MovingLeaves, Times};
 use super::moving_reference::Part;
 use super::moving_tree::{MovingTree, first_children};
-use super::static_file::is_place;
 use super::static_tree::Shape;
 use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::simd::{LANES, Lanes};
 
@@ -84,18 +84,20 @@ impl MovingLeaves {
     }
 }
 
-/// Whether the lanes of a block are points or nothing; points are the first so many, if that is known.
+/// Whether the lanes of a block are points or nothing; points are the first so many, if that is known. Row by row, without branches: there are
+/// many blocks.
 fn is_fine(block: &Block, count: Option<usize>) -> bool {
-    let mut fine = true;
-    for lane in 0..LANES {
-        let [open, close] = [&block.open, &block.close].map(|rows| rows.map(|row| row[lane]));
-        let there = block.id[lane] != u32::MAX;
-        let point = is_place(open) & is_place(close);
-        let nothing = (open == [f32::MAX; 3]) & (close == [f32::MAX; 3]);
-        fine &= if there { point } else { nothing };
-        fine &= count.is_none_or(|count| there == (lane < count));
+    const MOST: f32 = MAX_POINT_COORDINATE as f32;
+    let there = block.id.map(|id| id != u32::MAX);
+    let mut fine = [true; LANES];
+    for row in block.open.iter().chain(&block.close) {
+        for (lane, fine) in fine.iter_mut().enumerate() {
+            let x = row[lane];
+            *fine &= (there[lane] & (x.abs() <= MOST)) | (!there[lane] & (x == f32::MAX));
+        }
     }
-    fine
+    let counted = count.is_none_or(|count| (0..LANES).all(|lane| there[lane] == (lane < count)));
+    counted && fine == [true; LANES]
 }
 
 /// What a file says of a tree.
@@ -149,9 +151,9 @@ impl MovingRecord {
 fn is_child(boxes: &LinearBoxes, times: Option<&Times>, lane: usize, there: bool) -> bool {
     let at = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);
     let (lo, hi) = (at(&boxes.lo), at(&boxes.hi));
-    let slopes = [at(&boxes.lo_slope), at(&boxes.hi_slope)].concat();
-    let absent = lo == [f32::INFINITY; 3] && hi == [f32::NEG_INFINITY; 3] && slopes.iter().all(|&slope| slope == 0.0);
-    let numbers = lo.iter().chain(&hi).chain(&slopes).all(|face| face.is_finite());
+    let slopes = [at(&boxes.lo_slope), at(&boxes.hi_slope)];
+    let absent = lo == [f32::INFINITY; 3] && hi == [f32::NEG_INFINITY; 3] && slopes == [[0.0; 3]; 2];
+    let numbers = [lo, hi].iter().chain(&slopes).flatten().all(|face| face.is_finite());
     numbers && there || absent && times.is_none_or(|times| never(times, lane))
 }
 

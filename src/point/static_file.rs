@@ -128,7 +128,7 @@ fn is_fine(block: &PointBlock, count: usize) -> bool {
 
 /// Whether a point may be here.
 #[inline(always)]
-pub(super) fn is_place([x, y, z]: [f32; 3]) -> bool {
+fn is_place([x, y, z]: [f32; 3]) -> bool {
     const MOST: f32 = MAX_POINT_COORDINATE as f32;
     (x.abs() <= MOST) & (y.abs() <= MOST) & (z.abs() <= MOST)
 }
