@@ -125,9 +125,8 @@ pub(crate) mod points {
     /// What a search costs besides when all it touches comes from memory, in nodes. What it visits lies beside each other and is asked
     /// for ahead, so this does not grow with the work.
     pub const COLD: f64 = 26.0;
-    /// Bytes of a structure of which half is found in no cache, between those of searches that follow each other through space (three
-    /// times as many) and of such that do not (four tenths): the more trees they are spread over, the less one finds of what the one
-    /// before has fetched.
+    /// Bytes of a structure of which half is found in no cache: the more trees searches are spread over, the less one finds of what the one
+    /// before has fetched. The fit is nearly as good anywhere from half to five times that; with other bytes go other prices.
     pub const HALF_COLD: f64 = 100e6;
     /// Bytes of a reference with its share of nodes.
     pub const REFERENCE_BYTES: f64 = 32.0;

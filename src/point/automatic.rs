@@ -4,7 +4,7 @@
 //! may turn out to cost more. So the tree over one part of the shutter is built, searches in it are counted, and if parts half as long
 //! promise to cost less, one of those is built, too. What is built of the structure that remains is used.
 
-use super::build::{Plan, Source, parts};
+use super::build::{Plan, Source, middle_segment, parts};
 use super::choose::{Trial, Trials, references_of};
 use super::fast::mark_fast;
 use super::moving_reference::Part;
@@ -43,7 +43,11 @@ pub(super) fn moving_layers(
     let (whole, cost, measured) = for_all(source, points, &mut trials, progress);
     match apart {
         Some(apart) if apart.cost * GAIN <= cost => apart.finish(why, progress),
-        _ => vec![whole.finish(format!("{why}; {measured}"), progress)],
+        Some(apart) => {
+            let why = format!("{why}; {measured}, fast points apart in {} {:.1}", name(apart.fast.plan), apart.cost);
+            vec![whole.finish(why, progress)]
+        }
+        None => vec![whole.finish(format!("{why}; {measured}"), progress)],
     }
 }
 
@@ -85,8 +89,7 @@ fn for_all<'a>(
 
 /// The points that move fast, and the others.
 fn divided(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
-    // The middle segment stands for all of them.
-    let part = parts(source.keys, 1)[(source.keys.max(2) - 1) / 2];
+    let part = parts(source.keys, 1)[middle_segment(source.keys)];
     let mut movers = source.movers(&part, points.iter().map(|&i| i as usize), |i| i as u32);
     mark_fast(&mut movers, &part, part.middle_phase());
     let mut is_fast = vec![false; source.len];
@@ -133,7 +136,8 @@ impl<'a> Apart<'a> {
         let all = (slow.points.len() + fast.points.len()) as f64;
         let share = |of: &Begun| progress.part(of.points.len() as f64 / all);
         let (of_slow, of_fast) = (share(&slow), share(&fast));
-        let slow = slow.finish(format!("{why}; in the set itself {cost:.1}"), &of_slow);
+        let why = format!("{why}; in the set itself fast points apart in {} {cost:.1}", name(fast.plan));
+        let slow = slow.finish(why, &of_slow);
         vec![slow, fast.finish("fast points, apart from the others".to_string(), &of_fast)]
     }
 }

@@ -284,6 +284,11 @@ fn checked(at: DVec3, point: usize, key: usize) -> Result<DVec3, PointError> {
     Err(if at.is_finite() { PointError::TooLarge { point, key } } else { PointError::NonFinite { point, key } })
 }
 
+/// The segment between keys that stands for all of them where one has to.
+pub(super) fn middle_segment(keys: usize) -> usize {
+    (keys.max(2) - 1) / 2
+}
+
 /// The parts into which the shutter is divided: `per_segment` for each segment between keys.
 pub(super) fn parts(keys: usize, per_segment: usize) -> Vec<Part> {
     (0..(keys - 1).max(1)).flat_map(|segment| parts_of(segment, keys, per_segment)).collect()

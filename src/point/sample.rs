@@ -7,7 +7,7 @@
 //! Where such points are is told by a few points of the whole set, drawn evenly: cut in two again and again, across the widest
 //! axis, they leave a box that holds its share of all. One look at every point then finds who is inside.
 
-use super::build::{Source, parts, parts_of};
+use super::build::{Source, middle_segment, parts, parts_of};
 use super::fast::mark_fast;
 use super::moving_reference::{Mover, Part};
 use super::order::widest_axis;
@@ -91,7 +91,7 @@ impl<'a> Sampler<'a> {
 
     /// The segment that stands for all, and its later key.
     fn segment(&self) -> [usize; 2] {
-        let segment = (self.source.keys.max(2) - 1) / 2;
+        let segment = middle_segment(self.source.keys);
         [segment, (segment + 1).min(self.source.keys - 1)]
     }
 
