@@ -204,14 +204,23 @@ fn structures_and_instruction_sets_give_the_same_bits() {
 #[test]
 fn what_the_tree_was_built_for_changes_no_answer() {
     let mut rng = Rng(8);
-    let photons = photons("surface", 3000, 0, &mut rng);
-    for (window, neighbors) in [(0.001, 1), (0.1, 50), (1e9, 5000), (f32::INFINITY, 1)] {
-        let map = PhotonMap::build(&photons, &GatherParams { window, neighbors, ..GatherParams::default() }).unwrap();
+    // With stamps, and of all kinds: a map that takes any window must still tell what is carried along by the query's own.
+    let of_kinds = [photons("surface", 3000, 0, &mut rng), photons("random", 1000, 3, &mut rng)];
+    for (window, neighbors, photons) in [
+        (0.001, 1, &of_kinds[0]),
+        (0.1, 50, &of_kinds[0]),
+        (1e9, 5000, &of_kinds[0]),
+        (f32::INFINITY, 1, &of_kinds[0]),
+        (0.3, 1, &of_kinds[1]),
+        (1e9, 50, &of_kinds[1]),
+        (f32::INFINITY, 50, &of_kinds[1]),
+    ] {
+        let map = PhotonMap::build(photons, &GatherParams { window, neighbors, ..GatherParams::default() }).unwrap();
         let (mut rng, mut scratch) = (Rng(9), GatherScratch::new());
         for _ in 0..60 {
-            let asked = asked(&photons, 0.3, &mut rng);
+            let asked = asked(photons, 0.3, &mut rng);
             let answer = map.gather(&asked.query(), &mut scratch).unwrap();
-            assert_eq!(bits(&answer), bits(&asked.brute(&photons).0), "{window}, {neighbors}: {asked:?}");
+            assert_eq!(bits(&answer), bits(&asked.brute(photons).0), "{window}, {neighbors}: {asked:?}");
         }
     }
 }
@@ -374,6 +383,10 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
     assert_eq!(error(&at(Vec3::ZERO, f32::NAN)), GatherError::Time);
     for window in [0.0, -1.0, f32::NAN] {
         assert_eq!(error(&query.window(window)), GatherError::Window);
+    }
+    // So short that the reciprocal of the duration is infinite.
+    for (window, kernel) in [(1e-40, Kernel::Box), (1e-39, Kernel::Epanechnikov), (f32::from_bits(1), Kernel::Cone)] {
+        assert_eq!(error(&query.window(window).kernels(Kernel::Box, kernel)), GatherError::Window);
     }
     for radius in [-1.0, f32::NAN, 1e20] {
         assert_eq!(error(&query.radius(radius)), GatherError::Radius);

@@ -48,7 +48,7 @@ pub enum GatherError {
     Normal,
     /// The time of a query is outside the shutter.
     Time,
-    /// The window of a query is not greater than 0.
+    /// The window of a query is not greater than 0, or so short (some 10^-38 of the shutter) that photons in it have no finite weight.
     Window,
     /// The window of a query is wider than the map was built for, and some of its photons are carried along.
     WindowTooWide {
@@ -97,7 +97,9 @@ impl fmt::Display for GatherError {
             }
             GatherError::Normal => f.write_str("a query with a cutoff on normals or a thickness needs a unit normal"),
             GatherError::Time => f.write_str("the time of a query must be in [0, 1]"),
-            GatherError::Window => f.write_str("the window of a query must be greater than 0"),
+            GatherError::Window => {
+                f.write_str("the window of a query must be greater than 0, and not below some 1e-38")
+            }
             GatherError::WindowTooWide { most } => {
                 write!(f, "the window of a query is wider than the {most} that the map was built for")
             }

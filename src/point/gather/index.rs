@@ -28,6 +28,8 @@ pub(super) struct Index {
     normals: Vec<Vec3>,
     /// The caller's index of each photon.
     pub(super) ids: Vec<u32>,
+    /// Whether some photons are carried along.
+    pub(super) carried: bool,
     /// The widest window for photons that are carried along; infinite where there are none.
     pub(super) most_window: f32,
     pub(super) simd: SimdLevel,
@@ -103,7 +105,7 @@ impl Index {
                 }
                 PhotonTime::During(life) => {
                     alive.push(life);
-                    // A life of the last instant alone has no duration; it never comes from outside of this crate.
+                    // Lives may be so short that 1 / duration is no f32 number.
                     let even = 1.0 / life.duration().max(f32::MIN_POSITIVE);
                     Rider { open: at, close: at, clock: Clock::Even(even) }
                 }
@@ -139,6 +141,7 @@ impl Index {
             riders,
             normals: ids.iter().map(|&id| photons[id as usize].normal).collect(),
             ids,
+            carried,
             most_window: if carried { params.window } else { f32::INFINITY },
             simd: params.simd,
         })

@@ -239,6 +239,9 @@ impl<F: Flux> PhotonMap<F> {
         if disc.count == 0 {
             return Ok(gathered(0));
         }
+        if !per_duration.is_finite() {
+            return Err(GatherError::Window);
+        }
         let per_area = (1.0 / query.space.over_disc(disc.radius.into())) as f32;
         if !per_area.is_finite() {
             return Err(GatherError::NoArea);
@@ -266,8 +269,8 @@ impl<F> core::fmt::Debug for PhotonMap<F> {
 
 /// The photons of a query, in order, in the buffer; and the disc they lie in.
 fn find(index: &Index, query: &GatherQuery, buffer: &mut NeighborBuffer) -> Disc {
-    // Photons that are carried along are told apart from others by the one test only.
-    if query.asks() || index.most_window < f32::INFINITY {
+    // Whether the window reaches photons that are carried along is told by the test only.
+    if query.asks() || index.carried {
         let accept = Accept { index, query, at: KeyTime::new(query.time, 2) };
         find_kept(index, query, &accept, buffer)
     } else {

@@ -37,7 +37,7 @@ pub enum PhotonTime {
     /// It arrived at this time and stays where it arrived. A gather weighs it by how far its own time is from that.
     At(f32),
     /// It stands for light that arrives evenly during this interval. A gather at a time in it counts the photon with
-    /// the weight 1 / duration; the gather's window has no part in it.
+    /// the weight 1 / duration (at most 2^126); the gather's window has no part in it.
     During(TimeInterval),
     /// It arrived at `time` on something that moves: at another time t it is at `position + velocity * (t - time)`. A
     /// gather weighs it like [`PhotonTime::At`].
