@@ -70,8 +70,10 @@ impl LayersAt<'_> {
         let (first, stride) = tree.behind(level, place.at);
         let [begin, end] = tree.times(place.at);
         let [min, max] = tree.faces(place.at, &[tree.phase(self.time); LANES]);
-        let time = f64::from(self.time);
-        for lane in (0..LANES).filter(|&lane| begin[lane] <= time && time <= end[lane]) {
+        // The tree answers for its time, which may be a float beside a key, and so beside the exact times of the tree.
+        let ((_, _, part), time) = (tree.part(), f64::from(self.time));
+        let (early, late) = (time.min(part[1]), time.max(part[0]));
+        for lane in (0..LANES).filter(|&lane| begin[lane] <= late && early <= end[lane]) {
             let (level, blocks) = (level.checked_sub(1), if level == 0 { stride } else { 0 });
             let child = Place { level, at: first + lane * stride, blocks, ..place };
             let corner = |faces: [[f64; LANES]; 3]| DVec3::from_array(faces.map(|row| row[lane])) + origin;

@@ -316,10 +316,18 @@ impl Visitor<TreePoint> for Everything {
 
 #[test]
 fn visitors_see_positions_in_f64() {
-    let cloud = Cloud::new(700, 2, (1e-3, 1e7, 1.0), true, &mut Rng(4));
+    visitors_see(&Cloud::new(700, 2, (1e-3, 1e7, 1.0), true, &mut Rng(4)), &[0.0, 0.4, 1.0]);
+    // Eleven segments, at the floats beside their keys.
+    let beside = |key: i16| f32::from(key) / 11.0;
+    let times: Vec<f32> =
+        (1..11).flat_map(|key| [beside(key).next_down(), beside(key), beside(key).next_up()]).collect();
+    visitors_see(&Cloud::new(700, 12, (1e-3, 1e7, 1.0), true, &mut Rng(4)), &times);
+}
+
+fn visitors_see(cloud: &Cloud, times: &[f32]) {
     for structure in STRUCTURES {
         let tree = cloud.tree(structure, SimdLevel::best()).unwrap();
-        for time in [0.0, 0.4, 1.0] {
+        for &time in times {
             let mut all = Everything { depth: Vec::new(), found: Vec::new() };
             assert!(tree.traverse(time, &mut all).is_continue());
             let mut ids: Vec<u32> = all.found.iter().map(|p| p.id).collect();
