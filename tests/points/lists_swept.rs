@@ -211,6 +211,39 @@ fn lives_that_touch_where_the_shutter_is_divided() {
     }
 }
 
+/// Of three, six and ten segments some keys are no f32 numbers. An interval that ends or begins with the float beside such a key goes on
+/// into the next segment, or begins in the one before, for a part of the shutter less than one of f32's steps.
+#[test]
+fn intervals_that_end_beside_keys_that_are_no_floats() {
+    let mut rng = Rng(78);
+    for keys in [4, 7, 11] {
+        let mut cloud = Cloud::still((0..60).map(|_| rng.vec()).collect());
+        for key in 1..keys {
+            // So fast that a step of time can be seen in the distance.
+            let next = cloud.keys[key - 1].iter().map(|p| *p + rng.vec() * 1e3).collect();
+            cloud.keys.push(next);
+        }
+        for structure in STRUCTURES {
+            let tree = build(&cloud, structure, SimdLevel::best());
+            for key in 1..keys - 1 {
+                let near = key as f32 / (keys - 1) as f32;
+                let beside = |time: &f32| f64::from(*time) * (keys - 1) as f64 != key as f64;
+                for time in [near.next_down(), near, near.next_up()].into_iter().filter(beside) {
+                    for (begin, end) in [(time * 0.9, time), (time, time + 0.1 * (1.0 - time)), (time, time.next_up())]
+                    {
+                        let interval = TimeInterval::new(begin, end).unwrap();
+                        for radius in [2e3, 5e4] {
+                            let expected = meet_all(&cloud, interval, radius);
+                            let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                            check(&found, &expected, &format!("{keys} keys, {structure:?}, {begin}..{end}, {radius}"));
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// At all times before the returned one, lists at the time hold nothing that is not in the lists with a skin; and the
 /// time is the last of which that can be said.
 #[test]

@@ -7,12 +7,13 @@
 //!
 //! **Why none is lost.** Let an encounter begin at the computed time x, which both lives hold. Each point has a reference in
 //! the part of its layer that holds x, so these parts are compared at x. The part that begins where the times looked at end is
-//! looked at only if a life begins there, in any layer: all other points are in the part before, too, which tells of all
-//! later encounters if it is the last. The exact begin differs from x by at most 2^-25 of the
+//! looked at only if a life begins there, in any layer, or if it is a key whose exact time lies before: all other points are in
+//! the part before, too, which tells of all later encounters if it is the last. The exact begin differs from x by at most 2^-25 of the
 //! time that both exist: it comes from the root of a difference of f64 products. So at x the two are within the radius or farther by no more
 //! than 2^-25 of their relative motion, one of the 64 units of slack in [`super`]. At keys, whose times f32 rounds, the
 //! first and the last part of a segment tell of all that is beyond them, and ranges of times are widened by more than that.
 
+use crate::point::moving_reference;
 use crate::point::moving_tree::MovingTree;
 use crate::point::over_interval::{Boxed, InRows};
 use crate::point::partition::Layer;
@@ -76,11 +77,11 @@ impl Part<'_> {
         matches!(self.tree, Tree::Moving(tree) if tree.timed())
     }
 
-    /// Whether the part of the shutter holds a time.
+    /// Whether the part of the shutter holds a time, or the segment between keys that ends with it does.
     fn holds(&self, time: f32) -> bool {
         match self.tree {
             Tree::Still(_) => true,
-            Tree::Moving(tree) => tree.part().interval.contains(time),
+            Tree::Moving(tree) => tree.part().interval.contains(time) || beside_key(tree.part(), time),
         }
     }
 
@@ -125,8 +126,18 @@ pub(super) fn begins_with_a_part(layers: &[Layer], time: f32) -> bool {
     layers.iter().any(|layer| matches!(layer, Layer::Moving(trees) if trees.iter().any(begins)))
 }
 
+/// Whether a time that f32 rounds to the begin or the end of a part, which is a key, lies within the segment in truth: the part
+/// begins after the key, or ends before it.
+fn beside_key(part: &moving_reference::Part, time: f32) -> bool {
+    let begins = part.phases[0] == 0.0 && time == part.interval.begin();
+    let ends = part.phases[1] == 1.0 && time == part.interval.end();
+    let along = f64::from(time) * (part.keys.max(2) - 1) as f64 - part.segment as f64;
+    (begins || ends) && 0.0 < along && along < 1.0
+}
+
 /// The parts of a layer that are looked at between two times, in one segment between keys where that is given; the last of
-/// the times counts in the part that it begins only where a life does too, see [`begins_with_a_part`].
+/// the times counts in the part that it begins only where a life does too, see [`begins_with_a_part`], or the exact key lies before
+/// it, and the first in the part that it ends only where the exact key lies behind it.
 pub(super) fn parts_of<'a>(layer: &'a Layer, times: [f32; 2], begins: bool, segment: Option<usize>) -> Vec<Part<'a>> {
     let trees = match layer {
         Layer::Still(tree) => return vec![Part { tree: Tree::Still(tree), times, owns: ALWAYS }],
@@ -139,7 +150,8 @@ pub(super) fn parts_of<'a>(layer: &'a Layer, times: [f32; 2], begins: bool, segm
         let owns = [interval.begin(), interval.end_bound()].map(f64::from);
         let both = [times[0].max(interval.begin()), times[1].min(interval.end())];
         let last = both[0] == times[1] && times[0] < times[1];
-        let looked_at = both[0] <= both[1] && times[0] < interval.end_bound() && (begins || !last);
+        let more_than_an_end = times[0] < interval.end_bound() && (begins || !last);
+        let looked_at = both[0] <= both[1] && (more_than_an_end || beside_key(tree.part(), both[0]));
         looked_at.then_some(Part { tree: Tree::Moving(tree), times: both, owns })
     };
     let mut parts: Vec<Part> = trees.filter_map(part).collect();
