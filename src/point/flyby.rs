@@ -21,6 +21,8 @@ pub(super) struct Way {
     pub(super) from: DVec3,
     pub(super) to: DVec3,
     pub(super) times: [f64; 2],
+    /// Number of keys of the points.
+    pub(super) keys: usize,
 }
 
 /// Three coordinates.
@@ -40,8 +42,8 @@ pub(super) struct Together {
 
 impl Together {
     /// When the query is on its way, the point alive, and its segment the one with this number; nothing if never.
-    pub(super) fn new(way: &Way, flight: &Flight, keys: usize, segment: usize) -> Option<Together> {
-        let (segment, segments) = (segment as f64, (keys.max(2) - 1) as f64);
+    pub(super) fn new(way: &Way, flight: &Flight, segment: usize) -> Option<Together> {
+        let (segment, segments) = (segment as f64, (way.keys.max(2) - 1) as f64);
         // Exact: times have 24 bits and there are at most 2^16 keys.
         let begin = (way.times[0].max(flight.life.begin().into()) * segments).max(segment);
         let end = (way.times[1].min(flight.life.end().into()) * segments).min(segment + 1.0);

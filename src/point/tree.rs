@@ -47,7 +47,8 @@ pub struct PointParams {
     /// reference takes 32 to 48 bytes. Forced slabs are built as asked.
     pub max_references: f32,
     /// Whether positions given in f64 are rounded to f32, relative to the middle of the set: off by up to 2^-25 of its
-    /// size, but as small and as fast as f32 positions. Default: no, answers are exact in f64.
+    /// size, but as small and as fast as f32 positions. Default: no, answers are exact in f64. (A set around zero whose numbers are all
+    /// f32 ones is kept in f32 in any case, and asked with query points rounded to f32; [`PointStatistics`] says which it is.)
     pub round_to_f32: bool,
     /// Instruction set of the queries; answers do not depend on it. Default: the widest of this CPU.
     pub simd: SimdLevel,
@@ -314,6 +315,11 @@ impl PointTree {
         }
         let layers = self.layers.iter().map(boxed).collect();
         Some(PointTree { layers, precise: self.precise.clone(), statistics: self.statistics.clone(), ..*self })
+    }
+
+    /// Number of keys of what moves, at least 1.
+    pub(super) fn keys(&self) -> usize {
+        self.statistics.layers.iter().map(|layer| layer.keys).max().unwrap_or(1)
     }
 
     /// Number of points.

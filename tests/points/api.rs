@@ -193,6 +193,40 @@ fn closest_approach_equals_looking_at_every_point() {
     }
 }
 
+/// Half of the points stand still, and so lie in a tree without keys where the structure is automatic; near keys the distances
+/// from them differ by less than f32 tells.
+#[test]
+fn closest_approaches_of_what_stands_still_do_not_depend_on_the_structure() {
+    let mut rng = Rng(9);
+    let mut cloud = cloud("uniform", 200, &mut rng);
+    for key in 0..3 {
+        let by = rng.vec();
+        let last = cloud.keys[key].iter().enumerate();
+        cloud.keys.push(last.map(|(i, p)| if i % 3 == 0 { *p + by * rng.unit() } else { *p }).collect());
+    }
+    let trees = STRUCTURES.map(|structure| tree_of(&cloud, structure));
+    let layers = trees.each_ref().map(|tree| tree.statistics().layers.len());
+    assert!(layers.contains(&1) && layers.contains(&2), "{layers:?}");
+    let mut at_keys = 0;
+    for i in (1..200).filter(|i| i % 3 != 0) {
+        for key in [0.25, 0.5, 0.75] {
+            // Passes by just before or after a key, or goes right through.
+            let beside = rng.vec() * [0.0, 1.0][i % 2];
+            let (time, way) = (key + rng.signed() * 1e-4, rng.vec());
+            let [from, to] = [0.0, 1.0].map(|at: f32| cloud.keys[0][i] + beside + way * (at - time));
+            let nearest = |tree: &PointTree, id: Option<u32>| {
+                tree.closest_approach_if(from, to, TimeInterval::FULL, |other| id.is_none_or(|id| id == other)).unwrap()
+            };
+            for id in [None, Some(i as u32)] {
+                let found = trees.each_ref().map(|tree| nearest(tree, id));
+                assert!(found.iter().all(|f| *f == found[0]), "point {i}, {from} to {to}: {found:?}");
+                at_keys += usize::from(found[0].time == key);
+            }
+        }
+    }
+    assert!(at_keys > 0, "no approach was nearest at a key");
+}
+
 #[test]
 fn closest_approach_with_predicate_and_bad_ways() {
     let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y)];

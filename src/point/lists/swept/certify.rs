@@ -11,7 +11,6 @@ use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
 use crate::point::lists::radii::squared_radius;
 use crate::point::over_interval::Flight;
-use crate::point::partition::Layer;
 use crate::point::tree::PointTree;
 use glam::Vec3;
 
@@ -69,12 +68,7 @@ impl PointTree {
             return Err(ListError::Time);
         }
         self.neighbor_lists(time, radius + skin).run(lists)?;
-        let keys = self.layers.iter().map(|layer| match layer {
-            Layer::Still(_) => 1,
-            Layer::Moving(parts) => parts[0].part().keys,
-            Layer::Planes(parts) => parts[0].part().keys,
-        });
-        let keys = keys.max().unwrap_or(1);
+        let keys = self.keys();
         let at = KeyTime::new(time, keys);
         let next_key = (at.segment + 1) as f64 / (keys.max(2) - 1) as f64;
         let until = until.min(rounded_down(next_key)).max(time);
