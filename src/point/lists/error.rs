@@ -34,7 +34,8 @@ pub enum ListError {
         /// The axis.
         axis: usize,
     },
-    /// A coordinate is more than a million periods from zero, where f32 does not tell places in a period apart.
+    /// A coordinate is more than a million periods from zero, where f32 does not tell places in a period apart; or a side of one of the
+    /// tree's boxes around points that move, which may reach up to three times as far as they do.
     FarFromPeriod {
         /// The axis.
         axis: usize,
@@ -51,7 +52,8 @@ pub enum ListError {
     /// A tree holds its positions in f64, and what was asked is for f32 ones only: periodic axes, displacements, the larger
     /// of two radii, lists with a skin or over an interval, of many places at once, or points in f64 among others in f32.
     Double,
-    /// Lists were asked for in the order of ids, but an id is not less than the number of points, or occurs twice.
+    /// Lists were asked for in the order of ids, but of the points that exist at the time one has an id that is not less than the number
+    /// of all points, or two have the same.
     Ids {
         /// Such an id.
         id: u32,

@@ -99,7 +99,7 @@ impl<'a> ListQuery<'a> {
     }
 
     /// Puts the lists in the order of ids, which must be 0, 1, 2, … in any order, as they are unless given: list i is
-    /// that of point i, empty where it does not exist at the time.
+    /// that of point i, empty where it does not exist at the time. (Ids of points that do not exist then are not looked at.)
     ///
     /// Otherwise lists are in the order of the tree, in which they are made. Costs a copy of all lists from one place
     /// in memory to another.
