@@ -1,6 +1,7 @@
 //! The layout of BVH_i and MSBVH: binary nodes with a box at shutter open and one at close, front to back.
 
 use super::boxes::{MovingBox, SlabRay};
+use super::subtree::{Content, Subtree};
 use super::{DEPTH, Nearest};
 use mbkd::baseline::TriangleTests;
 use mbkd::{Hit, Observer, Ray};
@@ -16,22 +17,6 @@ struct Node {
     count: u32,
 }
 
-/// A tree as a build makes it.
-pub enum Subtree {
-    /// Triangles by their indices, in order.
-    Leaf { bounds: MovingBox, indices: Vec<u32> },
-    /// Two subtrees.
-    Inner { bounds: MovingBox, children: Box<[Subtree; 2]> },
-}
-
-impl Subtree {
-    pub fn bounds(&self) -> MovingBox {
-        match self {
-            Subtree::Leaf { bounds, .. } | Subtree::Inner { bounds, .. } => *bounds,
-        }
-    }
-}
-
 /// The finished tree.
 pub struct BinaryTree {
     /// The root first; without triangles there is none.
@@ -40,10 +25,10 @@ pub struct BinaryTree {
 }
 
 impl BinaryTree {
-    /// Lays out a tree.
+    /// Lays out a tree of which everything counts throughout the shutter.
     pub fn new(root: &Subtree) -> BinaryTree {
         let mut tree = BinaryTree { nodes: Vec::new(), indices: Vec::new() };
-        if !matches!(root, Subtree::Leaf { indices, .. } if indices.is_empty()) {
+        if !root.is_empty() {
             tree.nodes.push(Node { bounds: MovingBox::EMPTY, first: 0, count: 0 });
             tree.fill(0, root);
         }
@@ -54,14 +39,14 @@ impl BinaryTree {
 
     /// Writes a node and all below it. As deep as the tree, which the build bounds.
     fn fill(&mut self, at: usize, subtree: &Subtree) {
-        let bounds = subtree.bounds().padded();
-        match subtree {
-            Subtree::Leaf { indices, .. } => {
+        let bounds = subtree.bounds.padded();
+        match &subtree.content {
+            Content::Leaf { indices, .. } => {
                 let first = self.indices.len() as u32;
                 self.indices.extend_from_slice(indices);
                 self.nodes[at] = Node { bounds, first, count: indices.len() as u32 };
             }
-            Subtree::Inner { children, .. } => {
+            Content::Inner(children) => {
                 let first = self.nodes.len();
                 self.nodes[at] = Node { bounds, first: first as u32, count: 0 };
                 self.nodes.extend([Node { bounds, first: 0, count: 0 }; 2]);

@@ -3,10 +3,10 @@
 //! Splits are chosen at mid-shutter, by the boxes as they are then; all boxes of the tree hold what is in them at
 //! every time. The tree does not depend on the number of threads: budgets are divided between children by rule.
 
-use super::binary_tree::Subtree;
 use super::boxes::{Box3, MovingBox};
 use super::object_split::ObjectSplit;
 use super::spatial_split::SpatialSplit;
+use super::subtree::Subtree;
 use super::{DEPTH, PARALLEL_FROM, STEP, TEST};
 use mbkd::TimeInterval;
 use mbkd::baseline::TriangleTests;
@@ -16,6 +16,13 @@ use mbkd::baseline::TriangleTests;
 pub struct BvhParams {
     /// References per triangle that spatial splits may make, at least 1; 1 makes a BVH_i.
     pub max_references: f32,
+}
+
+impl BvhParams {
+    /// Object splits only.
+    pub const BVH_I: BvhParams = BvhParams { max_references: 1.0 };
+    /// Spatial splits besides, which make at most two references per triangle.
+    pub const MSBVH: BvhParams = BvhParams { max_references: 2.0 };
 }
 
 /// Leaves with more references are split even where it does not seem to pay.
@@ -82,8 +89,7 @@ impl Builder<'_> {
                     true => rayon::join(|| deeper(left, l), || deeper(right, r)).into(),
                     false => [deeper(left, l), deeper(right, r)],
                 };
-                let bounds = children[0].bounds().union(children[1].bounds());
-                return Subtree::Inner { bounds, children: Box::new(children) };
+                return Subtree::inner(children);
             }
             Err(references) => references,
         };
@@ -91,7 +97,7 @@ impl Builder<'_> {
         let mut indices: Vec<u32> = references.iter().map(|r| r.index).collect();
         indices.sort_unstable();
         indices.dedup();
-        Subtree::Leaf { bounds, indices }
+        Subtree::leaf(bounds, indices)
     }
 
     /// The references of both children, or those of the leaf.

@@ -1,6 +1,8 @@
 //! The layout of the 4D k-d tree and its traversal: front to back in space, the ray's side in time.
 
 use super::boxes::Box3;
+use super::cell::{Cell, Cells};
+use super::subtree::{Life, Subtree};
 use super::{DEPTH, Nearest, ULP};
 use mbkd::baseline::TriangleTests;
 use mbkd::{Hit, Observer, Ray};
@@ -77,6 +79,25 @@ impl FourD {
     /// Nodes that split time.
     pub fn time_nodes(&self) -> usize {
         self.nodes.iter().filter(|node| matches!(node, Node::Time { .. })).count()
+    }
+
+    /// The tree with boxes, to be laid out wide.
+    pub fn subtree(&self, tests: &TriangleTests) -> Subtree {
+        Cells::whole(self.cells(tests, 0, Cell::root(self.root)))
+    }
+
+    /// As deep as the tree, which the build bounds.
+    fn cells(&self, tests: &TriangleTests, node: u32, cell: Cell) -> Option<Cells> {
+        let (sides, right) = match *self.nodes.get(node as usize)? {
+            Node::Leaf { first, count } => {
+                let indices = &self.indices[first as usize..][..count as usize];
+                let references: Vec<(u32, Life)> = indices.iter().map(|&index| (index, cell.life)).collect();
+                return Cells::leaf(tests, cell, &references, self.root.magnitude());
+            }
+            Node::Space { axis, at, right } => (cell.sides(usize::from(axis), at, at), right),
+            Node::Time { at, right } => (cell.halves(at), right),
+        };
+        Cells::join([self.cells(tests, node + 1, sides[0]), self.cells(tests, right, sides[1])])
     }
 
     /// Bytes allocated.

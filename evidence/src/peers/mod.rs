@@ -7,28 +7,37 @@
 //!   HPG 2009); the parts are bounded anew at both ends.
 //! - **4D k-d** ([`Structure::FourD`]; Olsson, "Ray-tracing time-continuous animations using 4D KD-trees", 2007): time is a fourth
 //!   axis that nodes may split; references have no intervals.
+//! - Any of these binary trees, and the library's own k-d trees, **laid out wide** ([`Structure::Collapsed`]): nodes of sixteen
+//!   children with boxes at both ends of the shutter, interpolated. Cells of k-d trees get boxes for that (`cell`).
 //! - **Time slices** ([`Structure::Slices`]): static trees at several times, of which a ray takes the nearest. The only
 //!   one whose answers are approximate.
-//! - The library's own trees ([`Structure::Library`]).
+//! - The library's own trees ([`Structure::Library`]), also on the instruction set that the others are compiled
+//!   for ([`Structure::Portable`]).
 //!
 //! All of them test triangles by [`mbkd::baseline::TriangleTests`], so that they differ in structure only. Both BVHs share one
-//! builder (`bvh`), one layout and one traversal (`binary_tree`); prices of steps and tests are those of
-//! the library's k-d trees.
+//! builder (`bvh`), one layout and one traversal (`binary_tree`); all that is laid out wide shares one collapse (`collapse`),
+//! one layout and one traversal (`wide_tree`). Prices of steps and tests are those of the library's k-d trees.
 
 mod binary_tree;
 mod boxes;
 mod bvh;
+mod cell;
+mod collapse;
 mod four_d;
 mod four_d_build;
+mod library_kd;
 mod object_split;
 mod parts;
 mod peer;
 mod spatial_split;
+mod subtree;
 mod time_slices;
+mod wide_node;
+mod wide_tree;
 
 pub use bvh::BvhParams;
 pub use four_d_build::FourDParams;
-pub use peer::{Peer, PeerStatistics, Structure};
+pub use peer::{Collapsed, Peer, PeerError, PeerStatistics, Structure};
 pub use time_slices::at_time;
 
 /// Cost of a step through an inner node, as in the library's k-d trees.

@@ -4,9 +4,12 @@ use super::binary_tree::BinaryTree;
 use super::bvh::{self, BvhParams};
 use super::four_d::FourD;
 use super::four_d_build::{self, FourDParams};
+use super::library_kd::LibraryKd;
 use super::time_slices::TimeSlices;
+use super::wide_tree::WideTree;
 use mbkd::baseline::TriangleTests;
-use mbkd::{BuildError, BuildParams, Hit, Observer, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildError, BuildParams, FileError, Hit, KdParams, Observer, Ray, RayTree, SimdLevel, TriangleMesh};
+use std::fmt;
 
 /// A structure and how it is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,14 +22,30 @@ pub enum Structure {
     FourD(FourDParams),
     /// So many static trees, built like this.
     Slices(usize, BuildParams),
+    /// A binary tree laid out wide, sixteen children to a node.
+    Collapsed(Collapsed),
     /// One of the library's own trees.
     Library(BuildParams),
+    /// The same, asked by what every CPU of the architecture runs: the instruction set that the peers are compiled
+    /// for, unless the compiler is told of another.
+    Portable(BuildParams),
+}
+
+/// A binary tree that is laid out wide.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Collapsed {
+    /// BVH_i or MSBVH.
+    Bvh(BvhParams),
+    /// The 4D k-d tree: children have boxes and times.
+    FourD(FourDParams),
+    /// One of the library's k-d trees: the classic one, the paper's, or that with moving planes.
+    Kd(KdParams),
 }
 
 impl Structure {
     /// An MSBVH of at most two references per triangle.
     pub fn msbvh() -> Structure {
-        Structure::Msbvh(BvhParams { max_references: 2.0 })
+        Structure::Msbvh(BvhParams::MSBVH)
     }
 
     /// The library's default tree.
@@ -39,8 +58,41 @@ impl Structure {
 enum Tree {
     Binary(BinaryTree, TriangleTests),
     FourD(FourD, TriangleTests),
+    Wide(WideTree, TriangleTests),
     Slices(TimeSlices),
     Library(Box<RayTree>),
+}
+
+/// Why a structure could not be built.
+#[derive(Debug)]
+pub enum PeerError {
+    /// What is wrong with a mesh or a parameter.
+    Build(BuildError),
+    /// A tree of the library could not be read from what it writes.
+    File(FileError),
+}
+
+impl fmt::Display for PeerError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            PeerError::Build(error) => error.fmt(f),
+            PeerError::File(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for PeerError {}
+
+impl From<BuildError> for PeerError {
+    fn from(error: BuildError) -> PeerError {
+        PeerError::Build(error)
+    }
+}
+
+impl From<FileError> for PeerError {
+    fn from(error: FileError) -> PeerError {
+        PeerError::File(error)
+    }
 }
 
 /// A structure over a scene.
@@ -107,16 +159,19 @@ impl Peer {
     ///
     /// # Errors
     /// What is wrong with a mesh or a parameter, as [`RayTree::build`] reports it.
-    pub fn build(structure: &Structure, meshes: &[TriangleMesh]) -> Result<Peer, BuildError> {
+    pub fn build(structure: &Structure, meshes: &[TriangleMesh]) -> Result<Peer, PeerError> {
+        let library = |params: &BuildParams| RayTree::build(meshes, params).map(Box::new);
         let tree = match structure {
-            Structure::BvhI => Peer::binary(BvhParams { max_references: 1.0 }, meshes)?,
+            Structure::BvhI => Peer::binary(BvhParams::BVH_I, meshes)?,
             Structure::Msbvh(params) => Peer::binary(*params, meshes)?,
             Structure::FourD(params) => {
                 let tests = TriangleTests::new(meshes)?;
                 Tree::FourD(four_d_build::build(&tests, *params), tests)
             }
             Structure::Slices(slices, params) => Tree::Slices(TimeSlices::new(meshes, *slices, params)?),
-            Structure::Library(params) => Tree::Library(Box::new(RayTree::build(meshes, params)?)),
+            Structure::Collapsed(of) => Peer::collapsed(of, meshes)?,
+            Structure::Library(params) => Tree::Library(library(params)?),
+            Structure::Portable(params) => Tree::Library(Box::new(library(params)?.with_simd(SimdLevel::PORTABLE))),
         };
         Ok(Peer { tree })
     }
@@ -126,11 +181,24 @@ impl Peer {
         Ok(Tree::Binary(BinaryTree::new(&bvh::build(&tests, params)), tests))
     }
 
+    fn collapsed(of: &Collapsed, meshes: &[TriangleMesh]) -> Result<Tree, PeerError> {
+        let tests = TriangleTests::new(meshes)?;
+        let binary = match of {
+            Collapsed::Bvh(params) => bvh::build(&tests, *params),
+            Collapsed::FourD(params) => four_d_build::build(&tests, *params).subtree(&tests),
+            Collapsed::Kd(params) => {
+                LibraryKd::of(&RayTree::build(meshes, &BuildParams::kd(*params))?)?.subtree(&tests)
+            }
+        };
+        Ok(Tree::Wide(WideTree::new(&binary), tests))
+    }
+
     /// The nearest hit of a ray.
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         match &self.tree {
             Tree::Binary(tree, tests) => tree.closest_hit(tests, ray, &mut ()),
             Tree::FourD(tree, tests) => tree.closest_hit(tests, ray, &mut ()),
+            Tree::Wide(tree, tests) => tree.closest_hit(tests, ray, &mut ()),
             Tree::Slices(slices) => slices.closest_hit(ray),
             Tree::Library(tree) => tree.closest_hit(ray),
         }
@@ -141,6 +209,7 @@ impl Peer {
         match &self.tree {
             Tree::Binary(tree, tests) => tree.closest_hit(tests, ray, observer),
             Tree::FourD(tree, tests) => tree.closest_hit(tests, ray, observer),
+            Tree::Wide(tree, tests) => tree.closest_hit(tests, ray, observer),
             Tree::Slices(slices) => slices.closest_hit_observed(ray, observer),
             Tree::Library(tree) => tree.closest_hit_observed(ray, observer),
         }
@@ -170,6 +239,7 @@ impl Peer {
             Tree::FourD(tree, tests) => {
                 PeerStatistics { time_nodes: tree.time_nodes(), ..of(tree.sizes(), tree.bytes(), tests) }
             }
+            Tree::Wide(tree, tests) => of(tree.sizes(), tree.bytes(), tests),
             Tree::Slices(slices) => PeerStatistics::of_library(slices.trees()),
             Tree::Library(tree) => PeerStatistics::of_library(std::slice::from_ref(tree)),
         }

@@ -4,13 +4,34 @@ use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Counters, Hit, KdParams, Ray, TimeInterval, TriangleMesh};
 use mbkd_evidence::accuracy::Random;
-use mbkd_evidence::peers::{BvhParams, FourDParams, Peer, Structure, at_time};
+use mbkd_evidence::peers::{BvhParams, Collapsed, FourDParams, Peer, Structure, at_time};
 use mbkd_scenes as scene;
 use proptest::prelude::*;
 use rayon::prelude::*;
 
-/// All that are exact, the peers with small budgets and with large ones.
+/// All that are exact, the peers with small budgets and with large ones, binary and laid out wide.
 fn exact() -> Vec<Structure> {
+    let wide = collapsed().into_iter().map(Structure::Collapsed);
+    binary().into_iter().chain(wide).collect()
+}
+
+/// Binary trees that are laid out wide.
+fn collapsed() -> Vec<Collapsed> {
+    vec![
+        Collapsed::Bvh(BvhParams::BVH_I),
+        Collapsed::Bvh(BvhParams::MSBVH),
+        Collapsed::Bvh(BvhParams { max_references: 8.0 }),
+        Collapsed::FourD(FourDParams::default()),
+        Collapsed::FourD(FourDParams { max_references: 100.0, max_halvings: 20 }),
+        Collapsed::FourD(FourDParams { max_halvings: 0, ..FourDParams::default() }),
+        Collapsed::Kd(KdParams::classic()),
+        Collapsed::Kd(KdParams::paper()),
+        Collapsed::Kd(KdParams { max_references: 100.0, ..KdParams::paper() }),
+        Collapsed::Kd(KdParams::default()),
+    ]
+}
+
+fn binary() -> Vec<Structure> {
     vec![
         Structure::BvhI,
         Structure::msbvh(),
@@ -19,6 +40,7 @@ fn exact() -> Vec<Structure> {
         Structure::FourD(FourDParams { max_references: 100.0, max_halvings: 20 }),
         Structure::FourD(FourDParams { max_halvings: 0, ..FourDParams::default() }),
         Structure::Library(BuildParams::default()),
+        Structure::Portable(BuildParams::default()),
         Structure::Library(BuildParams::paper()),
         Structure::Library(BuildParams::kd(KdParams::default())),
         Structure::Library(BuildParams::kd(KdParams::classic())),
@@ -146,7 +168,8 @@ fn a_thousand_equal_triangles() {
 #[test]
 fn structures_are_the_same_on_any_number_of_threads() {
     let scene = scene::hairball(20_000);
-    for structure in [Structure::BvhI, Structure::msbvh(), Structure::FourD(FourDParams::default())] {
+    let peers = [Structure::BvhI, Structure::msbvh(), Structure::FourD(FourDParams::default())];
+    for structure in peers.into_iter().chain(collapsed().into_iter().map(Structure::Collapsed)) {
         let work = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let peer = pool.install(|| Peer::build(&structure, &scene.meshes).unwrap());
@@ -173,6 +196,30 @@ fn budgets_hold() {
         let four_d = Peer::build(&Structure::FourD(params), &scene.meshes).unwrap().statistics();
         assert!(msbvh.references as f32 <= max_references * n && four_d.references as f32 <= max_references * n);
         assert!(max_references < 2.0 || msbvh.references as f32 > 1.1 * n, "{msbvh:?}");
+    }
+}
+
+/// A tree laid out wide has the leaves of the binary one (of a k-d tree those that are not empty) and their references, in
+/// nodes that are full but for the lowest.
+#[test]
+fn laid_out_wide_a_tree_keeps_its_leaves() {
+    let scene = scene::hairball(20_000);
+    let kd = |params| Structure::Library(BuildParams::kd(params));
+    for (binary, wide) in [
+        (Structure::BvhI, Collapsed::Bvh(BvhParams::BVH_I)),
+        (Structure::msbvh(), Collapsed::Bvh(BvhParams::MSBVH)),
+        (Structure::FourD(FourDParams::default()), Collapsed::FourD(FourDParams::default())),
+        (kd(KdParams::classic()), Collapsed::Kd(KdParams::classic())),
+        (kd(KdParams::paper()), Collapsed::Kd(KdParams::paper())),
+        (kd(KdParams::default()), Collapsed::Kd(KdParams::default())),
+    ] {
+        let of = |structure| Peer::build(&structure, &scene.meshes).unwrap().statistics();
+        let (before, after) = (of(binary), of(Structure::Collapsed(wide)));
+        let is_bvh = matches!(wide, Collapsed::Bvh(_));
+        assert_eq!(before.references, after.references, "{wide:?}");
+        assert!(if is_bvh { before.leaves == after.leaves } else { before.leaves >= after.leaves }, "{wide:?}");
+        let children = (after.nodes + after.leaves - 1) as f32 / after.nodes as f32;
+        assert!((4.0..=16.0).contains(&children), "{wide:?}: {children}");
     }
 }
 

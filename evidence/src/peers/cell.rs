@@ -1,0 +1,140 @@
+//! Cells of k-d trees as subtrees with boxes of their own.
+//!
+//! A k-d tree finds a hit because the point that is hit lies in the cell of some leaf, at the hit's time, and the triangle has
+//! a reference there that counts then. A box for that leaf must hold all such points. Three boxes do:
+//!
+//! - the moving box around the triangles, wherever they go during the shutter;
+//! - the cell itself, whose faces move with its planes;
+//! - the still box around what the triangles sweep inside of the cell while their references count.
+//!
+//! A face of any of them is a bound of its own, linear in time, so each face is taken from whichever has it tightest in the
+//! middle of the time that the leaf counts. Boxes above hold those below, or the still boxes below, face by face likewise.
+
+use super::ULP;
+use super::boxes::{Box3, MovingBox};
+use super::subtree::{Content, Life, Subtree};
+use mbkd::TimeInterval;
+use mbkd::baseline::TriangleTests;
+use mbkd::glam::Vec3;
+
+/// A cell on the way down.
+#[derive(Clone, Copy)]
+pub struct Cell {
+    bounds: MovingBox,
+    pub life: Life,
+}
+
+impl Cell {
+    /// A box of everything that a tree is over.
+    pub fn root(bounds: Box3) -> Cell {
+        Cell { bounds: MovingBox { open: bounds, close: bounds }, life: Life::ALWAYS }
+    }
+
+    /// The cells below and above a plane, which is at one place at shutter open and at another at shutter close. It may leave the cell
+    /// meanwhile: then these are larger than they need be.
+    pub fn sides(self, axis: usize, open: f32, close: f32) -> [Cell; 2] {
+        let (mut below, mut above) = (self, self);
+        (below.bounds.open.max[axis], below.bounds.close.max[axis]) = (open, close);
+        (above.bounds.open.min[axis], above.bounds.close.min[axis]) = (open, close);
+        [below, above]
+    }
+
+    /// The cell before and from a time on.
+    pub fn halves(self, at: f32) -> [Cell; 2] {
+        let Life { begin, end } = self.life;
+        [Cell { life: Life { begin, end: at }, ..self }, Cell { life: Life { begin: at, end }, ..self }]
+    }
+
+    /// What the cell sweeps during a time.
+    fn swept(self, life: Life) -> Box3 {
+        [life.begin, life.end.min(1.0)].map(|time| at(self.bounds, time)).into_iter().fold(Box3::EMPTY, Box3::union)
+    }
+}
+
+/// A subtree of cells.
+pub struct Cells {
+    pub subtree: Subtree,
+    /// What is in it, swept while it counts.
+    still: Box3,
+}
+
+impl Cells {
+    /// A leaf with some references; nothing without any. No coordinate of the scene is larger than `magnitude`.
+    ///
+    /// Planes of the library are found within 4 ULP of it, and those that move have other roundings when they are
+    /// interpolated between both ends: boxes are padded as the k-d traversals pad their planes.
+    pub fn leaf(tests: &TriangleTests, cell: Cell, references: &[(u32, Life)], magnitude: f32) -> Option<Cells> {
+        let (&(_, life), _) = references.split_first()?;
+        let (mut moving, mut still, mut life) = (MovingBox::EMPTY, Box3::EMPTY, life);
+        let mut sorted = references.to_vec();
+        sorted.sort_unstable_by_key(|(index, _)| *index);
+        for &(index, of) in &sorted {
+            moving = moving.union(bounds(tests, index, TimeInterval::FULL));
+            let during = TimeInterval::new(of.begin, of.end.min(1.0)).unwrap_or(TimeInterval::FULL);
+            still = still.union(bounds(tests, index, during).swept().intersection(cell.swept(of)));
+            life = life.union(of);
+        }
+        let magnitude = magnitude.max(cell.bounds.swept().magnitude());
+        let by = TriangleTests::padding(magnitude) + 8.0 * ULP * magnitude;
+        let still = still.pad(by);
+        let candidates = [moving, cell.bounds].map(|b| MovingBox { open: b.open.pad(by), close: b.close.pad(by) });
+        let bounds = tightest([candidates[0], candidates[1], standing(still)], life);
+        let (indices, lives) = sorted.into_iter().unzip();
+        Some(Cells { subtree: Subtree { bounds, life, content: Content::Leaf { indices, lives } }, still })
+    }
+
+    /// Both sides of a plane or of a time; the only one where the other is empty.
+    pub fn join(sides: [Option<Cells>; 2]) -> Option<Cells> {
+        match sides {
+            [Some(a), Some(b)] => {
+                let still = a.still.union(b.still);
+                let mut subtree = Subtree::inner([a.subtree, b.subtree]);
+                subtree.bounds = tightest([subtree.bounds, standing(still)], subtree.life);
+                Some(Cells { subtree, still })
+            }
+            [one, other] => one.or(other),
+        }
+    }
+
+    /// The whole tree, which may be empty.
+    pub fn whole(cells: Option<Cells>) -> Subtree {
+        cells.map_or_else(|| Subtree::leaf(MovingBox::EMPTY, Vec::new()), |cells| cells.subtree)
+    }
+}
+
+/// A triangle's bounds over a time, which may be extended to the whole shutter if that is the time.
+fn bounds(tests: &TriangleTests, index: u32, over: TimeInterval) -> MovingBox {
+    let of = tests.bounds(index, over);
+    let narrow = |b: mbkd::Aabb| Box3 { min: b.min.as_vec3(), max: b.max.as_vec3() };
+    MovingBox { open: narrow(of.begin), close: narrow(of.end) }
+}
+
+fn standing(still: Box3) -> MovingBox {
+    MovingBox { open: still, close: still }
+}
+
+fn at(moving: MovingBox, time: f32) -> Box3 {
+    let between = |open: Vec3, close: Vec3| open + (close - open) * time;
+    Box3 {
+        min: between(moving.open.min, moving.close.min),
+        max: between(moving.open.max, moving.close.max),
+    }
+}
+
+/// Each face from whichever box has it tightest in the middle of a time.
+fn tightest<const N: usize>(boxes: [MovingBox; N], life: Life) -> MovingBox {
+    let time = life.middle();
+    let mut best = boxes[0];
+    for other in boxes {
+        let (now, then) = (at(best, time), at(other, time));
+        for axis in 0..3 {
+            if then.min[axis] > now.min[axis] {
+                (best.open.min[axis], best.close.min[axis]) = (other.open.min[axis], other.close.min[axis]);
+            }
+            if then.max[axis] < now.max[axis] {
+                (best.open.max[axis], best.close.max[axis]) = (other.open.max[axis], other.close.max[axis]);
+            }
+        }
+    }
+    best
+}

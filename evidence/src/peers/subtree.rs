@@ -1,0 +1,79 @@
+//! A binary tree as a build makes it, before it is laid out.
+
+use super::boxes::{Box3, MovingBox};
+
+/// When something counts: `begin <= time < end`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Life {
+    pub begin: f32,
+    /// Beyond 1 where it lasts to the end of the shutter.
+    pub end: f32,
+}
+
+impl Life {
+    /// All of the shutter.
+    pub const ALWAYS: Life = Life { begin: 0.0, end: f32::INFINITY };
+
+    pub fn is_always(self) -> bool {
+        self.begin <= 0.0 && self.end > 1.0
+    }
+
+    #[inline(always)]
+    pub fn holds(self, time: f32) -> bool {
+        self.begin <= time && time < self.end
+    }
+
+    pub fn union(self, other: Life) -> Life {
+        Life { begin: self.begin.min(other.begin), end: self.end.max(other.end) }
+    }
+
+    /// Its share of the shutter.
+    pub fn length(self) -> f32 {
+        (self.end.min(1.0) - self.begin).max(0.0)
+    }
+
+    pub fn middle(self) -> f32 {
+        0.5 * (self.begin + self.end.min(1.0))
+    }
+}
+
+/// A subtree: bounds that hold what is in it whenever it counts.
+pub struct Subtree {
+    pub bounds: MovingBox,
+    pub life: Life,
+    pub content: Content,
+}
+
+/// What is in a subtree.
+pub enum Content {
+    /// Triangles by their indices, in order, and when each counts; no times where all count throughout.
+    Leaf { indices: Vec<u32>, lives: Vec<Life> },
+    /// Two subtrees.
+    Inner(Box<[Subtree; 2]>),
+}
+
+impl Subtree {
+    /// A leaf in which everything counts throughout the shutter.
+    pub fn leaf(bounds: MovingBox, indices: Vec<u32>) -> Subtree {
+        Subtree { bounds, life: Life::ALWAYS, content: Content::Leaf { indices, lives: Vec::new() } }
+    }
+
+    /// Two subtrees in the box around both.
+    pub fn inner(children: [Subtree; 2]) -> Subtree {
+        let [left, right] = &children;
+        let (bounds, life) = (left.bounds.union(right.bounds), left.life.union(right.life));
+        Subtree { bounds, life, content: Content::Inner(Box::new(children)) }
+    }
+
+    /// Whether there is nothing at all.
+    pub fn is_empty(&self) -> bool {
+        matches!(&self.content, Content::Leaf { indices, .. } if indices.is_empty())
+    }
+
+    /// How often rays visit it, relative to others: half the area at the middle of the shutter, for as long as it counts.
+    pub fn visits(&self) -> f32 {
+        let MovingBox { open, close } = self.bounds;
+        let middle = Box3 { min: 0.5 * (open.min + close.min), max: 0.5 * (open.max + close.max) };
+        middle.half_area() * self.life.length()
+    }
+}

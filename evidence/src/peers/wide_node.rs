@@ -1,0 +1,78 @@
+//! A node of sixteen children, whose boxes are tested together.
+
+use super::boxes::{MovingBox, SlabRay};
+
+/// Children of a node: as many as a node of the library's wide tree has.
+pub const WIDTH: usize = 16;
+
+/// A number for each child.
+pub type Row = [f32; WIDTH];
+
+/// Boxes at shutter open and how they change, face by face, and what is in them: 832 bytes.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub struct WideNode {
+    /// Lower x, y, z and upper x, y, z at shutter open.
+    open: [Row; 6],
+    /// By how much each is larger at shutter close.
+    change: [Row; 6],
+    pub children: [u32; WIDTH],
+}
+
+const _: () = assert!(size_of::<WideNode>() == 832);
+
+/// Where the faces of places without a child are: upper ones below the lower ones, so far that no ray enters, and so near that
+/// products with the inverse of a direction (2^24 at most) stay finite.
+const NOWHERE: f32 = 1e30;
+
+impl WideNode {
+    /// A node without children.
+    pub const EMPTY: WideNode = {
+        let (low, high) = ([NOWHERE; WIDTH], [-NOWHERE; WIDTH]);
+        WideNode {
+            open: [low, low, low, high, high, high],
+            change: [[0.0; WIDTH]; 6],
+            children: [u32::MAX; WIDTH],
+        }
+    };
+
+    /// Gives a place to a child.
+    pub fn set(&mut self, lane: usize, bounds: MovingBox, child: u32) {
+        for axis in 0..3 {
+            let faces = [(bounds.open.min, bounds.close.min), (bounds.open.max, bounds.close.max)];
+            for (side, (open, close)) in faces.into_iter().enumerate() {
+                self.open[3 * side + axis][lane] = open[axis];
+                self.change[3 * side + axis][lane] = close[axis] - open[axis];
+            }
+        }
+        self.children[lane] = child;
+    }
+
+    /// Where a ray enters each box as it is at the ray's time, and of which it does so no farther away than `reach`: the lowest bit is the
+    /// first child's. The arithmetic is that of [`MovingBox::entry`].
+    ///
+    /// Plain loops over arrays, which compilers turn into vector instructions of whatever set the program is compiled for.
+    #[inline(always)]
+    pub fn enter(&self, ray: &SlabRay, reach: f32) -> (Row, u32) {
+        let (origin, inverse, pad) = (ray.origin.to_array(), ray.inverse.to_array(), ray.pad.to_array());
+        let faces = |axis: usize| if inverse[axis] > 0.0 { [axis, axis + 3] } else { [axis + 3, axis] };
+        let rows = [0, 1, 2].map(|axis| faces(axis).map(|face| (&self.open[face], &self.change[face])));
+        let (mut begin, mut hits) = ([0.0; WIDTH], 0);
+        for lane in 0..WIDTH {
+            let (mut enter, mut leave) = (ray.begin, reach);
+            for axis in 0..3 {
+                let [near, far] = rows[axis].map(|(open, change)| {
+                    let face = open[lane] + change[lane] * ray.time;
+                    (face - origin[axis]) * inverse[axis]
+                });
+                let (near, far) = (near - pad[axis], far + pad[axis]);
+                // As vector instructions have it; nothing here is NaN.
+                enter = if near > enter { near } else { enter };
+                leave = if far < leave { far } else { leave };
+            }
+            begin[lane] = enter;
+            hits |= u32::from(enter <= leave) << lane;
+        }
+        (begin, hits)
+    }
+}

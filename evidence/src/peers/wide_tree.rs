@@ -1,0 +1,185 @@
+//! A binary tree laid out wide: nodes of sixteen children, near to far.
+
+use super::boxes::SlabRay;
+use super::collapse::children;
+use super::subtree::{Content, Life, Subtree};
+use super::wide_node::{Row, WideNode};
+use super::Nearest;
+use mbkd::baseline::TriangleTests;
+use mbkd::{Hit, Observer, Ray};
+use std::cell::Cell;
+
+/// Marks a leaf among children.
+const LEAF: u32 = 1 << 31;
+
+/// The indices of a leaf.
+#[derive(Clone, Copy)]
+struct Leaf {
+    first: u32,
+    count: u32,
+}
+
+/// The finished tree.
+pub struct WideTree {
+    /// A node, or a leaf with [`LEAF`] added; none without triangles.
+    root: Option<u32>,
+    nodes: Vec<WideNode>,
+    /// When the children of each node count: begins and ends. None where all do throughout.
+    node_lives: Vec<[Row; 2]>,
+    leaves: Vec<Leaf>,
+    indices: Vec<u32>,
+    /// When each index counts; none where all do throughout.
+    lives: Vec<Life>,
+}
+
+thread_local! {
+    /// What waits to be visited, kept from ray to ray: room for the deepest tree would take long to be made anew.
+    static WAITING: Cell<Vec<(u32, f32)>> = const { Cell::new(Vec::new()) };
+}
+
+impl WideTree {
+    /// Lays out a tree.
+    pub fn new(root: &Subtree) -> WideTree {
+        let mut tree = WideTree {
+            root: None,
+            nodes: Vec::new(),
+            node_lives: Vec::new(),
+            leaves: Vec::new(),
+            indices: Vec::new(),
+            lives: Vec::new(),
+        };
+        if !root.is_empty() {
+            tree.root = Some(tree.place(root));
+        }
+        let always = |[begin, end]: &[Row; 2]| begin.iter().zip(end).all(|(&begin, &end)| Life { begin, end }.is_always());
+        if tree.node_lives.iter().all(always) {
+            tree.node_lives = Vec::new();
+        }
+        if tree.lives.iter().all(|life| life.is_always()) {
+            tree.lives = Vec::new();
+        }
+        tree.nodes.shrink_to_fit();
+        tree.node_lives.shrink_to_fit();
+        tree.leaves.shrink_to_fit();
+        tree.indices.shrink_to_fit();
+        tree.lives.shrink_to_fit();
+        tree
+    }
+
+    /// Writes a subtree and says where it is. As deep as the tree, which the build bounds.
+    fn place(&mut self, subtree: &Subtree) -> u32 {
+        match &subtree.content {
+            Content::Leaf { indices, lives } => {
+                let leaf = Leaf { first: self.indices.len() as u32, count: indices.len() as u32 };
+                self.indices.extend_from_slice(indices);
+                self.lives.extend((0..indices.len()).map(|i| lives.get(i).copied().unwrap_or(Life::ALWAYS)));
+                self.leaves.push(leaf);
+                (self.leaves.len() - 1) as u32 | LEAF
+            }
+            Content::Inner(halves) => {
+                let at = self.nodes.len();
+                self.nodes.push(WideNode::EMPTY);
+                self.node_lives.push([[Life::ALWAYS.begin; _], [Life::ALWAYS.end; _]]);
+                for (lane, child) in children(halves).into_iter().enumerate() {
+                    let place = self.place(child);
+                    self.nodes[at].set(lane, child.bounds.padded(), place);
+                    let [begin, end] = &mut self.node_lives[at];
+                    (begin[lane], end[lane]) = (child.life.begin, child.life.end);
+                }
+                at as u32
+            }
+        }
+    }
+
+    /// Inner nodes, leaves, and the references in these.
+    pub fn sizes(&self) -> [usize; 3] {
+        [self.nodes.len(), self.leaves.len(), self.indices.len()]
+    }
+
+    /// Bytes allocated.
+    pub fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<WideNode>()
+            + self.node_lives.capacity() * size_of::<[Row; 2]>()
+            + self.leaves.capacity() * size_of::<Leaf>()
+            + self.indices.capacity() * size_of::<u32>()
+            + self.lives.capacity() * size_of::<Life>()
+    }
+
+    /// The nearest hit. Misses none for the reasons of [`BinaryTree::closest_hit`](super::binary_tree::BinaryTree::closest_hit): every
+    /// box holds what is in it whenever that counts, and what is left out begins farther away than the best hit reaches.
+    pub fn closest_hit(&self, tests: &TriangleTests, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
+        let (ray, root) = (tests.prepare(ray)?, self.root?);
+        let slabs = SlabRay::new(&ray);
+        let mut nearest = Nearest::new(&ray);
+        // Only what is in several leaves can be met again.
+        let mut tested = (self.indices.len() > tests.len()).then_some(Tested::NOTHING);
+        let mut waiting = WAITING.take();
+        waiting.clear();
+        waiting.push((root, slabs.begin));
+        while let Some((place, begin)) = waiting.pop() {
+            if begin > nearest.reach {
+                continue;
+            }
+            if place & LEAF == 0 {
+                observer.node();
+                self.enter(place as usize, &slabs, nearest.reach, &mut waiting);
+                continue;
+            }
+            observer.leaf();
+            let Leaf { first, count } = self.leaves[(place & !LEAF) as usize];
+            for at in first as usize..(first + count) as usize {
+                if self.lives.get(at).is_some_and(|life| !life.holds(slabs.time)) {
+                    observer.time_skip();
+                    continue;
+                }
+                observer.primitive_tests(1);
+                let index = self.indices[at];
+                if tested.as_mut().is_none_or(|tested| tested.lacks(index)) {
+                    nearest.test(tests, &ray, index);
+                }
+            }
+        }
+        WAITING.set(waiting);
+        nearest.found.map(|(hit, _)| hit)
+    }
+
+    /// Lets the children of a node wait that the ray enters, the nearest on top.
+    #[inline(always)]
+    fn enter(&self, node: usize, ray: &SlabRay, reach: f32, waiting: &mut Vec<(u32, f32)>) {
+        let (begin, mut hits) = self.nodes[node].enter(ray, reach);
+        if let Some([from, to]) = self.node_lives.get(node) {
+            let mut live = 0;
+            for (lane, (from, to)) in from.iter().zip(to).enumerate() {
+                live |= u32::from(*from <= ray.time && ray.time < *to) << lane;
+            }
+            hits &= live;
+        }
+        let bottom = waiting.len();
+        while hits != 0 {
+            let lane = hits.trailing_zeros() as usize;
+            hits &= hits - 1;
+            let entry = (self.nodes[node].children[lane], begin[lane]);
+            waiting.push(entry);
+            let mut at = waiting.len() - 1;
+            while at > bottom && waiting[at - 1].1 < entry.1 {
+                waiting[at] = waiting[at - 1];
+                at -= 1;
+            }
+            waiting[at] = entry;
+        }
+    }
+}
+
+/// Triangles that a ray was tested against lately, as the library's k-d trees remember them: each at a place of its own among a few.
+/// One in several leaves has the same answer in all of them.
+struct Tested([u32; 256]);
+
+impl Tested {
+    const NOTHING: Tested = Tested([u32::MAX; 256]);
+
+    /// Whether the triangle is not among them; from now on it is.
+    #[inline(always)]
+    fn lacks(&mut self, index: u32) -> bool {
+        std::mem::replace(&mut self.0[index as usize % 256], index) != index
+    }
+}
