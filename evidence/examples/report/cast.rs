@@ -1,9 +1,9 @@
 //! Who takes part in sections 1 to 3: the structures, the scenes, the rays.
 
 use mbkd::glam::Vec3;
-use mbkd::{BuildError, BuildParams, KdParams, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildError, BuildParams, KdParams, Ray, RayTree, SimdLevel, TriangleMesh};
 use mbkd_evidence::accuracy::Random;
-use mbkd_evidence::peers::{FourDParams, Peer, Structure};
+use mbkd_evidence::peers::{BvhParams, Collapsed, FourDParams, Peer, Structure};
 use mbkd_scenes::Scene;
 
 /// A structure under its name.
@@ -29,6 +29,32 @@ pub fn exact() -> Vec<Member> {
         member("MBKD, moving planes", kd(KdParams::default())),
         Member { name: "wide tree (default)", structure: Structure::wide(), ours: true },
     ]
+}
+
+/// The binary ones of [`exact`] in their order, laid out wide, and the library's wide tree on the instruction set that the
+/// peers are compiled for.
+pub fn laid_out_wide() -> Vec<Member> {
+    let member = |name, of| Member { name, structure: Structure::Collapsed(of), ours: false };
+    vec![
+        member("BVH_i, wide", Collapsed::Bvh(BvhParams::BVH_I)),
+        member("MSBVH, wide", Collapsed::Bvh(BvhParams::MSBVH)),
+        member("classic k-d, wide", Collapsed::Kd(KdParams::classic())),
+        member("4D k-d, wide", Collapsed::FourD(FourDParams::default())),
+        member("MBKD (the paper's), wide", Collapsed::Kd(KdParams::paper())),
+        member("MBKD, moving planes, wide", Collapsed::Kd(KdParams::default())),
+        Member { name: "wide tree, portable", structure: Structure::Portable(BuildParams::default()), ours: true },
+    ]
+}
+
+/// The instruction set that the peers are compiled for.
+pub fn compiled_for() -> &'static str {
+    if cfg!(target_feature = "avx512f") {
+        "avx512"
+    } else if cfg!(target_feature = "avx2") {
+        "avx2"
+    } else {
+        SimdLevel::PORTABLE.name()
+    }
 }
 
 /// The procedural scene of that name and about that size.

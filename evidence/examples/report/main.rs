@@ -9,6 +9,7 @@ mod fronts;
 mod heat_maps;
 mod html;
 mod kiddo_peer;
+mod measure;
 mod memory;
 mod neighbor_error;
 mod neighbor_lists;
@@ -26,6 +27,7 @@ mod scaling_rays;
 mod shading;
 mod tables;
 mod time_weights;
+mod wide_table;
 
 use clap::Parser;
 use mbkd::SimdLevel;
@@ -113,7 +115,7 @@ fn facts(args: &Args, run: &Run) -> Vec<(&'static str, String)> {
         ("Command", command),
         ("Run", if run.quick { "quick: small scenes, few repetitions".into() } else { "full".into() }),
         ("Processor", processor()),
-        ("Instruction set", SimdLevel::best().to_string()),
+        ("Instruction set", format!("{} (the library), {} (the peers)", SimdLevel::best(), cast::compiled_for())),
         ("Threads", rayon::current_num_threads().to_string()),
         ("Version of mbkd", version.trim_matches('"').to_string()),
         ("Seed", args.seed.to_string()),

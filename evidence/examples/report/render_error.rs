@@ -6,7 +6,7 @@ use crate::run::{Run, Times, seconds};
 use crate::shading::Shading;
 use mbkd::{BuildParams, Hit, Ray};
 use mbkd_evidence::accuracy::Random;
-use mbkd_evidence::peers::{Peer, Structure};
+use mbkd_evidence::peers::{Peer, PeerError, Structure};
 use mbkd_scenes::Scene;
 use rayon::prelude::*;
 use std::error::Error;
@@ -127,14 +127,14 @@ fn reference(job: &Job<'_>, samples: usize, seed: u64) -> Result<Vec<f64>, Box<d
 }
 
 /// Builds all structures.
-fn renderers(job: &Job<'_>) -> Result<Vec<Renderer>, mbkd::BuildError> {
+fn renderers(job: &Job<'_>) -> Result<Vec<Renderer>, PeerError> {
     let of_slices =
         |n: usize| Member { name: "", structure: Structure::Slices(n, BuildParams::default()), ours: false };
     let members = exact().into_iter().map(|m| (m, None)).chain(SLICES.map(|n| (of_slices(n), Some(n))));
     let build = |(member, slices): (Member, Option<usize>)| {
         let mut peer = None;
         let build = seconds(|| peer = Some(Peer::build(&member.structure, &job.scene.meshes)));
-        let Some(peer) = peer else { return Err(mbkd::BuildError::Cancelled) };
+        let Some(peer) = peer else { return Err(mbkd::BuildError::Cancelled.into()) };
         Ok(Renderer {
             name: slices.map_or(member.name.to_string(), |n| format!("time slices, T = {n}")),
             peer: peer?,

@@ -5,9 +5,9 @@ use crate::cast::{Member, exact, on_one_thread};
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
 use crate::run::{Run, Times, interleaved, interleaved_wall, seconds};
 use mbkd::glam::Vec3;
-use mbkd::{BuildError, BuildParams, KdParams, Ray, TriangleMesh};
+use mbkd::{BuildParams, KdParams, Ray, TriangleMesh};
 use mbkd_evidence::accuracy::Random;
-use mbkd_evidence::peers::{Peer, Structure};
+use mbkd_evidence::peers::{Peer, PeerError, Structure};
 use rayon::prelude::*;
 use std::error::Error;
 
@@ -124,7 +124,7 @@ fn along(
     axis: impl Iterator<Item = f64>,
     mut make: impl FnMut(f64) -> (Vec<TriangleMesh>, f64),
     rays: usize,
-) -> Result<Vec<Along>, BuildError> {
+) -> Result<Vec<Along>, PeerError> {
     let of = |member: &Member| Along { name: member.name, ours: member.ours, figures: Vec::new() };
     let mut all: Vec<Along> = cast.iter().map(of).collect();
     for x in axis {
@@ -165,7 +165,7 @@ fn along(
                     at_budget: statistics.references as f64 >= HIT * limit * statistics.triangles as f64,
                 });
             }
-            Ok(())
+            Ok::<(), PeerError>(())
         })?;
     }
     Ok(all)
@@ -233,7 +233,7 @@ fn plots(name: &str, label: &str, log: bool, of: &str, all: Vec<Along>) -> Vec<I
 }
 
 /// Builds and queries on one thread and on all.
-fn threads(cast: &[Member], meshes: &[TriangleMesh], rays: usize, random: &mut Random) -> Result<Table, BuildError> {
+fn threads(cast: &[Member], meshes: &[TriangleMesh], rays: usize, random: &mut Random) -> Result<Table, PeerError> {
     let rays = crossing(rays, random);
     let all = rayon::current_num_threads();
     let mut rows = Vec::new();

@@ -1,13 +1,12 @@
 //! Section 1: the paper's Tables 1 to 3, its figures beside ours, and its claim about time weights.
 
-use crate::cast::{Member, ask, bounce_rays, camera_rays, exact, flake, on_one_thread, scene};
+use crate::cast::{Member, bounce_rays, camera_rays, exact, flake, laid_out_wide, on_one_thread, scene};
+use crate::measure::{Figures, faster, fastest, measure};
 use crate::page::{Item, Section, Table};
-use crate::run::{Run, Times, interleaved};
+use crate::run::{Run, Times};
 use crate::time_weights;
-use mbkd::{Counters, Ray, TriangleMesh};
+use crate::wide_table::{self, WideScene};
 use mbkd_evidence::accuracy::Random;
-use mbkd_evidence::peers::{Peer, PeerStatistics};
-use std::cell::RefCell;
 use std::error::Error;
 
 /// A scene of the paper and ours in its place, with what the paper reports of it.
@@ -73,22 +72,13 @@ const PAPER: usize = 4;
 const MOVING_PLANES: usize = 5;
 const WIDE: usize = 6;
 
-/// What was measured of one structure over one scene.
-struct Figures {
-    build: Times,
-    /// Camera rays and bounce rays, seconds per ray.
-    rays: [Times; 2],
-    /// Steps and tests per ray of both kinds.
-    steps: [f64; 2],
-    tests: [f64; 2],
-    of: PeerStatistics,
-}
-
 /// Makes the section.
 pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     run.begin("tables", 2 * PAIRS.len());
-    let cast = exact();
-    let mut measured = Vec::new();
+    let mut cast = exact();
+    let binary = cast.len();
+    cast.extend(laid_out_wide());
+    let (mut measured, mut wide) = (Vec::new(), Vec::new());
     let mut weights = Vec::new();
     for pair in &PAIRS {
         run.step(pair.ours);
@@ -103,7 +93,13 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
         };
         let bounce = bounce_rays(&meshes, &camera, &mut random)?;
         let rounds = run.pick([1, 3], [1, 7]);
-        measured.push(on_one_thread(|| measure(&cast, &meshes, [&camera, &bounce], rounds))?);
+        // The flake is built and weighed only.
+        let members = if camera.is_empty() { &cast[..binary] } else { &cast[..] };
+        let mut figures = on_one_thread(|| measure(members, &meshes, [&camera, &bounce], rounds))?;
+        if !camera.is_empty() {
+            wide.push(figures.split_off(binary));
+        }
+        measured.push(figures);
         run.step("time weights");
         if pair.ours != "flake" && pair.ours != "camera" {
             let scene = scene(pair.ours, run.pick(3_000, 10_000))?;
@@ -111,6 +107,7 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
             weights.push(time_weights::compare(pair.ours, &scene.meshes, &rays)?);
         }
     }
+    let laid_out_wide = cast.split_off(binary);
     let mut items = vec![Item::Text(
         "The paper's figures are of its own scenes on a processor of 2013, per cent of BVH_i. Ours are of procedural \
          scenes of the same kind: camera (a still hall, the camera moves) for Sponza, hall (a figure runs through it) for Ben, \
@@ -121,6 +118,10 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     )];
     items.push(Item::Table(table_1(&cast, &measured)));
     items.extend(claims(&measured));
+    let rendered = PAIRS.iter().zip(&measured).filter(|(pair, _)| pair.ours != "flake");
+    let scenes: Vec<WideScene> =
+        rendered.zip(&wide).map(|((pair, binary), wide)| WideScene { name: pair.ours, binary, wide }).collect();
+    items.extend(wide_table::items(&cast, &laid_out_wide, &scenes));
     items.push(Item::Table(table_2(&cast, &measured)));
     items.push(Item::Text(
         "The paper does not say of what its quantity of duplicates is a share; ours is of all references in leaves, so 50 % are \
@@ -139,56 +140,6 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     ));
     items.extend(time_weights::items(&weights));
     Ok(Section { id: "tables", title: "1. The paper's tables", items })
-}
-
-/// Builds and asks all structures by turns.
-fn measure(
-    cast: &[Member],
-    meshes: &[TriangleMesh],
-    rays: [&[Ray]; 2],
-    [builds, rounds]: [usize; 2],
-) -> Result<Vec<Figures>, mbkd::BuildError> {
-    let slots: Vec<RefCell<Option<Result<Peer, mbkd::BuildError>>>> = cast.iter().map(|_| RefCell::new(None)).collect();
-    let mut tasks: Vec<Box<dyn FnMut() + '_>> = Vec::new();
-    for (member, slot) in cast.iter().zip(&slots) {
-        tasks.push(Box::new(move || {
-            *slot.borrow_mut() = Some(Peer::build(&member.structure, meshes));
-        }));
-    }
-    let built = interleaved(&mut tasks, builds);
-    drop(tasks);
-    let peers: Vec<Peer> = slots.into_iter().filter_map(RefCell::into_inner).collect::<Result<_, _>>()?;
-    let of_kind = |rays: &[Ray]| {
-        let mut tasks: Vec<Box<dyn FnMut() + '_>> = Vec::new();
-        for peer in &peers {
-            tasks.push(Box::new(move || ask(peer, rays)));
-        }
-        interleaved(&mut tasks, if rays.is_empty() { 1 } else { rounds })
-    };
-    let times = rays.map(of_kind);
-    let figures = peers.iter().enumerate().map(|(i, peer)| {
-        let counters = rays.map(|rays| {
-            let mut counters = Counters::default();
-            for ray in rays {
-                peer.closest_hit_observed(ray, &mut counters);
-            }
-            counters
-        });
-        let per_ray = |of: fn(&Counters) -> u64| [0, 1].map(|k| of(&counters[k]) as f64 / rays[k].len() as f64);
-        let scaled = |k: usize| {
-            let n = rays[k].len() as f64;
-            let Times { median, least, most } = times[k][i];
-            Times { median: median / n, least: least / n, most: most / n }
-        };
-        Figures {
-            build: built[i],
-            rays: [scaled(0), scaled(1)],
-            steps: per_ray(|c| c.steps()),
-            tests: per_ray(|c| c.primitive_tests),
-            of: peer.statistics(),
-        }
-    });
-    Ok(figures.collect())
 }
 
 /// The paper's figure of a structure of the cast.
@@ -337,41 +288,15 @@ fn table_3(cast: &[Member], measured: &[Vec<Figures>]) -> Table {
 fn claims(measured: &[Vec<Figures>]) -> Vec<Item> {
     let scenes: Vec<(&Pair, &Vec<Figures>)> =
         PAIRS.iter().zip(measured).filter(|(pair, _)| pair.ours != "flake").collect();
-    // One structure's rays in per cent of another's, scene by scene.
-    let ratios = |of: usize, to: usize, kind: usize| -> Vec<f64> {
-        scenes.iter().map(|(_, scene)| 100.0 * scene[of].rays[kind].median / scene[to].rays[kind].median).collect()
-    };
-    let listed = |ratios: &[f64]| {
-        let each = scenes.iter().zip(ratios).map(|((pair, _), ratio)| format!("{} {ratio:.0}", pair.ours));
-        each.collect::<Vec<_>>().join(", ")
-    };
     let claim = |text: &str, of: usize, to: usize| {
-        let (camera, bounce) = (ratios(of, to, 0), ratios(of, to, 1));
-        let text = format!("{text} (camera rays: {}; bounce rays: {})", listed(&camera), listed(&bounce));
-        Item::Claim { text, holds: camera.iter().chain(&bounce).all(|ratio| *ratio < 100.0) }
+        faster(text, &scenes.iter().map(|(pair, f)| (pair.ours, f[of].times(), f[to].times())).collect::<Vec<_>>())
     };
-    // The wide tree's rays in per cent of those of whichever binary structure is the fastest on a scene.
-    let to_fastest = |kind: usize| -> Vec<f64> {
-        let of = |scene: &Vec<Figures>| {
-            let binary = scene[..WIDE].iter().map(|figures| figures.rays[kind].median);
-            100.0 * scene[WIDE].rays[kind].median / binary.fold(f64::INFINITY, f64::min)
-        };
-        scenes.iter().map(|(_, scene)| of(scene)).collect()
-    };
-    let (camera, bounce) = (to_fastest(0), to_fastest(1));
-    let fastest = Item::Claim {
-        text: format!(
-            "the wide tree renders in less time than the fastest binary structure of each scene (camera rays: {}; bounce rays: {})",
-            listed(&camera),
-            listed(&bounce)
-        ),
-        holds: camera.iter().chain(&bounce).all(|ratio| *ratio < 100.0),
-    };
+    let to_fastest: Vec<_> = scenes.iter().map(|(pair, f)| (pair.ours, f[WIDE].times(), fastest(&f[..WIDE]))).collect();
     vec![
         claim("MSBVH renders in less time than BVH_i on every scene", MSBVH, 0),
         claim("the paper's MBKD renders in less time than BVH_i on every scene", PAPER, 0),
         claim("the paper's MBKD renders in less time than MSBVH on every scene", PAPER, MSBVH),
-        fastest,
+        faster("the wide tree renders in less time than the fastest binary structure of each scene", &to_fastest),
         Item::Text(
             "Where this differs from the paper: its MBKD takes 55 to 65 % of the time of BVH_i. Here a k-d tree takes two to four \
              times the steps of a BVH (columns of steps): its cells have no boxes of their own, so a ray visits cells of empty space and \

@@ -115,10 +115,7 @@ fn standing(still: Box3) -> MovingBox {
 
 fn at(moving: MovingBox, time: f32) -> Box3 {
     let between = |open: Vec3, close: Vec3| open + (close - open) * time;
-    Box3 {
-        min: between(moving.open.min, moving.close.min),
-        max: between(moving.open.max, moving.close.max),
-    }
+    Box3 { min: between(moving.open.min, moving.close.min), max: between(moving.open.max, moving.close.max) }
 }
 
 /// Each face from whichever box has it tightest in the middle of a time.

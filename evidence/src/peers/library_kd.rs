@@ -48,9 +48,8 @@ impl LibraryKd {
     fn cells(&self, tests: &TriangleTests, node: usize, cell: Cell) -> Option<Cells> {
         let [a, b, link] = *self.nodes.get(node)?;
         if link & 3 == LEAF {
-            let of = |&[index, begin, end]: &Words| {
-                (index, Life { begin: f32::from_bits(begin), end: f32::from_bits(end) })
-            };
+            let of =
+                |&[index, begin, end]: &Words| (index, Life { begin: f32::from_bits(begin), end: f32::from_bits(end) });
             let references: Vec<(u32, Life)> = self.references[a as usize..][..b as usize].iter().map(of).collect();
             return Cells::leaf(tests, cell, &references, self.root.magnitude());
         }

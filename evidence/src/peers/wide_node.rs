@@ -29,11 +29,7 @@ impl WideNode {
     /// A node without children.
     pub const EMPTY: WideNode = {
         let (low, high) = ([NOWHERE; WIDTH], [-NOWHERE; WIDTH]);
-        WideNode {
-            open: [low, low, low, high, high, high],
-            change: [[0.0; WIDTH]; 6],
-            children: [u32::MAX; WIDTH],
-        }
+        WideNode { open: [low, low, low, high, high, high], change: [[0.0; WIDTH]; 6], children: [u32::MAX; WIDTH] }
     };
 
     /// Gives a place to a child.

@@ -1,10 +1,10 @@
 //! A binary tree laid out wide: nodes of sixteen children, near to far.
 
+use super::Nearest;
 use super::boxes::SlabRay;
 use super::collapse::children;
 use super::subtree::{Content, Life, Subtree};
 use super::wide_node::{Row, WideNode};
-use super::Nearest;
 use mbkd::baseline::TriangleTests;
 use mbkd::{Hit, Observer, Ray};
 use std::cell::Cell;
@@ -51,7 +51,8 @@ impl WideTree {
         if !root.is_empty() {
             tree.root = Some(tree.place(root));
         }
-        let always = |[begin, end]: &[Row; 2]| begin.iter().zip(end).all(|(&begin, &end)| Life { begin, end }.is_always());
+        let always =
+            |[begin, end]: &[Row; 2]| begin.iter().zip(end).all(|(&begin, &end)| Life { begin, end }.is_always());
         if tree.node_lives.iter().all(always) {
             tree.node_lives = Vec::new();
         }
