@@ -1,6 +1,6 @@
 //! Section 3: how fast the error of a picture falls, for every structure.
 
-use crate::cast::{Member, exact, on_one_thread, scene};
+use crate::cast::{Member, exact, laid_out_wide, on_one_thread, scene};
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
 use crate::run::{Run, Times, seconds};
 use crate::shading::Shading;
@@ -15,6 +15,9 @@ use std::error::Error;
 const SLICES: [usize; 7] = [1, 2, 4, 8, 16, 32, 64];
 /// Those that are drawn.
 const DRAWN: [usize; 4] = [1, 4, 16, 64];
+/// How many of those that are laid out wide take part, both BVHs, and where in the list: before the library's tree.
+const WIDE: usize = 2;
+const WIDE_AT: usize = 6;
 /// What is added to the square of the reference where an error is divided by it.
 const FLOOR: f64 = 0.01;
 /// Peers less than this ahead are taken for equal: timing is no better.
@@ -27,6 +30,7 @@ struct Renderer {
     /// How many time slices, if it is approximate.
     slices: Option<usize>,
     ours: bool,
+    style: Style,
     /// Seconds of the build.
     build: f64,
     /// Sums over samples so far.
@@ -55,7 +59,8 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
          over pixels) against time. Every exact structure gets the same error from the same samples; they differ in time. Time slices \
          show the scene at T times only: their rays are those of a still scene, and their error stops falling at their bias. Until \
          then they may well be ahead, since a ray in a still scene costs less, and more slices cost more building and memory. All \
-         render on one thread, by turns, with the same shading; builds are apart, in the table."
+         render on one thread, by turns, with the same shading; builds are apart, in the table. Lines without marks are the BVHs of the same \
+         colour, laid out wide."
             .into(),
     )];
     let mut rows = Vec::new();
@@ -130,7 +135,12 @@ fn reference(job: &Job<'_>, samples: usize, seed: u64) -> Result<Vec<f64>, Box<d
 fn renderers(job: &Job<'_>) -> Result<Vec<Renderer>, PeerError> {
     let of_slices =
         |n: usize| Member { name: "", structure: Structure::Slices(n, BuildParams::default()), ours: false };
-    let members = exact().into_iter().map(|m| (m, None)).chain(SLICES.map(|n| (of_slices(n), Some(n))));
+    let mut members = exact();
+    // Before ours: each wide BVH is six places behind the binary one, and so has its colour.
+    let ours = members.split_off(WIDE_AT);
+    members.extend(laid_out_wide().into_iter().take(WIDE));
+    members.extend(ours);
+    let members = members.into_iter().map(|m| (m, None)).chain(SLICES.map(|n| (of_slices(n), Some(n))));
     let build = |(member, slices): (Member, Option<usize>)| {
         let mut peer = None;
         let build = seconds(|| peer = Some(Peer::build(&member.structure, &job.scene.meshes)));
@@ -140,6 +150,11 @@ fn renderers(job: &Job<'_>) -> Result<Vec<Renderer>, PeerError> {
             peer: peer?,
             slices,
             ours: member.ours,
+            style: match member.structure {
+                Structure::Slices(..) => Style::Dashed,
+                Structure::Collapsed(_) => Style::Line,
+                _ => Style::LineAndPoints,
+            },
             build,
             sums: vec![0.0; job.side * job.side],
             curve: Vec::new(),
@@ -266,7 +281,7 @@ fn judged(
     let series = renderers.iter().filter(drawn).map(|renderer| Series {
         label: renderer.name.clone(),
         points: renderer.curve.clone(),
-        style: if renderer.slices.is_some() { Style::Dashed } else { Style::LineAndPoints },
+        style: renderer.style,
         ours: renderer.ours,
     });
     let (triangles, side) = (job.scene.triangles(), job.side);

@@ -108,6 +108,7 @@ impl MovingBox {
 }
 
 /// A ray as slab tests want it.
+#[derive(Debug)]
 pub struct SlabRay {
     pub origin: Vec3A,
     pub inverse: Vec3A,
@@ -123,5 +124,53 @@ impl SlabRay {
         let inverse = ray.inverse();
         let pad = inverse.abs() * ray.slack();
         SlabRay { origin: ray.origin(), inverse, pad, begin: ray.range().0, time: ray.time() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accuracy::Random;
+    use mbkd::{Ray, TriangleMesh};
+
+    /// Rays that pass an edge of a triangle's box, where an edge of the triangle is: those that hit it and miss the box. The
+    /// triangles stand still, since bounds of those that move have some padding of their own.
+    fn hits_lost(padded: bool) -> usize {
+        const TRIANGLES: u32 = 500;
+        let mut random = Random(77);
+        let mut corners = Vec::new();
+        for _ in 0..TRIANGLES {
+            let mut vec = || random.vec().as_vec3();
+            let (a, b, c) = (vec().abs(), vec(), vec().abs());
+            corners.extend([a, b.with_x(a.x).with_y(a.y), Vec3::new(a.x - c.x, a.y + c.y, c.z)]);
+        }
+        let indices = (0..TRIANGLES).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let tests = TriangleTests::new(&[TriangleMesh::fixed(indices, corners.clone())]).unwrap();
+        let (mut hits, mut lost) = (0, 0);
+        for index in 0..TRIANGLES {
+            let bounds = Box3::of(tests.corners(index, 0.0));
+            let tight = MovingBox { open: bounds, close: bounds };
+            let bounds = if padded { tight.padded() } else { tight };
+            let [a, b] = [0, 1].map(|corner| corners[3 * index as usize + corner]);
+            for _ in 0..400 {
+                let target = a.lerp(b, random.unit() as f32);
+                // From nearby, since the slack of a ray is that of its origin.
+                let origin = random.vec().as_vec3() * 1e-3;
+                let ray = Ray::new(origin, target - origin).at_time(random.unit() as f32);
+                let Some(prepared) = tests.prepare(&ray) else { continue };
+                if tests.hit(&prepared, index, f32::INFINITY).is_some() {
+                    hits += 1;
+                    lost += usize::from(bounds.entry(&SlabRay::new(&prepared), f32::MAX).is_none());
+                }
+            }
+        }
+        assert!(hits > 1000, "{hits}");
+        lost
+    }
+
+    #[test]
+    fn boxes_are_entered_by_what_hits_and_would_not_be_without_padding() {
+        assert_eq!(hits_lost(true), 0);
+        assert!(hits_lost(false) > 10, "{}", hits_lost(false));
     }
 }

@@ -135,3 +135,73 @@ fn tightest<const N: usize>(boxes: [MovingBox; N], life: Life) -> MovingBox {
     }
     best
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accuracy::Random;
+    use mbkd::TriangleMesh;
+
+    /// Whatever of a triangle is in the cell while its reference counts is in the box of the leaf, and of what is above.
+    #[test]
+    fn boxes_hold_what_is_in_their_cells() {
+        const TRIANGLES: u32 = 4;
+        let mut random = Random(12);
+        let (mut held, mut smaller) = (0, 0);
+        for _ in 0..300 {
+            let mut key = || (0..3 * TRIANGLES).map(|_| random.vec().as_vec3()).collect::<Vec<Vec3>>();
+            let keys = vec![key(), key(), key()];
+            let indices = (0..TRIANGLES).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+            let tests = TriangleTests::new(&[TriangleMesh::new(indices, keys)]).unwrap();
+            let all = Box3::of((0..TRIANGLES).flat_map(|i| [0.0, 0.5, 1.0].map(|t| tests.corners(i, t))).flatten());
+            let mut number = || random.unit() as f32 - 0.5;
+            let (x, y, way) = (number(), number(), number());
+            let [below, above] = Cell::root(all).sides(0, x, x + way);
+            let [_, above] = above.sides(1, y, y);
+            let [first, second] = above.halves(0.25 + 0.5 * (number() + 0.5));
+            let mut lives = [below, first, second].map(|cell| {
+                let of = |index| {
+                    let Life { begin, end } = cell.life;
+                    let length = end.min(1.0) - begin;
+                    let begin = begin + length * 0.3 * (number() + 0.5);
+                    let of = Life { begin, end: begin + length * 0.5 * (number() + 0.6) };
+                    (index, if index == 0 { cell.life } else { of })
+                };
+                (cell, (0..TRIANGLES).map(of).collect::<Vec<(u32, Life)>>())
+            });
+            lives.sort_by_key(|(cell, _)| cell.life.begin.to_bits());
+            let leaf = |of: &(Cell, Vec<(u32, Life)>)| Cells::leaf(&tests, of.0, &of.1, all.magnitude()).unwrap();
+            let joined = lives.each_ref().map(leaf);
+            let whole = {
+                let [a, b, c] = lives.each_ref().map(leaf);
+                Cells::join([Some(a), Cells::join([Some(b), Some(c)])]).unwrap()
+            };
+            let mut check = |point: Vec3, time: f32, of: &Cells| {
+                let now = at(of.subtree.bounds, time);
+                assert!(point.cmpge(now.min).all() && point.cmple(now.max).all(), "{point} at {time}: {now:?}");
+                assert!(of.subtree.life.holds(time));
+                held += 1;
+            };
+            for ((cell, references), leaf) in lives.iter().zip(&joined) {
+                for &(index, life) in references {
+                    for time in (0..=32).map(|i| i as f32 / 32.0).filter(|time| life.holds(*time)) {
+                        let [a, b, c] = tests.corners(index, time);
+                        let now = at(cell.bounds, time);
+                        for (i, j) in (0..=8).flat_map(|i| (0..=8 - i).map(move |j| (i, j))) {
+                            let point = a + (b - a) * (i as f32 / 8.0) + (c - a) * (j as f32 / 8.0);
+                            if point.cmpge(now.min).all() && point.cmple(now.max).all() {
+                                check(point, time, leaf);
+                                check(point, time, &whole);
+                            }
+                        }
+                    }
+                }
+                let all = references
+                    .iter()
+                    .fold(MovingBox::EMPTY, |b, (index, _)| b.union(bounds(&tests, *index, TimeInterval::FULL)));
+                smaller += usize::from(leaf.subtree.bounds.swept().half_area() < 0.9 * all.swept().half_area());
+            }
+        }
+        assert!(held > 100_000 && smaller > 300, "{held} {smaller}");
+    }
+}

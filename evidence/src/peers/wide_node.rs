@@ -72,3 +72,50 @@ impl WideNode {
         (begin, hits)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accuracy::Random;
+    use crate::peers::boxes::Box3;
+    use mbkd::glam::{Vec3, Vec3A};
+
+    #[test]
+    fn sixteen_boxes_are_entered_like_each_by_itself() {
+        let mut random = Random(4);
+        let (mut entered, mut passed) = (0, 0);
+        for round in 0..4000usize {
+            let mut vec = || random.vec().as_vec3();
+            let mut end = || {
+                let (middle, size) = (vec(), vec().abs());
+                Box3 { min: middle - size, max: middle + size }
+            };
+            let boxes: Vec<MovingBox> = (0..round % 17).map(|_| MovingBox { open: end(), close: end() }).collect();
+            let mut node = WideNode::EMPTY;
+            for (lane, bounds) in boxes.iter().enumerate() {
+                node.set(lane, *bounds, lane as u32);
+            }
+            // Components as small as they may be among them.
+            let origin = vec() * 2.0;
+            let dir = (vec() - origin) * Vec3::new(1.0, 1.0, [1.0, 1e-7][round % 2]);
+            let inverse = Vec3A::from(Vec3::ONE / dir.abs().max(Vec3::splat(2f32.powi(-24))) * dir.signum());
+            let ray = SlabRay {
+                origin: Vec3A::from(origin),
+                inverse,
+                pad: inverse.abs() * 1e-6,
+                begin: 0.0,
+                time: vec().x.abs().min(1.0),
+            };
+            let reach = if round % 3 == 0 { 1.0 } else { f32::MAX };
+            let (begin, hits) = node.enter(&ray, reach);
+            for lane in 0..WIDTH {
+                let alone = boxes.get(lane).and_then(|bounds| bounds.entry(&ray, reach));
+                let together = (hits >> lane & 1 == 1).then_some(begin[lane]);
+                assert_eq!(together.map(f32::to_bits), alone.map(f32::to_bits), "{ray:?} {:?}", boxes.get(lane));
+                entered += usize::from(alone.is_some());
+                passed += usize::from(alone.is_none() && lane < boxes.len());
+            }
+        }
+        assert!(entered > 500 && passed > 500, "{entered} {passed}");
+    }
+}
