@@ -108,9 +108,9 @@ mod tests {
             };
             let reach = if round % 3 == 0 { 1.0 } else { f32::MAX };
             let (begin, hits) = node.enter(&ray, reach);
-            for lane in 0..WIDTH {
+            for (lane, begin) in begin.into_iter().enumerate() {
                 let alone = boxes.get(lane).and_then(|bounds| bounds.entry(&ray, reach));
-                let together = (hits >> lane & 1 == 1).then_some(begin[lane]);
+                let together = (hits >> lane & 1 == 1).then_some(begin);
                 assert_eq!(together.map(f32::to_bits), alone.map(f32::to_bits), "{ray:?} {:?}", boxes.get(lane));
                 entered += usize::from(alone.is_some());
                 passed += usize::from(alone.is_none() && lane < boxes.len());
