@@ -91,6 +91,9 @@ pub(crate) mod slices {
     pub const MIN_GAIN: f32 = 0.002;
     /// Halves of a region whose looseness differs by more than this are regions of their own.
     pub const MAX_DIFFERENCE: f32 = 0.15;
+    /// Parts of a region that was refused are compared so many levels below it, where they have this many pieces at least.
+    pub const LEVELS: usize = 3;
+    pub const FEW: usize = 16;
     /// What a ray waits for is mostly nodes. So segments, which share leaf blocks, count as this part of copies there:
     /// two cost 7 to 30 % more than their steps and tests say, four 20 to 60 % (coherent, debris, tornado, hairball).
     pub const NODE_LATENCY_SHARE: f32 = 0.8;

@@ -11,7 +11,8 @@
 //! for each half of the shutter. Where they are hardly smaller the matter is settled. *Regions* are the subtrees that gain
 //! most together when they are divided, each enough for itself and of pieces that are alike; for each of them
 //! alternatives are built of samples and their expected costs compared, weighed with the memory that they take, finer
-//! divisions only while the last step paid. Neighbours that come to the same decision become one region again, so
+//! divisions only while the last step paid. Where that is refused to a region of unlike parts, these are looked at by
+//! themselves: slow stars around a fast core would hide it. Neighbours that come to the same decision become one region again, so
 //! a scene that is the same everywhere gets one tree with one division.
 
 use super::draft::{Draft, TimeSlice, draft_tree, time_slice};
@@ -23,8 +24,8 @@ use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::primitive::PrimitiveSet;
 use crate::tuning::slices::{
-    LEAST_PIECE, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN, NEAR_MOMENT,
-    NODE_BYTES_SHARE, NODE_LATENCY_SHARE, PIECES, SAMPLE, SAMPLES,
+    FEW, LEAST_PIECE, LEVELS, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
+    NEAR_MOMENT, NODE_BYTES_SHARE, NODE_LATENCY_SHARE, PIECES, SAMPLE, SAMPLES,
 };
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
@@ -51,10 +52,36 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WidePara
     }
     let mut found = Vec::new();
     let pieces = pieces(set, draft);
-    find(draft, 0, &pieces, MIN_GAIN * Sum::of(&pieces).cost, &mut found);
+    let least = MIN_GAIN * Sum::of(&pieces).cost;
+    find(draft, 0, &pieces, least, &mut found);
     let growth = Growth::allowed(draft, &found, params);
-    let decided = found.into_iter().filter_map(|node| decide(set, draft, node, growth, params)).collect();
+    let decide = |node| decide(set, draft, node, growth, params);
+    let mut decided = Vec::new();
+    for candidate in found {
+        divided(draft, candidate, least, &decide, &mut decided);
+    }
     joined(&draft.binary, 0, decided)
+}
+
+/// Appends the regions of a candidate: itself or, where that is refused and parts of it are unlike, those of both halves.
+fn divided(
+    draft: &Draft,
+    Candidate { node, pieces }: Candidate<'_>,
+    least: f32,
+    decide: &impl Fn(u32) -> Option<Region>,
+    regions: &mut Vec<Region>,
+) {
+    if let Some(region) = decide(node) {
+        regions.push(region);
+    } else if pieces.len() > 1 && difference(means(draft, node, pieces, LEVELS)) > MAX_DIFFERENCE {
+        let (right, low, high) = sides(draft, node, pieces);
+        let mut found = Vec::new();
+        find(draft, node + 1, low, least, &mut found);
+        find(draft, right, high, least, &mut found);
+        for candidate in found {
+            divided(draft, candidate, least, decide, regions);
+        }
+    }
 }
 
 /// A small subtree, and what a look at it says.
@@ -65,6 +92,13 @@ struct Piece {
     cost: f32,
     /// Areas of its boxes when made for each half of the shutter, relative to those for the whole.
     halves: f32,
+}
+
+/// A subtree that may gain when it is divided, and what it consists of.
+#[derive(Clone, Copy)]
+struct Candidate<'a> {
+    node: u32,
+    pieces: &'a [Piece],
 }
 
 /// Takes a draft apart into pieces, in order.
@@ -159,7 +193,7 @@ fn sides<'a>(draft: &Draft, x: u32, pieces: &'a [Piece]) -> (u32, &'a [Piece], &
 
 /// Appends the subtrees of `x`, which consists of `pieces`, that gain most when they are divided, each at least `least`;
 /// returns what they gain together.
-fn find(draft: &Draft, x: u32, pieces: &[Piece], least: f32, found: &mut Vec<u32>) -> f32 {
+fn find<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], least: f32, found: &mut Vec<Candidate<'a>>) -> f32 {
     if pieces.iter().all(|p| p.halves >= MAX_AREA_OF_HALVES) {
         return 0.0;
     }
@@ -181,16 +215,31 @@ fn find(draft: &Draft, x: u32, pieces: &[Piece], least: f32, found: &mut Vec<u32
 }
 
 /// Appends a subtree that is to be divided; where its halves are unlike, each for itself.
-fn part(draft: &Draft, x: u32, pieces: &[Piece], found: &mut Vec<u32>) {
-    if pieces.len() > 1 {
+fn part<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], found: &mut Vec<Candidate<'a>>) {
+    if pieces.len() > 1 && difference(means(draft, x, pieces, 1)) > MAX_DIFFERENCE {
         let (right, low, high) = sides(draft, x, pieces);
-        if (Sum::of(low).mean() - Sum::of(high).mean()).abs() > MAX_DIFFERENCE {
-            part(draft, x + 1, low, found);
-            part(draft, right, high, found);
-            return;
-        }
+        part(draft, x + 1, low, found);
+        part(draft, right, high, found);
+        return;
     }
-    found.push(x);
+    found.push(Candidate { node: x, pieces });
+}
+
+/// The least and the greatest mean of the subtrees so many levels below a node. Below the first level what has few pieces, of
+/// which each says little, is not taken apart.
+fn means(draft: &Draft, x: u32, pieces: &[Piece], levels: usize) -> [f32; 2] {
+    let mean = Sum::of(pieces).mean();
+    if levels == 0 || pieces.len() < 2 {
+        return [mean; 2];
+    }
+    let (right, low, high) = sides(draft, x, pieces);
+    let below = |x: u32, pieces: &[Piece]| means(draft, x, pieces, if pieces.len() < FEW { 0 } else { levels - 1 });
+    let (low, high) = (below(x + 1, low), below(right, high));
+    [low[0].min(high[0]), low[1].max(high[1])]
+}
+
+fn difference([least, greatest]: [f32; 2]) -> f32 {
+    greatest - least
 }
 
 /// How many times as large a region may become.
@@ -199,10 +248,10 @@ struct Growth(f32);
 
 impl Growth {
     /// What the budget leaves for regions when all else has its usual size, the same for all of them.
-    fn allowed(draft: &Draft, regions: &[u32], params: &WideParams) -> Growth {
+    fn allowed(draft: &Draft, regions: &[Candidate<'_>], params: &WideParams) -> Growth {
         let bytes = |references: f64| references * f64::from(BYTES_PER_REFERENCE);
         let all = draft.references.len() as f64;
-        let divided = regions.iter().map(|&x| f64::from(draft.binary[x as usize].count)).sum::<f64>();
+        let divided = regions.iter().map(|of| f64::from(draft.binary[of.node as usize].count)).sum::<f64>();
         let budget = (f64::from(params.bytes_per_primitive) * draft.primitives as f64).min(MOST_BYTES);
         Growth(((budget - bytes(all)) / bytes(divided).max(1.0) + 1.0) as f32)
     }
@@ -398,5 +447,38 @@ mod tests {
         }
         let (regions, _) = regions_of(&scene::tornado(20_000));
         assert!(matches!(regions[..], [Region { node: 0, division: Division::Copies(4..), .. }]), "{regions:?}");
+    }
+
+    #[test]
+    fn where_a_region_is_refused_its_parts_are_looked_at_if_they_are_unlike() {
+        let scene = scene::tornado(60_000);
+        let set = Triangles::new(&scene.meshes).unwrap();
+        let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &WideParams::default(), None);
+        let mut pieces = pieces(&set, &draft);
+        let (right, low, high) = sides(&draft, 0, &pieces);
+        let middles = [sides(&draft, 1, low).0, sides(&draft, right, high).0];
+        assert!(low.len() >= FEW && high.len() >= FEW);
+        // Both halves are alike, and half of each would gain much.
+        for piece in &mut pieces {
+            let fast = piece.node < middles[0] || (right..middles[1]).contains(&piece.node);
+            piece.halves = if fast { 0.4 } else { 0.95 };
+        }
+        assert!(difference(means(&draft, 0, &pieces, 1)) < MAX_DIFFERENCE);
+        let refuses_whole = |node: u32| {
+            let region = Region { node, division: Division::Segments(2), cost: 0.0 };
+            (node != 0).then_some(region)
+        };
+        let divided = |pieces: &[Piece]| {
+            let mut regions = Vec::new();
+            let least = MIN_GAIN * Sum::of(pieces).cost;
+            divided(&draft, Candidate { node: 0, pieces }, least, &refuses_whole, &mut regions);
+            regions.iter().map(|region| region.node).collect::<Vec<_>>()
+        };
+        assert_eq!(divided(&pieces), [2, right + 1]);
+        for piece in &mut pieces {
+            piece.halves = 0.6;
+        }
+        assert_eq!(divided(&pieces), []);
     }
 }
