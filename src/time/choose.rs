@@ -228,9 +228,8 @@ fn part<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], found: &mut Vec<Candidat
 /// The least and the greatest mean of the subtrees so many levels below a node. Below the first level what has few pieces, of
 /// which each says little, is not taken apart.
 fn means(draft: &Draft, x: u32, pieces: &[Piece], levels: usize) -> [f32; 2] {
-    let mean = Sum::of(pieces).mean();
     if levels == 0 || pieces.len() < 2 {
-        return [mean; 2];
+        return [Sum::of(pieces).mean(); 2];
     }
     let (right, low, high) = sides(draft, x, pieces);
     let below = |x: u32, pieces: &[Piece]| means(draft, x, pieces, if pieces.len() < FEW { 0 } else { levels - 1 });
