@@ -132,10 +132,10 @@ impl<const N: usize> Rows<N> {
     #[inline(always)]
     fn write<S: Simd>(&mut self, s: S, at: usize, ([x, y, z], index): ([S::F; 3], S::U), mask: Mask) {
         let [to_x, to_y, to_z] = &mut self.at;
-        s.store(s.compress(x, mask), lanes_at_mut(to_x, at));
-        s.store(s.compress(y, mask), lanes_at_mut(to_y, at));
-        s.store(s.compress(z, mask), lanes_at_mut(to_z, at));
-        s.store_u(s.compress_u(index, mask), lanes_at_mut(&mut self.index, at));
+        s.store_compressed(x, mask, lanes_at_mut(to_x, at));
+        s.store_compressed(y, mask, lanes_at_mut(to_y, at));
+        s.store_compressed(z, mask, lanes_at_mut(to_z, at));
+        s.store_compressed_u(index, mask, lanes_at_mut(&mut self.index, at));
     }
 }
 

@@ -35,9 +35,9 @@ pub(super) struct Edges<S: Simd> {
 impl<S: Simd> Edges<S> {
     #[inline(always)]
     pub fn new(s: S, x: [S::F; 3], y: [S::F; 3]) -> Edges<S> {
-        let u = x[2] * y[1] - y[2] * x[1];
-        let v = x[0] * y[2] - y[0] * x[2];
-        let w = x[1] * y[0] - y[1] * x[0];
+        let u = s.negated_mul_add(y[2], x[1], x[2] * y[1]);
+        let v = s.negated_mul_add(y[0], x[2], x[0] * y[2]);
+        let w = s.negated_mul_add(y[1], x[0], x[1] * y[0]);
         Edges { x, y, edges: [u, v, w], least: s.min(u, s.min(v, w)), greatest: s.max(u, s.max(v, w)) }
     }
 
@@ -84,12 +84,14 @@ impl Candidates {
         let squares = s.mul_add(ya, ya, s.mul_add(yb, yb, s.mul_add(yc, yc, squares)));
         let scale = s.splat(sheared.inverse);
         let corner = depths[0] * scale;
-        let (second, third) = (depths[1] * scale - corner, depths[2] * scale - corner);
+        // By how much they are nearer than that.
+        let second = s.negated_mul_add(depths[1], scale, corner);
+        let third = s.negated_mul_add(depths[2], scale, corner);
         let differ = magnitude(s, second) + (magnitude(s, third) + s.splat(4.0 * stray));
         let [u, v, w] = [magnitude(s, edges.edges[0]), magnitude(s, edges.edges[1]), magnitude(s, edges.edges[2])];
         let weights = u + v + w;
         // The distance times the sum of the weights, and by how much that is off.
-        let distance = s.mul_add(weights, corner, s.mul_add(v, second, w * third));
+        let distance = s.negated_mul_add(v, second, s.negated_mul_add(w, third, weights * corner));
         let half = 0.5 * extent + f32::MIN_POSITIVE;
         let (most, of_squares) = (edge_margin(3.0 * half, stray), 1.25 * stray * 0.5 / half);
         let margin = s.mul_add(squares, s.splat(2.5 * of_squares), s.splat(2.5 * most));

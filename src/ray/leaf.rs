@@ -40,10 +40,9 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, kz, oz);
         let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, kx, ox);
         let [ya, yb, yc] = corners::<S, MOVING>(s, &rows, between, ky, oy);
-        // Sheared exactly as by `Sheared::corner`.
         let (sx, sy) = (s.splat(of.sx), s.splat(of.sy));
-        let x = [xa - sx * za, xb - sx * zb, xc - sx * zc];
-        let y = [ya - sy * za, yb - sy * zb, yc - sy * zc];
+        let x = [s.negated_mul_add(sx, za, xa), s.negated_mul_add(sx, zb, xb), s.negated_mul_add(sx, zc, xc)];
+        let y = [s.negated_mul_add(sy, za, ya), s.negated_mul_add(sy, zb, yb), s.negated_mul_add(sy, zc, yc)];
         let edges = Edges::new(s, x, y);
         let sizes = self.arena.ints()[ids - 1];
         let lanes = edges.may_be_hit(s, sizes, ray.slack) & ((1u32 << n) - 1) as Mask;
@@ -92,8 +91,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let [kx, ky, kz] = of.axes;
         let (ox, oy, oz) = (ray.origin[kx & 3], ray.origin[ky & 3], ray.origin[kz & 3]);
         let z = vertices::<S, MOVING>(s, &rows, between, kz, oz);
-        let x = vertices::<S, MOVING>(s, &rows, between, kx, ox) - s.splat(of.sx) * z;
-        let y = vertices::<S, MOVING>(s, &rows, between, ky, oy) - s.splat(of.sy) * z;
+        let x = s.negated_mul_add(s.splat(of.sx), z, vertices::<S, MOVING>(s, &rows, between, kx, ox));
+        let y = s.negated_mul_add(s.splat(of.sy), z, vertices::<S, MOVING>(s, &rows, between, ky, oy));
         let first = s.load_u(words);
         let (second, third) = (s.shift_right::<4>(first), s.shift_right::<8>(first));
         let x = [s.permute(x, first), s.permute(x, second), s.permute(x, third)];
@@ -221,19 +220,19 @@ impl LeafRows {
     }
 }
 
-/// One coordinate of the three corners of a block's triangles at the ray's time, exactly as `KeyTime::position`
-/// computes it, less the origin.
+/// One coordinate of the three corners of a block's triangles at the ray's time less the origin, as near as [`super::shear`] says.
 #[inline(always)]
 fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: f32) -> [S::F; 3] {
     let origin = s.splat(origin);
     let (base, other) = between.rows(CORNER_ROWS);
     let [a, b, c] = s.load_thirds(rows, base + axis);
+    let at = [a - origin, b - origin, c - origin];
     if !MOVING {
-        return [a - origin, b - origin, c - origin];
+        return at;
     }
     let [a2, b2, c2] = s.load_thirds(rows, other + axis);
     let f = s.splat(between.fraction);
-    [a + (a2 - a) * f - origin, b + (b2 - b) * f - origin, c + (c2 - c) * f - origin]
+    [s.mul_add(a2 - a, f, at[0]), s.mul_add(b2 - b, f, at[1]), s.mul_add(c2 - c, f, at[2])]
 }
 
 /// One coordinate of a block's shared vertices, likewise.
@@ -245,7 +244,7 @@ fn vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, ax
     if !MOVING {
         return at - origin;
     }
-    at + (s.load_row(rows, other + axis) - at) * s.splat(between.fraction) - origin
+    s.mul_add(s.load_row(rows, other + axis) - at, s.splat(between.fraction), at - origin)
 }
 
 /// One coordinate of the three corners of one triangle of a block in f64, exactly as `KeyTime::fine_position` computes it.

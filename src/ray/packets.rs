@@ -136,7 +136,7 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
         if Q::ORDERED && mask & mask.wrapping_sub(1) != 0 {
             return Some(push_in_order::<S>(s, mask, keys, lanes, &mut self.stack));
         }
-        self.stack.push_lanes(s, s.compress_u(lanes, mask), mask.count_ones() as usize);
+        self.stack.push_lanes(s, lanes, mask);
         None
     }
 

@@ -2,7 +2,7 @@
 
 use super::doubles::Four;
 use super::instructions::{Kernel, Simd};
-use super::lanes::{LANES, Lanes, Mask, Rows};
+use super::lanes::{Lanes, Mask, Rows};
 use super::network::sort_network;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
@@ -99,10 +99,18 @@ impl U {
         )
     }
 
+    /// The lanes of either half of the mask moved to the half's front, and how many they are in the low half, which is where those of the
+    /// high half go. Not joined in memory: what was stored in parts is slow to read as a whole.
+    #[inline(always)]
+    fn packed_halves(self, mask: Mask) -> (__m256i, __m256i, usize) {
+        let (low, high) = (mask & 0xff, mask >> 8);
+        (U::pack_half(self.0, low), U::pack_half(self.1, high), low.count_ones() as usize)
+    }
+
     /// The lanes of an eight-bit mask moved to the front.
     #[inline(always)]
-    fn pack_half(x: __m256i, mask: usize) -> __m256i {
-        let lanes = intrinsic!(_mm256_cvtepu8_epi32(_mm_cvtsi64_si128(FRONT[mask] as i64)));
+    fn pack_half(x: __m256i, mask: Mask) -> __m256i {
+        let lanes = intrinsic!(_mm256_cvtepu8_epi32(_mm_cvtsi64_si128(FRONT[usize::from(mask)] as i64)));
         intrinsic!(_mm256_permutevar8x32_epi32(x, lanes))
     }
 }
@@ -217,6 +225,10 @@ impl Simd for Avx2 {
         F(intrinsic!(_mm256_fmadd_ps(a.0, b.0, c.0)), intrinsic!(_mm256_fmadd_ps(a.1, b.1, c.1)))
     }
     #[inline(always)]
+    fn negated_mul_add(self, a: F, b: F, c: F) -> F {
+        F(intrinsic!(_mm256_fnmadd_ps(a.0, b.0, c.0)), intrinsic!(_mm256_fnmadd_ps(a.1, b.1, c.1)))
+    }
+    #[inline(always)]
     fn min(self, a: F, b: F) -> F {
         F(intrinsic!(_mm256_min_ps(a.0, b.0)), intrinsic!(_mm256_min_ps(a.1, b.1)))
     }
@@ -281,8 +293,11 @@ impl Simd for Avx2 {
         self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline(always)]
-    fn compress(self, a: F, mask: Mask) -> F {
-        self.from_bits(self.compress_u(self.to_bits(a), mask))
+    fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {
+        let (low, high, behind) = self.to_bits(a).packed_halves(mask);
+        let at = to.as_mut_ptr();
+        intrinsic!(_mm256_storeu_ps(at, _mm256_castsi256_ps(low)));
+        intrinsic!(_mm256_storeu_ps(at.add(behind), _mm256_castsi256_ps(high)));
     }
     #[inline(always)]
     fn to_bits(self, a: F) -> U {
@@ -308,17 +323,6 @@ impl Simd for Avx2 {
         let at = to.as_mut_ptr();
         intrinsic!(_mm256_storeu_si256(at.cast(), x.0));
         intrinsic!(_mm256_storeu_si256(at.add(8).cast(), x.1));
-    }
-    #[inline(always)]
-    fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
-        let at = to.as_mut_ptr();
-        let four = |i: usize, lanes: __m128i| {
-            intrinsic!(_mm256_storeu_si256(at.add(4 * i).cast(), _mm256_cvtepu32_epi64(lanes)));
-        };
-        four(0, intrinsic!(_mm256_castsi256_si128(x.0)));
-        four(1, intrinsic!(_mm256_extracti128_si256::<1>(x.0)));
-        four(2, intrinsic!(_mm256_castsi256_si128(x.1)));
-        four(3, intrinsic!(_mm256_extracti128_si256::<1>(x.1)));
     }
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
@@ -375,17 +379,23 @@ impl Simd for Avx2 {
         intrinsic!(_mm_cvtsi128_si32(_mm_min_epu32(two, _mm_shuffle_epi32::<0b10_11_00_01>(two)))) as u32
     }
     #[inline(always)]
-    fn compress_u(self, a: U, mask: Mask) -> U {
-        let low = U::pack_half(a.0, usize::from(mask & 0xff));
-        let high = U::pack_half(a.1, usize::from(mask >> 8));
-        // The low half's lanes come first; the high half follows right behind them.
-        let mut joined = [0u32; LANES + 8];
-        let at = joined.as_mut_ptr();
-        let behind = (mask & 0xff).count_ones() as usize;
+    fn store_compressed_u(self, a: U, mask: Mask, to: &mut Lanes<u32>) {
+        let (low, high, behind) = a.packed_halves(mask);
+        let at = to.as_mut_ptr();
         intrinsic!(_mm256_storeu_si256(at.cast(), low));
         intrinsic!(_mm256_storeu_si256(at.add(behind).cast(), high));
-        let front: &Lanes<u32> = joined[..LANES].try_into().expect("sixteen of twenty-four");
-        self.load_u(front)
+    }
+    #[inline(always)]
+    fn store_compressed_wide(self, a: U, mask: Mask, to: &mut Lanes<MaybeUninit<u64>>) {
+        let (low, high, behind) = a.packed_halves(mask);
+        let at = to.as_mut_ptr();
+        let four = |place: usize, lanes: __m128i| {
+            intrinsic!(_mm256_storeu_si256(at.add(place).cast(), _mm256_cvtepu32_epi64(lanes)));
+        };
+        four(0, intrinsic!(_mm256_castsi256_si128(low)));
+        four(4, intrinsic!(_mm256_extracti128_si256::<1>(low)));
+        four(behind, intrinsic!(_mm256_castsi256_si128(high)));
+        four(behind + 4, intrinsic!(_mm256_extracti128_si256::<1>(high)));
     }
 
     #[inline(always)]

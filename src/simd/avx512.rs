@@ -155,6 +155,10 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_fmadd_ps(a.0, b.0, c.0)))
     }
     #[inline(always)]
+    fn negated_mul_add(self, a: F, b: F, c: F) -> F {
+        F(intrinsic!(_mm512_fnmadd_ps(a.0, b.0, c.0)))
+    }
+    #[inline(always)]
     fn min(self, a: F, b: F) -> F {
         F(intrinsic!(_mm512_min_ps(a.0, b.0)))
     }
@@ -214,8 +218,9 @@ impl Simd for Avx512 {
         self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline(always)]
-    fn compress(self, a: F, mask: Mask) -> F {
-        F(intrinsic!(_mm512_maskz_compress_ps(mask, a.0)))
+    fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {
+        // Through a register: some CPUs take a hundred cycles to compress to memory.
+        self.store(F(intrinsic!(_mm512_maskz_compress_ps(mask, a.0))), to);
     }
     #[inline(always)]
     fn to_bits(self, a: F) -> U {
@@ -237,14 +242,6 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn store_u(self, x: U, to: &mut Lanes<u32>) {
         intrinsic!(_mm512_storeu_si512(to.as_mut_ptr().cast(), x.0))
-    }
-    #[inline(always)]
-    fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
-        let at = to.as_mut_ptr();
-        let low = intrinsic!(_mm512_cvtepu32_epi64(_mm512_castsi512_si256(x.0)));
-        let high = intrinsic!(_mm512_cvtepu32_epi64(_mm512_extracti64x4_epi64::<1>(x.0)));
-        intrinsic!(_mm512_storeu_si512(at.cast(), low));
-        intrinsic!(_mm512_storeu_si512(at.add(8).cast(), high));
     }
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
@@ -297,8 +294,17 @@ impl Simd for Avx512 {
         intrinsic!(_mm512_reduce_min_epu32(a.0))
     }
     #[inline(always)]
-    fn compress_u(self, a: U, mask: Mask) -> U {
-        U(intrinsic!(_mm512_maskz_compress_epi32(mask, a.0)))
+    fn store_compressed_u(self, a: U, mask: Mask, to: &mut Lanes<u32>) {
+        self.store_u(U(intrinsic!(_mm512_maskz_compress_epi32(mask, a.0))), to);
+    }
+    #[inline(always)]
+    fn store_compressed_wide(self, a: U, mask: Mask, to: &mut Lanes<MaybeUninit<u64>>) {
+        let lanes = intrinsic!(_mm512_maskz_compress_epi32(mask, a.0));
+        let low = intrinsic!(_mm512_cvtepu32_epi64(_mm512_castsi512_si256(lanes)));
+        let high = intrinsic!(_mm512_cvtepu32_epi64(_mm512_extracti64x4_epi64::<1>(lanes)));
+        let at = to.as_mut_ptr();
+        intrinsic!(_mm512_storeu_si512(at.cast(), low));
+        intrinsic!(_mm512_storeu_si512(at.add(8).cast(), high));
     }
 
     #[inline(always)]

@@ -32,6 +32,8 @@ pub(crate) trait Simd: Copy {
     fn store(self, x: Self::F, to: &mut Lanes<f32>);
     /// `a * b + c`, fused or not: for culling only, never for an answer.
     fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    /// `c - a * b` likewise.
+    fn negated_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
     /// `if a < b { a } else { b }`: the second operand where either is NaN.
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
     /// `if a > b { a } else { b }`: the second operand where either is NaN.
@@ -59,8 +61,8 @@ pub(crate) trait Simd: Copy {
     fn lane(self, a: Self::F, i: usize) -> f32;
     /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
     fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
-    /// The lanes of the mask moved together at the front; what follows them is unspecified.
-    fn compress(self, a: Self::F, mask: Mask) -> Self::F;
+    /// Writes the lanes of the mask, moved together at the front; what follows them is unspecified.
+    fn store_compressed(self, a: Self::F, mask: Mask, to: &mut Lanes<f32>);
     /// The bits of the lanes.
     fn to_bits(self, a: Self::F) -> Self::U;
     /// The floats with these bits.
@@ -73,8 +75,6 @@ pub(crate) trait Simd: Copy {
     fn load_u(self, from: &Lanes<u32>) -> Self::U;
     /// Writes sixteen integers, at any alignment.
     fn store_u(self, x: Self::U, to: &mut Lanes<u32>);
-    /// Writes sixteen integers, each as 64 bits.
-    fn store_wide(self, x: Self::U, to: &mut Lanes<MaybeUninit<u64>>);
     /// The lanes shifted right by `BITS`, zeros from the left.
     fn shift_right<const BITS: u32>(self, a: Self::U) -> Self::U;
     /// The lesser.
@@ -95,8 +95,10 @@ pub(crate) trait Simd: Copy {
     fn select_u(self, mask: Mask, a: Self::U, b: Self::U) -> Self::U;
     /// The least lane, unsigned.
     fn reduce_min_u(self, a: Self::U) -> u32;
-    /// The lanes of the mask moved together at the front; what follows them is unspecified.
-    fn compress_u(self, a: Self::U, mask: Mask) -> Self::U;
+    /// Writes the lanes of the mask, moved together at the front; what follows them is unspecified.
+    fn store_compressed_u(self, a: Self::U, mask: Mask, to: &mut Lanes<u32>);
+    /// The same, each lane as 64 bits.
+    fn store_compressed_wide(self, a: Self::U, mask: Mask, to: &mut Lanes<MaybeUninit<u64>>);
 
     /// The same f64 in all four lanes.
     fn splat_d(self, x: f64) -> Self::D;

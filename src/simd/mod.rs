@@ -6,8 +6,8 @@
 //! of type `S: Simd` is the proof that the CPU has the instructions, and every vector is born from it. Architectures other
 //! than x86-64 run the plain lanes of `portable`, against which all are tested.
 //!
-//! All lane operations except [`Simd::mul_add`] give the same bits on every instruction set; answers
-//! are computed with those. `mul_add` fuses where the hardware does and is for culling only, which
+//! All lane operations except [`Simd::mul_add`] and [`Simd::negated_mul_add`] give the same bits on every instruction set; answers
+//! are computed with those. These two fuse where the hardware does and are for culling only, which
 //! has to be conservative but not reproducible.
 //!
 //! This module holds the only `unsafe` code of the crate.

@@ -206,6 +206,10 @@ impl Simd for Portable {
         a * b + c
     }
     #[inline]
+    fn negated_mul_add(self, a: F, b: F, c: F) -> F {
+        c - a * b
+    }
+    #[inline]
     fn min(self, a: F, b: F) -> F {
         F(zip(&a.0, &b.0, |a, b| if a < b { a } else { b }))
     }
@@ -258,8 +262,8 @@ impl Simd for Portable {
         self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline]
-    fn compress(self, a: F, mask: Mask) -> F {
-        F(compress(&a.0, mask))
+    fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {
+        *to = compress(&a.0, mask);
     }
     #[inline]
     fn to_bits(self, a: F) -> U {
@@ -281,10 +285,6 @@ impl Simd for Portable {
     #[inline]
     fn store_u(self, x: U, to: &mut Lanes<u32>) {
         *to = x.0;
-    }
-    #[inline]
-    fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
-        *to = x.0.map(|lane| MaybeUninit::new(u64::from(lane)));
     }
     #[inline]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
@@ -332,8 +332,12 @@ impl Simd for Portable {
         a.0.into_iter().fold(u32::MAX, u32::min)
     }
     #[inline]
-    fn compress_u(self, a: U, mask: Mask) -> U {
-        U(compress(&a.0, mask))
+    fn store_compressed_u(self, a: U, mask: Mask, to: &mut Lanes<u32>) {
+        *to = compress(&a.0, mask);
+    }
+    #[inline]
+    fn store_compressed_wide(self, a: U, mask: Mask, to: &mut Lanes<MaybeUninit<u64>>) {
+        *to = compress(&a.0, mask).map(|lane| MaybeUninit::new(u64::from(lane)));
     }
 
     #[inline(always)]

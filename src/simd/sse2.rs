@@ -156,10 +156,10 @@ impl U {
 
 /// The lanes of the mask moved together at the front.
 #[inline(never)]
-fn compress(a: &Lanes<u32>, mask: Mask, to: &mut Lanes<u32>) {
+fn compress<T>(a: &Lanes<u32>, mask: Mask, to: &mut Lanes<T>, of: impl Fn(u32) -> T) {
     let (mut rest, mut n) = (mask, 0);
     while rest != 0 {
-        to[n] = a[rest.trailing_zeros() as usize];
+        to[n] = of(a[rest.trailing_zeros() as usize]);
         rest &= rest - 1;
         n += 1;
     }
@@ -328,6 +328,10 @@ impl Simd for Sse2 {
         a * b + c
     }
     #[inline(always)]
+    fn negated_mul_add(self, a: F, b: F, c: F) -> F {
+        c - a * b
+    }
+    #[inline(always)]
     fn min(self, a: F, b: F) -> F {
         a.map(b, |a, b| intrinsic!(_mm_min_ps(a, b)))
     }
@@ -384,8 +388,8 @@ impl Simd for Sse2 {
         F::of_bits(self.swap_lanes_u::<D>(a.bits()))
     }
     #[inline(always)]
-    fn compress(self, a: F, mask: Mask) -> F {
-        F::of_bits(self.compress_u(a.bits(), mask))
+    fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {
+        compress(&a.bits().in_memory(), mask, to, f32::from_bits);
     }
     #[inline(always)]
     fn to_bits(self, a: F) -> U {
@@ -407,21 +411,6 @@ impl Simd for Sse2 {
     #[inline(always)]
     fn store_u(self, x: U, to: &mut Lanes<u32>) {
         x.write(to);
-    }
-    #[inline(always)]
-    fn store_wide(self, x: U, to: &mut Lanes<MaybeUninit<u64>>) {
-        let at: *mut __m128i = to.as_mut_ptr().cast();
-        let zero = intrinsic!(_mm_setzero_si128());
-        // SAFETY: each store writes two of the sixteen places, at any alignment.
-        let two = |i: usize, lanes: __m128i| unsafe { _mm_storeu_si128(at.add(i), lanes) };
-        let four = |i: usize| {
-            two(2 * i, intrinsic!(_mm_unpacklo_epi32(x.0[i], zero)));
-            two(2 * i + 1, intrinsic!(_mm_unpackhi_epi32(x.0[i], zero)));
-        };
-        four(0);
-        four(1);
-        four(2);
-        four(3);
     }
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
@@ -472,10 +461,12 @@ impl Simd for Sse2 {
         least(&a)
     }
     #[inline(always)]
-    fn compress_u(self, a: U, mask: Mask) -> U {
-        let mut to = [0; LANES];
-        compress(&a.in_memory(), mask, &mut to);
-        U::read(&to)
+    fn store_compressed_u(self, a: U, mask: Mask, to: &mut Lanes<u32>) {
+        compress(&a.in_memory(), mask, to, |lane| lane);
+    }
+    #[inline(always)]
+    fn store_compressed_wide(self, a: U, mask: Mask, to: &mut Lanes<MaybeUninit<u64>>) {
+        compress(&a.in_memory(), mask, to, |lane| MaybeUninit::new(u64::from(lane)));
     }
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! A stack whose memory nobody clears: zeroing a few kilobytes per ray costs as much as tracing an easy one.
 
 use super::instructions::Simd;
-use super::lanes::LANES;
+use super::lanes::{LANES, Mask};
 use core::mem::MaybeUninit;
 
 /// Memory for a [`Stack`], uninitialized: `N` places here, or more on the heap where a stack needs them.
@@ -107,14 +107,13 @@ impl<T: Copy> Stack<'_, T> {
 }
 
 impl Stack<'_, u64> {
-    /// Puts the first `n` lanes on top, the first lowest, without a branch on `n`.
+    /// Puts the lanes of a mask on top, the first lowest, without a branch on how many they are.
     #[inline(always)]
-    pub(crate) fn push_lanes<S: Simd>(&mut self, s: S, lanes: S::U, n: usize) {
-        assert!(n <= LANES);
+    pub(crate) fn push_lanes<S: Simd>(&mut self, s: S, lanes: S::U, mask: Mask) {
         let top: &mut [MaybeUninit<u64>; LANES] =
             (&mut self.items[self.len..self.len + LANES]).try_into().expect("as many as sliced");
-        s.store_wide(lanes, top);
-        self.len += n;
+        s.store_compressed_wide(lanes, mask, top);
+        self.len += mask.count_ones() as usize;
     }
 }
 

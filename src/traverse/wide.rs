@@ -146,7 +146,7 @@ impl<'a> WideTraversal<'a> {
                 if self.ahead {
                     self.prefetch(children, mask);
                 }
-                stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), mask), mask.count_ones() as usize);
+                stack.push_lanes(s, s.to_bits(s.load(children)), mask);
             }
             return None;
         }
@@ -156,14 +156,14 @@ impl<'a> WideTraversal<'a> {
         if mask == 0 {
             return None;
         }
-        let lane = Mask::BITS - 1 - mask.leading_zeros();
+        let lane = last_lane(mask);
         let first = ChildRef(children[lane as usize % LANES].to_bits());
         let others = mask ^ (1 << lane);
         if self.ahead {
             self.prefetch(children, mask);
         }
         if !Q::ORDERED {
-            stack.push_lanes(s, s.compress_u(s.to_bits(s.load(children)), others), others.count_ones() as usize);
+            stack.push_lanes(s, s.to_bits(s.load(children)), others);
             return Some(first);
         }
         if others == 0 {
@@ -183,6 +183,13 @@ impl<'a> WideTraversal<'a> {
     }
 }
 
+/// The last lane of a mask, which has one.
+#[inline(always)]
+fn last_lane(mask: Mask) -> u32 {
+    // Shifted up, since of the mask itself compilers make `bsr`, which takes some CPUs eight operations.
+    Mask::BITS - 1 - (u32::from(mask) << Mask::BITS).leading_zeros()
+}
+
 /// The row of a node's children.
 #[inline(always)]
 pub(crate) fn children_of<const ROWS: usize>(block: &NodeBlock) -> &Lanes<f32> {
@@ -199,11 +206,10 @@ pub(crate) fn push_in_order<S: Simd>(
     stack: &mut Stack<'_, u64>,
 ) -> ChildRef {
     let n = mask.count_ones() as usize;
-    let packed = s.compress(keys, mask);
     let mut d = [0; LANES];
     let mut c = [0; LANES];
-    s.store_u(s.to_bits(packed), &mut d);
-    s.store_u(s.compress_u(references, mask), &mut c);
+    s.store_compressed_u(s.to_bits(keys), mask, &mut d);
+    s.store_compressed_u(references, mask, &mut c);
     let entry = |i: usize| u64::from(d[i]) << 32 | u64::from(c[i]);
     if n <= 4 {
         // A sorting network of four, the missing ones nearest and so last; the nearest that is there waits for
@@ -220,6 +226,7 @@ pub(crate) fn push_in_order<S: Simd>(
         stack.push_first([a, b, c], n - 1);
         return ChildRef(nearest as u32);
     }
+    let packed = s.from_bits(s.load_u(&d));
     let valid = ((1u32 << n) - 1) as Mask;
     let mut places = [0; LANES];
     for (i, place) in places.iter_mut().enumerate().take(n) {

@@ -4,8 +4,9 @@
 //! query does, with the same arithmetic, and what it finds goes to the same columns.
 
 use super::columns::Columns;
+use super::gather::write;
 use super::question::Listing;
-use super::row::{Lists, write};
+use super::row::Lists;
 use super::worker::Share;
 use crate::point::search::radius::Sink;
 use crate::point::snapshot::Leaves;
@@ -56,9 +57,9 @@ impl<S: Simd> Sink<S> for Row<'_, '_> {
         let end = lists.len;
         let Columns { ids: listed, distances, .. } = &mut lists.columns;
         let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
-        s.store_u(s.compress_u(ids, hits), to);
+        s.store_compressed_u(ids, hits, to);
         if listing.distances {
-            write(s, distances, end, s.compress(distance, hits));
+            write(s, distances, end, distance, hits);
         }
         lists.len = end + hits.count_ones() as usize;
         ControlFlow::Continue(())

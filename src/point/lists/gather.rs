@@ -73,12 +73,12 @@ impl BoxRows {
         }
         let at = self.len;
         for axis in 0..3 {
-            write(s, &mut self.lo[axis], at, s.compress(boxes.lo[axis], mask));
-            write(s, &mut self.hi[axis], at, s.compress(boxes.hi[axis], mask));
+            write(s, &mut self.lo[axis], at, boxes.lo[axis], mask);
+            write(s, &mut self.hi[axis], at, boxes.hi[axis], mask);
         }
-        write(s, &mut self.reach, at, s.compress(boxes.reach, mask));
+        write(s, &mut self.reach, at, boxes.reach, mask);
         let to: &mut Lanes<u32> = (&mut self.candidate[at..at + LANES]).try_into().expect("sixteen");
-        s.store_u(s.compress_u(boxes.candidate, mask), to);
+        s.store_compressed_u(boxes.candidate, mask, to);
         self.len += mask.count_ones() as usize;
     }
 
@@ -102,10 +102,11 @@ fn read<S: Simd>(s: S, rows: &[Vec<f32>; 3], at: usize) -> [S::F; 3] {
     [s.load(lanes_at(&rows[0], at)), s.load(lanes_at(&rows[1], at)), s.load(lanes_at(&rows[2], at))]
 }
 
+/// Writes the lanes of a mask to place `at` and on, and anything to the rest of a vector there.
 #[inline(always)]
-fn write<S: Simd>(s: S, row: &mut [f32], at: usize, x: S::F) {
-    let to: &mut Lanes<f32> = (&mut row[at..at + LANES]).try_into().expect("sixteen");
-    s.store(x, to);
+pub(super) fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F, mask: Mask) {
+    let to: &mut Lanes<f32> = (&mut column[at..at + LANES]).try_into().expect("sixteen");
+    s.store_compressed(x, mask, to);
 }
 
 /// The first `count` lanes; all where there are more than that many.
@@ -234,7 +235,7 @@ impl Picks {
             let (vector, there) = boxes.vector(s, i);
             let near = vector.near(s, lo, hi, bound) & there;
             let to: &mut Lanes<u32> = (&mut list[len..len + LANES]).try_into().expect("sixteen");
-            s.store_u(s.compress_u(vector.candidate, near), to);
+            s.store_compressed_u(vector.candidate, near, to);
             len += near.count_ones() as usize;
         }
         &self.list[..len]

@@ -1,7 +1,7 @@
 //! The lists of the points of a block, from the candidates of its group.
 
 use super::columns::Columns;
-use super::gather::{BoxRows, Candidates, Picks};
+use super::gather::{BoxRows, Candidates, Picks, write};
 use super::group::Member;
 use super::question::Listing;
 use super::radii::Radii;
@@ -106,11 +106,11 @@ impl Near {
             let gap_y = y - s.min(s.max(y, lo[1]), hi[1]);
             let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
             let near = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
-            write(s, to_x, end, s.compress(x, near));
-            write(s, to_y, end, s.compress(y, near));
-            write(s, to_z, end, s.compress(z, near));
+            write(s, to_x, end, x, near);
+            write(s, to_y, end, y, near);
+            write(s, to_z, end, z, near);
             let to: &mut Lanes<u32> = (&mut to_id[end..end + LANES]).try_into().expect("sixteen");
-            s.store_u(s.compress_u(s.load_u(&block.id), near), to);
+            s.store_compressed_u(s.load_u(&block.id), near, to);
             end += near.count_ones() as usize;
         }
         to_x[end..end + LANES].fill(f32::INFINITY);
@@ -153,14 +153,14 @@ impl Near {
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
                 let hits = s.le(distance, bound) & others;
                 let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
-                s.store_u(s.compress_u(ids, hits), to);
+                s.store_compressed_u(ids, hits, to);
                 if !PLAIN && listing.distances {
-                    write(s, distances, end, s.compress(distance, hits));
+                    write(s, distances, end, distance, hits);
                 }
                 if !PLAIN && listing.displacements {
-                    write(s, ways_x, end, s.compress(x, hits));
-                    write(s, ways_y, end, s.compress(y, hits));
-                    write(s, ways_z, end, s.compress(z, hits));
+                    write(s, ways_x, end, x, hits);
+                    write(s, ways_y, end, y, hits);
+                    write(s, ways_z, end, z, hits);
                 }
                 end += hits.count_ones() as usize;
             }
@@ -210,14 +210,14 @@ impl Near {
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
                 let hits = s.le(distance, bounds) & others;
                 let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
-                s.store_u(s.compress_u(ids, hits), to);
+                s.store_compressed_u(ids, hits, to);
                 if listing.distances {
-                    write(s, distances, end, s.compress(distance, hits));
+                    write(s, distances, end, distance, hits);
                 }
                 if listing.displacements {
-                    write(s, ways_x, end, s.compress(x, hits));
-                    write(s, ways_y, end, s.compress(y, hits));
-                    write(s, ways_z, end, s.compress(z, hits));
+                    write(s, ways_x, end, x, hits);
+                    write(s, ways_y, end, y, hits);
+                    write(s, ways_z, end, z, hits);
                 }
                 end += hits.count_ones() as usize;
             }
@@ -291,10 +291,4 @@ impl Lists {
             }
         }
     }
-}
-
-#[inline(always)]
-pub(super) fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F) {
-    let to: &mut Lanes<f32> = (&mut column[at..at + LANES]).try_into().expect("sixteen");
-    s.store(x, to);
 }

@@ -85,9 +85,9 @@ pub(in crate::point) fn append<S: Simd>(
     mask: Mask,
 ) -> usize {
     let to: &mut [f32; LANES] = (&mut distances[end..end + LANES]).try_into().expect("sixteen");
-    s.store(s.compress(distance, mask), to);
+    s.store_compressed(distance, mask, to);
     let to: &mut [u32; LANES] = (&mut ids[end..end + LANES]).try_into().expect("sixteen");
-    s.store_u(s.compress_u(id, mask), to);
+    s.store_compressed_u(id, mask, to);
     end + mask.count_ones() as usize
 }
 

@@ -47,7 +47,7 @@ impl Waiting {
     pub(in crate::point) fn add<S: Simd, V: Leaves>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
         let to: &mut [u32; LANES] = (&mut self.leaves[self.count..self.count + LANES]).try_into().expect("sixteen");
         let blocks = s.add_u(s.splat_u(first as u32), s.load_u(&OFFSETS[view.leaf_blocks() - 1]));
-        s.store_u(s.compress_u(blocks, lanes), to);
+        s.store_compressed_u(blocks, lanes, to);
         let begin = self.count;
         self.count += lanes.count_ones() as usize;
         if view.leaf_bytes() > FAR {

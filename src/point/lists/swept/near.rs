@@ -5,7 +5,7 @@
 
 use super::encounter::{Question, Visitor};
 use super::flights::{Block, Partner, Partners, Ways, squared_up};
-use crate::point::lists::gather::Picks;
+use crate::point::lists::gather::{Picks, write};
 use crate::point::snapshot::{rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
 
@@ -118,19 +118,19 @@ impl Rows {
             let ([x, y, z], [u, v, w]) = (rows(s, &ways.first), rows(s, &ways.passing));
             let (a, b, c) = (gap(s, x, u, lo[0], hi[0]), gap(s, y, v, lo[1], hi[1]), gap(s, z, w, lo[2], hi[2]));
             let near = s.le(squared::<S>(a, b, c), s.splat(*bound));
-            write(s, to_x, end, s.compress(x, near));
-            write(s, to_y, end, s.compress(y, near));
-            write(s, to_z, end, s.compress(z, near));
-            write(s, to_u, end, s.compress(u, near));
-            write(s, to_v, end, s.compress(v, near));
-            write(s, to_w, end, s.compress(w, near));
-            write(s, to_bound, end, s.splat(*bound));
+            write(s, to_x, end, x, near);
+            write(s, to_y, end, y, near);
+            write(s, to_z, end, z, near);
+            write(s, to_u, end, u, near);
+            write(s, to_v, end, v, near);
+            write(s, to_w, end, w, near);
+            write(s, to_bound, end, s.splat(*bound), Mask::MAX);
             if V::PASSES_OVER {
-                write(s, to_known, end, s.compress(s.load(known), near));
+                write(s, to_known, end, s.load(known), near);
             }
             let to: &mut Lanes<u32> = (&mut place[end..end + LANES]).try_into().expect("sixteen");
             let places = s.add_u(s.load_u(&LANE), s.splat_u(pick * LANES as u32));
-            s.store_u(s.compress_u(places, near), to);
+            s.store_compressed_u(places, near, to);
             end += near.count_ones() as usize;
         }
         to_x[end..end + LANES].fill(f32::INFINITY);
@@ -174,7 +174,7 @@ impl Rows {
                 near &= !listed | nothing_known;
             }
             let to: &mut Lanes<u32> = (&mut hits[end..end + LANES]).try_into().expect("sixteen");
-            s.store_u(s.compress_u(s.load_u(lanes_at(place, at)), near), to);
+            s.store_compressed_u(s.load_u(lanes_at(place, at)), near, to);
             end += near.count_ones() as usize;
         }
         // What is behind them is read too.
@@ -195,10 +195,4 @@ fn gap<S: Simd>(s: S, from: S::F, way: S::F, lo: S::F, hi: S::F) -> S::F {
 #[inline(always)]
 fn dot<S: Simd>(s: S, [x, y, z]: [S::F; 3], [u, v, w]: [S::F; 3]) -> S::F {
     s.mul_add(z, w, s.mul_add(y, v, x * u))
-}
-
-#[inline(always)]
-fn write<S: Simd>(s: S, row: &mut Row, at: usize, x: S::F) {
-    let to: &mut Lanes<f32> = (&mut row[at..at + LANES]).try_into().expect("sixteen");
-    s.store(x, to);
 }
