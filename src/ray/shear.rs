@@ -4,7 +4,8 @@
 //! Corners relative to the ray are off by at most [`stray`], sheared or not. Let `m` be the largest coordinate of a vertex plus that of the
 //! origin, and `u` an [`ULP`]. Interpolation puts a vertex off by 3u of itself and rounding the origin by u of that, together at most 3um;
 //! their difference, at most m, is rounded by um: 4um. (Leaf blocks add the motion to that difference instead: the same roundings of the same
-//! sizes. Fused products, here and below, are rounded less often.) Slopes, at most 1, are off by 2u, so their product with a depth is off by
+//! sizes. Fused products, here and below, are rounded less often; none overflows, since vertices are within about 1 of zero in tree space and
+//! origins, unless they are led to the scene, within 2^32.) Slopes, at most 1, are off by 2u, so their product with a depth is off by
 //! 4 + 2 um and rounded by um: 7um. The sheared coordinate, at most 2m, is rounded by 2um: 13um in all. [`STRAY_ULPS`] is one more, for
 //! what roundings of roundings add.
 //!
