@@ -1,6 +1,6 @@
 //! Making lists on several threads, always the same ones.
 //!
-//! Groups of leaves are dealt out in waves, a few to each worker. A worker's lists of one wave are small enough for a
+//! Groups of leaves are dealt out in waves, one to each worker. A worker's lists of one wave are small enough for a
 //! near cache; behind each wave they are copied one behind the other to where the caller will find them, which only
 //! then takes memory traffic. Where each list ends up depends on nothing but the lists before it.
 
@@ -15,11 +15,9 @@ use super::worker::{Share, Worker};
 use crate::parallel;
 use crate::simd::dispatch;
 
-/// Groups that a worker does in one wave, of up to 256 points each (512 where leaves have two blocks).
-const SHARE: usize = 4;
-
-/// Workers for each thread, so that threads that are done early find more to do.
-const WORKERS: usize = 4;
+/// Workers for each thread, so that threads that are done early find more to do. Fewer that do more groups in a wave wait
+/// longer for each other.
+pub(super) const WORKERS: usize = 16;
 
 /// Makes the lists of a checked query.
 pub(super) fn run(query: &Question<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
@@ -44,11 +42,11 @@ fn fill(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     if count == 1 {
         return alone(query, prepared, lists);
     }
-    for wave in (0..groups).step_by(SHARE * count) {
+    for wave in (0..groups).step_by(count) {
         let workers = &mut lists.workers[..count];
         for (number, worker) in workers.iter_mut().enumerate() {
-            let begin = (wave + number * SHARE).min(groups);
-            worker.share = begin..(begin + SHARE).min(groups);
+            let group = wave + number;
+            worker.share = group.min(groups)..(group + 1).min(groups);
             worker.lists.clear();
         }
         parallel::each(workers, |worker| work(Share { query, prepared, worker }));

@@ -1,10 +1,11 @@
 //! Lists of encounters, one for each point, in memory of the caller.
 
 use super::encounter::{Encounter, Four, Meetings, Visitor, WIDE};
-use super::sweep::Sweep;
+use super::sweep::{Sweep, Worker};
 use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::lists::error::ListError;
+use crate::point::lists::run::WORKERS;
 use crate::point::over_interval::Flight;
 use crate::point::tree::PointTree;
 use crate::simd::huge_vec;
@@ -134,9 +135,16 @@ impl PointTree {
         if !sweep.once {
             lists.merge(&sweep.run(EncounterLists::new));
         } else if parallel::threads() == 1 {
-            sweep.run_alone(lists);
+            let mut worker = Worker::new(core::mem::take(lists));
+            sweep.run_alone(&mut worker);
+            *lists = worker.visitor;
         } else {
-            lists.append(&sweep.run(EncounterLists::new));
+            let count = WORKERS * parallel::threads();
+            let mut workers: Vec<_> = (0..count).map(|_| Worker::new(EncounterLists::new())).collect();
+            sweep.run_in_waves(&mut workers, |workers| {
+                lists.append(workers);
+                workers.iter_mut().for_each(|worker| worker.visitor.clear());
+            });
         }
         Ok(())
     }
@@ -191,28 +199,28 @@ impl EncounterLists {
         }
     }
 
-    /// Appends the lists of shares.
-    fn append(&mut self, shares: &[EncounterLists]) {
+    /// Appends the lists of workers.
+    fn append(&mut self, workers: &[Worker<EncounterLists>]) {
         let begin = self.end();
-        for share in shares {
+        for Worker { visitor: share, .. } in workers {
             let base = self.end();
             self.points.extend_from_slice(&share.points);
             self.offsets.extend(share.offsets[1..].iter().map(|end| base + end));
         }
         let end = self.end();
         self.make_room(end);
-        copy(shares, &mut self.encounters[begin..end]);
+        copy(workers, &mut self.encounters[begin..end]);
     }
 }
 
-/// Copies the encounters of shares one behind the other, halves at the same time.
-fn copy(shares: &[EncounterLists], to: &mut [Encounter]) {
-    match shares {
+/// Copies the encounters of workers one behind the other, halves at the same time.
+fn copy(workers: &[Worker<EncounterLists>], to: &mut [Encounter]) {
+    match workers {
         [] => {}
-        [share] => to.copy_from_slice(share.encounters()),
+        [worker] => to.copy_from_slice(worker.visitor.encounters()),
         _ => {
-            let (left, right) = shares.split_at(shares.len() / 2);
-            let (to_left, to_right) = to.split_at_mut(left.iter().map(EncounterLists::end).sum());
+            let (left, right) = workers.split_at(workers.len() / 2);
+            let (to_left, to_right) = to.split_at_mut(left.iter().map(|worker| worker.visitor.end()).sum());
             parallel::both(|| copy(left, to_left), || copy(right, to_right));
         }
     }

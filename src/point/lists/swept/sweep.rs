@@ -85,15 +85,31 @@ impl<'a> Sweep<'a> {
     pub(super) fn run<V: Visitor + Send>(&self, start: impl Fn() -> V + Sync) -> Vec<V> {
         parallel::map(self.groups.len().div_ceil(SHARE), |share| {
             let groups = &self.groups[share * SHARE..self.groups.len().min((share + 1) * SHARE)];
-            let mut visitor = start();
-            dispatch(self.tree.simd, Share { sweep: self, groups, visitor: &mut visitor });
-            visitor
+            let mut worker = Worker::new(start());
+            dispatch(self.tree.simd, Share { sweep: self, groups, worker: &mut worker });
+            worker.visitor
         })
     }
 
+    /// Shows them all in waves, one group to each worker's visitor; calls `behind` after each wave, in which the workers' groups are
+    /// in their order.
+    pub(super) fn run_in_waves<V: Visitor + Send>(
+        &self,
+        workers: &mut [Worker<V>],
+        mut behind: impl FnMut(&mut [Worker<V>]),
+    ) {
+        for wave in self.groups.chunks(workers.len()) {
+            let mut turns: Vec<_> = wave.chunks(1).zip(&mut *workers).collect();
+            parallel::each(&mut turns, |(groups, worker)| {
+                dispatch(self.tree.simd, Share { sweep: self, groups, worker: *worker });
+            });
+            behind(workers);
+        }
+    }
+
     /// Shows them all to one visitor, in the same order.
-    pub(super) fn run_alone<V: Visitor>(&self, visitor: &mut V) {
-        dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups, visitor });
+    pub(super) fn run_alone<V: Visitor>(&self, worker: &mut Worker<V>) {
+        dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups, worker });
     }
 
     /// How points of two parts, which do not lie in different segments, are looked at.
@@ -103,19 +119,32 @@ impl<'a> Sweep<'a> {
     }
 }
 
+/// A visitor, and memory for what is shown to it.
+pub(super) struct Worker<V> {
+    pub(super) visitor: V,
+    group: Group,
+    partners: Partners,
+    near: Near,
+}
+
+impl<V> Worker<V> {
+    pub(super) fn new(visitor: V) -> Worker<V> {
+        Worker { visitor, group: Group::default(), partners: Partners::default(), near: Near::default() }
+    }
+}
+
 /// A share of the groups.
 struct Share<'a, V> {
     sweep: &'a Sweep<'a>,
     groups: &'a [(usize, usize)],
-    visitor: &'a mut V,
+    worker: &'a mut Worker<V>,
 }
 
 impl<V: Visitor> Kernel for Share<'_, V> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let (mut group, mut partners, mut near) = (Group::default(), Partners::default(), Near::default());
-        let Share { sweep, groups, visitor } = self;
+        let Share { sweep, groups, worker: Worker { visitor, group, partners, near } } = self;
         for &(number, node) in groups {
             let pairing = &sweep.pairings[number];
             let part = &sweep.parts[pairing.own];
@@ -132,12 +161,12 @@ impl<V: Visitor> Kernel for Share<'_, V> {
                 let other = &sweep.parts[other];
                 let window = sweep.window(part, other);
                 match other.tree {
-                    Tree::Still(tree) => partners.add(s, tree, &group, window, (&question, known)),
-                    Tree::Moving(tree) => partners.add(s, tree, &group, window, (&question, known)),
+                    Tree::Still(tree) => partners.add(s, tree, group, window, (&question, known)),
+                    Tree::Moving(tree) => partners.add(s, tree, group, window, (&question, known)),
                 }
             }
             for block in &group.blocks {
-                near.visit(s, (block, &partners), &question, visitor);
+                near.visit(s, (block, partners), &question, visitor);
             }
         }
     }
