@@ -163,6 +163,30 @@ fn larger_sets_swept_on_all_numbers_of_threads() {
     }
 }
 
+/// Sets that keep several threads busy for several rounds, into memory that held other lists.
+#[test]
+fn many_points_on_two_threads_have_the_lists_that_one_makes() {
+    let [one, two] = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap());
+    let interval = TimeInterval::new(0.2, 0.7).unwrap();
+    let (mut swept, mut lists) =
+        ([EncounterLists::new(), EncounterLists::new()], [NeighborCsr::new(), NeighborCsr::new()]);
+    for count in [30_000, 12_345, 20_000] {
+        let tree = build(&cloud("random", count, &mut Rng(count as u64)), PointStructure::Linear, SimdLevel::best());
+        for ((pool, swept), lists) in [&one, &two].into_iter().zip(&mut swept).zip(&mut lists) {
+            pool.install(|| tree.neighbor_lists_swept_into(interval, 0.06, swept)).unwrap();
+            pool.install(|| tree.neighbor_lists(0.2, 0.06).run(lists)).unwrap();
+        }
+        assert!(swept[0].encounters().len() > 2 * count && swept[0].len() == count);
+        assert_eq!(swept[0], swept[1], "{count} points");
+        assert!(lists[0].neighbors() > count / 2);
+        assert_eq!(
+            (lists[0].points(), lists[0].offsets(), lists[0].ids()),
+            (lists[1].points(), lists[1].offsets(), lists[1].ids()),
+            "{count} points"
+        );
+    }
+}
+
 /// Lives and parts of the shutter hold their begin and not their end: points of which one begins to exist where the other ends do not
 /// meet there, those that begin together do, also where the shutter is divided, at keys, and at the end of what is looked at.
 #[test]
