@@ -67,9 +67,9 @@ pub(super) struct Candidates {
 
 impl Candidates {
     /// Those of some lanes that may be hit within the ray's range and what is still of interest; `depths` are those of the
-    /// corners.
+    /// corners. Where they are `FEW`, all lie in the lower half of the lanes.
     #[inline(always)]
-    pub fn new<S: Simd, C: Collect>(
+    pub fn new<S: Simd, C: Collect, const FEW: bool>(
         s: S,
         edges: &Edges<S>,
         (lanes, depths, sizes): (Mask, [S::F; 3], u32),
@@ -104,7 +104,8 @@ impl Candidates {
         if C::ORDERED {
             out |= s.lt(weights * s.splat(collect.reach()), least);
             if several(lanes & !out) {
-                s.store(least / weights, &mut near);
+                let distances = least / weights;
+                s.store(if FEW { s.lower_half(distances) } else { distances }, &mut near);
             }
         }
         let mut certain = 0;
@@ -205,8 +206,8 @@ mod tests {
             let of = (ALL, rows(2), sizes);
             let closest = Closest::new(ray, |_: &Found| true);
             let any = Any::new(ray, true, |_: &Found| true);
-            let closest = Candidates::new(s, &edges, of, (ray, sheared), &closest);
-            let any = Candidates::new(s, &edges, of, (ray, sheared), &any);
+            let closest = Candidates::new::<_, _, false>(s, &edges, of, (ray, sheared), &closest);
+            let any = Candidates::new::<_, _, false>(s, &edges, of, (ray, sheared), &any);
             assert_eq!(closest.certain, 0);
             [first, closest.lanes, any.lanes, any.certain]
         }
@@ -277,7 +278,8 @@ mod tests {
         let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
         let edges = Edges::new(s, rows(0), rows(1));
         let mut collect = Closest::new(&ray, |_: &Found| true);
-        let mut candidates = Candidates::new(s, &edges, (ALL, rows(2), block.sizes), (&ray, &sheared), &collect);
+        let mut candidates =
+            Candidates::new::<_, _, false>(s, &edges, (ALL, rows(2), block.sizes), (&ray, &sheared), &collect);
         let depth = |lane: usize| block.triangles[lane][0].z;
         assert_eq!(candidates.lanes.count_ones(), 11, "what is behind the begin is not among them");
         assert_eq!(candidates.next(&collect).map(depth), Some(0.0625));

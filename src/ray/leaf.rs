@@ -13,12 +13,29 @@ use super::shear::Sheared;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, shared_count};
-use crate::simd::{Mask, Rows, Simd, lanes_at};
+use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
 
 impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// Tests the triangles of a leaf block; true ends the query.
     #[inline(always)]
     pub(super) fn leaf<S: Simd, const MOVING: bool>(
+        &self,
+        s: S,
+        leaf: LeafRows,
+        ray: &TreeRay,
+        at: (&Sheared, Between),
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) -> bool {
+        if S::HALVES && leaf.n <= LANES / 2 {
+            return self.leaf_of::<S, MOVING, true>(s, leaf, ray, at, collect, observer);
+        }
+        self.leaf_of::<S, MOVING, false>(s, leaf, ray, at, collect, observer)
+    }
+
+    /// The same where there are so `FEW` triangles that the lower half of the lanes holds them all, and otherwise.
+    #[inline(always)]
+    fn leaf_of<S: Simd, const MOVING: bool, const FEW: bool>(
         &self,
         s: S,
         leaf: LeafRows,
@@ -45,11 +62,11 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let y = [s.negated_mul_add(sy, za, ya), s.negated_mul_add(sy, zb, yb), s.negated_mul_add(sy, zc, yc)];
         let edges = Edges::new(s, x, y);
         let sizes = self.arena.ints()[ids - 1];
-        let lanes = edges.may_be_hit(s, sizes, ray.slack) & ((1u32 << n) - 1) as Mask;
+        let lanes = edges.may_be_hit(s, sizes, ray.slack) & first_lanes::<FEW>(n);
         if lanes == 0 {
             return false;
         }
-        let mut candidates = Candidates::new(s, &edges, (lanes, [za, zb, zc], sizes), (ray, of), collect);
+        let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, [za, zb, zc], sizes), (ray, of), collect);
         if self.is_hit_for_sure(&mut candidates, ids, ray, collect) {
             return true;
         }
@@ -70,6 +87,23 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// Tests the triangles of a leaf block that share vertices; true ends the query.
     #[inline(always)]
     pub(super) fn shared<S: Simd, const MOVING: bool>(
+        &self,
+        s: S,
+        leaf: LeafRows,
+        ray: &TreeRay,
+        at: (&Sheared, Between),
+        collect: &mut impl Collect,
+        observer: &mut impl Observer,
+    ) -> bool {
+        if S::HALVES && shared_count(self.arena.ints()[leaf.behind]) <= LANES / 2 {
+            return self.shared_of::<S, MOVING, true>(s, leaf, ray, at, collect, observer);
+        }
+        self.shared_of::<S, MOVING, false>(s, leaf, ray, at, collect, observer)
+    }
+
+    /// The same where there are so `FEW` triangles that the lower half of the lanes holds them all, and otherwise.
+    #[inline(always)]
+    fn shared_of<S: Simd, const MOVING: bool, const FEW: bool>(
         &self,
         s: S,
         leaf: LeafRows,
@@ -98,12 +132,12 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let x = [s.permute(x, first), s.permute(x, second), s.permute(x, third)];
         let y = [s.permute(y, first), s.permute(y, second), s.permute(y, third)];
         let edges = Edges::new(s, x, y);
-        let lanes = edges.may_be_hit(s, words[0], ray.slack) & ((1u32 << n) - 1) as Mask;
+        let lanes = edges.may_be_hit(s, words[0], ray.slack) & first_lanes::<FEW>(n);
         if lanes == 0 {
             return false;
         }
         let z = [s.permute(z, first), s.permute(z, second), s.permute(z, third)];
-        let mut candidates = Candidates::new(s, &edges, (lanes, z, words[0]), (ray, of), collect);
+        let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, z, words[0]), (ray, of), collect);
         if self.is_hit_for_sure(&mut candidates, at + n, ray, collect) {
             return true;
         }
@@ -186,6 +220,14 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     fn sees(&self, id: u32, ray: &TreeRay) -> bool {
         (self.set.always_active() || self.set.active(id).contains(ray.time())) && self.filter.sees(|| self.set.mask(id))
     }
+}
+
+/// The first `n` lanes, which are in the lower half where there are `FEW`: said once more, so that the compiler drops what is
+/// computed in the upper half.
+#[inline(always)]
+fn first_lanes<const FEW: bool>(n: usize) -> Mask {
+    let first = ((1u32 << n) - 1) as Mask;
+    if FEW { first & Mask::MAX >> (LANES / 2) } else { first }
 }
 
 /// Where the rows of a leaf block are that are read at a time.

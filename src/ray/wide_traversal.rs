@@ -86,7 +86,7 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
             *self.sheared = Some(Sheared::new(ray));
         }
         let Some(sheared) = &*self.sheared else { return ControlFlow::Continue(()) };
-        // Each kind of test stands here once: the code of a query must fit the instruction cache.
+        // Each kind of test is called from one place: the code of a query must fit the instruction cache.
         let still = (sheared, Between::NEVER);
         let between = Between::new(KeyTime::new(ray.time(), 2));
         let (shared, rows, between) = match at.kind() {

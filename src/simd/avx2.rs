@@ -184,6 +184,7 @@ impl Simd for Avx2 {
     type F = F;
     type U = U;
     type D = Four;
+    const HALVES: bool = true;
 
     #[inline(always)]
     fn splat(self, x: f32) -> F {
@@ -194,6 +195,10 @@ impl Simd for Avx2 {
     fn load(self, from: &Lanes<f32>) -> F {
         let at = from.as_ptr();
         F(intrinsic!(_mm256_loadu_ps(at)), intrinsic!(_mm256_loadu_ps(at.add(8))))
+    }
+    #[inline(always)]
+    fn lower_half(self, a: F) -> F {
+        F(a.0, a.0)
     }
     #[inline(always)]
     fn load_bytes(self, from: &Lanes<u8>) -> F {

@@ -17,10 +17,19 @@ pub(crate) trait Simd: Copy {
     /// Four f64.
     type D: Copy + Add<Output = Self::D> + Sub<Output = Self::D> + Mul<Output = Self::D> + Div<Output = Self::D>;
 
+    /// Whether the upper eight lanes are in registers of their own, so that the compiler drops what is computed there where
+    /// nothing uses it.
+    const HALVES: bool = false;
+
     /// The same value in every lane.
     fn splat(self, x: f32) -> Self::F;
     /// Reads sixteen floats, at any alignment.
     fn load(self, from: &Lanes<f32>) -> Self::F;
+    /// Keeps the lower eight lanes; what is in the upper ones then is not said.
+    #[inline(always)]
+    fn lower_half(self, a: Self::F) -> Self::F {
+        a
+    }
     /// Reads sixteen bytes and makes floats of them.
     fn load_bytes(self, from: &Lanes<u8>) -> Self::F;
     /// Reads row `i`; the lanes beyond its length are 0. What lies behind it in memory is not looked at (read as
