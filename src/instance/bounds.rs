@@ -1,12 +1,14 @@
 //! Linear bounds of what a moving transform moves.
 //!
 //! What is placed lies in boxes that move linearly in its own space. At a time, each corner of the box of that time is a
-//! corner `T + M x` in the space around, and so is the least box around them. Between two successive breaks
-//! ([`Motions::breaks`]) every corner stays within a known distance of its chord ([`Bend::bulge`]), so the line between
-//! the boxes at both, moved outward by that, holds all. Over an interval with breaks in it, the line between its ends is
-//! moved outward until the boxes at all breaks are inside, and then by the greatest of the distances.
+//! corner `T + M x` in the space around, and so is the least box around them all. Between two successive breaks
+//! ([`Motions::breaks`]) every corner stays within a known distance of its chord ([`Bend::bulge`]), and its chord inside the line
+//! between the boxes at both. So the line between the ends of an interval, moved outward until the boxes at all breaks are inside,
+//! and then by the greatest of the distances, holds all.
+//!
+//! [`Bend::bulge`]: super::motion::Bend::bulge
 
-use super::motion::{Bend, Motion, Motions};
+use super::motion::{Motion, Motions};
 use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 use glam::{DAffine3, DVec3};
 
@@ -15,51 +17,46 @@ impl Motions {
     /// distances from chords are counted: 1.
     pub fn bounds(&self, motion: &Motion, of: &[LinearBounds], over: TimeInterval, bulge: f64) -> LinearBounds {
         let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
-        let times = self.breaks(motion, begin, end);
-        let bends: Vec<Bend> = times.windows(2).map(|pair| self.bend(motion, [pair[0], pair[1]])).collect();
-        let at = |time: f64| (time, self.matrix(motion, time));
-        let matrices: Vec<(f64, DAffine3)> = times.into_iter().map(at).collect();
-        let stands_still = matches!(motion, Motion::Still { .. });
-        let each = of.iter().map(|of| bounds_of_part(stands_still, of, (&matrices, &bends), bulge));
-        each.reduce(LinearBounds::union).unwrap_or(LinearBounds::fixed(Aabb::EMPTY))
+        let moves = of.iter().any(|of| of.begin != of.end);
+        let boxes = |time: f64| of.iter().map(move |of| if moves { of.at(time) } else { of.begin });
+        let at = |time: f64| {
+            let matrix = self.matrix(motion, time);
+            boxes(time).map(|of| image(matrix, of)).fold(Aabb::EMPTY, Aabb::union)
+        };
+        let mut bounds = LinearBounds::fixed(at(begin));
+        if begin == end || of.is_empty() {
+            return bounds;
+        }
+        let mut beyond = DVec3::ZERO;
+        if moves || !matches!(motion, Motion::Still { .. }) {
+            bounds.end = at(end);
+            let times = self.breaks(motion, begin, end);
+            for &time in &times[1..times.len() - 1] {
+                bounds.include((time - begin) / (end - begin), at(time));
+            }
+            let farthest = |time: f64| boxes(time).map(|b| b.min.abs().max(b.max.abs())).fold(DVec3::ZERO, DVec3::max);
+            let mut from = farthest(begin);
+            for pair in times.windows(2) {
+                let (mut to, mut moved) = (from, DVec3::ZERO);
+                if moves {
+                    to = farthest(pair[1]);
+                    moved = of.iter().map(|of| farthest_move(of, pair[1] - pair[0])).fold(DVec3::ZERO, DVec3::max);
+                }
+                beyond = beyond.max(self.bend(motion, [pair[0], pair[1]]).bulge(from.max(to), moved));
+                from = to;
+            }
+        }
+        // Thousands of times what f64 rounds here.
+        let swept = bounds.swept();
+        let size = swept.min.abs().max(swept.max.abs()) + self.matrix(motion, begin).translation.abs();
+        let beyond = beyond * bulge + size * ROUNDING;
+        LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
     }
 }
 
-/// The same of one part, with the matrices at all breaks and how the motion bends between them.
-fn bounds_of_part(
-    stands_still: bool,
-    of: &LinearBounds,
-    (matrices, bends): (&[(f64, DAffine3)], &[Bend]),
-    bulge: f64,
-) -> LinearBounds {
-    let [(begin, first), .., (end, last)] = *matrices else { return LinearBounds::fixed(Aabb::EMPTY) };
-    let mut bounds = LinearBounds::fixed(image(first, of.at(begin)));
-    if begin == end {
-        return bounds;
-    }
-    let moves = of.begin != of.end;
-    if !stands_still || moves {
-        bounds.end = image(last, of.at(end));
-    }
-    for &(time, matrix) in &matrices[1..matrices.len() - 1] {
-        bounds.include((time - begin) / (end - begin), image(matrix, of.at(time)));
-    }
-    let mut beyond = DVec3::ZERO;
-    let ends = |time: f64| {
-        let b = of.at(time);
-        [b.min, b.max]
-    };
-    let mut from = ends(begin);
-    for (&(time, _), bend) in matrices[1..].iter().zip(bends) {
-        let to = if moves { ends(time) } else { from };
-        beyond = beyond.max(bend.bulge(from, to));
-        from = to;
-    }
-    // Thousands of times what f64 rounds here.
-    let swept = bounds.swept();
-    let size = swept.min.abs().max(swept.max.abs()) + first.translation.abs();
-    let beyond = beyond * bulge + size * ROUNDING;
-    LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
+/// How far a corner of a box moves at most, per axis, during so much of the shutter.
+fn farthest_move(of: &LinearBounds, during: f64) -> DVec3 {
+    (of.end.min - of.begin.min).abs().max((of.end.max - of.begin.max).abs()) * during
 }
 
 /// What f64 rounds, with plenty to spare.
@@ -129,25 +126,30 @@ mod tests {
                 let (motion, _) = motions.add(&transform, 0).unwrap();
                 let (low, size, by) = (vec(&mut state), vec(&mut state).abs(), vec(&mut state) * 0.7);
                 let still = Aabb { min: low, max: low + size };
-                let of = LinearBounds { begin: still, end: Aabb { min: low + by, max: low + by + size } };
+                let first = LinearBounds { begin: still, end: Aabb { min: low + by, max: low + by + size } };
+                let beside = vec(&mut state);
+                let second = Aabb { min: beside, max: beside + size * 0.5 };
+                let of = [first, LinearBounds::fixed(second)];
+                let of = if round % 2 == 0 { &of[..] } else { &of[..1] };
                 let (a, b) = (next(&mut state).abs() as f32, next(&mut state).abs() as f32);
                 let over =
                     if round % 3 == 0 { TimeInterval::FULL } else { TimeInterval::new(a.min(b), a.max(b)).unwrap() };
-                let bounds = motions.bounds(&motion, &[of], over, bulge);
+                let bounds = motions.bounds(&motion, of, over, bulge);
                 for i in 0..=40 {
                     let w = f64::from(i) / 40.0;
                     let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
                     let time = begin + w * (end - begin);
-                    let (matrix, inner, bounds) = (motions.matrix(&motion, time), of.at(time), bounds.at(w));
-                    outside[kind] += (0..8)
-                        .map(|corner| {
+                    let (matrix, bounds) = (motions.matrix(&motion, time), bounds.at(w));
+                    let corners = of.iter().map(|of| of.at(time)).flat_map(|inner| {
+                        (0..8).map(move |corner| {
                             DVec3::from([0, 1, 2].map(|axis| match corner >> axis & 1 {
                                 0 => inner.min[axis],
                                 _ => inner.max[axis],
                             }))
                         })
-                        .filter(|&corner| !bounds.contains(matrix.transform_point3(corner)))
-                        .count();
+                    });
+                    outside[kind] +=
+                        corners.filter(|&corner| !bounds.contains(matrix.transform_point3(corner))).count();
                 }
             }
         }

@@ -267,19 +267,17 @@ pub(super) enum Bend {
 
 impl Bend {
     /// How far a point of the instance's space may be, at a time inside the interval, from the line between
-    /// where it is at the ends: `[low, high]` and `[low', high']` are boxes around the point at both ends, in between it
-    /// moves linearly. Per axis of the space around.
+    /// where it is at the ends. In its own space it moves linearly, by `moved` at most, from one place whose coordinates are at
+    /// most `far` to another. Per axis of the space around.
     ///
     /// A function `f` is at most `h^2 / 8 |f''|` away from its chord over `h`. With matrices `f = T + M x`, of which `T`, `M` and `x` are
     /// linear: `h^2 f'' = 2 ΔM Δx`. With poses `f = T + R y` and `y = S x`, where `R` turns at a uniform rate, by `φ` in all:
     /// `h^2 |f''| <= φ^2 |y| + 2 φ |h y'| + |h^2 y''|`, with `|h y'| <= |ΔS x| + |S Δx|` and `h^2 y'' = 2 ΔS Δx`.
-    pub fn bulge(&self, from: [DVec3; 2], to: [DVec3; 2]) -> DVec3 {
-        let moved = (to[0] - from[0]).abs().max((to[1] - from[1]).abs());
+    pub fn bulge(&self, far: DVec3, moved: DVec3) -> DVec3 {
         match *self {
             Bend::Straight => DVec3::ZERO,
             Bend::Matrices([x, y, z]) => 0.25 * (x * moved.x + y * moved.y + z * moved.z),
             Bend::Poses { angle, scale, scaled } => {
-                let far = from[0].abs().max(from[1].abs()).max(to[0].abs().max(to[1].abs()));
                 let y = (scale * far).length();
                 let slope = (scaled * far + scale * moved).length();
                 let bend = 2.0 * (scaled * moved).length();
