@@ -42,9 +42,11 @@ pub(super) struct Placements {
     always_active: bool,
     /// The greatest [`Slack::per_distance`].
     pub stray: f64,
-    /// What only the build needs: the different trees, and what each instance's box is padded by.
+    /// What only the build needs: the different trees, what each instance's box is padded by, and its bounds over the shutter
+    /// without that.
     extents: Vec<Extent>,
     slacks: Vec<Slack>,
+    whole: Vec<LinearBounds>,
     /// The greatest distance between what is in the scene and the origin of a ray near it.
     width: f64,
 }
@@ -78,14 +80,15 @@ impl Placements {
         let always_active = all.iter().all(|one| one.active == TimeInterval::FULL);
         let (frame, width) = (Frame::WORLD, 0.0);
         let outlines = extents.iter().map(|of| Outline::new(of, padding)).collect();
+        let whole = Vec::new();
         let mut set =
-            Placements { placed: all, motions, outlines, frame, always_active, stray, extents, slacks, width };
-        let swept = parallel::map(set.placed.len(), |id| set.exact_bounds(id as u32, TimeInterval::FULL).swept());
+            Placements { placed: all, motions, outlines, frame, always_active, stray, extents, slacks, whole, width };
+        set.whole = parallel::map(set.placed.len(), |id| set.exact_bounds(id as u32, TimeInterval::FULL));
         // The wider the scene, the larger the slack, and the wider the scene: by at most a quarter of itself.
         loop {
             let mut all = Aabb::EMPTY;
-            for (instance, &swept) in swept.iter().enumerate() {
-                let padded = grow(swept, set.padding(instance as u32));
+            for (instance, whole) in set.whole.iter().enumerate() {
+                let padded = grow(whole.swept(), set.padding(instance as u32));
                 // NaN fails this as well.
                 let fits = padded.min.abs().max(padded.max.abs()).cmple(DVec3::splat(0.5 * MAX_COORDINATE));
                 if !fits.all() {
@@ -172,7 +175,9 @@ impl PrimitiveSet for Placements {
     }
 
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
-        let (bounds, padding) = (self.exact_bounds(id, over), self.padding(id));
+        let over_shutter = over == TimeInterval::FULL;
+        let bounds = if over_shutter { self.whole[id as usize] } else { self.exact_bounds(id, over) };
+        let padding = self.padding(id);
         let outward = |b: Aabb| {
             let (min, max) = self.frame.outward(grow(b, padding));
             Box3 { min, max }
@@ -219,7 +224,7 @@ impl WideSource for Placements {
 
     /// Drops what only the build needs.
     fn written(&mut self) {
-        (self.extents, self.slacks) = (Vec::new(), Vec::new());
+        (self.extents, self.slacks, self.whole) = (Vec::new(), Vec::new(), Vec::new());
     }
 
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: TimeSlice) -> Option<ChildRef> {
