@@ -98,13 +98,18 @@ pub(super) struct Ways {
 }
 
 impl Ways {
-    /// Sets one lane.
+    /// Sets where a lane begins and ends.
     #[inline(always)]
-    pub(super) fn set(&mut self, lane: usize, [open, close]: [[f32; 3]; 2], range: [f64; 2], times: [f32; 2]) {
+    pub(super) fn set_ends(&mut self, lane: usize, [open, close]: [[f32; 3]; 2]) {
         for axis in 0..3 {
             self.open[axis][lane] = open[axis];
             self.close[axis][lane] = close[axis];
         }
+    }
+
+    /// Sets the phases and times of a lane.
+    #[inline(always)]
+    pub(super) fn set_times(&mut self, lane: usize, range: [f64; 2], times: [f32; 2]) {
         for end in 0..2 {
             self.range[end][lane] = range[end];
             self.times[end][lane] = times[end];

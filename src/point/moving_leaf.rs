@@ -56,15 +56,19 @@ impl Leaf {
         lives: Times::NEVER,
     };
 
-    /// Sets one lane, which counts at `times`.
-    pub(super) fn set(&mut self, lane: usize, mover: &Mover, times: [f32; 2]) {
+    /// Sets the point of a lane.
+    pub(super) fn set(&mut self, lane: usize, mover: &Mover) {
         for axis in 0..3 {
             self.block.open[axis][lane] = mover.open[axis];
             self.block.close[axis][lane] = mover.close[axis];
         }
         self.block.id[lane] = mover.id;
+    }
+
+    /// Sets when it counts, and its life. Leaves in which everything counts throughout have neither.
+    pub(super) fn set_times(&mut self, lane: usize, times: [f32; 2], life: TimeInterval) {
         self.times.set(lane, times);
-        self.lives.set(lane, [mover.life.begin(), mover.life.end_bound()]);
+        self.lives.set(lane, [life.begin(), life.end_bound()]);
     }
 }
 
@@ -232,6 +236,11 @@ impl<'a> LeafRows<'a> {
     /// Their number.
     pub(super) fn len(&self) -> usize {
         self.blocks.len()
+    }
+
+    /// Whether they say when their points count, or live.
+    pub(super) fn timed(&self) -> bool {
+        !(self.times.is_empty() && self.lives.is_empty())
     }
 
     /// The first `count` of them and the rest.

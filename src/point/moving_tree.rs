@@ -157,21 +157,33 @@ impl Fill<'_> {
             range: whole.map(|phase| [phase; LANES]),
             times: throughout.map(|time| [time; LANES]),
         };
+        let timed = leaves.timed();
+        let mut leaf = Leaf::EMPTY;
         for (i, of_leaf) in items.chunks(LANES).enumerate() {
-            // Where each of them lies in memory is as good as random.
+            // Where each of them lies in memory is as good as random: begins in one cache line, and may end in another.
             for item in items.iter().skip((i + 2) * LANES).take(LANES) {
-                prefetch(&self.movers[item.index as usize]);
+                let mover = &self.movers[item.index as usize];
+                prefetch(mover);
+                prefetch(&mover.id);
             }
-            let mut leaf = Leaf::EMPTY;
+            if of_leaf.len() < LANES {
+                leaf = Leaf::EMPTY;
+            }
             for lane in 0..LANES {
                 let item = of_leaf.get(lane).or(of_leaf.last()).expect("a leaf has a point");
                 let mover = &self.movers[item.index as usize];
-                let counts_throughout = mover.alive == self.part.interval;
-                let range = if counts_throughout { whole } else { mover.range(self.part) };
-                let times = [mover.alive.begin(), mover.alive.end_bound()];
-                ways.set(lane, [mover.open, mover.close], range, times);
+                ways.set_ends(lane, [mover.open, mover.close]);
                 if lane < of_leaf.len() {
-                    leaf.set(lane, mover, times);
+                    leaf.set(lane, mover);
+                }
+                if timed {
+                    let counts_throughout = mover.alive == self.part.interval;
+                    let range = if counts_throughout { whole } else { mover.range(self.part) };
+                    let times = [mover.alive.begin(), mover.alive.end_bound()];
+                    ways.set_times(lane, range, times);
+                    if lane < of_leaf.len() {
+                        leaf.set_times(lane, times, mover.life);
+                    }
                 }
             }
             leaves.set(i, &leaf);

@@ -74,7 +74,9 @@ impl PlaneTree {
             for lanes in own.chunks(LANES) {
                 let mut leaf = Leaf::EMPTY;
                 for (lane, r) in lanes.iter().enumerate() {
-                    leaf.set(lane, &movers[r.id as usize], [r.begin, r.end]);
+                    let mover = &movers[r.id as usize];
+                    leaf.set(lane, mover);
+                    leaf.set_times(lane, [r.begin, r.end], mover.life);
                 }
                 rows.set(next, &leaf);
                 next += 1;
