@@ -37,6 +37,10 @@ const EDGES: usize = BINS + 1;
 /// How far beyond the outermost part a plane that cuts off empty space stands, in tree space: rays
 /// that graze the parts then need not visit the empty side.
 const MARGIN: f32 = 1e-5;
+/// It stands no farther than this part of what all parts cover, or rays would find small things in large cells.
+const MARGIN_OF_SIZE: f32 = 0.01;
+/// And no nearer than this part of the largest coordinate, so that no part lies in the plane.
+const LEAST_MARGIN: f32 = 1e-6;
 
 /// A plane and its cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +70,11 @@ pub(crate) fn best_split(
     let span = Span::of(references);
     let (low, high) = (span.low.max(cell.min), span.high.min(cell.max));
     let velocity = if params.moving_planes { span.mean_velocity() } else { Vec3::ZERO };
-    let mut still = [0, 1, 2].map(|axis| Sweep::new(low[axis], high[axis]));
-    let mut moving = [0, 1, 2].map(|axis| (velocity[axis] != 0.0).then(|| Sweep::new(low[axis], high[axis])));
+    let least = LEAST_MARGIN * low.abs().max(high.abs()).max_element();
+    let margin = MARGIN.min(MARGIN_OF_SIZE * (high - low).max_element()).max(least);
+    let sweep = |axis: usize| Sweep::new(low[axis], high[axis], margin);
+    let mut still = [0, 1, 2].map(sweep);
+    let mut moving = [0, 1, 2].map(|axis| (velocity[axis] != 0.0).then(|| sweep(axis)));
     let mut total = 0.0;
     for r in references.iter().filter(|r| r.votes) {
         let weight = weight(r, params);
@@ -135,18 +142,20 @@ struct Edges {
     low: f32,
     width: f32,
     scale: f32,
+    /// How far outside the first and the last stand.
+    margin: f32,
 }
 
 impl Edges {
-    fn new(low: f32, high: f32) -> Edges {
+    fn new(low: f32, high: f32, margin: f32) -> Edges {
         let width = (high - low) / BINS as f32;
-        Edges { low, width, scale: if width > 0.0 { 1.0 / width } else { 0.0 } }
+        Edges { low, width, scale: if width > 0.0 { 1.0 / width } else { 0.0 }, margin }
     }
 
     fn position(&self, k: usize) -> f32 {
         match k {
-            0 => self.low - MARGIN,
-            BINS => self.low + self.width * BINS as f32 + MARGIN,
+            0 => self.low - self.margin,
+            BINS => self.low + self.width * BINS as f32 + self.margin,
             _ => self.low + self.width * k as f32,
         }
     }
@@ -174,8 +183,8 @@ struct Sweep {
 }
 
 impl Sweep {
-    fn new(low: f32, high: f32) -> Sweep {
-        Sweep { edges: Edges::new(low, high), changes: [[0.0; 4]; EDGES] }
+    fn new(low: f32, high: f32, margin: f32) -> Sweep {
+        Sweep { edges: Edges::new(low, high, margin), changes: [[0.0; 4]; EDGES] }
     }
 
     /// Adds a reference with a lower and an upper bound at the begin and end of its interval.

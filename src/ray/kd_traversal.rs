@@ -1,31 +1,34 @@
 //! Ray queries over the k-d layout: front to back, ordinary k-d traversal (section 3.2 of the paper).
 //!
-//! Why no hit is missed. Let the kernel accept primitive `p` at time `T` and distance `t`. Then the point `X` of
-//! the ray at `t` is within `e` (per axis) of a point `Q` of the true primitive: [`KERNEL_ULPS`] of the scene's and the
-//! origin's largest coordinates (cells have no boxes of their own, so this is the same for all of them). The build keeps
-//! this invariant: in every node whose closed cell holds `Q` on the way down, `p` has a reference with `T` in its
-//! interval; if `Q` lies strictly on one side of a plane, that side has it (classification rounds outward), and if
-//! `Q` lies in the plane, at least one side has it. So some leaf has the reference and holds `Q`, and `X` is
-//! within `e` of its cell.
+//! Why no hit is missed. Let the kernel accept primitive `p` at time `T`, where the ray is at point `X`. A triangle is tested in f64,
+//! so `X` is within [`KERNEL_ROUNDING`] of the scene's and the origin's largest coordinates, per axis, of a point `Q` of the true
+//! triangle; of any other primitive `X` is a point `Q` itself, as its bounds promise
+//! ([`Primitive`](crate::Primitive)). The build keeps this invariant: in every node whose closed cell holds `Q` on the way
+//! down, `p` has a reference with `T` in its interval; if `Q` lies strictly on one side of a plane, that side has it
+//! (classification rounds outward), and if `Q` lies in the plane, at least one side has it. So some leaf has the reference and
+//! holds `Q`.
 //!
 //! The traversal keeps for every visited node a range of `t` that contains all `t` in the ray's range at which the
-//! ray is within `e` of the node's cell. At the root this is the clipped ray. At a plane `s` with `d > 0` the left
+//! ray may be at such a point of the node's cell. At the root this is the clipped ray. At a plane `s` with `d > 0` the left
 //! cell is reached for `o + t d <= s + e`, so for `t <= (s - o) / d + e / |d|`, and the right one for `t >= (s - o)
-//! / d - e / |d|`. Computing `(s - o) * (1 / d)` errs by less than 4 ULP of `(m + |o|) / |d|`, with `m` the scene's largest
-//! coordinate, `s` itself by less than 4 ULP where the plane moves: both are added to `e`. Therefore that leaf is visited
-//! with a range that contains `t`, unless an answer strictly nearer than the begin of the range has been found.
+//! / d - e / |d|`. Computing `(s - o) * (1 / d)` and the ends of ranges errs by less than 6 ULP of `(|s| + |o|) / |d|`, and `s`
+//! itself, where the plane moves, by less than 2 ULP of its position and velocity: `e` is 8 ULP of these, the kernel's
+//! rounding, and the ray's own slack. None of it grows with the scene but what the kernel rounds in f64: cells of a small
+//! thing beside a large one are told apart as if it were alone. Therefore that leaf is visited with a range that contains
+//! `t`, unless an answer strictly nearer than the begin of the range has been found.
 //!
-//! Small direction components are replaced as everywhere ([`TreeRay::slabs`]), so every product stays finite, and there is
-//! no case of its own and no NaN.
+//! A direction's component below [`LEAST_COMPONENT`] is replaced, as everywhere ([`TreeRay::slabs`]), so every product stays finite,
+//! and there is no case of its own and no NaN. The ray then strays along that axis by at most an ULP of its way, which no
+//! hit makes longer than the largest coordinates of scene and origin together: along that axis `e` is larger by twice as much.
 
 use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::observer::Observer;
 use super::shear::Sheared;
-use super::tree_ray::TreeRay;
+use super::tree_ray::{LEAST_COMPONENT, TreeRay};
 use super::walk::Walk;
-use crate::geometry::{KERNEL_ULPS, ULP};
+use crate::geometry::ULP;
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
 use crate::simd::StackMemory;
@@ -38,33 +41,46 @@ struct Entry {
     end: f32,
 }
 
+/// How far beside a triangle a ray that hits it may pass, as a part of the largest coordinate: 32 roundings of
+/// f64, three times what the test takes.
+const KERNEL_ROUNDING: f32 = 1.0 / (1u64 << 48) as f32;
+
+/// ULP of a plane's position, and of the origin, by which the place where a ray crosses the plane is rounded.
+const CROSSING_ULPS: f32 = 8.0;
+
 /// What the traversal needs of a ray, per axis; the fourth entry makes any two-bit index valid.
 struct Axes {
     origin: [f32; 4],
     inverse: [f32; 4],
-    /// The slack `e` in units of `t`.
+    /// The slack `e` of a plane at zero, in units of `t`.
     pad: [f32; 4],
+    /// By how much more it is per unit of the plane's distance from zero.
+    growth: [f32; 4],
 }
 
 impl Axes {
     /// For a scene whose largest coordinate is `magnitude`.
     #[inline]
     fn new(ray: &TreeRay, magnitude: f32) -> Axes {
-        let rounding = 8.0 * ULP * (magnitude + ray.origin.into_iter().map(f32::abs).fold(0.0, f32::max));
-        let slack = ray.slack + KERNEL_ULPS * ULP * magnitude + rounding;
-        let mut axes = Axes { origin: [0.0; 4], inverse: [1.0; 4], pad: [0.0; 4] };
+        let way = magnitude + ray.origin.into_iter().map(f32::abs).fold(0.0, f32::max);
+        let mut axes = Axes { origin: [0.0; 4], inverse: [1.0; 4], pad: [0.0; 4], growth: [0.0; 4] };
         for axis in 0..3 {
-            axes.origin[axis] = ray.origin[axis];
-            axes.inverse[axis] = ray.slabs.inverse[axis];
-            axes.pad[axis] = slack * axes.inverse[axis].abs();
+            let (origin, inverse) = (ray.origin[axis], ray.slabs.inverse[axis]);
+            let per_unit = inverse.abs();
+            let stray = if per_unit < 1.0 / LEAST_COMPONENT { 0.0 } else { 2.0 * ULP * way };
+            let slack = ray.slack + KERNEL_ROUNDING * way + stray + CROSSING_ULPS * ULP * origin.abs();
+            axes.origin[axis] = origin;
+            axes.inverse[axis] = inverse;
+            axes.pad[axis] = slack * per_unit;
+            axes.growth[axis] = CROSSING_ULPS * ULP * per_unit;
         }
         axes
     }
 
-    /// Where the ray crosses a plane.
+    /// Where the ray crosses a plane at `s`, which was computed from numbers of size `of`, and the slack before and behind it.
     #[inline(always)]
-    fn crossing(&self, axis: usize, s: f32) -> f32 {
-        (s - self.origin[axis]) * self.inverse[axis]
+    fn crossing(&self, axis: usize, s: f32, of: f32) -> (f32, f32) {
+        ((s - self.origin[axis]) * self.inverse[axis], self.pad[axis] + self.growth[axis] * of)
     }
 }
 
@@ -101,9 +117,11 @@ impl Walk for &KdTree {
         let (axes, sheared) = (Axes::new(ray, self.root.magnitude()), Sheared::new(ray));
         let (mut begin, mut end) = (ray.begin, ray.end);
         for axis in 0..3 {
-            let (a, b) = (axes.crossing(axis, self.root.min[axis]), axes.crossing(axis, self.root.max[axis]));
-            begin = begin.max(a.min(b) - axes.pad[axis]);
-            end = end.min(a.max(b) + axes.pad[axis]);
+            let (low, high) = (self.root.min[axis], self.root.max[axis]);
+            let ((a, a_pad), (b, b_pad)) = (axes.crossing(axis, low, low.abs()), axes.crossing(axis, high, high.abs()));
+            let pad = a_pad.max(b_pad);
+            begin = begin.max(a.min(b) - pad);
+            end = end.min(a.max(b) + pad);
         }
         if begin > end || self.nodes.is_empty() {
             return;
@@ -117,8 +135,8 @@ impl Walk for &KdTree {
                 KdView::Inner { plane, right } => {
                     observer.node();
                     let axis = plane.axis & 3;
-                    let at = axes.crossing(axis, plane.position + plane.velocity * ray.time());
-                    let pad = axes.pad[axis];
+                    let size = plane.position.abs() + plane.velocity.abs();
+                    let (at, pad) = axes.crossing(axis, plane.position + plane.velocity * ray.time(), size);
                     let (near, far) = if axes.inverse[axis] > 0.0 { (node + 1, right) } else { (right, node + 1) };
                     let (in_near, in_far) = (begin <= at + pad, at - pad <= end);
                     if in_near {
@@ -175,12 +193,14 @@ mod tests {
     use glam::Vec3;
 
     /// Hits of triangles on one side of a plane, of which an edge lies in it, outside of the range of the cell on that side,
-    /// if planes are padded by this part of what they should be.
+    /// if planes are padded by this part of what they should be. Planes and origins are at all distances from zero.
     fn hits_lost(part: f32) -> usize {
         let mut random = Random(77);
         let (mut hits, mut lost) = (0, 0);
-        for _ in 0..200_000 {
-            let (a, mut b, mut c, origin) = (random.vec(), random.vec(), random.vec(), random.vec() * 3.0);
+        for i in 0..200_000 {
+            let (mut a, mut b, mut c, mut origin) = (random.vec(), random.vec(), random.vec(), random.vec() * 3.0);
+            let near = 10f32.powi(-(i % 7));
+            (a.x, origin.x) = (a.x * near, origin.x * near);
             b.x = a.x;
             // The cell is on the side of lower x.
             c.x = a.x - c.x.abs();
@@ -192,8 +212,8 @@ mod tests {
             let fine = || [a, b, c].map(Vec3::as_dvec3);
             let Some(hit) = intersect_triangle(&ray, &Sheared::new(&ray), [a, b, c], fine) else { continue };
             let axes = Axes::new(&ray, a.abs().max(b.abs()).max(c.abs()).max_element());
-            let (at, pad) = (axes.crossing(0, a.x), axes.pad[0] * part);
-            let within = if axes.inverse[0] > 0.0 { hit.t <= at + pad } else { at - pad <= hit.t };
+            let (at, pad) = axes.crossing(0, a.x, a.x.abs());
+            let within = if axes.inverse[0] > 0.0 { hit.t <= at + pad * part } else { at - pad * part <= hit.t };
             hits += 1;
             lost += usize::from(!within);
         }
