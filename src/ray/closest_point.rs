@@ -14,9 +14,9 @@
 //!   least normal number: [`Query::cull`] grants both.
 //! - In a tree that is placed, distances are those of images, from the point where the query was asked. The tree is searched from that
 //!   point brought into it, as far as [`Placement`](crate::geometry::Placement) says that what is near enough outside can be inside.
-//! - K-d layout. `p` lies in a cell whose leaf has the primitive, up to rounding: the build's classification, which rounds
-//!   outward. Distances from planes are computed in f64 and lowered by 16 ULP of the largest coordinate; planes that move
-//!   are rounded by less than 4.
+//! - K-d layout. The cell of `p` has the primitive: the build's classification rounds outward, and the bounds that it
+//!   classifies hold `p` as they do above. Planes and distances from them are computed in f64, and lowered by more than that
+//!   rounds ([`PLANE_ROUNDING`]).
 //!
 //! A distance is rounded to f32 before it is compared, so what is farther than the best by less than half a float may be
 //! equal to it, with a lower id. Culling therefore begins one float above the best.
@@ -25,7 +25,6 @@ use super::filter::{Everything, Filter};
 use super::nearest_first::{Leaves, NearestFirst};
 use super::observer::Observer;
 use super::point_query::{Candidate, PlacedQuery, Query};
-use crate::geometry::ULP;
 use crate::layout::{ChildRef, CornerLanes, WideSource, WideTree};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
@@ -204,6 +203,10 @@ fn corners_in(lanes: &[[Lanes<f32>; 3]; 3], lane: usize) -> [DVec3; 3] {
     ]
 }
 
+/// By how much distances from planes in f64 may be too large, as a part of the largest coordinate of the scene: 64 roundings. (What grows
+/// with the distance of the query point is less than what squares are allowed.)
+const PLANE_ROUNDING: f64 = 32.0 * f64::EPSILON;
+
 /// A cell of the k-d layout to be visited later: how far away it begins along each axis.
 #[derive(Clone, Copy)]
 struct Cell {
@@ -223,7 +226,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
     }
     let (query, time) = (best.query, best.query.time);
     let (low, high) = (tree.root.min.as_dvec3(), tree.root.max.as_dvec3());
-    let slack = f64::from(16.0 * ULP) * low.abs().max(high.abs()).max_element();
+    let slack = PLANE_ROUNDING * low.abs().max(high.abs()).max_element();
     let gap = (low - query.inside).max(query.inside - high).max(DVec3::splat(slack)) - slack;
     let mut memory = StackMemory::<Cell, DEPTH_LIMIT>::new();
     let mut stack = memory.stack(DEPTH_LIMIT);
@@ -235,7 +238,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
             match tree.nodes[cell.node as usize].view() {
                 KdView::Inner { plane, right } => {
                     observer.node();
-                    let to_plane = query.inside[plane.axis] - f64::from(plane.position + plane.velocity * time);
+                    let to_plane = query.inside[plane.axis] - plane.at(time);
                     let (near, far) = if to_plane < 0.0 { (cell.node + 1, right) } else { (right, cell.node + 1) };
                     let mut gap = cell.gap;
                     gap[plane.axis] = gap[plane.axis].max(to_plane.abs() - slack);

@@ -3,7 +3,7 @@
 use crate::common::{Random, closed_sphere, difference, random_ray, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, Counters, Hit, KdParams, Keys, MovingSphere, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, ClosestPointQuery, Counters, Hit, KdParams, Keys, MovingSphere, Ray, RayTree, TriangleMesh};
 
 /// The mesh with each coordinate changed by `f`.
 fn mapped(mesh: &TriangleMesh, f: impl Fn(Vec3) -> Vec3) -> TriangleMesh {
@@ -52,14 +52,21 @@ fn a_small_thing_in_a_large_scene_is_hit_as_if_it_were_alone() {
     }
 }
 
-/// Nodes visited and triangles tested by rays through the unit cube, per ray.
-fn work(tree: &RayTree) -> (f64, f64) {
-    let (mut random, mut counters) = (Random(3), Counters::default());
-    const RAYS: usize = 2000;
-    for _ in 0..RAYS {
-        tree.closest_hit_observed(&random_ray(&mut random, 1.0), &mut counters);
-    }
-    (counters.nodes as f64 / RAYS as f64, counters.primitive_tests as f64 / RAYS as f64)
+/// Nodes visited and triangles tested by queries in the unit cube, per query: rays, and nearest points.
+fn work(tree: &RayTree) -> [(f64, f64); 2] {
+    const QUERIES: usize = 2000;
+    let per_query = |query: &dyn Fn(&mut Random, &mut Counters)| {
+        let (mut random, mut counters) = (Random(3), Counters::default());
+        (0..QUERIES).for_each(|_| query(&mut random, &mut counters));
+        (counters.nodes as f64 / QUERIES as f64, counters.primitive_tests as f64 / QUERIES as f64)
+    };
+    let ray = |random: &mut Random, counters: &mut Counters| {
+        tree.closest_hit_observed(&random_ray(random, 1.0), counters);
+    };
+    let nearest = |random: &mut Random, counters: &mut Counters| {
+        tree.closest_point_observed(&ClosestPointQuery::new(random.vec(), random.unit()), counters);
+    };
+    [per_query(&ray), per_query(&nearest)]
 }
 
 #[test]
@@ -69,16 +76,17 @@ fn one_vertex_far_away_makes_no_other_box_larger() {
         [(BuildParams::default(), 2.0), (BuildParams::paper(), 12.0), (BuildParams::kd(KdParams::classic()), 12.0)];
     for (keys, (params, more)) in [1, 2, 3].into_iter().flat_map(|keys| trees.clone().map(|tree| (keys, tree))) {
         let cube = soup(3000, keys, 0.02, 0.02, 7);
-        let (nodes, tests) = work(&RayTree::build(std::slice::from_ref(&cube), &params).unwrap());
+        let alone = work(&RayTree::build(std::slice::from_ref(&cube), &params).unwrap());
         for far in [1e6, 1e12] {
             let outlier = ground(1e-3, far);
             let meshes = [cube.clone(), outlier];
-            let tree = RayTree::build(&meshes, &params).unwrap();
-            let (now, tests_now) = work(&tree);
-            assert!(
-                now < 1.2 * nodes + more && tests_now < 1.2 * tests + 2.0,
-                "{keys} keys, {far}: {now} {nodes} {tests_now} {tests}, {params:?}"
-            );
+            let beside = work(&RayTree::build(&meshes, &params).unwrap());
+            for ((nodes, tests), (now, tests_now)) in alone.into_iter().zip(beside) {
+                assert!(
+                    now < 1.2 * nodes + more && tests_now < 1.2 * tests + 2.0,
+                    "{keys} keys, {far}: {beside:?} beside {alone:?}, {params:?}"
+                );
+            }
         }
     }
 }
