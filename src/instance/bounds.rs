@@ -34,23 +34,33 @@ impl Motions {
             for &time in &times[1..times.len() - 1] {
                 bounds.include((time - begin) / (end - begin), at(time));
             }
-            let farthest = |time: f64| boxes(time).map(|b| b.min.abs().max(b.max.abs())).fold(DVec3::ZERO, DVec3::max);
-            let mut from = farthest(begin);
-            for pair in times.windows(2) {
-                let (mut to, mut moved) = (from, DVec3::ZERO);
-                if moves {
-                    to = farthest(pair[1]);
-                    moved = of.iter().map(|of| farthest_move(of, pair[1] - pair[0])).fold(DVec3::ZERO, DVec3::max);
-                }
-                beyond = beyond.max(self.bend(motion, [pair[0], pair[1]]).bulge(from.max(to), moved));
-                from = to;
-            }
+            beyond = self.beyond_chords(motion, of, &times) * bulge;
         }
         // Thousands of times what f64 rounds here.
         let swept = bounds.swept();
         let size = swept.min.abs().max(swept.max.abs()) + self.matrix(motion, begin).translation.abs();
-        let beyond = beyond * bulge + size * ROUNDING;
+        let beyond = beyond + size * ROUNDING;
         LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
+    }
+
+    /// How far any point of the parts is from the chords of its way between successive times, at most, per axis.
+    fn beyond_chords(&self, motion: &Motion, of: &[LinearBounds], times: &[f64]) -> DVec3 {
+        let moves = of.iter().any(|of| of.begin != of.end);
+        let farthest = |time: f64| {
+            let parts = of.iter().map(|of| of.at(time));
+            parts.map(|b| b.min.abs().max(b.max.abs())).fold(DVec3::ZERO, DVec3::max)
+        };
+        let (mut from, mut beyond) = (farthest(times[0]), DVec3::ZERO);
+        for pair in times.windows(2) {
+            let (mut to, mut moved) = (from, DVec3::ZERO);
+            if moves {
+                to = farthest(pair[1]);
+                moved = of.iter().map(|of| farthest_move(of, pair[1] - pair[0])).fold(DVec3::ZERO, DVec3::max);
+            }
+            beyond = beyond.max(self.bend(motion, [pair[0], pair[1]]).bulge(from.max(to), moved));
+            from = to;
+        }
+        beyond
     }
 }
 

@@ -158,6 +158,7 @@ impl Fill<'_> {
             times: throughout.map(|time| [time; LANES]),
         };
         let timed = leaves.timed();
+        // A full leaf overwrites every lane of the one before.
         let mut leaf = Leaf::EMPTY;
         for (i, of_leaf) in items.chunks(LANES).enumerate() {
             // Where each of them lies in memory is as good as random: begins in one cache line, and may end in another.

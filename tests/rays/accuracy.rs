@@ -74,7 +74,7 @@ fn one_vertex_far_away_makes_no_other_box_larger() {
     // A k-d tree takes some planes more to cut the cell of the cube out of all that is empty.
     let trees =
         [(BuildParams::default(), 2.0), (BuildParams::paper(), 12.0), (BuildParams::kd(KdParams::classic()), 12.0)];
-    for (keys, (params, more)) in [1, 2, 3].into_iter().flat_map(|keys| trees.clone().map(|tree| (keys, tree))) {
+    for (keys, (params, more)) in [1, 2, 3].into_iter().flat_map(|keys| trees.map(|tree| (keys, tree))) {
         let cube = soup(3000, keys, 0.02, 0.02, 7);
         let alone = work(&RayTree::build(std::slice::from_ref(&cube), &params).unwrap());
         for far in [1e6, 1e12] {
