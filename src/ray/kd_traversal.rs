@@ -43,7 +43,7 @@ struct Entry {
 
 /// How far beside a triangle a ray that hits it may pass, as a part of the largest coordinate: 32 roundings of
 /// f64, three times what the test takes.
-const KERNEL_ROUNDING: f32 = 1.0 / (1u64 << 48) as f32;
+pub(super) const KERNEL_ROUNDING: f32 = 1.0 / (1u64 << 48) as f32;
 
 /// ULP of a plane's position, and of the origin, by which the place where a ray crosses the plane is rounded.
 const CROSSING_ULPS: f32 = 8.0;

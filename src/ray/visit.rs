@@ -1,6 +1,7 @@
 //! Traversals of the caller's own through a [`RayTree`].
 
 use super::compiled::Layout;
+use super::kd_traversal::KERNEL_ROUNDING;
 use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::{Aabb, Box3, Frame, KeyTime, ULP};
 use crate::layout::{ChildRef, Kind, LazyTree, WideTree};
@@ -106,7 +107,7 @@ struct KdAt<'a, G> {
     tree: &'a KdTree,
     set: &'a G,
     time: f32,
-    /// How far cells are grown: more than planes that move and the classification against them are rounded.
+    /// How far cells are grown beside what grows with their own size: more than f64 rounds in the scene.
     slack: f32,
 }
 
@@ -126,13 +127,14 @@ impl<G: Geometry> Hierarchy for KdAt<'_, G> {
     ) {
         match self.tree.nodes[node as usize].view() {
             KdView::Inner { plane, right } => {
-                let at = plane.position + plane.velocity * self.time;
+                let at = plane.at(self.time) as f32;
                 let (mut below, mut above) = (cell, cell);
                 below.max[plane.axis] = cell.max[plane.axis].min(at);
                 above.min[plane.axis] = cell.min[plane.axis].max(at);
                 for (child, cell) in [(node + 1, below), (right, above)] {
                     // Beside a plane that has left the cell there is nothing but what rounding puts there.
-                    let bounds = Box3 { min: cell.min.min(cell.max), max: cell.max.max(cell.min) }.pad(self.slack);
+                    let bounds = Box3 { min: cell.min.min(cell.max), max: cell.max.max(cell.min) };
+                    let bounds = bounds.pad(self.slack + 16.0 * ULP * bounds.magnitude());
                     children.push((to_world(*self.set.frame(), bounds), (child, cell)));
                 }
             }
@@ -199,7 +201,7 @@ impl<G: Geometry> RayTree<G> {
             Layout::Wide(tree) => traverse(&WideAt { tree, set, time }, visitor),
             Layout::Lazy(tree) => traverse(&LazyAt { tree, set, time }, visitor),
             Layout::Kd(tree) => {
-                let slack = 16.0 * ULP * tree.root.min.abs().max(tree.root.max.abs()).max_element();
+                let slack = KERNEL_ROUNDING * tree.root.magnitude();
                 traverse(&KdAt { tree, set, time, slack }, visitor)
             }
         }

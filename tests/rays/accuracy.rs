@@ -1,9 +1,13 @@
 //! Do trees keep what the caller said? Small things in large scenes, outliers, far origins, ranges, all magnitudes.
 
 use crate::common::{Random, closed_sphere, difference, random_ray, soup, variants};
+use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, ClosestPointQuery, Counters, Hit, KdParams, Keys, MovingSphere, Ray, RayTree, TriangleMesh};
+use mbkd::{
+    Aabb, BuildParams, ClosestPointQuery, Counters, Hit, KdParams, Keys, MovingSphere, Ray, RayTree, TreePrimitive,
+    TriangleMesh, Visitor,
+};
 
 /// The mesh with each coordinate changed by `f`.
 fn mapped(mesh: &TriangleMesh, f: impl Fn(Vec3) -> Vec3) -> TriangleMesh {
@@ -52,8 +56,26 @@ fn a_small_thing_in_a_large_scene_is_hit_as_if_it_were_alone() {
     }
 }
 
-/// Nodes visited and triangles tested by queries in the unit cube, per query: rays, and nearest points.
-fn work(tree: &RayTree) -> [(f64, f64); 2] {
+/// Meets what has a box with a point in it.
+struct AtPoint<'a> {
+    point: DVec3,
+    counters: &'a mut Counters,
+}
+
+impl Visitor<TreePrimitive> for AtPoint<'_> {
+    fn enter(&mut self, b: &Aabb) -> Option<f32> {
+        self.counters.nodes += 1;
+        b.contains(self.point).then_some(0.0)
+    }
+
+    fn visit(&mut self, _: TreePrimitive) -> ControlFlow<()> {
+        self.counters.primitive_tests += 1;
+        ControlFlow::Continue(())
+    }
+}
+
+/// Nodes visited (of visitors: boxes) and triangles tested by queries in the unit cube, per query: rays, nearest points, and visitors.
+fn work(tree: &RayTree) -> [(f64, f64); 3] {
     const QUERIES: usize = 2000;
     let per_query = |query: &dyn Fn(&mut Random, &mut Counters)| {
         let (mut random, mut counters) = (Random(3), Counters::default());
@@ -66,14 +88,18 @@ fn work(tree: &RayTree) -> [(f64, f64); 2] {
     let nearest = |random: &mut Random, counters: &mut Counters| {
         tree.closest_point_observed(&ClosestPointQuery::new(random.vec(), random.unit()), counters);
     };
-    [per_query(&ray), per_query(&nearest)]
+    let visitor = |random: &mut Random, counters: &mut Counters| {
+        let mut at = AtPoint { point: random.vec().as_dvec3(), counters };
+        assert!(tree.traverse(random.unit(), &mut at).is_continue());
+    };
+    [per_query(&ray), per_query(&nearest), per_query(&visitor)]
 }
 
 #[test]
 fn one_vertex_far_away_makes_no_other_box_larger() {
-    // A k-d tree takes some planes more to cut the cell of the cube out of all that is empty.
+    // A k-d tree takes some planes more, each of them two boxes, to cut the cell of the cube out of all that is empty.
     let trees =
-        [(BuildParams::default(), 2.0), (BuildParams::paper(), 12.0), (BuildParams::kd(KdParams::classic()), 12.0)];
+        [(BuildParams::default(), 2.0), (BuildParams::paper(), 24.0), (BuildParams::kd(KdParams::classic()), 24.0)];
     for (keys, (params, more)) in [1, 2, 3].into_iter().flat_map(|keys| trees.map(|tree| (keys, tree))) {
         let cube = soup(3000, keys, 0.02, 0.02, 7);
         let alone = work(&RayTree::build(std::slice::from_ref(&cube), &params).unwrap());
