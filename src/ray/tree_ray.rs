@@ -42,8 +42,13 @@ const NEAR: f32 = 16.0;
 /// then strays by less than an ULP of it.
 pub(crate) const LEAST_COMPONENT: f32 = ULP;
 
-/// Slack whatever the origin is: more than products of denormal numbers lose.
-const LEAST_SLACK: f32 = 7.5e-37;
+/// Slack whatever the origin is, 2^-100: more than products of denormal numbers lose, and more than twice what half a denormal `t`
+/// is at [`MOST_T_PER_WORLD`].
+const LEAST_SLACK: f32 = 1.0 / (1u128 << 100) as f32;
+
+/// Where a unit of `t` is longer than this in tree space, 2^48, hits far behind the origin have a `t` that is rounded to zero, and so
+/// they are hits of a ray that begins at its origin.
+const MOST_T_PER_WORLD: f64 = (1u64 << 48) as f64;
 
 /// Half an ULP of `t` above a distance and half an ULP below another are this part of it, with as much again to spare.
 const T_ROUNDING: f64 = 1.0 / 4194304.0;
@@ -94,7 +99,9 @@ impl<'a> TreeRay<'a> {
             & (end <= f32::INFINITY.to_bits())
             & (ray.time.to_bits() <= 1f32.to_bits());
         let dir = Direction { dir: ray.dir, field, more: 0 };
-        (TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir), usual)
+        let of = TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir);
+        let usual = usual & (of.t_per_world <= MOST_T_PER_WORLD);
+        (of, usual)
     }
 
     /// Makes a ray of any kind what it should be. One that means nothing sees nothing.
@@ -130,8 +137,8 @@ impl<'a> TreeRay<'a> {
             return None;
         }
         let dir = Direction::of(ray.dir);
-        // Minus zero is below zero as well.
-        let line = ray.t_min.is_sign_negative();
+        // Minus zero is below zero as well, and so is what is rounded to zero.
+        let line = ray.t_min.is_sign_negative() | (dir.t_per_world(frame.scale) > MOST_T_PER_WORLD);
         let away = from.abs().max_element();
         let (mut origin, mut advance, mut lost) = (from, 0.0, 0.0);
         if away > f64::from(NEAR) * reach {
@@ -176,10 +183,10 @@ impl<'a> TreeRay<'a> {
 
     #[inline(always)]
     fn scaled(ray: &'a Ray, from: DVec3, origin: Vec3, slack: f32, scale: f64, of: Direction) -> TreeRay<'a> {
-        let Direction { dir, field, more } = of;
+        let dir = of.dir;
         let d = Vec3A::from(dir);
         let inverse = ((Vec3A::ONE / d).abs() * of.grow()).min(Vec3A::splat(1.0 / LEAST_COMPONENT)).copysign(d);
-        let t_per_world = scale * power_of_two(field as i32 - 127 + more);
+        let t_per_world = of.t_per_world(scale);
         let inward = |t: f32| (f64::from(t) * t_per_world) as f32;
         let (begin, end) = (inward(ray.t_min), inward(ray.t_max));
         let o = Vec3A::from(origin);
@@ -202,7 +209,10 @@ impl<'a> TreeRay<'a> {
     #[inline(always)]
     pub fn certain_end(&self) -> f32 {
         let finite = ((f64::from(f32::MAX) * self.t_per_world) as f32).next_down();
-        if self.advance != 0.0 || self.begin < -finite {
+        let denormal = |t: f32| t.abs() < f32::MIN_POSITIVE;
+        let (begin, end) = (self.asked.t_min, self.asked.t_max);
+        let coarse = self.begin < 0.0 && denormal(begin) || denormal(end);
+        if self.advance != 0.0 || self.begin < -finite || coarse {
             return f32::NEG_INFINITY;
         }
         self.end.min(finite)
@@ -302,6 +312,12 @@ impl Direction {
     fn immoderate(dir: Vec3) -> Direction {
         let more = (f64::from(f32::from_bits(longest(dir))).to_bits() >> 52) as i32 - 1023;
         Direction { dir: (dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more }
+    }
+
+    /// Tree `t` per world `t` in a tree space of this scale.
+    #[inline(always)]
+    fn t_per_world(&self, scale: f64) -> f64 {
+        scale * power_of_two(self.field as i32 - 127 + self.more)
     }
 
     /// 2^exponent of the longest component.

@@ -263,3 +263,28 @@ fn any_magnitude_gives_the_answers_of_the_unit_cube() {
         }
     }
 }
+
+/// Directions so long that hits all around have a `t` of zero or a few denormal numbers, also those a little behind the origin.
+#[test]
+fn where_t_is_denormal_trees_find_what_brute_force_finds() {
+    let mut random = Random(23);
+    let mut at_zero = 0;
+    for (size, offset) in [(1e-10, 1e-4), (1e-20, 0.0), (1e-30, 0.0)] {
+        let offset = Vec3::splat(offset);
+        let meshes = [mapped(&soup(200, 2, 0.3, 0.1, 3), |p| p * size + offset)];
+        let oracle = BruteForce::new(&meshes).unwrap();
+        let trees: Vec<RayTree> = variants().iter().map(|params| RayTree::build(&meshes, params).unwrap()).collect();
+        for i in 0..300 {
+            let origin = offset + random.vec() * size * 0.5;
+            let length = [1e18, 1e25, 1e30, 3e38][i % 4];
+            let (begin, end) = [(0.0, f32::INFINITY), (1e-45, 3e-45), (-1e-44, 0.0), (0.0, 1.0)][i / 4 % 4];
+            let dir = random.vec() * length;
+            let ray = Ray::new(origin, dir).at_time(random.unit()).between(begin, end);
+            at_zero += oracle.all_hits(&ray).iter().filter(|hit| hit.t == 0.0).count();
+            for (tree, params) in trees.iter().zip(variants()) {
+                assert_eq!(difference(tree, &oracle, &ray), None, "{params:?}");
+            }
+        }
+    }
+    assert!(at_zero > 300, "{at_zero}");
+}
