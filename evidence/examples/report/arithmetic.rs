@@ -34,12 +34,12 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let rays = run.pick(2000, 20_000);
     run.begin("arithmetic", 3);
     let mut items = vec![Item::Text(format!(
-        "Answers beside exact ones, which are computed without any rounding from the floats as given. Triangles move; \
-         corners, origins and directions are f32. {rays} rays for each place of a curve, half of them at the inside of \
-         a triangle, half at its edges. The usual tests interpolate corners as (1 − t)·a + t·b in the precision of \
-         their name. An ulp is the spacing of f32 around the exact answer; curves show what 99 % of the answers stay \
-         within. Verdicts are hit or miss of the ray and the triangle that it is aimed at; aimed at an edge, a ray may \
-         be decided by the last bit of the input."
+        "Answers compared with exact ones, which rational arithmetic computes from the same f32 input without \
+         rounding. Triangles move; vertices, origins and directions are f32. Each point of a curve stands for {rays} \
+         rays, half of them aimed at the inside of a triangle, half at its edges. The other tests interpolate vertices \
+         as (1 − t)·a + t·b in the precision of their name. One ulp is the spacing of f32 at the exact answer; curves \
+         show the 99th percentile of the error. A verdict is hit or miss for the triangle at which the ray was aimed; \
+         for a ray aimed at an edge, the last bit of the input may decide it."
     ))];
     run.step("rays over offset");
     items.extend(rays_over("offset", "distance of the scene from the origin, in its sizes", &OFFSETS, rays, run.seed)?);
@@ -47,7 +47,7 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     items.extend(rays_over("aspect", "length of triangles over their width", &ASPECTS, rays, run.seed + 1)?);
     run.step("neighbours over offset");
     items.push(neighbors(run.pick(300, 3000), run.seed + 2)?);
-    Ok(Section { id: "arithmetic", title: "Accuracy of arithmetic", items })
+    Ok(Section { id: "arithmetic", title: "7. Accuracy of arithmetic", items })
 }
 
 /// Errors of one test.
@@ -98,8 +98,8 @@ fn rays_over(name: &str, label: &str, values: &[f64], rays: usize, seed: u64) ->
     let wrong: usize = rows.iter().map(|(_, errors)| errors[0].wrong).sum();
     items.push(Item::Claim {
         text: format!(
-            "Over {name}: 99 % of our distances are within 4 ulp of the exact ones ({} at worst), and no verdict of ours is \
-             wrong ({wrong} of {}).",
+            "Over {name}: 99 % of our distances are within 4 ulp of the exact ones (largest 99th percentile {}), and \
+             none of our verdicts is wrong ({wrong} of {}).",
             short(worst),
             rays * rows.len()
         ),
@@ -217,8 +217,9 @@ fn neighbors(count: usize, seed: u64) -> Result<Item, Box<dyn Error>> {
         name: "neighbours".into(),
         title: "Squared distance of the nearest neighbour over offset".into(),
         caption: format!(
-            "Of {POINTS} moving points, {count} queries each. Positions rounded to f32 are off by more the farther they are \
-             from the origin, whatever a search does then. Values below {FLOOR} are drawn at {FLOOR}."
+            "{POINTS} moving points, {count} queries for each point of a curve. Rounding positions to f32 costs \
+             accuracy in proportion to their distance from the origin, whatever the search does afterwards. Values \
+             below {FLOOR} are drawn at {FLOOR}."
         ),
         x: Axis { label: "distance of the set from the origin, in its sizes".into(), log: true },
         y: Axis { label: "error of the squared distance, ulp (99 %)".into(), log: true },

@@ -30,10 +30,10 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let (side, samples) = run.pick((96, 4), (144, 16));
     let names: Vec<&str> = cast.iter().map(|member| member.name).collect();
     let mut items = vec![Item::Text(format!(
-        "Every pixel shows a mean over {samples} camera rays at random times. Upper row: traversal steps (inner nodes and \
-         leaves). Lower row: triangles tested. From left to right: {}. All maps of a row have one scale, from black for none to pale \
-         yellow for the number that the caption gives, beyond which are {:.1} % of all pixels. A step of the wide tree looks at \
-         sixteen boxes, of the others at one plane or two boxes.",
+        "Every pixel shows the mean over {samples} camera rays at random times. Upper row: traversal steps (inner \
+         nodes and leaves). Lower row: triangle tests. From left to right: {}. All maps of a row share one scale, from \
+         black for zero to pale yellow for the value in the caption, which {:.1} % of all pixels exceed. A step of the \
+         wide tree tests sixteen boxes; a step of the other structures tests one plane or two boxes.",
         names.join(", "),
         100.0 * (1.0 - END)
     ))];

@@ -38,6 +38,7 @@ pub fn page(facts: &[(&str, String)], sections: &[Section], drawings: &[String])
         let _ = writeln!(out, "<li><a href=\"#{}\">{}</a></li>", section.id, escaped(section.title));
     }
     out.push_str("</ul></nav>\n");
+    summary(&mut out, sections);
     for section in sections {
         let _ = writeln!(out, "<h2 id=\"{}\">{}</h2>", section.id, escaped(section.title));
         for item in &section.items {
@@ -62,6 +63,31 @@ pub fn page(facts: &[(&str, String)], sections: &[Section], drawings: &[String])
     }
     out.push_str("</body></html>\n");
     out
+}
+
+/// How many claims hold, and those that do not, each with a link to its section.
+fn summary(out: &mut String, sections: &[Section]) {
+    let claims = sections.iter().flat_map(|section| {
+        section.items.iter().filter_map(move |item| match item {
+            Item::Claim { text, holds } => Some((section.id, text, *holds)),
+            _ => None,
+        })
+    });
+    let (held, refuted): (Vec<_>, Vec<_>) = claims.partition(|(_, _, holds)| *holds);
+    if held.is_empty() && refuted.is_empty() {
+        return;
+    }
+    let all = held.len() + refuted.len();
+    let _ = writeln!(out, "<p><b>{} of {all} checked claims hold in this run.</b>", held.len());
+    if refuted.is_empty() {
+        out.push_str("</p>\n");
+        return;
+    }
+    out.push_str("Those that do not:</p>\n<ul>\n");
+    for (id, text, _) in refuted {
+        let _ = writeln!(out, "<li><a href=\"#{id}\">{}</a></li>", escaped(text));
+    }
+    out.push_str("</ul>\n");
 }
 
 /// A drawing that takes the width there is. (Its own width and height are those of its view box already.)

@@ -58,7 +58,7 @@ const SECTIONS: &[Recipe] = &[
 ];
 
 #[derive(Parser)]
-#[command(about = "Measures structures for moving geometry and writes a page: run time against error")]
+#[command(about = "Measures structures for moving geometry and writes one page: run time against error")]
 struct Args {
     /// Smaller scenes and fewer repetitions: less than two minutes on two cores.
     #[arg(long)]

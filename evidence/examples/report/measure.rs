@@ -48,7 +48,7 @@ pub fn faster(text: &str, scenes: &[(&str, [f64; 2], [f64; 2])]) -> Item {
     }
 }
 
-/// Builds and asks all structures by turns.
+/// Builds and queries all structures, interleaved.
 pub fn measure(
     cast: &[Member],
     meshes: &[TriangleMesh],

@@ -42,11 +42,12 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let moving: Vec<(&str, Motion)> = MOTIONS.into_iter().filter(|(_, motion)| *motion != Motion::Still).collect();
     run.begin("neighbor-error", moving.len());
     let mut items = vec![Item::Text(format!(
-        "{} points in the unit cube, {} queries near them, each at its own time, in the order of a Morton curve; the {K} \
-         nearest; one thread. A place of an answer is wrong if it is empty, if the point there does not exist at the \
-         time, or if it is farther than the true {K}th neighbour by more than rounding positions to f32 explains \
-         (2.4e-7). Truth is a look at every point in f64, for {} of the queries. kiddo knows no motion: its users ask \
-         the nearest of T snapshots, build anew when the time changes, or search wider and filter.",
+        "{} points in the unit cube; {} queries near them, each at its own time, in Morton order; {K} nearest \
+         neighbours; one thread. A returned neighbour counts as wrong if it is missing, if that point does not exist \
+         at the time, or if it is farther away than the true {K}th neighbour by more than rounding positions to f32 \
+         explains (2.4e-7). The truth comes from comparing all points in f64, for {} of the queries. kiddo has no \
+         notion of motion: its users query the nearest of T snapshots, rebuild when the time changes, or search a \
+         larger radius and filter.",
         size.points, size.queries, size.judged
     ))];
     for (name, motion) in moving {
@@ -56,19 +57,22 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
         let ground = Ground::new(points, queries, K, size.judged);
         items.extend(on_one_thread(|| one_motion(&ground, size.effort, name, motion))?);
     }
-    Ok(Section { id: "neighbor-error", title: "Neighbour error against time", items })
+    Ok(Section { id: "neighbor-error", title: "4. Neighbour error against time", items })
 }
 
 /// What is said about a kind of motion.
 fn about(motion: Motion) -> &'static str {
     match motion {
-        Motion::Still => "Points stand still.",
-        Motion::Coherent => "Points move as one, in a field that turns and stretches, by up to a tenth of the set.",
-        Motion::Random(_) => "Each point moves its own way, up to five spacings along each axis.",
+        Motion::Still => "All points are static.",
+        Motion::Coherent => {
+            "Coherent motion: a smooth field that rotates and stretches the set, by up to a tenth of \
+                             its size."
+        }
+        Motion::Random(_) => "Every point has a random velocity, up to five spacings along each axis.",
         Motion::Mixed => {
             "One point in twenty moves by up to twenty spacings along each axis, the others by up to a tenth."
         }
-        Motion::ShortLived => "Points stand still, each exists for 2 to 10 % of the shutter.",
+        Motion::ShortLived => "Static points, each of which exists for 2 to 10 % of the shutter.",
     }
 }
 

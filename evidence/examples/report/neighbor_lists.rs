@@ -27,8 +27,8 @@ const FAMILIES: [(&str, bool); 6] = [
     ("mbkd, new lists in every step", true),
     ("guessed skin and steps, mbkd's lists", false),
     ("guessed skin and steps, linkcell's lists", false),
-    ("skin watched in every step, mbkd's lists", false),
-    ("skin watched in every step, linkcell's lists", false),
+    ("skin monitored in every step, mbkd's lists", false),
+    ("skin monitored in every step, linkcell's lists", false),
 ];
 
 fn ways() -> Vec<Way> {
@@ -38,8 +38,8 @@ fn ways() -> Vec<Way> {
         let name = format!("mbkd, certified, skin {skin}");
         ways.push(Way { family: 0, name, maker: Maker::Mbkd, upkeep: Upkeep::Certified { skin } });
         for (maker, place) in [(Maker::Mbkd, 0), (Maker::Linkcell, 1)] {
-            let name = format!("watched, skin {skin}, {maker:?}");
-            ways.push(Way { family: 4 + place, name, maker, upkeep: Upkeep::Watched { skin } });
+            let name = format!("monitored, skin {skin}, {maker:?}");
+            ways.push(Way { family: 4 + place, name, maker, upkeep: Upkeep::Monitored { skin } });
             for every in EVERY {
                 let name = format!("guess, skin {skin}, {every} steps, {maker:?}");
                 ways.push(Way { family: 2 + place, name, maker, upkeep: Upkeep::Guessed { skin, every } });
@@ -75,13 +75,13 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
         .collect();
     let mean = walk.pairs.iter().sum::<usize>() as f64 / (n * steps) as f64;
     let about = format!(
-        "{n} particles, {steps} steps, {mean:.0} neighbours each. Their speeds differ tenfold, and each is pushed at random \
-         in every step. Lists hold the pairs within the radius and a skin, and serve until they are made anew. Cost is \
-         that of making lists and of looking at each listed pair in every step, on one thread."
+        "{n} particles, {steps} steps, {mean:.0} neighbours each. Speeds differ tenfold, and every particle receives \
+         a random push in every step. Lists hold the pairs within the radius plus a skin and are reused until they are \
+         rebuilt. The cost is that of building lists and of checking each listed pair in every step, on one thread."
     );
     Ok(Section {
         id: "neighbor-lists",
-        title: "Neighbour lists: missed pairs against time",
+        title: "6. Neighbour lists: missed pairs against time",
         items: items(&about, &ways, &measured, &last),
     })
 }
@@ -93,7 +93,7 @@ fn items(about: &str, ways: &[Way], measured: &[Measured], last: &[Kept]) -> Vec
         Family { label: label.into(), ours, settings: own.map(|(_, m)| m.clone()).collect() }
     };
     let families: Vec<Family> = FAMILIES.into_iter().enumerate().map(family).collect();
-    let caption = format!("Skins are {SKINS:?} of the radius, guesses {EVERY:?} steps.");
+    let caption = format!("Skins: {SKINS:?} of the radius. Steps between guessed rebuilds: {EVERY:?}.");
     let axes = ["ns per particle and step", "share of pairs missed"];
     let mut plot = plot("missed".into(), "Pairs missed by neighbour lists".into(), &caption, axes, &families);
     // A skin and a number of steps each: no line leads from one setting to the next.
@@ -107,11 +107,11 @@ fn items(about: &str, ways: &[Way], measured: &[Measured], last: &[Kept]) -> Vec
         |(m, kept): (&Measured, &Kept)| vec![m.name.clone(), short(m.cost), short(m.error), kept.made.to_string()];
     vec![
         Item::Text(format!(
-            "{about} A guess makes lists anew after a fixed number of steps. A watched skin is compared with the two \
-             farthest ways since the lists were made, and so misses nothing. Certified lists come with the time until \
-             which they hold every pair, found from the velocities and from what the largest acceleration can add: it is \
-             known when the lists are made, not afterwards. A guess that happened to miss nothing here is drawn as \
-             such; that it would, nobody knew."
+            "{about} A guessed skin rebuilds the lists after a fixed number of steps. A monitored skin compares the \
+             two largest displacements since the last rebuild with the skin, and so misses nothing. A certified list \
+             carries the time until which it is complete, derived from the velocities and a bound on the acceleration: \
+             that time is known when the list is built, not afterwards. A guess that happened to miss no pair in this \
+             run is drawn at the bottom, but nothing guaranteed it."
         )),
         Item::Plot(plot),
         against_foreign,
@@ -136,12 +136,13 @@ fn what_certainty_costs(measured: &[Measured], ways: &[Way]) -> String {
     };
     let every = least(&|way| way.upkeep == Upkeep::EveryStep);
     let certified = least(&|way| matches!(way.upkeep, Upkeep::Certified { .. }));
-    let watched = least(&|way| matches!(way.upkeep, Upkeep::Watched { .. }) && way.maker == Maker::Mbkd);
+    let monitored = least(&|way| matches!(way.upkeep, Upkeep::Monitored { .. }) && way.maker == Maker::Mbkd);
     format!(
-        "What misses nothing, with our lists: new lists in every step are 1, the best certified lists {}, the best \
-         watched ones {} times their cost. A certificate looks, in f64, for the first encounter of all pairs that come \
-         near, which is more work than a list: it is for those who cannot look again in every step.",
+        "Methods that miss nothing, with our lists: relative to rebuilding in every step, the cheapest certified \
+         lists cost {} times as much and the cheapest monitored ones {} times. A certificate computes, in f64, the \
+         first time at which any nearby pair could come within the radius, which is more work than a list. It is meant \
+         for programs that cannot check displacements in every step.",
         short(certified / every),
-        short(watched / every)
+        short(monitored / every)
     )
 }

@@ -131,7 +131,7 @@ fn errors(sums: &Sums, places: &[Place], maps: usize) -> Errors {
     Errors { bias: (bias.max(0.0) / light).sqrt(), deviation: (variance / light).sqrt() }
 }
 
-/// Nanoseconds per estimate of each method by turns, and how far filtered estimates are from ours at most, relatively.
+/// Nanoseconds per estimate of each method, interleaved, and how far filtered estimates are from ours at most, relatively.
 fn times(size: Size, seed: u64, methods: &[Method], places: &[Place]) -> Result<(Vec<f64>, f64), Box<dyn Error>> {
     let mut photons = Photons::new(size.photons, seed)?;
     let mut apart: f64 = 0.0;
@@ -193,7 +193,7 @@ fn section(size: Size, methods: &[Method], errors: &[Errors], times: &[f64], apa
     let mut best = plot(
         "front".into(),
         "Photon density: error against time".into(),
-        "The best settings of each method over k = 10 to 200 and all windows or numbers of passes.",
+        "The best settings of each method over k = 10 to 200 and over all windows or numbers of passes.",
         ["ns per gather", "relative rms error of the density"],
         &fronts,
     );
@@ -201,13 +201,14 @@ fn section(size: Size, methods: &[Method], errors: &[Errors], times: &[f64], apa
     best.y.log = false;
     let mut items = vec![
         Item::Text(format!(
-            "Half of the light falls evenly on a floor, half into a spot of a tenth of its size, which moves by five of its \
-             radii while the shutter is open; the true density is known at every place and time. {} photons per map, {} \
-             independent maps, {} places in and around the spot at random times. An estimate is k photons over the disc \
-             up to the next one and over the window. One time per pass: the same number of photons shared by P passes, \
-             each with one time; the pass with the nearest time answers. Errors are roots of mean squares over all \
-             places, relative to the root of the mean squared density. kiddo's trees have two dimensions here. Filtered \
-             kiddo gives the estimates of the gather at ray time, up to {apart:.0e} of them.",
+            "Half of the light falls evenly on a floor, half into a spot of a tenth of its size that moves by five of \
+             its radii during the shutter, so the true density is known at every place and time. {} photons per map, \
+             {} independent maps, {} query positions in and around the spot at random times. An estimate sums k \
+             photons over the disc up to the next photon and over the time window. One time per pass: the same number \
+             of photons divided among P passes, each with one time; the pass with the nearest time answers. Errors are \
+             root mean squares over all query positions, relative to the root mean square of the density. kiddo's \
+             trees are two-dimensional here. Filtering kiddo's results by time gives the same estimates as our gather \
+             at ray time, up to {apart:.0e} of them.",
             size.photons, size.maps, size.places
         )),
         Item::Plot(best),
@@ -248,7 +249,7 @@ fn section(size: Size, methods: &[Method], errors: &[Errors], times: &[f64], apa
         columns: ["method", "ns per gather", "error", "bias", "standard deviation"].map(String::from).to_vec(),
         rows: rows.collect(),
     }));
-    Section { id: "photon-error", title: "Photon density error against time", items }
+    Section { id: "photon-error", title: "5. Photon density error against time", items }
 }
 
 /// The plot of bias and deviation of our gather and of passes.
@@ -269,7 +270,7 @@ fn parts(
     Item::Plot(Plot {
         name: file.into(),
         title: title.into(),
-        caption: "What a bias adds and what scatter adds; the error is the root of the sum of their squares.".into(),
+        caption: "Bias and standard deviation apart; the error is the root of the sum of their squares.".into(),
         x: Axis { label: label.into(), log: true },
         y: Axis { label: "relative rms".into(), log: false },
         series: vec![

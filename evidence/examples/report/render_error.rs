@@ -54,13 +54,14 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let scenes = ["hall", "hairball", "hand", "tornado"];
     run.begin("render-error", 3 * scenes.len());
     let mut items = vec![Item::Text(
-        "A small picture is rendered with more and more samples per pixel, each at a random place of its pixel and a random time \
-         of the shutter: relative mean squared error (squared difference from a reference, divided by its square plus 0.01, mean \
-         over pixels) against time. Every exact structure gets the same error from the same samples; they differ in time. Time slices \
-         show the scene at T times only: their rays are those of a still scene, and their error stops falling at their bias. Until \
-         then they may well be ahead, since a ray in a still scene costs less, and more slices cost more building and memory. All \
-         render on one thread, by turns, with the same shading; builds are apart, in the table. Lines without marks are the BVHs of the same \
-         colour, laid out wide."
+        "A small picture is rendered with a growing number of samples per pixel, each at a random position in the \
+         pixel and a random time of the shutter. Plotted is the relative mean squared error (squared difference from a \
+         reference, divided by the squared reference plus 0.01, averaged over pixels) against time. All exact \
+         structures produce the same error from the same samples and differ only in time. Time slices show the scene \
+         at T times only: they trace rays through a static scene, and their error stops falling at their bias. Until \
+         then they may well be ahead, since rays in a static scene cost less; more slices cost more build time and \
+         memory. Everything renders on one thread, interleaved, with the same shading; builds are listed apart, in the \
+         table. Lines without marks are the BVHs of the same colour with sixteen-wide nodes."
             .into(),
     )];
     let mut rows = Vec::new();
@@ -69,13 +70,24 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     }
     items.push(Item::Table(Table {
         name: "figures".into(),
-        caption: "Seconds to a relative variance of 1 (time times error, which does not depend on the number of samples as long as \
-                  noise is all the error), the same in many short runs of 2 samples per pixel (median, and the range of all), the \
-                  error after all samples, the bias that is left without noise, and the build on one thread."
+        caption: "Seconds to a relative variance of 1 (time multiplied by error, which does not depend on the number \
+                  of samples while noise dominates); the same over many short runs of 2 samples per pixel (median and \
+                  range); the error after all samples; the bias that remains without noise; and the build on one \
+                  thread."
             .into(),
-        columns: ["scene", "structure", "s to variance 1", "short runs: median", "least", "most", "final error", "bias", "build, s"]
-            .map(String::from)
-            .to_vec(),
+        columns: [
+            "scene",
+            "structure",
+            "s to variance 1",
+            "short runs: median",
+            "least",
+            "most",
+            "final error",
+            "bias",
+            "build, s",
+        ]
+        .map(String::from)
+        .to_vec(),
         rows,
     }));
     Ok(Section { id: "render-error", title: "3. Rendering error against time", items })
@@ -164,7 +176,7 @@ fn renderers(job: &Job<'_>) -> Result<Vec<Renderer>, PeerError> {
     members.map(build).collect()
 }
 
-/// Renders the same samples with every structure, by turns; `done` is told how long each took.
+/// Renders the same samples with every structure, interleaved; `done` is told how long each took.
 fn render_all(
     renderers: &mut [Renderer],
     job: &Job<'_>,

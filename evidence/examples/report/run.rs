@@ -108,7 +108,7 @@ fn clock() -> f64 {
     ProcessTime::now().as_duration().as_secs_f64()
 }
 
-/// Times several things by turns, each once per round, so that whatever else the machine does hits all of them alike.
+/// Times several things interleaved, each once per round, so that whatever else the machine does hits all of them alike.
 /// An untimed round comes first. Counts processor time ([`seconds`]).
 pub fn interleaved(things: &mut [Box<dyn FnMut() + '_>], rounds: usize) -> Vec<Times> {
     by_turns(things, rounds, |thing| seconds(thing))

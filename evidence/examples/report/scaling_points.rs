@@ -68,16 +68,16 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let spacings = [0.0, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0];
     run.begin("scaling-points", size.numbers.len() + spacings.len() + keys.len());
     let mut items = vec![Item::Text(format!(
-        "Points in the unit cube, each moving its own way; {K} nearest neighbours, {} queries, each at its own time. One \
-         thread where nothing else is said. kiddo holds the points where they are at mid-shutter, so its answers are wrong at all \
-         other times: it shows what a tree costs that knows no motion.",
+        "Points in the unit cube with random velocities; {K} nearest neighbours, {} queries, each at its own time; \
+         one thread unless stated otherwise. kiddo indexes the points at mid-shutter, so its answers are wrong at all \
+         other times: it shows what a tree without motion costs.",
         size.queries
     ))];
     let over_number = over_number(run, &size)?;
     plots(&mut items, "points", "number of points", true, &over_number);
     plots(&mut items, "displacement", "displacement, spacings", false, &over_displacement(run, &size, &spacings)?);
     plots(&mut items, "keys", "keys of the motion", false, &over_keys(run, &size, &keys)?);
-    Ok(Section { id: "scaling-points", title: "Scaling: points", items })
+    Ok(Section { id: "scaling-points", title: "9. Scaling: points", items })
 }
 
 /// Rounds of a build.

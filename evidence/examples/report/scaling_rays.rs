@@ -42,9 +42,11 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     // No build is begun that is expected to take longer.
     let patience = run.pick(5.0, 60.0);
     let mut items = vec![Item::Text(format!(
-        "Loose triangles fill a cube evenly; each moves its own way, by a multiple of the mean distance to its neighbour. Rays cross \
-         the cube at random times. One thread, medians. The k-d trees may make {BUDGET} references per triangle (MSBVH 2); the tables' last column and marks without a line in the plots \
-         say where that budget was spent, so that the tree is coarser than it would like to be. A build is left out where, by the one before it, it would take more than {patience} s."
+        "Unconnected triangles fill a cube evenly; each has a random displacement, a multiple of the mean distance to \
+         its neighbour. Rays cross the cube at random times. One thread, medians. The k-d trees may make {BUDGET} \
+         references per triangle (MSBVH 2); the last column of the tables and marks without a line in the plots show \
+         where that budget was exhausted, so that the tree is coarser than its cost model asks for. A build is skipped \
+         if the previous one predicts that it would take more than {patience} s."
     ))];
     let mut random = Random(run.seed);
     let cast = members();
@@ -57,7 +59,7 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
         },
         rays,
     )?;
-    items.extend(plots("size", "triangles", true, "one spacing of motion, 2 keys", by_size));
+    items.extend(plots("size", "triangles", true, "displacement of one spacing, 2 keys", by_size));
     let by_way = along(
         &cast,
         ways.iter().copied(),
@@ -77,7 +79,7 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
         },
         rays,
     )?;
-    items.extend(plots("keys", "keys", true, &format!("{} triangles on bent ways", n / 3), by_keys));
+    items.extend(plots("keys", "keys", true, &format!("{} triangles on curved paths", n / 3), by_keys));
     run.step("threads");
     items.push(Item::Table(threads(&cast, &cloud(n, 1.0, 2, &mut random), rays, &mut random)?));
     Ok(Section { id: "scaling-rays", title: "8. Scaling: rays", items })
@@ -199,7 +201,7 @@ fn plots(name: &str, label: &str, log: bool, of: &str, all: Vec<Along>) -> Vec<I
             .flat_map(|along| along.figures.iter().filter(|f| f.at_budget).map(|f| (f.x, value(f))))
             .collect();
         if !at_budget.is_empty() {
-            let label = "budget of references hit".into();
+            let label = "reference budget exhausted".into();
             series.push(Series { label, points: at_budget, style: Style::Points, ours: false });
         }
         items.push(Item::Plot(Plot {
@@ -268,7 +270,10 @@ fn threads(cast: &[Member], meshes: &[TriangleMesh], rays: usize, random: &mut R
     ];
     Ok(Table {
         name: "threads".into(),
-        caption: format!("One thread and all ({all}): one spacing of motion, 2 keys, {} rays.", rays.len()),
+        caption: format!(
+            "One thread and all threads ({all}): displacement of one spacing, 2 keys, {} rays.",
+            rays.len()
+        ),
         columns: heads.map(String::from).to_vec(),
         rows,
     })

@@ -109,11 +109,12 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     }
     let laid_out_wide = cast.split_off(binary);
     let mut items = vec![Item::Text(
-        "The paper's figures are of its own scenes on a processor of 2013, per cent of BVH_i. Ours are of procedural \
-         scenes of the same kind: camera (a still hall, the camera moves) for Sponza, hall (a figure runs through it) for Ben, \
-         hairball and hand for theirs, and the flake as balls of twenty triangles. All structures test triangles by the same \
-         code, are built and asked on one thread, and answer alike to the last bit. BVH_i and MSBVH are chosen at mid-shutter with \
-         the prices of the k-d trees (step 1, test 2); an MSBVH may make two references per triangle, k-d trees eight."
+        "The paper's figures are percentages of BVH_i for its own scenes on a processor of 2013. Ours are measured on \
+         procedural scenes of the same kind: camera (a static hall, the camera moves) for Sponza, hall (a figure runs \
+         through it) for Ben, hairball and hand for their namesakes, and balls of twenty triangles for the flake. All \
+         structures use the same triangle test, are built and traversed on one thread, and return the same answers to \
+         the last bit. BVH_i and MSBVH choose their splits at mid-shutter with the costs of the k-d trees (step 1, \
+         test 2); an MSBVH may make two references per triangle, a k-d tree eight."
             .into(),
     )];
     items.push(Item::Table(table_1(&cast, &measured)));
@@ -124,18 +125,19 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     items.extend(wide_table::items(&cast, &laid_out_wide, &scenes));
     items.push(Item::Table(table_2(&cast, &measured)));
     items.push(Item::Text(
-        "The paper does not say of what its quantity of duplicates is a share; ours is of all references in leaves, so 50 % are \
-         two references per triangle. Ours counts every reference beyond a triangle's first, also those of triangles \
-         that straddle a plane without crossing it, which every k-d tree has, and ours ends only where cost or budget say so: hence the \
-         large numbers. The column of timed references counts those that are there for part of the shutter, so what motion \
-         makes. The times are summed over duplication (Normal \
-         references) and propagation (BP references); the rest of a build is choosing planes, which is one pass over bins here where the paper sorts, and so takes less of it."
+        "The paper does not say what its number of duplicates is a share of. Ours is a share of all references in \
+         leaves, so 50 % means two references per triangle. We count every reference beyond the first of a triangle, \
+         including those of triangles that straddle a plane without crossing it, which every k-d tree has; and our \
+         trees end only where cost or budget say so. Hence the large numbers. The column of timed references counts \
+         those that hold for part of the shutter only, which are the ones caused by motion. Times are those of \
+         duplication (Normal references) and propagation (BP references); the rest of a build chooses planes, in one \
+         pass over bins where the paper sorts, so its share is smaller here."
             .into(),
     ));
     items.push(Item::Table(table_3(&cast, &measured)));
     items.push(Item::Text(
-        "Memory counts nodes, references and triangles. The paper's includes its renderer's scene, which moves all ratios \
-         toward 100."
+        "Memory counts nodes, references and triangles. The paper's figures include the scene of its renderer, which \
+         draws all ratios towards 100."
             .into(),
     ));
     items.extend(time_weights::items(&weights));
@@ -183,9 +185,9 @@ fn table_1(cast: &[Member], measured: &[Vec<Figures>]) -> Table {
     }
     Table {
         name: "times".into(),
-        caption: "Table 1: build and render time, BVH_i = 100, and what a camera ray does. Medians of interleaved \
-                  repetitions, one thread. Only the wide tree is not binary: a step of it looks at sixteen boxes, a test at up to \
-                  sixteen triangles, which are counted one by one."
+        caption: "Table 1: build time and render time, BVH_i = 100, and counted work per camera ray. Medians of \
+                  interleaved repetitions, one thread. Only the wide tree is not binary: one of its steps tests \
+                  sixteen boxes, and one of its block tests up to sixteen triangles, which are counted individually."
             .into(),
         columns: columns(&[
             "scene",
@@ -233,8 +235,9 @@ fn table_2(cast: &[Member], measured: &[Vec<Figures>]) -> Table {
     }
     Table {
         name: "duplicates".into(),
-        caption: "Table 2: references beyond the first of each triangle and those that are there for part of the time, in per \
-                  cent of all references; time spent in duplication and propagation, in per cent of the build."
+        caption: "Table 2: duplicates (references beyond the first of each triangle) and timed references (valid for \
+                  part of the shutter), in per cent of all references; time spent in duplication and propagation, in \
+                  per cent of the build."
             .into(),
         columns: columns(&[
             "scene",
@@ -276,8 +279,8 @@ fn table_3(cast: &[Member], measured: &[Vec<Figures>]) -> Table {
     }
     Table {
         name: "memory".into(),
-        caption: "Table 3: memory, BVH_i = 100, and bytes per triangle. The wide tree's leaves hold the triangles' corners, which \
-                  then are kept nowhere else."
+        caption: "Table 3: memory, BVH_i = 100, and bytes per triangle. The leaves of the wide tree hold the vertices \
+                  of the triangles, so no other copy is kept."
             .into(),
         columns: columns(&["scene", "structure", "memory", "memory, paper", "tree, bytes", "triangles, bytes"]),
         rows,
@@ -296,15 +299,17 @@ fn claims(measured: &[Vec<Figures>]) -> Vec<Item> {
         claim("MSBVH renders in less time than BVH_i on every scene", MSBVH, 0),
         claim("the paper's MBKD renders in less time than BVH_i on every scene", PAPER, 0),
         claim("the paper's MBKD renders in less time than MSBVH on every scene", PAPER, MSBVH),
-        faster("the wide tree renders in less time than the fastest binary structure of each scene", &to_fastest),
+        faster("the wide tree renders in less time than the fastest binary structure on every scene", &to_fastest),
         Item::Text(
-            "Where this differs from the paper: its MBKD takes 55 to 65 % of the time of BVH_i. Here a k-d tree takes two to four \
-             times the steps of a BVH (columns of steps): its cells have no boxes of their own, so a ray visits cells of empty space and \
-             ends later. The paper does not say what a step of its BVH_i cost; with vector registers, testing two interpolated boxes \
-             is not several times as dear as a plane. Where things move far in relation to their size (hairball, hand), the tree ends at its \
-             budget of references with large leaves, and its tests grow; planes that move along help just there. Builds: k-d trees \
-             cut every triangle exactly at every plane and make up to eight references of each, a BVH_i makes none; that one is built \
-             by bins here, in a small part of the time per triangle that the paper reports, which raises all ratios to it."
+            "Where this differs from the paper: there, MBKD takes 55 to 65 % of the time of BVH_i. Here a k-d tree \
+             takes two to four times as many steps as a BVH (columns of steps): its cells have no bounding boxes of \
+             their own, so a ray visits empty cells and terminates later. The paper does not state the cost of a step \
+             of its BVH_i; with vector instructions, testing two interpolated boxes does not cost several times as \
+             much as testing a plane. Where displacements are large relative to the triangles (hairball, hand), the \
+             tree reaches its reference budget with large leaves, and the number of tests grows; moving planes help \
+             exactly there. Builds: k-d trees clip every triangle exactly at every plane and make up to eight \
+             references of each, while a BVH_i makes none. Our BVH_i is built by binning, in a fraction of the time \
+             per triangle that the paper reports, which raises all ratios to it."
                 .into(),
         ),
     ]

@@ -112,15 +112,16 @@ pub fn items(tried: &[Tried]) -> Vec<Item> {
     let heads = ["against what, and when both trees stop", "scene"].into_iter().chain(KINDS).chain(["tests per ray"]);
     let mut items = vec![
         Item::Text(
-            "The paper says that time weights make 7 % fewer duplicates than \"the conventional SAH model\". It does not say what that \
-             counts for a triangle that crosses a plane during the shutter: one on each side (then a weight, which is at most that, makes \
-             crossings cheaper, and there must be more of them), or one where the triangle is at mid-shutter (then a weight makes them \
-             dearer). The library has the first as a parameter; a small model of the paper's build tries both."
+            "The paper reports that time weights make 7 % fewer duplicates than \"the conventional SAH model\". It \
+             does not say how that model counts a triangle that crosses a plane during the shutter: once on each side \
+             (then a weight of at most one makes crossings cheaper, and there must be more of them), or once on the \
+             side where it is at mid-shutter (then a weight makes them more expensive). The library offers the first \
+             as a parameter; a small model of the paper's build tries both."
                 .into(),
         ),
         Item::Table(Table {
             name: "time-weights".into(),
-            caption: "Change by time weights in per cent.".into(),
+            caption: "Change due to time weights, in per cent.".into(),
             columns: heads.map(String::from).collect(),
             rows,
         }),
@@ -139,9 +140,13 @@ pub fn items(tried: &[Tried]) -> Vec<Item> {
             holds: of.iter().any(|(_, change)| *change <= -7.0),
         }
     };
-    items.push(claim("time weights make at least 7 % fewer duplicates than one on each side, in some reading", BOTH));
     items.push(claim(
-        "time weights make at least 7 % fewer duplicates than counting where things are at mid-shutter, in some reading",
+        "time weights make at least 7 % fewer duplicates than counting once on each side, in some \
+                      reading",
+        BOTH,
+    ));
+    items.push(claim(
+        "time weights make at least 7 % fewer duplicates than counting at mid-shutter, in some reading",
         MIDDLE,
     ));
     items

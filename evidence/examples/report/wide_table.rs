@@ -32,28 +32,29 @@ pub fn items(exact: &[Member], cast: &[Member], scenes: &[WideScene]) -> Vec<Ite
     };
     vec![
         Item::Text(format!(
-            "Laid out wide: the same binary trees, of which nodes are pulled together until each has sixteen children, as nodes of \
-             the library's wide tree have: from both halves on, the child with the largest surface area makes way for its own two. \
-             All sixteen boxes, at both ends of the shutter, are interpolated and tested in one loop, which compilers make vector \
-             instructions of; children are visited near to far. Cells of k-d trees get boxes for that: face by face the tightest of the \
-             moving box around their triangles, the cell, and what the triangles sweep inside of it; and children that count for part \
-             of the shutter have times. Leaves are those of the binary tree, triangles are tested one by one. This loop \
-             is compiled for {}, as all of the program is. The library chooses its instructions when it runs, so its tree is here twice: \
-             on {} (\"portable\"), to compare structures, and on {}, which is its default and what one gets.",
+            "With sixteen-wide nodes: the same binary trees, collapsed until each node has sixteen children, as in \
+             the wide tree of the library. Starting from both children of a node, the child with the largest surface \
+             area is replaced by its own two. One loop interpolates and tests all sixteen boxes, which the compiler \
+             turns into vector instructions; children are visited from near to far. Cells of k-d trees receive boxes \
+             for this: each face is the tightest of the moving bounding box of the cell's triangles, the cell itself, \
+             and what the triangles sweep within it. Children that hold for part of the shutter keep their time \
+             intervals. Leaves are those of the binary tree, and triangles are tested one by one. The loop is compiled \
+             for {}, like the whole program. The library selects its instruction set at run time, so its tree appears \
+             twice: on {} (\"portable\"), to compare structures on equal terms, and on {}, its default.",
             compiled_for(),
             SimdLevel::PORTABLE,
             SimdLevel::best()
         )),
         Item::Table(table(exact, cast, scenes)),
-        claim("laid out wide, MSBVH renders in less time than BVH_i on every scene", MSBVH, 0),
-        claim("laid out wide, the paper's MBKD renders in less time than BVH_i on every scene", PAPER, 0),
-        claim("laid out wide, the paper's MBKD renders in less time than MSBVH on every scene", PAPER, MSBVH),
+        claim("with wide nodes, MSBVH renders in less time than BVH_i on every scene", MSBVH, 0),
+        claim("with wide nodes, the paper's MBKD renders in less time than BVH_i on every scene", PAPER, 0),
+        claim("with wide nodes, the paper's MBKD renders in less time than MSBVH on every scene", PAPER, MSBVH),
         to_fastest(
-            "the library's wide tree, portable, renders in less time than the fastest peer laid out wide of each scene",
+            "the library's wide tree, portable, renders in less time than the fastest peer with wide nodes on every scene",
             |scene| scene.wide[PORTABLE].times(),
         ),
         to_fastest(
-            "the library's wide tree as it is by default renders in less time than the fastest peer laid out wide of each scene",
+            "the library's wide tree with its default instruction set renders in less time than the fastest peer with wide nodes on every scene",
             |scene| scene.binary[PORTABLE].times(),
         ),
     ]
@@ -110,10 +111,10 @@ fn table(exact: &[Member], cast: &[Member], scenes: &[WideScene]) -> Table {
     ];
     Table {
         name: "wide".into(),
-        caption: "Laid out wide: build, render time and memory, BVH_i laid out wide = 100; render time relative to the same tree as a \
-                  binary one; what a camera ray does. Medians of interleaved repetitions, together with Table 1, one thread. Builds of \
-                  the library's k-d trees include that they are written to memory as a file and read from there, which \
-                  takes a small part of the time."
+        caption: "With sixteen-wide nodes: build time, render time and memory, wide BVH_i = 100; render time relative \
+                  to the binary form of the same tree; counted work per camera ray. Medians of interleaved \
+                  repetitions, together with Table 1, one thread. Builds of the library's k-d trees include writing \
+                  them to memory as a file and reading them back, which takes a small part of the time."
             .into(),
         columns: columns.map(String::from).to_vec(),
         rows,
