@@ -5,7 +5,9 @@ use super::avx2;
 #[cfg(target_arch = "x86_64")]
 use super::avx512;
 use super::instructions::Kernel;
-#[cfg(not(target_arch = "x86_64"))]
+#[cfg(target_arch = "aarch64")]
+use super::neon as baseline;
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 use super::portable as baseline;
 #[cfg(target_arch = "x86_64")]
 use super::sse2 as baseline;
@@ -34,7 +36,7 @@ enum Isa {
 }
 
 impl SimdLevel {
-    /// What every CPU of the architecture runs: SSE2 on x86-64, plain code elsewhere.
+    /// What every CPU of the architecture runs: SSE2 on x86-64, NEON on AArch64, plain code elsewhere.
     pub const PORTABLE: SimdLevel = SimdLevel(Isa::Baseline);
 
     /// All levels of this CPU, narrowest first; the first is always [`SimdLevel::PORTABLE`].
@@ -67,10 +69,11 @@ impl SimdLevel {
         SimdLevel::PORTABLE
     }
 
-    /// `"sse2"`, `"avx2"` or `"avx512"`; `"portable"` on other architectures than x86-64.
+    /// `"sse2"`, `"avx2"` or `"avx512"` on x86-64, `"neon"` on AArch64, `"portable"` on other architectures.
     pub fn name(self) -> &'static str {
         match self.0 {
             Isa::Baseline if cfg!(target_arch = "x86_64") => "sse2",
+            Isa::Baseline if cfg!(target_arch = "aarch64") => "neon",
             Isa::Baseline => "portable",
             #[cfg(target_arch = "x86_64")]
             Isa::Avx2 => "avx2",

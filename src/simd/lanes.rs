@@ -14,8 +14,10 @@ pub(crate) type Mask = u16;
 /// Their bounds are checked once, so that reading three of them costs one comparison.
 pub(crate) struct Rows<'a> {
     pub(super) words: &'a [f32],
-    /// Floats per row, and the mask of that many lanes.
+    /// Floats per row.
     pub(super) n: usize,
+    /// The mask of that many lanes.
+    #[cfg(target_arch = "x86_64")]
     pub(super) mask: Mask,
     count: usize,
 }
@@ -25,7 +27,13 @@ impl<'a> Rows<'a> {
     #[inline(always)]
     pub(crate) fn new(words: &'a [f32], n: usize, count: usize) -> Rows<'a> {
         assert!((1..=LANES).contains(&n) && count <= 32 && words.len() >= n * count);
-        Rows { words, n, mask: ((1u32 << n) - 1) as Mask, count }
+        Rows {
+            words,
+            n,
+            #[cfg(target_arch = "x86_64")]
+            mask: ((1u32 << n) - 1) as Mask,
+            count,
+        }
     }
 
     /// Where row `i` begins; it has `n` floats from there.

@@ -1,10 +1,10 @@
 //! Sixteen lanes with run-time dispatch, and the aligned memory they read.
 //!
 //! A query kernel is written once, generic over [`Simd`], as plain straight-line code. [`dispatch()`]
-//! compiles it three times (SSE2, AVX2, AVX-512) and runs the widest version that the CPU has, so
-//! a default build reaches AVX-512 without compiler flags. The picture to have in mind: a token `s`
-//! of type `S: Simd` is the proof that the CPU has the instructions, and every vector is born from it. Architectures other
-//! than x86-64 run the plain lanes of `portable`, against which all are tested.
+//! compiles it three times on x86-64 (SSE2, AVX2, AVX-512) and runs the widest version that the CPU has, so
+//! a default build reaches AVX-512 without compiler flags; on AArch64 it is compiled once, for NEON. The picture to have in mind: a token `s`
+//! of type `S: Simd` is the proof that the CPU has the instructions, and every vector is born from it. Other
+//! architectures run the plain lanes of `portable`, against which all are tested.
 //!
 //! All lane operations except [`Simd::mul_add`] and [`Simd::negated_mul_add`] give the same bits on every instruction set; answers
 //! are computed with those. These two fuse where the hardware does and are for culling only, which
@@ -24,6 +24,8 @@ mod doubles;
 mod huge_pages;
 mod instructions;
 mod lanes;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod network;
 mod points;
 mod portable;

@@ -1,7 +1,7 @@
 //! Sixteen lanes in plain Rust: what runs on architectures without lanes of their own, and the definition that the
 //! others are tested against.
 
-#[cfg(not(target_arch = "x86_64"))]
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 use super::instructions::Kernel;
 use super::instructions::Simd;
 use super::lanes::{LANES, Lanes, Mask, Rows};
@@ -13,7 +13,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 pub(crate) struct Portable;
 
 /// Runs a kernel. A function of its own, so that each is compiled once and not wherever it is dispatched.
-#[cfg(not(target_arch = "x86_64"))]
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 #[inline(never)]
 pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Portable)

@@ -11,6 +11,12 @@ pub(crate) fn prefetch<T>(item: &T) {
         // ignores addresses that are not mapped.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(at) };
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(target_arch = "aarch64")]
+    for line in 0..size_of::<T>().div_ceil(64) {
+        let at = core::ptr::from_ref(item).cast::<u8>().wrapping_add(64 * line);
+        // SAFETY: the instruction is a hint: it changes no register or memory and ignores addresses that are not mapped.
+        unsafe { core::arch::asm!("prfm pldl1keep, [{0}]", in(reg) at, options(nostack, preserves_flags, readonly)) };
+    }
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     let _ = item;
 }
