@@ -1,46 +1,47 @@
-//! One spatiotemporal k-d engine over things that move while a shutter is open.
+//! Ray tracing and nearest-neighbour search over moving geometry.
 //!
 //! - **Rays**: a [`RayTree`] answers closest, any and all hits against moving triangles, spheres and the caller's own
 //!   primitives, each ray at its own time ([`Ray::time`]).
-//! - **Points**: a [`PointTree`] answers nearest, k nearest and radius queries over points that move or live for a
-//!   while, each query at its own time.
-//! - **Instances**: an [`InstanceTree`] answers rays and nearest points on trees that are placed many times, moving.
+//! - **Points**: a [`PointTree`] answers nearest, k nearest and radius queries over points that move or exist for part of
+//!   the shutter, each query at its own time.
+//! - **Instances**: an [`InstanceTree`] answers rays and closest-point queries on trees with many moving instances.
 //! - **Photons**: a [`PhotonMap`](point::PhotonMap) gathers photons at the time of a camera ray.
 //!
 //! The shutter is the normalized time range `[0, 1]`. Positions are given at any number of keys spaced evenly over it
-//! and are linear in between. Every answer is the one that brute force over the same arithmetic gives, bit for bit,
+//! and are linear in between. Every answer equals that of brute force over the same arithmetic, bit for bit,
 //! whatever the tree, the number of threads and the instruction set.
 //!
-//! Public names by topic: [`motion`] is what moves, [`ray`], [`point`] and [`instance`] are the trees and what they answer,
-//! [`baseline`] is brute force; the main ones stand in the root as well.
+//! Public names by topic: [`motion`] describes moving geometry, [`ray`], [`point`] and [`instance`] have the trees and their
+//! answers, [`baseline`] is brute force. The main ones are also in the root.
 //!
-//! The modules lie in layers, and each imports from those above it in this table only, which is the way that data
-//! takes: primitives, builds, layouts, traversals, queries. (`tests/layers.rs` checks that.)
+//! The modules form layers. Each imports only from those above it in this table, in the direction of the data:
+//! primitives, builds, layouts, traversals, queries. (`tests/layers.rs` checks that.)
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
-//! | `limits` | every limit of what the crate takes |
-//! | `tuning` | every fitted constant, with the command that fits it |
+//! | `limits` | all limits on input |
+//! | `tuning` | all fitted constants, each with the command that fits it |
 //! | `error` | why a build refuses its input |
-//! | `parallel` | the same for many things, on several threads |
+//! | `parallel` | parallel loops over several threads |
 //! | `simd` | sixteen lanes with run-time dispatch, and the memory they read; the only `unsafe` code |
-//! | `file` | trees in files: header, checksum, numbers and arrays as bytes |
-//! | `params` | how a tree is built |
-//! | `progress` | how far a build is, and cancelling it |
+//! | `file` | tree files: header, checksum, numbers and arrays as bytes |
+//! | `params` | build parameters |
+//! | `progress` | progress of a build, and cancelling it |
 //! | `geometry` | boxes, linear bounds, time intervals, rays, planes, clipping, separating axes, local space |
 //! | `primitive` | meshes, spheres, points, the caller's own primitives |
 //! | `mbkd` | the paper's k-d tree and its build: classification, duplication, propagation |
 //! | `bvh` | object splits, pre-splits, collapse into wide nodes |
-//! | `time` | slices of the shutter and how they are chosen |
-//! | `layout` | [`Policy::Wide`] (the engine): nodes, leaf blocks, writing them; validation and figures of both trees |
-//! | `traverse` | the way through a layout, whatever is asked |
-//! | `ray` | [`RayTree`]: rays and nearest points, the watertight triangle test, queries, batches |
-//! | `instance` | [`InstanceTree`]: trees placed many times, moving |
+//! | `time` | time slices of the shutter and how they are chosen |
+//! | `layout` | the wide layout ([`Policy::Wide`]): nodes, leaf blocks, writing; validation and statistics of both trees |
+//! | `traverse` | traversal of a layout, independent of the query |
+//! | `ray` | [`RayTree`]: rays and closest points, the watertight triangle test, queries, batches |
+//! | `instance` | [`InstanceTree`]: trees with many moving instances |
 //! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
-//! | `motion` | public names: what moves and how |
+//! | `motion` | public names: moving geometry and its description |
 //! | `baseline` | brute force, the reference for everything |
 //!
-//! The root of it is "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei).
+//! The library began as an implementation of "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou,
+//! Wei).
 //!
 //! ```
 //! use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -101,7 +102,7 @@ pub use ray::{ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer
 pub use simd::SimdLevel;
 pub use traverse::Visitor;
 
-/// The procedural scenes of the unpublished member `scenes`, as source, so that unit tests see them with this crate's
+/// The procedural scenes of the unpublished member `scenes`, included as source, so that unit tests use them with this crate's
 /// own types.
 #[cfg(test)]
 extern crate self as engine;
