@@ -1,4 +1,4 @@
-//! How near does a drone come to a flapping sail while the shutter is open?
+//! The distance of a flying drone from a flapping sail while the shutter is open.
 //!
 //! `cargo run --release --example closest_point`
 
@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mesh = TriangleMesh::new(triangles.collect(), vec![sail(-0.2), sail(0.1), sail(0.3)]);
     let tree = RayTree::build(&[mesh], &BuildParams::default())?;
 
-    // The drone flies past the sail; where both are is asked at the same time.
+    // The drone flies past the sail; each query uses the position of both at the same time.
     let drone = |time: f32| DVec3::new(f64::from(time), 0.4, 0.5 - 0.2 * f64::from(time));
     let queries: Vec<ClosestPointQuery> =
         (0..=10).map(|i| i as f32 / 10.0).map(|time| ClosestPointQuery::new(drone(time), time).within(0.4)).collect();

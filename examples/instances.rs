@@ -1,4 +1,4 @@
-//! A wood in the wind: one tree of leaves, placed a thousand times, each swaying about its own axis.
+//! A forest in the wind: one tree of leaves with a thousand instances, each swaying about its own axis.
 //!
 //! `cargo run --release --example instances`
 
@@ -9,16 +9,16 @@ use std::sync::Arc;
 /// Leaves of the crown.
 const LEAVES: u32 = 20_000;
 
-/// Trees along each side of the wood.
+/// Trees along each side of the forest.
 const SIDE: u32 = 32;
 
-/// The fractional parts of multiples of irrational numbers: spread evenly, though not in order.
+/// A quasi-random point: fractional parts of multiples of irrational numbers, evenly distributed.
 fn spread(i: u32) -> Vec3 {
     (Vec3::new(0.7549, 0.5698, 0.8192) * i as f32).fract()
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // A crown that flutters: triangles about a sphere, built once.
+    // A fluttering crown: leaves as loose triangles, built once.
     let corners = |wind: f32| {
         let leaf = move |i: u32| {
             let at = (spread(i) - 0.5) * 2.0 + Vec3::Z * 3.0;
@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let crown = TriangleMesh::new(leaves, vec![corners(0.0), corners(0.02)]);
     let crown = Arc::new(RayTree::build(&[crown], &BuildParams::default())?);
 
-    // It stands in rows, and each tree leans into the wind while the shutter is open: a rotation about its foot.
+    // The trees stand in rows, and each leans in the wind while the shutter is open: a rotation about its foot.
     let tree = |i: u32| {
         let lean = |angle: f64| Pose {
             scale: DVec3::splat(0.8 + 0.4 * f64::from(spread(i).x)),
@@ -39,26 +39,26 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         };
         Instance::new(crown.clone(), vec![lean(0.0), lean(0.2 * f64::from(spread(i).y))])
     };
-    let wood = InstanceTree::build((0..SIDE * SIDE).map(tree).collect(), &WideParams::default())?;
-    let about = wood.statistics();
+    let forest = InstanceTree::build((0..SIDE * SIDE).map(tree).collect(), &WideParams::default())?;
+    let about = forest.statistics();
     println!(
-        "{} instances, {} triangles: {} kB for what is placed, {} kB for where",
+        "{} instances, {} triangles: {} kB for the instanced tree, {} kB for the instances",
         about.instances,
         about.primitives,
         about.tree_bytes / 1000,
         about.instance_bytes / 1000
     );
 
-    // Who looks down on the wood, at one instant?
+    // One ray down at the forest, at three times.
     for time in [0.0, 0.5, 1.0] {
         let ray = Ray::new(Vec3::new(-5.0, 40.3, 8.0), Vec3::new(1.0, 0.1, -0.12)).at_time(time);
-        match wood.closest_hit(&ray) {
+        match forest.closest_hit(&ray) {
             Some(found) => println!(
                 "time {time:.1}: tree {}, leaf {}, at {:.3}, normal {:.3}",
                 found.path[0],
                 found.hit.primitive,
                 ray.point(found.hit.t),
-                wood.normal(&found, time)
+                forest.normal(&found, time)
             ),
             None => println!("time {time:.1}: nothing"),
         }

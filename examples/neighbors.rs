@@ -1,4 +1,4 @@
-//! Neighbours of moving points at any time: a small swarm, asked where it is between its keys.
+//! Neighbours of moving points at any time: queries on a swarm of sparks between its keys.
 //!
 //! `cargo run --release --example neighbors`
 
@@ -6,12 +6,12 @@ use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointTree, TimeInterval};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // A spinning disc of sparks; every third one is alive only in the middle of the shutter.
+    // A spinning disc of sparks; every third one exists only in the middle of the shutter.
     let sparks: Vec<MovingPoint> = (0..30_000)
         .map(|i| {
             let (ring, along) = ((i % 173) as f32 / 173.0, i as f32 * 0.618_034);
             let at = |turn: f32| {
-                // A rational circle: no trigonometry, the same on every machine.
+                // A rational parametrization of the circle: no trigonometry, so the same on every machine.
                 let h = 2.0 * ((along + turn).fract() - 0.5);
                 let (x, y) = ((1.0 - h * h) / (1.0 + h * h), 2.0 * h / (1.0 + h * h));
                 Vec3::new(ring * x, ring * y, 0.1 * (1.0 - ring))
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let tree = PointTree::build(&sparks, &PointParams::default())?;
     println!("{} sparks\n{}", tree.len(), tree.statistics());
 
-    // The buffer makes the loop free of allocations.
+    // With the buffer the loop does not allocate.
     let mut buffer = NeighborBuffer::new();
     let probe = Vec3::new(0.5, 0.1, 0.05);
     for time in [0.0, 0.25, 0.5, 0.75, 1.0] {
@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     if let Some(meeting) = tree.closest_approach(probe, -probe, TimeInterval::FULL) {
         println!(
-            "flying through, the closest encounter is spark {} at time {:.3}, {:.5} away",
+            "a probe flying through the swarm comes closest to spark {} at time {:.3}, at a distance of {:.5}",
             meeting.id, meeting.time, meeting.distance
         );
     }

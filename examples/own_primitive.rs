@@ -1,4 +1,4 @@
-//! A primitive of one's own in a tree: flat discs that fly.
+//! A custom primitive: flat moving discs, in one tree with a sphere.
 //!
 //! `cargo run --release --example own_primitive`
 
@@ -22,13 +22,13 @@ impl Disc {
 }
 
 impl Primitive for Disc {
-    /// Boxes at both ends of the interval: what is between moves on straight lines, and so does the disc.
+    /// Boxes at both ends of the interval: bounds are interpolated linearly in between, and the disc moves linearly too.
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        // How far a disc reaches along each axis.
+        // Half the extent of the disc along each axis.
         let reach = self.radius * (DVec3::ONE - self.normal * self.normal).max(DVec3::ZERO).map(f64::sqrt);
         let at = |time: f32| {
             let centre = self.centre(time);
-            // Padded by more than the arithmetic of the hits below is rounded.
+            // Padded by more than the rounding errors of `intersect` below.
             Aabb { min: centre - reach, max: centre + reach }.pad(1e-6)
         };
         LinearBounds { begin: at(over.begin()), end: at(over.end()) }
@@ -56,10 +56,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let from = DVec3::new(turn.sin(), turn.cos(), 0.01 * f64::from(i)) * 2.0;
         Disc { centre: [from, from * 1.2], normal: DVec3::new(turn.cos(), 0.3, 1.0).normalize(), radius: 0.2 }
     };
-    // Samples that look for mistakes in one's own code: bounds that do not hold what is hit.
+    // Random tests of the implementation, for example for hits outside the bounds.
     check_primitive(&disc(7), 1000)?;
 
-    // Beside a ball, in one tree.
+    // The discs and a ball in one tree.
     let ball = MovingSphere::new(vec![(DVec3::ZERO, 0.5), (DVec3::ZERO, 1.5)]);
     let mut shapes: Vec<Shape> = (0..5000).map(|i| Shape::own(disc(i))).collect();
     shapes.push(ball.into());

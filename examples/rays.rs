@@ -1,17 +1,17 @@
-//! A motion-blurred picture in characters: a card turns and a ball rolls by while the shutter is open.
+//! A motion-blurred picture in ASCII characters: a card turns and a ball rolls by while the shutter is open.
 //!
 //! `cargo run --release --example rays`
 
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, Hit, MovingSphere, Ray, RayTree, TriangleMesh};
 
-/// Characters of the picture, and rays through each of them, every one at another time.
+/// Size of the picture in characters, and rays per character, each at a different time.
 const WIDTH: usize = 72;
 const HEIGHT: usize = 28;
 const SAMPLES: usize = 32;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // Two triangles at five keys, between which their corners move on straight lines.
+    // Two triangles at five keys; their corners move on straight lines between keys.
     let card = |key: usize| {
         let (sin, cos) = (0.35 * key as f32).sin_cos();
         let corner = |x: f32, y: f32| Vec3::new(x * cos - 1.2, y, x * sin);
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let ball = MovingSphere::new(vec![(DVec3::new(0.4, 0.0, 0.0), 0.6), (DVec3::new(1.6, 0.0, 0.0), 0.6)]);
     let tree = RayTree::of_scene(&[card], vec![ball.into()], &BuildParams::default())?;
 
-    // All rays at once; each looks straight ahead from its place in the picture, at its own time.
+    // All rays in one batch, parallel to each other, each at its own time.
     let ray = |i: usize| {
         let (character, sample) = (i / SAMPLES, i % SAMPLES);
         let at = |along: usize, size: usize| (along as f32 + 0.5) / size as f32 - 0.5;
@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// The more of the shutter something is there, the darker; letters for the ball, which is the shape behind the one mesh.
+/// Darker for geometry that covers more of the shutter; letters for the ball, whose mesh index follows the one mesh.
 fn shade(hits: &[Option<Hit>]) -> char {
     let of = |mesh: u32| hits.iter().flatten().filter(|hit| hit.mesh == mesh).count();
     let (card, ball) = (of(0), of(1));
