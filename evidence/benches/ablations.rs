@@ -26,7 +26,7 @@ struct Args {
     /// References per triangle that a tree may have.
     #[arg(long, default_value_t = 40.0)]
     references: f32,
-    /// What cargo passes to every benchmark.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
 }

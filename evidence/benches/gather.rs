@@ -161,7 +161,7 @@ fn k_nearest(
     assert!((ours.1 / theirs.1 - 1.0).abs() < 1e-3, "sums differ: {} {}", ours.1, theirs.1);
     let (ours, theirs) = (ours.0, theirs.0);
     let name = format!("k = {k}, half window {window}, {order}");
-    println!("{name}: {ours:.0} ns, kiddo {theirs:.0} = {:.2} (wanted 3)", theirs / ours);
+    println!("{name}: {ours:.0} ns, kiddo {theirs:.0} = {:.2} (target 3)", theirs / ours);
 }
 
 /// Photons counted into cells of a table, as SmallVCM does.
@@ -259,7 +259,7 @@ fn fixed_radius(
     assert!((ours.1 / theirs.1 - 1.0).abs() < 1e-3, "sums differ: {} {}", ours.1, theirs.1);
     let (ours, theirs) = (ours.0, theirs.0);
     let name = format!("radius {radius:.4}, half window {window}, {order}");
-    println!("{name}: {ours:.0} ns, hash grid {theirs:.0} = {:.2} (wanted 1.5)", theirs / ours);
+    println!("{name}: {ours:.0} ns, hash grid {theirs:.0} = {:.2} (target 1.5)", theirs / ours);
 }
 
 /// Visible points in all cells that their boxes touch, as in pbrt's SPPM; copied into their cells, so that a photon reads
@@ -337,7 +337,7 @@ fn inverse(count: usize, rounds: usize) {
     tree.set_radii(&radii).expect("radii are fine");
     let fit = begin.elapsed().as_secs_f64();
     println!(
-        "visible points: build {:.0} ms, fitting {:.1} ms = {:.1} times as fast",
+        "visible points: build {:.0} ms, refit {:.1} ms = {:.1} times as fast",
         build * 1e3,
         fit * 1e3,
         build / fit
@@ -374,7 +374,7 @@ fn inverse(count: usize, rounds: usize) {
     let hits = ours.1 / count as f64;
     let (ours, theirs) = (ours.0, theirs.0);
     println!(
-        "inverse gather, {hits:.1} points per photon: {ours:.0} ns per photon and pass, grid {theirs:.0} = {:.2} (wanted 1.5)",
+        "inverse gather, {hits:.1} points per photon: {ours:.0} ns per photon and pass, grid {theirs:.0} = {:.2} (target 1.5)",
         theirs / ours
     );
 }

@@ -30,7 +30,7 @@ struct Args {
     /// Only scenes whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
-    /// What cargo passes to every benchmark.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -95,7 +95,7 @@ fn main() -> Result<(), BuildError> {
     let args = Args::parse();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
     println!(
-        "| scene | keys | kept | still | time nodes | bytes per triangle | of the vertices | build, ms | ns per ray | blocks per ray \
+        "| scene | keys | kept | static | time nodes | bytes per triangle | of the vertices | build, ms | ns per ray | blocks per ray \
          | build / 2 keys | rays / 2 keys |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
     );
     for row in ROWS.iter().filter(|row| row.name.contains(&args.only)) {

@@ -19,30 +19,30 @@ use std::error::Error;
 use std::hint::black_box;
 
 #[derive(Parser)]
-#[command(about = "Measures lazy builds beside whole ones")]
+#[command(about = "Measures lazy builds against whole ones")]
 struct Args {
     /// Share of each scene's usual number of triangles.
     #[arg(long, default_value_t = 1.0)]
     scale: f32,
-    /// Rays of a picture.
+    /// Number of rays of a picture.
     #[arg(long, default_value_t = 262_144)]
     rays: usize,
-    /// The share of the triangles that rays test, at most.
+    /// Largest share of the triangles that the rays may test.
     #[arg(long, default_value_t = 0.05)]
     share: f64,
-    /// Primitives of a subtree at most.
+    /// Largest number of primitives in a subtree.
     #[arg(long, default_value_t = LazyParams::default().subtree)]
     subtree: usize,
-    /// Subtrees do not divide the shutter.
+    /// Do not divide the shutter in subtrees.
     #[arg(long)]
     whole: bool,
-    /// Times that everything is done.
+    /// Number of repetitions.
     #[arg(long, default_value_t = 7)]
     rounds: usize,
     /// Only scenes whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
-    /// What cargo passes to every benchmark.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
 }

@@ -44,7 +44,7 @@ struct Args {
     /// Only the rows of the moving table whose names contain this.
     #[arg(long, default_value = "")]
     rows: String,
-    /// What cargo passes to every benchmark.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -52,7 +52,7 @@ struct Args {
 /// The tables there are.
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Table {
-    /// Points that stand still
+    /// Static points
     Static,
     /// Points that move
     Moving,
@@ -144,7 +144,7 @@ macro_rules! kiddo_queries {
 
 fn static_tables(args: &Args) {
     let params = PointParams::default();
-    println!("\nStatic points: ns per query, ours / kiddo's best = ratio (wanted)");
+    println!("\nStatic points: ns per query, ours / kiddo's best = ratio (target)");
     for &n in &args.points {
         for set in ["uniform", "surface"] {
             let mut rng = Lcg(1);
@@ -397,7 +397,7 @@ fn race_trees(
 
 fn lives_tables(args: &Args) {
     let n = *args.points.last().unwrap();
-    println!("\nPoints that live for 2-10 % of the shutter, {n} of them: ns per query");
+    println!("\nPoints that exist for 2-10 % of the shutter, {n} of them: ns per query");
     let mut rng = Lcg(5);
     let points: Vec<MovingPoint> = (0..n)
         .map(|_| {
@@ -476,7 +476,7 @@ fn prices(args: &Args) {
         }
     }
     println!(
-        "\nPrices of {} structures: half cold at bytes; ns per node; block and cold memory in nodes; error",
+        "\nFitted costs from {} structures: bytes at which half is cold; ns per node; block and cold memory in nodes; error",
         rows.len()
     );
     for half_cold in [1e7, 2e7, 5e7, 1e8, 2e8, 5e8, 1e9] {

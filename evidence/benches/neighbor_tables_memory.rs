@@ -24,7 +24,7 @@ struct Args {
     #[arg(long, value_delimiter = ',', default_values_t = [10_000, 100_000, 1_000_000, 10_000_000],
         value_parser = clap::value_parser!(u32).range(1..))]
     points: Vec<u32>,
-    /// What cargo passes to every benchmark.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
 }

@@ -17,7 +17,7 @@ use std::error::Error;
 use std::hint::black_box;
 
 #[derive(Parser)]
-#[command(about = "Measures refits beside builds, and the trees that they leave")]
+#[command(about = "Measures refits against builds, and the quality of refitted trees")]
 struct Args {
     /// Share of each animation's usual number of triangles.
     #[arg(long, default_value_t = 1.0)]
@@ -28,13 +28,13 @@ struct Args {
     /// Frames.
     #[arg(long, default_value_t = 100)]
     frames: usize,
-    /// Another tree is built after every so many frames.
+    /// A new tree is built after this many frames.
     #[arg(long, default_value_t = 20)]
     step: usize,
     /// Only animations whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
-    /// What cargo passes to every benchmark.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -76,7 +76,7 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let args = Args::parse();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     println!(
-        "| animation | triangles | build, ms | first refit | refit | of what moves | build / refit | build / refit of what moves | blocks written | cost \
+        "| animation | triangles | build, ms | first refit | refit | of the moving meshes | build / refit | build / refit of the moving meshes | blocks written | cost \
          | blocks per ray / another tree's | rays / another tree's |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
     );
     for row in ROWS.iter().filter(|row| row.name.contains(&args.only)) {

@@ -13,24 +13,26 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 #[derive(Parser)]
-#[command(about = "Compares the library's answers with exact arithmetic and writes a table; shoots at closed meshes")]
+#[command(
+    about = "Compares the library's answers with exact arithmetic and writes a table; traces rays inside closed meshes"
+)]
 struct Args {
-    /// Rays shot from inside closed moving meshes, altogether.
+    /// Total number of rays from inside closed moving meshes.
     #[arg(long, default_value_t = 10_000_000)]
     rays: u64,
     /// Rays, or neighbour queries, compared with exact answers for each row of the tables.
     #[arg(long, default_value_t = 20_000)]
     samples: usize,
-    /// A hundredth of everything.
+    /// Use a hundredth of all samples and rays.
     #[arg(long)]
     quick: bool,
     /// Only rows of families whose name contains this, and no rays from inside closed meshes.
     #[arg(long, conflicts_with = "write", value_name = "FAMILY")]
     only: Option<String>,
-    /// Seed of all scenes, rays and queries.
+    /// Random seed of all scenes, rays and queries.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Writes the tables here instead of printing them; what stands in the file between the marks
+    /// Write the tables here instead of printing them; the text in the file between the marks
     /// `<!-- accuracy: begin -->` and `<!-- accuracy: end -->` is replaced, if it has them.
     #[arg(long)]
     write: Option<PathBuf>,
@@ -380,7 +382,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some(path) => {
             let old = if path.exists() { std::fs::read_to_string(path)? } else { String::new() };
             std::fs::write(path, merged(&old, &report.text))?;
-            println!("{} written", path.display());
+            println!("wrote {}", path.display());
         }
         None => println!("{}", report.text),
     }
@@ -391,5 +393,5 @@ fn main() -> Result<(), Box<dyn Error>> {
     for fault in &report.faults {
         println!("FAULT {fault}");
     }
-    Err(format!("{} rows are not right", report.faults.len()).into())
+    Err(format!("{} rows have wrong answers", report.faults.len()).into())
 }

@@ -103,7 +103,7 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     let [single, double] = builds.map(median);
     let trees = [build(true)?, build(false)?];
     let [less, more] = [&trees[0], &trees[1]].map(|tree| tree.statistics().bytes() as f64 / count as f64);
-    let name = format!("{scene}, {count}, {}", if moving { "moving by half the spacing" } else { "still" });
+    let name = format!("{scene}, {count}, {}", if moving { "moving by half the spacing" } else { "static" });
     println!("{name}: {less:.0} and {more:.0} bytes per point, build {:.2} times", double / single);
     let mut queries: Vec<(DVec3, f32)> = (0..QUERIES)
         .map(|_| (open[random.below(count)] + random.vec() * (0.5 * spacing), random.unit() as f32))

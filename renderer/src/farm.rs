@@ -15,12 +15,12 @@ pub fn check(options: &Options) -> Result<(), String> {
     if let (Some(frame), Some(frames)) = (options.frame, options.frames)
         && frame >= frames
     {
-        return Err(format!("there is no frame {frame}: {frames} of them are counted from 0"));
+        return Err(format!("there is no frame {frame}: the {frames} frames are counted from 0"));
     }
     if let Some((_, end)) = options.samples
         && end > options.spp
     {
-        return Err(format!("samples up to {end} were asked for, but --spp is {}", options.spp));
+        return Err(format!("samples up to {end} were requested, but --spp is {}", options.spp));
     }
     if let Some(tile) = options.tile
         && (tile.x + tile.width > options.width as usize || tile.y + tile.height > options.height as usize)
@@ -28,7 +28,7 @@ pub fn check(options: &Options) -> Result<(), String> {
         return Err(format!("--tile reaches beyond the picture of {} x {} pixels", options.width, options.height));
     }
     if is_part(options) && options.frames.is_some() && options.frame.is_none() {
-        return Err("of a sequence, parts are rendered of one frame: add --frame".into());
+        return Err("parts of a sequence belong to one frame: add --frame".into());
     }
     Ok(())
 }
@@ -38,7 +38,7 @@ pub fn whole_part(job: &Job, film: &Film) -> Result<(), String> {
     let whole = Job::new(job.width, job.height, job.samples);
     let is_part = job.taken != whole.taken || job.region != whole.region;
     match film.samples.iter().all(|&n| n == job.taken.1 - job.taken.0) {
-        false if is_part => Err("interrupted: an unfinished part would not merge, so none is written".into()),
+        false if is_part => Err("interrupted: an unfinished part could not be merged, so none is written".into()),
         _ => Ok(()),
     }
 }

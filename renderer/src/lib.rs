@@ -213,12 +213,12 @@ fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Result<
         let all = film.samples.len();
         let sampled = film.samples.iter().filter(|&&n| n > 0).count();
         if film.fill_squares(SQUARE) > 0 {
-            return Err("interrupted before there was anything to show: no picture is written".into());
+            return Err("interrupted before the first samples: no picture is written".into());
         }
         say(&match sampled == all {
-            true => "interrupted: writing what is done; it has fewer samples than asked for".to_string(),
+            true => "interrupted: writing the picture with fewer samples than requested".to_string(),
             false => format!(
-                "interrupted in the first pass: writing a coarse picture, in which {:.0} % of the pixels show a neighbour",
+                "interrupted in the first pass: writing a coarse picture, in which {:.0} % of the pixels are copied from a neighbour",
                 100.0 * (all - sampled) as f64 / all as f64
             ),
         });
@@ -261,7 +261,7 @@ fn job(options: &Options) -> Job {
 /// A bar with the time left, for this many steps.
 pub fn bar(steps: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr_with_hz(10));
-    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} spent, {eta} left");
+    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} elapsed, {eta} left");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar
 }

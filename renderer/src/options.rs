@@ -7,29 +7,29 @@ use mbkd::{KdParams, Policy};
 use mbkd_scenes::{CATALOGUE, Camera, View};
 use std::path::PathBuf;
 
-/// Renders things that move with motion blur, through a tree that knows the time of every ray.
+/// Renders moving geometry with motion blur, using a tree in which every ray has its own time.
 ///
-/// Without arguments: a hall with a running figure, to motion_blur.png, in less than a minute.
+/// Without arguments it renders a hall with a running figure to motion_blur.png, in less than a minute.
 #[derive(Parser, Clone, Debug)]
 #[command(name = "motion_blur", after_help = EXAMPLES, max_term_width = 100, args_conflicts_with_subcommands = true)]
 pub struct Options {
-    /// Something else than rendering.
+    /// Other commands.
     #[command(subcommand)]
     pub command: Option<Command>,
 
-    /// What to render: flake (spheres) or one of the scenes listed below
+    /// Scene to render: flake (spheres) or one of the scenes listed below
     #[arg(long, default_value = "hall", value_parser = scene_name, help_heading = "What to see", conflicts_with = "mesh")]
     pub scene: String,
-    /// About how many triangles (or spheres) a scene has; `full` is the size benchmarks use
+    /// Approximate number of triangles (or spheres) of the scene; `full` is the size used by benchmarks
     #[arg(long, value_name = "N|full", value_parser = count, help_heading = "What to see", conflicts_with = "mesh")]
     pub triangles: Option<Count>,
-    /// Files instead of a scene: .glb .gltf .obj .ply .mseq; several of equal topology are the keys of one shutter
+    /// Files instead of a scene: .glb .gltf .obj .ply .mseq; several of equal topology are the keys of one shutter interval
     #[arg(long, num_args = 1.., value_name = "FILE", help_heading = "What to see")]
     pub mesh: Vec<PathBuf>,
-    /// The axis of the files that points up
+    /// Up axis of the files
     #[arg(long, default_value = "y", requires = "mesh", conflicts_with = "scene", help_heading = "What to see")]
     pub up: Axis,
-    /// Without the floor that files are put on
+    /// Omit the floor below models from files
     #[arg(long, requires = "mesh", conflicts_with = "scene", help_heading = "What to see")]
     pub no_floor: bool,
 
@@ -39,32 +39,32 @@ pub struct Options {
     /// Middle of the shutter, in seconds of the clip [default: the middle of the clip]
     #[arg(long, requires = "mesh", conflicts_with = "scene", value_name = "SECONDS", value_parser = finite, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub time: Option<f64>,
-    /// How long the shutter is open [default: 1/24 s; with --frames half a frame]
+    /// Duration of the open shutter [default: 1/24 s; with --frames half a frame]
     #[arg(long, requires = "mesh", conflicts_with = "scene", value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub shutter: Option<f64>,
-    /// At how many times inside the shutter poses are computed; motion is linear between them [default: 5]
+    /// Number of keys in the shutter interval at which poses are computed; motion is linear between them [default: 5]
     #[arg(long, requires = "mesh", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
     pub keys: Option<u32>,
 
-    /// Eye and target at the camera's keys: x,y,z:x,y,z[;x,y,z:x,y,z...]; several make it move during the shutter
+    /// Eye and target at the camera's keys: x,y,z:x,y,z[;x,y,z:x,y,z...]; with several keys the camera moves during the shutter
     #[arg(long, value_name = "KEYS", value_parser = camera_keys, help_heading = "Camera", allow_hyphen_values = true)]
     pub camera_keys: Option<CameraKeys>,
-    /// Vertical angle of view in degrees
+    /// Vertical field of view in degrees
     #[arg(long, value_name = "DEGREES", value_parser = angle, help_heading = "Camera")]
     pub fov: Option<f32>,
-    /// For files: direction of the camera around the vertical, degrees [default: 30]
+    /// For files: azimuth of the camera in degrees [default: 30]
     #[arg(long, requires = "mesh", conflicts_with_all = ["scene", "camera_keys"], value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
     pub azimuth: Option<f32>,
-    /// For files: height of the camera, degrees above the horizon [default: 12]
+    /// For files: elevation of the camera in degrees above the horizon [default: 12]
     #[arg(long, requires = "mesh", conflicts_with_all = ["scene", "camera_keys"], value_parser = degrees, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Camera")]
     pub elevation: Option<f32>,
-    /// Radius of the lens in scene units; 0 is a pinhole
+    /// Lens radius in scene units; 0 is a pinhole
     #[arg(long, default_value_t = 0.0, value_parser = not_negative, allow_hyphen_values = true, help_heading = "Camera")]
     pub aperture: f32,
-    /// Distance in focus; that of the target if not given
+    /// Focus distance [default: the distance of the target]
     #[arg(long, requires = "aperture", value_parser = above_zero, allow_hyphen_values = true, help_heading = "Camera")]
     pub focus: Option<f32>,
-    /// The light from outside: of the scene, or a studio for files, if not given
+    /// Sky and environment light [default: that of the scene; a studio for files]
     #[arg(long, help_heading = "Light")]
     pub sky: Option<Surround>,
     /// Direction towards the sun
@@ -73,75 +73,75 @@ pub struct Options {
     /// Tangent of the sun's angular radius: larger is softer
     #[arg(long, value_parser = not_negative, allow_hyphen_values = true, help_heading = "Light")]
     pub sun_radius: Option<f32>,
-    /// Brightness of the picture relative to what the scene asks for
+    /// Exposure relative to that of the scene
     #[arg(long, default_value_t = 1.0, value_parser = above_zero, allow_hyphen_values = true, help_heading = "Light")]
     pub exposure: f32,
     /// Diffuse bounces after the first surface; 0 is ambient occlusion
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64), help_heading = "Light")]
     pub bounces: u32,
-    /// Light that metals throw on other things as sharp as it is, with the specks that come of it
+    /// Render sharp caustics from metals, with the bright specks (fireflies) that they cause
     #[arg(long, help_heading = "Light")]
     pub caustics: bool,
 
-    /// Pixels across
+    /// Width in pixels
     #[arg(long, default_value_t = 960, value_parser = clap::value_parser!(u32).range(1..=16384), help_heading = "Picture")]
     pub width: u32,
-    /// Rows of pixels
+    /// Height in pixels
     #[arg(long, default_value_t = 540, value_parser = clap::value_parser!(u32).range(1..=16384), help_heading = "Picture")]
     pub height: u32,
     /// Samples per pixel
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Picture")]
     pub spp: u32,
-    /// Another seed, other noise; the same seed, the same file
+    /// Random seed; the same seed gives the same file
     #[arg(long, default_value_t = 0, help_heading = "Picture")]
     pub seed: u64,
-    /// Where to: .png, or linear light as .exr or .pfm; may be given several times
+    /// Output file: .png, or linear light as .exr or .pfm; may be given several times
     #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
     pub output: Vec<PathBuf>,
     /// Render a sequence of this many frames: numbered PNGs and one animated GIF
     #[arg(long, conflicts_with_all = ["time", "heatmap", "compare"], value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), help_heading = "Picture")]
     pub frames: Option<u32>,
-    /// Draw what camera rays cost instead of what they see
+    /// Draw a heat map of the cost of camera rays instead of a picture
     #[arg(long, help_heading = "Picture", conflicts_with_all = LIGHT)]
     pub heatmap: Option<Heat>,
-    /// Heat maps of these policies side by side, on one scale
+    /// Draw heat maps of these policies side by side, on one scale
     #[arg(long, conflicts_with_all = LIGHT, conflicts_with = "policy", value_name = "POLICY,POLICY", value_delimiter = ',', value_parser = policy, num_args = 1.., help_heading = "Picture")]
     pub compare: Vec<Policy>,
 
-    /// Only this frame of --frames, counted from 0
+    /// Render only this frame of --frames, counted from 0
     #[arg(long, requires = "frames", value_name = "K", help_heading = "Farms")]
     pub frame: Option<u32>,
-    /// Only these samples of --spp, from A to before B: an .exr to be merged
+    /// Render only the samples A to B-1 of --spp, to an .exr for merging
     #[arg(long, value_name = "A..B", value_parser = range, conflicts_with_all = ["heatmap", "compare"], help_heading = "Farms")]
     pub samples: Option<(u32, u32)>,
-    /// Only these pixels (column, row, columns, rows): an .exr to be merged
+    /// Render only these pixels (column, row, columns, rows), to an .exr for merging
     #[arg(long, value_name = "X,Y,W,H", value_parser = tile, conflicts_with_all = ["heatmap", "compare"], help_heading = "Farms")]
     pub tile: Option<Region>,
-    /// Print commands that do the work in parts, one a line, instead of doing it: the frames of --frames, or N parts of a
-    /// picture [default: 4] and, as the last line, their merge
+    /// Print commands that render the work in parts, one per line, instead of rendering: the frames of --frames, or N parts
+    /// of a picture [default: 4] followed by the merge command
     #[arg(long, num_args = 0..=1, default_missing_value = "4", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536), conflicts_with_all = ["heatmap", "compare", "frame", "samples", "tile"], help_heading = "Farms")]
     pub list_commands: Option<u32>,
 
-    /// What kind of tree to build: wide (the engine, default), mbkd (the paper's) or classic-kd
+    /// Kind of tree: wide (default), mbkd (the paper's) or classic-kd
     #[arg(long, value_parser = policy, help_heading = "Engine")]
     pub policy: Option<Policy>,
-    /// Threads to use; all by default
+    /// Number of threads [default: all]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1024), help_heading = "Engine")]
     pub threads: Option<u32>,
 }
 
-/// What heat maps do not look at.
+/// Options without effect on heat maps.
 const LIGHT: [&str; 7] = ["sky", "sun", "sun_radius", "exposure", "bounces", "caustics", "frames"];
 
-/// Something else than rendering.
+/// Commands other than rendering.
 #[derive(Subcommand, Clone, Debug)]
 pub enum Command {
-    /// Merge parts that were rendered with --samples or --tile: the same file as if it were rendered in one go
+    /// Merge parts rendered with --samples or --tile into the same file as a single run
     Merge {
-        /// The parts: all of one picture
+        /// All parts of one picture
         #[arg(required = true, value_name = "PART.exr")]
         parts: Vec<PathBuf>,
-        /// Where to: .png, or linear light as .exr or .pfm; may be given several times
+        /// Output file: .png, or linear light as .exr or .pfm; may be given several times
         #[arg(short, long, value_name = "FILE")]
         output: Vec<PathBuf>,
     },
@@ -149,15 +149,15 @@ pub enum Command {
 
 const EXAMPLES: &str = "\
 Scenes:
-  hall      still columns and a running figure (the default)
-  camera    the same hall, still, under a moving camera
-  hairball  hair, each strand moving its own way
+  hall      static columns and a running figure (the default)
+  camera    the same hall, static, with a moving camera
+  hairball  hair, each strand moving independently
   tornado   loose triangles in random motion
   flake     a recursive flake of moving spheres
-  hand      a hand that closes
-  coherent  one rock in flight
+  hand      a closing hand
+  coherent  one flying rock
   needles, needles30, debris: stress tests
-  mixed     the hall, the rock and a tornado in one scene
+  mixed     the hall, the rock and a tornado combined
   building, visited, distant, crowd: rooms and figures
 
 Examples:
@@ -181,14 +181,14 @@ pub enum Heat {
     TimeSkips,
 }
 
-/// Light from outside that can be asked for.
+/// Skies that can be selected.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Surround {
-    /// An even grey surround and a white key light
+    /// A uniform grey background and a white key light
     Studio,
     /// A warm sun and a blue sky over brown ground
     Afternoon,
-    /// The same high above the ground: blue all around, and haze below
+    /// The same, high above the ground: blue all around, with haze below
     Air,
     /// One hard light and a faint glow
     Night,
@@ -208,9 +208,9 @@ pub enum Axis {
 /// A size of a scene.
 #[derive(Clone, Copy, Debug)]
 pub enum Count {
-    /// About so many.
+    /// An approximate number.
     About(usize),
-    /// The size benchmarks use.
+    /// The size used by benchmarks.
     Full,
 }
 
@@ -225,7 +225,7 @@ impl CameraKeys {
     }
 }
 
-/// The policies that can be asked for by name.
+/// The policies that can be selected by name.
 pub fn policies() -> [(&'static str, Policy); 3] {
     [
         ("wide", Policy::default()),
@@ -245,7 +245,7 @@ fn policy(text: &str) -> Result<Policy, String> {
         .into_iter()
         .find(|(name, _)| *name == text)
         .map(|(_, p)| p)
-        .ok_or_else(|| format!("known are {}", known()))
+        .ok_or_else(|| format!("known policies are {}", known()))
 }
 
 fn scene_name(text: &str) -> Result<String, String> {
@@ -253,7 +253,7 @@ fn scene_name(text: &str) -> Result<String, String> {
     if text == "flake" || mbkd_scenes::find(text).is_some() {
         Ok(text.into())
     } else {
-        Err(format!("known are {}", known()))
+        Err(format!("known scenes are {}", known()))
     }
 }
 
@@ -263,51 +263,54 @@ fn count(text: &str) -> Result<Count, String> {
     }
     match text.replace('_', "").parse::<usize>() {
         Ok(n) if n <= 100_000_000 => Ok(Count::About(n)),
-        _ => Err("a number up to 100000000, or `full`".into()),
+        _ => Err("expected a number up to 100000000, or `full`".into()),
     }
 }
 
 fn range(text: &str) -> Result<(u32, u32), String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
-    ends.filter(|(a, b)| a < b).ok_or_else(|| "two numbers A..B, the first less than the second".into())
+    ends.filter(|(a, b)| a < b).ok_or_else(|| "expected two numbers A..B, the first less than the second".into())
 }
 
 fn tile(text: &str) -> Result<Region, String> {
     let numbers: Option<Vec<usize>> = text.split(',').map(|x| x.trim().parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[x, y, width @ 1..=16384, height @ 1..=16384]) => Ok(Region { x, y, width, height }),
-        _ => Err("column, row, columns and rows: X,Y,W,H".into()),
+        _ => Err("expected column, row, columns and rows: X,Y,W,H".into()),
     }
 }
 
 fn finite(text: &str) -> Result<f64, String> {
-    text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "a finite number".into())
+    text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "expected a finite number".into())
 }
 
 fn positive(text: &str) -> Result<f64, String> {
-    finite(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "a number greater than 0".into())
+    finite(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "expected a number greater than 0".into())
 }
 
 fn angle(text: &str) -> Result<f32, String> {
-    text.parse::<f32>().ok().filter(|x| *x > 0.0 && *x < 180.0).ok_or_else(|| "degrees between 0 and 180".into())
+    text.parse::<f32>()
+        .ok()
+        .filter(|x| *x > 0.0 && *x < 180.0)
+        .ok_or_else(|| "expected degrees between 0 and 180".into())
 }
 
 fn degrees(text: &str) -> Result<f32, String> {
-    text.parse::<f32>().ok().filter(|x| x.is_finite()).ok_or_else(|| "a finite number of degrees".into())
+    text.parse::<f32>().ok().filter(|x| x.is_finite()).ok_or_else(|| "expected a finite number of degrees".into())
 }
 
 fn not_negative(text: &str) -> Result<f32, String> {
     let number = text.parse::<f32>().ok().filter(|x| (0.0..f32::INFINITY).contains(x));
-    number.ok_or_else(|| "a finite number, 0 or more".into())
+    number.ok_or_else(|| "expected a finite number, 0 or more".into())
 }
 
 fn above_zero(text: &str) -> Result<f32, String> {
-    not_negative(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "a finite number greater than 0".into())
+    not_negative(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "expected a finite number greater than 0".into())
 }
 
 fn direction(text: &str) -> Result<Vec3, String> {
     let direction = vector(text)?;
-    if direction == Vec3::ZERO { Err(format!("`{text}` is no direction")) } else { Ok(direction) }
+    if direction == Vec3::ZERO { Err(format!("`{text}` is not a direction")) } else { Ok(direction) }
 }
 
 fn vector(text: &str) -> Result<Vec3, String> {

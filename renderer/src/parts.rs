@@ -79,7 +79,7 @@ impl Part {
     }
 
     fn of(file: &Exr) -> Result<Part, String> {
-        let missing = || "it is a whole picture; parts are written with --samples or --tile".to_string();
+        let missing = || "this is a whole picture; parts are written with --samples or --tile".to_string();
         let number = |name: &str| file.attribute(name).and_then(|v| <[u8; 4]>::try_from(v).ok()).ok_or_else(missing);
         let whole = Whole {
             size: file.display,
@@ -89,7 +89,7 @@ impl Part {
         };
         let taken = (u32::from_le_bytes(number("mbkd.first")?), u32::from_le_bytes(number("mbkd.end")?));
         if taken.0 >= taken.1 || taken.1 > whole.samples {
-            return Err(format!("samples {}..{} of {} make no sense", taken.0, taken.1, whole.samples));
+            return Err(format!("invalid sample range {}..{} of {}", taken.0, taken.1, whole.samples));
         }
         let mut film = Film::new(file.window.width, file.window.height);
         for (name, color, shift) in HALVES {

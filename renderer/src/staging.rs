@@ -45,7 +45,7 @@ impl Source {
         }
         let model = Model::open(&options.mesh).map_err(|e| e.to_string())?;
         if options.clip.is_some() && !model.has_clips() {
-            return Err("--clip has no part: only glTF files have clips".into());
+            return Err("--clip has no effect: only glTF files have clips".into());
         }
         let mut bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
         let looks = if options.frames.is_some() { 16 } else { 1 };
@@ -103,9 +103,9 @@ fn window(options: &Options, model: &Model, frame: u32, frames: u32) -> Result<O
         ];
         return match asked.into_iter().find(|(_, given)| *given) {
             Some((option, _)) if as_they_are => {
-                Err(format!("{option} has no part: the files are the keys of the shutter"))
+                Err(format!("{option} has no effect: the files are the keys of the shutter"))
             }
-            Some((option, _)) => Err(format!("{option} has no part: nothing in the file is animated")),
+            Some((option, _)) => Err(format!("{option} has no effect: nothing in the file is animated")),
             None => Ok(None),
         };
     };
@@ -116,7 +116,7 @@ fn window(options: &Options, model: &Model, frame: u32, frames: u32) -> Result<O
     };
     let half = 0.5 * options.shutter.unwrap_or(length);
     if middle + half < first || middle - half > last {
-        return Err(format!("at {middle} s the clip does not play: it lasts from {first} s to {last} s"));
+        return Err(format!("the clip does not play at {middle} s: it lasts from {first} s to {last} s"));
     }
     Ok(Some(Window { open: middle - half, close: middle + half }))
 }
@@ -189,7 +189,7 @@ fn posed(options: &Options, pose: Pose, bounds: Bounds) -> Result<Stage, String>
     let aspect = options.width as f32 / options.height as f32;
     let own = pose.camera.filter(|_| matches!(options.up, Axis::Y));
     if own.is_some() && (options.azimuth.is_some() || options.elevation.is_some()) {
-        return Err("the file has a camera of its own: --azimuth and --elevation have no part".into());
+        return Err("the file has a camera of its own: --azimuth and --elevation have no effect".into());
     }
     let (azimuth, elevation) = (options.azimuth.unwrap_or(30.0), options.elevation.unwrap_or(12.0));
     let camera = own.unwrap_or_else(|| frame_box(bounds, azimuth, elevation, aspect));

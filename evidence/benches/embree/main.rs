@@ -43,7 +43,9 @@ fn measure(options: &Options) -> Result<(), String> {
             Some(embree)
         }
         (_, Err(why)) => {
-            println!("Embree is not here ({why}); mbkd alone. On Debian: apt-get install libembree-dev libtbb-dev");
+            println!(
+                "Embree is not available ({why}); measuring mbkd alone. On Debian: apt-get install libembree-dev libtbb-dev"
+            );
             None
         }
     };

@@ -37,7 +37,7 @@ struct Args {
     /// Only tables whose names contain this.
     #[arg(long, default_value = "")]
     only: String,
-    /// What cargo passes to every benchmark.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -274,7 +274,7 @@ fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
         let (time, build, kept, rounds) = steps(sorted);
         let arrays = if sorted { "in the tree's order" } else { "in any order" };
         println!(
-            "  steps of a tenth of the spacing, arrays {arrays}: {time:.1} ns, {build:.1} of them rebuilding; {:.3} of k = 8 (order kept in {kept} of {rounds})",
+            "  steps of a tenth of the spacing, arrays {arrays}: {time:.1} ns, {build:.1} of it rebuilding; {:.3} of k = 8 (order kept in {kept} of {rounds})",
             time / k8
         );
     }
@@ -411,7 +411,7 @@ fn growth(args: &Args) {
         }
         let [rebuilding, lists, building, fresh_lists] = times.map(|mut times| median(&mut times));
         let slower = lists / fresh_lists;
-        let what = if order_kept { "kept" } else { "afresh" };
+        let what = if order_kept { "kept" } else { "rebuilt" };
         println!(
             "  step {step:2}: {rebuilding:.0} + {lists:.0}, {building:.0} + {fresh_lists:.0}, {slower:.3} x ({what})"
         );

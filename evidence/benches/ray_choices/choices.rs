@@ -26,7 +26,10 @@ fn by_hand() -> Vec<(String, BuildParams)> {
             _ => "whole".into(),
         };
         let params = WideParams { division, ..WideParams::default() };
-        all.push((format!("{name} without cuts"), BuildParams::wide(WideParams { max_references: 1.0, ..params })));
+        all.push((
+            format!("{name} without pre-splits"),
+            BuildParams::wide(WideParams { max_references: 1.0, ..params }),
+        ));
         all.push((name, BuildParams::wide(params)));
     }
     all
@@ -36,7 +39,7 @@ fn by_hand() -> Vec<(String, BuildParams)> {
 pub fn compare(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) {
     let n = scene.triangles();
     println!("\n## {}, {n} triangles\n", scene.name);
-    println!("Speed of hand settings, relative to the automatic tree's.\n");
+    println!("Speed of forced settings, relative to the automatic tree's.\n");
     println!("| setting | bytes per triangle | build s | {COLUMNS} |\n|---|---|---|---|---|---|---|---|---|");
     println!("| automatic | {:.0} | {:.2} | 1 | 1 | 1 | 1 | 1 | 1 |", automatic.bytes_per(n), automatic.seconds);
     let budget = f64::from(WideParams::default().bytes_per_primitive);

@@ -27,7 +27,7 @@ use rand::rngs::StdRng;
 use rand::seq::SliceRandom;
 
 #[derive(Parser)]
-#[command(about = "Compares the wide tree's automatic choices with all that hand settings reach")]
+#[command(about = "Compares the wide tree's automatic choices with all forced settings")]
 struct Args {
     /// Scenes, comma-separated.
     #[arg(long, default_value = "hall,coherent,debris,needles,tornado,mixed,hairball", value_delimiter = ',')]
@@ -41,16 +41,16 @@ struct Args {
     /// Rays in random order instead of tiles of pixels.
     #[arg(long)]
     shuffled: bool,
-    /// Timed rounds; each times the automatic tree and another one, and the median of their ratios counts.
+    /// Timed rounds; each times the automatic tree and another one, and the median of their ratios is used.
     #[arg(long, default_value_t = 7)]
     runs: u32,
-    /// Only hand settings whose name contains one of these, comma-separated.
+    /// Only forced settings whose name contains one of these, comma-separated.
     #[arg(long, value_delimiter = ',')]
     only: Vec<String>,
     /// Leave out the table of techniques.
     #[arg(long)]
     no_techniques: bool,
-    /// What cargo passes to every benchmark.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -84,7 +84,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })?;
     }
     if !args.no_techniques {
-        println!("\n## What each technique brings\n\nSpeed with it, relative to the speed without.\n");
+        println!("\n## Gain of each technique\n\nSpeed with it, relative to the speed without.\n");
         println!("| technique | scene | {COLUMNS} |\n|---|---|---|---|---|---|---|---|");
         techniques.sort_by_key(|t| t.order);
         for t in &techniques {

@@ -33,7 +33,7 @@ pub fn switched_off(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) 
 
     for (order, name, params) in [
         (0, "shutter divided", BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() })),
-        (1, "long triangles cut", BuildParams::wide(WideParams { max_references: 1.0, ..WideParams::default() })),
+        (1, "long triangles pre-split", BuildParams::wide(WideParams { max_references: 1.0, ..WideParams::default() })),
     ] {
         let without = Built::new(&scene.meshes, &params)?;
         if without.work(rays) != work {
@@ -42,7 +42,7 @@ pub fn switched_off(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) 
     }
     if scene.meshes.iter().any(|mesh| mesh.keys.len() == 1) {
         let without = Built::new(&stirred(&scene.meshes), &params())?;
-        add(2, "nodes and blocks without motion", against(&without));
+        add(2, "static nodes and blocks", against(&without));
     }
     let without = Built::new(&scene.meshes.iter().map(loose).collect::<Vec<_>>(), &params())?;
     if without.tree.statistics().bytes != automatic.tree.statistics().bytes {

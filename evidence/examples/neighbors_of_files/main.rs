@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 #[derive(Parser)]
-#[command(about = "Builds trees of particle and lidar files and asks for the neighbours of every point")]
+#[command(about = "Builds trees from particle and lidar files and finds the neighbours of every point")]
 struct Args {
     /// BGEO (version 5), legacy binary VTK or .pset files; those in `particles` and `scans` of MBKD_DATA if none.
     files: Vec<PathBuf>,
@@ -52,7 +52,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut files = Args::parse().files;
     if files.is_empty() {
         let Some(data) = std::env::var_os("MBKD_DATA") else {
-            return Err("name some files, or set MBKD_DATA".into());
+            return Err("give some files, or set MBKD_DATA".into());
         };
         for folder in ["particles", "scans"] {
             let Ok(entries) = PathBuf::from(&data).join(folder).read_dir() else { continue };

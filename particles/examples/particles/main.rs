@@ -28,44 +28,45 @@ use table::Table;
 
 /// A dam break by smoothed particle hydrodynamics, rendered with motion blur.
 ///
-/// Without arguments: 15 000 particles until the wave comes back, six pictures and a GIF, in about two minutes.
+/// Without arguments it simulates 15 000 particles until the wave comes back, and renders six pictures and a GIF, in about
+/// two minutes.
 #[derive(Parser, Debug)]
 #[command(name = "particles", max_term_width = 100)]
 struct Options {
-    /// About how many particles
+    /// Approximate number of particles
     #[arg(long, default_value_t = 15_000, value_parser = clap::value_parser!(u32).range(100..=2_000_000))]
     particles: u32,
-    /// Particles from a file instead (.pset, .bgeo, .vtk; y up, metres), in a tank of their own size
+    /// Particles from a file instead (.pset, .bgeo, .vtk; y up, metres), in a tank of matching size
     #[arg(long, value_name = "FILE", conflicts_with = "particles")]
     start: Option<PathBuf>,
-    /// Seconds to simulate
+    /// Simulated time in seconds
     #[arg(long, default_value_t = 1.5, value_parser = above_zero)]
     seconds: f64,
-    /// This many steps instead
+    /// Number of steps, instead of a time
     #[arg(long, conflicts_with = "seconds", value_parser = clap::value_parser!(u32).range(1..))]
     steps: Option<u32>,
-    /// Where pictures go: NAME.png (a strip of six) and NAME.gif
+    /// Output files: NAME.png (a strip of six pictures) and NAME.gif
     #[arg(long, default_value = "particles", value_name = "NAME")]
     output: PathBuf,
-    /// Also writes each picture of the strip as NAME_1.png and so on
+    /// Also write each picture of the strip, as NAME_1.png and so on
     #[arg(long)]
     each: bool,
-    /// Also writes the particles at each picture of the strip as NAME_1.vtk and so on, for ParaView
+    /// Also write the particles at each picture of the strip, as NAME_1.vtk and so on, for ParaView
     #[arg(long)]
     vtk: bool,
-    /// Only simulates
+    /// Only simulate
     #[arg(long)]
     no_pictures: bool,
     /// Frames of the GIF
     #[arg(long, default_value_t = 36, value_parser = clap::value_parser!(u32).range(6..=1000))]
     frames: u32,
-    /// Pixels across, of a picture of the strip; frames of the GIF have three fifths
+    /// Width in pixels of a picture of the strip; frames of the GIF have three fifths
     #[arg(long, default_value_t = 540, value_parser = clap::value_parser!(u32).range(90..=4000))]
     width: u32,
     /// Samples per pixel; frames of the GIF have a third
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=4096))]
     samples: u32,
-    /// Threads [default: all]
+    /// Number of threads [default: all]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
 }
@@ -192,7 +193,7 @@ fn spacing(at: &[Vec3]) -> Result<f32, Box<dyn Error>> {
     let mut nearest: Vec<f32> = at.iter().map(nearest).collect();
     nearest.sort_by(f32::total_cmp);
     let median = nearest.get(nearest.len() / 2).copied().unwrap_or(0.0);
-    if median > 0.0 { Ok(median) } else { Err("the particles lie in one place".into()) }
+    if median > 0.0 { Ok(median) } else { Err("all particles are at the same position".into()) }
 }
 
 /// Takes a frame, and a picture of the strip where one is due.
@@ -257,7 +258,7 @@ fn report(fluid: &Fluid, bar: &ProgressBar) {
     bar.suspend(|| {
         say(&format!(
             "step {:>5}  {:.3} s  mass {:.6} kg  momentum {:>7.2} {:>7.2} {:>7.2} kg m/s (unexplained {:.0e})  \
-             energy {:.1} = {:.1} moving + {:.1} high + {:.1} pressed J  fastest {:.2} m/s",
+             energy {:.1} = {:.1} kinetic + {:.1} potential + {:.1} elastic J  fastest {:.2} m/s",
             fluid.steps,
             fluid.time,
             sums.mass,
@@ -277,11 +278,11 @@ fn report(fluid: &Fluid, bar: &ProgressBar) {
 fn summary(fluid: &Fluid, simulating: Duration, rendering: Duration, looks: &[Look]) {
     let (steps, count) = (fluid.steps.max(1) as f64, fluid.at.len() as f64);
     let put_back = match fluid.put_back {
-        0 => "none ever left the tank".to_string(),
-        times => format!("{times} times one was stopped at a wall"),
+        0 => "no particle left the tank".to_string(),
+        times => format!("particles stopped at a wall {times} times"),
     };
     say(&format!(
-        "{} steps, {:.2} s of water, in {:.1} s ({:.1} s of them neighbours), and {:.1} s for pictures; {put_back}",
+        "{} steps, {:.2} s of water, in {:.1} s ({:.1} s of it for neighbours), and {:.1} s for pictures; {put_back}",
         fluid.steps,
         fluid.time,
         simulating.as_secs_f64(),
@@ -290,7 +291,7 @@ fn summary(fluid: &Fluid, simulating: Duration, rendering: Duration, looks: &[Lo
     ));
     let each = fluid.neighbors.as_secs_f64() * 1e9 / (steps * count);
     say(&format!(
-        "neighbours (tree, lists, those of the walls): {:.0} ns per particle and step on {} threads, {:.1} each",
+        "neighbours (tree, lists, walls): {:.0} ns per particle and step on {} threads, {:.1} neighbours each",
         each,
         rayon::current_num_threads(),
         fluid.listed as f64 / count,
@@ -302,7 +303,7 @@ fn summary(fluid: &Fluid, simulating: Duration, rendering: Duration, looks: &[Lo
     };
     let (ours, kiddo, grid) = (median(|l| l.ours), median(|l| l.kiddo), median(|l| l.grid));
     say(&format!(
-        "the lists of the fluid at {} of the steps, on one thread, builds included: {ours:.0} ns per particle; \
+        "lists of the fluid at {} steps, on one thread, builds included: {ours:.0} ns per particle; \
          kiddo {kiddo:.0} ({:.1} x), a plain grid of cells {grid:.0} ({:.1} x)",
         looks.len(),
         kiddo / ours,
@@ -312,7 +313,7 @@ fn summary(fluid: &Fluid, simulating: Duration, rendering: Duration, looks: &[Lo
 
 fn bar(steps: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr_with_hz(4));
-    let style = ProgressStyle::with_template("{bar:40} step {pos} of about {len}  {elapsed} spent, {eta} left");
+    let style = ProgressStyle::with_template("{bar:40} step {pos} of about {len}  {elapsed} elapsed, {eta} left");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar
 }

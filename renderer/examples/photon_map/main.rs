@@ -27,59 +27,59 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Renders a moving caustic and a moving colour on a wall, with photons gathered at the time of each camera ray.
+/// Renders a moving caustic and moving coloured light on a wall, with photons gathered at the time of each camera ray.
 ///
-/// Without options: three ways to treat the photons' times, 30 seconds each, to photon_map.png and
-/// photon_map_sheet.png. With a reference (made by --reference, some minutes) the sheet says how far each is from it.
+/// Without options it compares three ways to treat the photons' times, 30 seconds each, and writes photon_map.png and
+/// photon_map_sheet.png. With a reference (made by --reference in some minutes) the sheet shows the error of each.
 #[derive(Parser, Debug)]
 #[command(name = "photon_map", max_term_width = 100)]
 struct Options {
-    /// Pixels across
+    /// Width in pixels
     #[arg(long, default_value_t = 560, value_parser = clap::value_parser!(u32).range(16..=8192))]
     width: u32,
-    /// Rows of pixels
+    /// Height in pixels
     #[arg(long, default_value_t = 420, value_parser = clap::value_parser!(u32).range(16..=8192))]
     height: u32,
-    /// How long each picture may take
+    /// Time for each picture
     #[arg(long, default_value_t = 30.0, value_name = "SECONDS", value_parser = seconds)]
     seconds: f64,
-    /// Photon paths per pass, where rays have times of their own; three for four pixels if not given
+    /// Photon paths per pass for rays with their own times [default: three for four pixels]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1000..=100_000_000))]
     photons: Option<u32>,
-    /// Photon paths per pass, where a pass has one time; one for four pixels if not given, the best of those tried
+    /// Photon paths per pass for one time per pass [default: one for four pixels, the best of those tried]
     #[arg(long, value_name = "PHOTONS", value_parser = clap::value_parser!(u32).range(1000..=100_000_000))]
     photons_of_one_time: Option<u32>,
-    /// Camera samples per pixel and pass, where rays have times of their own; best a power of two
+    /// Camera samples per pixel and pass for rays with their own times; powers of two are best
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1024))]
     samples: u32,
-    /// The share of the glass sphere's way that the camera goes along: 0 stands still
+    /// How far the camera moves, relative to the path of the glass sphere; 0 is fixed
     #[arg(long, default_value_t = 1.0, value_name = "SHARE", value_parser = share)]
     along: f32,
-    /// Another seed, other noise
+    /// Random seed
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Only the picture gathered at ray time
+    /// Render only the picture gathered at ray time
     #[arg(long, conflicts_with_all = ["reference", "progressive"])]
     alone: bool,
-    /// Make the reference instead: many passes with one time each and small radii, for --seconds (600 is good)
+    /// Render the reference instead: many passes with one time each and small radii, for --seconds (600 is recommended)
     #[arg(long, conflicts_with = "progressive")]
     reference: bool,
     /// Progressive photon mapping with the inverse gather instead, until Ctrl-C
     #[arg(long)]
     progressive: bool,
-    /// Where to: a .png; sheet and reference are written beside it
+    /// Output file, a .png; the sheet and the reference are written beside it
     #[arg(short, long, default_value = "photon_map.png", value_name = "FILE")]
     output: PathBuf,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|x| *x > 0.0 && *x <= 1e6);
-    number.ok_or_else(|| "a number of seconds above 0".into())
+    number.ok_or_else(|| "expected a number of seconds above 0".into())
 }
 
 fn share(text: &str) -> Result<f32, String> {
     let number = text.parse::<f32>().ok().filter(|x| (0.0..=1.0).contains(x));
-    number.ok_or_else(|| "a number from 0 to 1".into())
+    number.ok_or_else(|| "expected a number from 0 to 1".into())
 }
 
 fn main() -> ExitCode {
@@ -154,7 +154,7 @@ fn run(options: &Options) -> Result<(), String> {
     draw(&panels).save(&path)?;
     say(&format!("wrote {}", path.display()));
     if reference.is_none() {
-        say("no reference of this size: --reference makes one, and the sheet then has errors");
+        say("no reference of this size, so the sheet shows no errors: --reference makes one");
     }
     Ok(())
 }
@@ -225,7 +225,7 @@ fn progressive(options: &Options, room: &Room, settings: &Settings, stop: &Atomi
     while !stop.load(Ordering::Relaxed) {
         state.round(room, settings);
         rounds += 1;
-        let _ = write!(std::io::stderr(), "\r{rounds} rounds in {:.0} s; Ctrl-C ends", begin.elapsed().as_secs_f64());
+        let _ = write!(std::io::stderr(), "\r{rounds} rounds in {:.0} s; Ctrl-C stops", begin.elapsed().as_secs_f64());
         if written.elapsed() > Duration::from_secs(20) || rounds == 1 {
             state.picture(settings).all.developed(EXPOSURE).save(&options.output)?;
             written = Instant::now();
@@ -259,7 +259,7 @@ fn read_pfm(path: &Path, options: &Options) -> Result<Option<Vec<Vec3>>, String>
     let header = format!("PF\n{width} {height}\n-1.0\n");
     let Some(body) = bytes.strip_prefix(header.as_bytes()) else { return Ok(None) };
     if body.len() != 12 * width * height {
-        return Err(format!("{}: the file is not complete", path.display()));
+        return Err(format!("{}: the file is incomplete", path.display()));
     }
     let number = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let pixel = |bytes: &[u8]| Vec3::new(number(bytes), number(&bytes[4..]), number(&bytes[8..]));
