@@ -251,7 +251,11 @@ pub struct IntervalError {
 
 impl fmt::Display for IntervalError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "[{}, {}) is no time interval of the shutter: 0 <= begin < end <= 1 must hold", self.begin, self.end)
+        write!(
+            f,
+            "[{}, {}) is not a time interval of the shutter: 0 <= begin < end <= 1 must hold",
+            self.begin, self.end
+        )
     }
 }
 

@@ -1,4 +1,4 @@
-//! What the trees are compared with.
+//! References to compare the trees with: brute force, and the triangle test for other structures.
 
 mod brute_force;
 mod spheres;

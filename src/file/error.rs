@@ -72,28 +72,37 @@ impl fmt::Display for FileError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             FileError::Io(error) => write!(f, "reading or writing failed: {error}"),
-            FileError::NotATree => f.write_str("this is no file of a tree"),
+            FileError::NotATree => f.write_str("this is not a tree file"),
             FileError::Version { found, known } => {
-                write!(f, "the file is of version {found} of the format, but {known} is known: build the tree again")
+                write!(
+                    f,
+                    "the file has version {found} of the format, but version {known} is expected: build the tree again"
+                )
             }
             FileError::Kind { found, expected } => write!(f, "the file holds {found}, not {expected}"),
             FileError::Length { expected, found } => {
-                write!(f, "the file should have {expected} bytes, but has {found}: it is not complete or not one file")
+                write!(
+                    f,
+                    "the file should have {expected} bytes, but has {found}: it is incomplete or not a single file"
+                )
             }
             FileError::Checksum { found, expected } => {
                 write!(f, "the file is damaged: its checksum is {found:016x}, not {expected:016x}")
             }
-            FileError::Broken { what } => write!(f, "the file holds no proper tree: {what}"),
+            FileError::Broken { what } => write!(f, "the file does not hold a valid tree: {what}"),
             FileError::OwnShape { shape } => {
-                write!(f, "shape {shape} is of the caller's own type, which a file can not hold; only spheres can")
+                write!(
+                    f,
+                    "shape {shape} is of the caller's own type, which files cannot store; only spheres can be stored"
+                )
             }
             FileError::Lazy => {
-                f.write_str("a lazy tree can not be written to a file: build one of the same scene that is not lazy")
+                f.write_str("a lazy tree cannot be written to a file: build the same scene with another policy")
             }
             FileError::OtherPrimitives { what } => {
                 write!(f, "these are not the primitives that the tree was built of: {what}")
             }
-            FileError::Primitives(error) => write!(f, "a primitive handed in is refused: {error}"),
+            FileError::Primitives(error) => write!(f, "a given primitive is refused: {error}"),
         }
     }
 }

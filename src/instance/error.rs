@@ -76,7 +76,7 @@ impl fmt::Display for InstanceError {
                 write!(f, "instance {instance}: key {key} of its transform has a NaN or an infinite number")
             }
             InstanceError::NotUnit { instance, key } => {
-                write!(f, "instance {instance}: the rotation of key {key} is no unit quaternion; normalize it")
+                write!(f, "instance {instance}: the rotation of key {key} is not a unit quaternion; normalize it")
             }
             InstanceError::Singular { instance, key } => {
                 write!(f, "instance {instance}: the transform of key {key} is singular, or nearly")

@@ -1,15 +1,14 @@
-//! Trees placed many times, moving: [`InstanceTree`].
+//! Trees with many moving instances: [`InstanceTree`].
 //!
-//! The picture: a tree is built once in a space of its own. An [`Instance`] places it in the world by a [`Transform`] that
-//! may move during the shutter. The tree over instances is the wide tree of the rest of the crate, whose
-//! leaves hold one instance each; a ray that meets the box of an instance is brought into the instance's space and asked of
-//! the tree there, and `t` keeps its meaning on the way, since directions are not normalized. A tree of instances can be
-//! placed in turn.
+//! A tree is built once in its own local space. An [`Instance`] places it in the world by a [`Transform`] that may move during
+//! the shutter. The tree over instances is the wide tree of the rest of the crate, whose leaves hold one instance each. A ray
+//! that meets the box of an instance is transformed into the instance's space and traced in the tree there; `t` keeps its
+//! meaning, since directions are not normalized. Trees of instances can be instanced themselves.
 //!
-//! What is where: transforms as they are given (`transform`) and as queries evaluate them (`motion`), where what is placed lies (`extent`), boxes that hold what
-//! they move (`bounds`), how far they let rounded rays stray (`distortion`), which rays pass by what is placed (`outline`), the set that the build of the
-//! wide tree sees (`placements`), the tree (`tree`), the way of a ray through it (`query`) and what callers ask (`tree_queries`),
-//! nearest points (`closest_point`).
+//! Contents: transforms as they are given (`transform`) and as queries evaluate them (`motion`), the extent of the instanced
+//! tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), which rays miss the
+//! instanced tree (`outline`), the primitive set for the build of the wide tree (`placements`), the tree (`tree`), its traversal
+//! (`query`), public queries (`tree_queries`), and closest points (`closest_point`).
 
 mod bounds;
 mod closest_point;

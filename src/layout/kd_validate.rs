@@ -58,7 +58,7 @@ impl fmt::Display for ValidationError {
                 write!(f, "leaf {node} misses primitive {primitive} at time {time}")
             }
             ValidationError::Bounds { primitive, time, node } => {
-                write!(f, "primitive {primitive} of leaf {node} sticks out of a box above it at time {time}")
+                write!(f, "primitive {primitive} of leaf {node} is outside a box above it at time {time}")
             }
         }
     }

@@ -70,7 +70,7 @@ impl fmt::Display for PointError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             PointError::NonFinite { point, key } => {
-                write!(f, "point {point} has a coordinate that is not finite at key {key}; remove or mend it")
+                write!(f, "point {point} has a coordinate that is not finite at key {key}; remove or fix it")
             }
             PointError::TooLarge { point, key } => {
                 let most = MAX_POINT_COORDINATE;

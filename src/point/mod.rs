@@ -1,13 +1,13 @@
-//! Exact neighbours of a point at a time, among points that move or live for a while.
+//! Point trees: exact neighbour queries at a given time, among points that move or exist for part of the shutter.
 //!
-//! The picture to have in mind: a pyramid of 16-wide nodes over leaves of sixteen points. One vector
-//! instruction tests sixteen boxes or sixteen points. Where points move, boxes move with them, linearly
-//! in time; where points cross each other's cells, a split of the shutter keeps the boxes tight. A set that stands still
-//! has a tree without any of that. Beside them stands the paper's k-d tree, in whose leaves points have time intervals.
+//! A tree has sixteen-way nodes over leaves of sixteen points. One vector instruction tests sixteen boxes or
+//! sixteen points. Boxes of moving points move linearly in time; where points cross each other's cells, splits of the
+//! shutter keep the boxes tight. The tree of a static set has no time data. The alternative is the paper's k-d tree, in
+//! whose leaves points have time intervals.
 //!
-//! Data flows `primitive` (input) → `order` and `select` (who lies in which leaf) → `static_tree`
-//! or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at a time) → `search` (the
-//! searches) → `query` (what callers see).
+//! Data flows `primitive` (input) → `order` and `select` (the points of each leaf) → `static_tree` or `moving_tree`, or
+//! `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at a given time) → `search` (the searches) →
+//! `query` (the public interface).
 //!
 //! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is ours and
 //! measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).

@@ -1,8 +1,8 @@
-//! Rays that carry their own time, and the tree that says what they hit.
+//! Ray trees: rays against moving geometry, each ray at its own time.
 //!
 //! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and the caller's own primitives
-//! ([`Primitive`](crate::Primitive)) together, [`RayTree::of_primitives`] those of one type; [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
-//! [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
+//! ([`Primitive`](crate::Primitive)) together, and [`RayTree::of_primitives`] primitives of one type; [`BuildParams`] selects the
+//! tree. [`RayTree::closest_hit`], [`RayTree::any_hit`] and [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 
 mod batch;
 mod batch_order;
