@@ -1,5 +1,5 @@
-//! Neighbours of moving particles over the processes of a cluster: each rank gets the lists of its own particles, with the
-//! bits that they have in one process.
+//! Neighbours of moving particles over the processes of a cluster: each rank gets the lists of its own particles,
+//! bit-identical to those of one process.
 //!
 //! ```
 //! use mbkd_distributed::{Particle, Reach, Step, Threads, distribute};
@@ -17,23 +17,23 @@
 //! assert_eq!(counts, [Ok((50 * 6 - 6, 3)), Ok((50 * 6 - 6, 3))]);
 //! ```
 //!
-//! A step of a simulation: [`distribute`] moves particles to ranks, ranges of a Morton curve with the same work each;
-//! [`Step::new`] replicates about 64 swept boxes of each rank, with which every rank knows whom its particles may come near,
-//! and sends copies of those (the halo); the lists themselves are then each rank's own business. The k nearest need no radius:
-//! they are asked of the ranks whose boxes are near enough.
+//! A step of a simulation: [`distribute`] moves particles to ranks, ranges of a Morton curve with equal work. [`Step::new`]
+//! replicates about 64 swept boxes of each rank, from which every rank knows the ranks that its particles may come near, and
+//! sends copies of those particles (the halo). Each rank then makes its lists locally. Queries for the k nearest need no
+//! radius: they are sent to the ranks whose boxes are near enough.
 //!
 //! All ranks make the same calls with the same arguments. They compare these first, so that a wrong one is the same
 //! [`Error`] on every rank.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
-//! | `particle`, `rows` | what goes in and what comes out |
-//! | `error`, `exchange` | what can be wrong; how ranks talk: MPI, or threads for tests |
+//! | `particle`, `rows` | input and output |
+//! | `error`, `exchange` | errors; communication between ranks: MPI, or threads for tests |
 //! | `agree`, `reach` | comparing and checking arguments |
 //! | `swept_box`, `curve` | boxes and their periodic images; the Morton curve |
-//! | `route`, `partition`, `top` | who sends what to whom; the ranges; the replicated boxes |
+//! | `route`, `partition`, `top` | routing of messages; the ranges; the replicated boxes |
 //! | `step` | a prepared step |
-//! | `lists`, `swept`, `k_nearest` | what is asked of it |
+//! | `lists`, `swept`, `k_nearest` | queries of a step |
 
 mod agree;
 mod curve;

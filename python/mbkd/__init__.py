@@ -1,15 +1,15 @@
-"""Neighbours and rays at a time, among things that move while a shutter is open.
+"""Neighbour queries and ray tracing over geometry that moves while a shutter is open.
 
 The shutter is the time range [0, 1]. Positions are given at one or more *keys*, spaced evenly over it, and are linear in
 between. Every query carries its own time.
 
 - `PointTree`: k nearest, radius, pairs, counts, closest approach and neighbour lists among points, with the names, shapes
   and conventions of ``scipy.spatial.cKDTree``.
-- `RayTree`: rays and nearest points on triangle meshes, with names as in trimesh.
-- `InstanceTree`: trees of meshes placed many times, each moving.
+- `RayTree`: rays and closest points on triangle meshes, with names as in trimesh.
+- `InstanceTree`: trees of meshes with many moving instances.
 - `PhotonMap`: density estimates over photons with time stamps.
 
-Answers are those of comparing everything with everything, bit for bit, for any number of threads.
+Answers equal those of brute force, bit for bit, for any number of threads.
 """
 
 from ._mbkd import certified_duration
