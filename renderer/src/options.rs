@@ -197,11 +197,11 @@ pub enum Surround {
 /// An axis of a file.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Axis {
-    /// The first
+    /// The x axis
     X,
-    /// The second
+    /// The y axis
     Y,
-    /// The third
+    /// The z axis
     Z,
 }
 
