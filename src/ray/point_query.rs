@@ -77,7 +77,7 @@ pub(crate) struct Query {
     pub(super) own: DVec3,
     /// The greatest distance in tree space per unit of distance in the outer space.
     grows: f64,
-    /// An allowance for outer distances that rounding made too small.
+    /// By how much computed outer distances may be smaller than this bound assumes.
     stray: f64,
     /// The query point in tree space.
     pub(super) inside: DVec3,
