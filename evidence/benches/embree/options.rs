@@ -1,13 +1,13 @@
-//! What can be asked of the program on its command line.
+//! The command line.
 
 use crate::rays::Kind;
 use clap::{Parser, ValueEnum};
 
-/// Times mbkd's ray queries against Embree's motion blur in one process: the same rays in the same order,
-/// in turns, medians. Without Embree it times mbkd alone.
+/// Times mbkd's ray queries against Embree's motion blur in one process: the same rays in the same order, in
+/// alternation, medians. Without Embree it times mbkd alone.
 ///
-/// Times are processor times of the process. For figures worth keeping give it an idle core (`taskset -c 1`); only
-/// ratios carry over to other machines.
+/// Times are processor times of the process. For figures to publish give it an idle core (`taskset -c 1`); only ratios
+/// carry over to other machines.
 #[derive(Parser)]
 #[command(name = "embree", bin_name = "cargo bench --bench embree --")]
 pub struct Options {
@@ -27,19 +27,19 @@ pub struct Options {
     /// Width and height of the picture in pixels, one primary ray each; rounded up to tiles of 8.
     #[arg(long, default_value_t = 192, value_parser = clap::value_parser!(u32).range(1..=8192))]
     pub side: u32,
-    /// Timed rounds, each ours then theirs. For figures worth keeping 9, with `--side 512`.
+    /// Timed rounds, each ours then theirs. For figures to publish 9, with `--side 512`.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     pub runs: u32,
     /// Embree with its robust scene flag (like our watertight test), and without.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "robust,fast")]
     pub modes: Vec<Mode>,
-    /// Instruction sets: what the CPU has, or both sides held to AVX2.
+    /// Instruction sets: the best of the CPU, or both sides limited to AVX2.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "native")]
     pub isa: Vec<Isa>,
     /// Only Embree configurations whose name contains one of these.
     #[arg(long, value_delimiter = ',')]
     pub configs: Vec<String>,
-    /// Scenes whose rays are also asked in batches.
+    /// Scenes whose rays are also answered in batches.
     #[arg(long, value_delimiter = ',', default_value = "hairball")]
     pub batch: Vec<String>,
     /// Timed builds of each side.
@@ -48,10 +48,10 @@ pub struct Options {
     /// Also build with all cores.
     #[arg(long)]
     pub parallel_build: bool,
-    /// Leave one side out.
+    /// Measure one side only.
     #[arg(long, value_enum)]
     pub only: Option<Only>,
-    /// So many instances of each scene, moving, instead of the scenes themselves.
+    /// Measure this many moving instances of each scene instead of the scenes themselves.
     #[arg(long)]
     pub instances: Option<u32>,
     /// Embree's library file; by default the system's, 4.x before 3.x.
@@ -60,13 +60,13 @@ pub struct Options {
     /// Also print every Embree configuration, not only the best.
     #[arg(long)]
     pub details: bool,
-    /// What cargo passes to every benchmark; nothing to choose.
+    /// Passed by cargo to every benchmark.
     #[arg(long, hide = true)]
     pub bench: bool,
 }
 
 impl Options {
-    /// Whether an Embree configuration of this name is asked for.
+    /// Whether an Embree configuration of this name is selected.
     pub fn wants(&self, config: &str) -> bool {
         self.configs.is_empty() || self.configs.iter().any(|part| config.contains(part.as_str()))
     }
