@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_of_a_camera_come_together_and_those_of_a_tile_near_unless_the_tree_is_divided_in_time() {
+    fn coherence_is_recognized_and_depends_on_the_time_slices_of_the_tree() {
         for count in [2, 9, 256] {
             let come =
                 |ray: &dyn Fn(usize) -> Ray, space: Space| coming(&(0..count).map(ray).collect::<Vec<_>>(), space);
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn sorted_rays_are_all_there_and_near_each_other_one_part_after_the_other() {
+    fn sorted_rays_are_a_permutation_by_time_slice_with_near_neighbours() {
         // Few, sorted by comparisons, and many, by counting.
         for (count, space) in [(5000, DIVIDED), (5000, SPACE), (20_000, DIVIDED)] {
             let rays: Vec<Ray> = (0..count).map(scattered).collect();

@@ -47,7 +47,7 @@ impl Arena {
         at
     }
 
-    /// The capacity in words.
+    /// The free capacity in words.
     pub(crate) fn room(&self) -> usize {
         (self.lines.capacity() - self.lines.len()) * LANES
     }

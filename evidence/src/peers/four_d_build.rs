@@ -32,7 +32,7 @@ impl Default for FourDParams {
 /// The cost of a plane with one side empty is multiplied by this, as in the library's k-d trees.
 const EMPTY: f32 = 0.8;
 
-/// The distance from the outermost reference to a plane that cuts off empty space.
+/// The distance of the outermost reference from a plane that cuts off empty space.
 const MARGIN: f32 = 1e-5;
 
 /// Splits of time are tried if swept boxes are wider than static ones by this factor.
