@@ -2,8 +2,8 @@
 //! run, on one thread: `cargo bench --bench gather`.
 //!
 //! The gather: k = 50 within a radius that holds about 150 photons of the time window, with a million photons with time
-//! stamps on the walls of a room. With kiddo, all photons within the radius are visited and filtered by time, and the k
-//! + 1 nearest are selected. The hash grid is that of SmallVCM (Davidovič and Georgiev): cells of twice the radius,
+//! stamps on the walls of a room. With kiddo, all photons within the radius are visited and filtered by time, and the
+//! k + 1 nearest are selected. The hash grid is that of SmallVCM (Davidovič and Georgiev): cells of twice the radius,
 //! photons sorted into them by counting, eight cells per query; it has no k, and is compared at a fixed radius. All
 //! methods get the photons in an order in which neighbours are close in memory.
 //!

@@ -1,11 +1,11 @@
 //! How often rays visit a box.
 //!
 //! Infinite lines meet a convex box in proportion to its surface: this is the surface area heuristic. But rays begin on
-//! one surface and end on the next. Of segments of length `l`, evenly distributed over positions and directions, `S l /
-//! 4` meet a box of surface `S` and volume `V` from outside (Cauchy), and `V` begin in it. So a room is visited by
-//! every ray that begins in it, but its floor and walls are not, though they have about as much area: a leaf block of
-//! all of them costs more than its area suggests. (Visits by rays that begin inside were first counted by Aila, Karras
-//! and Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013, as the overlap of end points.)
+//! one surface and end on the next. Of segments of length `l`, evenly distributed over positions and directions,
+//! `S l / 4` meet a box of surface `S` and volume `V` from outside (Cauchy), and `V` begin in it. So a room is visited
+//! by every ray that begins in it, but its floor and walls are not, though they have about as much area: a leaf block
+//! of all of them costs more than its area suggests. (Visits by rays that begin inside were first counted by Aila,
+//! Karras and Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013, as the overlap of end points.)
 //!
 //! With half the surface `a = S / 2` that is `l / 2` times `a + 2 V / l`. Among surfaces of area `A` in a volume `W`
 //! the mean length is `l = 2 W / A`, as over all directions a ray sees half of the area. This leaves `a + V A / W`.

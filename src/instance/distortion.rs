@@ -1,8 +1,8 @@
 //! How far a ray misses its exact point under a transform because its direction is rounded.
 //!
 //! A ray is mapped into an instance's space in f64, and its direction is then rounded to f32: each component by at most
-//! 1 ULP of itself. At a hit the ray is off by 1 ULP of `|x - o|` per axis of the instance's space, which is `|M|
-//! |M^-1| |X - O|` in the world, with absolute values of all entries: at most the largest row sum of `|M| |M^-1|`
+//! 1 ULP of itself. At a hit the ray is off by 1 ULP of `|x - o|` per axis of the instance's space, which is
+//! `|M| |M^-1| |X - O|` in the world, with absolute values of all entries: at most the largest row sum of `|M| |M^-1|`
 //! (Skeel's condition number) times the largest coordinate of `X - O`. Scaling the columns of `M`, that is the axes of
 //! the instance's space, does not change it, so it is 1 for scalings and translations, at most 3 with a rotation, and
 //! large for matrices that nearly flatten space in an oblique direction.

@@ -18,8 +18,8 @@ struct Face {
     velocity: f32,
 }
 
-/// The line through a bound at both ends of an interval, moved toward `side` (+1 up, -1 down) until the *computed* `at
-/// + velocity * t` holds the bound at every time of the interval.
+/// The line through a bound at both ends of an interval, moved toward `side` (+1 up, -1 down) until the *computed*
+/// `at + velocity * t` holds the bound at every time of the interval.
 ///
 /// Proof: the computed value differs from `at + velocity * t` by at most two roundings of sizes below
 /// |at| + |velocity| (one where it is fused), that is by less than 2^-23 (|at| + |velocity|); `at` is moved by

@@ -10,12 +10,13 @@
 //!
 //! The traversal keeps for every visited node a range of `t` that contains all `t` in the ray's range at which the ray
 //! may be at such a point of the node's cell. At the root this is the clipped ray. At a plane `s` with `d > 0` the left
-//! cell is reached for `o + t d <= s + e`, so for `t <= (s - o) / d + e / |d|`, and the right one for `t >= (s - o) / d
-//! - e / |d|`. Computing `(s - o) * (1 / d)` and the ends of ranges has an error of less than 6 ULP of `(|s| + |o|) /
-//! |d|`, and `s` itself, where the plane moves, of less than 2 ULP of its position and velocity: `e` is 8 ULP of these,
-//! the kernel's rounding, and the ray's own slack. Only the kernel's rounding, in f64, grows with the scene: cells of a
-//! small object beside a large one are distinguished as if the small one were alone. Therefore that leaf is visited
-//! with a range that contains `t`, unless an answer strictly nearer than the beginning of the range has been found.
+//! cell is reached for `o + t d <= s + e`, so for `t <= (s - o) / d + e / |d|`, and the right one for
+//! `t >= (s - o) / d - e / |d|`. Computing `(s - o) * (1 / d)` and the ends of ranges has an error of less than 6 ULP
+//! of `(|s| + |o|) / |d|`, and `s` itself, where the plane moves, of less than 2 ULP of its position and velocity: `e`
+//! is 8 ULP of these, the kernel's rounding, and the ray's own slack. Only the kernel's rounding, in f64, grows with
+//! the scene: cells of a small object beside a large one are distinguished as if the small one were alone. Therefore
+//! that leaf is visited with a range that contains `t`, unless an answer strictly nearer than the beginning of the
+//! range has been found.
 //!
 //! A component of the direction below [`LEAST_COMPONENT`] is replaced, as everywhere ([`TreeRay::slabs`]), so every
 //! product stays finite, and there is no special case and no NaN. The ray then deviates along that axis by at most an

@@ -80,8 +80,8 @@ impl TimeSlice {
     }
 }
 
-/// Slice `i` of `n` equal time slices of the shutter, slightly widened on both sides: queries find their slice by `t *
-/// n` rounded, whose error is less than 2^-23 of the shutter.
+/// Slice `i` of `n` equal time slices of the shutter, slightly widened on both sides: queries find their slice by
+/// `t * n` rounded, whose error is less than 2^-23 of the shutter.
 pub(crate) fn time_slice(i: usize, n: usize) -> TimeInterval {
     if n == 1 {
         return TimeInterval::FULL;

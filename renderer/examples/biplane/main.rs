@@ -1,9 +1,9 @@
 //! The model of the README's animated picture: a biplane that tows a banner around a small planet.
 //!
 //! The model consists of solids of revolution, wings and boxes made by this program, so that anyone may change and use
-//! it: nodes that sway and spin, two skins (banner and scarf), and glTF materials. `cargo run --release --example
-//! biplane` writes it to `renderer/models/biplane.glb`, with the same bytes on every machine. The clip `fly` lasts 1.6
-//! seconds and loops.
+//! it: nodes that sway and spin, two skins (banner and scarf), and glTF materials.
+//! `cargo run --release --example biplane` writes it to `renderer/models/biplane.glb`, with the same bytes on every
+//! machine. The clip `fly` lasts 1.6 seconds and loops.
 //!
 //! Lengths are those of a toy: the plane is two units long, flies along x and has y up; the file has a camera of its
 //! own.

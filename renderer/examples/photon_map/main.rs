@@ -1,5 +1,5 @@
-//! Photon mapping with motion blur, gathered at the time of each camera ray: `cargo run --release --example
-//! photon_map`.
+//! Photon mapping with motion blur, gathered at the time of each camera ray:
+//! `cargo run --release --example photon_map`.
 //!
 //! A glass sphere flies through a room while the shutter is open and throws a caustic on the floor, and the camera
 //! follows it; a coloured ball passes a white wall and colours it. Without options the program renders the same scene
