@@ -28,16 +28,16 @@ struct Args {
     /// Rays of a picture.
     #[arg(long, default_value_t = 262_144)]
     rays: usize,
-    /// The greatest share of the triangles that rays test.
+    /// The share of the triangles that rays test, at most.
     #[arg(long, default_value_t = 0.05)]
     share: f64,
-    /// The greatest number of primitives in a subtree.
+    /// Primitives of a subtree at most.
     #[arg(long, default_value_t = LazyParams::default().subtree)]
     subtree: usize,
-    /// Subtrees have no temporal splits.
+    /// Subtrees do not divide the shutter.
     #[arg(long)]
     whole: bool,
-    /// Repetitions of the whole measurement.
+    /// Times that everything is done.
     #[arg(long, default_value_t = 7)]
     rounds: usize,
     /// Only scenes whose name contains this.

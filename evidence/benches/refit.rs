@@ -28,7 +28,7 @@ struct Args {
     /// Frames.
     #[arg(long, default_value_t = 100)]
     frames: usize,
-    /// Frames between builds of another tree.
+    /// Another tree is built after every so many frames.
     #[arg(long, default_value_t = 20)]
     step: usize,
     /// Only animations whose name contains this.

@@ -7,13 +7,13 @@ use mbkd::{KdParams, Policy};
 use mbkd_scenes::{CATALOGUE, Camera, View};
 use std::path::PathBuf;
 
-/// Renders moving scenes with motion blur, through a tree of moving primitives: every ray has its own time.
+/// Renders things that move with motion blur, through a tree that knows the time of every ray.
 ///
 /// Without arguments: a hall with a running figure, to motion_blur.png, in less than a minute.
 #[derive(Parser, Clone, Debug)]
 #[command(name = "motion_blur", after_help = EXAMPLES, max_term_width = 100, args_conflicts_with_subcommands = true)]
 pub struct Options {
-    /// A command other than rendering.
+    /// Something else than rendering.
     #[command(subcommand)]
     pub command: Option<Command>,
 
@@ -42,7 +42,7 @@ pub struct Options {
     /// How long the shutter is open [default: 1/24 s; with --frames half a frame]
     #[arg(long, requires = "mesh", conflicts_with = "scene", value_name = "SECONDS", value_parser = positive, allow_hyphen_values = true, help_heading = "When (files with an animation)")]
     pub shutter: Option<f64>,
-    /// Poses computed inside the shutter; motion is linear between them [default: 5]
+    /// At how many times inside the shutter poses are computed; motion is linear between them [default: 5]
     #[arg(long, requires = "mesh", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(1..=64), help_heading = "When (files with an animation)")]
     pub keys: Option<u32>,
 
@@ -73,13 +73,13 @@ pub struct Options {
     /// Tangent of the sun's angular radius: larger is softer
     #[arg(long, value_parser = not_negative, allow_hyphen_values = true, help_heading = "Light")]
     pub sun_radius: Option<f32>,
-    /// Brightness of the picture relative to the scene's own exposure
+    /// Brightness of the picture relative to what the scene asks for
     #[arg(long, default_value_t = 1.0, value_parser = above_zero, allow_hyphen_values = true, help_heading = "Light")]
     pub exposure: f32,
     /// Diffuse bounces after the first surface; 0 is ambient occlusion
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64), help_heading = "Light")]
     pub bounces: u32,
-    /// Sharp light reflected by metals onto other surfaces, with the specks this causes
+    /// Light that metals throw on other things as sharp as it is, with the specks that come of it
     #[arg(long, help_heading = "Light")]
     pub caustics: bool,
 
@@ -101,7 +101,7 @@ pub struct Options {
     /// Render a sequence of this many frames: numbered PNGs and one animated GIF
     #[arg(long, conflicts_with_all = ["time", "heatmap", "compare"], value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999), help_heading = "Picture")]
     pub frames: Option<u32>,
-    /// Draw the cost of camera rays instead of the picture
+    /// Draw what camera rays cost instead of what they see
     #[arg(long, help_heading = "Picture", conflicts_with_all = LIGHT)]
     pub heatmap: Option<Heat>,
     /// Heat maps of these policies side by side, on one scale
@@ -133,7 +133,7 @@ pub struct Options {
 /// Options without effect on heat maps.
 const LIGHT: [&str; 7] = ["sky", "sun", "sun_radius", "exposure", "bounces", "caustics", "frames"];
 
-/// A command other than rendering.
+/// Something else than rendering.
 #[derive(Subcommand, Clone, Debug)]
 pub enum Command {
     /// Merge parts that were rendered with --samples or --tile: the same file as if it were rendered in one go
@@ -181,14 +181,14 @@ pub enum Heat {
     TimeSkips,
 }
 
-/// Surrounds that can be chosen.
+/// Light from outside that can be asked for.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Surround {
     /// An even grey surround and a white key light
     Studio,
     /// A warm sun and a blue sky over brown ground
     Afternoon,
-    /// The same from high above the ground: blue all around, and haze below
+    /// The same high above the ground: blue all around, and haze below
     Air,
     /// One hard light and a faint glow
     Night,
@@ -225,7 +225,7 @@ impl CameraKeys {
     }
 }
 
-/// The policies that can be chosen by name.
+/// The policies that can be asked for by name.
 pub fn policies() -> [(&'static str, Policy); 3] {
     [
         ("wide", Policy::default()),

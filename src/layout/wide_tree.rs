@@ -15,7 +15,7 @@ pub(crate) struct WideTree {
     pub(crate) presplit: bool,
     /// The greatest number of time slices that have leaf blocks of their own.
     pub(crate) slices: usize,
-    /// A leaf block for each triangle; for triangles with more than two keys one per time slice.
+    /// A leaf block in which each triangle is; of those with more than two keys one for each of the slices.
     pub(crate) blocks: Vec<u32>,
     pub(crate) counts: Counts,
 }

@@ -27,19 +27,19 @@ pub struct Options {
     /// Width and height of the picture in pixels, one primary ray each; rounded up to tiles of 8.
     #[arg(long, default_value_t = 192, value_parser = clap::value_parser!(u32).range(1..=8192))]
     pub side: u32,
-    /// Timed rounds, each ours then theirs. For figures to publish 9, with `--side 512`.
+    /// Timed rounds, each ours then theirs. For figures worth keeping 9, with `--side 512`.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     pub runs: u32,
     /// Embree with its robust scene flag (like our watertight test), and without.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "robust,fast")]
     pub modes: Vec<Mode>,
-    /// Instruction sets: the best of the CPU, or both sides limited to AVX2.
+    /// Instruction sets: what the CPU has, or both sides held to AVX2.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "native")]
     pub isa: Vec<Isa>,
     /// Only Embree configurations whose name contains one of these.
     #[arg(long, value_delimiter = ',')]
     pub configs: Vec<String>,
-    /// Scenes whose rays are also answered in batches.
+    /// Scenes whose rays are also asked in batches.
     #[arg(long, value_delimiter = ',', default_value = "hairball")]
     pub batch: Vec<String>,
     /// Timed builds of each side.
@@ -51,7 +51,7 @@ pub struct Options {
     /// Measure one side only.
     #[arg(long, value_enum)]
     pub only: Option<Only>,
-    /// Measure this many moving instances of each scene instead of the scenes themselves.
+    /// So many instances of each scene, moving, instead of the scenes themselves.
     #[arg(long)]
     pub instances: Option<u32>,
     /// Embree's library file; by default the system's, 4.x before 3.x.
@@ -60,7 +60,7 @@ pub struct Options {
     /// Also print every Embree configuration, not only the best.
     #[arg(long)]
     pub details: bool,
-    /// Passed by cargo to every benchmark.
+    /// What cargo passes to every benchmark; nothing to choose.
     #[arg(long, hide = true)]
     pub bench: bool,
 }

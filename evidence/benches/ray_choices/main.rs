@@ -41,7 +41,7 @@ struct Args {
     /// Rays in random order instead of tiles of pixels.
     #[arg(long)]
     shuffled: bool,
-    /// Timed rounds; each times the automatic tree and another one, and the median of their ratios is reported.
+    /// Timed rounds; each times the automatic tree and another one, and the median of their ratios counts.
     #[arg(long, default_value_t = 7)]
     runs: u32,
     /// Only hand settings whose name contains one of these, comma-separated.

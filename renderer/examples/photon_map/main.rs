@@ -53,7 +53,7 @@ struct Options {
     /// Camera samples per pixel and pass, where rays have times of their own; best a power of two
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1024))]
     samples: u32,
-    /// Part of the glass sphere's path that the camera follows: 0 is a static camera
+    /// The share of the glass sphere's way that the camera goes along: 0 stands still
     #[arg(long, default_value_t = 1.0, value_name = "SHARE", value_parser = share)]
     along: f32,
     /// Another seed, other noise
