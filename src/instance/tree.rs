@@ -125,7 +125,7 @@ impl Instance {
 /// use std::sync::Arc;
 /// use mbkd::glam::{DQuat, DVec3, Vec3};
 /// use mbkd::{BuildParams, Instance, InstanceTree, Pose, Ray, RayTree, TriangleMesh, WideParams};
-/// A sail that makes a quarter turn about z while the shutter is open, at two places.
+/// // A sail that makes a quarter turn about z while the shutter is open, at two places.
 /// let corners = vec![Vec3::ZERO, Vec3::new(1.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 1.0)];
 /// let sail = RayTree::build(&[TriangleMesh::fixed(vec![[0, 1, 2]], corners)], &BuildParams::default())?;
 /// let sail = Arc::new(sail);

@@ -72,7 +72,7 @@ impl<G: Geometry> RayTree<G> {
     /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
     /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [3, 4, 5]], (0..6).map(|i| Vec3::X * i as f32).collect());
     /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
-    /// From a point on each triangle, the closest point of the other.
+    /// // From a point on each triangle, the closest point of the other.
     /// let queries = [0.0, 5.0].map(|x| ClosestPointQuery::new(Vec3::X * x, 0.0));
     /// let mut answers = Vec::new();
     /// tree.closest_points_filtered(&queries, u32::MAX, |i, near| near.primitive != i as u32, &mut answers);

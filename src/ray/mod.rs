@@ -1,9 +1,8 @@
-//! Rays that carry their own time, and the tree that answers ray and closest-point queries.
+//! Rays that carry their own time, and the tree that says what they hit.
 //!
-//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and custom primitives
-//! ([`Primitive`](crate::Primitive)) together, [`RayTree::of_primitives`] custom primitives of one type;
-//! [`BuildParams`] chooses the structure. [`RayTree::closest_hit`], [`RayTree::any_hit`] and [`RayTree::all_hits`]
-//! answer one [`Ray`], their plural forms many.
+//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and the caller's own primitives
+//! ([`Primitive`](crate::Primitive)) together, [`RayTree::of_primitives`] those of one type; [`BuildParams`] says how. [`RayTree::closest_hit`], [`RayTree::any_hit`] and
+//! [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 
 mod batch;
 mod batch_order;
