@@ -109,7 +109,6 @@ fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 ///
 /// Each thread takes the next task, writes it into a fragment to be reused, and appends the fragments that are ready,
 /// unless another thread is doing that: so few fragments wait, and data is copied while it is still in the caches.
-/// another one is doing that: so little waits, and what is copied is still in the caches.
 pub(crate) fn write_in_order(
     arena: &mut Arena,
     sizes: &[u32],

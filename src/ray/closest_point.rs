@@ -22,7 +22,6 @@
 //!
 //! A distance is rounded to f32 before it is compared, so a point that is farther than the best one by less than half
 //! an ULP may tie with it and win by a lower id. Culling therefore begins one float above the best distance.
-//! equal to it, with a lower id. Culling therefore begins one float above the best.
 
 use super::filter::{Everything, Filter};
 use super::nearest_first::{Leaves, NearestFirst};

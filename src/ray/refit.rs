@@ -35,7 +35,6 @@ impl Refit {
     /// of `cost - 1` over the frames since the last build, times the time of a frame's rays, exceeds the time of a
     /// build. For any motion that takes at most twice as long as the best choice in hindsight (the ski rental problem:
     /// buy the skis when the rents have added up to their price).
-    /// buys when the rents have added up to their price).
     pub const WORN: f64 = 1.5;
 }
 
