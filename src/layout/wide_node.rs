@@ -3,12 +3,12 @@
 //! | block | words |
 //! |---|---|
 //! | moving node | rows of 16: lower x, upper x, lower y .. upper z, velocities of the same six, children |
-//! | still node | rows of 16: lower x, upper x, lower y .. upper z, children |
+//! | static node | rows of 16: lower x, upper x, lower y .. upper z, children |
 //! | time node | number of equal time ranges, then one child each |
-//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the begin, the same at the end; sizes; n ids |
-//! | still leaf of n | rows of n: corners; sizes; n ids |
-//! | moving leaf of v shared vertices | rows of v: x y z at the begin, the same at the end; rows of n: corners, ids |
-//! | still leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
+//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the beginning, the same at the end; sizes; n ids |
+//! | static leaf of n | rows of n: corners; sizes; n ids |
+//! | moving leaf of v shared vertices | rows of v: x y z at the beginning, the same at the end; rows of n: corners, ids |
+//! | static leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
 //! | own leaf, of triangles | with more than two keys: see [`super::keyed_leaf`] |
 //! | own leaf of n, of other primitives | n ids |
 //!
