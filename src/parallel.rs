@@ -1,20 +1,20 @@
-//! Doing the same for many things, on several threads where there are some.
+//! Parallel loops over many items, on several threads if there are any.
 
 use core::cell::Cell;
 use core::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 thread_local! {
-    /// Whether this thread is to do all by itself.
+    /// Whether this thread must not share its work.
     static ALONE: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Calls `f` with all that it does done by this thread.
+/// Calls `f` with all of its work done by this thread.
 ///
-/// For what others may wait for: a thread that waits for its helpers does other tasks of theirs meanwhile, and one of these
-/// might wait for what this thread has begun.
+/// For work that other threads may wait for. A thread that waits for rayon's workers runs other tasks meanwhile, and
+/// one of these might wait for the result that this thread is computing: a deadlock.
 pub(crate) fn alone<T>(f: impl FnOnce() -> T) -> T {
-    /// Whether the thread was alone before; it is again, also after a panic.
+    /// The previous value, which is restored on drop, also after a panic.
     struct Before(bool);
     impl Drop for Before {
         fn drop(&mut self) {
@@ -25,18 +25,18 @@ pub(crate) fn alone<T>(f: impl FnOnce() -> T) -> T {
     f()
 }
 
-/// `f(0)`, `f(1)`, … `f(n - 1)` in order; which thread does what changes nothing.
+/// `f(0)`, `f(1)`, … `f(n - 1)` in order; the result does not depend on the threads.
 pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     if n < 2 || threads() == 1 {
         return (0..n).map(f).collect();
     }
     let mut results: Vec<Option<T>> = (0..n).map(|_| None).collect();
     map_into(0, &mut results, &f);
-    // Each place has been written.
+    // Every element has been written.
     results.into_iter().flatten().collect()
 }
 
-/// Writes `f(first)` and so on. Half of it may be done by another thread, and half of that.
+/// Writes `f(first)` and so on. Half of the range may be done by another thread, recursively.
 fn map_into<T: Send>(first: usize, results: &mut [Option<T>], f: &(dyn Fn(usize) -> T + Sync)) {
     match results {
         [] => {}
@@ -52,11 +52,11 @@ fn map_into<T: Send>(first: usize, results: &mut [Option<T>], f: &(dyn Fn(usize)
 /// `f` of each item, in order.
 pub(crate) fn each<I: Send, T: Send>(items: &mut [I], f: impl Fn(&mut I) -> T + Sync) -> Vec<T> {
     let items: Vec<Mutex<&mut I>> = items.iter_mut().map(Mutex::new).collect();
-    // No other thread asks for the same item.
+    // No other thread locks the same item.
     map(items.len(), |i| f(&mut items[i].lock().unwrap_or_else(PoisonError::into_inner)))
 }
 
-/// Does both, at the same time where there are threads for it.
+/// Runs both, concurrently if there are threads for it.
 pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
     let (mut a, mut b) = (Some(a), Some(b));
     let (mut of_a, mut of_b) = (None, None);
@@ -64,10 +64,10 @@ pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnc
     (of_a.expect("join calls the first"), of_b.expect("join calls the second"))
 }
 
-/// Calls both once, at the same time where there are threads for it.
+/// Calls both once, concurrently if there are threads for it.
 ///
-/// What is done is behind `dyn`: rayon's code for it is long, and was a fifth of what this crate's compilation took when there was
-/// some for every closure.
+/// The closures are behind `dyn`: rayon's code for a join is long, and took a fifth of this crate's compile time when
+/// it was instantiated for every closure.
 fn join(a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
     #[cfg(feature = "rayon")]
     if !ALONE.get() {
@@ -78,7 +78,7 @@ fn join(a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
     b();
 }
 
-/// How many threads there are.
+/// The number of threads.
 pub(crate) fn threads() -> usize {
     #[cfg(feature = "rayon")]
     if !ALONE.get() {

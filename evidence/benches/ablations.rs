@@ -1,6 +1,6 @@
-//! The paper's ablations as one table (section 3.1.1 of the paper, measured on the procedural scenes):
-//! duplicates with time-weighted against plain counts, traversal steps and intersections with planes chosen at
-//! times 0, 0.5 and 1; and two choices of this crate: whether propagated references vote, and planes that move.
+//! The paper's ablations as one table (section 3.1.1 of the paper, measured on the procedural scenes): duplicates with
+//! time-weighted and with plain counts, traversal steps and intersections with planes chosen at times 0, 0.5 and 1; and
+//! two choices of this crate: whether propagated references contribute to SAH, and moving planes.
 //!
 //! `cargo bench --bench ablations > ablations.md`
 
@@ -17,10 +17,10 @@ struct Args {
     /// Triangles per scene.
     #[arg(long, default_value_t = 30_000)]
     triangles: usize,
-    /// Rays along the side of a square picture.
+    /// Rays per side of a square picture.
     #[arg(long, default_value_t = 128)]
     side: u32,
-    /// Depth of the trees; the crate's own rule if not given.
+    /// Depth of the trees; by default that of the crate.
     #[arg(long)]
     depth: Option<u32>,
     /// References per triangle that a tree may have.
@@ -31,7 +31,7 @@ struct Args {
     bench: bool,
 }
 
-/// What is counted of one tree.
+/// The counts of one tree.
 #[derive(Clone, Copy)]
 struct Row {
     references: f64,
@@ -40,12 +40,12 @@ struct Row {
     tests: f64,
 }
 
-/// Camera rays with times spread over the shutter: a fixed pattern, the same for every tree.
+/// Camera rays with times distributed over the shutter: a fixed pattern, the same for every tree.
 fn rays(scene: &Scene, side: u32) -> Vec<Ray> {
     let mut rays = Vec::new();
     for y in 0..side {
         for x in 0..side {
-            // The golden ratio spreads the times of neighbouring pixels.
+            // The golden ratio separates the times of neighbouring pixels.
             let time = ((x * 7 + y * 13) as f32 * 0.618_034).fract();
             let at = |i: u32| (i as f32 + 0.5) / side as f32;
             rays.push(scene.camera.ray(at(x), at(y), 1.0, time));
@@ -70,7 +70,7 @@ fn measure(scene: &Scene, rays: &[Ray], params: &BuildParams) -> Result<Row, mbk
     })
 }
 
-/// How much less `a` is than `b`, in percent.
+/// By how many percent `a` is less than `b`.
 fn less(a: f64, b: f64) -> f64 {
     if b > 0.0 { 100.0 * (1.0 - a / b) } else { 0.0 }
 }

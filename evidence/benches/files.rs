@@ -1,7 +1,7 @@
-//! Loading a tree against building it: interleaved, in one thread, medians.
+//! Loading a tree against building it: interleaved, on one thread, medians.
 //!
-//! Trees are saved to and loaded from a file in the folder for temporary files, which is in the system's memory after the
-//! first time. `cargo bench --bench files > files.md`; `--help` lists what can be chosen.
+//! Trees are saved to and loaded from a file in the temporary folder, which is in the page cache after the first time.
+//! `cargo bench --bench files > files.md`; `--help` lists the options.
 
 #[path = "embree/clock.rs"]
 mod clock;
@@ -30,10 +30,10 @@ struct Args {
     bench: bool,
 }
 
-/// What may fail.
+/// A result with any error.
 type Tried<T> = Result<T, Box<dyn Error>>;
 
-/// What a row does: builds, saves and loads.
+/// A row: how its tree is built, saved and loaded.
 struct Row<'a, T> {
     build: &'a dyn Fn() -> Tried<T>,
     save: &'a dyn Fn(&T, &Path) -> Tried<()>,
@@ -98,7 +98,7 @@ fn measure<T>(args: &Args, name: &str, row: &Row<'_, T>) -> Tried<()> {
         let built = clock::seconds();
         (row.save)(&tree, &path)?;
         let saved = clock::seconds();
-        // What is loaded takes no memory that was just given back.
+        // The built tree is still alive, so the load cannot reuse its memory.
         let again = (row.load)(&path)?;
         let loaded = clock::seconds();
         for (times, time) in times.iter_mut().zip([built - start, saved - built, loaded - saved]) {

@@ -1,15 +1,16 @@
-//! Gathers of photons against the same estimates over a kiddo tree and over hash grids written by hand, side by side in
-//! one run, on one thread: `cargo bench --bench gather`.
+//! Photon gathering against the same estimates with a kiddo tree and with handwritten hash grids, interleaved in one
+//! run, on one thread: `cargo bench --bench gather`.
 //!
-//! The gather: k = 50 within a radius that holds about 150 through the window, a million photons with time stamps on
-//! the walls of a room. kiddo finds all within the radius, photons are filtered by time as they come, the k + 1 nearest
-//! are selected. The hash grid is that of SmallVCM (Davidovič and Georgiev): cells of twice the radius, photons
-//! counted into them, eight cells per query; it knows no k, and is compared at a fixed radius. Photons are handed to all in an
-//! order in which near ones are near in memory.
+//! The gather: k = 50 within a radius that holds about 150 photons of the time window, with a million photons with time
+//! stamps on the walls of a room. With kiddo, all photons within the radius are visited and filtered by time, and the
+//! k + 1 nearest are selected. The hash grid is that of SmallVCM (Davidovič and Georgiev): cells of twice the radius,
+//! photons sorted into them by counting, eight cells per query; it has no k, and is compared at a fixed radius. All
+//! methods get the photons in an order in which neighbours are close in memory.
 //!
-//! The inverse gather: a million visible points whose radii differ by a factor of ten, a million photons per pass, radii
-//! shrinking between passes. The grid is that of pbrt's SPPM: points in every cell that their box touches, rebuilt for
-//! each pass, but with the points themselves in the cells instead of lists of them; ours fits its tree to the new radii.
+//! The inverse gather: a million visible points whose radii differ by a factor of ten, a million photons per pass,
+//! radii shrinking between passes. The grid is that of pbrt's SPPM: points in every cell that their box overlaps,
+//! rebuilt for each pass, but with the points themselves in the cells instead of lists of them; ours refits its tree to
+//! the new radii.
 
 use kiddo::SquaredEuclidean;
 use mbkd::glam::{IVec3, Vec3};
@@ -20,7 +21,7 @@ use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// A place on the walls of the unit cube, and the normal there.
+/// A point on the walls of the unit cube, and the normal there.
 fn wall(random: &mut Lcg) -> (Vec3, Vec3) {
     let (axis, far) = ((6.0 * random.unit()) as usize / 2, random.unit() < 0.5);
     let mut at = Vec3::new(random.unit(), random.unit(), random.unit());
@@ -30,7 +31,7 @@ fn wall(random: &mut Lcg) -> (Vec3, Vec3) {
     (at, normal)
 }
 
-/// Runs each of the closures in turns and returns the median time of each, in ns per item, with their checksums.
+/// Runs the closures in alternation and returns the median time of each, in ns per item, with their checksums.
 fn race(rounds: usize, items: usize, runs: &mut [&mut dyn FnMut() -> f64]) -> Vec<(f64, f64)> {
     let mut times = vec![Vec::new(); runs.len()];
     let mut sums = vec![0.0; runs.len()];
@@ -61,7 +62,7 @@ fn main() {
     });
 }
 
-/// The place of a point of the unit cube along a Morton curve.
+/// The index of a point of the unit cube along a Morton curve.
 fn curve(at: Vec3) -> u64 {
     let cell = (at * 1023.0).as_uvec3().to_array();
     (0..30).fold(0, |code, bit| code | u64::from(cell[bit % 3] >> (bit / 3) & 1) << bit)
@@ -82,7 +83,7 @@ fn gathers(count: usize, queries: usize, rounds: usize) {
             Photon::at_time(at, normal, Vec3::new(rng.unit(), rng.unit(), rng.unit()), rng.unit())
         })
         .collect();
-    // In an order in which near photons are near in memory: kiddo's search looks up their times by index.
+    // In an order in which neighbouring photons are close in memory: kiddo's search looks up their times by index.
     photons.sort_by_cached_key(|photon| curve(photon.position));
     let begin = Instant::now();
     let map = PhotonMap::build(&photons, &GatherParams::default()).expect("photons are fine");
@@ -164,7 +165,7 @@ fn k_nearest(
     println!("{name}: {ours:.0} ns, kiddo {theirs:.0} = {:.2} (target 3)", theirs / ours);
 }
 
-/// Photons counted into cells of a table, as SmallVCM does.
+/// Photons sorted into the cells of a table by counting, as in SmallVCM.
 struct HashGrid {
     ends: Vec<u32>,
     order: Vec<u32>,
@@ -196,7 +197,7 @@ impl HashGrid {
             grid.order[next[cell as usize] as usize] = i;
             next[cell as usize] += 1;
         }
-        // What a query reads, in the order in which it reads it.
+        // The data that a query reads, in the order in which it is read.
         grid.positions = grid.order.iter().map(|&i| photons[i as usize].position).collect();
         grid.stamps = grid.order.iter().map(|&i| stamp(&photons[i as usize])).collect();
         grid.flux = grid.order.iter().map(|&i| photons[i as usize].flux).collect();
@@ -262,8 +263,8 @@ fn fixed_radius(
     println!("{name}: {ours:.0} ns, hash grid {theirs:.0} = {:.2} (target 1.5)", theirs / ours);
 }
 
-/// Visible points in all cells that their boxes touch, as in pbrt's SPPM; copied into their cells, so that a photon reads
-/// them one behind the other.
+/// Visible points in all cells that their boxes overlap, as in pbrt's SPPM; copied into their cells, so that a photon
+/// reads them sequentially.
 struct PointGrid {
     ends: Vec<u32>,
     entries: Vec<(VisiblePoint, u32)>,
@@ -326,7 +327,7 @@ fn inverse(count: usize, rounds: usize) {
         .map(|_| VisiblePoint { position: wall(&mut rng).0, time: rng.unit(), radius: base * 10f32.powf(rng.unit()) })
         .collect();
     let mut photons: Vec<(Vec3, f32)> = (0..count).map(|_| (wall(&mut rng).0, rng.unit())).collect();
-    // In an order that serves the grid; ours finds one by itself.
+    // In an order that suits the grid; ours computes one itself.
     photons.sort_by_cached_key(|photon| curve(photon.0));
     let window = 0.05;
     let begin = Instant::now();

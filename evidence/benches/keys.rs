@@ -1,9 +1,10 @@
-//! What many keys cost: bytes, building time and rays of the same motion given with more of them.
+//! The cost of many keys: bytes, build time and rays for the same motion given with more keys.
 //!
-//! Trees of a row answer the same rays by turns, in one thread; medians. The tree of two keys is the measure. Where motion
-//! bends, two keys are another motion: compare with care. "whole" is the same tree without time slices.
+//! The trees of a row answer the same rays in alternation, on one thread; medians. Figures are relative to the tree of
+//! two keys. For bent motion, two keys are another motion: compare with care. "whole" is the same tree without time
+//! slices.
 //!
-//! `cargo bench --bench keys > keys.md`; `--help` lists what can be chosen. For figures worth keeping give it an idle core.
+//! `cargo bench --bench keys > keys.md`; `--help` lists the options. For figures to publish give it an idle core.
 
 #[path = "embree/clock.rs"]
 mod clock;
@@ -64,7 +65,7 @@ const ROWS: [Row; 3] = [
     },
 ];
 
-/// The straight motion of a mesh at more keys; what stands still stays as it is.
+/// The linear motion of a mesh at more keys; static meshes are unchanged.
 fn sampled(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
     let Keys::F32(at) = &mesh.keys else { return mesh.clone() };
     let [a, b] = &at[..] else { return mesh.clone() };
@@ -125,7 +126,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
             for round in 0..2 {
                 let start = clock::seconds();
                 rays.iter().for_each(|ray| _ = black_box(of.tree.closest_hit(ray)));
-                // The first one fetches the tree.
+                // The first one warms the caches.
                 if round == 1 {
                     of.rays.push((clock::seconds() - start) / rays.len() as f64);
                 }

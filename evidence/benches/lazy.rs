@@ -1,10 +1,11 @@
-//! What a lazy tree saves where a picture shows a small part of a scene.
+//! The saving of a lazy tree if a picture shows a small part of a scene.
 //!
-//! Of each scene a picture is taken of which rays test about the wanted share of the triangles: a window in the middle of the
-//! scene's own picture, made smaller until that is so. A whole build, and a lazy build with the rays of the picture, follow each other by turns, on
-//! one thread. What the rays built is what they took the first time beyond what they take in the same tree again.
+//! For each scene a picture is chosen whose rays test about the wanted share of the triangles: a window in the middle
+//! of the scene's own picture, shrunk until that holds. A whole build, and a lazy build with the rays of the picture,
+//! alternate on one thread. The time for on-demand builds is that of the first pass of rays minus that of a second pass
+//! through the same tree.
 //!
-//! `cargo bench --bench lazy > lazy.md`; `--help` lists what can be chosen. For figures worth keeping give it an idle core.
+//! `cargo bench --bench lazy > lazy.md`; `--help` lists the options. For figures to publish give it an idle core.
 
 #[path = "embree/clock.rs"]
 mod clock;
@@ -119,7 +120,7 @@ fn ask(tree: &RayTree, rays: &[Ray]) {
 fn picture(tree: &RayTree, camera: &scene::Camera, args: &Args) -> (Vec<Ray>, f64) {
     let (mut least, mut most, mut best) = (0.0f32, 1.0, None);
     for step in 0..7 {
-        // At first all of the picture.
+        // The whole picture first.
         let window = if step == 0 { 1.0 } else { 0.5 * (least + most) };
         let rays = rays(camera, window, args.rays);
         let share = tested(tree, &rays);
@@ -137,7 +138,7 @@ fn picture(tree: &RayTree, camera: &scene::Camera, args: &Args) -> (Vec<Ray>, f6
     best.unwrap_or_default()
 }
 
-/// Rays through a window in the middle of a picture, so wide, at times of their own, row by row.
+/// Rays through a window of this width in the middle of a picture, each at its own time, row by row.
 fn rays(camera: &scene::Camera, window: f32, count: usize) -> Vec<Ray> {
     let side = (count as f32).sqrt() as usize;
     let mut random = Lcg(1);
@@ -146,7 +147,7 @@ fn rays(camera: &scene::Camera, window: f32, count: usize) -> Vec<Ray> {
     pixels.map(|(x, y)| camera.ray(place(x, random.unit()), place(y, random.unit()), 1.0, random.unit())).collect()
 }
 
-/// The share of the triangles in leaf blocks that rays come to before they hit.
+/// The share of the triangles in leaf blocks that rays visit before their hits.
 fn tested(tree: &RayTree, rays: &[Ray]) -> f64 {
     let mut seen = HashSet::new();
     for ray in rays {
@@ -156,7 +157,7 @@ fn tested(tree: &RayTree, rays: &[Ray]) -> f64 {
     seen.len() as f64 / tree.statistics().primitives as f64
 }
 
-/// The way of a ray to where it hits.
+/// The path of a ray up to its hit.
 struct Way<'a> {
     ray: Ray,
     end: f64,

@@ -1,4 +1,4 @@
-//! Regression benches of the neighbour queries: build, and queries over still and moving points.
+//! Regression benchmarks of the neighbour queries: builds, and queries over static and moving points.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mbkd::glam::Vec3;
@@ -40,7 +40,7 @@ fn neighbors(criterion: &mut Criterion) {
             b.iter(|| queries.iter().filter_map(|(q, t)| tree.nearest(*q, *t)).map(|n| n.id).max());
         });
         let within = |(q, t): &(Vec3, f32)| tree.query(*q, *t).radius(2.1 * spacing);
-        // The sum of squared distances, by each form of a radius query that finds them.
+        // The sum of squared distances, by each form of a radius query.
         group.bench_function(format!("{name}/radius/collect"), |b| {
             b.iter(|| {
                 let mut sum = 0.0;

@@ -1,12 +1,11 @@
-//! Prints the tables that compare neighbour queries with kiddo, side by side in one run, one thread.
+//! Prints the tables that compare neighbour queries with kiddo, interleaved in one run, on one thread.
 //!
 //! `cargo bench --bench neighbor_tables -- static moving lives --points 1000000`
 //!
-//! Times are medians over interleaved repetitions, in nanoseconds per query; only their ratios mean
-//! something on another machine. kiddo is measured in two configurations (its default, arena leaves,
-//! and flat leaves) and the faster one counts for each cell; build with `RUSTFLAGS=-Ctarget-cpu=native`
-//! to give it the widest instructions that stable Rust offers. Its `simd` feature needs a nightly
-//! compiler and is not part of this.
+//! Times are medians over interleaved repetitions, in nanoseconds per query; only their ratios are meaningful on
+//! another machine. kiddo is measured in two configurations (its default, arena leaves, and flat leaves) and the faster
+//! one counts for each cell; build with `RUSTFLAGS=-Ctarget-cpu=native` to give it the widest instructions that stable
+//! Rust offers. Its `simd` feature needs a nightly compiler and is not measured.
 
 use clap::{Parser, ValueEnum};
 use kiddo::SquaredEuclidean;
@@ -25,7 +24,7 @@ type Flat = kiddo::KdTree<f32, u32, Eytzinger, FlatVec<f32, u32, 3, 32>, 3, 32>;
 #[derive(Parser)]
 #[command(about = "Neighbour queries against kiddo, in tables")]
 struct Args {
-    /// Which tables; all if none is named.
+    /// The tables to print; all by default.
     #[arg(value_enum)]
     tables: Vec<Table>,
     /// Numbers of points.
@@ -34,11 +33,11 @@ struct Args {
     /// Queries per repetition.
     #[arg(long, default_value_t = 100_000, value_parser = at_least::<100>)]
     queries: usize,
-    /// Repetitions, of which the median counts.
+    /// Repetitions; the median is reported.
     #[arg(long, default_value_t = 5, value_parser = at_least::<1>)]
     repeat: usize,
-    /// Measure every forced structure in the moving tables and in that of lives, not just the automatic choice,
-    /// and say how far that is from the best.
+    /// Measure every forced structure in the moving tables and in that of lives, not just the automatic choice, and
+    /// compare it with the best.
     #[arg(long)]
     structures: bool,
     /// Only the rows of the moving table whose names contain this.
@@ -49,20 +48,20 @@ struct Args {
     bench: bool,
 }
 
-/// The tables there are.
+/// The tables.
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Table {
     /// Static points
     Static,
-    /// Points that move
+    /// Moving points
     Moving,
-    /// Points that live for a while
+    /// Points with short active intervals
     Lives,
-    /// What nodes, blocks and memory cost: the fit of the prices by which structures are chosen (only if named)
+    /// The costs of nodes, blocks and memory: fits the cost model by which structures are chosen (only if named)
     Prices,
 }
 
-/// A number that makes sense: with fewer points or queries there is nothing to measure.
+/// A sufficiently large number: with fewer points or queries there is nothing to measure.
 fn at_least<const LEAST: usize>(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| *n >= LEAST).ok_or_else(|| format!("a whole number, at least {LEAST}"))
 }
@@ -78,7 +77,7 @@ fn morton(p: Vec3) -> u64 {
     spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
 }
 
-/// Medians of the interleaved times of all contestants, in nanoseconds per query.
+/// Medians of interleaved times, in nanoseconds per query.
 fn race(repeat: usize, count: usize, contestants: &mut [&mut dyn FnMut()]) -> Vec<f64> {
     let mut times = vec![Vec::new(); contestants.len()];
     for _ in 0..repeat {
@@ -97,7 +96,7 @@ fn race(repeat: usize, count: usize, contestants: &mut [&mut dyn FnMut()]) -> Ve
         .collect()
 }
 
-/// Radius around points of a set that holds about `aim` others on average.
+/// The radius around points of a set that holds about `aim` others on average.
 fn radius_for(tree: &PointTree, at: &[(Vec3, f32)], aim: usize) -> f32 {
     let (mut buffer, mut sum) = (NeighborBuffer::new(), 0.0);
     for (q, t) in at.iter().take(300) {
@@ -151,10 +150,10 @@ fn static_tables(args: &Args) {
             let mut point = || if set == "uniform" { rng.vec() } else { rng.surface() };
             let points: Vec<Vec3> = (0..n).map(|_| point()).collect();
             let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
-            // On and near the points: where the queries of a gather are.
+            // On and near the points, as in a gather.
             let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (point(), 0.0)).collect();
             let build = race(
-                // Small ones often: the first builds of a process also fetch its memory.
+                // Small ones often: the first builds of a process also fault in its memory.
                 (3_000_000 / n).clamp(3, 15),
                 n,
                 &mut [
@@ -208,16 +207,16 @@ fn static_tables(args: &Args) {
     }
 }
 
-/// Numbers of neighbours (0: all within a radius) and the ratios wanted.
+/// Numbers of neighbours (0: all within a radius) and required ratios.
 const WANTED: [(usize, f64); 5] = [(1, 1.4), (8, 2.5), (32, 3.0), (64, 3.0), (0, 3.0)];
 
 fn name(k: usize) -> String {
     if k == 0 { "radius".to_string() } else { format!("k={k}") }
 }
 
-/// A row for those who have all their queries at once: a batch on one thread, which orders queries and copies
-/// results, against the peer's single queries in the same random order. (Not within a radius: a batch sorts what it
-/// finds, the others do not.)
+/// A row for callers that have all their queries at once: a batch on one thread, which sorts queries and copies
+/// results, against the peer's single queries in the same random order. (Not for radius queries: a batch sorts its
+/// results, the others do not.)
 fn batches(tree: &PointTree, at: &[(Vec3, f32)], peers: &[f64], repeat: usize) {
     print!("  batch  ");
     for ((k, _), peer) in WANTED.into_iter().zip(peers).filter(|((k, _), _)| *k > 0) {
@@ -231,7 +230,7 @@ fn batches(tree: &PointTree, at: &[(Vec3, f32)], peers: &[f64], repeat: usize) {
     println!();
 }
 
-/// The rows of the moving table: points and what they are called.
+/// The points of a row of the moving table, by the row's name.
 fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
     let mut rng = Lcg(7);
     let spacing = 1.0 / (n as f32).cbrt();
@@ -329,7 +328,7 @@ fn moving_tables(args: &Args) {
             println!("      {:?}, {} points: {}", layer.kind, layer.points, layer.why);
         }
         if args.structures {
-            // Far slower than the others, so with a tenth of the queries and by itself.
+            // Far slower than the others, so measured separately with a tenth of the queries.
             let some = &at[..at.len() / 10];
             drop(trees);
             let mbkd = built(&points, &[Mbkd]).remove(0).0;
@@ -354,8 +353,8 @@ fn moving_tables(args: &Args) {
     }
 }
 
-/// The trees of all structures, and how many times as long each takes to build as the tree of the same points when they
-/// stand still: medians of three builds by turns.
+/// The trees of all structures, and their build times relative to that of the same points as a static tree: medians of
+/// three builds in alternation.
 fn built(points: &[MovingPoint], structures: &[PointStructure]) -> Vec<(PointTree, f64)> {
     let still: Vec<Vec3> = points.iter().map(|p| p.open.lerp(p.close, 0.5)).collect();
     let build = |&structure: &PointStructure| {
@@ -372,7 +371,7 @@ fn built(points: &[MovingPoint], structures: &[PointStructure]) -> Vec<(PointTre
     structures.iter().map(build).collect()
 }
 
-/// Times of all trees and, last, of a rival. `k` = 0: within the radius.
+/// Times of all trees and, last, of a peer. `k` = 0: within the radius.
 fn race_trees(
     repeat: usize,
     trees: &[&PointTree],
@@ -444,8 +443,8 @@ fn lives_tables(args: &Args) {
     println!("      {}", trees[0].0.statistics().layers.last().map_or("", |l| &l.why));
 }
 
-/// Fits the time of searches for eight neighbours by the nodes and blocks that they visit and by the bytes of the tree, for searches in
-/// the order of space and in none, over forced structures of sets of all the sizes.
+/// Fits the time of searches for eight neighbours as a function of visited nodes and blocks and of the bytes of the
+/// tree, for searches in spatial order and in random order, over forced structures of sets of all the sizes.
 fn prices(args: &Args) {
     // Nodes, blocks, bytes and time.
     let mut rows: Vec<[f64; 4]> = Vec::new();
@@ -464,7 +463,7 @@ fn prices(args: &Args) {
                 let work = some().map(|(q, t)| tree.query(*q, *t).work(8)).map(|w| [w.nodes as f64, w.blocks as f64]);
                 let [nodes, blocks] = work.fold([0.0; 2], |sum, w| [sum[0] + w[0], sum[1] + w[1]]);
                 let count = some().count() as f64;
-                // What no one would choose says nothing about what one might.
+                // Structures that no chooser would take are not relevant for the fit.
                 if nodes > 50.0 * count {
                     continue;
                 }
@@ -482,7 +481,7 @@ fn prices(args: &Args) {
     for half_cold in [1e7, 2e7, 5e7, 1e8, 2e8, 5e8, 1e9] {
         let terms =
             |&[nodes, blocks, bytes, time]: &[f64; 4]| DVec3::new(nodes, blocks, bytes / (bytes + half_cold)) / time;
-        // The squares of relative errors are to be least.
+        // Least squares of relative errors.
         let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
         let (squares, sum) = rows.iter().map(terms).fold((DMat3::ZERO, DVec3::ZERO), |s, v| (s.0 + outer(v), s.1 + v));
         let price = squares.inverse() * sum;

@@ -1,9 +1,9 @@
-//! Bytes per point of our static tree and of kiddo's, counted at the allocator: held by the finished tree, and
-//! at most while it is built.
+//! Bytes per point of our static tree and of kiddo's, counted at the allocator: those of the finished tree, and the
+//! peak during the build.
 //!
 //! `cargo bench --bench neighbor_tables_memory`
 //!
-//! A program of its own: a counting allocator would slow down whoever allocates in the tables of times.
+//! A separate program: a counting allocator would slow down allocations in the timing tables.
 
 use clap::Parser;
 use kiddo::leaf_strategy::FlatVec;

@@ -5,7 +5,7 @@ use mbkd::{BuildParams, Counters, KdParams, Ray, RayTree};
 use mbkd_scenes::{self as scene, Scene};
 use std::hint::black_box;
 
-/// Triangles per scene: small enough for a bench to end, large enough for a tree to matter.
+/// Triangles per scene: few enough for a short benchmark, and enough for a tree to matter.
 const TRIANGLES: usize = 50_000;
 const SCENES: [&str; 3] = ["hall", "tornado", "hairball"];
 
@@ -64,7 +64,7 @@ fn queries(c: &mut Criterion) {
             group.bench_function(BenchmarkId::new("closest", policy), |b| {
                 b.iter(|| rays.iter().filter_map(|ray| tree.closest_hit(black_box(ray))).count());
             });
-            // An observer that observes nothing costs nothing; one that counts costs its counting.
+            // The observer `()` costs nothing; counters cost their counting.
             group.bench_function(BenchmarkId::new("closest observed by ()", policy), |b| {
                 b.iter(|| rays.iter().filter_map(|ray| tree.closest_hit_observed(black_box(ray), &mut ())).count());
             });

@@ -1,9 +1,9 @@
-//! What a refit costs beside a build, and what rays cost afterwards.
+//! The cost of a refit compared with a build, and the cost of rays afterwards.
 //!
-//! A tree is built of the first frame of an animation and refitted to every following one; at some of them another tree is
-//! built, and both answer the same rays by turns, in one thread; medians. Figures are processor time.
+//! A tree is built of the first frame of an animation and refitted to every following one; at some of them another tree
+//! is built, and both answer the same rays in alternation, on one thread; medians. Times are processor times.
 //!
-//! `cargo bench --bench refit > refit.md`; `--help` lists what can be chosen. For figures worth keeping give it an idle core.
+//! `cargo bench --bench refit > refit.md`; `--help` lists the options. For figures to publish give it an idle core.
 
 #[path = "embree/clock.rs"]
 mod clock;
@@ -42,10 +42,10 @@ struct Args {
 /// An animation.
 struct Row {
     name: &'static str,
-    /// Number of triangles and of the frame.
+    /// The scene for a number of triangles and a frame.
     frame: fn(usize, usize) -> scene::Scene,
     triangles: usize,
-    /// Meshes from this one on move.
+    /// The index of the first moving mesh.
     moving: usize,
 }
 
@@ -56,7 +56,7 @@ const ROWS: [Row; 4] = [
     Row { name: "running figure alone, 17 keys", frame: |n, i| alone(n, 17, i), triangles: 100_000, moving: 0 },
 ];
 
-/// Half a shutter after each other, from where the figure comes in.
+/// Frames half a shutter apart, from the figure's entrance.
 fn running(triangles: usize, keys: usize, frame: usize) -> scene::Scene {
     scene::walking_from(triangles, keys, 0.5 * frame as f32 - 30.0)
 }
@@ -104,7 +104,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
     let mut last = None;
     for i in 1..=args.frames {
         let now = (row.frame)(triangles, i);
-        // By turns, so that each has something to write.
+        // Alternating, so that each has something to write.
         let refit = match i % 2 {
             0 => timed(&mut whole, || tree.refit(&now.meshes))?,
             _ => timed(&mut parts, || tree.refit_moved(&now.meshes, &moving))?,
@@ -117,7 +117,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
                 let [mut of_tree, mut of_other] = [const { Vec::new() }; 2];
                 timed(&mut of_tree, || ask(&tree, &rays));
                 timed(&mut of_other, || ask(&other, &rays));
-                // The first one fetches the trees.
+                // The first round warms the caches.
                 if round > 0 {
                     rays_of_both.push(of_tree[0] / of_other[0]);
                 }
@@ -156,7 +156,7 @@ fn ask(tree: &RayTree, rays: &[Ray]) {
     rays.iter().for_each(|ray| _ = black_box(tree.closest_hit(ray)));
 }
 
-/// Nodes and leaf blocks that rays meet.
+/// Nodes and leaf blocks that rays visit.
 fn blocks(tree: &RayTree, rays: &[Ray]) -> f64 {
     let mut counters = Counters::default();
     rays.iter().for_each(|ray| _ = tree.closest_hit_observed(ray, &mut counters));

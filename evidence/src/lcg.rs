@@ -1,8 +1,8 @@
-//! The random numbers of benches.
+//! The random numbers of benchmarks.
 
 use mbkd::glam::Vec3;
 
-/// A linear congruential generator: Knuth's for 64 bits. Every run sees the same numbers.
+/// Knuth's 64-bit linear congruential generator. Every run uses the same numbers.
 pub struct Lcg(pub u64);
 
 impl Lcg {
@@ -22,7 +22,7 @@ impl Lcg {
         self.vec() * 2.0 - 1.0
     }
 
-    /// Of length 1.
+    /// A unit vector.
     pub fn direction(&mut self) -> Vec3 {
         loop {
             let p = self.signed();

@@ -1,4 +1,4 @@
-//! What measurements of `mbkd` share: exact arithmetic, peers, timing. Never published.
+//! Shared code of the measurements of `mbkd`: exact arithmetic, peers, timing. Never published.
 
 pub mod accuracy;
 pub mod lcg;

@@ -1,17 +1,17 @@
-//! What one method costs and how much it errs, and whether another one does better in both.
+//! Pareto fronts: the cost and the error of methods, and whether another method is better in both.
 
 /// One method with one setting, measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
     /// Method and setting.
     pub name: String,
-    /// What it costs.
+    /// Its cost.
     pub cost: f64,
-    /// How much it errs.
+    /// Its error.
     pub error: f64,
 }
 
-/// The settings that no other of them beats, cheapest first.
+/// The Pareto front: the settings that no other of them dominates, cheapest first.
 pub fn front(settings: &[Measured]) -> Vec<&Measured> {
     let beaten = |m: &Measured| {
         settings.iter().any(|other| {
@@ -23,8 +23,8 @@ pub fn front(settings: &[Measured]) -> Vec<&Measured> {
     front
 }
 
-/// Peers that refute that none lies below and to the left of ours, each with the point of our front that it beats: it
-/// costs less and errs no more.
+/// The peers that refute the claim that none dominates ours, each with the point of our front that it dominates: it
+/// costs less and its error is no greater.
 pub fn refuting<'a>(ours: &'a [Measured], peers: &'a [Measured]) -> Vec<(&'a Measured, &'a Measured)> {
     let front = front(ours);
     let beats = |peer: &Measured, ours: &Measured| peer.cost < ours.cost && peer.error <= ours.error;
@@ -40,7 +40,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_is_what_nothing_beats() {
+    fn the_front_consists_of_undominated_settings() {
         let all = measured(&[(3.0, 0.0), (1.0, 0.5), (2.0, 0.5), (4.0, 0.0), (2.0, 0.1)]);
         let names: Vec<&str> = front(&all).iter().map(|m| &m.name[..]).collect();
         assert_eq!(names, ["1 0.5", "2 0.1", "3 0"]);
@@ -49,7 +49,7 @@ mod tests {
     #[test]
     fn a_peer_refutes_by_beating_a_point_of_the_front_only() {
         let ours = measured(&[(1.0, 0.5), (3.0, 0.0), (4.0, 0.4)]);
-        // Cheaper but worse, better but dearer, below a point that we beat ourselves.
+        // Cheaper but less accurate, more accurate but more expensive, below a point that we dominate ourselves.
         assert!(refuting(&ours, &measured(&[(0.5, 0.6), (3.5, 0.0), (3.2, 0.3)])).is_empty());
         let peers = measured(&[(2.0, 0.0), (0.9, 0.5)]);
         let found: Vec<(&str, &str)> =

@@ -1,29 +1,29 @@
-//! Sets of points that move in different ways, queries among them, and what is really nearest: the ground on which
-//! neighbour searches are compared.
+//! Sets of points with different motions, queries among them, and exact answers: the test data for comparing neighbour
+//! searches.
 //!
-//! Everything comes from whole random numbers and arithmetic that IEEE 754 fixes, so sets have the same bits on every
-//! machine.
+//! All numbers come from random integers and arithmetic that IEEE 754 specifies exactly, so sets have the same bits on
+//! every machine.
 
 use crate::accuracy::Random;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{MovingPoint, TimeInterval};
 
-/// How the points of a set move. The mean spacing is the side of a cube that holds one point.
+/// The motion of the points of a set. The mean spacing is the side of a cube that holds one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
-    /// Not at all.
+    /// No motion.
     Still,
-    /// As one: a turning, stretching field that moves points by up to a tenth of the set.
+    /// Coherent motion: a rotating, stretching field that moves points by up to a tenth of the set.
     Coherent,
-    /// Each on a way of its own, up to so many spacings along each axis.
+    /// Each point in its own direction, by up to this many spacings along each axis.
     Random(f32),
     /// One in twenty by up to twenty spacings along each axis, the others by up to a tenth of one.
     Mixed,
-    /// Not at all, but each exists for 2 to 10 % of the shutter only.
+    /// Static points, each with an active interval of 2 to 10 % of the shutter.
     ShortLived,
 }
 
-/// The motions that reports and golden counts go through, by name.
+/// The motions in reports and golden counts, by name.
 pub const MOTIONS: [(&str, Motion); 5] = [
     ("still", Motion::Still),
     ("coherent", Motion::Coherent),
@@ -32,7 +32,7 @@ pub const MOTIONS: [(&str, Motion); 5] = [
     ("short-lived", Motion::ShortLived),
 ];
 
-/// A place and a time.
+/// A position and a time.
 pub type Query = (Vec3, f32);
 
 /// The mean spacing of `n` points in the unit cube.
@@ -41,7 +41,7 @@ pub fn spacing(n: usize) -> f32 {
 }
 
 fn unit(random: &mut Random) -> f32 {
-    // 24 bits, so that nothing is rounded up to 1.
+    // 24 bits, so that no number is rounded up to 1.
     (random.bits() >> 40) as f32 / (1u32 << 24) as f32
 }
 
@@ -75,20 +75,20 @@ pub fn moving_points(motion: Motion, n: usize, seed: u64) -> Vec<MovingPoint> {
     (0..n).map(point).collect()
 }
 
-/// Where a point is, in f32 and from the nearer end, as trees of f32 points take it.
+/// The position of a point, in f32 and interpolated from the nearer end, as in trees of f32 points.
 pub fn place(point: &MovingPoint, time: f32) -> Vec3 {
     let way = point.close - point.open;
     if time < 0.5 { point.open + way * time } else { point.close + way * (time - 1.0) }
 }
 
-/// Where a point is, rounded in f64 only.
+/// The position of a point, rounded in f64 only.
 pub fn exact_place(point: &MovingPoint, time: f32) -> DVec3 {
     let (open, close) = (point.open.as_dvec3(), point.close.as_dvec3());
     open + (close - open) * f64::from(time)
 }
 
-/// `count` queries near points of the set, each at its own time, in the order of a Morton curve: the order in which a
-/// renderer or a simulation asks.
+/// `count` queries near points of the set, each at its own time, in the order of a Morton curve, as a renderer or a
+/// simulation would ask them.
 pub fn queries(points: &[MovingPoint], count: usize, seed: u64) -> Vec<Query> {
     let mut random = Random(seed);
     let spacing = spacing(points.len());
@@ -103,14 +103,14 @@ pub fn queries(points: &[MovingPoint], count: usize, seed: u64) -> Vec<Query> {
     queries
 }
 
-/// The place along a Morton curve through the cube [-1, 2)³.
+/// The index along a Morton curve through the cube [-1, 2)³.
 fn morton(at: Vec3) -> u64 {
     let cell = ((at + 1.0) * 341.0).clamp(Vec3::ZERO, Vec3::splat(1023.0)).as_uvec3().to_array();
     (0..30).fold(0, |code, bit| code | u64::from(cell[bit % 3] >> (bit / 3) & 1) << bit)
 }
 
-/// The distances of the `k` nearest points that exist at a query's time, by looking at every point in f64; nearest first,
-/// fewer where there are fewer.
+/// The distances of the `k` nearest points that are active at a query's time, by testing every point in f64; nearest
+/// first, fewer if there are fewer.
 pub fn true_distances(points: &[MovingPoint], (at, time): Query, k: usize) -> Vec<f64> {
     let alive = points.iter().filter(|point| point.alive.contains(time));
     let mut squares: Vec<f64> = alive.map(|point| exact_place(point, time).distance_squared(at.as_dvec3())).collect();
@@ -122,21 +122,21 @@ pub fn true_distances(points: &[MovingPoint], (at, time): Query, k: usize) -> Ve
     squares.into_iter().map(f64::sqrt).collect()
 }
 
-/// What the answer to a query is worth, beside the truth.
+/// The error of an answer relative to the true one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AnswerError {
-    /// Places of the answer that hold no neighbour: nothing, a point that does not exist at the time, or one that is
-    /// farther than the last true neighbour by more than rounding its position to f32 explains.
+    /// Entries of the answer that are no neighbours: missing, a point that is not active at the time, or one that is
+    /// farther than the last true neighbour by more than the rounding of its position to f32 explains.
     pub wrong: usize,
-    /// Mean over the places of how much farther the point there is than the true one, relative to that; 1 for an
-    /// empty place.
+    /// Mean over the entries of the excess distance relative to the true neighbour of the same rank; 1 for a missing
+    /// entry.
     pub farther: f64,
 }
 
-/// Rounding of f32 positions in and around the unit cube, both ends of a distance.
+/// Rounding of f32 positions in and around the unit cube, for both ends of a distance.
 const ROUNDING: f64 = 4.0 / 16_777_216.0;
 
-/// Judges the ids that a search found by the distances from [`true_distances`].
+/// Compares the ids that a search returned with the distances from [`true_distances`].
 pub fn judge(points: &[MovingPoint], (at, time): Query, found: &[u32], truth: &[f64]) -> AnswerError {
     let alive = found.iter().map(|&id| &points[id as usize]).filter(|point| point.alive.contains(time));
     let mut distances: Vec<f64> = alive.map(|point| exact_place(point, time).distance(at.as_dvec3())).collect();

@@ -1,4 +1,4 @@
-//! Ray against triangle as it is usually written, to be compared with the library's test.
+//! Common ray-triangle tests, for comparison with the library's test.
 
 use mbkd::glam::{DVec3, Vec3};
 
@@ -18,7 +18,7 @@ pub fn moller_trumbore([a, b, c]: [Vec3; 3], origin: Vec3, dir: Vec3) -> Option<
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0).then_some((t, u, v))
 }
 
-/// The same in f64, the answer rounded to f32.
+/// The same in f64, with the answer rounded to f32.
 pub fn moller_trumbore_f64([a, b, c]: [DVec3; 3], origin: DVec3, dir: DVec3) -> Option<Met> {
     let (ab, ac) = (b - a, c - a);
     let p = dir.cross(ac);
@@ -31,8 +31,8 @@ pub fn moller_trumbore_f64([a, b, c]: [DVec3; 3], origin: DVec3, dir: DVec3) -> 
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0).then_some((t as f32, u as f32, v as f32))
 }
 
-/// Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013), in f32; edges that come out as zero are
-/// looked at again in f64, as there.
+/// Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013), in f32; edge functions that are zero are
+/// recomputed in f64, as in the paper.
 pub fn watertight([a, b, c]: [Vec3; 3], origin: Vec3, dir: Vec3) -> Option<Met> {
     let size = dir.abs();
     let z = if size.x > size.y && size.x > size.z {

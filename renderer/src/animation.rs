@@ -1,7 +1,7 @@
 //! A sequence: numbered PNGs and one animated GIF, each frame with its own shutter.
 //!
-//! A frame of a GIF has 256 colours. Pixels that are as they were in the frame before are left out, and frames share a palette while
-//! it serves: what stands still neither takes space nor flickers, and what is uncovered looks as it did.
+//! A frame of a GIF has 256 colours. Pixels that are equal to those of the frame before are transparent, and frames
+//! share a palette while it fits: static regions neither take space nor flicker, and uncovered regions look as before.
 
 use crate::film::Picture;
 use color_quant::NeuQuant;
@@ -11,18 +11,18 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-/// A GIF in the making.
+/// A GIF being written.
 pub struct Animation {
     path: PathBuf,
-    /// Made with the first frame, whose size is that of all.
+    /// Created with the first frame, whose size all frames have.
     encoder: Option<Encoder<BufWriter<File>>>,
-    /// The frame before, and its palette.
+    /// The previous frame and its palette.
     last: Option<(Picture, Palette)>,
     seconds_per_frame: f64,
 }
 
 impl Animation {
-    /// Begins a GIF that repeats for ever.
+    /// Starts a GIF that loops forever.
     pub fn begin(path: PathBuf, seconds_per_frame: f64) -> Animation {
         Animation { path, encoder: None, last: None, seconds_per_frame }
     }
@@ -40,7 +40,7 @@ impl Animation {
         let indices = changes(picture, last.as_ref().map(|last| &last.0), &palette);
         let mut frame = Frame::from_palette_pixels(width, height, indices, palette.padded(), Some(AS_IT_IS));
         self.last = Some((picture.clone(), palette));
-        // In hundredths. Viewers slow down what is faster than 50 frames a second.
+        // In hundredths of a second. Viewers slow down animations with more than 50 frames a second.
         frame.delay = (100.0 * self.seconds_per_frame.clamp(0.02, 10.0)).round() as u16;
         if self.encoder.is_none() {
             let file = BufWriter::new(File::create(&self.path).map_err(|e| fail(&e))?);
@@ -55,10 +55,10 @@ impl Animation {
     }
 }
 
-/// The colour that leaves a pixel as it is; those of a palette have smaller numbers.
+/// The transparent colour index; those of a palette are smaller.
 const AS_IT_IS: u8 = 255;
 
-/// The number of a colour for each pixel that has changed.
+/// A colour index for each pixel that has changed; transparent for the others.
 fn changes(picture: &Picture, last: Option<&Picture>, palette: &Palette) -> Vec<u8> {
     let stays = |at: usize, pixel: [u8; 3]| last.is_some_and(|last| last.pixels[at] == pixel);
     let index = |(at, &pixel): (usize, &[u8; 3])| if stays(at, pixel) { AS_IT_IS } else { palette.nearest(pixel).0 };
@@ -69,12 +69,12 @@ fn changes(picture: &Picture, last: Option<&Picture>, palette: &Palette) -> Vec<
 #[derive(Clone)]
 struct Palette {
     colors: Vec<[u8; 3]>,
-    /// Sum of the squared distances of the picture's pixels from their colours.
+    /// Sum of the squared distances of the picture's pixels from their palette colours.
     error: u64,
 }
 
 impl Palette {
-    /// Colours for a picture: its own, if they are few.
+    /// A palette for a picture: its own colours, if they are few.
     fn of(picture: &Picture) -> Palette {
         let most = usize::from(AS_IT_IS);
         let mut own = BTreeSet::new();
@@ -86,14 +86,14 @@ impl Palette {
             own.into_iter().collect()
         } else {
             let pixels: Vec<u8> = picture.pixels.iter().flat_map(|&[r, g, b]| [r, g, b, 255]).collect();
-            // Of all pixels: 1 is the finest choice.
+            // Sampling factor 1 (all pixels) is the most accurate.
             NeuQuant::new(1, most, &pixels).color_map_rgb().as_chunks().0.to_vec()
         };
         let palette = Palette { colors, error: 0 };
         Palette { error: palette.error(picture), ..palette }
     }
 
-    /// Whether it does about as well for another picture of that size.
+    /// Whether it fits another picture of that size about as well.
     fn serves(&self, picture: &Picture) -> bool {
         2 * self.error(picture) <= 3 * self.error + picture.pixels.len() as u64
     }
@@ -102,7 +102,7 @@ impl Palette {
         picture.pixels.iter().map(|pixel| u64::from(self.nearest(*pixel).1)).sum()
     }
 
-    /// The number of the nearest colour, and its squared distance.
+    /// The index of the nearest colour, and its squared distance.
     fn nearest(&self, [r, g, b]: [u8; 3]) -> (u8, u32) {
         let square = |a: u8, b: u8| u32::from(a.abs_diff(b)).pow(2);
         let distance = |color: &[u8; 3]| square(color[0], r) + square(color[1], g) + square(color[2], b);
@@ -110,7 +110,7 @@ impl Palette {
         distances.min_by_key(|found| found.1).map_or((0, 0), |(number, distance)| (number as u8, distance))
     }
 
-    /// As files have it, with a place for [`AS_IT_IS`].
+    /// The palette as files have it, with an entry for [`AS_IT_IS`].
     fn padded(&self) -> Vec<u8> {
         let mut colors = self.colors.clone();
         colors.resize(usize::from(AS_IT_IS) + 1, [0; 3]);
@@ -134,7 +134,7 @@ mod tests {
         assert_eq!(numbered(Path::new("a/b.c.png"), 7), Path::new("a/b.c_007.png"));
     }
 
-    /// Few or many colours, other ones at each time, but for a quarter of the pixels.
+    /// A picture of few or many colours that change with time, except for a quarter of the pixels.
     fn picture(levels: usize, time: usize) -> Picture {
         let color = |at: usize| match at {
             0..600 => [7, 8, 9],
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_palette_serves_pictures_of_its_colours() {
+    fn a_palette_fits_pictures_of_its_colours() {
         let palette = Palette::of(&picture(41, 0));
         let mut turned = picture(41, 0);
         turned.pixels.reverse();

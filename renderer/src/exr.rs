@@ -1,5 +1,5 @@
-//! OpenEXR in its simplest form: one part, uncompressed rows of 32-bit channels ("Technical Introduction to OpenEXR" and
-//! "OpenEXR File Layout", openexr.com). Every reader takes it. Read are only files of the same form.
+//! OpenEXR in its simplest form: one part, uncompressed rows of 32-bit channels ("Technical Introduction to OpenEXR"
+//! and "OpenEXR File Layout", openexr.com). Every reader accepts it. Only files of the same form are read.
 
 use mbkd::glam::Vec3;
 
@@ -24,13 +24,13 @@ pub enum Channel {
     Whole(Vec<u32>),
 }
 
-/// A picture of some channels, of which a window is there.
+/// A picture of some channels, of which a window is present.
 pub struct Exr {
     /// Columns and rows of the whole picture.
     pub display: [usize; 2],
-    /// What is there of it.
+    /// The window that is present.
     pub window: Region,
-    /// In the order of their names' bytes.
+    /// Sorted by the bytes of their names.
     pub channels: Vec<(String, Channel)>,
     /// Further attributes: name, type, bytes.
     pub attributes: Vec<(String, String, Vec<u8>)>,
@@ -85,7 +85,7 @@ impl Exr {
         attribute("screenWindowWidth", "float", &1f32.to_le_bytes());
         self.attributes.iter().for_each(|(name, kind, value)| attribute(name, kind, value));
         bytes.push(0);
-        // Where each row begins: behind this table, rows have a header of 8 bytes.
+        // The offset of each row: behind this table, rows have a header of 8 bytes.
         let (first, row) = (bytes.len() + 8 * height, 4 * self.channels.len() * width);
         bytes.extend((0..height).flat_map(|y| ((first + y * (8 + row)) as u64).to_le_bytes()));
         for line in 0..height {
@@ -102,7 +102,7 @@ impl Exr {
         bytes
     }
 
-    /// Reads a file of this form; the error says what is wrong with another.
+    /// Reads a file of this form; for other files the error says how they differ.
     pub fn parse(bytes: &[u8]) -> Result<Exr, String> {
         let mut rest = bytes.strip_prefix(&BEGIN).ok_or("not an EXR file of one part with rows")?;
         let (mut windows, mut channels, mut attributes) = ([None; 2], None, Vec::new());
@@ -166,7 +166,7 @@ impl Exr {
 
 const SHORT: &str = "it ends too early";
 
-/// Text up to a zero.
+/// Text up to a zero byte.
 fn text(rest: &mut &[u8]) -> Result<String, String> {
     let end = rest.iter().position(|&byte| byte == 0).ok_or(SHORT)?;
     let text = String::from_utf8_lossy(&rest[..end]).into_owned();
@@ -238,7 +238,7 @@ mod tests {
             for value in [0, 1, 0x7f, 0xff] {
                 let mut broken = bytes.clone();
                 broken[at] = value;
-                // An error or another picture, and no panic.
+                // An error or another picture, but no panic.
                 let _ = Exr::parse(&broken);
             }
         }

@@ -1,16 +1,16 @@
-//! A picture on several machines: what is asked for in parts, and the commands that render them.
+//! Rendering a picture on several machines: the requested part, and the commands that render all parts.
 
 use crate::film::Film;
 use crate::options::Options;
 use crate::render::Job;
 use std::path::PathBuf;
 
-/// Whether only a part of the picture is asked for.
+/// Whether only a part of the picture is requested.
 pub fn is_part(options: &Options) -> bool {
     options.samples.is_some() || options.tile.is_some()
 }
 
-/// Whether there is what is asked for.
+/// Whether the requested part exists.
 pub fn check(options: &Options) -> Result<(), String> {
     if let (Some(frame), Some(frames)) = (options.frame, options.frames)
         && frame >= frames
@@ -33,7 +33,7 @@ pub fn check(options: &Options) -> Result<(), String> {
     Ok(())
 }
 
-/// An error where a part is not complete: it would not merge.
+/// An error if a part is incomplete: it would not merge.
 pub fn whole_part(job: &Job, film: &Film) -> Result<(), String> {
     let whole = Job::new(job.width, job.height, job.samples);
     let is_part = job.taken != whole.taken || job.region != whole.region;
@@ -43,13 +43,14 @@ pub fn whole_part(job: &Job, film: &Film) -> Result<(), String> {
     }
 }
 
-/// Everything that was asked for but which part of it, and what makes no difference.
+/// All options that determine the picture, without those that select a part and those that do not change it.
 pub fn about(options: &Options) -> String {
     let unimportant = Options { output: vec![], samples: None, tile: None, threads: None, ..options.clone() };
     format!("{unimportant:?}")
 }
 
-/// The commands that do the work of a command line: one for each frame, or for each of so many parts and their merge.
+/// The commands that do the work of a command line: one for each frame, or one for each of so many parts and their
+/// merge.
 pub fn commands(options: &Options, parts: u32, line: impl IntoIterator<Item = String>) -> Vec<String> {
     let line = words_but_lists(line);
     if let Some(frames) = options.frames {
@@ -101,7 +102,7 @@ fn without_outputs(line: &[String]) -> Vec<String> {
     words
 }
 
-/// Words as a shell takes them.
+/// Words quoted for a shell.
 fn joined(words: &[String], more: &[String]) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+%@".contains(c);
     let quoted = |word: &String| match !word.is_empty() && word.chars().all(plain) {
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_an_error() {
+    fn parts_that_do_not_exist_are_errors() {
         let wrong = |line: &str| check(&Options::try_parse_from(line.split(' ')).unwrap()).unwrap_err();
         assert!(wrong("x --frames 3 --frame 3").contains("frame 3"));
         assert!(wrong("x --spp 8 --samples 4..9").contains("--spp is 8"));

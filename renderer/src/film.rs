@@ -1,7 +1,7 @@
 //! The picture: sums of samples, tone mapping, and files.
 //!
-//! Everything up to the bytes of a PNG is additions, products, quotients and roots, which IEEE 754 fixes:
-//! the same seed gives the same file on every machine. Sums are whole numbers of a small unit, so that samples
+//! All operations up to the bytes of a PNG are additions, products, quotients and roots, which IEEE 754 specifies
+//! exactly: the same seed gives the same file on every machine. Sums are whole numbers of a small unit, so that samples
 //! may be taken in any order and on any number of machines.
 
 use mbkd::glam::Vec3;
@@ -10,10 +10,10 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::sync::LazyLock;
 
-/// Light in which sums are counted: a billionth of white.
+/// The unit of light in sums: a billionth of white.
 const UNIT: f64 = 1.0 / (1u32 << 30) as f64;
 
-/// The brightest sample that counts as it is. 65 536 samples of it still fit into a sum.
+/// Samples are clamped to this radiance. 65 536 samples of it fit into a sum.
 const BRIGHTEST: f64 = 65_536.0;
 
 /// Sums of radiance per pixel, top row first.
@@ -25,11 +25,11 @@ pub struct Film {
     pub height: usize,
     /// Sums over the samples taken so far, red, green and blue, in units.
     pub(crate) sums: Vec<[i64; 3]>,
-    /// How many samples each pixel has.
+    /// The number of samples of each pixel.
     pub(crate) samples: Vec<u32>,
 }
 
-/// A sample in units. NaN is no light.
+/// A sample in units. NaN counts as black.
 pub(crate) fn in_units(light: Vec3) -> [i64; 3] {
     light.to_array().map(|x| (f64::from(x).clamp(-BRIGHTEST, BRIGHTEST) / UNIT) as i64)
 }
@@ -45,14 +45,14 @@ impl Film {
         self.add_units(pixel, in_units(light), samples);
     }
 
-    /// The same, in units.
+    /// [`Film::add`] with a sum in units.
     pub(crate) fn add_units(&mut self, pixel: usize, sum: [i64; 3], samples: u32) {
         (0..3).for_each(|i| self.sums[pixel][i] += sum[i]);
         self.samples[pixel] += samples;
     }
 
-    /// Gives pixels without a sample those of the first pixel of their square, `edge` pixels wide. Returns how many
-    /// pixels still have none.
+    /// Gives pixels without a sample those of the first pixel of their square, `edge` pixels wide. Returns the number
+    /// of pixels that still have none.
     pub(crate) fn fill_squares(&mut self, edge: usize) -> usize {
         for pixel in 0..self.samples.len() {
             let (x, y) = (pixel % self.width, pixel / self.width);
@@ -70,9 +70,10 @@ impl Film {
         self.sums.iter().zip(&self.samples).map(|pixel| Vec3::from(mean(pixel))).collect()
     }
 
-    /// The film seen through a filter wider than a pixel: in both directions an eighth of either neighbour and six of the pixel itself,
-    /// as a quadratic B-spline has it. Lines are smoother, and pixels share samples: independent noise has a third of its variance. At the
-    /// edge of the picture pixels stand for the neighbours that are not there.
+    /// The film seen through a filter wider than a pixel: in both directions an eighth of either neighbour and six
+    /// eighths of the pixel itself, as in a quadratic B-spline. Lines are smoother, and pixels share samples:
+    /// independent noise has a third of its variance. At the edge of the picture the pixel itself replaces missing
+    /// neighbours.
     pub fn filtered(&self) -> Film {
         let blend = |before: Vec3, pixel: Vec3, after: Vec3| pixel * 0.75 + (before + after) * 0.125;
         let pixels = self.linear();
@@ -94,7 +95,7 @@ impl Film {
     }
 }
 
-/// A picture ready to be looked at, 8-bit sRGB, top row first.
+/// A picture for display, 8-bit sRGB, top row first.
 #[derive(Clone)]
 pub struct Picture {
     /// Pixels across.
@@ -111,7 +112,7 @@ impl Picture {
         Picture { width, height, pixels: vec![color; width * height] }
     }
 
-    /// Copies `other` to the place whose upper left corner is (x, y); what sticks out is cut.
+    /// Copies `other` with its upper left corner at (x, y), clipped to this picture.
     pub fn paste(&mut self, other: &Picture, x: usize, y: usize) {
         let count = other.width.min(self.width.saturating_sub(x));
         if count == 0 {
@@ -139,7 +140,7 @@ impl Picture {
     }
 }
 
-/// Writes linear radiance, untouched by exposure or tone mapping, as .pfm or .exr.
+/// Writes linear radiance, without exposure and tone mapping, as .pfm or .exr.
 pub fn save_linear(film: &Film, path: &Path) -> Result<(), String> {
     let linear = film.linear();
     let bytes = match path.extension() {
@@ -149,7 +150,7 @@ pub fn save_linear(film: &Film, path: &Path) -> Result<(), String> {
     std::fs::write(path, bytes).map_err(|e| format!("{}: {e}", path.display()))
 }
 
-/// A portable float map: a negative scale says little-endian; rows run from the bottom.
+/// A portable float map: a negative scale means little-endian; rows run from the bottom.
 fn pfm(width: usize, height: usize, pixels: &[Vec3]) -> Vec<u8> {
     let mut bytes = format!("PF\n{width} {height}\n-1.0\n").into_bytes();
     for row in pixels.chunks(width).rev() {
@@ -158,8 +159,8 @@ fn pfm(width: usize, height: usize, pixels: &[Vec3]) -> Vec<u8> {
     bytes
 }
 
-/// The filmic curve of Narkowicz ("ACES Filmic Tone Mapping Curve", 2015): bright light keeps its colour for
-/// long and then goes gently to white.
+/// The filmic curve of Narkowicz ("ACES Filmic Tone Mapping Curve", 2015): bright light keeps its colour for long and
+/// then fades smoothly to white.
 fn tone_map(c: Vec3) -> Vec3 {
     let c = c.max(Vec3::ZERO) * 0.8;
     let mapped = c * (c * 2.51 + 0.03) / (c * (c * 2.43 + 0.59) + 0.14);
@@ -211,7 +212,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bytes_survive_the_way_to_linear_light_and_back() {
+    fn bytes_round_trip_through_linear_light() {
         for byte in 0..=255u8 {
             let x = f64::from(byte) / 255.0;
             let expected = if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn pasting_cuts_what_sticks_out() {
+    fn pasting_clips_to_the_picture() {
         let mut picture = Picture::filled(4, 3, [0; 3]);
         picture.paste(&Picture::filled(3, 3, [9; 3]), 2, 1);
         let nines = picture.pixels.iter().filter(|p| **p == [9; 3]).count();

@@ -15,12 +15,12 @@ use mbkd_scenes::{Camera, FlakeSphere, View};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-/// A drop at the middle of the time that the shutter is open.
+/// A drop at the middle of the shutter interval.
 #[derive(Clone, Copy, Debug)]
 pub struct Drop {
     /// Its center.
     pub at: Vec3,
-    /// How far it moves while the shutter is open.
+    /// Its displacement while the shutter is open.
     pub way: Vec3,
     /// Its colour, linear.
     pub color: Vec3,
@@ -35,7 +35,7 @@ pub struct Tank {
     pub solids: Vec<[Vec3; 2]>,
 }
 
-/// How pictures are taken.
+/// The size and quality of a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Shot {
     /// Pixels across.
@@ -46,7 +46,7 @@ pub struct Shot {
     pub samples: u32,
 }
 
-/// Takes a picture of drops with this radius.
+/// Renders drops with this radius.
 pub fn expose(drops: &[Drop], radius: f32, tank: &Tank, shot: Shot) -> Result<Photo, String> {
     let sphere = |(number, drop): (usize, &Drop)| FlakeSphere {
         centers: [drop.at - drop.way * 0.5, drop.at, drop.at + drop.way * 0.5],
@@ -70,7 +70,7 @@ pub fn expose(drops: &[Drop], radius: f32, tank: &Tank, shot: Shot) -> Result<Ph
     Ok(Photo(film.developed(stage.sky.exposure)))
 }
 
-/// A picture that was taken.
+/// A rendered picture.
 #[derive(Clone)]
 pub struct Photo(Picture);
 
@@ -108,7 +108,7 @@ pub fn gif(photos: &[Photo], path: PathBuf, seconds_per_frame: f64) -> Result<()
     photos.iter().try_for_each(|Photo(photo)| animation.add(photo))
 }
 
-/// From the front, a little from above and from the right.
+/// From the front, slightly above and from the right.
 fn camera(tank: &Tank) -> Camera {
     let [low, high] = tank.inside;
     let (size, middle) = (high - low, (low + high) * 0.5);
@@ -117,7 +117,7 @@ fn camera(tank: &Tank) -> Camera {
     Camera::fixed(View::new(target + Vec3::new(0.30, 0.42, 0.95).normalize() * (1.14 * far), target, 0.62))
 }
 
-/// The table, the floor and the far walls of the tank, and what stands in it.
+/// The table, the floor and the far walls of the tank, and the obstacles in it.
 fn furniture(tank: &Tank) -> (Vec<TriangleMesh>, Vec<Surface>) {
     let [low, high] = tank.inside;
     let size = high - low;

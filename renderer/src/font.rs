@@ -7,8 +7,8 @@ pub const ADVANCE: usize = 6;
 /// Height of a letter.
 pub const HEIGHT: usize = 7;
 
-/// Writes text with its upper left corner at (x, y), each dot `scale` pixels wide; small letters appear large, and
-/// what there is no glyph for as a gap.
+/// Writes text with its upper left corner at (x, y), each dot `scale` pixels wide; lower case is written as upper case,
+/// and characters without a glyph as a gap.
 pub fn write(picture: &mut Picture, text: &str, x: usize, y: usize, scale: usize, color: [u8; 3]) {
     for (i, c) in text.chars().enumerate() {
         for (row, bits) in glyph(c.to_ascii_uppercase()).into_iter().enumerate() {

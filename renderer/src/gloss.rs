@@ -1,41 +1,42 @@
-//! Metals and glossy surfaces: microfacets, as glTF 2.0 has them (appendix B of its specification).
+//! Metals and glossy surfaces: microfacets, as defined by glTF 2.0 (appendix B of its specification).
 //!
-//! The picture: a surface is made of tiny mirrors ([`Mirrors`]); roughness says how far they lean. A metal shows what they reflect in
-//! its own colour. Another surface shows a little of that in white, and the rest comes back diffuse in its colour. Fresnel's term is
-//! Schlick's approximation (1994). Light that goes from mirror to mirror is not followed: what one reflection brings is made brighter by
-//! as much as is lost (Turquin, "Practical multiple scattering compensation for microfacet models", 2019), in full for white metals.
+//! The picture: a surface is made of tiny mirrors ([`Mirrors`]); roughness determines how far they tilt. A metal tints
+//! their reflection by its colour. Another surface shows a little of it in white, and reflects the rest diffusely in
+//! its colour. Fresnel's term is Schlick's approximation (1994). Light between mirrors is not simulated: a single
+//! reflection is scaled up by the lost energy (Turquin, "Practical multiple scattering compensation for microfacet
+//! models", 2019), in full for white metals.
 
 use crate::microfacets::Mirrors;
 use crate::sampling::{Sampler, cosine, disk};
 use mbkd::glam::Vec3;
 use std::f32::consts::PI;
 
-/// What a surface that is no metal reflects at right angles (a refractive index of 1.5).
+/// Reflectance of non-metals at normal incidence (a refractive index of 1.5).
 const DIELECTRIC: f32 = 0.04;
 
 /// A metallic or glossy surface at a point.
 #[derive(Clone, Copy, Debug)]
 pub struct Gloss {
-    /// What the mirrors reflect at right angles.
+    /// Reflectance of the mirrors at normal incidence.
     straight: Vec3,
-    /// What comes back diffuse of the light that they let through.
+    /// Diffuse reflectance for the light that the mirrors transmit.
     diffuse: Vec3,
     mirrors: Mirrors,
 }
 
-/// Where light comes from that goes to the eye.
+/// A sampled direction of incoming light.
 #[derive(Clone, Copy, Debug)]
 pub struct Scattered {
     /// Direction, of length 1.
     pub dir: Vec3,
-    /// How much of it goes to the eye, over the density of the direction.
+    /// The reflected share of its light, divided by the density of the direction.
     pub share: Vec3,
-    /// How far such directions are spread: the lean of the mirrors; 1 where they are diffuse.
+    /// The spread of such directions: the tilt of the mirrors; 1 for diffuse reflection.
     pub spread: f32,
 }
 
 impl Gloss {
-    /// Of base colour, metallic part and roughness, all from 0 to 1.
+    /// From base colour, metallic part and roughness, all from 0 to 1.
     pub fn new(color: Vec3, metallic: f32, roughness: f32) -> Gloss {
         Gloss {
             straight: Vec3::splat(DIELECTRIC).lerp(color, metallic),
@@ -44,13 +45,13 @@ impl Gloss {
         }
     }
 
-    /// The same with mirrors that lean this far at least.
+    /// The same surface with mirrors that tilt at least this far.
     pub fn leaning(self, least: f32) -> Gloss {
         Gloss { mirrors: self.mirrors.leaning(least), ..self }
     }
 
-    /// The light towards the eye of light from a direction, relative to what a white diffuse surface would show. All are unit
-    /// vectors, the light in front of the surface.
+    /// The light reflected to the eye from a direction, relative to that of a white diffuse surface. All are unit
+    /// vectors, with the light in front of the surface.
     pub fn reflects(&self, normal: Vec3, to_eye: Vec3, to_light: Vec3) -> Vec3 {
         let to_eye = in_front(to_eye, normal);
         let half = (to_eye + to_light).normalize_or(normal);
@@ -62,12 +63,12 @@ impl Gloss {
         mirrors * self.gain(eye) + self.diffuse * through(to_eye.dot(half))
     }
 
-    /// A direction in which light comes that goes to the eye; none where the drawn mirror is hidden or everything is absorbed.
+    /// Samples a direction of incoming light; `None` if the sampled mirror is hidden or everything is absorbed.
     pub fn scatter(&self, normal: Vec3, to_eye: Vec3, sampler: &mut Sampler) -> Option<Scattered> {
         let to_eye = in_front(to_eye, normal);
         let eye = normal.dot(to_eye);
         let part = self.part(eye);
-        // The same numbers for both, so that what follows does not depend on the choice.
+        // The same numbers for both lobes, so that later numbers do not depend on the choice.
         let (choice, place) = (sampler.unit(), sampler.square());
         if choice < part {
             let half = self.mirrors.drawn(normal, to_eye, disk(place));
@@ -85,7 +86,7 @@ impl Gloss {
         }
     }
 
-    /// How likely `scatter` draws a direction, per steradian. All are unit vectors.
+    /// The density with which `scatter` samples a direction, per steradian. All are unit vectors.
     pub fn density(&self, normal: Vec3, to_eye: Vec3, to_light: Vec3) -> f32 {
         let to_eye = in_front(to_eye, normal);
         let half = (to_eye + to_light).normalize_or(normal);
@@ -94,25 +95,25 @@ impl Gloss {
         if light > 0.0 { part * self.mirrors.density(eye, along) + (1.0 - part) * light / PI } else { 0.0 }
     }
 
-    /// How often a mirror is drawn, for an eye at an angle of this cosine.
+    /// The probability of sampling the mirrors, for an eye at an angle of this cosine.
     fn part(&self, eye: f32) -> f32 {
         let (glossy, matte) = (sum(self.mirrored(eye)), sum(self.diffuse));
         glossy / (glossy + matte).max(f32::MIN_POSITIVE)
     }
 
-    /// What mirrors reflect that are met at an angle of this cosine.
+    /// Reflectance of mirrors at an angle of incidence of this cosine.
     fn mirrored(&self, cosine: f32) -> Vec3 {
         self.straight + (Vec3::ONE - self.straight) * fifth(1.0 - cosine)
     }
 
-    /// By how much more than one reflection all of them bring to an eye at an angle of this cosine.
+    /// The ratio of all reflections to a single one, for an eye at an angle of this cosine.
     fn gain(&self, cosine: f32) -> Vec3 {
         let once = self.mirrors.once(cosine);
         Vec3::ONE + self.straight * ((1.0 - once) / once)
     }
 }
 
-/// What a surface that is no metal lets through at an angle of this cosine.
+/// The share of light that a non-metal transmits at an angle of this cosine.
 fn through(cosine: f32) -> f32 {
     (1.0 - DIELECTRIC) * (1.0 - fifth(1.0 - cosine))
 }
@@ -126,7 +127,7 @@ fn sum(color: Vec3) -> f32 {
     color.x + color.y + color.z
 }
 
-/// The direction to the eye, in front of a surface whose shading normal leans away from it.
+/// The direction to the eye, moved in front of a surface whose shading normal faces away from it.
 fn in_front(to_eye: Vec3, normal: Vec3) -> Vec3 {
     const LEAST: f32 = 0.01;
     let cosine = to_eye.dot(normal);
@@ -150,9 +151,9 @@ mod tests {
     }
 
     #[test]
-    fn directions_are_drawn_as_light_is_reflected() {
+    fn sampled_directions_have_the_distribution_of_reflected_light() {
         let (u, _) = frame(NORMAL);
-        // Any function of the direction has the same mean from drawn directions as from even ones.
+        // Any function of the direction has the same mean over sampled directions as over uniform ones.
         let seen = |dir: Vec3| 1.0 + 2.0 * dir.dot(u) + dir.dot(NORMAL);
         for (gloss, eye) in cases() {
             let (mut drawn, mut even) = (Vec3::ZERO, Vec3::ZERO);
@@ -175,13 +176,13 @@ mod tests {
     }
 
     #[test]
-    fn light_goes_both_ways_alike_but_for_what_is_made_up_and_none_is_made() {
+    fn reflection_is_reciprocal_without_compensation_and_creates_no_energy() {
         for (gloss, eye) in cases() {
             let mut most = Vec3::ZERO;
             for sample in 0..4096 {
                 let mut sampler = Sampler::new(2, 0, sample, 4096);
                 let light = sampler.cosine(NORMAL);
-                // What is made up depends on the eye alone: without it both are alike.
+                // The compensation depends on the eye alone: without it reflection is reciprocal.
                 let once = |to_eye: Vec3, to_light: Vec3| {
                     let diffuse = gloss.diffuse * through(to_eye.dot((to_eye + to_light).normalize()));
                     (gloss.reflects(NORMAL, to_eye, to_light) - diffuse) / gloss.gain(NORMAL.dot(to_eye))

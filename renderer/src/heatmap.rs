@@ -1,7 +1,7 @@
-//! Where a tree works hard: a picture of what camera rays cost, as in the paper's Figures 4 and 5.
+//! Heat maps: the cost of camera rays per pixel, as in the paper's Figures 4 and 5.
 //!
-//! Every pixel shows a mean over its camera rays. Pictures that are to be compared share one scale, which
-//! the legend states; it ends at the 99.5th percentile of all of them, and what lies above shows as its end.
+//! Every pixel shows a mean over its camera rays. Pictures that are to be compared share one scale, stated in the
+//! legend; it ends at the 99.5th percentile of all of them, and larger values are clamped to it.
 
 use crate::film::Picture;
 use crate::font;
@@ -15,13 +15,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Mean counts per pixel.
 pub struct Counts {
-    /// What stands above the picture.
+    /// The title above the picture.
     pub title: String,
     values: Vec<f32>,
 }
 
 impl Heat {
-    /// What is counted, in words.
+    /// The counted events, in words.
     pub fn noun(self) -> &'static str {
         match self {
             Heat::Steps => "steps",
@@ -39,7 +39,7 @@ impl Heat {
     }
 }
 
-/// Counts what the camera rays of all pixels cost; nothing if interrupted.
+/// Counts the cost of the camera rays of all pixels; `None` if interrupted.
 pub fn count(world: &World, stage: &Stage, job: &Job, heat: Heat, title: String, stop: &AtomicBool) -> Option<Counts> {
     let pixel = |at: usize| {
         let mut counters = Counters::default();
@@ -106,7 +106,7 @@ pub fn draw(maps: &[Counts], job: &Job, heat: Heat) -> Picture {
     picture
 }
 
-/// What stands below a quarter of the scale.
+/// The label below a quarter of the scale.
 fn label(mark: usize, top: f32) -> String {
     format!("{}{}", if mark == 4 { ">=" } else { "" }, top * mark as f32 / 4.0)
 }
@@ -115,7 +115,7 @@ fn label(mark: usize, top: f32) -> String {
 fn marks(length: usize, text: usize, top: f32) -> &'static [usize] {
     let choices: [&[usize]; 3] = [&[0, 1, 2, 3, 4], &[0, 2, 4], &[0, 4]];
     let fits = |marks: &&[usize]| {
-        // Each is as wide as the widest, and a character apart.
+        // Each label is as wide as the widest, and a character apart.
         let widest = marks.iter().map(|&mark| label(mark, top).len() + 1).max().unwrap_or(0);
         marks.len() * widest * font::ADVANCE * text <= length
     };
@@ -140,7 +140,7 @@ fn scale_end(maps: &[Counts]) -> f32 {
     }
 }
 
-/// Black over violet and orange to pale yellow: brightness rises all the way.
+/// Black over violet and orange to pale yellow, with monotone brightness.
 fn color(x: f32) -> [u8; 3] {
     const STOPS: [[f32; 3]; 6] = [
         [4.0, 4.0, 12.0],

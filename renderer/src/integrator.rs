@@ -1,13 +1,14 @@
-//! How much light comes along a ray: the sun with a soft shadow, the sky, and what surfaces pass on.
+//! Path tracing: the light along a ray from the sun with a soft shadow, the sky, and surfaces.
 //!
-//! A path goes from surface to surface in directions drawn as these reflect light, always at the time of its camera ray,
-//! so shadows and reflected light of what moves blur as it does. At each surface one ray looks for the sun, and another for
-//! one of the surfaces that shine themselves, if there are any; paths that hit those find them too ([`crate::lamps`]). After the last bounce a ray looks whether the sky is free: with no
-//! bounces at all that is ambient occlusion.
+//! A path goes from surface to surface in directions sampled by their reflectance, always at the time of its camera
+//! ray, so shadows and reflections of moving objects blur as well. At each surface one shadow ray samples the sun, and
+//! another one of the emitting surfaces, if there are any; paths that hit those contribute too ([`crate::lamps`]).
+//! After the last bounce a ray tests whether the sky is visible: without any bounces that is ambient occlusion.
 //!
-//! Light that a smooth metal throws on a wall is found by few paths, each of them bright: specks. A path that was spread wide is
-//! therefore shown mirrors that lean as far (path-space regularization: Kaplanyan and Dachsbacher, 2013; done to materials as in
-//! pbrt-v4). Such light is softer than it should be; what the eye sees directly, or in mirrors, is as it was.
+//! Light that a smooth metal reflects onto a wall is found by few paths, each of them bright, which leaves specks. To a
+//! path that was spread wide, mirrors therefore appear as rough as its spread (path-space regularization: Kaplanyan and
+//! Dachsbacher, 2013; applied to materials as in pbrt-v4). Such light is softer than it should be; surfaces seen
+//! directly, or in mirrors, are unchanged.
 
 use crate::lamps::weight;
 use crate::sampling::Sampler;
@@ -17,19 +18,19 @@ use mbkd::glam::Vec3;
 use mbkd::{Observer, Ray};
 use std::f32::consts::PI;
 
-/// How far mirrors lean at least that a path meets after a diffuse surface.
+/// The least tilt of mirrors for a path after a diffuse surface.
 const SOFTEST: f32 = 0.3;
 
-/// How far paths are followed.
+/// The limits of paths.
 #[derive(Clone, Copy, Debug)]
 pub struct Paths {
     /// Bounces after the first surface.
     pub bounces: u32,
-    /// Whether mirrors are as sharp to a path that was spread as to one that was not.
+    /// Whether mirrors stay sharp for a path that was spread.
     pub caustics: bool,
 }
 
-/// The light along a camera ray, and how many rays it took.
+/// The light along a camera ray, and the number of rays traced.
 pub fn radiance(
     world: &World,
     stage: &Stage,
@@ -40,7 +41,7 @@ pub fn radiance(
 ) -> (Vec3, u32) {
     let (mut light, mut share, mut rays) = (Vec3::ZERO, Vec3::ONE, 0);
     let mut spread = 0.0f32;
-    // How likely the direction was that brought the path here, where a ray might have looked for a lamp instead.
+    // The density of the direction that brought the path here, if a shadow ray might have sampled a lamp there.
     let mut drawn = None;
     for bounce in 0..=paths.bounces {
         rays += 1;
@@ -63,7 +64,7 @@ pub fn radiance(
                 light += share * point.reflects(to_eye, to_sun) * stage.sky.sun * cosine;
             }
         }
-        // Paths that end here find no lamps, and neither does a ray.
+        // Paths that end here find no lamps, so no shadow ray is traced either.
         let looks = bounce < paths.bounces && !world.lamps.is_empty();
         if looks && let Some((to_lamp, found)) = from_lamp(world, &point, to_eye, ray.time, sampler) {
             rays += 1;
@@ -89,7 +90,8 @@ pub fn radiance(
     (light, rays)
 }
 
-/// A ray to a lamp, and the light from there to the eye if nothing is in its way; none where the lamp that was drawn lights nothing.
+/// A shadow ray to a lamp, and the light from there to the eye if it is unoccluded; `None` if the sampled lamp does not
+/// light the point.
 fn from_lamp(world: &World, point: &Point, to_eye: Vec3, time: f32, sampler: &mut Sampler) -> Option<(Ray, Vec3)> {
     let (sight, ray, emission) = world.towards_lamp(point, time, sampler)?;
     let cosine = sight.dir.dot(point.normal);
@@ -100,7 +102,7 @@ fn from_lamp(world: &World, point: &Point, to_eye: Vec3, time: f32, sampler: &mu
     Some((ray, point.reflects(to_eye, sight.dir) * emission * (part * cosine / (PI * sight.density))))
 }
 
-/// The ray through a place of the picture (0 to 1 from left and top), from a point of the lens.
+/// The ray through a point of the picture (0 to 1 from left and top), from a point of the lens.
 pub fn camera_ray(stage: &Stage, x: f32, y: f32, aspect: f32, time: f32, sampler: &mut Sampler) -> Ray {
     let pinhole = stage.camera.ray(x, y, aspect, time);
     if stage.aperture <= 0.0 {
@@ -110,7 +112,7 @@ pub fn camera_ray(stage: &Stage, x: f32, y: f32, aspect: f32, time: f32, sampler
     let [right, up, _] = view.axes(aspect);
     let lens = sampler.disk() * stage.aperture;
     let shift = right.normalize_or_zero() * lens.x + up.normalize_or_zero() * lens.y;
-    // The pinhole ray goes one unit forward per unit of t, so `focus` is where it is sharp.
+    // The pinhole ray advances one unit forward per unit of t, so `focus` is where it is sharp.
     let focus = stage.focus.unwrap_or((view.target - view.position).length());
     Ray::new(pinhole.origin + shift.as_dvec3(), pinhole.dir - shift / focus.max(1e-6)).at_time(time)
 }

@@ -1,10 +1,12 @@
-//! Surfaces that shine: which of their triangles a ray looks for.
+//! Emitting surfaces, and the choice of their triangles for shadow rays.
 //!
-//! Triangles are chosen by their power, which is mean emission times mean area over the shutter. Where a picture is all dark on a
-//! triangle as far as a few points tell, no ray looks for it: light from there is found by paths alone, and the mean is the same.
+//! Triangles are chosen by their power, which is mean emission times mean area over the shutter. If a texture is black
+//! on a triangle at all sampled points, no shadow ray samples it: its light is found by paths alone, and the mean is
+//! the same.
 //!
-//! A lamp can be found in two ways, by a ray that looks for it and by a path that happens to go there. Both are made, and what each
-//! finds counts by [`weight`]: rays that look find small lamps, paths find large near ones, and the mean is that of either.
+//! A lamp can be found in two ways, by a shadow ray and by a path that happens to hit it. Both are used, and each
+//! contribution is weighted by [`weight`] (multiple importance sampling): shadow rays find small lamps, paths find
+//! large near ones, and the mean is that of either.
 
 use crate::materials::Surface;
 use mbkd::glam::{DVec3, Vec2, Vec3};
@@ -13,19 +15,19 @@ use mbkd::{Hit, Keys, TriangleMesh};
 /// Points of a triangle at which its emission is looked up, along each of two sides.
 const POINTS: u32 = 8;
 
-/// The shining triangles of a stage.
+/// The emitting triangles of a stage.
 #[derive(Default)]
 pub struct Lamps {
-    /// For each mesh, where its triangles begin in `sums`; none if it does not shine.
+    /// For each mesh, the index of its first triangle in `sums`; `None` if it does not emit.
     begins: Vec<Option<usize>>,
-    /// The mesh and the number of each triangle of shining meshes.
+    /// The mesh and the index of each triangle of emitting meshes.
     triangles: Vec<(u32, u32)>,
-    /// The sum of the powers of all triangles up to each, with it.
+    /// Prefix sums of the powers of all triangles.
     sums: Vec<f64>,
 }
 
 impl Lamps {
-    /// Those among these meshes with these surfaces.
+    /// The emitting triangles of these meshes with these surfaces.
     pub fn new(meshes: &[TriangleMesh], surfaces: &[Surface]) -> Lamps {
         let (mut lamps, mut sum) = (Lamps::default(), 0.0);
         for (number, (mesh, surface)) in meshes.iter().zip(surfaces).enumerate() {
@@ -41,18 +43,18 @@ impl Lamps {
         if sum > 0.0 { lamps } else { Lamps::default() }
     }
 
-    /// Whether there is none to look for.
+    /// Whether there is none to sample.
     pub fn is_empty(&self) -> bool {
         self.sums.is_empty()
     }
 
-    /// The mesh and the number of the triangle that a number in [0, 1) chooses; none where there are no lamps.
+    /// The mesh and the triangle that a number in [0, 1) selects; `None` without lamps.
     pub fn chosen(&self, number: f32) -> Option<(u32, u32)> {
         let mark = f64::from(number) * self.sums.last()?;
         self.triangles.get(self.sums.partition_point(|&sum| sum <= mark)).copied()
     }
 
-    /// How likely a triangle is chosen.
+    /// The probability of selecting a triangle.
     pub fn chance(&self, mesh: u32, triangle: u32) -> f64 {
         let Some(&Some(begin)) = self.begins.get(mesh as usize) else { return 0.0 };
         let at = begin + triangle as usize;
@@ -61,43 +63,43 @@ impl Lamps {
     }
 }
 
-/// A place on a lamp, as it is seen from a point.
+/// A point on a lamp, as seen from a point.
 pub struct Sight {
     /// Direction, of length 1.
     pub dir: Vec3,
-    /// How far.
+    /// The distance.
     pub distance: f64,
-    /// How likely it is looked for, per steradian.
+    /// The density with which it is sampled, per steradian.
     pub density: f32,
 }
 
 impl Sight {
-    /// Of a place on the triangle with these corners, which is chosen with this chance, all of its places alike.
+    /// A point on the triangle with these corners, which is selected with probability `chance` and sampled uniformly.
     pub fn new(from: DVec3, place: DVec3, [a, b, c]: [DVec3; 3], chance: f64) -> Sight {
         let way = place - from;
         let distance = way.length();
         let dir = way / distance;
-        // Twice the area that the eye sees.
+        // Twice the projected area.
         let seen = (b - a).cross(c - a).dot(dir).abs();
         let density = if chance > 0.0 { 2.0 * chance * distance * distance / seen } else { 0.0 };
         Sight { dir: dir.as_vec3(), distance, density: density as f32 }
     }
 }
 
-/// How much what was found in one way counts that could have been found in another, by the densities of both: the power heuristic
-/// (Veach and Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
+/// The weight of a contribution found in one way that could have been found in another, given the densities of both:
+/// the power heuristic (Veach and Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
 pub fn weight(own: f32, other: f32) -> f32 {
     let ratio = other / own.max(f32::MIN_POSITIVE);
     1.0 / (1.0 + ratio * ratio)
 }
 
-/// The weights of the second and third corner of a triangle for a point of the unit square, equal areas for equal areas (Heitz, "A
+/// The weights of the second and third corner of a triangle for a point of the unit square, preserving areas (Heitz, "A
 /// low-distortion map between triangle and square", 2019).
 pub fn spread(Vec2 { x, y }: Vec2) -> [f32; 2] {
     if y > x { [0.5 * x, y - 0.5 * x] } else { [x - 0.5 * y, 0.5 * y] }
 }
 
-/// The mean emission of a triangle, over the colours, as far as a few points tell.
+/// The mean emission of a triangle over the colour channels, estimated at a few points.
 fn brightness(surface: &Surface, corners: [u32; 3]) -> f32 {
     let sum = |light: Vec3| light.x + light.y + light.z;
     if surface.emission_texture.is_none() {

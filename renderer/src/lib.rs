@@ -1,9 +1,10 @@
 //! The renderer behind `cargo run --release --example motion_blur`; `--help` lists what it can do.
 //!
-//! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene
-//! or `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
-//! `sampling`, `sky`, `lamps`, `materials` and `gloss` (of `microfacets`), and at last `film` (pictures and files), `parts` (files of parts of a picture, and
-//! merging them), `heatmap` or `animation`. `farm` prints the commands of parts.
+//! Data flows through the modules in this order: `options` (the command line), `staging` (a procedural scene or
+//! `readers` of files become a `stage`), `world` (the tree), `render` (tiles) with `integrator` (light along a ray),
+//! `sampling`, `sky`, `lamps`, `materials` and `gloss` (of `microfacets`), and finally `film` (pictures and files),
+//! `parts` (files of parts of a picture, and merging them), `heatmap` or `animation`. `farm` prints the commands that
+//! render parts.
 
 mod animation;
 mod exr;
@@ -48,7 +49,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use world::World;
 
-/// The whole program: reads the command line, renders, writes files; what is wrong goes to standard error.
+/// The whole program: reads the command line, renders, writes files; errors go to standard error.
 pub fn main() -> ExitCode {
     match run(&Options::parse(), stop_on_interrupt) {
         Ok(()) => ExitCode::SUCCESS,
@@ -59,7 +60,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Does what a command line asks for. `listen` gives the flag that ends rendering when it is set.
+/// Executes a command line. `listen` returns the flag that ends rendering when it is set.
 fn run(options: &Options, listen: fn() -> Result<Arc<AtomicBool>, String>) -> Result<(), String> {
     if let Some(Command::Merge { parts, output }) = &options.command {
         return merge(parts, &outputs(output)?);
@@ -86,7 +87,7 @@ fn run(options: &Options, listen: fn() -> Result<Arc<AtomicBool>, String>) -> Re
     }
 }
 
-/// The files to write, after looking at their extensions before any work is done.
+/// The files to write; checks their extensions before any work is done.
 fn outputs(wanted: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
     let outputs = if wanted.is_empty() { vec!["motion_blur.png".into()] } else { wanted.to_vec() };
     for path in &outputs {
@@ -114,7 +115,7 @@ pub fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
     Ok(stop)
 }
 
-/// One picture, in as many formats as asked for.
+/// One picture, in all requested formats.
 fn picture(options: &Options, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
     let stage = Source::open(options)?.stage(options, 0, 1)?;
     let world = build(&stage, options.policy)?;
@@ -122,7 +123,7 @@ fn picture(options: &Options, outputs: &[PathBuf], stop: &AtomicBool) -> Result<
     outputs.iter().try_for_each(|path| save(&film, stage.sky.exposure, &job(options), options, path))
 }
 
-/// The picture that parts make up.
+/// Merges parts into a picture.
 fn merge(parts: &[PathBuf], outputs: &[PathBuf]) -> Result<(), String> {
     let named = |path: &PathBuf| Ok((path.display().to_string(), Part::open(path)?));
     let parts = parts.iter().map(named).collect::<Result<Vec<_>, String>>()?;
@@ -132,8 +133,8 @@ fn merge(parts: &[PathBuf], outputs: &[PathBuf]) -> Result<(), String> {
     outputs.iter().try_for_each(|path| save_whole(&film, whole.exposure, path))
 }
 
-/// A sequence of pictures, or one of its frames. A procedural scene has one shutter, which its frames divide among them; a
-/// model is posed for each frame.
+/// A sequence of pictures, or one of its frames. A procedural scene has one shutter, which is divided among the frames;
+/// a model is posed for each frame.
 fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBool) -> Result<(), String> {
     let source = Source::open(options)?;
     let gif = outputs[0].with_extension("gif");
@@ -201,7 +202,7 @@ fn heat(options: &Options, kind: Heat, outputs: &[PathBuf], stop: &AtomicBool) -
     Ok(())
 }
 
-/// Renders with a progress bar and reports. What an interrupt leaves is kept if every pixel has a sample.
+/// Renders with a progress bar and reports. After an interrupt the picture is kept if every pixel has a sample.
 fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Result<Film, String> {
     let bar = bar(job.steps());
     let begin = Instant::now();
@@ -227,7 +228,7 @@ fn expose(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool) -> Result<
     Ok(film)
 }
 
-/// The tree of a stage, with a line about it.
+/// Builds the tree of a stage, and prints a line about it.
 fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
     let params = BuildParams { policy: policy.unwrap_or_default() };
     let begin = Instant::now();
@@ -266,17 +267,17 @@ pub fn bar(steps: u64) -> ProgressBar {
     bar
 }
 
-/// Prints a line; a reader that has gone away is no reason to stop.
+/// Prints a line; a closed output is no reason to stop.
 pub fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 
-/// Prints a line that asks for attention, apart from the others.
+/// Prints a warning, separated from other lines.
 fn warn(line: &str) {
     let _ = writeln!(std::io::stderr(), "warning: {line}");
 }
 
-/// Speed, and work per ray.
+/// Prints the speed, and the work per ray.
 fn report(cost: &Cost, spent: Duration) {
     let counted = cost.counted_rays.max(1) as f64;
     say(&format!(
@@ -293,12 +294,12 @@ fn is_png(path: &Path) -> bool {
     is(path, "png")
 }
 
-/// Whether the name of a file ends so.
+/// Whether a file has this extension.
 fn is(path: &Path, kind: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(kind))
 }
 
-/// Writes a picture or a part of one, and says so.
+/// Writes a picture or a part of one, and reports it.
 fn save(film: &Film, exposure: f32, job: &Job, options: &Options, path: &Path) -> Result<(), String> {
     if !farm::is_part(options) {
         return save_whole(film, exposure, path);
@@ -308,7 +309,7 @@ fn save(film: &Film, exposure: f32, job: &Job, options: &Options, path: &Path) -
     Ok(())
 }
 
-/// Writes a picture in the format its name asks for, and says so.
+/// Writes a picture in the format of its extension, and reports it.
 fn save_whole(film: &Film, exposure: f32, path: &Path) -> Result<(), String> {
     if is_png(path) {
         film.filtered().developed(exposure).save(path)?;

@@ -1,4 +1,4 @@
-//! What colour a surface has where it was hit, how it shines, and what light is its own.
+//! The appearance of surfaces at a hit: colour, gloss and emission.
 
 use crate::gloss::Gloss;
 use crate::sampling::mix;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 pub struct Surface {
     /// Base colour, linear.
     pub color: Vec3,
-    /// Groups of this many triangles lie somewhere between `color` and `other`; 0: all are `color`.
+    /// Groups of this many triangles have a colour between `color` and `other`; 0: all have `color`.
     pub group: u32,
     /// The other end of the range of colours.
     pub other: Vec3,
@@ -21,13 +21,13 @@ pub struct Surface {
     pub vertex_colors: Vec<Vec3>,
     /// Texture coordinates per vertex; may be empty.
     pub uvs: Vec<Vec2>,
-    /// A picture that multiplies the base colour.
+    /// A texture that multiplies the base colour.
     pub texture: Option<Arc<Texture>>,
-    /// How it shines; without that it is diffuse.
+    /// Metal or gloss; without it the surface is diffuse.
     pub finish: Option<Finish>,
-    /// Radiance of its own, linear.
+    /// Emitted radiance, linear.
     pub emission: Vec3,
-    /// A picture that multiplies it.
+    /// A texture that multiplies the emission.
     pub emission_texture: Option<Arc<Texture>>,
     /// Shading normals; without them triangles look flat.
     pub normals: Option<Arc<Normals>>,
@@ -56,18 +56,18 @@ impl Surface {
         self.texture.is_some() || self.emission_texture.is_some() || of_finish
     }
 
-    /// Leaves out what needs texture coordinates.
+    /// Removes textures.
     pub fn drop_pictures(&mut self) {
         (self.texture, self.emission_texture) = (None, None);
         self.finish.iter_mut().for_each(|finish| finish.texture = None);
     }
 
-    /// The look a scene asks for.
+    /// The surface for a scene's look.
     pub fn of(look: &Look) -> Surface {
         Surface { other: look.other, group: look.group, ..Surface::plain(look.color) }
     }
 
-    /// The shading normal at a hit, on the side of the true normal `flat`, which it is where there is no other.
+    /// The shading normal at a hit, on the side of the true normal `flat`, which is the default.
     pub fn normal_at(&self, hit: &Hit, time: f32, flat: Vec3) -> Vec3 {
         let Some(normals) = &self.normals else { return flat };
         let smooth = normals.at(hit.primitive as usize, [1.0 - hit.u - hit.v, hit.u, hit.v], time);
@@ -96,7 +96,7 @@ impl Surface {
         color
     }
 
-    /// How it shines at a hit, if it does, where its colour is this.
+    /// The gloss at a hit, if the surface has any, for this colour.
     pub fn gloss_at(&self, hit: &Hit, triangle: [u32; 3], color: Vec3) -> Option<Gloss> {
         let Finish { metallic, roughness, texture } = self.finish.as_ref()?;
         let [_, green, blue] = texture.as_ref().map_or([255; 3], |texture| texture.raw(self.uv_at(hit, triangle)));
@@ -104,7 +104,7 @@ impl Surface {
         Some(Gloss::new(color, metallic * of(blue), roughness * of(green)))
     }
 
-    /// The light of its own at a hit.
+    /// The emitted radiance at a hit.
     pub fn emission_at(&self, hit: &Hit, triangle: [u32; 3]) -> Vec3 {
         match &self.emission_texture {
             Some(texture) => self.emission * texture.at(self.uv_at(hit, triangle)),
@@ -118,18 +118,18 @@ impl Surface {
     }
 }
 
-/// How a surface shines.
+/// The gloss of a surface.
 #[derive(Clone, Debug)]
 pub struct Finish {
-    /// From 0 (the colour is that of what lies below a clear coat) to 1 (of a metal).
+    /// From 0 (the colour is that of the base below a clear coat) to 1 (a metal).
     pub metallic: f32,
     /// From 0 (a mirror) to 1.
     pub roughness: f32,
-    /// A picture whose blue multiplies the former and whose green the latter.
+    /// A texture whose blue multiplies the former and whose green the latter.
     pub texture: Option<Arc<Texture>>,
 }
 
-/// A picture in linear light, repeated over the plane.
+/// A texture in linear light, repeated over the plane.
 #[derive(Debug)]
 pub struct Texture {
     /// Pixels across; at least 1.

@@ -1,20 +1,21 @@
-//! The tiny mirrors that a metal or a coat is made of: how they lean, how many are seen, and what light leaves them.
+//! The tiny mirrors of a metal or a coat: their tilt, visibility and reflection.
 //!
-//! Their slopes have the GGX distribution (Walter et al., "Microfacet models for refraction through rough surfaces", 2007).
-//! Directions are drawn from the mirrors that are seen (Heitz, "Sampling the GGX distribution of visible normals", 2018).
+//! Their slopes have the GGX distribution (Walter et al., "Microfacet models for refraction through rough surfaces",
+//! 2007). Directions are sampled from the visible mirrors (Heitz, "Sampling the GGX distribution of visible normals",
+//! 2018).
 
 use crate::sampling::{disk, frame};
 use mbkd::glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 use std::sync::LazyLock;
 
-/// The least lean: smoother mirrors show the disk of the sun as noise.
+/// The least tilt: smoother mirrors show the disk of the sun as noise.
 const SMOOTHEST: f32 = 0.03;
 
 /// The mirrors of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Mirrors {
-    /// How far they lean: the square of the roughness.
+    /// Their tilt: the square of the roughness.
     lean: f32,
 }
 
@@ -24,39 +25,39 @@ impl Mirrors {
         Mirrors { lean: (roughness * roughness).max(SMOOTHEST) }
     }
 
-    /// How far they lean, to 1.
+    /// Their tilt, at most 1.
     pub fn lean(self) -> f32 {
         self.lean
     }
 
-    /// The same, leaning this far at least.
+    /// The same mirrors with at least this tilt.
     pub fn leaning(self, least: f32) -> Mirrors {
         Mirrors { lean: self.lean.max(least) }
     }
 
-    /// The light from one direction towards another off mirrors that reflect all of it, relative to what a white diffuse surface
-    /// would show, by the cosines that the two and the middle between them have with the normal.
+    /// The light from one direction reflected to another by perfect mirrors, relative to a white diffuse surface, given
+    /// the cosines of the two directions and of the half vector with the normal.
     pub fn reflect(self, eye: f32, light: f32, along: f32) -> f32 {
         self.leaned(along) * self.seen(eye) * self.seen(light) / (4.0 * eye * light)
     }
 
-    /// How many mirrors lean so that their normals have this cosine, relative to as many for every cosine.
+    /// The density of mirrors with a normal of this cosine, relative to a uniform distribution.
     fn leaned(self, along: f32) -> f32 {
         let square = self.lean * self.lean;
         let spread = along * along * (square - 1.0) + 1.0;
         square / (spread * spread)
     }
 
-    /// The share of the mirrors that is not hidden by others, seen at an angle of this cosine (Smith).
+    /// The share of the mirrors that is not hidden by others, at an angle of this cosine (Smith).
     pub fn seen(self, cosine: f32) -> f32 {
         let square = self.lean * self.lean;
         2.0 * cosine / (cosine + (square + (1.0 - square) * cosine * cosine).sqrt())
     }
 
-    /// The normal of a mirror that the eye sees, by a point of the unit disk.
+    /// The normal of a visible mirror, sampled by a point of the unit disk.
     pub fn drawn(self, normal: Vec3, to_eye: Vec3, disk: Vec2) -> Vec3 {
         let (u, v) = frame(normal);
-        // As if the surface were stretched until mirrors lie on a hemisphere.
+        // Stretch the surface until the mirrors form a hemisphere.
         let eye = Vec3::new(self.lean * u.dot(to_eye), self.lean * v.dot(to_eye), normal.dot(to_eye)).normalize();
         let across = Vec3::new(-eye.y, eye.x, 0.0).normalize_or(Vec3::X);
         let up = eye.cross(across);
@@ -67,14 +68,14 @@ impl Mirrors {
         (u * (self.lean * mirror.x) + v * (self.lean * mirror.y) + normal * mirror.z.max(0.0)).normalize_or(normal)
     }
 
-    /// How likely a direction is that the `drawn` mirrors send light to, per steradian, by the cosines that the eye's and the middle
-    /// between both have with the normal.
+    /// The density of directions reflected by [`Mirrors::drawn`] mirrors, per steradian, given the cosines of the eye
+    /// and of the half vector with the normal.
     pub fn density(self, eye: f32, along: f32) -> f32 {
         self.leaned(along) * self.seen(eye) / (4.0 * eye * PI)
     }
 
-    /// The share of the light that one reflection brings to an eye at an angle of this cosine from a white surround, where mirrors
-    /// reflect all of it. The rest meets other mirrors.
+    /// The share of the light of a white surround that a single reflection by perfect mirrors sends to an eye at an
+    /// angle of this cosine. The rest hits other mirrors.
     pub fn once(self, cosine: f32) -> f32 {
         let last = (ONCE.len() - 1) as f32;
         let place = |x: f32| {
@@ -112,8 +113,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_leaves_after_one_reflection_is_as_known() {
-        // The roughest, seen from straight above: 1 - ln 2. Smooth ones send back all.
+    fn the_energy_of_one_reflection_has_its_known_values() {
+        // The roughest, seen from straight above: 1 - ln 2. Smooth ones reflect everything.
         assert!((Mirrors::new(1.0).once(1.0) - (1.0 - core::f32::consts::LN_2)).abs() < 2e-3);
         assert!(Mirrors::new(0.0).once(1.0) > 0.998);
         for (roughness, cosine) in [(0.3, 0.9), (0.7, 0.5), (1.0, 0.05)] {

@@ -205,7 +205,7 @@ pub enum Axis {
     Z,
 }
 
-/// A size of a scene.
+/// The size of a scene.
 #[derive(Clone, Copy, Debug)]
 pub enum Count {
     /// An approximate number.
@@ -336,7 +336,7 @@ mod tests {
     use clap::CommandFactory;
 
     #[test]
-    fn command_line_is_consistent_and_names_what_is_wrong() {
+    fn the_command_line_is_consistent_and_errors_name_the_option() {
         Options::command().debug_assert();
         let parse = |line: &str| Options::try_parse_from(line.split(' ')).map_err(|e| e.to_string());
         assert!(parse("x").is_ok());

@@ -1,14 +1,14 @@
-//! Pictures in parts, for farms: some samples, or a tile, of a picture as an EXR file, and merging such files.
+//! Parts of a picture, for render farms: some samples, or a tile, of a picture as an EXR file, and merging such files.
 //!
-//! A part is a picture like any other EXR, and holds besides the exact sums of its samples, and what picture it is a part
-//! of. Sums are whole numbers, so parts merge to the bits of the picture that is rendered in one go.
+//! A part is a picture like any other EXR, with two additions: the exact sums of its samples, and a description of the
+//! whole picture. Sums are whole numbers, so parts merge to exactly the bits of the picture that is rendered in one go.
 
 use crate::exr::{Channel, Exr, Region, colors};
 use crate::film::Film;
 use crate::render::Job;
 use std::path::Path;
 
-/// What parts must have in common.
+/// The description of the whole picture, equal in all of its parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Whole {
     /// Pixels across and rows.
@@ -17,24 +17,24 @@ pub struct Whole {
     pub samples: u32,
     /// Exposure, for the bytes of a PNG.
     pub exposure: f32,
-    /// All else that was asked for, as text.
+    /// All other options that determine the picture, as text.
     pub about: String,
 }
 
 /// A part of a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// What it is a part of.
+    /// The whole picture.
     pub whole: Whole,
-    /// Which samples: from the first number to before the second.
+    /// Its samples: from the first number to before the second.
     pub taken: (u32, u32),
-    /// Where.
+    /// Its region.
     pub region: Region,
     /// The sums.
     pub film: Film,
 }
 
-/// Channels of a sum: its name and that of the channel, and which half.
+/// Channels of a sum: name, index of the colour channel, and shift of the half.
 const HALVES: [(&str, usize, u32); 6] = [
     ("sum.B.high", 2, 32),
     ("sum.B.low", 2, 0),
@@ -45,7 +45,7 @@ const HALVES: [(&str, usize, u32); 6] = [
 ];
 
 impl Part {
-    /// What a job rendered of a picture that is described by `about`.
+    /// The part of the picture described by `about` that a job rendered.
     pub fn new(job: &Job, film: Film, exposure: f32, about: String) -> Part {
         let whole = Whole { size: [job.width, job.height], samples: job.samples, exposure, about };
         Part { whole, taken: job.taken, region: job.region, film }
@@ -102,7 +102,8 @@ impl Part {
     }
 }
 
-/// The picture that parts make up, given with a name for each. All of it must be there, once.
+/// Merges parts into a picture; each has a name for messages. The parts must cover every sample of every pixel exactly
+/// once.
 pub fn merge(parts: &[(String, Part)]) -> Result<(Film, Whole), String> {
     let Some((first, Part { whole, .. })) = parts.first() else { return Err("there are no parts".into()) };
     let [width, height] = whole.size;
@@ -119,7 +120,7 @@ pub fn merge(parts: &[(String, Part)]) -> Result<(Film, Whole), String> {
             film.add_units((y + i / columns) * width + x + i % columns, *sum, *samples);
         }
     }
-    // No pixel has a sample twice, so one that has as many as there are has all.
+    // No pixel has a sample twice, so a pixel with the full number of samples is complete.
     match film.samples.iter().position(|&n| n != whole.samples) {
         None => Ok((film, whole.clone())),
         Some(at) => {

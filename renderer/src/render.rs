@@ -1,8 +1,8 @@
 //! The loop over tiles: parallel, interruptible, and with the same result for any number of threads.
 //!
-//! A pixel's samples depend on its place, the seed and their number alone, and their sum is the same in any order. Several passes over
-//! the picture take a part of the samples each, so that an interrupted picture is complete and merely noisier; the first
-//! takes one sample of one pixel in sixteen, so that there is something to show at once.
+//! A pixel's samples depend only on its position, the seed and their numbers, and their sum is the same in any order.
+//! Several passes over the picture take a part of the samples each, so that an interrupted picture is complete and
+//! merely noisier; the first takes one sample of one pixel in sixteen, so that there is a preview at once.
 
 use crate::exr::Region;
 use crate::film::{Film, in_units};
@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
-/// Passes over the picture behind the first sample.
+/// Passes over the picture after the first sample.
 const PASSES: u32 = 4;
 /// Edge of the squares of which the first pass takes one pixel.
 pub const SQUARE: usize = 4;
@@ -35,22 +35,22 @@ pub struct Job {
     pub samples: u32,
     /// Diffuse bounces after the first surface; 0 is ambient occlusion.
     pub bounces: u32,
-    /// Whether light from mirrors is sharp on what they shine on, and full of specks.
+    /// Whether light from mirrors stays sharp on other surfaces, at the price of specks.
     pub caustics: bool,
-    /// Another seed, other noise.
+    /// The seed of the noise.
     pub seed: u64,
     /// The part of the shutter that is open.
     pub shutter: (f32, f32),
-    /// Which of the samples are taken: from the first number to before the second.
+    /// The samples to take: from the first number to before the second.
     pub taken: (u32, u32),
-    /// Which pixels are rendered.
+    /// The pixels to render.
     pub region: Region,
 }
 
-/// Pixels and samples that are rendered in one go.
+/// Pixels and samples that are rendered together.
 struct Pass {
     samples: Range<u32>,
-    /// Whether the pass takes the first pixels of squares, or the others; all if not said.
+    /// Whether the pass takes the first pixels of squares, or the others; `None` for all.
     firsts: Option<bool>,
 }
 
@@ -60,14 +60,14 @@ impl Pass {
     }
 }
 
-/// What a picture cost.
+/// The cost of a picture.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cost {
     /// Rays traced, of all kinds.
     pub rays: u64,
     /// Rays that were counted (those of every pixel's first sample).
     pub counted_rays: u64,
-    /// What those did.
+    /// The counters of those rays.
     pub counters: Counters,
 }
 
@@ -115,14 +115,14 @@ impl Job {
         self.region.width.div_ceil(TILE) * self.region.height.div_ceil(TILE)
     }
 
-    /// The pixels of a tile: columns and rows of the region.
+    /// The columns and rows of the region that a tile covers.
     fn tile(&self, tile: usize) -> (Range<usize>, Range<usize>) {
         let across = self.region.width.div_ceil(TILE);
         let (x, y) = (tile % across * TILE, tile / across * TILE);
         (x..(x + TILE).min(self.region.width), y..(y + TILE).min(self.region.height))
     }
 
-    /// The ray of one sample of a pixel, with what is left of its random numbers.
+    /// The ray of one sample of a pixel, with the sampler for its further random numbers.
     pub fn ray(&self, stage: &Stage, x: usize, y: usize, sample: u32) -> (mbkd::Ray, Sampler) {
         let mut sampler = Sampler::new(self.seed, z_order(x as u32, y as u32), sample, self.samples);
         let time = sampler.time();
@@ -134,7 +134,7 @@ impl Job {
     }
 }
 
-/// Renders until done or until `stop` is set; what is done by then is in the film, which is that of the region.
+/// Renders until done or until `stop` is set; returns the film of the region with the samples taken so far.
 pub fn render(world: &World, stage: &Stage, job: &Job, stop: &AtomicBool, bar: &ProgressBar) -> (Film, Cost) {
     let region = job.region;
     let film = Mutex::new((Film::new(region.width, region.height), Cost::default()));

@@ -1,13 +1,15 @@
-//! Sample points: evenly spread over every pixel and its neighbours, and the same on every machine.
+//! Sample points: well distributed over every pixel and its neighbours, and the same on every machine.
 //!
-//! Each pair of dimensions that a sample asks for is a point of Sobol's sequence in the plane: 2^k samples of a pixel put one into each
-//! of 2^k boxes of equal shape, whatever the shape. Owen's scrambling makes them random and keeps that (Owen, "Randomly permuted
-//! (t,m,s)-nets and (t,s)-sequences", 1995), by a hash whose bits depend on lower ones alone (Laine and Karras, "Stratified sampling for stochastic
-//! transparency", 2011); pairs are joined by scrambling the order of points too (Burley, "Practical hash-based Owen scrambling", 2020).
+//! Each pair of dimensions of a sample is a point of Sobol's sequence in the plane: 2^k samples of a pixel put one into
+//! each of 2^k boxes of equal shape, whatever the shape. Owen's scrambling randomizes them and preserves that (Owen,
+//! "Randomly permuted (t,m,s)-nets and (t,s)-sequences", 1995), by a hash whose bits depend on lower ones only (Laine
+//! and Karras, "Stratified sampling for stochastic transparency", 2011). Pairs are combined by scrambling the order of
+//! points too (Burley, "Practical hash-based Owen scrambling", 2020).
 //!
-//! Pixels that have successive numbers share one sequence: their samples together are as evenly spread as those of one. Numbered
-//! along a Z curve, what one pixel has too much of its neighbours have too little of, and noise is fine-grained (Ahmed and Wonka,
-//! "Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of pixels", 2020).
+//! Pixels with successive indices share one sequence: their samples together are as well distributed as those of one
+//! pixel. With indices along a Z curve, an excess in one pixel is balanced by its neighbours, and noise is fine-grained
+//! (Ahmed and Wonka, "Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of
+//! pixels", 2020).
 
 use mbkd::glam::{Vec2, Vec3};
 
@@ -21,18 +23,18 @@ pub fn mix(a: u64, b: u64) -> u64 {
 
 /// The random numbers of one sample of one pixel.
 pub struct Sampler {
-    /// What scrambles the sequence.
+    /// The key that scrambles the sequence.
     seed: u64,
-    /// Place in the sequence.
+    /// Index in the sequence.
     index: u32,
     /// Dimensions used.
     used: u32,
 }
 
 impl Sampler {
-    /// Sample `sample` of `samples` of the pixel with this number, under a seed.
+    /// Sample `sample` of `samples` of the pixel with this index, under a seed.
     pub fn new(seed: u64, pixel: u64, sample: u32, samples: u32) -> Sampler {
-        // Every pixel has a power of two of places; those beyond 2^32 are in another sequence.
+        // Every pixel has a power of two of indices; those beyond 2^32 are in another sequence.
         let bits = 32 - samples.saturating_sub(1).leading_zeros();
         let (index, sequence) = ((pixel << bits) as u32 | sample, pixel >> (32 - bits));
         Sampler { seed: mix(mix(0x6d62_6b64, seed), sequence), index, used: 0 }
@@ -53,7 +55,7 @@ impl Sampler {
         pair
     }
 
-    /// The point of the pair of dimensions whose turn it is.
+    /// The point of the current pair of dimensions.
     fn pair(&self) -> Vec2 {
         let key = mix(self.seed, u64::from(self.used / 2));
         let index = scrambled(self.index.reverse_bits(), key as u32).reverse_bits();
@@ -62,7 +64,7 @@ impl Sampler {
         Vec2::new(unit(index, (key >> 32) as u32 ^ keys as u32), unit(shifted(index), (keys >> 32) as u32))
     }
 
-    /// A time in [0, 1): of as many samples as a power of two, one in each of as many equal parts.
+    /// A time in [0, 1): of 2^k samples, one in each of 2^k equal intervals.
     pub fn time(&mut self) -> f32 {
         self.unit()
     }
@@ -78,9 +80,9 @@ impl Sampler {
     }
 }
 
-/// The point of the unit disk that a point of the unit square goes to.
+/// Maps the unit square to the unit disk.
 pub fn disk(square: Vec2) -> Vec2 {
-    // Squares around the centre go to circles around it (Shirley and Chiu, 1997).
+    // Squares around the centre map to circles around it (Shirley and Chiu, 1997).
     let p = square * 2.0 - 1.0;
     let (radius, eighths) = if p.x.abs() > p.y.abs() {
         (p.x, if p.x == 0.0 { 0.0 } else { p.y / p.x })
@@ -91,14 +93,15 @@ pub fn disk(square: Vec2) -> Vec2 {
     Vec2::new(c, s) * radius
 }
 
-/// The direction about the unit normal `n` that a point of the unit square goes to.
+/// Maps the unit square to directions about the unit normal `n`, with density proportional to the cosine.
 pub fn cosine(n: Vec3, square: Vec2) -> Vec3 {
     let (u, v) = frame(n);
     let d = disk(square);
     u * d.x + v * d.y + n * (1.0 - d.length_squared()).max(0.0).sqrt()
 }
 
-/// Owen's scrambling of a number whose bits are in reverse order: every bit is flipped or not by what the lower ones are.
+/// Owen's scrambling of a number whose bits are in reverse order: every bit is flipped or not depending on the lower
+/// ones.
 fn scrambled(mut x: u32, key: u32) -> u32 {
     x = x.wrapping_add(key);
     for even in [0x6c50_b47c, 0xb82f_1e52, 0xc7af_e638, 0x8d22_f6e6] {
@@ -107,8 +110,9 @@ fn scrambled(mut x: u32, key: u32) -> u32 {
     x
 }
 
-/// The second dimension of Sobol's sequence at an index, bits in reverse order: the polynomial over two elements that the bits of the index are, at
-/// x + 1 instead of x. Halves are joined by (x + 1)^n = x^n + 1 for n = 16, 8, 4, 2, 1.
+/// The second dimension of Sobol's sequence at an index, bits in reverse order: the polynomial over GF(2) whose
+/// coefficients are the bits of the index, at x + 1 instead of x. Halves are joined by (x + 1)^n = x^n + 1 for n = 16,
+/// 8, 4, 2, 1.
 fn shifted(mut x: u32) -> u32 {
     x ^= x >> 16;
     x ^= (x & 0xff00_ff00) >> 8;
@@ -117,7 +121,7 @@ fn shifted(mut x: u32) -> u32 {
     x ^ (x & 0xaaaa_aaaa) >> 1
 }
 
-/// The number of a pixel along a Z curve: the bits of column and row in turns.
+/// The index of a pixel along a Z curve: the interleaved bits of column and row.
 pub fn z_order(x: u32, y: u32) -> u64 {
     const MASKS: [u64; 5] =
         [0xffff_0000_ffff, 0xff_00ff_00ff_00ff, 0x0f0f_0f0f_0f0f_0f0f, 0x3333_3333_3333_3333, 0x5555_5555_5555_5555];
@@ -125,19 +129,19 @@ pub fn z_order(x: u32, y: u32) -> u64 {
     apart(x) | apart(y) << 1
 }
 
-/// Cosine and sine of an angle in turns, from additions and products alone: the platform's differ in the
-/// last bit from one to the next, and a seed should give the same file on all of them.
+/// Cosine and sine of an angle in turns, from additions and products only: platform functions differ in the last bit,
+/// and a seed should give the same file on all platforms.
 pub fn cos_sin(turns: f32) -> (f32, f32) {
     let (c, s) = cos_sin_f64(f64::from(turns));
     (c as f32, s as f32)
 }
 
-/// The same in double precision.
+/// [`cos_sin`] in double precision.
 pub fn cos_sin_f64(turns: f64) -> (f64, f64) {
     let quarters = turns * 4.0;
     let nearest = quarters.round();
     let x = (quarters - nearest) * std::f64::consts::FRAC_PI_2;
-    // Taylor series: by the ninth term nothing is left below pi/4.
+    // Taylor series: the ninth term is negligible below pi/4.
     let (mut c, mut s, mut term) = (0.0, 0.0, 1.0);
     for i in 0..18 {
         match i % 4 {
@@ -182,7 +186,7 @@ mod tests {
 
     #[test]
     fn every_box_of_any_shape_gets_one_point() {
-        // Of one pixel, and of sixteen neighbours together.
+        // For one pixel, and for sixteen neighbours together.
         let neighbours = |pair: usize| (0..16).flat_map(|pixel| points(1_000_000 * 16 + pixel, 16, pair)).collect();
         for pair in 0..6 {
             for points in [points(99, 256, pair), neighbours(pair)] {
@@ -199,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_pixels_and_seeds_have_nothing_in_common() {
+    fn pairs_pixels_and_seeds_are_uncorrelated() {
         // Correlations of independent numbers have a standard deviation of 1/64.
         let numbers = |seed: u64, pixel: u64, dimension: usize| -> Vec<f32> {
             let number = |sample: u32| {
@@ -224,13 +228,13 @@ mod tests {
     }
 
     #[test]
-    fn a_z_curve_takes_bits_in_turns() {
+    fn a_z_curve_interleaves_bits() {
         assert_eq!((z_order(1, 0), z_order(0, 1), z_order(5, 3)), (1, 2, 0b01_10_11));
         assert_eq!(z_order(u32::MAX, 0) | z_order(0, u32::MAX), u64::MAX);
     }
 
     #[test]
-    fn times_of_a_power_of_two_of_samples_are_one_in_each_part() {
+    fn times_of_a_power_of_two_of_samples_are_one_in_each_interval() {
         for samples in [1u32, 2, 16, 64] {
             let mut seen = vec![0; samples as usize];
             for sample in 0..samples {
@@ -240,7 +244,7 @@ mod tests {
             }
             assert!(seen.iter().all(|&n| n == 1), "{samples}: {seen:?}");
         }
-        // Of others, none has two of the parts of the next power.
+        // For other numbers, no two are in one of the intervals of the next power of two.
         let mut parts: Vec<usize> =
             (0..100).map(|sample| (Sampler::new(1, 99, sample, 100).time() * 128.0) as usize).collect();
         parts.sort_unstable();

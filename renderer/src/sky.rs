@@ -1,4 +1,4 @@
-//! Light from outside: a sky that fades from horizon to zenith, and a sun with a soft edge.
+//! Light from outside: a sky with a gradient from horizon to zenith, and a sun with soft shadows.
 
 use crate::sampling::{Sampler, frame};
 use mbkd::glam::Vec3;
@@ -10,15 +10,15 @@ pub struct Sky {
     pub zenith: Vec3,
     /// Radiance at the horizon.
     pub horizon: Vec3,
-    /// Radiance straight down, where nothing stands in the way.
+    /// Radiance straight down, where nothing occludes it.
     pub below: Vec3,
-    /// What the sun adds to a white surface that faces it.
+    /// The radiance that the sun adds to a white surface facing it.
     pub sun: Vec3,
     /// Towards the sun, of length 1.
     pub to_sun: Vec3,
-    /// Tangent of the sun's angular radius; the true sun has 0.0047, larger ones throw softer shadows.
+    /// Tangent of the sun's angular radius; the true sun has 0.0047, larger ones cast softer shadows.
     pub sun_radius: f32,
-    /// What radiance is multiplied by before tone mapping.
+    /// The factor of radiance before tone mapping.
     pub exposure: f32,
 }
 
@@ -36,7 +36,7 @@ impl Sky {
         }
     }
 
-    /// The same from high above the ground: blue all around, fading to haze below.
+    /// The same sky from high above the ground: blue all around, fading to haze below.
     pub fn air(to_sun: Vec3) -> Sky {
         Sky {
             zenith: Vec3::new(0.10, 0.36, 1.10),
@@ -72,11 +72,11 @@ impl Sky {
         }
     }
 
-    /// What comes from a direction of any length, the sun apart.
+    /// Radiance from a direction of any length, without the sun.
     pub fn radiance(&self, dir: Vec3) -> Vec3 {
         let up = dir.normalize_or(Vec3::Y).y;
         if up >= 0.0 {
-            // Quickly blue above the horizon, then slowly: the root of the height.
+            // Rapidly blue above the horizon, then slowly: the square root of the height.
             self.horizon.lerp(self.zenith, up.sqrt())
         } else {
             self.horizon.lerp(self.below, (-4.0 * up).min(1.0))

@@ -1,16 +1,15 @@
-//! Shading normals: what makes a coarse mesh look round.
+//! Shading normals, which make a coarse mesh look smooth.
 //!
-//! Every corner of a triangle gets the mean normal of the triangles around its vertex that make no crease with
-//! its own, weighted by area. Vertices are the same where they have the same place at the first key, since
-//! files split them for texture coordinates; and who belongs together is decided there once, so that
-//! creases do not come and go during the shutter.
+//! Every corner of a triangle gets the mean normal of those triangles around its vertex that form no crease with it,
+//! weighted by area. Vertices with the same position at the first key count as one, since files split them for texture
+//! coordinates; creases are decided at that key only, so that they do not appear and disappear during the shutter.
 
 use mbkd::glam::Vec3;
 use std::collections::HashMap;
 
 /// Cosine of the angle from which an edge is a crease: about 45 degrees.
 const CREASE: f32 = 0.7;
-/// The most triangles around a vertex that are looked at; more are a degenerate fan.
+/// The greatest number of triangles around a vertex that are considered; more are a degenerate fan.
 const MOST_AROUND: usize = 64;
 
 /// Normals of the three corners of every triangle at every key.
@@ -20,11 +19,11 @@ pub struct Normals {
 }
 
 impl Normals {
-    /// From triangles and positions at each key.
+    /// Normals for triangles and positions at each key.
     pub fn new(indices: &[[u32; 3]], keys: &[Vec<Vec3>]) -> Normals {
         let Some(first) = keys.first() else { return Normals::default() };
         let faces = |positions: &[Vec3]| -> Vec<Vec3> { indices.iter().map(|t| face(positions, *t)).collect() };
-        // Which triangles meet at each place.
+        // The triangles that meet at each position.
         let place = |vertex: u32| first[vertex as usize].to_array().map(|x| (x + 0.0).to_bits());
         let mut around = HashMap::<[u32; 3], Vec<u32>>::new();
         for (triangle, corners) in indices.iter().enumerate() {
@@ -35,7 +34,7 @@ impl Normals {
                 }
             }
         }
-        // Which of them belong to each corner.
+        // Those of them that belong to each corner.
         let units: Vec<Vec3> = faces(first).into_iter().map(Vec3::normalize_or_zero).collect();
         let mut belonging = Vec::with_capacity(3 * indices.len());
         for (triangle, corners) in indices.iter().enumerate() {
@@ -55,7 +54,7 @@ impl Normals {
         Normals { keys: keys.iter().map(at_key).collect() }
     }
 
-    /// The normal at a point of a triangle given by barycentric weights, at a time; zero where there is none.
+    /// The normal at a point of a triangle given by barycentric weights, at a time; zero if undefined.
     pub fn at(&self, triangle: usize, [a, b, c]: [f32; 3], time: f32) -> Vec3 {
         let Some(last) = self.keys.len().checked_sub(1) else { return Vec3::ZERO };
         let at = time * last as f32;
@@ -78,7 +77,7 @@ mod tests {
 
     #[test]
     fn gentle_edges_are_smooth_and_creases_stay() {
-        // Three squares along x, at 0, 30 and 120 degrees to the ground, each with vertices of its own.
+        // Three squares along x, at 0, 30 and 120 degrees to the ground, with separate vertices.
         let steps = [(1.0, 0.0), (0.866, 0.5), (-0.5, 0.866)];
         let (mut positions, mut indices, mut from) = (Vec::new(), Vec::new(), Vec3::ZERO);
         for (x, y) in steps {

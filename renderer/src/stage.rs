@@ -1,4 +1,4 @@
-//! What is rendered: things, their surfaces, the light, and a camera with a lens.
+//! The input of rendering: objects, their surfaces, the light, and a camera with a lens.
 
 use crate::materials::Surface;
 use crate::sky::Sky;
@@ -6,7 +6,7 @@ use mbkd::TriangleMesh;
 use mbkd::glam::Vec3;
 use mbkd_scenes::{Camera, FlakeSphere};
 
-/// What there is to see.
+/// The visible objects.
 #[derive(Default)]
 pub struct Things {
     /// Triangle meshes.
@@ -30,7 +30,7 @@ impl Things {
         self.meshes.iter().map(TriangleMesh::len).sum::<usize>() + self.spheres.len()
     }
 
-    /// What they are called.
+    /// The noun for them in messages.
     pub fn noun(&self) -> &'static str {
         match (self.meshes.is_empty(), self.spheres.is_empty()) {
             (_, true) => "triangles",
@@ -42,17 +42,17 @@ impl Things {
 
 /// Everything a picture needs.
 pub struct Stage {
-    /// For messages.
+    /// The name, for messages.
     pub name: String,
-    /// What there is to see.
+    /// The visible objects.
     pub things: Things,
-    /// Where from.
+    /// The camera.
     pub camera: Camera,
     /// Radius of the lens; 0 is a pinhole.
     pub aperture: f32,
     /// Distance that is in focus; `None`: that of the camera's target.
     pub focus: Option<f32>,
-    /// In what light.
+    /// The light from outside.
     pub sky: Sky,
 }
 

@@ -1,4 +1,4 @@
-//! From the command line to a stage: which things, in what light, seen from where.
+//! From the command line to a stage: objects, light and camera.
 
 use crate::materials::Surface;
 use crate::options::{Axis, Count, Options, Surround};
@@ -13,11 +13,11 @@ use mbkd::glam::{Vec3, Vec3Swizzles};
 use mbkd_scenes::{Camera, flake};
 use std::sync::Arc;
 
-/// Where stages come from: a procedural scene, or a model that is posed anew for each shutter.
+/// The source of stages: a procedural scene, or a model that is posed for each shutter.
 pub enum Source {
-    /// One of the library's scenes; its shutter is all the time there is.
+    /// One of the library's scenes; its shutter covers all its motion.
     Scene,
-    /// A model from files, and the box it stays in.
+    /// A model from files, and the box that contains its motion.
     Model(Box<Model>, Bounds),
 }
 
@@ -28,17 +28,17 @@ pub struct Bounds {
     max: Vec3,
 }
 
-/// When a shutter is open, in seconds of a clip.
+/// The interval in which a shutter is open, in seconds of a clip.
 #[derive(Clone, Copy)]
 pub struct Window {
-    /// Opens.
+    /// Opening time.
     pub open: f64,
-    /// Closes.
+    /// Closing time.
     pub close: f64,
 }
 
 impl Source {
-    /// Reads the files, if there are any, and looks where the model goes.
+    /// Reads the files, if there are any, and finds the bounds of the model's motion.
     pub fn open(options: &Options) -> Result<Source, String> {
         if options.mesh.is_empty() {
             return Ok(Source::Scene);
@@ -74,7 +74,7 @@ impl Source {
         Ok(stage)
     }
 
-    /// Seconds that a sequence of all frames lasts.
+    /// Duration of a sequence of all frames, in seconds.
     pub fn duration(&self, options: &Options, frames: u32) -> Result<f64, String> {
         Ok(match self {
             Source::Scene => f64::from(frames) / 12.0,
@@ -86,11 +86,11 @@ impl Source {
     }
 }
 
-/// Poses of a shutter unless something else is asked for.
+/// The default number of poses per shutter.
 const KEYS: u32 = 5;
 
-/// When the shutter of a frame is open. A sequence divides its clip evenly and keeps the shutter open half of
-/// the time; a single picture is taken in the middle of the clip for a 24th of a second.
+/// The shutter interval of a frame. A sequence divides its clip evenly and keeps the shutter open half of the time; a
+/// single picture is taken in the middle of the clip for a 24th of a second.
 fn window(options: &Options, model: &Model, frame: u32, frames: u32) -> Result<Option<Window>, String> {
     let span = model.span(options.clip.as_deref()).map_err(|e| e.to_string())?;
     let as_they_are = frames == 1 && model.is_list_of_keys() && options.time.is_none() && options.shutter.is_none();
@@ -121,7 +121,7 @@ fn window(options: &Options, model: &Model, frame: u32, frames: u32) -> Result<O
     Ok(Some(Window { open: middle - half, close: middle + half }))
 }
 
-/// Says when the shutter is open, and warns if nothing moves then.
+/// Prints the shutter interval, and a warning if nothing moves in it.
 fn describe(options: &Options, model: &Model, window: Option<Window>, pose: &Pose) -> Result<(), String> {
     let clip = options.clip.as_deref();
     let span = model.span(clip).map_err(|e| e.to_string())?;
@@ -147,7 +147,7 @@ fn describe(options: &Options, model: &Model, window: Option<Window>, pose: &Pos
     Ok(())
 }
 
-/// The model's keys in a window; all frames as they are if there is none.
+/// The model's keys in a window; all frames if there is no window.
 fn pose(options: &Options, model: &Model, window: Option<Window>) -> Result<Pose, String> {
     let clip = options.clip.as_deref();
     let times: Vec<f64> = match window {
@@ -198,7 +198,7 @@ fn posed(options: &Options, pose: Pose, bounds: Bounds) -> Result<Stage, String>
     Ok(Stage { name, things: Things::meshes(meshes, surfaces), camera, aperture: 0.0, focus: None, sky })
 }
 
-/// Two triangles under a box, far beyond its sides.
+/// Two triangles under a box, extending far beyond its sides.
 fn floor(bounds: Bounds) -> TriangleMesh {
     let middle = (bounds.min + bounds.max) * 0.5;
     let reach = 60.0 * (bounds.max - bounds.min).max_element().max(1e-6);
@@ -207,7 +207,7 @@ fn floor(bounds: Bounds) -> TriangleMesh {
     TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], corners)
 }
 
-/// A procedural scene at its full size, at about the size asked for, or small enough to be rendered soon.
+/// A procedural scene at its full size, at about the requested size, or small enough to be rendered quickly.
 fn scene(options: &Options) -> Result<Stage, String> {
     let full = || mbkd_scenes::find(&options.scene).map_or(FLAKE, |recipe| recipe.full);
     let size = options.triangles.map(|count| match count {
@@ -220,7 +220,7 @@ fn scene(options: &Options) -> Result<Stage, String> {
 /// Spheres of the whole flake.
 const FLAKE: usize = 66_430;
 
-/// The scene of that name in a light that suits it.
+/// The scene with that name, with suitable light.
 pub fn scene_of(name: &str, size: Option<usize>) -> Result<Stage, String> {
     let (things, camera) = if name == "flake" {
         let (spheres, camera) = flake(size.unwrap_or(FLAKE));
@@ -240,7 +240,7 @@ pub fn scene_of(name: &str, size: Option<usize>) -> Result<Stage, String> {
     Ok(Stage { name: name.into(), things, camera, aperture: 0.0, focus: None, sky })
 }
 
-/// What the command line says about camera and light.
+/// Applies the options for camera and light.
 fn adjust(stage: &mut Stage, options: &Options) {
     if let Some(keys) = &options.camera_keys {
         let view = stage.camera.view(0.0);
@@ -277,8 +277,8 @@ pub fn picture_height(angle: f64) -> f32 {
     (2.0 * s / c.max(1e-6)) as f32
 }
 
-/// A camera that looks at a box from a direction (degrees around the vertical and above the horizon), from as
-/// far as needed to see all of it.
+/// A camera that looks at a box from a direction (degrees around the vertical and above the horizon), from the least
+/// distance at which all of it is visible.
 fn frame_box(Bounds { min, max }: Bounds, azimuth: f32, elevation: f32, aspect: f32) -> Camera {
     let turn = |degrees: f32| cos_sin_f64(f64::from(degrees) / 360.0);
     let ((ca, sa), (ce, se)) = (turn(azimuth), turn(elevation));
@@ -294,7 +294,7 @@ fn frame_box(Bounds { min, max }: Bounds, azimuth: f32, elevation: f32, aspect: 
     for corner in 0..8 {
         let pick = |axis: usize| if corner >> axis & 1 == 1 { max[axis] } else { min[axis] };
         let p = Vec3::new(pick(0), pick(1), pick(2)) - target;
-        // How far away the eye must be for this corner to lie just inside, with a small margin.
+        // The distance of the eye at which this corner is just inside the picture, with a small margin.
         for edge in [right, up] {
             let reach = p.dot(edge.normalize_or_zero()).abs() * 1.05 / edge.length().max(1e-6);
             distance = distance.max(reach - p.dot(forward));

@@ -1,4 +1,4 @@
-//! Whole pictures whose light can be computed by hand, and the promise that a seed fixes the file.
+//! Whole pictures whose light can be computed by hand, and reproducibility: a seed determines the file.
 
 use crate::animation::Animation;
 use crate::exr::Region;
@@ -55,7 +55,7 @@ fn front() -> Camera {
 
 #[test]
 fn in_a_white_furnace_a_surface_shows_its_reflectance() {
-    // A square that sees nothing but the surround reflects exactly its colour, whatever the bounces.
+    // A square that sees only the surround reflects exactly its colour, for any number of bounces.
     let stage = stage(square(&[Vec3::ZERO]), 0.3, furnace(), front());
     for bounces in [0, 1, 5] {
         let film = exposed(&stage, Policy::default(), &Job { bounces, ..job(8, 8, 4) });
@@ -80,8 +80,8 @@ fn the_sun_shines_by_the_cosine() {
 
 #[test]
 fn blur_is_the_share_of_time_that_a_pixel_is_covered() {
-    // A black square, two wide, passes from -2 to 2: a pixel at x sees it for half of the shutter at most, and
-    // stratified times hit the share to within one sample.
+    // A black square, two wide, moves from -2 to 2: a pixel at x sees it for half of the shutter at most, and
+    // stratified times match the share to within one sample.
     let moving = square(&[Vec3::new(-2.0, 0.0, 0.0), Vec3::new(2.0, 0.0, 0.0)]);
     let stage =
         stage(moving, 0.0, furnace(), Camera { keys: vec![View::new(Vec3::new(0.0, 0.0, 1e3), Vec3::ZERO, 0.004)] });
@@ -99,7 +99,7 @@ fn blur_is_the_share_of_time_that_a_pixel_is_covered() {
 }
 
 #[test]
-fn a_moving_camera_blurs_a_still_scene_just_so() {
+fn a_moving_camera_blurs_a_static_scene_like_moving_objects() {
     let view = |x: f32| View::new(Vec3::new(x, 0.0, 1e3), Vec3::new(x, 0.0, 0.0), 0.004);
     let still = stage(square(&[Vec3::ZERO]), 0.0, furnace(), Camera { keys: vec![view(2.0), view(-2.0)] });
     let moving = square(&[Vec3::new(-2.0, 0.0, 0.0), Vec3::new(2.0, 0.0, 0.0)]);
@@ -107,7 +107,7 @@ fn a_moving_camera_blurs_a_still_scene_just_so() {
     let (a, b) =
         (exposed(&still, Policy::default(), &job(32, 8, 32)), exposed(&moving, Policy::default(), &job(32, 8, 32)));
     let apart = a.linear().iter().zip(b.linear()).map(|(a, b)| (a.x - b.x).abs()).fold(0.0, f32::max);
-    // The same up to rays that graze an edge.
+    // Equal except for rays that graze an edge.
     assert!(apart < 0.04, "{apart}");
 }
 
@@ -135,7 +135,7 @@ fn a_seed_gives_the_same_file_on_any_number_of_threads() {
     };
     let one = bytes(1, &job, Policy::default());
     assert_eq!(bytes(3, &job, Policy::default()), one);
-    assert_eq!(bytes(2, &job, Policy::Kd(KdParams::paper())), one, "policies answer alike");
+    assert_eq!(bytes(2, &job, Policy::Kd(KdParams::paper())), one, "policies give equal answers");
     assert_ne!(bytes(2, &Job { seed: 4, ..job }, Policy::default()), one);
 }
 
@@ -172,7 +172,7 @@ fn merged_parts_are_the_picture_bit_for_bit() {
     assert!(Part::open(&folder.join("single.exr")).unwrap_err().contains("whole picture"));
     assert_eq!(merged.developed(1.5).pixels, single.developed(1.5).pixels);
 
-    // What is missing, there twice, or of another picture is said.
+    // Missing parts, duplicates and parts of another picture are errors.
     let error = |parts: &[(String, Part)]| merge(parts).unwrap_err();
     assert!(error(&read[..4]).contains("440 pixels, the first in column 17 and row 0"), "{}", error(&read[..4]));
     assert!(error(&[&read[..], &read[3..4]].concat()).contains("3 and 3 have the same samples"));
@@ -195,7 +195,7 @@ fn the_commands_of_a_farm_make_the_files_of_one_machine() {
         let outputs = outputs.iter().flat_map(|path| ["-o".to_string(), path.display().to_string()]);
         line.split(' ').map(str::to_string).chain(outputs).collect()
     };
-    // Whatever picks up the lines, in whatever order; a merge comes last.
+    // Any worker may execute the lines, in any order; a merge comes last.
     let work_off = |line: Vec<String>, parts: u32| {
         let options = Options::try_parse_from(&line).unwrap();
         let lines = crate::farm::commands(&options, parts, line);
@@ -224,7 +224,7 @@ fn the_commands_of_a_farm_make_the_files_of_one_machine() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// The radiance of a square that fills the picture, and is seen from the front.
+/// The radiance of a square that fills the picture, seen from the front.
 fn shown(surface: Surface, sky: Sky, bounces: u32) -> Vec3 {
     let mut stage = stage(square(&[Vec3::ZERO]), 0.0, sky, front());
     stage.things.surfaces = vec![surface];
@@ -241,7 +241,7 @@ fn in_a_white_furnace_metals_show_their_colour_and_gloss_little_more() {
     };
     let metal = of(color, 1.0, 0.2);
     assert!((metal - color).abs().max_element() < 0.01, "{metal}");
-    // What goes from mirror to mirror is made up for: one reflection alone would show 1 - ln 2.
+    // Light between mirrors is compensated: one reflection alone would show 1 - ln 2.
     let rough = of(Vec3::ONE, 1.0, 1.0);
     assert!((rough - Vec3::ONE).abs().max_element() < 0.01, "{rough}");
     let coated = of(color, 0.0, 0.2);
@@ -249,7 +249,7 @@ fn in_a_white_furnace_metals_show_their_colour_and_gloss_little_more() {
     assert!((coated - expected).abs().max_element() < 0.02, "{coated} and {expected}");
 }
 
-/// A floor before a wall of metal, both in the sun, seen so that the floor fills the picture.
+/// A floor before a wall of metal, both in the sun, with the floor filling the picture.
 fn floor_by_metal(roughness: f32) -> Stage {
     let quad = |corners: [Vec3; 4]| TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], corners.into());
     let floor = quad([(-9.0, -9.0), (-9.0, 9.0), (9.0, 9.0), (9.0, -9.0)].map(|(x, z)| Vec3::new(x, 0.0, z)));
@@ -263,7 +263,7 @@ fn floor_by_metal(roughness: f32) -> Stage {
 }
 
 #[test]
-fn smooth_metals_throw_soft_light_without_specks() {
+fn smooth_metals_reflect_soft_light_without_specks() {
     let stage = floor_by_metal(0.2);
     let of = |caustics: bool, bounces: u32, samples: u32| {
         exposed(&stage, Policy::default(), &Job { caustics, bounces, ..job(12, 12, samples) }).linear()
@@ -280,8 +280,8 @@ fn smooth_metals_throw_soft_light_without_specks() {
 }
 
 #[test]
-fn what_is_seen_directly_or_in_mirrors_stays_sharp() {
-    // The wall fills the picture; what it mirrors is the floor, which has no mirrors.
+fn surfaces_seen_directly_or_in_mirrors_stay_sharp() {
+    // The wall fills the picture; it mirrors the floor, which has no mirrors.
     let mut stage = floor_by_metal(0.2);
     stage.camera = Camera::fixed(View::new(Vec3::new(0.0, 4.0, 8.0), Vec3::new(0.0, 4.0, 0.0), 0.4));
     let of = |caustics: bool, bounces: u32| {
@@ -296,12 +296,12 @@ fn what_is_seen_directly_or_in_mirrors_stays_sharp() {
 }
 
 #[test]
-fn what_shines_is_seen_and_lights_what_sees_it() {
+fn emitters_are_visible_and_light_other_surfaces() {
     let dark = Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, below: Vec3::ZERO, sun: Vec3::ZERO, ..furnace() };
     let glow = Vec3::new(3.0, 2.0, 0.5);
     let lamp = Surface { emission: glow, ..Surface::plain(Vec3::ZERO) };
     assert!((shown(lamp.clone(), dark, 0) - glow).abs().max_element() < 1e-4);
-    // A lamp behind the camera that is a large part of what a square before it sees.
+    // A lamp behind the camera that covers a large part of the view of a square before it.
     let mut stage = stage(square(&[Vec3::ZERO]), 0.0, dark, front());
     let far = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| Vec3::new(40.0 * x, 40.0 * y, 20.0));
     stage.things.meshes.push(TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], far.into()));
@@ -311,7 +311,7 @@ fn what_shines_is_seen_and_lights_what_sees_it() {
         film.linear().iter().sum::<Vec3>() / 64.0
     };
     assert_eq!(lit(0), Vec3::ZERO);
-    // The share of the cosine-weighted hemisphere that a square of half width a at distance d takes in (form factor).
+    // The share of the cosine-weighted hemisphere that a square of half width a at distance d covers (form factor).
     let (a, d) = (40.0f64, 20.0f64);
     let root = (a * a + d * d).sqrt();
     let share = 4.0 * a / root * (a / root).atan() / std::f64::consts::PI;
@@ -319,7 +319,7 @@ fn what_shines_is_seen_and_lights_what_sees_it() {
     assert!((found - glow * (0.5 * share as f32)).abs().max_element() < 0.03, "{found}, {share}");
 }
 
-/// A square that fills the picture, in the light of lamps alone.
+/// A square that fills the picture, lit by lamps alone.
 fn lit_by(floor: Surface, lamps: Vec<(TriangleMesh, Surface)>) -> Stage {
     let dark = Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, below: Vec3::ZERO, sun: Vec3::ZERO, ..furnace() };
     let mut stage = stage(square(&[Vec3::ZERO]), 0.0, dark, front());
@@ -331,7 +331,7 @@ fn lit_by(floor: Surface, lamps: Vec<(TriangleMesh, Surface)>) -> Stage {
     stage
 }
 
-/// A picture with rays that look for lamps, or with paths alone.
+/// A picture with shadow rays to lamps, or with paths alone.
 fn lit(stage: &Stage, looks: bool, bounces: u32, samples: u32) -> Vec<Vec3> {
     let mut world = World::build(&stage.things, &BuildParams::default()).unwrap();
     assert!(!world.lamps.is_empty());
@@ -363,7 +363,7 @@ fn lamps_light_as_much_as_paths_find_with_less_noise() {
         TriangleMesh::new(vec![[0, 1, 2], [0, 2, 3]], keys)
     };
     let aside = Vec3::new(3.0, 0.5, 2.0);
-    // What stands there, bounces, and how much less noise there is at least (mean square, 16 samples).
+    // The lamps, the bounces, and the least factor by which noise decreases (mean square, 16 samples).
     let cases = [
         ("small", lit_by(white(), vec![(lamp(0.2, &[aside]), shining(50.0))]), 1, 1000.0),
         (
@@ -399,7 +399,7 @@ fn lamps_light_as_much_as_paths_find_with_less_noise() {
             film.iter().zip(&both.1).map(|(a, b)| (*a - *b).length_squared()).sum::<f32>() / film.len() as f32
         };
         let [before, now] = [error(&paths.0), error(&both.0)];
-        // Four standard deviations of the mean that paths alone find, over 64 pixels and as many samples.
+        // Four standard deviations of the mean by paths alone, over 64 pixels and as many samples.
         let near = 4.0 * (before * 16.0 / (64.0 * MANY as f32)).sqrt();
         assert!((mean(&paths.1) - mean(&both.1)).length() < near, "{name}: {} and {}", mean(&paths.1), mean(&both.1));
         assert!(now * less < before, "{name}: {before:e} and {now:e}");
@@ -423,8 +423,8 @@ fn a_small_lamp_lights_by_cosines_and_distance() {
 }
 
 #[test]
-fn in_a_room_whose_walls_shine_there_is_little_noise() {
-    // Paths alone would find the same light everywhere; rays that look for lamps must not spoil that.
+fn a_room_with_emitting_walls_has_little_noise() {
+    // Paths alone would find the same light everywhere; shadow rays to lamps must not add noise.
     let wall = |corners: [[f32; 3]; 4]| {
         let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], corners.map(Vec3::from).into());
         (mesh, Surface { emission: Vec3::ONE, ..Surface::plain(Vec3::ZERO) })
@@ -444,7 +444,7 @@ fn in_a_room_whose_walls_shine_there_is_little_noise() {
 
 #[test]
 fn an_interrupted_first_pass_leaves_a_coarse_picture() {
-    // What the first pass leaves if it is interrupted after every square has its first pixel.
+    // The film after an interrupt of the first pass, once every square has its first pixel.
     let stage = scene_of("hall", Some(3000)).unwrap();
     let full = exposed(&stage, Policy::default(), &job(22, 13, 1));
     let mut coarse = full.clone();
@@ -459,13 +459,13 @@ fn an_interrupted_first_pass_leaves_a_coarse_picture() {
 }
 
 #[test]
-fn an_interrupt_keeps_what_is_done() {
+fn an_interrupt_keeps_the_samples_taken() {
     let stage = stage(square(&[Vec3::ZERO]), 0.3, furnace(), front());
     let world = World::build(&stage.things, &BuildParams::default()).unwrap();
     let stop = AtomicBool::new(true);
     let (film, cost) = render(&world, &stage, &job(20, 20, 8), &stop, &ProgressBar::hidden());
     assert!(cost.rays == 0 && film.samples.iter().all(|&n| n == 0));
-    // A film that has only some of its samples is as bright as a whole one.
+    // A film with only some of its samples is as bright as a complete one.
     let mut film = exposed(&stage, Policy::default(), &job(20, 20, 4));
     film.sums[7] = in_units(Vec3::splat(0.6));
     film.samples[7] = 2;
@@ -473,7 +473,7 @@ fn an_interrupt_keeps_what_is_done() {
 }
 
 #[test]
-fn files_hold_what_was_rendered() {
+fn files_contain_the_rendered_picture() {
     let stage = scene_of("hand", Some(2000)).unwrap();
     let film = exposed(&stage, Policy::default(), &job(12, 7, 2));
     let folder = std::env::temp_dir().join(format!("mbkd_motion_blur_{}", std::process::id()));
@@ -483,7 +483,8 @@ fn files_hold_what_was_rendered() {
     let texture = crate::readers::decode(&std::fs::read(folder.join("a.png")).unwrap()).unwrap();
     assert_eq!(texture.pixels, picture.pixels);
     save_linear(&film, &folder.join("a.exr")).unwrap();
-    // Magic number; the last row ends with the red of its pixels. (Read with the exr crate: `evidence/tests/all/exr.rs`.)
+    // Magic number; the last row ends with the red of its pixels. (Read with the exr crate:
+    // `evidence/tests/all/exr.rs`.)
     let exr = std::fs::read(folder.join("a.exr")).unwrap();
     assert_eq!(exr[..4], [0x76, 0x2f, 0x31, 0x01]);
     assert_eq!(exr[exr.len() - 4..], film.linear()[12 * 7 - 1].x.to_le_bytes());
@@ -509,9 +510,9 @@ fn files_hold_what_was_rendered() {
 }
 
 #[test]
-fn noise_of_the_hall_is_a_fifth_of_what_it_was() {
-    // The legs of the runner, floor and columns, at the default setting. Half the squared difference of two pictures that have nothing in common but the light is the
-    // mean squared error of one; relative: over the square of the pixel and a little.
+fn noise_of_the_hall_is_a_fifth_of_that_of_an_additive_recurrence() {
+    // The runner's legs, floor and columns, at the default settings. Half the squared difference of two independent
+    // pictures is the mean squared error of one; relative: divided by the square of the pixel plus a small constant.
     let options = Options::parse_from(["motion_blur", "--tile", "520,300,160,90"]);
     let stage = Source::open(&options).unwrap().stage(&options, 0, 1).unwrap();
     let [a, b] = [0, 1].map(|seed| {
@@ -525,7 +526,7 @@ fn noise_of_the_hall_is_a_fifth_of_what_it_was() {
         relative += square / (mean * mean + 0.01) / 43_200.0;
     }
     println!("mean squared error {error:.2e}, relative {relative:.2e}");
-    // What 32 samples of an additive recurrence, each in one pixel, came to.
+    // The errors of 32 samples of an additive recurrence per pixel.
     assert!(5.0 * error < 9.51e-4 && 5.0 * relative < 8.77e-3, "{error:e} and {relative:e}");
 }
 

@@ -1,4 +1,4 @@
-//! A stage with its tree: what rays are asked of, and what is known where they hit.
+//! A stage with its tree: ray queries, and the surface at a hit.
 
 use crate::gloss::{Gloss, Scattered};
 use crate::lamps::{Lamps, Sight, spread};
@@ -10,40 +10,41 @@ use mbkd::{BuildError, BuildParams, Hit, Keys, MovingSphere, Observer, Ray, RayT
 use mbkd_scenes::FlakeSphere;
 use std::f32::consts::PI;
 
-/// A tree and the surfaces of the things in it.
+/// A tree and the surfaces of its primitives.
 pub struct World {
     tree: RayTree,
     /// The surface and the triangles of each mesh.
     surfaces: Vec<(Surface, Vec<[u32; 3]>)>,
     /// The colour of each sphere.
     colors: Vec<Vec3>,
-    /// What rays look for.
+    /// The lamps that shadow rays sample.
     pub(crate) lamps: Lamps,
-    /// How far points are lifted off a surface before the next ray starts, relative to the distances involved.
+    /// The distance by which points are lifted off a surface before the next ray starts, relative to the distances
+    /// involved.
     lift: f32,
 }
 
 /// A point on a surface.
 pub struct Point {
-    /// Where it is, lifted off the surface towards the ray's origin.
+    /// Its position, lifted off the surface towards the ray's origin.
     pub position: DVec3,
     /// Unit normal for shading, on the side of the ray's origin.
     pub normal: Vec3,
     /// Diffuse reflectance, where there is no gloss.
     pub color: Vec3,
-    /// How it shines.
+    /// Its gloss, if any.
     gloss: Option<Gloss>,
-    /// Light of its own.
+    /// Emitted radiance.
     pub emission: Vec3,
 }
 
 impl Point {
-    /// The light towards the eye of light from a direction, relative to what a white diffuse surface would show.
+    /// The light reflected to the eye from a direction, relative to that of a white diffuse surface.
     pub fn reflects(&self, to_eye: Vec3, to_light: Vec3) -> Vec3 {
         self.gloss.map_or(self.color, |gloss| gloss.reflects(self.normal, to_eye, to_light))
     }
 
-    /// A direction from which light comes that goes to the eye; none where it is absorbed.
+    /// Samples a direction of incoming light; `None` if it is absorbed.
     pub fn scatter(&self, to_eye: Vec3, sampler: &mut Sampler) -> Option<Scattered> {
         match self.gloss {
             Some(gloss) => gloss.scatter(self.normal, to_eye, sampler),
@@ -51,7 +52,7 @@ impl Point {
         }
     }
 
-    /// How likely `scatter` draws a direction, per steradian.
+    /// The density with which `scatter` samples a direction, per steradian.
     pub fn density(&self, to_eye: Vec3, to_light: Vec3) -> f32 {
         match self.gloss {
             Some(gloss) => gloss.density(self.normal, to_eye, to_light),
@@ -59,7 +60,7 @@ impl Point {
         }
     }
 
-    /// The same point with mirrors, if it has any, that lean this far at least.
+    /// The same point with mirrors, if it has any, that tilt at least this far.
     pub fn leaning(self, least: f32) -> Point {
         Point { gloss: self.gloss.map(|gloss| gloss.leaning(least)), ..self }
     }
@@ -80,7 +81,7 @@ impl World {
         })
     }
 
-    /// The nearest hit.
+    /// The closest hit.
     pub fn closest(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
         self.tree.closest_hit_observed(ray, observer)
     }
@@ -90,7 +91,7 @@ impl World {
         self.tree.any_hit_observed(ray, observer)
     }
 
-    /// What is where a ray hit.
+    /// The surface point at a hit.
     pub fn point(&self, ray: &Ray, hit: &Hit) -> Point {
         let at = ray.point(hit.t);
         let facing = |normal: Vec3| if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
@@ -112,7 +113,7 @@ impl World {
         Point { position: at + flat.as_dvec3() * f64::from(lift), normal, color, gloss, emission }
     }
 
-    /// A place on a lamp, drawn, with the ray that looks whether it is free and the light that it sends; none without lamps.
+    /// Samples a point on a lamp: its shadow ray, and the light it sends if unoccluded; `None` without lamps.
     pub fn towards_lamp(&self, from: &Point, time: f32, sampler: &mut Sampler) -> Option<(Sight, Ray, Vec3)> {
         let (mesh, primitive) = self.lamps.chosen(sampler.unit())?;
         let [u, v] = spread(sampler.square());
@@ -126,13 +127,13 @@ impl World {
         Some((sight, ray, emission))
     }
 
-    /// How likely a ray would have looked for the place that another ray hit, per steradian.
+    /// The density with which a shadow ray would have sampled the point that another ray hit, per steradian.
     pub fn lamp_density(&self, ray: &Ray, hit: &Hit) -> f32 {
         let chance = self.lamps.chance(hit.mesh, hit.primitive);
         Sight::new(ray.origin, ray.point(hit.t), self.tree.vertices(hit, ray.time), chance).density
     }
 
-    /// How far points are lifted off a surface at this distance.
+    /// The distance by which points are lifted off a surface at this distance.
     fn lift(&self, distance: f32) -> f32 {
         self.lift + 2e-6 * distance
     }
@@ -145,7 +146,7 @@ impl World {
         }
     }
 
-    /// Figures of the tree.
+    /// The statistics of the tree.
     pub fn statistics(&self) -> Statistics {
         self.tree.statistics()
     }

@@ -1,6 +1,6 @@
-//! Binned SAH: where to part references, in sixteen lanes.
+//! Binned SAH: choosing the split of a node's references, in sixteen lanes.
 //!
-//! The inner loops of a build. A reference is one register; a bin is another, united with it by one
+//! These are the inner loops of a build. A reference is one register; a bin is another, united with a reference by one
 //! minimum. Nothing is fused, so every instruction set makes the same tree.
 
 use super::reference::{Packed, Reference};
@@ -9,11 +9,11 @@ use crate::parallel;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use glam::Vec4;
 
-/// Most bins per axis.
+/// The greatest number of bins per axis.
 pub(super) const BINS: usize = 32;
 
-/// Bins per axis for `n` references, a multiple of [`AT_ONCE`]: more than a few per reference tell nothing new, and
-/// sweeping them costs.
+/// Bins per axis for `n` references, a multiple of [`AT_ONCE`]: more bins than a few per reference do not improve the
+/// split, and sweeping them takes time.
 fn bins_for(n: usize) -> usize {
     match n {
         0..=16 => 8,
@@ -30,7 +30,7 @@ pub(super) struct Binning {
     last: f32,
 }
 
-/// Adding it rounds a small float to the nearest integer, which is then in its low bits.
+/// Adding this constant rounds a small float to the nearest integer, which is then in its low bits.
 const ROUND: f32 = 8_388_608.0;
 
 impl Binning {
@@ -48,7 +48,7 @@ impl Binning {
         }
     }
 
-    /// Makes all axes but the widest count as flat, and returns that.
+    /// Treats all axes but the widest as flat, and returns the widest.
     fn keep_widest(&mut self, centres: Box3) -> usize {
         let axis = (centres.max - centres.min).max_position();
         for other in (0..3).filter(|&other| other != axis) {
@@ -57,7 +57,7 @@ impl Binning {
         axis
     }
 
-    /// [`ROUND`] plus the bin, on each axis.
+    /// The bin on each axis, plus [`ROUND`].
     #[inline(always)]
     fn rounded(&self, centre: Vec4) -> Vec4 {
         let at = (centre - self.low) * self.scale - Vec4::splat(0.5);
@@ -79,7 +79,7 @@ impl Bins {
         self.counts[..bins].fill(0);
     }
 
-    /// Counts a reference; `at` is its bin plus [`ROUND`].
+    /// Adds a reference to its bin; `at` is the bin plus [`ROUND`].
     #[inline(always)]
     fn put<S: Simd>(&mut self, s: S, lanes: S::F, at: f32) {
         let bin = at.to_bits() as usize % BINS;
@@ -88,8 +88,8 @@ impl Bins {
         self.counts[bin] += 1;
     }
 
-    /// Adds what others counted of the references behind these. Of equal bounds (zeros of either sign) the last
-    /// stays, as in [`Bins::put`].
+    /// Adds the bins of the next chunk of references. Of equal bounds (zeros of either sign) the last one is kept, as
+    /// in [`Bins::put`].
     fn add(&mut self, others: &Bins) {
         for (bin, other) in self.bounds.iter_mut().zip(&others.bounds) {
             for (bound, other) in bin.0.iter_mut().zip(other.0) {
@@ -102,10 +102,10 @@ impl Bins {
     }
 }
 
-/// The bins of one node on all axes; kept from node to node.
+/// The bins of one node on all axes; reused from node to node.
 pub(super) struct Table {
     axes: [Bins; 3],
-    /// What [`gather_above`] finds.
+    /// The output of [`gather_above`].
     above: [Packed; BINS],
 }
 
@@ -115,15 +115,16 @@ impl Table {
     }
 }
 
-/// References whose bins are found before they are counted: by way of memory, as taking lanes out of registers is slow.
+/// References whose bins are computed before they are counted: bins go through memory, since extracting lanes from
+/// registers is slow.
 const BLOCK: usize = 64;
 
-/// Counts references in the bins of a table.
+/// Adds references to the bins of a table.
 struct Count<'a> {
     references: &'a [Reference],
     binning: Binning,
     bins: usize,
-    /// The one axis on which they are, if not on all.
+    /// The only axis to count on; `None` for all three.
     only: Option<usize>,
     axes: &'a mut [Bins; 3],
 }
@@ -162,7 +163,7 @@ impl Kernel for Count<'_> {
     }
 }
 
-/// Counts references on one axis.
+/// Adds references to the bins of one axis.
 #[inline(always)]
 fn count_on<S: Simd, const AXIS: usize>(s: S, references: &[Reference], places: &[[f32; 4]; BLOCK], bins: &mut Bins) {
     for (r, at) in references.iter().zip(places) {
@@ -170,32 +171,32 @@ fn count_on<S: Simd, const AXIS: usize>(s: S, references: &[Reference], places: 
     }
 }
 
-/// References from which on a node is counted and partitioned by several threads.
+/// Nodes with at least this many references are counted and partitioned by several threads.
 pub(super) const PARALLEL: usize = 1 << 15;
 
-/// Crowded nodes of up to so many references are split across their widest axis.
+/// Crowded nodes with at most this many references are split across their widest axis.
 const SMALL: usize = 64;
 
-/// A node that several threads count is counted in so many chunks.
+/// The number of chunks in which several threads count a node.
 const CHUNKS: usize = 32;
 
 /// A partition of references by the bins of their centres.
 pub(super) struct Split {
     pub axis: usize,
     binning: Binning,
-    /// First bin of the high side.
+    /// The first bin of the high side.
     plane: usize,
     pub low: LinearBox3,
     pub high: LinearBox3,
-    /// How many references are on the low side.
+    /// The number of references on the low side.
     pub middle: usize,
-    /// The same in successive chunks of so many references each; nothing where one thread counted.
+    /// References per counted chunk, and the number on the low side in each; no chunks if one thread counted.
     pub chunk: usize,
     pub lows: Vec<usize>,
 }
 
 impl Split {
-    /// Says on which side references are.
+    /// The classifier of references into sides.
     pub fn sides(&self) -> Sides {
         let Binning { low, scale, last } = self.binning;
         let plane = ROUND + self.plane as f32;
@@ -203,7 +204,8 @@ impl Split {
     }
 }
 
-/// What is on which side of a split, by value: loops that store references would read it again each time.
+/// The constants that classify references, by value: loops that store references would reload them through a pointer
+/// each time.
 #[derive(Clone, Copy)]
 pub(super) struct Sides {
     lane: usize,
@@ -222,9 +224,9 @@ impl Sides {
     }
 }
 
-/// Finds where binned SAH parts the references most cheaply; nothing where all centres coincide. `centres` is the box
-/// of their centres, as [`Reference::centre`] has them. In small `crowded` nodes only planes across their widest axis are
-/// looked at: there any split brings little.
+/// Finds the split of least cost by binned SAH; `None` if all centres coincide. `centres` is the box of the centres, in
+/// the units of [`Reference::centre`]. In small `crowded` nodes only planes across the widest axis are tried: there no
+/// split gains much.
 pub(super) fn find_split(
     simd: SimdLevel,
     references: &[Reference],
@@ -239,7 +241,7 @@ pub(super) fn find_split(
     if references.len() < PARALLEL || parallel::threads() == 1 {
         dispatch(simd, Count { references, binning, bins, only, axes: &mut table.axes });
     } else {
-        // Minima and sums, added up in order: who counts what changes nothing.
+        // Minima and sums are merged in order, so the result does not depend on the threads.
         chunk = references.len().div_ceil(CHUNKS);
         chunks = parallel::map(references.len().div_ceil(chunk), |i| {
             let mut axes = Box::new([Bins::EMPTY; 3]);
@@ -258,7 +260,7 @@ pub(super) fn find_split(
     Some(Split { middle: below(&table.axes), chunk, lows, ..split })
 }
 
-/// Chooses the cheapest plane between counted bins.
+/// Chooses the plane of least cost between filled bins.
 struct Choose<'a> {
     binning: Binning,
     bins: usize,
@@ -286,7 +288,7 @@ impl Kernel for Choose<'_> {
                 }
             }
         }
-        // Costs are not negative, so their bits are in their order; of equal ones the first plane counts.
+        // Costs are not negative, so their bits are in the same order; of equal costs the first plane wins.
         let least = f32::from_bits(s.reduce_min_u(s.to_bits(costs)));
         if least == f32::INFINITY {
             return None;
@@ -300,7 +302,7 @@ impl Kernel for Choose<'_> {
     }
 }
 
-/// What holds all of some bins. (Not a closure: those are compiled without the instruction set.)
+/// The union of some bins. (Not a closure: closures are compiled without the instruction set.)
 #[inline(always)]
 fn union<S: Simd>(s: S, bins: &[Packed]) -> LinearBox3 {
     let mut sum = s.splat(f32::INFINITY);
@@ -312,20 +314,20 @@ fn union<S: Simd>(s: S, bins: &[Packed]) -> LinearBox3 {
     packed.bounds()
 }
 
-/// Lanes 0 to 7, of which two mean nothing.
+/// Lanes 0 to 7, two of which are unused.
 pub(super) const HALF: u16 = 0x00ff;
 const EXTENTS: u16 = 0x3f3f;
 
-/// For the extents at the begin and at the end, d0 and d1, in each half: the lanes of (y z x) of d0 and of d1, and the
-/// same exchanged.
+/// For the extents at the beginning and at the end, d0 and d1, in each half: the lanes of (y z x) of d0 and of d1, and
+/// the same exchanged.
 const TURNED: Lanes<u32> = [1, 2, 0, 4, 5, 3, 6, 7, 9, 10, 8, 12, 13, 11, 14, 15];
 const CROSSED: Lanes<u32> = [4, 5, 3, 1, 2, 0, 6, 7, 12, 13, 11, 9, 10, 8, 14, 15];
 
-/// Planes whose costs are computed together: one in each lane of both halves.
+/// Planes whose costs are computed together: one in each lane of a half.
 const AT_ONCE: usize = LANES / 2;
 const PLANES: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
 
-/// What holds all bins from each one on; returns how many references there are.
+/// For each bin the union of it and all bins above; returns the number of references.
 #[inline(always)]
 fn gather_above<S: Simd>(s: S, bins: &[Packed], counts: &[u32; BINS], above: &mut [Packed; BINS]) -> u32 {
     let (mut sum, mut all) = (s.splat(f32::INFINITY), 0);
@@ -338,12 +340,13 @@ fn gather_above<S: Simd>(s: S, bins: &[Packed], counts: &[u32; BINS], above: &mu
 }
 
 /// The costs (six times area times count) of the planes below the bins from `first` on, in the lanes of each half;
-/// infinite where one side is empty. `below` is what is below the first, and below the next planes afterwards.
+/// infinite if one side is empty. `below` holds all bins below the first plane, and on return those below the next
+/// planes.
 ///
-/// What is below a plane is in the low half of the lanes, what is above it in the high half. Six times the mean
-/// half area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::visits::mean_half_area`]), which is
-/// d0 . rot(2 d0 + d1) + d1 . rot(2 d1 + d0), where rot (x, y, z) = (y, z, x): six products in six lanes. The sums of
-/// the lanes of eight planes are formed together, and end up in one lane for each.
+/// The side below a plane is in the low half of the lanes, the side above in the high half. Six times the mean half
+/// area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::visits::mean_half_area`]), which is d0 .
+/// rot(2 d0 + d1) + d1 . rot(2 d1 + d0), where rot (x, y, z) = (y, z, x): six products in six lanes. The sums over
+/// lanes of eight planes are formed together, and end up in one lane per plane.
 #[inline(always)]
 fn sweep<S: Simd>(
     s: S,
@@ -384,13 +387,13 @@ fn paired4<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
     s.select(0x0f0f, a, b) + s.swap_lanes::<4>(s.select(0x0f0f, b, a))
 }
 
-/// The same two apart.
+/// As [`paired4`], for lanes two apart.
 #[inline(always)]
 fn paired2<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
     s.select(0x3333, a, b) + s.swap_lanes::<2>(s.select(0x3333, b, a))
 }
 
-/// The same one apart.
+/// As [`paired4`], for lanes one apart.
 #[inline(always)]
 fn paired1<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
     s.select(0x5555, a, b) + s.swap_lanes::<1>(s.select(0x5555, b, a))
@@ -403,7 +406,7 @@ pub(super) fn summary(simd: SimdLevel, references: &[Reference]) -> (LinearBox3,
     parts.into_iter().reduce(|a, b| (a.0.union(b.0), a.1.union(b.1))).unwrap_or(nothing)
 }
 
-/// The same by one thread.
+/// [`summary`] on one thread.
 struct Summary<'a>(&'a [Reference]);
 
 impl Kernel for Summary<'_> {

@@ -1,9 +1,9 @@
 //! The binary tree of object splits.
 //!
 //! References are partitioned at one of the planes between bins of their mid-time centroids (Wald, "On fast
-//! Construction of SAH-based Bounding Volume Hierarchies", 2007). The surface area of a moving box
-//! is its exact mean over the interval. Below a depth that sane input never reaches, halves by count
-//! take over, so that the depth is bounded whatever the input is.
+//! Construction of SAH-based Bounding Volume Hierarchies", 2007). The surface area of a moving box is its exact mean
+//! over the interval. Below a depth that sane input never reaches, nodes are halved by count, so that the depth is
+//! bounded for any input.
 
 use super::binning::{Table, find_split, summary};
 use super::partition::{Partitioned, partition};
@@ -18,20 +18,20 @@ use core::ops::RangeInclusive;
 /// A node of the binary tree, in preorder: the left child follows its parent.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BinaryNode {
-    /// Linear bounds of all below.
+    /// Linear bounds of all references below.
     pub bounds: LinearBox3,
-    /// First reference below, in the order that the build leaves.
+    /// The first reference below, in the order that the build leaves.
     pub first: u32,
     /// Number of references below.
     pub count: u32,
     /// Distance to the right child; 0 for a leaf.
     pub right: u32,
-    /// Whether anything below moves.
+    /// Whether any reference below moves.
     pub moving: bool,
 }
 
 impl BinaryNode {
-    /// A node over so many references, nothing known below.
+    /// A node over this many references, with no flags set yet.
     fn new(task: &Task, count: usize) -> BinaryNode {
         BinaryNode { bounds: task.bounds, first: task.first, count: count as u32, right: 0, moving: false }
     }
@@ -40,20 +40,21 @@ impl BinaryNode {
 /// A finished binary tree; node 0 is the root. Empty without references.
 pub(crate) type BinaryTree = Vec<BinaryNode>;
 
-/// Tells the primitives that cannot be in one leaf block apart: those in a leaf have equal numbers.
+/// Separates primitives that cannot share a leaf block: all primitives of a leaf have the same kind.
 pub(crate) type LeafKind<'a> = dyn Fn(u32) -> u32 + Sync + 'a;
 
-/// Depth from which on references are halved by count.
+/// Below this depth references are halved by count.
 const SAH_DEPTH: u32 = 44;
 
-/// Subtrees of so many references, or the whole's among so many per thread, are built by one thread.
+/// Subtrees of at most this many references (or more if the tree is large for the number of threads) are built by one
+/// thread.
 const PARALLEL: usize = 4096;
 const PIECES: usize = 32;
 
-/// Builds over references, which are reordered. Nodes of at most `leaf.start` references are not split on, and those of
-/// at most `leaf.end` not where things overlap so much that splitting hardly pays (see [`CROWDED`]). With a `density`,
-/// by which boxes are visited, the largest of such nodes are split on (see [`LARGE_LEAF`]).
-/// Leaves hold references of one kind.
+/// Builds over references, which are reordered. Nodes of at most `leaf.start` references become leaves, and those of at
+/// most `leaf.end` if they overlap so much that splitting hardly pays (see [`CROWDED`]). With a `density`, which
+/// predicts how often boxes are visited, the largest of such nodes are split further (see [`LARGE_LEAF`]). Leaves hold
+/// references of one kind.
 pub(crate) fn build_binary(
     references: &mut [Reference],
     leaf: RangeInclusive<usize>,
@@ -70,7 +71,7 @@ pub(crate) fn build_binary(
         1 => usize::MAX,
         threads => PARALLEL.max(n / (PIECES * threads)),
     };
-    // One reference far away makes the box of all large, and the sum over them no larger.
+    // A single reference far away makes the root box large, but not the sum over references.
     let large = density.map(|density| {
         let rays = density.visits(&bounds).min(density.visits_of_all(references));
         (density, LARGE_LEAF * rays)
@@ -83,23 +84,22 @@ pub(crate) fn build_binary(
     }
 }
 
-/// Room for the nodes over so many references: leaves are about half full, and with one reference each there are 2 n - 1
-/// nodes.
+/// Capacity for the nodes over this many references: leaves are about half full, and with one reference each there are
+/// 2 n - 1 nodes.
 fn most_nodes(references: usize, leaf: usize) -> usize {
     4 * references / (leaf.max(1) + 1) + 1
 }
 
-/// References among which a place is looked for; of more, evenly spaced ones are taken.
+/// The greatest number of references that sample boxes are found among; if there are more, evenly spaced ones are used.
 const LOOKED_AT: usize = 4096;
 
-/// References of which one task picks the neighbours of those places, at least.
+/// The least number of references per task when neighbours are collected.
 const PER_TASK: usize = 16384;
 
-/// Neighbours around evenly spaced references, about `most` each: samples of what the tree over all will have in
-/// some places.
+/// Groups of about `most` neighbours around evenly spaced references: samples of the tree over all references.
 ///
-/// Object splits of a part of the references find a box around each place; one pass over all collects what is
-/// centred in it.
+/// Object splits of a subset of the references find a box around each sample; one pass over all references collects
+/// those with their centres in it.
 pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize) -> Vec<Vec<Reference>> {
     let step = references.len() / LOOKED_AT + 1;
     let mut few: Vec<Reference> = references.iter().step_by(step).copied().collect();
@@ -130,7 +130,8 @@ pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize
     all
 }
 
-/// Reorders references by object splits until at most `most` neighbours stand around place `at`, and returns them.
+/// Reorders references by object splits until index `at` is in a group of at most `most` neighbours, and returns the
+/// group.
 fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut [Reference] {
     let simd = SimdLevel::best();
     let mut table = Table::new();
@@ -148,21 +149,22 @@ struct Builder<'a> {
     simd: SimdLevel,
     leaf: usize,
     crowded_leaf: usize,
-    /// Visits from which on a leaf is a large one, and by what they are counted; nothing where none is.
+    /// The number of visits above which a leaf counts as large, and the density that predicts them; `None` if no leaf
+    /// does.
     large: Option<(SurfaceDensity, f32)>,
-    /// Up to this many references a subtree is built by one thread. It never changes the tree.
+    /// Subtrees of at most this many references are built by one thread. Does not change the tree.
     alone: usize,
-    /// Where leaves may only hold references of one kind.
+    /// The kinds, if leaves may only hold references of one kind.
     kinds: Option<&'a LeafKind<'a>>,
 }
 
 /// A subtree to be built.
 #[derive(Clone, Copy)]
 struct Task {
-    /// Where its references begin among all.
+    /// The index of its first reference.
     first: u32,
     depth: u32,
-    /// Whether the split that made it brought little.
+    /// Whether the split that made it gained little.
     crowded: bool,
     bounds: LinearBox3,
     /// The box of the references' centres.
@@ -170,7 +172,7 @@ struct Task {
 }
 
 impl Builder<'_> {
-    /// A subtree in pieces, to be put one behind the other.
+    /// A subtree in pieces, to be concatenated.
     fn pieces(&self, references: &mut [Reference], task: Task) -> Vec<BinaryTree> {
         let n = references.len();
         if n <= self.alone.max(self.leaf) {
@@ -190,7 +192,7 @@ impl Builder<'_> {
         pieces
     }
 
-    /// Returns whether anything in the subtree moves.
+    /// Builds a subtree on this thread. Returns whether any reference in it moves.
     fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
         let (at, n) = (nodes.len(), references.len());
         nodes.push(BinaryNode::new(&task, n));
@@ -214,13 +216,13 @@ impl Builder<'_> {
         left | right
     }
 
-    /// Whether a node of few references is among the largest: of a floor and walls, or of a wall and the things before it.
-    /// What is to be in one leaf block is then left to the collapse.
+    /// Whether a node of few references is among the largest: over a floor and walls, or over a wall and the objects
+    /// before it. Which of its references share a leaf block is then decided by the collapse.
     fn is_large(&self, bounds: &LinearBox3) -> bool {
         self.large.is_some_and(|(density, large)| density.visits(bounds) > large)
     }
 
-    /// Parts the references of a node; returns both sides and how many are on the low one.
+    /// Partitions the references of a node; returns both sides and the number on the low side.
     fn divide(&self, references: &mut [Reference], task: &Task, table: &mut Table) -> (Task, Task, usize) {
         let side = |begin: usize, crowded: bool, bounds: LinearBox3, centres: Box3| Task {
             first: task.first + begin as u32,
@@ -229,7 +231,7 @@ impl Builder<'_> {
             bounds,
             centres,
         };
-        // Two can be partitioned in one way only.
+        // Two references can be partitioned in one way only.
         if references.len() > 2
             && task.depth < SAH_DEPTH
             && let Some(split) = find_split(self.simd, references, task.centres, task.crowded, table)
@@ -242,7 +244,7 @@ impl Builder<'_> {
         self.cut(references, task, references.len() / 2)
     }
 
-    /// Both sides of references that are in order already, and the place between them.
+    /// Splits references at an index without reordering them.
     fn cut(&self, references: &[Reference], task: &Task, middle: usize) -> (Task, Task, usize) {
         let of = |begin: usize, references: &[Reference]| {
             let (bounds, centres) = summary(self.simd, references);
@@ -252,13 +254,13 @@ impl Builder<'_> {
     }
 }
 
-/// Orders a few references by kind and returns where the first kind ends; nothing where there is one only.
+/// Sorts a few references by kind and returns where the first kind ends; `None` if there is only one kind.
 fn by_kind(references: &mut [Reference], kind: &LeafKind<'_>) -> Option<usize> {
     let first = kind(references.first()?.id());
     if references.iter().all(|r| kind(r.id()) == first) {
         return None;
     }
-    // Stable, so that the tree does not depend on how it is sorted.
+    // A stable sort, so that the tree does not depend on the algorithm.
     references.sort_by_key(|r| kind(r.id()));
     let least = kind(references[0].id());
     Some(references.partition_point(|r| kind(r.id()) == least))
@@ -270,7 +272,7 @@ mod tests {
     use crate::random::Random;
     use glam::Vec3;
 
-    /// A floor and four walls of two triangles each, and small things that lie about.
+    /// A floor and four walls of two triangles each, and small objects.
     fn room() -> Vec<Reference> {
         let mut references = Vec::new();
         let mut add = |min: Vec3, max: Vec3| {
@@ -293,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_leaves_are_parted_and_no_others() {
+    fn only_the_largest_leaves_are_split_further() {
         let built = |density: Option<SurfaceDensity>| {
             let mut references = room();
             let nodes = build_binary(&mut references, 8..=16, None, density);
@@ -305,10 +307,10 @@ mod tests {
         let visits = |leaf: &BinaryNode| density.visits(&leaf.bounds);
         let (before, after) = (built(None), built(Some(density)));
         let largest = |leaves: &[BinaryNode]| leaves.iter().map(visits).fold(0.0, f32::max);
-        // A leaf of a wall and the floor is as large as the room; the largest thing is the floor.
+        // A leaf of a wall and the floor is as large as the room; the largest single object is the floor.
         assert!(largest(&before) > 2.0 && largest(&after) <= 1.0, "{} {}", largest(&before), largest(&after));
         assert!(after.len() > before.len() && after.len() <= before.len() + 20, "{} {}", before.len(), after.len());
-        // None of several things is visited by more than its share of the rays.
+        // No leaf of several references is visited by more than its share of the rays.
         let references = room();
         let rays = density.visits(&summary(SimdLevel::best(), &references).0).min(density.visits_of_all(&references));
         let large = |leaves: &[BinaryNode]| leaves.iter().any(|l| l.count > 1 && visits(l) > LARGE_LEAF * rays);

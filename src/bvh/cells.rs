@@ -1,8 +1,9 @@
-//! The top of a binary tree, by cells.
+//! The top levels of a binary tree, by a grid.
 //!
-//! Object splits look at every reference once for each level. Where only the first levels are wanted, it is enough to look once: all
-//! references are dealt into the cells of a grid, by their centres, and object splits then part the cells. A cell that
-//! alone has too many references is split as usual; so a scene that is small somewhere and fine costs no more than it would.
+//! Object splits visit every reference once per level. If only the first levels are wanted, one pass is enough: all
+//! references are binned into the cells of a grid by their centres, and object splits then partition the cells. A
+//! single cell with too many references is split as usual, so scenes that are concentrated in a small region cost no
+//! more than a full build.
 
 use super::binning::summary;
 use super::builder::{BinaryNode, BinaryTree, build_binary};
@@ -12,14 +13,14 @@ use crate::parallel;
 use crate::simd::{SimdLevel, huge_vec};
 use glam::Vec4;
 
-/// Cells along an axis, at most.
+/// The greatest number of cells along an axis.
 const MOST: usize = 16;
 
-/// References that are dealt by one task.
+/// References that are binned per task.
 const DEALT: usize = 1 << 16;
 
-/// A binary tree whose leaves have at most `most` references, and the ids of these in the order of the tree. The id of each reference
-/// must be its place.
+/// A binary tree whose leaves have at most `most` references, and the ids of these in the order of the tree. The id of
+/// each reference must be its index.
 pub(crate) fn coarse_tree(references: &[Reference], most: usize) -> (BinaryTree, Vec<u32>) {
     if references.is_empty() {
         return (BinaryTree::new(), Vec::new());
@@ -54,7 +55,7 @@ pub(crate) fn coarse_tree(references: &[Reference], most: usize) -> (BinaryTree,
     (cut.binary, cut.ids)
 }
 
-/// The cells of a box.
+/// A grid over a box.
 struct Grid {
     low: Vec4,
     /// Cells per length.
@@ -62,20 +63,20 @@ struct Grid {
     side: usize,
 }
 
-/// What is in the cells of a part of the references.
+/// The grid's contents for one chunk of references.
 struct Dealt {
     /// The cell of each reference.
     keys: Vec<u16>,
-    /// For each cell how many there are, and where.
+    /// For each cell the number of references, and their bounds.
     counts: Vec<u32>,
     bounds: Vec<Packed>,
 }
 
 impl Grid {
-    /// Around the centres of references, as fine as leaves of at most `most` need.
+    /// A grid around the centres of references, as fine as leaves of at most `most` need.
     fn around(references: &[Reference], most: usize) -> Grid {
         let (_, Box3 { min, max }) = summary(SimdLevel::best(), references);
-        // Most scenes are surfaces: of cubed many cells about squared many have something in them.
+        // Most scenes are surfaces: of `side` cubed cells about `side` squared are not empty.
         let side = ((4 * references.len() / most) as f32).sqrt().ceil().clamp(1.0, MOST as f32);
         let scale = (max - min).map(|extent| if extent > 0.0 { side / extent } else { 0.0 });
         Grid { low: min.extend(0.0), scale: scale.extend(0.0), side: side as usize }
@@ -104,7 +105,7 @@ impl Grid {
     }
 }
 
-/// Cuts a tree over cells where few enough references are below.
+/// Turns the tree over cells into the tree of references: subtrees with few enough references become leaves.
 struct Cut<'a> {
     references: &'a [Reference],
     tree: &'a [BinaryNode],
@@ -116,7 +117,7 @@ struct Cut<'a> {
 }
 
 impl Cut<'_> {
-    /// Appends a node of the tree over cells, and all below it.
+    /// Appends a node of the tree over cells, and its subtree.
     fn node(&mut self, x: usize) {
         let node = self.tree[x];
         let cells = &self.cells[node.first as usize..][..node.count as usize];
@@ -148,7 +149,7 @@ mod tests {
     use crate::random::Random;
     use glam::Vec3;
 
-    /// Checks a node and all below it; returns how many nodes those are.
+    /// Checks a subtree; returns its number of nodes.
     fn check(references: &[Reference], tree: &BinaryTree, ids: &[u32], x: usize, most: usize) -> usize {
         let node = &tree[x];
         let below = &ids[node.first as usize..][..node.count as usize];
@@ -167,9 +168,9 @@ mod tests {
     }
 
     #[test]
-    fn every_reference_is_in_one_leaf_and_all_boxes_hold_what_is_below() {
+    fn every_reference_is_in_one_leaf_and_all_boxes_hold_their_subtrees() {
         let mut random = Random(5);
-        // All over a box, all but a few in a corner of it, in a plane, at one place.
+        // Spread over a box, all but a few in a corner of it, in a plane, at one point.
         for spread in [Vec3::ONE, Vec3::splat(1e-4), Vec3::new(1.0, 0.0, 1.0), Vec3::ZERO] {
             for (n, most) in [(1, 1), (40, 1), (3000, 7), (150_000, 100), (5000, 5000)] {
                 let references: Vec<Reference> = (0..n)

@@ -1,34 +1,34 @@
 //! The optimal collapse of a binary tree into sixteen-way nodes, by dynamic programming.
 //!
-//! For every binary subtree and every `j` from 1 to 16 the least cost of covering the subtree by at most `j`
-//! children of some wide node above it. A single child is either a leaf block or a wide node of its
-//! own, whose sixteen places are again shared out between the two halves. (The idea for four-way trees is
-//! in Pinter, "Surface area heuristic for wide bounding volume hierarchies"; the recurrence is the same.)
+//! For every binary subtree and every `j` from 1 to 16 it computes the least cost of covering the subtree by at most
+//! `j` children of some wide node above it. A single child is either a leaf block or a wide node of its own, whose
+//! sixteen slots are again divided between the two halves. (The idea for four-way trees is in Pinter, "Surface area
+//! heuristic for wide bounding volume hierarchies"; the recurrence is the same.)
 
 use super::builder::BinaryNode;
 use super::visits::SurfaceDensity;
 use crate::parallel;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, huge_vec, lanes_at};
 
-/// What the steps of a query cost, relative to each other.
+/// Relative costs of the steps of a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct CostModel {
     /// Visiting a node whose boxes move.
     pub node: f32,
-    /// Opening a leaf block.
+    /// Visiting a leaf block.
     pub leaf: f32,
-    /// Each primitive in it.
+    /// Testing each primitive in it.
     pub primitive: f32,
-    /// Factor for nodes and leaves in which nothing moves.
+    /// Factor for static nodes and leaves.
     pub still: f32,
-    /// Most primitives in one leaf block; 1 where the references are whole blocks already.
+    /// The greatest number of primitives in one leaf block; 1 if the references are whole blocks already.
     pub most: usize,
-    /// How often boxes are visited.
+    /// Predicts how often boxes are visited.
     pub density: SurfaceDensity,
 }
 
 impl CostModel {
-    /// Of visiting a leaf block of so many primitives.
+    /// The cost of visiting a leaf block with this many primitives.
     pub fn leaf_of(&self, primitives: usize) -> f32 {
         self.leaf + self.primitive * primitives as f32
     }
@@ -43,10 +43,10 @@ pub(crate) struct WideChild {
 
 /// The decisions for a whole tree.
 pub(crate) struct Collapse {
-    /// For each node and number of places: how many go to the left half; 0: this node is one child. As one
-    /// child (the first entry) 0 means a leaf block, otherwise it is the share of the left half of sixteen.
+    /// For each node and number of slots: how many go to the left half; 0: this node is one child. For a single slot
+    /// (the first entry) 0 means a leaf block, otherwise it is the share of the left half of sixteen.
     pub(super) left: Vec<[u8; LANES]>,
-    /// Cost of each node as one child: the sum over what is visited of price times visits.
+    /// Cost of each node as one child: the sum over its visited nodes and blocks of cost times visits.
     pub(super) one: Vec<f32>,
 }
 
@@ -54,16 +54,16 @@ pub(crate) struct Collapse {
 #[derive(Clone, Copy)]
 struct Costs {
     by_places: Lanes<f32>,
-    /// From so many places on (at most sixteen) more do not help.
+    /// With more slots than this (at most sixteen) the cost does not decrease.
     enough: usize,
 }
 
-/// Nodes from which on a tree is given to several threads.
+/// Trees of at least this many nodes are processed by several threads.
 const PARALLEL: usize = 8192;
 
 impl Collapse {
-    /// Decides for every node, from the leaves up. `leaf_cost` gives the price of a node as a leaf
-    /// block (relative to one visit), or nothing where it cannot be one.
+    /// Decides for every node, from the leaves up. `leaf_cost` gives the cost of a node as a leaf block (relative to
+    /// one visit), or `None` if it cannot be one.
     pub fn new(
         nodes: &[BinaryNode],
         cost_model: CostModel,
@@ -84,7 +84,7 @@ impl Collapse {
         self.cost(0)
     }
 
-    /// Cost of a subtree: the sum over what is visited of price times visits.
+    /// Cost of a subtree: the sum over its visited nodes and blocks of cost times visits.
     pub fn cost(&self, node: u32) -> f32 {
         self.one.get(node as usize).copied().unwrap_or(0.0)
     }
@@ -102,8 +102,7 @@ impl Collapse {
         self.forest(nodes, of + nodes[of as usize].right, LANES as u8 - share, out);
     }
 
-    /// The binary nodes below `of` (or it itself) that become leaf blocks, from left to right within each
-    /// wide node.
+    /// The binary nodes in the subtree `of` that become leaf blocks, from left to right within each wide node.
     pub fn leaves(&self, nodes: &[BinaryNode], of: u32) -> Vec<BinaryNode> {
         if self.is_leaf(of) {
             return vec![nodes[of as usize]];
@@ -119,8 +118,8 @@ impl Collapse {
         leaves
     }
 
-    /// Covers a subtree by at most `places` children. The recursion is at most sixteen deep: every level
-    /// shares out places, of which both halves get one or more.
+    /// Covers a subtree by at most `places` children. The recursion is at most sixteen deep: every level divides the
+    /// slots, and both halves get at least one.
     pub(super) fn forest(&self, nodes: &[BinaryNode], x: u32, places: u8, out: &mut Vec<WideChild>) {
         let share = if places > 1 { self.left[x as usize][places as usize - 1] } else { 0 };
         if share == 0 {
@@ -132,7 +131,7 @@ impl Collapse {
     }
 }
 
-/// What the decisions are made with.
+/// The inputs of the decisions.
 struct Solver<L> {
     simd: SimdLevel,
     cost_model: CostModel,
@@ -140,7 +139,7 @@ struct Solver<L> {
 }
 
 impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
-    /// Decides for a subtree: `nodes` in preorder, and its part of the decisions.
+    /// Decides for a subtree: `nodes` in preorder, and the slices of the decisions that belong to them.
     fn subtree(&self, nodes: &[BinaryNode], left: &mut [[u8; LANES]], one: &mut [f32]) -> Costs {
         if nodes.len() > PARALLEL && nodes[0].right > 0 && parallel::threads() > 1 {
             let right = nodes[0].right as usize;
@@ -157,7 +156,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
         dispatch(self.simd, Sweep { solver: self, nodes, left, one })
     }
 
-    /// Decides for one node by the costs of its halves.
+    /// Decides for one node, given the costs of its halves.
     #[inline(always)]
     fn node<S: Simd>(
         &self,
@@ -166,7 +165,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
         (left, one): (&mut [u8; LANES], &mut f32),
         (l, r): (&Costs, &Costs),
     ) -> Costs {
-        // best[j] covers both halves by j + 1 children together; of equal ways the least share of the left.
+        // best[j] covers both halves by j + 1 children together; of equal costs the smallest share of the left wins.
         let mut shifted = [f32::INFINITY; 2 * LANES];
         shifted[LANES..].copy_from_slice(&r.by_places);
         let (mut best, mut share) = (s.splat(f32::INFINITY), s.splat_u(0));
@@ -181,7 +180,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
         let as_leaf = (self.leaf_cost)(node).map_or(f32::INFINITY, |c| c * visits * still);
         let as_node = self.cost_model.node * still * visits + s.lane(best, LANES - 1);
         *one = as_leaf.min(as_node);
-        // More places never cost more, so only one child can be as good; equal cost goes to it: fewer boxes.
+        // More slots never cost more, so a single child at most ties; a tie goes to it: fewer boxes.
         let single = s.splat(*one);
         let divide = s.lt(best, single);
         let mut shares = [0; LANES];
@@ -213,7 +212,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Join<'_, L> {
     }
 }
 
-/// A whole subtree, last node first: the costs of the subtrees that wait for their parents are a stack.
+/// A whole subtree, last node first: the costs of subtrees whose parents are still to come form a stack.
 struct Sweep<'a, L> {
     solver: &'a Solver<L>,
     nodes: &'a [BinaryNode],
@@ -261,7 +260,7 @@ mod tests {
         (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
     }
 
-    /// The recurrence as it is written on paper.
+    /// The recurrence, computed directly.
     fn least(nodes: &[BinaryNode], x: usize) -> [f64; LANES] {
         let node = &nodes[x];
         let weight = f64::from(COST_MODEL.density.visits(&node.bounds)) * if node.moving { 1.0 } else { 0.7 };

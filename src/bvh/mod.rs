@@ -1,6 +1,6 @@
-//! Object splits: a partition of the references by binned SAH, and its optimal collapse into sixteen-way
-//! nodes. The picture: a binary tree over boxes that move linearly, of which each wide node swallows the
-//! part that pays.
+//! The bounding volume hierarchy: object splits by binned SAH, and the optimal collapse of the binary tree into
+//! sixteen-way nodes. The picture: a binary tree over boxes that move linearly, of which each wide node absorbs the
+//! levels that make it cheapest.
 
 mod binning;
 mod builder;

@@ -1,9 +1,9 @@
 //! Partitioning the references of a node, in sixteen lanes.
 //!
-//! Small nodes stay in the caches and are partitioned in one sweep. In large ones it is known how many are low, so how
-//! many places in front are theirs: the first high reference there is exchanged with the first low one behind, the second
-//! with the second, and so on. That touches half as much memory, and where the chunks of a node are counted, threads
-//! know which pairs are theirs.
+//! Small nodes stay in the caches and are partitioned in one sweep. In large ones the number of low references is
+//! known, so the front part that they will fill is known too: the first high reference there is exchanged with the
+//! first low one behind it, the second with the second, and so on. That touches half as much memory, and if the chunks
+//! of a node were counted, threads know which pairs are theirs.
 
 use super::binning::{HALF, PARALLEL, Split};
 use super::reference::{Packed, Reference};
@@ -12,14 +12,14 @@ use crate::parallel;
 use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch};
 use glam::Vec3;
 
-/// Both sides of a partition: how many are low, and the boxes of the centres.
+/// The result of a partition: the number of low references, and the boxes of the centres of both sides.
 pub(super) struct Partitioned {
     pub middle: usize,
     pub low: Box3,
     pub high: Box3,
 }
 
-/// Moves the low side of a split to the front; the order depends on nothing but the input.
+/// Moves the low side of a split to the front; the order depends on the input only.
 pub(super) fn partition(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Partitioned {
     let centres = match references.len() < PARALLEL {
         true => dispatch(simd, Partition { references, split }),
@@ -37,12 +37,12 @@ struct Partition<'a> {
 }
 
 impl Kernel for Partition<'_> {
-    /// The centres' least coordinates, and those of the negated centres, in the low half of the lanes for the low side
+    /// The least coordinates of the centres and of the negated centres, in the low half of the lanes for the low side
     /// and in the high half for the high side.
     type Output = Packed;
 
-    /// Every reference is exchanged with the first high one, whether it is low or not: without branches that
-    /// nobody could predict.
+    /// Every reference is exchanged with the first high one, whether it is low or not: this avoids unpredictable
+    /// branches.
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Packed {
         let Partition { references, split } = self;
@@ -72,30 +72,31 @@ impl Kernel for Partition<'_> {
 const CENTRES: Lanes<u32> = [6, 7, 14, 14, 6, 7, 14, 14, 6, 7, 14, 14, 6, 7, 14, 14];
 const SIGNS: Lanes<f32> = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0];
 
-/// References that are looked at before those in the wrong place are exchanged.
+/// References that are classified before those on the wrong side are exchanged.
 const BLOCK: usize = 64;
 
-/// Exchanges what is high in `front` with what is low in `back`, in order; there are as many.
+/// Exchanges the high references in `front` with the low ones in `back`, in order; there are equally many.
 struct Exchange<'a> {
     front: &'a mut [Reference],
     back: &'a mut [Reference],
     split: &'a Split,
 }
 
-/// Places of references that are on the wrong side.
+/// Indices of references on the wrong side.
 struct Wrong {
     places: [usize; BLOCK],
-    /// Those from `first` to `end` wait.
+    /// Those from `first` to `end` have not been exchanged yet.
     first: usize,
     end: usize,
-    /// How many references were looked at.
+    /// The number of references classified so far.
     seen: usize,
 }
 
 impl Wrong {
     const NONE: Wrong = Wrong { places: [0; BLOCK], first: 0, end: 0, seen: 0 };
 
-    /// Looks at the next references if none waits; returns the centres with theirs. `low` ones are wrong, or high ones.
+    /// Classifies the next references if none is pending; returns `centres` extended by theirs. `low` tells which side
+    /// is the wrong one.
     #[inline(always)]
     fn look<S: Simd>(&mut self, s: S, references: &[Reference], split: &Split, low: bool, mut centres: S::F) -> S::F {
         if self.first < self.end || self.seen == references.len() {
@@ -148,7 +149,7 @@ impl Kernel for Exchange<'_> {
     }
 }
 
-/// Parts a large node, by several threads where it was counted in chunks.
+/// Partitions a large node, by several threads if it was counted in chunks.
 fn exchanged(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Packed {
     let cuts = cuts(references, split, parallel::threads());
     let (mut front, mut back) = references.split_at_mut(split.middle);
@@ -167,8 +168,8 @@ fn exchanged(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Pa
     parts.into_iter().fold(Packed::EMPTY, Packed::least)
 }
 
-/// Where the work is divided among threads: places in front and behind the middle, before which as many references are
-/// on the wrong side.
+/// The boundaries of the threads' shares: indices in front of and behind the middle with equally many references on the
+/// wrong side before them.
 fn cuts(references: &[Reference], split: &Split, threads: usize) -> Vec<(usize, usize)> {
     let (n, middle, chunk) = (references.len(), split.middle, split.chunk);
     let sides = split.sides();
@@ -182,7 +183,8 @@ fn cuts(references: &[Reference], split: &Split, threads: usize) -> Vec<(usize, 
     let begin = |c: usize| n.min(c * chunk);
     let inside = middle / chunk;
     let low_in_front = low[inside] + references[begin(inside)..middle].iter().filter(|r| is_low(r)).count();
-    // The last chunk behind the middle, or the middle, before which there are at most so many low ones, and how many.
+    // The last chunk behind the middle (or the middle itself) with at most `wrong` low references before it, and their
+    // number.
     let behind = |wrong: usize| {
         let chunks = (inside + 1..low.len()).rev().map(|c| (begin(c), low[c] - low_in_front));
         chunks.chain([(middle, 0)]).find(|&(_, lows)| lows <= wrong).unwrap_or((middle, 0))
@@ -210,7 +212,7 @@ mod tests {
     use crate::random::Random;
 
     #[test]
-    fn large_nodes_are_parted_alike_by_any_number_of_threads() {
+    fn partitions_of_large_nodes_do_not_depend_on_the_number_of_threads() {
         let mut random = Random(3);
         let n = 3 * PARALLEL as u32 + 17;
         // In random order, sorted up, sorted down, and nearly all on one side.

@@ -1,10 +1,9 @@
-//! Cutting references before the build: a long triangle becomes several references, each bounded by its own
-//! part (Ernst and Greiner, "Early Split Clipping for Bounding Volume Hierarchies", 2007; the shares after
-//! Karras and Aila, "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", 2013), here of
-//! triangles that move.
+//! Pre-splitting references before the build: a long triangle becomes several references, each bounded by its own part
+//! (Ernst and Greiner, "Early Split Clipping for Bounding Volume Hierarchies", 2007; the shares after Karras and Aila,
+//! "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", 2013), here for moving triangles.
 //!
-//! Long triangles fill little of their boxes; their parts fill more. Where things cross planes because they
-//! *move*, cutting does not pay, so only references are cut whose motion is small beside their length.
+//! Long triangles fill little of their boxes; their parts fill more. If triangles cross planes because they *move*,
+//! splitting does not pay, so only references whose motion is small compared with their length are split.
 
 use super::binning::HALF;
 use super::reference::{Packed, Reference};
@@ -14,7 +13,7 @@ use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use crate::tuning::presplit::{LEAST_AREA, MAX_MOTION_RATIO, MIN_SAVING};
 
-/// Most parts of one reference.
+/// The greatest number of parts of one reference.
 const BINS: usize = 8;
 
 /// Evenly spaced planes across a reference.
@@ -26,7 +25,7 @@ struct Planes {
 }
 
 impl Planes {
-    /// Planes between `parts` parts of the longest axis; none where that is too short, or too fast.
+    /// Planes between `parts` parts of the longest axis; `None` if that is too short, or the motion too fast.
     fn across(bounds: &LinearBox3, parts: usize) -> Option<Planes> {
         let middle = bounds.at(0.5);
         let extent = middle.max - middle.min;
@@ -49,11 +48,11 @@ impl Planes {
     }
 }
 
-/// Cuts references into parts, at most `budget` times as many as there are now, where that saves most area. The
-/// first part takes the reference's place, the others follow behind all.
+/// Splits references into parts, up to `budget` times the present number, where that saves most area. The first part
+/// replaces the reference, the others are appended.
 ///
 /// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
-/// References are cut as long as a part saves at least some area; it is raised until the budget suffices.
+/// References are split as long as a part saves at least a threshold; it is raised until the budget suffices.
 pub(crate) fn presplit(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
     let n = references.len();
     let (gains, least) = gains(references, &ends);
@@ -66,7 +65,7 @@ pub(crate) fn presplit(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Op
     more.iter().for_each(|more| references.extend_from_slice(more));
 }
 
-/// Cuts references: their first parts take their places, the others are returned.
+/// Splits references: their first parts replace them, the others are returned.
 struct Parts<'a, E> {
     references: &'a mut [Reference],
     gains: &'a [Gain],
@@ -105,28 +104,28 @@ impl<E: Fn(u32) -> Option<Ends>> Kernel for Parts<'_, E> {
     }
 }
 
-/// What cutting a reference into very many parts would save.
+/// The saving of splitting a reference into very many parts.
 struct Gain {
-    /// Its place in its chunk.
+    /// Its index in its chunk.
     at: u32,
     saved: f32,
 }
 
-/// What can be gained in each chunk, of references for which it may be enough for a second part, and the least saving of
-/// a part.
+/// The savings in each chunk, for references where they may be enough for a second part, and the least saving of a
+/// part.
 fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync)) -> (Vec<Vec<Gain>>, f32) {
     let area = |r: &Reference| f64::from(mean_half_area(&r.bounds()));
     let areas = parallel::chunks(references.len(), |range| references[range].iter().map(area).sum::<f64>());
     let total = areas.into_iter().fold(0.0, |a, b| a + b);
     let least = (f64::from(MIN_SAVING) * total / references.len().max(1) as f64) as f32;
-    // More than nothing also where no reference has an area.
+    // A positive threshold, even if no reference has an area.
     let enough = worth(2, least).max(f32::MIN_POSITIVE);
     let gains = parallel::chunks(references.len(), |range| {
         let mut gains = Vec::with_capacity(range.len());
         for (at, r) in (0..).zip(&references[range]) {
             let bounds = r.bounds();
             let area = mean_half_area(&bounds);
-            // The triangle itself is only looked at where its box is large enough.
+            // The triangle itself is fetched only if its box is large enough.
             if area >= enough
                 && Planes::across(&bounds, BINS).is_some()
                 && let Some(ends) = ends(r.id())
@@ -142,20 +141,20 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
     (gains, least)
 }
 
-/// What must be gained altogether for an `m`-th part, when a part must save `least`.
+/// The total saving at which an `m`-th part pays, if a part must save `least`.
 fn worth(m: usize, least: f32) -> f32 {
     (m * (m - 1)) as f32 * least
 }
 
-/// Number of parts for a gain.
+/// The number of parts for a total saving.
 fn parts(gain: f32, least: f32) -> usize {
     (2..=BINS).take_while(|&m| gain >= worth(m, least)).count() + 1
 }
 
-/// The smallest saving of a part, at least `least`, for which at most `most` parts are added.
+/// The smallest threshold, at least `least`, for which at most `most` parts are added.
 ///
-/// Gains are counted in classes, the upper bits of a float, which are 3 percent wide; from then on all of a class
-/// count as one.
+/// Savings are counted in classes, the upper bits of a float, which are 3 percent wide; thresholds above `least` do not
+/// distinguish savings within a class.
 fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
     const BITS: u32 = 18;
     let class = |x: f32| (x.to_bits() >> BITS) as usize;
@@ -174,35 +173,34 @@ fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
     raised
 }
 
-/// Cuts a moving triangle at successive planes: linear bounds of the parts between them.
+/// Clips a moving triangle at successive planes: linear bounds of the parts between them.
 ///
-/// Proof that each part is held at every time. The part between two planes is a convex polygon; its corners
-/// are corners of the triangle, or points where an edge meets a plane.
-/// - A corner moves on a line, so it is in the bins between the two it begins and ends in; all of them
-///   include it at both ends.
-/// - Let an edge p(t) q(t) meet a plane at p + u (q - p). The distances of p and q to the plane are linear in t, so
-///   u is a quotient of two linear functions, monotone while the edge meets the plane. It begins to
-///   meet it at the begin of the interval or when p (u = 0) or q (u = 1) comes into the plane, and likewise
-///   ends; so u stays between the least and the greatest of those values. For a fixed u the point moves on a
-///   line, and at any time the points are linear in u: including the extreme points at both ends of the
-///   interval includes all in between. Of these, p and q are corners, and one that comes into the plane is in both
-///   bins beside it already.
+/// Proof that the bounds hold each part at every time. The part between two planes is a convex polygon; its corners are
+/// corners of the triangle, or points where an edge meets a plane.
+/// - A corner moves on a line, so it is in the bins between the two it begins and ends in; all of them include it at
+///   both ends.
+/// - Let an edge p(t) q(t) meet a plane at p + u (q - p). The distances of p and q to the plane are linear in t, so u
+///   is a quotient of two linear functions, monotone while the edge meets the plane. It begins to meet it at the
+///   beginning of the interval or when p (u = 0) or q (u = 1) enters the plane, and likewise ends; so u stays between
+///   the least and the greatest of those values. For a fixed u the point moves on a line, and at any time the points
+///   are linear in u: including the extreme points at both ends of the interval includes all in between. Of these, p
+///   and q are corners, and one that enters the plane is in both adjacent bins already.
 ///
 /// The points are computed with three roundings at sizes of at most twice the largest coordinate (8 ULP of it cover
-/// them), and the kernel's corners stray from the lines by `slack`.
+/// them), and the kernel's corners deviate from the lines by `slack`.
 struct Chop<'a> {
     ends: &'a Ends,
-    /// What holds the triangle, or the part of it that is to be cut.
+    /// Bounds of the triangle, or of the part of it that is to be split.
     whole: &'a Packed,
     planes: Planes,
-    /// How far the parts are moved outward: [`Chop::pad`].
+    /// The padding of the parts: [`Chop::pad`].
     pad: f32,
-    /// The bounds of each part; empty where there is none.
+    /// The bounds of each part; empty for a part that the triangle does not reach.
     parts: &'a mut [Packed],
 }
 
 impl Chop<'_> {
-    /// The padding of the parts of a triangle: what the computed points may be off by, and what the corners may.
+    /// The padding of the parts of a triangle: the rounding error of the computed points, and the slack of the corners.
     #[inline(always)]
     fn pad(ends: &Ends) -> f32 {
         let magnitude = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include).magnitude();
@@ -221,9 +219,9 @@ impl Kernel for Chop<'_> {
         let above = s.splat(planes.low) + s.splat(planes.width) * s.load(&ABOVE);
         let (zero, nothing, never) = (s.splat(0.0), s.splat(f32::INFINITY), s.splat(f32::NAN));
         let mut corners = [nothing; 3];
-        // For each part: 0 where it includes the corner, otherwise NaN, which a minimum passes over.
+        // For each part: 0 if it includes the corner, otherwise NaN, which a minimum ignores.
         let mut held = [[0.0; LANES]; 3];
-        // For each plane above a part: where the edge meets it at the begin and at the end, or NaN.
+        // For each plane above a part: where the edge meets it at the beginning and at the end, or NaN.
         let mut met = [[0.0; LANES]; 3];
         for i in 0..3 {
             let j = (i + 1) % 3;
@@ -235,14 +233,14 @@ impl Kernel for Chop<'_> {
             s.store(s.select(reaches & begins, zero, never), &mut held[i]);
             let p = s.select(HALF, s.splat(p0), s.splat(p1)) - above;
             let q = s.select(HALF, s.splat(q0), s.splat(q1)) - above;
-            // Where the distances are equal, both are 0 if the edge meets the plane at all: it is met at the corner.
+            // If the distances are equal and the edge meets the plane at all, both are 0: it is met at the corner.
             let at = s.select(s.eq(p, q), zero, p / (p - q));
             let at = s.max(s.min(at, s.splat(1.0)), zero);
             let apart = s.le(s.min(p, q), zero) & s.le(zero, s.max(p, q));
             s.store(s.select(apart, at, never), &mut met[i]);
         }
         let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
-        // Toward the outside is down in every lane. Of each face the whole's is taken where it is tighter on average.
+        // Outward is down in every lane. Each face is the whole's where that is tighter on average.
         let pad = s.splat(pad);
         let (whole, other) = (s.load(&whole.0), s.load_u(&OTHER_END));
         let mean = whole + s.permute(whole, other);
@@ -264,7 +262,7 @@ impl Kernel for Chop<'_> {
     }
 }
 
-/// How many parts are below the plane in each lane.
+/// The number of parts below the plane in each lane.
 const ABOVE: Lanes<f32> = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
 
 /// The lane of the same face at the other end of the interval.
@@ -277,7 +275,7 @@ mod tests {
     use glam::Vec3;
 
     #[test]
-    fn needles_are_cut_within_the_budget_and_the_longest_most() {
+    fn needles_are_split_within_the_budget_and_the_longest_most() {
         let mut random = Random(3);
         let mut needles: Vec<Ends> = Vec::new();
         for i in 0..1000 {
@@ -304,7 +302,7 @@ mod tests {
                 part.min.cmpge(whole.min).all() && part.max.cmple(whole.max).all()
             }));
         }
-        // What has no area gains nothing.
+        // References without area gain nothing.
         let line = |i: u32| {
             let at = Vec3::new(Random(5 + u64::from(i)).signed(), 0.0, 0.0);
             Ends { begin: [at, at + 0.1 * Vec3::X, at], end: [at, at + 0.1 * Vec3::X, at], slack: 0.0 }
@@ -367,7 +365,7 @@ mod tests {
         }
     }
 
-    /// Points of the edges of moving triangles beside the planes, in f64, that are in no part.
+    /// Counts points of the edges of moving triangles beside the planes, in f64, that are in no part.
     fn points_lost(pad_of: impl Fn(&Ends) -> f32) -> usize {
         let (mut random, mut lost) = (Random(29), 0);
         for round in 0..4000 {

@@ -1,13 +1,13 @@
-//! What a binary tree is built over: linear bounds and an id, in one cache line.
+//! The references that a binary tree is built over: linear bounds and an id, in one cache line.
 
 use crate::geometry::{Box3, LinearBox3};
 use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::{Vec3, Vec4};
 
-/// One entry of a primitive in the tree being built: where it is during the build's time interval.
+/// One entry of a primitive in the tree being built: its linear bounds during the build's time interval, and its id.
 ///
-/// Sixteen lanes, loaded, united and moved as one register: the bounds as [`Packed`] has them, and in its spare
-/// lanes the sum of the box corners at both ends (four times the mid-time centre) and the id.
+/// Sixteen lanes, loaded, united and moved as one register: the bounds as [`Packed`] has them, and in its spare lanes
+/// the sum of the box corners at both ends (four times the mid-time centre) and the id.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Reference(pub(super) Packed);
@@ -18,7 +18,7 @@ const ID: usize = 15;
 /// The lanes of the centre as a mask.
 const CENTRES: Mask = 1 << 6 | 1 << 7 | 1 << 14;
 
-/// The lane of the opposite face at the other end, for each lower face, and the lanes of what is summed for the centre.
+/// The lane of the opposite face at the other end, for each lower face, and the lanes that are summed for the centre.
 const OPPOSITE: Lanes<u32> = [11, 12, 13, 8, 9, 10, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 const FIRST: Lanes<u32> = [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 2, 0];
 const SECOND: Lanes<u32> = [3, 3, 3, 3, 3, 3, 3, 4, 3, 3, 3, 3, 3, 3, 5, 3];
@@ -33,7 +33,7 @@ impl Reference {
         Reference::of(Packed::new(&bounds), id)
     }
 
-    /// The same of packed bounds.
+    /// A reference with packed bounds.
     #[inline]
     pub(super) fn of(mut packed: Packed, id: u32) -> Reference {
         let p = &mut packed.0;
@@ -44,7 +44,7 @@ impl Reference {
         Reference(packed)
     }
 
-    /// The same of packed bounds in lanes.
+    /// A reference with packed bounds in lanes.
     #[inline(always)]
     pub(super) fn of_lanes<S: Simd>(s: S, bounds: S::F, id: u32) -> Reference {
         let across = bounds - s.permute(bounds, s.load_u(&OPPOSITE));
@@ -55,13 +55,13 @@ impl Reference {
         Reference(packed)
     }
 
-    /// Its bounds; the spare lanes hold something else.
+    /// Its bounds; the spare lanes hold centre and id.
     #[inline]
     pub(super) fn packed(&self) -> &Packed {
         &self.0
     }
 
-    /// The primitive, or what else the caller builds over.
+    /// The id of the primitive, or of another object that the caller builds over.
     #[inline]
     pub fn id(&self) -> u32 {
         self.0.0[ID].to_bits()
@@ -88,14 +88,14 @@ impl Reference {
     }
 }
 
-/// Linear bounds as lanes: lower x y z at the begin and at the end, two lanes more; negated upper x y z at the
-/// begin and at the end, two lanes more. With the upper faces negated a union is one minimum, and the sum of both
+/// Linear bounds as lanes: lower x y z at the beginning and at the end, two spare lanes; negated upper x y z at the
+/// beginning and at the end, two spare lanes. With the upper faces negated a union is one minimum, and the sum of both
 /// halves is the negated extent.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Packed(pub Lanes<f32>);
 
-/// Where the lower faces begin, and the upper ones.
+/// The first lane of the lower faces, and of the upper ones.
 const LOW: usize = 0;
 const HIGH: usize = 8;
 
@@ -112,18 +112,18 @@ impl Packed {
         ])
     }
 
-    /// The least of each lane.
+    /// The minimum in each lane.
     pub fn least(self, other: Packed) -> Packed {
         Packed(core::array::from_fn(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] }))
     }
 
-    /// The bounds of a point that is at `begin` first and at `end` last.
+    /// The bounds of a point that moves from `begin` to `end`.
     #[inline(always)]
     pub fn point(begin: Vec3, end: Vec3) -> Packed {
         Packed::new(&LinearBox3 { begin: Box3 { min: begin, max: begin }, end: Box3 { min: end, max: end } })
     }
 
-    /// Whether nothing was united with [`Packed::EMPTY`].
+    /// Whether these are still the bounds [`Packed::EMPTY`].
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.0[LOW] == f32::INFINITY

@@ -1,29 +1,29 @@
-//! Subtrees that are built apart, put into a collapsed tree as if they were leaf blocks.
+//! Replacing subtrees of a collapsed tree by separately built ones, which count as single children.
 
 use super::builder::BinaryNode;
 use super::collapse::{Collapse, CostModel};
 use crate::simd::{LANES, Lanes};
 
-/// A subtree that is one child of whatever node lies above it.
+/// A subtree that is one child of the wide node above it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ReplacedSubtree {
     /// Its binary node.
     pub node: u32,
-    /// What it costs: the sum over what is visited of price times visits.
+    /// Its cost: the sum over its visited nodes and blocks of cost times visits.
     pub cost: f32,
 }
 
 impl Collapse {
-    /// Makes subtrees single children, and decides anew for the nodes above them; all others stay as they are.
+    /// Makes subtrees single children, and repeats the decisions for the nodes above them; all others are unchanged.
     ///
-    /// `replaced` must be sorted by node, and none lie below another or be the root.
+    /// `replaced` must be sorted by node; none may lie below another or be the root.
     pub fn replace_subtrees(&mut self, nodes: &[BinaryNode], cost_model: CostModel, replaced: &[ReplacedSubtree]) {
         if !replaced.is_empty() {
             self.decide_above(nodes, cost_model, 0, replaced);
         }
     }
 
-    /// Decides for a node with replaced below, and returns the least costs of covering it by at most 1, 2, … 16
+    /// Decides for a node above replaced subtrees, and returns the least costs of covering it by at most 1, 2, … 16
     /// children. The recurrence is that of [`Collapse::new`]; the recursion is as deep as the binary tree.
     fn decide_above(
         &mut self,
@@ -57,7 +57,7 @@ impl Collapse {
         }
         let still = if node.moving { 1.0 } else { cost_model.still };
         let one = cost_model.node * still * cost_model.density.visits(&node.bounds) + best[LANES - 1];
-        // As one child it is a wide node, whose sixteen places are shared out.
+        // As one child it is a wide node, whose sixteen slots are divided.
         share[0] = share[LANES - 1];
         for places in 1..LANES {
             if best[places] >= one {
@@ -72,7 +72,7 @@ impl Collapse {
         (self.left[x as usize], self.one[x as usize]) = (left, one);
     }
 
-    /// The least costs of covering a subtree, as they were when it was decided for.
+    /// The least costs of covering a subtree, by the decisions made before.
     fn costs(&self, nodes: &[BinaryNode], x: u32) -> Lanes<f32> {
         let mut children = Vec::with_capacity(LANES);
         core::array::from_fn(|i| {
@@ -100,7 +100,7 @@ mod tests {
         (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
     }
 
-    /// The cost of the wide tree as its decisions say, and the replaced met in it.
+    /// The cost of the wide tree by its decisions, and the replaced subtrees found in it.
     fn walk(
         nodes: &[BinaryNode],
         collapse: &Collapse,
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn grafts_are_single_children_and_the_rest_is_decided_for_at_least_cost() {
+    fn replaced_subtrees_are_single_children_and_the_rest_has_least_cost() {
         let mut random = Random(9);
         let mut references: Vec<Reference> = (0..5000)
             .map(|id| {
@@ -138,7 +138,7 @@ mod tests {
             .collect();
         let nodes = build_binary(&mut references, 4..=4, None, None);
         let new = || Collapse::new(&nodes, COST_MODEL, leaf_cost);
-        // With the cost that they have anyway, taken as single children.
+        // With their present cost, taken as single children.
         let mut replaced = Vec::new();
         let mut x = 0;
         while (x as usize) < nodes.len() {
@@ -164,7 +164,7 @@ mod tests {
             met.sort_unstable();
             assert_eq!(met, some.iter().map(|g| g.node).collect::<Vec<_>>());
             assert!((cost / f64::from(collapse.total()) - 1.0).abs() < 1e-4, "{cost} {}", collapse.total());
-            // Nothing gained, and lost no more than a level of nodes over the replaced.
+            // Nothing is gained, and no more lost than a level of nodes above the replaced subtrees.
             assert!(collapse.total() >= before * 0.9999 && collapse.total() < before * 1.3, "{}", collapse.total());
         }
     }

@@ -1,14 +1,14 @@
 //! How often rays visit a box.
 //!
-//! Endless lines meet a convex box in proportion to its surface, which is the surface area heuristic. But rays begin on
-//! one surface and end on the next. Of segments of length `l`, evenly spread over places and directions, a box of surface
-//! `S` and volume `V` meets `S l / 4` from outside (Cauchy), and `V` begin in it. So a room is visited by every ray that begins
-//! there, but its floor and walls are not, though they have about as much area: a leaf block of all of them is dearer than it looks.
-//! (What rays find that begin inside was first counted by Aila, Karras and Laine, "On Quality Metrics of Bounding
-//! Volume Hierarchies", 2013, as the overlap of end points.)
+//! Infinite lines meet a convex box in proportion to its surface: this is the surface area heuristic. But rays begin on
+//! one surface and end on the next. Of segments of length `l`, evenly distributed over positions and directions,
+//! `S l / 4` meet a box of surface `S` and volume `V` from outside (Cauchy), and `V` begin in it. So a room is visited
+//! by every ray that begins in it, but its floor and walls are not, though they have about as much area: a leaf block
+//! of all of them costs more than its area suggests. (Visits by rays that begin inside were first counted by Aila,
+//! Karras and Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013, as the overlap of end points.)
 //!
-//! With half the surface `a = S / 2` that is `l / 2` times `a + 2 V / l`. Among surfaces of area `A` in a volume `W` a ray goes
-//! `l = 2 W / A` far on average, as of all directions it sees half of the area. This leaves `a + V A / W`.
+//! With half the surface `a = S / 2` that is `l / 2` times `a + 2 V / l`. Among surfaces of area `A` in a volume `W`
+//! the mean length is `l = 2 W / A`, as over all directions a ray sees half of the area. This leaves `a + V A / W`.
 
 use super::reference::Reference;
 use crate::geometry::LinearBox3;
@@ -17,8 +17,7 @@ use glam::Vec3;
 
 /// Mean over the interval of half the surface area of a linearly changing box.
 ///
-/// With h(d) = xy + yz + zx the integrand is quadratic in time, so the mean is exact:
-/// (h(d0) + h(d1) + h(d0 + d1)) / 6.
+/// With h(d) = xy + yz + zx the integrand is quadratic in time, so the mean is exact: (h(d0) + h(d1) + h(d0 + d1)) / 6.
 #[inline(always)]
 pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
     let h = |d: Vec3| d.x * d.y + d.y * d.z + d.z * d.x;
@@ -27,15 +26,15 @@ pub(crate) fn mean_half_area(b: &LinearBox3) -> f32 {
     (h(d0) + h(d1) + h(d0 + d1)) * (1.0 / 6.0)
 }
 
-/// The area of surfaces in a volume, by which boxes are visited.
+/// The area of surfaces per volume, from which visits of boxes are predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SurfaceDensity(pub(super) f32);
 
 impl SurfaceDensity {
-    /// For rays that begin and end outside.
+    /// The density for rays that begin and end outside of all boxes.
     pub const NONE: SurfaceDensity = SurfaceDensity(0.0);
 
-    /// Of primitives whose boxes have this many times their area, half the surface of the boxes counted.
+    /// The density of primitives whose boxes have `area_ratio` times their area (half the surface of a box counts).
     pub fn of(references: &[Reference], area_ratio: f64) -> SurfaceDensity {
         let parts = parallel::chunks(references.len(), |of| {
             references[of].iter().fold((0.0, LinearBox3::EMPTY), |(area, all), r| {
@@ -45,11 +44,11 @@ impl SurfaceDensity {
         });
         let (area, all) = parts.into_iter().fold((0.0, LinearBox3::EMPTY), |a, b| (a.0 + b.0, a.1.union(b.1)));
         let density = (area / area_ratio / f64::from(volume(&all))) as f32;
-        // Nothing is in a flat box.
+        // A flat box has no volume.
         SurfaceDensity(if density.is_finite() { density } else { 0.0 })
     }
 
-    /// How often the boxes of references are visited, one by one, as an area.
+    /// How often the boxes of references are visited in total, as an area.
     pub fn visits_of_all(self, references: &[Reference]) -> f32 {
         let parts = parallel::chunks(references.len(), |of| {
             references[of].iter().map(|r| f64::from(self.visits(&r.bounds()))).sum::<f64>()
@@ -64,7 +63,7 @@ impl SurfaceDensity {
     }
 }
 
-/// The volume in the middle of the interval.
+/// The volume at the middle of the interval.
 #[inline(always)]
 fn volume(b: &LinearBox3) -> f32 {
     let twice = (b.begin.max - b.begin.min) + (b.end.max - b.end.min);
@@ -81,11 +80,12 @@ mod tests {
         LinearBox3 { begin: Box3 { min, max }, end: Box3 { min, max } }
     }
 
-    /// Segments between random points of six walls, counted in boxes inside.
+    /// Counts segments between random points of six walls in boxes inside.
     #[test]
-    fn boxes_are_visited_by_as_many_segments_as_it_says() {
+    fn boxes_are_visited_by_as_many_segments_as_predicted() {
         let mut random = Random(7);
-        // Many small plates make a ray end anywhere: segments begin anywhere, and their lengths decay.
+        // Many small plates, so that a ray may end anywhere: segments begin anywhere, and their lengths decay
+        // exponentially.
         let density = 8.0f32;
         let mean_length = 2.0 / density;
         let boxes = [
@@ -111,7 +111,7 @@ mod tests {
             let (counted, said) = (visited[i] / visited[0], expected[i] / expected[0]);
             assert!((counted / said - 1.0).abs() < 0.05, "{counted} instead of {said}");
         }
-        // By area alone the plate were visited as often as the thick boxes around.
+        // By area alone the plate would be visited as often as the thick boxes around it.
         assert!(visited[1] < 0.8 * visited[0] * mean_half_area(&boxes[1]) / mean_half_area(&boxes[0]));
     }
 

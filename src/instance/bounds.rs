@@ -1,10 +1,11 @@
-//! Linear bounds of what a moving transform moves.
+//! Linear bounds of a tree placed by a moving transform.
 //!
-//! What is placed lies in boxes that move linearly in its own space. At a time, each corner of the box of that time is a
-//! corner `T + M x` in the space around, and so is the least box around them all. Between two successive breaks
-//! ([`Motions::breaks`]) every corner stays within a known distance of its chord ([`Bend::bulge`]), and its chord inside the line
-//! between the boxes at both. So the line between the ends of an interval, moved outward until the boxes at all breaks are inside,
-//! and then by the greatest of the distances, holds all.
+//! The placed tree lies in boxes that move linearly in its own space. At a time, each corner `x` of the box of that
+//! time is mapped to a corner `T + M x` in the outer space, and the image of the tree lies in the box around all of
+//! them. Between two successive breaks ([`Motions::breaks`]) every corner stays within a known distance of its chord
+//! ([`Bend::bulge`]), and the chord stays inside the linear interpolation of the boxes at both breaks. So the linear
+//! interpolation between the boxes at the ends of an interval, moved outward until it holds the boxes at all breaks,
+//! and then by the greatest of the distances, holds the image.
 //!
 //! [`Bend::bulge`]: super::motion::Bend::bulge
 
@@ -13,8 +14,8 @@ use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 use glam::{DAffine3, DVec3};
 
 impl Motions {
-    /// Linear bounds over an interval of what has parts with the bounds `of` over the shutter in its own space. `bulge` of the
-    /// distances from chords are counted: 1.
+    /// Linear bounds over an interval of a placed tree whose parts have the bounds `of` over the shutter in its own
+    /// space. `bulge` scales the distances from chords: 1, or less in tests.
     pub fn bounds(&self, motion: &Motion, of: &[LinearBounds], over: TimeInterval, bulge: f64) -> LinearBounds {
         let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
         let moves = of.iter().any(|of| of.begin != of.end);
@@ -36,14 +37,15 @@ impl Motions {
             }
             beyond = self.beyond_chords(motion, of, &times) * bulge;
         }
-        // Thousands of times what f64 rounds here.
+        // Thousands of times the rounding error of f64 here.
         let swept = bounds.swept();
         let size = swept.min.abs().max(swept.max.abs()) + self.matrix(motion, begin).translation.abs();
         let beyond = beyond + size * ROUNDING;
         LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
     }
 
-    /// How far any point of the parts is from the chords of its way between successive times, at most, per axis.
+    /// The greatest distance per axis between any point of the parts and the chords of its path between successive
+    /// times.
     fn beyond_chords(&self, motion: &Motion, of: &[LinearBounds], times: &[f64]) -> DVec3 {
         let moves = of.iter().any(|of| of.begin != of.end);
         let farthest = |time: f64| {
@@ -64,12 +66,12 @@ impl Motions {
     }
 }
 
-/// How far a corner of a box moves at most, per axis, during so much of the shutter.
+/// The greatest distance per axis that a corner of a box moves in this fraction of the shutter.
 fn farthest_move(of: &LinearBounds, during: f64) -> DVec3 {
     (of.end.min - of.begin.min).abs().max((of.end.max - of.begin.max).abs()) * during
 }
 
-/// What f64 rounds, with plenty to spare.
+/// Bound on the relative rounding error in f64, with a wide margin.
 pub(super) const ROUNDING: f64 = 1e-12;
 
 /// The box grown by as much per axis on either side.
@@ -77,7 +79,7 @@ pub(super) fn grow(b: Aabb, by: DVec3) -> Aabb {
     Aabb { min: b.min - by, max: b.max + by }
 }
 
-/// The least box around the image of a box.
+/// The least axis-aligned box around the image of a box.
 fn image(matrix: DAffine3, of: Aabb) -> Aabb {
     let (mut min, mut max) = (matrix.translation, matrix.translation);
     let columns = [matrix.matrix3.x_axis, matrix.matrix3.y_axis, matrix.matrix3.z_axis];
@@ -127,7 +129,7 @@ mod tests {
         [matrices.collect::<Vec<_>>().into(), poses.into()]
     }
 
-    /// Points of moving boxes that lie outside of the bounds, where so much of the bulge is counted: of matrices, of poses.
+    /// Counts points of moving boxes outside of their bounds, with this share of the bulge: for matrices, for poses.
     fn outside(bulge: f64) -> [usize; 2] {
         let (mut outside, mut state) = ([0, 0], 1);
         for round in 0..1500 {
@@ -167,9 +169,9 @@ mod tests {
     }
 
     #[test]
-    fn bounds_hold_what_is_moved_and_would_not_without_the_bulge() {
+    fn bounds_hold_placed_boxes_and_would_not_without_the_bulge() {
         assert_eq!(outside(1.0), [0, 0]);
         let lost = outside(0.0);
-        assert!(lost[0] > 100 && lost[1] > 1000, "a bulge that nothing needs: {lost:?}");
+        assert!(lost[0] > 100 && lost[1] > 1000, "the bulge is not needed: {lost:?}");
     }
 }

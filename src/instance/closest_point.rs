@@ -1,10 +1,10 @@
-//! The nearest point on anything in a tree of instances.
+//! The closest point in a tree of instances.
 //!
-//! The picture: the way goes through the boxes of instances, nearest first. Of an instance that is near enough, the tree that is placed
-//! is searched by its own search, which brings the point into that tree's space to tell what boxes are near enough, but
-//! measures distances where the query was asked: the corners of a triangle are moved there in f64. So scales need not be the same
-//! along all axes, and distances of different instances can be compared. Each search ends at the best distance of those
-//! before it. [`Placement`] says how far a search inside must look.
+//! The picture: the boxes of instances are traversed nearest first. Of an instance that is near enough, the placed tree
+//! is searched by its own search, which maps the query point into that tree's space to cull boxes, but measures
+//! distances in the space of the query: the corners of a triangle are mapped there in f64. So scales may differ per
+//! axis, and distances of different instances can be compared. Each search ends at the best distance of those before
+//! it. [`Placement`] derives how far the inner search must reach.
 
 use super::hit::{InstancePath, InstancePoint};
 use super::query::Look;
@@ -17,18 +17,19 @@ use crate::simd::{Simd, dispatch};
 use glam::DVec3;
 
 impl InstanceTree {
-    /// The nearest point on anything in any instance at a time of the shutter, if it is no farther than `max_distance`
-    /// (infinity is fine); of several at the same distance (as an f32) the one with the lowest path, and of these the
-    /// lowest (mesh, primitive). `point` is a `Vec3` or `DVec3` in the coordinates of this tree, and so is the answer.
+    /// The closest point in any instance at a time of the shutter, if it is no farther than `max_distance` (which may
+    /// be infinite); of several at the same distance (as an f32) the one with the lowest path, and of these the lowest
+    /// (mesh, primitive). `point` is a `Vec3` or `DVec3` in the coordinates of this tree, and so is the answer.
     ///
-    /// Distances are those from triangles as they are placed at that time: their corners are computed in f64 ([`InstanceTree::vertices`]), under
-    /// any matrix. Spheres and the caller's own primitives are asked in their own space, and the distance is that of the image
-    /// of their answer: the nearest there is if the matrix keeps angles (rotation and one scale), and under other matrices
-    /// that of a point of theirs, but perhaps not the nearest.
+    /// Distances from triangles are those of their images at that time: corners are mapped in f64
+    /// ([`InstanceTree::vertices`]), under any matrix. Spheres and custom primitives are queried in their own space,
+    /// and the distance is that of the image of the point they return. This is the closest point of the image if the
+    /// matrix preserves angles (rotation and uniform scale); under other matrices it is a point of the image, but
+    /// perhaps not the closest.
     ///
-    /// Returns `None` for what means nothing, as [`RayTree::closest_point`](crate::RayTree::closest_point). Takes
-    /// O(log n) for points near something; a tree that is placed with very different scales along its axes is searched
-    /// farther than needed, by the quotient of the scales.
+    /// Returns `None` for queries that are out of range, as [`RayTree::closest_point`](crate::RayTree::closest_point).
+    /// Takes O(log n) for points near a surface; a tree that is placed with very different scales along its axes is
+    /// searched farther than needed, by the quotient of the scales.
     ///
     /// ```
     /// use std::sync::Arc;
@@ -53,9 +54,9 @@ impl InstanceTree {
         self.nearest(ClosestPointQuery { point: point.into(), time, max_distance }, Look::Plain)
     }
 
-    /// [`InstanceTree::closest_point`] among the points that `accept` accepts in instances whose
-    /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose masks do. `accept` must be pure: it is asked
-    /// about some points only.
+    /// [`InstanceTree::closest_point`] among the points for which `accept` returns true, in instances whose
+    /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose masks do. `accept` must be pure: it
+    /// is called for some of the points only.
     pub fn closest_point_filtered(
         &self,
         query: &ClosestPointQuery,
@@ -65,8 +66,8 @@ impl InstanceTree {
         self.nearest(*query, Look::Filtered { mask, accept: &accept })
     }
 
-    /// [`InstanceTree::closest_point`], telling `observer` what it does, as
-    /// [`InstanceTree::closest_hit_observed`] does.
+    /// [`InstanceTree::closest_point`], reporting each step to `observer`, as [`InstanceTree::closest_hit_observed`]
+    /// does.
     pub fn closest_point_observed(
         &self,
         query: &ClosestPointQuery,
@@ -81,8 +82,9 @@ impl InstanceTree {
         answer_each(queries, answers, |_, query| self.nearest(*query, Look::Plain));
     }
 
-    /// [`InstanceTree::closest_point_filtered`] for many queries, in parallel. `answers` is cleared and gets one answer per
-    /// query, in order. `accept` gets the place of the query in `queries` with each point; it must be pure, and is called from any thread.
+    /// [`InstanceTree::closest_point_filtered`] for many queries, in parallel. `answers` is cleared and gets one answer
+    /// per query, in order. `accept` gets the index of the query in `queries` with each point; it must be pure, and is
+    /// called from any thread.
     pub fn closest_points_filtered(
         &self,
         queries: &[ClosestPointQuery],
@@ -97,7 +99,7 @@ impl InstanceTree {
         self.nearest_from(&query.into(), InstancePath::default(), &mut look)
     }
 
-    /// The nearest point where this tree is placed, named by a path that goes on from `path`.
+    /// The closest point in this tree where it is placed itself; its path continues `path`.
     fn nearest_from(
         &self,
         query: &PlacedQuery,
@@ -137,7 +139,7 @@ impl InstanceOf {
 /// Leaves of one instance each.
 struct InInstances<'a, 'b> {
     of: &'a InstanceTree,
-    /// The query, for what is no farther than the best.
+    /// The query, with the distance of the best answer as its greatest distance.
     query: PlacedQuery,
     path: InstancePath,
     look: &'a mut Look<'b, InstancePoint>,
@@ -165,7 +167,7 @@ impl Leaves for InInstances<'_, '_> {
 }
 
 impl InInstances<'_, '_> {
-    /// Asks what an instance places.
+    /// Searches the tree that an instance places.
     fn ask(&mut self, id: u32) {
         let PlacedQuery { query, placed } = self.query;
         let set = &self.of.placements;

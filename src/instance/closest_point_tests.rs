@@ -1,4 +1,4 @@
-//! Nearest points over instances equal asking every primitive of every instance, bit for bit.
+//! Closest points over instances equal testing every primitive of every instance, bit for bit.
 
 use super::{Instance, InstanceOf, InstancePath, InstancePoint, InstanceTree, Pose, Transform};
 use crate::baseline::BruteForce;
@@ -27,7 +27,7 @@ impl Random {
     }
 
     fn time(&mut self) -> f32 {
-        // Often a key.
+        // Often exactly a key.
         if self.below(4) == 0 { self.below(5) as f32 / 4.0 } else { self.signed().abs() as f32 }
     }
 
@@ -40,7 +40,7 @@ impl Random {
     }
 }
 
-/// What an instance places, for brute force.
+/// The contents of an instance, for brute force.
 #[derive(Clone)]
 enum Brute {
     Tree(Arc<BruteForce>),
@@ -84,7 +84,7 @@ impl All {
                 }
                 Brute::Instances(all) => all.nearest(&inner, path, mask, accept),
             };
-            // The first of several that are equally near.
+            // The first of several at the same distance.
             if let Some(found) = found
                 && best.is_none_or(|best| found.near.distance < best.near.distance)
             {
@@ -94,7 +94,7 @@ impl All {
         best
     }
 
-    /// Compares queries near what is placed, and counts those that find something.
+    /// Compares queries near the instances, and counts those that find something.
     fn compare(&self, random: &mut Random, reach: f64, queries: usize) {
         let mut found = 0;
         for i in 0..queries {
@@ -155,7 +155,7 @@ fn prototypes(random: &mut Random) -> Vec<(InstanceOf, Brute)> {
     params.into_iter().enumerate().map(prototype).collect()
 }
 
-/// Instances that turn, grow along each axis by itself, or are sheared; some exist for a while only.
+/// Instances that rotate, scale per axis, or are sheared; some with an active interval.
 fn instances(random: &mut Random, of: &[(InstanceOf, Brute)], n: usize, orders: f64) -> Vec<(Instance, Brute)> {
     let mut one = |i: usize| {
         let (tree, brute) = of[random.below(of.len())].clone();
@@ -184,7 +184,7 @@ fn instances(random: &mut Random, of: &[(InstanceOf, Brute)], n: usize, orders: 
 }
 
 #[test]
-fn nearest_points_over_instances_equal_brute_force() {
+fn closest_points_over_instances_equal_brute_force() {
     let mut random = Random(1);
     let of = prototypes(&mut random);
     for (n, orders) in [(1, 0.0), (12, 0.3), (40, 0.7), (40, 2.0)] {

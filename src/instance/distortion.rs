@@ -1,22 +1,22 @@
-//! How far a transform lets rays stray whose directions are rounded.
+//! How far a ray misses its exact point under a transform because its direction is rounded.
 //!
-//! A ray is brought into an instance's space in f64, and its direction is then rounded to f32: each component by at most 1 ULP
-//! of itself. At the place of a hit the ray is off by 1 ULP of `|x - o|` per axis of the instance's space, which is
-//! `|M| |M^-1| |X - O|` in the world, with absolute values of all entries: at most the largest row sum of
-//! `|M| |M^-1|` (Skeel's condition number) times the largest coordinate of `X - O`. Scaling the columns of `M`, that is the axes
-//! of the instance's space, does not change it, so it is 1 for scalings and translations, at most 3 with a rotation, and large
-//! for matrices that nearly flatten space in an oblique direction.
+//! A ray is mapped into an instance's space in f64, and its direction is then rounded to f32: each component by at most
+//! 1 ULP of itself. At a hit the ray is off by 1 ULP of `|x - o|` per axis of the instance's space, which is
+//! `|M| |M^-1| |X - O|` in the world, with absolute values of all entries: at most the largest row sum of `|M| |M^-1|`
+//! (Skeel's condition number) times the largest coordinate of `X - O`. Scaling the columns of `M`, that is the axes of
+//! the instance's space, does not change it, so it is 1 for scalings and translations, at most 3 with a rotation, and
+//! large for matrices that nearly flatten space in an oblique direction.
 
 use glam::{DMat3, DVec3};
 
-/// What is known of a transform over all its time.
+/// Bounds on a transform's condition over all its times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Distortion {
-    /// At least the largest row sum of `|M| |M^-1|`.
+    /// An upper bound on the largest row sum of `|M| |M^-1|`.
     pub skeel: f64,
-    /// At least the largest row sum of `|M|` times that of `|M^-1|`, which scaling does change.
+    /// An upper bound on the largest row sum of `|M|` times that of `|M^-1|`, which scaling does change.
     pub norm: f64,
-    /// At least the row sums of `|M|`.
+    /// Upper bounds on the row sums of `|M|`.
     pub rows: DVec3,
 }
 
@@ -31,14 +31,15 @@ impl Distortion {
         }
     }
 
-    /// Of poses: rows of a rotation have length 1, so a row of rotation and scale sums up to at most the length of
-    /// the scale, and `|R| |R^T|` to at most 3.
+    /// The bounds for poses: rows of a rotation have length 1, so a row of rotation and scale sums up to at most the
+    /// length of the scale, and `|R| |R^T|` to at most 3.
     pub fn of_scale(least: DVec3, greatest: DVec3) -> Distortion {
         let norm = 3.0 * greatest.max_element() / least.min_element();
         Distortion { skeel: 3.0, norm, rows: DVec3::splat(greatest.length()) }
     }
 
-    /// Of matrices between two, entries interpolated; nothing where one of them is singular, or too nearly to tell.
+    /// The bounds for matrices between two, with interpolated entries; `None` if one of them is singular, or too nearly
+    /// to exclude it.
     pub fn between(first: DMat3, last: DMat3) -> Option<Distortion> {
         let mut all = Distortion { rows: row_sums(first).max(row_sums(last)), ..Distortion::NONE };
         let mut stack = vec![(first, last, 0)];
@@ -55,7 +56,7 @@ impl Distortion {
         Some(all)
     }
 
-    /// Of all `M + w D` for `w` in [-1, 1], if `D` is small.
+    /// The bounds for all `M + w D` with `w` in [-1, 1], if `D` is small.
     ///
     /// With columns scaled to length 1 (`A = M S^-1`) and `E = A^-1 D S^-1`, whose row sums are at most `e < 1`:
     /// `|A (1 + w E)|` has row sums of at most `|A| (1 + e)`, and its inverse `(1 + w E)^-1 A^-1` of at most
@@ -84,7 +85,7 @@ impl Distortion {
     }
 }
 
-/// Halvings of the time between two keys.
+/// The greatest number of halvings of the time between two keys.
 const DEPTH: u32 = 12;
 
 enum Around {
@@ -112,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn scalings_do_not_distort_rotations_hardly_and_shears_do() {
+    fn distortion_is_none_for_scalings_small_for_rotations_and_large_for_shears() {
         let scale = DMat3::from_diagonal(DVec3::new(1e-3, 1.0, 1e6));
         let turn = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(0.3);
         assert!((still(scale).unwrap().skeel - 1.0).abs() < 1e-12);
@@ -124,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn what_passes_through_a_singular_matrix_is_refused_and_what_goes_round_is_bounded() {
+    fn paths_through_singular_matrices_are_rejected_and_others_are_bounded() {
         assert_eq!(Distortion::between(DMat3::IDENTITY, -DMat3::IDENTITY), None);
         assert_eq!(Distortion::between(DMat3::IDENTITY, DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0))), None);
         let (first, last) = (DMat3::IDENTITY, DMat3::from_rotation_z(2.5) * 3.0);

@@ -1,4 +1,4 @@
-//! What can be wrong with instances.
+//! Errors in instances and their transforms.
 
 use super::hit::MAX_NESTING;
 use crate::error::BuildError;
@@ -30,39 +30,40 @@ pub enum InstanceError {
         /// The key.
         key: usize,
     },
-    /// A rotation is no unit quaternion: its length differs from 1 by more than 1e-5.
+    /// A rotation is not a unit quaternion: its length differs from 1 by more than 1e-5.
     NotUnit {
         /// The instance.
         instance: usize,
         /// The key.
         key: usize,
     },
-    /// A transform is singular, or so nearly that rays cannot be brought into the instance's space: it flattens, shears or
-    /// (where a tree of instances is placed) scales by very different factors. Beyond about 2^18 in total.
+    /// A transform is singular, or so nearly that rays cannot be mapped into the instance's space: it flattens, shears
+    /// or (if the instance is a tree of instances) scales by very different factors. Beyond about 2^18 in total.
     Singular {
         /// The instance.
         instance: usize,
         /// The key.
         key: usize,
     },
-    /// The same at some time between two keys: entries of matrices, or scales, are interpolated through zero.
+    /// A transform becomes singular at some time between two keys: entries of matrices, or scales, are interpolated
+    /// through zero.
     SingularBetween {
         /// The instance.
         instance: usize,
-        /// The key before.
+        /// The key before that time.
         key: usize,
     },
-    /// What is placed lies farther from zero than [`crate::MAX_COORDINATE`], at some time.
+    /// The instance lies farther from zero than [`crate::MAX_COORDINATE`] at some time.
     TooLarge {
         /// The instance.
         instance: usize,
     },
-    /// Trees of instances within trees of instances, more levels than [`MAX_NESTING`].
+    /// Trees of instances are nested in more levels than [`MAX_NESTING`].
     TooDeep {
         /// The instance.
         instance: usize,
     },
-    /// What every build of a tree can complain of: parameters, too many primitives.
+    /// An error that every build of a tree can return: parameters, too many primitives.
     Build(BuildError),
 }
 

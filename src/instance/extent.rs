@@ -1,21 +1,24 @@
-//! Where what is placed lies in its own space, as the build knows it.
+//! The extent of a placed tree in its own space, as the build uses it.
 
 use crate::geometry::LinearBounds;
 
-/// What is placed, in its own space.
+/// The extent of a placed tree in its own space.
 pub(super) struct Extent {
-    /// Where it is during the shutter.
+    /// Linear bounds over the shutter.
     pub bounds: LinearBounds,
-    /// The same of its parts: the boxes around what is turned are smaller where they need not hold the corners of one box.
+    /// Bounds of its parts: boxes around a rotated tree are tighter if they hold the corners of several small boxes
+    /// instead of one.
     pub parts: Vec<LinearBounds>,
-    /// How far from the middle of its space it reaches.
+    /// The greatest distance from the middle of its space.
     pub reach: f64,
-    /// By how many ULP of the distance to a ray's origin its hits may lie outside of its box, if it is a tree of instances; or 0.
+    /// By how many ULP of the distance to a ray's origin its hits may lie outside of its box; not 0 for trees of
+    /// instances only.
     pub stray: f64,
 }
 
-/// ULP of the size of a tree by which its answers may lie outside of its box: its kernel's rounding ([`KERNEL_ULPS`] of
-/// what is hit and of an origin within sixteen sizes, 340 in all), and that of its vertices, with some to spare.
+/// By how many ULP of the size of a tree its hits may lie outside of its box: the rounding of its kernel
+/// ([`KERNEL_ULPS`] of the triangle and of an origin within sixteen sizes, 340 in all), and that of its vertices, with
+/// a margin.
 ///
 /// [`KERNEL_ULPS`]: crate::geometry::KERNEL_ULPS
 pub(super) const INNER_ULPS: f64 = 400.0;

@@ -1,4 +1,4 @@
-//! What a ray hit or a point has nearest, and in which instance.
+//! The answers of queries over instances.
 
 use crate::ray::{ClosestPoint, Hit};
 use core::fmt;
@@ -6,11 +6,11 @@ use core::fmt;
 /// Levels of instances: a tree of instances of trees of triangles has one.
 pub const MAX_NESTING: usize = 4;
 
-/// No instance has this number.
+/// No instance has this index.
 const NONE: u32 = u32::MAX;
 
-/// The instances that lead to a tree: an index into those of the outermost tree, then into those of the tree placed there,
-/// and so on. In the order of the indices.
+/// The instances that lead to a tree: an index into those of the outermost tree, then into those of the tree placed
+/// there, and so on. Paths are ordered lexicographically.
 ///
 /// ```
 /// use mbkd::InstancePath;
@@ -53,18 +53,18 @@ impl fmt::Debug for InstancePath {
 /// An answer of a ray query in an [`InstanceTree`](crate::InstanceTree).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstanceHit {
-    /// Which instance, outermost first.
+    /// The instance, outermost index first.
     pub path: InstancePath,
-    /// What was hit of the tree placed there. `t` is that of the ray as it was asked.
+    /// The hit in the placed tree. `t` is that of the caller's ray.
     pub hit: Hit,
 }
 
-/// The nearest point on anything in an [`InstanceTree`](crate::InstanceTree), as
-/// [`InstanceTree::closest_point`](crate::InstanceTree::closest_point) finds it.
+/// The closest point in an [`InstanceTree`](crate::InstanceTree), as returned by
+/// [`InstanceTree::closest_point`](crate::InstanceTree::closest_point).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstancePoint {
-    /// Which instance, outermost first.
+    /// The instance, outermost index first.
     pub path: InstancePath,
-    /// On what of the tree placed there; distance and point are in the coordinates of the tree that was asked.
+    /// The closest point in the placed tree; distance and point are in the coordinates of the queried tree.
     pub near: ClosestPoint,
 }

@@ -1,6 +1,6 @@
 //! Transforms as queries evaluate them.
 //!
-//! Everything is computed in f64, never fused, by the same code for a query and for whoever wants to know
+//! Everything is computed in f64, never fused, by the same code for queries and for callers
 //! ([`InstanceTree::local_ray`](crate::InstanceTree::local_ray)), so that answers can be compared bit for bit.
 
 use super::distortion::Distortion;
@@ -9,12 +9,12 @@ use super::transform::{Pose, Transform};
 use crate::geometry::Ray;
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
-/// How one instance moves; keys lie in [`Motions`].
+/// The motion of one instance; its keys are in [`Motions`].
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Motion {
-    /// It stands still: the key; and at hand, the inverse of its matrix and its translation.
+    /// A static transform: the key, with the inverse of its matrix and its translation.
     Still { key: u32, inverse: DMat3, translation: DVec3 },
-    /// Matrices, interpolated.
+    /// Matrices, interpolated linearly.
     Matrices { first: u32, keys: u32 },
     /// Poses, interpolated.
     Poses { first: u32, keys: u32 },
@@ -27,19 +27,19 @@ pub(super) struct Motions {
     poses: Vec<Turn>,
 }
 
-/// A pose and the rotation from it to the next: `rotation cos(angle w) + across sin(angle w)` for `w` in [0, 1], where both
-/// quaternions are orthogonal to each other.
+/// A pose and the rotation from it to the next: `rotation cos(angle w) + across sin(angle w)` for `w` in [0, 1], with
+/// orthogonal quaternions `rotation` and `across`.
 #[derive(Clone, Copy)]
 struct Turn {
     scale: DVec3,
     translation: DVec3,
     rotation: DQuat,
     across: DQuat,
-    /// Half the angle by which space turns.
+    /// Half the angle of the rotation in space.
     angle: f64,
 }
 
-/// A place between two keys.
+/// A time as a segment between two keys, with the weight within it.
 #[derive(Clone, Copy)]
 struct Place {
     segment: usize,
@@ -47,7 +47,7 @@ struct Place {
 }
 
 impl Place {
-    /// Of a time in [0, 1] among so many keys, at least two.
+    /// The place of a time in [0, 1] among at least two keys.
     #[inline]
     fn new(time: f64, keys: u32) -> Place {
         let segments = f64::from(keys - 1);
@@ -57,20 +57,20 @@ impl Place {
     }
 }
 
-/// From the nearer of two keys, so that both are met exactly.
+/// Interpolates from the nearer of two keys, so that both are met exactly.
 #[inline]
 fn lerp(a: DVec3, b: DVec3, w: f64) -> DVec3 {
     if w < 0.5 { a + (b - a) * w } else { b + (b - a) * (w - 1.0) }
 }
 
-/// A transform at a time: a rotation after a scaling where it is a pose.
+/// A transform at a time: as a pose, a scaling followed by a rotation and a translation.
 enum At {
     Matrix(DAffine3),
     Pose { scale: DVec3, rotation: DMat3, translation: DVec3 },
 }
 
 impl Motions {
-    /// Takes a transform after checking it, and says what it does to rays.
+    /// Checks a transform, adds it, and returns its effect on rounding errors.
     pub fn add(&mut self, transform: &Transform, instance: usize) -> Result<(Motion, Distortion), InstanceError> {
         match transform {
             Transform::Matrices(keys) => self.add_matrices(keys, instance),
@@ -89,7 +89,7 @@ impl Motions {
             distortion = distortion.max(of_key.ok_or(InstanceError::Singular { instance, key })?);
         }
         let first = self.matrices.len() as u32;
-        // Keys that all say the same are one key.
+        // Equal keys are merged into one.
         if keys.iter().all(|&key| key == begin) {
             self.matrices.push(begin);
             let (inverse, translation) = (begin.matrix3.inverse(), begin.translation);
@@ -132,7 +132,7 @@ impl Motions {
         Ok((Motion::Poses { first, keys: keys.len() as u32 }, Distortion::of_scale(least, greatest)))
     }
 
-    /// Gives back what was allocated and is not needed.
+    /// Releases excess capacity.
     pub fn settle(&mut self) {
         self.matrices.shrink_to_fit();
         self.poses.shrink_to_fit();
@@ -171,7 +171,7 @@ impl Motions {
         }
     }
 
-    /// From the instance's space to that around it, at a time in [0, 1].
+    /// The matrix from the instance's space to the outer space, at a time in [0, 1].
     pub fn matrix(&self, motion: &Motion, time: f64) -> DAffine3 {
         match self.at(motion, time) {
             At::Matrix(matrix) => matrix,
@@ -181,10 +181,11 @@ impl Motions {
         }
     }
 
-    /// Origin and direction of a ray as the instance sees it, with the same `t`: the origin in f64, the direction rounded to f32 once.
-    /// Nothing where the direction is so long or so short that rounding it would lose more than that.
+    /// Origin and direction of a ray in the instance's space, with the same `t`: the origin in f64, the direction
+    /// rounded to f32 once. Returns `None` if the direction is so long or so short that rounding it would lose more
+    /// than that.
     ///
-    /// It is compiled into the way of rays, for their instruction set.
+    /// Inlined into ray traversal, so that it is compiled for each instruction set.
     #[inline(always)]
     pub fn inward(&self, motion: &Motion, ray: &Ray) -> Option<(DVec3, Vec3)> {
         let dir = ray.dir.as_dvec3();
@@ -202,8 +203,8 @@ impl Motions {
         (SHORTEST..=SHORTEST.recip()).contains(&longest).then(|| (origin, dir.as_vec3()))
     }
 
-    /// Times at which a motion may change its velocity, or has turned by [`ARC`]: between two of them it is smooth. Those
-    /// strictly inside an interval, with its ends.
+    /// The breaks of a motion: times at which its velocity may jump, or the rotation has advanced by [`ARC`]. Between
+    /// two of them it is smooth. Returns those strictly inside an interval, with its ends.
     pub fn breaks(&self, motion: &Motion, begin: f64, end: f64) -> Vec<f64> {
         let (first, keys, turns) = match *motion {
             Motion::Still { .. } => return vec![begin, end],
@@ -230,7 +231,7 @@ impl Motions {
         times
     }
 
-    /// How a motion bends during an interval without breaks.
+    /// The curvature of a motion during an interval without breaks.
     pub fn bend(&self, motion: &Motion, [begin, end]: [f64; 2]) -> Bend {
         match *motion {
             Motion::Still { .. } => Bend::Straight,
@@ -239,7 +240,7 @@ impl Motions {
                 Bend::Matrices([by.x_axis.abs(), by.y_axis.abs(), by.z_axis.abs()])
             }
             Motion::Poses { first, keys } => {
-                // The segment is told by the middle, since the ends may be those of the one before.
+                // The segment is found by the midpoint, since an end may belong to the segment before.
                 let segment = Place::new(0.5 * (begin + end), keys).segment;
                 let turn = &self.poses[first as usize + segment];
                 let angle = 2.0 * turn.angle * (end - begin) * f64::from(keys - 1);
@@ -255,24 +256,25 @@ impl Motions {
     }
 }
 
-/// How a motion bends during an interval without breaks.
+/// The curvature of a motion during an interval without breaks.
 pub(super) enum Bend {
-    /// Not at all.
+    /// No curvature.
     Straight,
     /// How far the columns of the matrix move, per axis.
     Matrices([DVec3; 3]),
-    /// The angle that it turns by, the greatest scale, and by how much that changes.
+    /// The angle of the rotation, the greatest scale, and the change of the scale.
     Poses { angle: f64, scale: DVec3, scaled: DVec3 },
 }
 
 impl Bend {
-    /// How far a point of the instance's space may be, at a time inside the interval, from the line between
-    /// where it is at the ends. In its own space it moves linearly, by `moved` at most, from one place whose coordinates are at
-    /// most `far` to another. Per axis of the space around.
+    /// The greatest distance, per axis of the outer space, of a point of the instance's space at a time inside the
+    /// interval from the line between its positions at the ends. In its own space the point moves linearly, by at most
+    /// `moved`, between places whose coordinates are at most `far`.
     ///
-    /// A function `f` is at most `h^2 / 8 |f''|` away from its chord over `h`. With matrices `f = T + M x`, of which `T`, `M` and `x` are
-    /// linear: `h^2 f'' = 2 ΔM Δx`. With poses `f = T + R y` and `y = S x`, where `R` turns at a uniform rate, by `φ` in all:
-    /// `h^2 |f''| <= φ^2 |y| + 2 φ |h y'| + |h^2 y''|`, with `|h y'| <= |ΔS x| + |S Δx|` and `h^2 y'' = 2 ΔS Δx`.
+    /// A function `f` is at most `h^2 / 8 |f''|` away from its chord over `h`. With matrices `f = T + M x`, of which
+    /// `T`, `M` and `x` are linear: `h^2 f'' = 2 ΔM Δx`. With poses `f = T + R y` and `y = S x`, where `R` turns at a
+    /// uniform rate, by `φ` in all: `h^2 |f''| <= φ^2 |y| + 2 φ |h y'| + |h^2 y''|`, with `|h y'| <= |ΔS x| + |S Δx|`
+    /// and `h^2 y'' = 2 ΔS Δx`.
     pub fn bulge(&self, far: DVec3, moved: DVec3) -> DVec3 {
         match *self {
             Bend::Straight => DVec3::ZERO,
@@ -287,7 +289,7 @@ impl Bend {
     }
 }
 
-/// What a matrix takes to either of two vectors, by Cramer's rule: divided last, since a division takes long.
+/// Solves `matrix * x` = `a` and `= b` by Cramer's rule: the division comes last, since it has a long latency.
 #[inline(always)]
 fn solved(matrix: DMat3, a: DVec3, b: DVec3) -> (DVec3, DVec3) {
     let DMat3 { x_axis: x, y_axis: y, z_axis: z } = matrix;
@@ -296,15 +298,15 @@ fn solved(matrix: DMat3, a: DVec3, b: DVec3) -> (DVec3, DVec3) {
     ((back * a) * scale, (back * b) * scale)
 }
 
-/// How far the length of a quaternion may be from 1.
+/// The greatest deviation of a quaternion's length from 1.
 const UNIT: f64 = 1e-5;
 
-/// Boxes of what turns are made at angles (in radians) that differ by this at most: arcs stick out of chords between them
-/// by 1/500 of the radius.
+/// The greatest angle (in radians) between the times at which boxes of a rotating instance are made: arcs stick out of
+/// their chords by 1/500 of the radius.
 const ARC: f64 = 0.125;
 
-/// The least longest component of a direction in an instance's space, and one over the greatest. Rounding to f32 then moves
-/// every component by at most 2^-24 of itself, or by 2^-49 of the longest.
+/// The least longest component of a direction in an instance's space, and one over the greatest. Rounding to f32 then
+/// moves every component by at most 2^-24 of itself, or by 2^-49 of the longest.
 const SHORTEST: f64 = 1.0 / (1u128 << 100) as f64;
 
 impl Turn {
@@ -312,7 +314,7 @@ impl Turn {
         let rotation = pose.rotation.normalize();
         let mut to = next.rotation.normalize();
         if rotation.dot(to) < 0.0 {
-            // The same rotation, the shorter way round.
+            // The same rotation along the shorter arc.
             to = -to;
         }
         // Exact for small angles, too.
@@ -339,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn rotations_take_the_shorter_way_at_a_uniform_rate() {
+    fn rotations_take_the_shorter_arc_at_a_uniform_rate() {
         let axis = DVec3::new(1.0, 2.0, -0.5);
         for angle in [0.0, 1e-9, 0.3, 2.0, 3.1, -3.0] {
             let (a, mut b) = (pose(axis, 0.2, 1.0, DVec3::ZERO), pose(axis, 0.2 + angle, 1.0, DVec3::ZERO));
@@ -358,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_are_brought_into_the_instances_space_and_keep_their_t() {
+    fn rays_are_mapped_into_the_instances_space_and_keep_their_t() {
         let keys = vec![
             pose(DVec3::X, 0.4, 2.0, DVec3::new(1.0, 2.0, 3.0)),
             pose(DVec3::Y, -0.4, 0.5, DVec3::new(-4.0, 2.0, 3.0)),
@@ -382,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_that_f32_cannot_hold_are_refused() {
+    fn directions_that_f32_cannot_hold_are_rejected() {
         let mut motions = Motions::default();
         for (scale, seen) in [(1.0, true), (1e20, true), (1e-20, true), (1e33, false), (1e-33, false)] {
             let (motion, _) = motions.add(&pose(DVec3::X, 1.0, scale, DVec3::ZERO).into(), 0).unwrap();

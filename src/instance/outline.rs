@@ -1,15 +1,16 @@
-//! The box of what is placed, in its own space, as rays are tested against it before they enter.
+//! The box of a placed tree in its own space, tested against rays before they enter the tree.
 //!
-//! The box around an instance has its edges along the axes of the world, so around what is turned it is wide, and most rays that meet
-//! it pass by. In the instance's own space the box is tight, and whether the ray's line passes it is known as soon as origin and direction
-//! are: a line and a box are apart exactly where they are along the cross product of the line's direction and one of the axes (Gottschalk,
-//! Lin and Manocha, "OBBTree: A Hierarchical Structure for Rapid Interference Detection", 1996).
+//! The box around an instance is aligned to the axes of the world, so around a rotated tree it is wide, and most rays
+//! that meet it miss the tree. In the instance's own space the box is tight, and whether the ray's line misses it
+//! follows from origin and direction alone: a line and a box are disjoint exactly if they are separated along the cross
+//! product of the line's direction and one of the axes (Gottschalk, Lin and Manocha, "OBBTree: A Hierarchical Structure
+//! for Rapid Interference Detection", 1996).
 
 use super::extent::{Extent, INNER_ULPS};
 use crate::geometry::{Ray, ULP};
 use glam::DVec3;
 
-/// A box that moves linearly over the shutter: where its middle is, how far it reaches from there, and by how much both change.
+/// A box that moves linearly over the shutter: its centre, its half extent, and the change of both.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Outline {
     middle: DVec3,
@@ -19,10 +20,10 @@ pub(super) struct Outline {
 }
 
 impl Outline {
-    /// The box of a tree, so much of whose rounding counts: 1.
+    /// The box of a tree, with this share of the padding for rounding: 1, or less in tests.
     ///
-    /// Answers of a tree of primitives lie within [`INNER_ULPS`] of its box; those of a tree of instances stray farther from far
-    /// away, so of these there is no box.
+    /// Hits of trees of primitives lie within [`INNER_ULPS`] of their box. Those of trees of instances deviate more
+    /// from far away, so they have no box.
     pub fn new(of: &Extent, padding: f64) -> Outline {
         let pad = if of.stray == 0.0 { padding * INNER_ULPS * f64::from(ULP) * of.reach } else { f64::INFINITY };
         let [begin, end] = [of.bounds.begin, of.bounds.end];
@@ -30,10 +31,10 @@ impl Outline {
         Outline { middle: from.0, moved: to.0 - from.0, half: from.1 + pad, grown: to.1 - from.1 }
     }
 
-    /// Whether the whole line of a ray in this space, from one end to the other, passes by the box as it is at the ray's time.
+    /// Whether the whole line of a ray in this space misses the box as it is at the ray's time.
     ///
-    /// Origins are within 2^32 sizes (the trees see nothing from farther away), so this is off by less than 2^-18 of the size,
-    /// for which there is room in the padding.
+    /// Origins are within 2^32 sizes (trees report no hits from farther away), so the error of this test is less than
+    /// 2^-18 of the size, which the padding has room for.
     #[inline(always)]
     pub fn is_missed(&self, ray: &Ray) -> bool {
         let time = f64::from(ray.time);
@@ -47,7 +48,7 @@ impl Outline {
             half.z * along.x + half.x * along.z,
             half.x * along.y + half.y * along.x,
         );
-        // NaN is nowhere apart.
+        // Comparisons in this form treat NaN as not separated.
         apart.cmpgt(reach).any()
     }
 }
@@ -80,7 +81,7 @@ mod tests {
             let away = 10f64.powf(4.0 * f64::from(random.signed()));
             let ray = Ray::new(inside - along.as_dvec3() * away, along).at_time(time);
             assert!(!outline.is_missed(&ray), "{ray:?} {outline:?}");
-            // Beside the ball around the box.
+            // Past the ball around the box.
             let radius = (now.max - now.min).length();
             let aside = along.as_dvec3().any_orthonormal_vector() * 1.1 * radius;
             let beside = Ray { origin: (now.min + now.max) * 0.5 - along.as_dvec3() * away + aside, ..ray };

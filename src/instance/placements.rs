@@ -1,4 +1,4 @@
-//! Instances as the build of the wide tree sees them: a set of boxes, one to a leaf.
+//! Instances as the build of the wide tree sees them: a set of boxes, one per leaf.
 
 use super::bounds::{ROUNDING, grow};
 use super::distortion::Distortion;
@@ -16,16 +16,17 @@ use crate::simd::Arena;
 use crate::time::TimeSlice;
 use glam::DVec3;
 
-/// An instance as queries need it.
+/// The data of an instance that queries use.
 pub(super) struct Placed {
     pub motion: Motion,
     pub active: TimeInterval,
     pub mask: u32,
-    /// Index of its tree among the different ones.
+    /// Index of its tree among the distinct trees.
     pub tree: u32,
 }
 
-/// How far hits of an instance may lie outside of its box, beyond `per_distance` ULP of the distance to the ray's origin.
+/// How far hits of an instance may lie outside of its box, beyond `per_distance` ULP of the distance to the ray's
+/// origin.
 #[derive(Clone, Copy)]
 struct Slack {
     per_distance: f64,
@@ -36,30 +37,30 @@ struct Slack {
 pub(super) struct Placements {
     pub placed: Vec<Placed>,
     pub motions: Motions,
-    /// Of the different trees.
+    /// The outlines of the distinct trees.
     pub outlines: Vec<Outline>,
     frame: Frame,
     always_active: bool,
     /// The greatest [`Slack::per_distance`].
     pub stray: f64,
-    /// What only the build needs: the different trees, what each instance's box is padded by, and its bounds over the shutter
-    /// without that.
+    /// Data for the build only: the distinct trees, the padding of each instance's box, and its bounds over the shutter
+    /// without padding.
     extents: Vec<Extent>,
     slacks: Vec<Slack>,
     whole: Vec<LinearBounds>,
-    /// The greatest distance between what is in the scene and the origin of a ray near it.
+    /// The greatest distance between a point of the scene and the origin of a ray near it.
     width: f64,
 }
 
-/// The greatest [`Slack::per_distance`]: 2^18. Boxes then still grow by less than the scene is wide.
+/// The greatest [`Slack::per_distance`]: 2^18. Boxes then still grow by less than the width of the scene.
 const MOST_STRAY: f64 = 262144.0;
 
 /// Distances within which origins count as near, in sizes of the scene.
 const NEAR: f64 = 3.0;
 
 impl Placements {
-    /// Takes instances of trees with these extents: for each its motion's [`Distortion`]. Boxes and rays are padded by so
-    /// much of what rounding takes: 1.
+    /// Takes instances of trees with these extents, each with its motion's [`Distortion`]. `padding` scales the padding
+    /// of boxes and rays for rounding: 1, or less in tests.
     pub fn new(
         placed: Vec<(Placed, Distortion)>,
         motions: Motions,
@@ -84,7 +85,8 @@ impl Placements {
         let mut set =
             Placements { placed: all, motions, outlines, frame, always_active, stray, extents, slacks, whole, width };
         set.whole = parallel::map(set.placed.len(), |id| set.exact_bounds(id as u32, TimeInterval::FULL));
-        // The wider the scene, the larger the slack, and the wider the scene: by at most a quarter of itself.
+        // The slack depends on the width of the scene, and the width on the slack: it grows by at most a quarter of
+        // itself.
         loop {
             let mut all = Aabb::EMPTY;
             for (instance, whole) in set.whole.iter().enumerate() {
@@ -105,13 +107,13 @@ impl Placements {
         }
     }
 
-    /// Linear bounds in world space, without what rounding adds.
+    /// Linear bounds in world space, without padding for rounding.
     fn exact_bounds(&self, id: u32, over: TimeInterval) -> LinearBounds {
         let one = &self.placed[id as usize];
         self.motions.bounds(&one.motion, &self.extents[one.tree as usize].parts, over, 1.0)
     }
 
-    /// What rounding adds to the bounds of an instance, for rays from near the scene.
+    /// The padding for rounding of an instance's bounds, for rays from near the scene.
     fn padding(&self, id: u32) -> DVec3 {
         let slack = &self.slacks[id as usize];
         let distance = (1.0 + NEAR) * self.width;
@@ -125,8 +127,8 @@ impl Placements {
         DVec3::new(x, y, z).abs().max_element() > NEAR * f64::from(self.frame.reach)
     }
 
-    /// Makes a ray in tree space what it should be if it is not of the usual kind, or far ([`TreeRay::mend`]): one that begins far away has more
-    /// slack, by what it may stray on its way into an instance's space.
+    /// Prepares a ray in tree space that is unusual or far away ([`TreeRay::mend`]): one that begins far away has more
+    /// slack, by its greatest deviation when it is mapped into an instance's space.
     #[cold]
     #[inline(never)]
     pub fn mend(&self, ray: &mut TreeRay) {
@@ -145,11 +147,11 @@ impl Placements {
 }
 
 impl Slack {
-    /// Let a ray meet something in the instance at `X` in the world, exactly: at the computed `t` on the ray as it was
-    /// asked. It lies outside of where the instance is by at most, per axis and in ULP of the largest coordinate of
-    /// `X - O`: what the rounding of the direction moves it ([`Distortion::skeel`]; a thousandth of
-    /// [`Distortion::norm`] for small components), 1 for that of `t`, and what answers of a tree of instances stray themselves from
-    /// far away, which has come through both matrices; and by `|M|` times what the tree's own kernel rounds.
+    /// Let a ray hit a primitive of the instance at `X` in the world, exactly: at the computed `t` on the caller's ray.
+    /// `X` lies outside of the instance's exact bounds by at most, per axis and in ULP of the largest coordinate of
+    /// `X - O`: the effect of rounding the direction ([`Distortion::skeel`]; a thousandth of [`Distortion::norm`] for
+    /// small components), 1 for the rounding of `t`, and the deviation of a placed tree of instances from far away,
+    /// which passes through both matrices; and by `|M|` times the rounding of the tree's own kernel.
     fn new(distortion: &Distortion, of: &Extent) -> Slack {
         let Distortion { skeel, norm, rows } = *distortion;
         let per_distance = 2.0 * (skeel + 1.0 + norm / 1024.0 / 1024.0) + 4.0 * norm * of.stray;
@@ -159,7 +161,7 @@ impl Slack {
 }
 
 impl PrimitiveSet for Placements {
-    /// Testing one takes longer than many nodes.
+    /// Testing one instance takes longer than many nodes.
     const PER_LEAF: usize = 1;
 
     fn len(&self) -> usize {
@@ -222,7 +224,7 @@ impl WideSource for Placements {
         None
     }
 
-    /// Drops what only the build needs.
+    /// Releases the data of the build.
     fn written(&mut self) {
         (self.extents, self.slacks, self.whole) = (Vec::new(), Vec::new(), Vec::new());
     }

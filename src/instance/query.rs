@@ -1,11 +1,11 @@
-//! Rays in a tree of instances.
+//! Ray traversal of a tree of instances.
 //!
-//! The way through the tree over instances is that of every wide tree. A leaf is one instance: the ray is brought into its space
-//! and asked of the tree there by the queries of that tree, so whatever holds for those (layouts, instruction sets, ties) holds here.
-//! Of a search for the nearest, the ray in there ends at the best hit so far, in its own `t`. A ray that passes by the box of what is
-//! placed, as it is in its own space, does not enter.
+//! The tree over instances is traversed like every wide tree. A leaf is one instance: the ray is mapped into its space
+//! and answered by the queries of the placed tree, so all guarantees of those (layouts, instruction sets, ties) hold
+//! here. In a closest-hit query, the inner ray ends at the best hit so far, in its own `t`. A ray that misses the box
+//! of the placed tree in its own space does not enter it.
 //!
-//! Why nothing is missed: see `placements`, which says how far outside of its box something in an instance may be hit.
+//! Why no hit is missed: `placements` bounds how far outside of its box a primitive of an instance may be hit.
 
 use super::hit::{InstanceHit, InstancePath};
 use super::placements::Placements;
@@ -17,13 +17,13 @@ use crate::ray::{Observer, Stops, TreeRay, Way};
 use crate::simd::dispatch;
 use core::ops::ControlFlow;
 
-/// Who looks on, or what is seen.
+/// The filter or observer of a query.
 pub(super) enum Look<'a, T = InstanceHit> {
     /// Everything, unobserved.
     Plain,
     /// Instances and meshes whose masks share a bit with this one, answers that are accepted.
     Filtered { mask: u32, accept: &'a dyn Fn(&T) -> bool },
-    /// Everything, observed.
+    /// Everything, with an observer.
     Observed(&'a mut dyn Observer),
 }
 
@@ -44,12 +44,12 @@ impl<T> Look<'_, T> {
     }
 }
 
-/// What is asked of each instance on the way.
+/// A query of all instances that a ray meets.
 trait Question {
-    /// Whether near instances are asked first.
+    /// Whether instances are visited front to back.
     const ORDERED: bool;
-    /// Asks the tree of an instance (which the path leads to with this number at its end), by a ray in its space that ends where
-    /// nothing farther matters. Returns the end from now on; `Break` ends the query.
+    /// Queries the tree of an instance, whose path ends with this index, with a ray in its space that ends where no hit
+    /// matters any more. Returns the ray's new end; `Break` ends the query.
     fn ask(
         &mut self,
         of: &InstanceOf,
@@ -59,7 +59,7 @@ trait Question {
     ) -> ControlFlow<(), f32>;
 }
 
-/// The nearest hit; of several at the same `t` that of the lowest path, and of these the lowest primitive.
+/// The closest hit; of several at the same `t` that of the lowest path, and of these the lowest primitive.
 struct Closest {
     best: Option<InstanceHit>,
 }
@@ -75,7 +75,7 @@ impl Question for Closest {
         (path, id): (InstancePath, u32),
         look: &mut Look<'_>,
     ) -> ControlFlow<(), f32> {
-        // The usual case stands here, and all else is a call, which would push the way there out of registers.
+        // The usual case is inlined here; all other cases are calls, which would spill the registers of the traversal.
         let found = match (of, &look) {
             (InstanceOf::Tree(tree), Look::Plain) => {
                 tree.closest_hit(ray).map(|hit| InstanceHit { path: path.then(id), hit })
@@ -109,7 +109,7 @@ impl Question for Any {
         (path, id): (InstancePath, u32),
         look: &mut Look<'_>,
     ) -> ControlFlow<(), f32> {
-        // Likewise.
+        // As above.
         self.found = match (of, &look) {
             (InstanceOf::Tree(tree), Look::Plain) => tree.any_hit(ray),
             _ => of.any_hit(ray, path.then(id), look),
@@ -118,7 +118,7 @@ impl Question for Any {
     }
 }
 
-/// Hands on every hit.
+/// Passes every hit to the visitor.
 struct All<'a> {
     visitor: &'a mut dyn FnMut(InstanceHit) -> ControlFlow<()>,
     flow: ControlFlow<()>,
@@ -197,7 +197,7 @@ impl InstanceOf {
 }
 
 impl InstanceTree {
-    /// The nearest hit, named by a path that goes on from `path`.
+    /// The closest hit; its path continues `path`.
     pub(super) fn closest(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> Option<InstanceHit> {
         self.asked(ray, path, look, Closest { best: None }).best
     }
@@ -216,7 +216,7 @@ impl InstanceTree {
         self.asked(ray, path, look, All { visitor, flow: ControlFlow::Continue(()) }).flow
     }
 
-    /// The question, once all instances that matter were asked.
+    /// Runs a query over all instances that matter.
     fn asked<Q: Question>(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>, question: Q) -> Q {
         if self.wide.root == ChildRef::NOTHING {
             return question;
@@ -240,12 +240,12 @@ impl InstanceTree {
     }
 }
 
-/// What is asked on the way through the tree over instances.
+/// The state of a query during the traversal of the tree over instances.
 struct Asked<'a, 'b, Q> {
     set: &'a Placements,
     trees: &'a [InstanceOf],
-    /// The ray in the space of the instance that is asked. It stays where it is, and only what differs is written: a ray that is
-    /// copied waits for the stores before.
+    /// The ray in the space of the current instance. It is updated in place, and only where it differs: copying a ray
+    /// would wait for the stores before.
     local: Ray,
     path: InstancePath,
     look: &'a mut Look<'b>,

@@ -16,12 +16,12 @@ pub struct Pose {
     pub scale: DVec3,
     /// A unit quaternion.
     pub rotation: DQuat,
-    /// Where the origin of the instanced tree's own space is.
+    /// The position of the origin of the instanced tree's own space.
     pub translation: DVec3,
 }
 
 impl Pose {
-    /// Leaves everything where it is.
+    /// The identity.
     pub const IDENTITY: Pose = Pose { scale: DVec3::ONE, rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
 
     /// The pose as a matrix.
@@ -31,8 +31,8 @@ impl Pose {
     }
 }
 
-/// Where an instance is during the shutter: one or more keys, spaced evenly over it like those of meshes. One key: it
-/// stands still.
+/// The motion of an instance during the shutter: one or more keys, spaced evenly over it like those of meshes. An
+/// instance with one key is static.
 ///
 /// ```
 /// use mbkd::{Pose, Transform, glam::{DAffine3, DQuat, DVec3}};

@@ -1,4 +1,4 @@
-//! The tree over instances, and what can be asked of it.
+//! The tree over instances, and its accessors.
 
 use super::error::InstanceError;
 use super::extent::Extent;
@@ -18,7 +18,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-/// What an [`Instance`] places.
+/// The contents of an [`Instance`].
 #[derive(Clone, Debug)]
 pub enum InstanceOf {
     /// A tree of meshes and other shapes.
@@ -40,7 +40,7 @@ impl From<Arc<InstanceTree>> for InstanceOf {
 }
 
 impl InstanceOf {
-    /// Which tree it is, whatever it is called.
+    /// Identifies the tree by its address.
     fn address(&self) -> usize {
         match self {
             InstanceOf::Tree(tree) => Arc::as_ptr(tree) as usize,
@@ -48,7 +48,7 @@ impl InstanceOf {
         }
     }
 
-    /// Levels of instances in it.
+    /// The number of levels of instances in it.
     fn levels(&self) -> usize {
         match self {
             InstanceOf::Tree(_) => 0,
@@ -56,7 +56,7 @@ impl InstanceOf {
         }
     }
 
-    /// Where it is in its own space.
+    /// Its extent in its own space.
     fn extent(&self) -> Extent {
         let (bounds, parts, frame, stray) = match self {
             InstanceOf::Tree(tree) => (tree.linear_bounds(), tree.linear_bounds_of_parts(), tree.frame(), 0.0),
@@ -85,13 +85,13 @@ impl InstanceOf {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Instance {
-    /// What is placed.
+    /// The tree that is placed.
     pub of: InstanceOf,
-    /// Where, at the keys of the shutter. What is placed moves in its own space besides, on the same clock.
+    /// Its transforms, at the keys of the shutter. Motion inside the placed tree runs on the same clock.
     pub transform: Transform,
-    /// A masked query sees the instance where its mask and this one share a bit, and in it the meshes whose masks do.
+    /// A masked query sees the instance if its mask and this one share a bit, and in it the meshes whose masks do.
     pub mask: u32,
-    /// When the instance exists.
+    /// The time interval in which the instance exists.
     pub active: TimeInterval,
 }
 
@@ -107,24 +107,25 @@ impl Instance {
         Instance { mask, ..self }
     }
 
-    /// The instance, existing in `active` only.
+    /// The instance, existing during `active` only.
     pub fn with_active(self, active: TimeInterval) -> Instance {
         Instance { active, ..self }
     }
 }
 
-/// Trees placed many times, moving: what a [`RayTree`] answers about rays, without a copy of what is placed.
+/// Trees placed many times, moving: the ray queries of a [`RayTree`], without a copy of the placed trees.
 ///
-/// A ray is brought into the space of every instance whose box it meets. Unless it passes by the box of what is placed there, it is
-/// asked of the tree there. `t` keeps its meaning: it counts in the length of the ray's own direction. Each answer is that of asking
-/// all instances by their [`InstanceTree::local_ray`], bit for bit. The direction in an instance's space is rounded to f32, as the direction of every ray is;
-/// so from a distance of `d`, a hit may lie `2^-24 d` beside the exact ray, or more under transforms that nearly flatten space.
+/// A ray is mapped into the space of every instance whose box it meets, and unless it misses the box of the placed tree
+/// there, that tree answers it. `t` keeps its meaning: it counts in lengths of the caller's direction. Each answer is
+/// that of querying all instances with their [`InstanceTree::local_ray`], bit for bit. The direction in an instance's
+/// space is rounded to f32, like that of every ray; so from a distance of `d`, a hit may lie `2^-24 d` beside the exact
+/// ray, or more under transforms that nearly flatten space.
 ///
 /// ```
 /// use std::sync::Arc;
 /// use mbkd::glam::{DQuat, DVec3, Vec3};
 /// use mbkd::{BuildParams, Instance, InstanceTree, Pose, Ray, RayTree, TriangleMesh, WideParams};
-/// // A sail that makes a quarter of a turn about z while the shutter is open, at two places.
+/// // A sail that makes a quarter turn about z while the shutter is open, at two places.
 /// let corners = vec![Vec3::ZERO, Vec3::new(1.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 1.0)];
 /// let sail = RayTree::build(&[TriangleMesh::fixed(vec![[0, 1, 2]], corners)], &BuildParams::default())?;
 /// let sail = Arc::new(sail);
@@ -145,27 +146,27 @@ impl Instance {
 pub struct InstanceTree {
     pub(super) wide: WideTree,
     pub(super) placements: Placements,
-    /// The different trees that are placed.
+    /// The distinct trees that are placed.
     pub(super) trees: Vec<InstanceOf>,
     pub(super) simd: SimdLevel,
     /// Levels of instances, at least 1.
     levels: usize,
 }
 
-/// Figures of an [`InstanceTree`].
+/// Counts and sizes of an [`InstanceTree`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstanceStatistics {
-    /// Instances at all levels together, each as often as it is placed.
+    /// Instances at all levels together, counted once per placement.
     pub instances: u64,
-    /// Primitives, each as often as it is placed.
+    /// Primitives, counted once per placement.
     pub primitives: u64,
-    /// Different trees of primitives.
+    /// Distinct trees of primitives.
     pub trees: usize,
     /// Bytes of those trees and their primitives.
     pub tree_bytes: usize,
     /// Bytes of everything else: instances, their transforms, the trees over them.
     pub instance_bytes: usize,
-    /// The outermost tree over instances, whose primitives the instances are.
+    /// The outermost tree, whose primitives are the instances.
     pub outermost: Statistics,
 }
 
@@ -176,18 +177,18 @@ impl core::fmt::Debug for InstanceTree {
 }
 
 impl InstanceTree {
-    /// Builds a tree over instances; the index into `instances` is what paths are made of.
+    /// Builds a tree over instances; paths consist of indices into `instances`.
     ///
-    /// Takes O(n log n) time for `n` instances, whatever is placed, and some 200 to 300 bytes for each.
+    /// Takes O(n log n) time for `n` instances, whatever they place, and some 200 to 300 bytes for each.
     /// [`WideParams::bytes_per_primitive`] counts per instance.
     ///
     /// # Errors
-    /// What is wrong with a transform or a parameter, and where: see [`InstanceError`]. No instances at all is fine.
+    /// An [`InstanceError`] that names the transform or parameter at fault. An empty tree is valid.
     pub fn build(instances: Vec<Instance>, params: &WideParams) -> Result<InstanceTree, InstanceError> {
         InstanceTree::padded(instances, params, 1.0)
     }
 
-    /// The same with so much of the padding of boxes: 1, or less in tests.
+    /// [`InstanceTree::build`] with this share of the padding of boxes: 1, or less in tests.
     fn padded(instances: Vec<Instance>, params: &WideParams, padding: f64) -> Result<InstanceTree, InstanceError> {
         params.validate()?;
         if instances.len() >= u32::MAX as usize {
@@ -227,14 +228,14 @@ impl InstanceTree {
         self.len() == 0
     }
 
-    /// What an instance of the outermost level places; `None` where there is no such instance.
+    /// The tree that an instance of the outermost level places; `None` if there is no such instance.
     pub fn placed(&self, instance: u32) -> Option<&InstanceOf> {
         Some(&self.trees[self.placements.placed.get(instance as usize)?.tree as usize])
     }
 
-    /// A ray as an instance of the outermost level sees it at the ray's time, in the instance's own space and with the same
-    /// `t`: what queries ask of the tree that is placed, if the instance's mask and time allow. `None` where there is
-    /// no such instance, or the direction cannot be held in f32 there.
+    /// A ray mapped into the own space of an instance of the outermost level, at the ray's time and with the same `t`:
+    /// the ray that queries use for the placed tree, if the instance's mask and active interval allow. `None` if there
+    /// is no such instance, or the direction cannot be held in f32 there.
     pub fn local_ray(&self, instance: u32, ray: &Ray) -> Option<Ray> {
         let one = self.placements.placed.get(instance as usize)?;
         if !(0.0..=1.0).contains(&ray.time) {
@@ -244,8 +245,8 @@ impl InstanceTree {
         Some(Ray { origin, dir, ..*ray })
     }
 
-    /// The matrix from the space of what a path leads to, to that of this tree, at a time of the shutter. `None` where the
-    /// path leads nowhere or the time lies outside `[0, 1]`.
+    /// The matrix from the space of the tree at the end of a path to that of this tree, at a time of the shutter.
+    /// `None` if the path is invalid or the time lies outside `[0, 1]`.
     pub fn matrix(&self, path: &[u32], time: f32) -> Option<DAffine3> {
         let (&first, rest) = path.split_first()?;
         let one = self.placements.placed.get(first as usize)?;
@@ -259,7 +260,7 @@ impl InstanceTree {
         }
     }
 
-    /// The tree of primitives that a path leads to.
+    /// The tree of primitives at the end of a path.
     pub fn tree(&self, path: &[u32]) -> Option<&RayTree> {
         let (&first, rest) = path.split_first()?;
         match self.placed(first)? {
@@ -268,8 +269,8 @@ impl InstanceTree {
         }
     }
 
-    /// The corners of the triangle that was hit, at any time of the shutter, where the instance places it then. NaN for
-    /// what is no triangle and for a hit that is not of this tree.
+    /// The corners of the triangle that was hit, at any time of the shutter, as the instance places it then. NaN for a
+    /// hit on another shape and for a hit that is not of this tree.
     pub fn vertices(&self, hit: &InstanceHit, time: f32) -> [DVec3; 3] {
         match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
             (Some(tree), Some(matrix)) => tree.vertices(&hit.hit, time).map(|p| matrix.transform_point3(p)),
@@ -278,8 +279,8 @@ impl InstanceTree {
     }
 
     /// The unit normal of the triangle that was hit, at any time of the shutter, on the side of the triangle on which
-    /// it is in the tree that is placed (a mirroring transform changes the order of corners, not that). Zero for what is no triangle
-    /// or has no area, and for a hit that is not of this tree.
+    /// it is in the placed tree (a mirroring transform changes the order of corners, but not the side). Zero for
+    /// another shape or a degenerate triangle, and for a hit that is not of this tree.
     pub fn normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
         let Some(matrix) = self.matrix(&hit.path, time) else { return Vec3::ZERO };
         let [a, b, c] = self.vertices(hit, time);
@@ -287,26 +288,26 @@ impl InstanceTree {
         normal.normalize_or_zero().as_vec3()
     }
 
-    /// Where everything is during the shutter; `None` where there is nothing.
+    /// The box of all instances over the shutter; `None` for an empty tree.
     pub fn bounds(&self) -> Option<Aabb> {
         (!self.is_empty()).then(|| self.placements.frame().bounds)
     }
 
-    /// Checks that the tree over instances is whole, as [`RayTree::validate`] does. For tests.
+    /// Checks the structure of the tree over instances, as [`RayTree::validate`] does. For tests.
     ///
     /// # Errors
-    /// The first thing found wrong, which would be a defect of this crate.
+    /// The first violation found, which would be a defect of this crate.
     pub fn validate(&self) -> Result<(), ValidationError> {
         self.wide.validate(&self.placements)
     }
 
-    /// The tree with its queries on another instruction set of this CPU, for tests and measurements; the trees that are
-    /// placed keep theirs. Answers do not change.
+    /// The tree with its queries on another instruction set of this CPU, for tests and measurements; placed trees keep
+    /// theirs. Answers do not change.
     pub fn with_simd(self, simd: SimdLevel) -> InstanceTree {
         InstanceTree { simd, ..self }
     }
 
-    /// What the build made, in numbers. Looks at every instance.
+    /// The sizes and counts of the tree. Visits every instance.
     pub fn statistics(&self) -> InstanceStatistics {
         let mut of = InstanceStatistics {
             instances: 0,
@@ -321,7 +322,7 @@ impl InstanceTree {
         of
     }
 
-    /// Adds the bytes of all trees not seen yet; returns how many instances and primitives there are.
+    /// Adds the bytes of all trees not seen yet; returns the numbers of instances and primitives.
     fn count(&self, of: &mut InstanceStatistics, seen: &mut HashSet<usize>) -> (u64, u64) {
         let own = self.wide.statistics(&self.placements);
         of.instance_bytes += own.bytes + own.primitive_bytes + self.trees.capacity() * size_of::<InstanceOf>();
@@ -374,7 +375,7 @@ mod tests {
         Vec3::new(next(state), next(state), next(state))
     }
 
-    /// Hits of rays at the edges of a cube under sheared matrices, and how many of them are lost.
+    /// Counts hits of rays at the edges of a cube under sheared matrices, and those that are lost.
     fn lost(padding: f64, away: f32) -> (usize, usize) {
         let corner = |i: u32| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
         let faces = [
@@ -403,13 +404,13 @@ mod tests {
             let placed = InstanceTree::padded(vec![instance.clone(), instance], &WideParams::default(), padding)
                 .expect("instances");
             for _ in 0..200 {
-                // The edges along y are those at which the box of the image is touched.
+                // The edges along y are those where the box of the image is tight.
                 let edge = Vec3::new(
                     (next(&mut state) > 0.0) as u8 as f32,
                     next(&mut state).abs().round(),
                     (next(&mut state) > 0.0) as u8 as f32,
                 );
-                // Beside the image, by less than what rounding the direction may move a hit.
+                // Beside the image, by less than the greatest shift of a hit by the rounding of the direction.
                 let beside = f64::from(next(&mut state)) * shear.x * f64::from(away) / f64::from(1 << 24);
                 let target = matrix.transform_point3(edge.as_dvec3()) + DVec3::X * beside;
                 let origin = target + (vec(&mut state) * away).as_dvec3();
@@ -424,14 +425,14 @@ mod tests {
     }
 
     #[test]
-    fn boxes_and_rays_hold_what_rounding_moves_and_would_not_without_padding() {
+    fn padding_is_enough_for_rounding_and_needed() {
         for away in [3000.0, 10_000.0] {
             let (hits, none) = lost(1.0, away);
             assert!(hits > 5000 && none == 0, "{none} of {hits} lost");
             let (_, some) = lost(0.0, away);
-            assert!(some > 20, "a padding that nothing needs: {some}");
+            assert!(some > 20, "the padding is not needed: {some}");
         }
-        // From far away hits are few, since the direction's rounding moves them by more than the cube.
+        // From far away hits are few, since rounding the direction moves them by more than the cube.
         assert_eq!(lost(1.0, 1e8).1, 0);
     }
 }

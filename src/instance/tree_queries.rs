@@ -1,4 +1,4 @@
-//! What can be asked of a tree of instances about rays.
+//! The public ray queries of [`InstanceTree`].
 
 use super::hit::{InstanceHit, InstancePath};
 use super::query::Look;
@@ -8,8 +8,8 @@ use crate::ray::{Observer, answer_each};
 use core::ops::ControlFlow;
 
 impl InstanceTree {
-    /// The nearest hit of a ray: the least `t`, of several at the same `t` the one with the lowest path, and of these the
-    /// lowest (mesh, primitive).
+    /// The closest hit of a ray: the least `t`, of several at the same `t` the one with the lowest path, and of these
+    /// the lowest (mesh, primitive).
     pub fn closest_hit(&self, ray: &Ray) -> Option<InstanceHit> {
         self.closest(ray, InstancePath::default(), &mut Look::Plain)
     }
@@ -19,16 +19,16 @@ impl InstanceTree {
         self.any(ray, InstancePath::default(), &mut Look::Plain)
     }
 
-    /// Calls `visitor` with every primitive of every instance that the ray hits, each once (with its nearest hit), in no
-    /// particular order, until it breaks. Returns what the visitor said last.
+    /// Calls `visitor` with every primitive of every instance that the ray hits, each once (with its closest hit), in
+    /// no particular order, until it breaks. Returns the last return value of `visitor`.
     pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>) -> ControlFlow<()> {
         self.all(ray, InstancePath::default(), &mut Look::Plain, &mut visitor)
     }
 
-    /// [`InstanceTree::closest_hit`] among the hits that `accept` accepts in instances whose [mask](super::Instance::with_mask) shares a
-    /// bit with `mask`, on meshes whose masks do.
+    /// [`InstanceTree::closest_hit`] among the hits for which `accept` returns true, in instances whose
+    /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose masks do.
     ///
-    /// `accept` must be pure: it may be asked several times about the same hit, and not about all hits.
+    /// `accept` must be pure: it may be called several times for the same hit, and is not called for every hit.
     pub fn closest_hit_filtered(
         &self,
         ray: &Ray,
@@ -38,12 +38,12 @@ impl InstanceTree {
         self.closest(ray, InstancePath::default(), &mut Look::Filtered { mask, accept: &accept })
     }
 
-    /// [`InstanceTree::any_hit`] among the hits that mask and filter let through.
+    /// [`InstanceTree::any_hit`] among the hits that pass the mask and the filter.
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&InstanceHit) -> bool) -> bool {
         self.any(ray, InstancePath::default(), &mut Look::Filtered { mask, accept: &accept })
     }
 
-    /// [`InstanceTree::all_hits`] among the hits that mask and filter let through.
+    /// [`InstanceTree::all_hits`] among the hits that pass the mask and the filter.
     pub fn all_hits_filtered(
         &self,
         ray: &Ray,
@@ -54,13 +54,13 @@ impl InstanceTree {
         self.all(ray, InstancePath::default(), &mut Look::Filtered { mask, accept: &accept }, &mut visitor)
     }
 
-    /// [`InstanceTree::closest_hit`], telling `observer` what it does: nodes and leaves over instances (a leaf is an instance)
-    /// and in the trees that are placed.
+    /// [`InstanceTree::closest_hit`], reporting each step to `observer`: nodes and leaves of the tree over instances (a
+    /// leaf is an instance) and of the placed trees.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<InstanceHit> {
         self.closest(ray, InstancePath::default(), &mut Look::Observed(observer))
     }
 
-    /// [`InstanceTree::any_hit`], telling `observer` what it does.
+    /// [`InstanceTree::any_hit`], reporting each step to `observer`.
     pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
         self.any(ray, InstancePath::default(), &mut Look::Observed(observer))
     }
@@ -75,8 +75,9 @@ impl InstanceTree {
         answer_each(rays, hits, |_, ray| self.any_hit(ray));
     }
 
-    /// [`InstanceTree::closest_hit_filtered`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in
-    /// order. `accept` gets the place of the ray in `rays` with each hit; it must be pure, and is called from any thread.
+    /// [`InstanceTree::closest_hit_filtered`] for many rays, in parallel. `hits` is cleared and gets one answer per
+    /// ray, in order. `accept` gets the index of the ray in `rays` with each hit; it must be pure, and is called from
+    /// any thread.
     ///
     /// ```
     /// use std::sync::Arc;

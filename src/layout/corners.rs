@@ -1,6 +1,6 @@
-//! The corners of single triangles, read out of the leaf blocks that hold them.
+//! The corners of single triangles, read from the leaf blocks that hold them.
 //!
-//! Queries never ask for them this way; normals and whoever draws a triangle do.
+//! Queries read whole blocks instead; this is for normals and for drawing.
 
 use super::keyed_leaf::KeyedLeaf;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
@@ -10,7 +10,7 @@ use crate::primitive::{Scene, Triangles};
 use glam::Vec3;
 
 impl WideTree {
-    /// The corners of a triangle at a time, bit for bit as queries see them. There are none where the tree is broken.
+    /// The corners of a triangle at a time, bit for bit as queries see them. NaN if the tree is damaged.
     pub fn corners(&self, set: &Triangles, id: u32, time: f32) -> [Vec3; 3] {
         self.corners_at(set, id, time).unwrap_or([Vec3::NAN; 3])
     }
@@ -43,7 +43,7 @@ impl WideTree {
         Some(core::array::from_fn(|i| time.position(begin[i], end[i])))
     }
 
-    /// The corners in a lane of rows of n.
+    /// The corners in one lane of nine rows of n floats each.
     fn own(&self, rows: usize, n: usize, lane: usize) -> [Vec3; 3] {
         [0, 3, 6].map(|row| self.place(rows + row * n, n, lane))
     }
@@ -54,7 +54,7 @@ impl WideTree {
         [0, 4, 8].map(|shift| self.place(rows, n, (vertices >> shift & 15) as usize))
     }
 
-    /// What three rows of n say in a lane.
+    /// The coordinates in one lane of three rows of n.
     fn place(&self, rows: usize, n: usize, lane: usize) -> Vec3 {
         Vec3::from([0, 1, 2].map(|axis| self.arena.floats()[rows + axis * n + lane]))
     }

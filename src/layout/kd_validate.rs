@@ -1,6 +1,6 @@
-//! Checking a finished tree: is it a tree, and is everything in it at every time?
+//! Checking a finished k-d tree: its links, and that every primitive is in every leaf it reaches at every sampled time.
 //!
-//! Used after builds in the tests, and for those who change the builder.
+//! For tests after builds, and for development of the builder.
 
 use crate::file::{FileError, broken, require};
 use crate::geometry::{Box3, TimeInterval, ULP};
@@ -9,26 +9,26 @@ use crate::mbkd::{BadLink, KdTree, KdView, check_links};
 use crate::primitive::PrimitiveSet;
 use core::fmt;
 
-/// What is wrong with a tree ([`RayTree::validate`](crate::RayTree::validate)). It would be a defect of this crate.
+/// A violation found in a tree by [`RayTree::validate`](crate::RayTree::validate). It would be a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum ValidationError {
-    /// A node is reached twice, never, or points outside the tree.
+    /// A node is reached twice, never, or links outside the tree.
     Links {
         /// The node.
         node: usize,
     },
-    /// The tree is deeper than it says or than a traversal can follow.
+    /// The tree is deeper than recorded, or deeper than a traversal can follow.
     Depth {
         /// Depth of a leaf.
         depth: usize,
     },
-    /// A leaf's references lie outside the array, overlap another leaf's, or name no primitive.
+    /// A leaf's references lie outside the array, overlap another leaf's, or have the id of no primitive.
     References {
         /// The leaf.
         node: usize,
     },
-    /// A primitive is in a leaf's cell at some time without a reference that counts then.
+    /// A primitive is in a leaf's cell at some time, but the leaf has no reference to it that is active then.
     Missing {
         /// The primitive's id.
         primitive: u32,
@@ -66,15 +66,15 @@ impl fmt::Display for ValidationError {
 
 impl std::error::Error for ValidationError {}
 
-/// Cells are shrunk by this before anything is missed in them: what only touches a face, give or take the rounding of
-/// clipping, may be on its other side.
+/// Cells are shrunk by this before primitives are looked for in them: a primitive that only touches a face, within the
+/// rounding of clipping, may be on the other side.
 const MARGIN: f32 = 128.0 * ULP;
-/// Times per primitive that are looked at, besides begin, middle and end.
+/// The number of sampled times per primitive, besides the beginning, middle and end.
 const TIMES: usize = 24;
 
 impl KdTree {
-    /// Checks links, depth, references, and at a number of times per primitive (among them those at which its
-    /// references begin and end) that every leaf whose cell it is in has it.
+    /// Checks links, depth and references, and at a number of times per primitive (among them those at which its
+    /// references begin and end) that every leaf whose cell it reaches has a reference to it.
     pub fn validate(&self, set: &impl PrimitiveSet) -> Result<(), ValidationError> {
         self.validate_links(set.len())?;
         let mut changes: Vec<(u32, f32)> = Vec::with_capacity(2 * self.references.len());
@@ -99,7 +99,7 @@ impl KdTree {
         Ok(())
     }
 
-    /// The tree, if queries can walk it.
+    /// Returns the tree if queries can traverse it safely.
     pub(crate) fn checked(self, primitives: usize) -> Result<KdTree, FileError> {
         require(self.depth as usize <= DEPTH_LIMIT, "it is too deep")?;
         require(!self.root.min.is_nan() && !self.root.max.is_nan(), "its bounds are no box")?;
@@ -111,7 +111,7 @@ impl KdTree {
         }
     }
 
-    /// Checks all that a traversal relies on.
+    /// Checks all invariants that a traversal relies on.
     fn validate_links(&self, primitives: usize) -> Result<(), ValidationError> {
         let depth = check_links(&self.nodes, self.references.len()).map_err(|wrong| match wrong {
             BadLink::Node(node) => ValidationError::Links { node },
@@ -131,7 +131,7 @@ impl KdTree {
         Ok(())
     }
 
-    /// Descends to all leaves that the primitive reaches into at one time.
+    /// Descends to all leaves that the primitive reaches at one time.
     fn find_missing(&self, set: &impl PrimitiveSet, id: u32, time: f32) -> Result<(), ValidationError> {
         let Some(instant) = TimeInterval::half_open(time, time.next_up()) else { return Ok(()) };
         let bounds = set.bounds(id, instant).begin;

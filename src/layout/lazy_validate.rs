@@ -1,4 +1,4 @@
-//! Checking a lazy tree: the coarse top, and the subtrees that are built.
+//! Checking a lazy tree: the coarse tree, and the subtrees built so far.
 
 use super::kd_validate::ValidationError;
 use super::lazy_tree::LazyTree;
@@ -10,8 +10,8 @@ use crate::simd::LANES;
 use glam::Vec3;
 
 impl LazyTree {
-    /// Checks that each primitive is in one subtree, that the coarse tree leads to every subtree by boxes that hold its
-    /// triangles at a number of times, and the subtrees that are built by now.
+    /// Checks that each primitive is in one subtree, that the coarse tree leads to every subtree through boxes that
+    /// hold its triangles at a number of times, and the subtrees built so far.
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
         let subtrees: Vec<u32> = (0..self.len() as u32).collect();
         self.top.validate_part(set, &subtrees)?;

@@ -1,4 +1,4 @@
-//! Writes leaf blocks: what a set of primitives stores of itself in the arena.
+//! Writing leaf blocks: the data of primitives in the arena.
 
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
@@ -7,24 +7,24 @@ use crate::time::TimeSlice;
 use core::ops::Range;
 use glam::Vec3;
 
-/// What the wide layout needs of a set of primitives beyond [`PrimitiveSet`].
+/// The requirements of the wide layout on a set of primitives, beyond [`PrimitiveSet`].
 pub(crate) trait WideSource: PrimitiveSet {
-    /// Whether there may be triangles, whose leaf blocks hold them (unless they are in f64); leaf blocks of other primitives are
-    /// lists of ids.
+    /// Whether the set may have triangles. Their corners are in leaf blocks (except for triangles in f64); leaf blocks
+    /// of other primitives are lists of ids.
     const TRIANGLES: bool;
     /// The triangles, whose ids come first.
     fn triangles(&self) -> Option<&Triangles>;
-    /// Whether leaves only name a primitive: not those triangles whose leaf blocks hold them.
+    /// Whether leaves only list the id of a primitive: false for triangles whose corners are in leaf blocks.
     fn is_listed(&self, id: u32) -> bool {
         let _ = id;
         true
     }
-    /// Drops what leaf blocks hold now.
+    /// Releases data that leaf blocks hold by now.
     fn written(&mut self) {}
-    /// Writes a leaf block for queries of a slice of the shutter; nothing where the arena is full.
+    /// Writes a leaf block for queries in a time slice; `None` if the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef>;
-    /// Writes the coordinates of a leaf block that begins at `words[0]` again; returns whether any of them changed. `ids`
-    /// are those in the block. Of a list of ids all that it lists may have changed.
+    /// Rewrites the coordinates of a leaf block that begins at `words[0]`; returns whether any of them changed. `ids`
+    /// are those in the block. All primitives of a list of ids count as changed.
     fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
         let _ = (words, leaf, ids);
         true
@@ -49,7 +49,7 @@ impl WideSource for Scene {
 
     #[inline]
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
-        // What is in a block is of one kind, since the build keeps kinds apart.
+        // All primitives of a block are of one kind, since the build separates kinds.
         match ids.first().is_some_and(|&id| self.is_listed(id)) {
             false => self.triangles.write_leaf(arena, ids, slice),
             true => write_list(arena, ids),
@@ -84,7 +84,7 @@ impl Triangles {
         ChildRef::new(kind, at, n)
     }
 
-    /// Writes the coordinates of a block again; returns whether any of them changed.
+    /// Rewrites the coordinates of a block; returns whether any of them changed.
     fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
         let shared = |rows: usize| Shared::again(self, ids, &words[rows * leaf.len()..], leaf.len());
         match leaf.kind() {
@@ -97,7 +97,7 @@ impl Triangles {
         }
     }
 
-    /// Writes the corners and sizes of a block in which each triangle has its own; returns whether any corner changed.
+    /// Writes the corners and sizes of a block without shared vertices; returns whether any corner changed.
     fn fill_own(&self, words: &mut [u32], ids: &[u32], keys: usize) -> bool {
         let n = ids.len();
         let (first_key, others) = words.split_at_mut(CORNER_ROWS * n);
@@ -129,9 +129,9 @@ impl Triangles {
     }
 }
 
-/// The different vertices of a few triangles.
+/// The distinct vertices of a few triangles.
 pub(super) struct Shared {
-    /// Their numbers, and how far apart their keys are.
+    /// Their indices, and the stride between their keys.
     vertices: Lanes<u32>,
     strides: Lanes<u32>,
     pub(super) count: usize,
@@ -140,10 +140,10 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    /// Nothing where there are too many, or as many as corners: then each triangle has its own.
+    /// Returns `None` if there are too many, or as many as corners: then the block has no shared vertices.
     pub(super) fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
-        // A bit for each vertex that was there, so that most of those that were not need not be looked for.
+        // A bit set of hashed vertices seen so far (a Bloom filter), so that most new vertices need no search.
         let mut seen = 0u64;
         for (corners, &id) in shared.corners.iter_mut().zip(ids) {
             let stride = set.stride(id) as u32;
@@ -170,8 +170,8 @@ impl Shared {
         (shared.count < 3 * ids.len()).then_some(shared)
     }
 
-    /// Of a block that was written of the same triangles; `numbers` begins with the row that numbers their vertices, of which
-    /// there are `count`.
+    /// Reconstructed from a block that was written for the same triangles; `numbers` begins with the row of vertex
+    /// numbers, and there are `count` vertices.
     pub(super) fn again(set: &Triangles, ids: &[u32], numbers: &[u32], count: usize) -> Shared {
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count, corners: [0; LANES] };
         for (&id, &corners) in ids.iter().zip(numbers) {
@@ -256,7 +256,7 @@ pub(super) fn write_corners(words: &mut [u32], n: usize, lane: usize, [a, b, c]:
     changed
 }
 
-/// Writes a number over a word; returns the bits that changed.
+/// Overwrites a word with a number; returns the bits that changed.
 #[inline(always)]
 fn replace(word: &mut u32, by: f32) -> u32 {
     let before = core::mem::replace(word, by.to_bits());

@@ -1,18 +1,18 @@
-//! Where the ids lie in leaf blocks of all kinds.
+//! The position of the ids in leaf blocks of all kinds.
 
 use super::keyed_leaf::KeyedLeaf;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
 
-/// Where the ids of a leaf block lie.
+/// The position of the ids of a leaf block.
 pub(crate) struct Ids {
-    /// The first, counted from the block's begin.
+    /// The first, relative to the beginning of the block.
     pub first: usize,
     pub count: usize,
 }
 
 impl Ids {
-    /// Of a block that begins at `words[0]`; `lists` says what the set's own leaves are. Nothing where the block is
-    /// not a whole leaf.
+    /// The position in a block that begins at `words[0]`; `lists` tells whether leaves of kind `OwnLeaf` are lists of
+    /// ids. `None` if the block is incomplete.
     pub fn of(leaf: ChildRef, words: &[u32], lists: bool) -> Option<Ids> {
         let len = leaf.len();
         if leaf.kind() == Kind::OwnLeaf && !lists {

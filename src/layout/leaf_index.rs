@@ -1,4 +1,4 @@
-//! Walks a finished tree once: how deep it is, what it holds, and in which leaf block each triangle is.
+//! Indexing a finished tree in one pass: its depth and counts, and the leaf block that holds each triangle.
 
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
@@ -18,25 +18,25 @@ struct Visit {
     depth: u32,
 }
 
-/// What is found in a subtree.
+/// The counts and leaves of a subtree.
 #[derive(Default)]
 struct Found {
     depth: u32,
     nodes: usize,
     moving_nodes: usize,
-    /// Leaf blocks; below time nodes perhaps some of them several times.
+    /// Leaf blocks; below time nodes some may occur several times.
     leaves: Vec<u32>,
     time_nodes: usize,
 }
 
-/// Subtrees that are walked in parallel, at least, where there are so many.
+/// The number of subtrees that are traversed in parallel, at least, if there are that many.
 const SUBTREES: usize = 128;
 
-/// So many leaf blocks ahead their ids are asked for.
+/// How many leaf blocks ahead ids are prefetched.
 const SOON: usize = 8;
 
 impl WideTree {
-    /// Counts, and says of each triangle in which leaf block it is.
+    /// Counts, and returns for each triangle the leaf block that holds it.
     pub(crate) fn index_leaves<S: WideSource>(&self, set: &S) -> (Counts, Vec<u32>) {
         let entries = set.triangles().map_or(0, |triangles| triangles.entries(self.slices));
         let nowhere = || {
@@ -49,7 +49,7 @@ impl WideTree {
         (counts, blocks.into_iter().map(AtomicU32::into_inner).collect())
     }
 
-    /// Counts without looking into leaves.
+    /// Counts without reading leaves.
     pub(super) fn counted_nodes(&self) -> Counts {
         let Found { depth, nodes, moving_nodes, leaves, .. } = self.walked();
         Counts { depth, nodes, moving_nodes, leaves: leaves.len(), ..Counts::default() }
@@ -60,7 +60,7 @@ impl WideTree {
         self.count(set, &self.walked(), &[])
     }
 
-    /// Counts, and writes down where triangles are unless there are no `blocks`.
+    /// Counts, and records the block of each triangle unless `blocks` is empty.
     fn count<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> Counts {
         let (references, still_references) = self.find_blocks(set, found, blocks);
         let &Found { depth, nodes, moving_nodes, time_nodes, .. } = found;
@@ -68,12 +68,12 @@ impl WideTree {
         Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, still_references }
     }
 
-    /// All nodes counted, all leaf blocks noted.
+    /// The counts of all nodes, and all leaf blocks.
     fn walked(&self) -> Found {
         let mut all = Found::default();
         let mut visits = Vec::new();
         self.meet(Visit { at: self.root, depth: 0 }, &mut all, &mut visits);
-        // Level by level, until there are enough of them.
+        // Breadth first, until there are enough subtrees.
         while visits.len() < SUBTREES && !visits.is_empty() {
             let mut below = Vec::new();
             visits.into_iter().for_each(|visit| self.visit(visit, &mut all, &mut below));
@@ -100,7 +100,7 @@ impl WideTree {
         all
     }
 
-    /// Counts a node and meets its children.
+    /// Counts a node and adds its children.
     fn visit(&self, Visit { at, depth }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         found.nodes += 1;
         found.moving_nodes += usize::from(at.kind() == Kind::Node);
@@ -110,7 +110,7 @@ impl WideTree {
         }
     }
 
-    /// Notes a leaf block, without looking into it, or a node that is to be visited.
+    /// Records a leaf block, without reading it, or adds a node to be visited.
     fn meet(&self, visit: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         let Visit { at, depth } = visit;
         if at == ChildRef::NOTHING {
@@ -131,7 +131,7 @@ impl WideTree {
         below.push(visit);
     }
 
-    /// Asks for the ids of a leaf block, or for what says where they are: of large trees they come from memory.
+    /// Prefetches the ids of a leaf block, or the header that locates them: in large trees they come from memory.
     fn expect_ids(&self, block: u32) {
         let block = ChildRef(block);
         let rows = match block.kind() {
@@ -145,9 +145,9 @@ impl WideTree {
         self.arena.prefetch(block.at() + rows * block.len(), 2);
     }
 
-    /// Writes down a leaf block for each triangle, and returns how many primitives there are in all blocks together, and in
-    /// those of triangles that stand still. Of several blocks that may have one it is the first, so that it does not matter who
-    /// looks where.
+    /// Records a leaf block for each triangle, and returns the number of references in all blocks together, and in
+    /// those of static triangles. If several blocks hold a triangle the first is recorded, so that the result does not
+    /// depend on the threads.
     fn find_blocks<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> (usize, usize) {
         let several = self.presplit || found.time_nodes > 0;
         let references = parallel::chunks(found.leaves.len(), |range| {
@@ -182,7 +182,7 @@ impl WideTree {
         references.into_iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
     }
 
-    /// The slices of the shutter for which a leaf block has all keys; those of other blocks, which have all there are, count as one.
+    /// The time slices for which a leaf block has all keys; `0..1` for blocks that have the keys of the whole shutter.
     fn slices_of(&self, leaf: ChildRef) -> Range<usize> {
         if leaf.kind() != Kind::OwnLeaf {
             return 0..1;
@@ -193,7 +193,7 @@ impl WideTree {
         first..(first..self.slices).take_while(held).last().map_or(first, |last| last + 1)
     }
 
-    /// The figures of the tree.
+    /// The statistics of the tree.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
         let Counts { depth, nodes, leaves, references, time_nodes, still_references, .. } = self.counts;
         let duplicates = references - set.len().min(references);

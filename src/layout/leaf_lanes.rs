@@ -5,12 +5,12 @@ use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
 use crate::geometry::KeyTime;
 use crate::simd::{Arena, Rows, Simd, lanes_at};
 
-/// The corners of up to sixteen triangles. What is in lanes beyond their number is unspecified.
+/// The corners of up to sixteen triangles. Lanes beyond their number are unspecified.
 pub(crate) struct CornerLanes<S: Simd> {
     /// Three corners, three coordinates each.
     pub corners: [[S::F; 3]; 3],
     pub count: usize,
-    /// The word at which their ids begin.
+    /// The first word of their ids.
     pub ids: usize,
 }
 
@@ -37,7 +37,7 @@ impl<S: Simd> CornerLanes<S> {
         }
     }
 
-    /// Of triangles with corners of their own: where their rows begin, how long these are, and where the ids begin.
+    /// For triangles without shared vertices: the beginning and length of the rows, and the beginning of the ids.
     #[inline(always)]
     fn own<const MOVING: bool>(
         s: S,
@@ -63,7 +63,8 @@ impl<S: Simd> CornerLanes<S> {
         CornerLanes { corners: [first, second, third], count: n, ids }
     }
 
-    /// Of triangles that share vertices: where their rows begin, how long these are, and where their vertices' numbers do.
+    /// For triangles with shared vertices: the beginning and length of the rows, and the beginning of the vertex
+    /// numbers.
     #[inline(always)]
     fn shared<const MOVING: bool>(
         s: S,
@@ -93,18 +94,18 @@ impl<S: Simd> CornerLanes<S> {
 
 /// A time between two keys, as leaf blocks use it: from the nearer key towards the other.
 ///
-/// `b + s (b - a)` with negative `s` is `b + (-s) (a - b)` bit for bit, since changing both signs of a
-/// product changes nothing. So both halves of a segment read two rows, in one order or the other.
+/// `b + s (b - a)` with negative `s` is `b + (-s) (a - b)` bit for bit, since changing both signs of a product changes
+/// nothing. So both halves of a segment read two rows, in one order or the other.
 #[derive(Clone, Copy)]
 pub(crate) struct Between {
-    /// Whether the later key is the nearer.
+    /// Whether the later key is the nearer one.
     from_end: bool,
-    /// How far to go, in [0, 1/2].
+    /// The fraction of the segment, from the nearer key, in [0, 1/2].
     pub(crate) fraction: f32,
 }
 
 impl Between {
-    /// For what stands still.
+    /// For static geometry.
     pub(crate) const NEVER: Between = Between { from_end: false, fraction: 0.0 };
 
     #[inline(always)]
@@ -112,7 +113,7 @@ impl Between {
         Between { from_end: keys.from_end, fraction: if keys.from_end { -keys.s } else { keys.s } }
     }
 
-    /// First row at the nearer key, and at the other, where a key has so many rows.
+    /// The first row of the nearer key, and of the other, if a key has this many rows.
     #[inline(always)]
     pub(crate) fn rows(self, per_key: usize) -> (usize, usize) {
         let base = per_key * usize::from(self.from_end);

@@ -1,18 +1,19 @@
-//! The wide layout: its nodes and leaf blocks, and how they are written. Figures and validation of both trees.
+//! The wide layout: its nodes and leaf blocks, and how they are written. Statistics and validation of both kinds of
+//! trees.
 //!
-//! The wide tree has sixteen-way nodes with boxes that move linearly, and leaf blocks of up to sixteen
-//! primitives, all in one arena. The picture to have in mind: a node is twelve rows of sixteen floats (lower and upper
-//! faces at time 0, and how fast each moves) and a row of references to its children; one SIMD step tests a ray against
-//! all sixteen boxes at the ray's own time. Where nothing moves the six velocity rows are left out. A leaf
-//! block holds its triangles' corners in rows too, at both ends of their motion, and is tested in one
-//! step; where triangles share vertices it holds each vertex once. A time node picks one child by the ray's time, and
-//! may stand anywhere in the tree; its children may share leaf blocks.
+//! The wide tree has sixteen-way nodes with boxes that move linearly, and leaf blocks of up to sixteen primitives, all
+//! in one arena. The picture to have in mind: a node is twelve rows of sixteen floats (lower and upper faces at time 0,
+//! and their velocities) and a row of references to its children; one SIMD step tests a ray against all sixteen boxes
+//! at the ray's own time. Static nodes have no velocity rows. A leaf block holds its triangles' corners in rows too, at
+//! both ends of their motion, and is tested in one step; if triangles share vertices it holds each vertex once. A time
+//! node selects one child by the ray's time, and may stand anywhere in the tree; its children may share leaf blocks.
 //!
-//! Of a lazy tree (`lazy_tree`) the nodes near the root are written at once, and each subtree below them when a query wants it.
+//! Of a lazy tree (`lazy_tree`) the nodes near the root are written at once, and each subtree below them when a query
+//! first enters it.
 //!
-//! A draft (`crate::time`) is written as `wide_node` and `leaf_block` say (`wide_builder`, `write`) and put together
-//! (`serialize`). Then the tree is walked once (`leaf_index`): leaf blocks are the only place where corners are kept, and
-//! whoever wants those of a triangle finds them there (`corners`).
+//! A draft (`crate::time`) is written (`wide_builder`, `write`) in the format of `wide_node` and `leaf_block`, and
+//! assembled (`serialize`). Then the tree is indexed in one pass (`leaf_index`): corners are stored in leaf blocks
+//! only, and those of a single triangle are found there (`corners`).
 
 mod corners;
 mod kd_validate;

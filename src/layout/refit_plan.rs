@@ -1,7 +1,7 @@
-//! How a tree is taken apart for refitting: into subtrees that lie together in the arena, so that threads can write them side
-//! by side, and the nodes above them.
+//! The plan of a refit: a partition of the tree into subtrees that are contiguous in the arena, so that threads can
+//! write them concurrently, and the nodes above them.
 //!
-//! Where the shutter is divided into segments, these share leaf blocks. Those lie apart, and are dealt with first.
+//! The hierarchies of time slices may share leaf blocks (*segments*). Those are stored apart, and are rewritten first.
 
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
@@ -13,18 +13,18 @@ use crate::simd::LANES;
 use crate::time::time_slice;
 use core::ops::Range;
 
-/// A subtree that lies together.
+/// A subtree that is contiguous in the arena.
 pub(crate) struct Unit {
     pub root: ChildRef,
-    /// Its place in the arena.
+    /// Its words in the arena.
     pub words: Range<usize>,
-    /// The time for which its boxes are.
+    /// The time interval of its boxes.
     pub over: TimeInterval,
-    /// Which shared leaf blocks it has, if any.
+    /// The index of its shared leaf blocks, if it has any.
     pub shared: Option<usize>,
-    /// The meshes in it by their numbers modulo 64.
+    /// The meshes in it, as a bit set of their indices modulo 64.
     pub meshes: u64,
-    /// The sum of price times area, when it was last looked at.
+    /// The sum of cost times area when it was last visited.
     pub cost: f64,
 }
 
@@ -35,14 +35,14 @@ pub(crate) struct Above {
     pub shared: Option<usize>,
 }
 
-/// The leaf blocks that the parts of a time node have in common, in the order of the arena.
+/// The leaf blocks that the time slices of a time node share, in the order of the arena.
 pub(crate) struct SharedLeaves {
     pub leaves: Vec<ChildRef>,
     pub words: Range<usize>,
     pub meshes: u64,
 }
 
-/// A tree taken apart, as its first refit finds it.
+/// The partition of a tree, made by its first refit.
 #[derive(Default)]
 pub(crate) struct Plan {
     pub units: Vec<Unit>,
@@ -58,13 +58,13 @@ pub(super) fn mesh_bit(mesh: usize) -> u64 {
     1 << (mesh % 64)
 }
 
-/// Lines of a unit at most: some five hundred triangles, few enough that what stands still beside what moves is left
-/// alone, and enough that hardly a node is above.
+/// The greatest number of lines of a unit: some five hundred triangles, few enough that static geometry beside moving
+/// geometry is skipped, and enough that hardly any node is above the units.
 const LINES: usize = 512;
 
-/// What is known of a subtree.
+/// The extent of a subtree in the arena.
 struct Extent {
-    /// From its first word to behind its last one; of nothing the first comes behind the last.
+    /// From its first word to the end of its last one; empty if `begin` is after `end`.
     begin: usize,
     end: usize,
     lines: usize,
@@ -74,7 +74,7 @@ struct Extent {
 }
 
 impl Plan {
-    /// Of a finished tree. Looks at every block.
+    /// The plan for a finished tree. Visits every block.
     pub fn of<S: WideSource>(tree: &WideTree, set: &S) -> Plan {
         let mut plan = Plan::default();
         if tree.root != ChildRef::NOTHING && !tree.root.kind().is_leaf() {
@@ -84,7 +84,7 @@ impl Plan {
         plan
     }
 
-    /// Makes a subtree a unit, unless there are units in it already.
+    /// Makes a subtree a unit, unless it contains units already.
     fn close(&mut self, root: ChildRef, extent: Extent, over: TimeInterval, shared: Option<usize>) {
         if extent.open && !root.kind().is_leaf() {
             self.units.push(Unit {
@@ -98,7 +98,7 @@ impl Plan {
         }
     }
 
-    /// The recursion is as deep as the tree.
+    /// The extent of a subtree. The recursion is as deep as the tree.
     fn explore<S: WideSource>(
         &mut self,
         tree: &WideTree,
@@ -124,7 +124,7 @@ impl Plan {
             all.open &= extent.open;
             below.push((child, extent));
         }
-        // As many lines as from the first to the last: then nothing else lies between them.
+        // The subtree is contiguous if it has as many lines as its extent.
         all.open &= all.lines <= LINES && all.lines * LANES == all.end - all.begin;
         if !all.open {
             below.into_iter().for_each(|(child, extent)| self.close(child, extent, over, shared));
@@ -168,7 +168,7 @@ impl Plan {
     }
 }
 
-/// The leaf blocks of a part of the shutter.
+/// The leaf blocks of one time slice.
 fn leaves(tree: &WideTree, of: ChildRef) -> Vec<ChildRef> {
     let (mut leaves, mut stack) = (Vec::new(), vec![of]);
     while let Some(at) = stack.pop() {

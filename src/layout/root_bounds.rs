@@ -1,16 +1,16 @@
-//! Where a finished tree is during the shutter, told from the boxes of its root.
+//! Bounds of a finished tree during the shutter, from the boxes of its root.
 
 use super::wide_node::{ChildRef, Kind};
 use super::wide_tree::WideTree;
 use crate::geometry::{Aabb, Box3, Frame, LinearBounds};
 
 impl WideTree {
-    /// Linear bounds over the shutter of all there is, in world space, as wide as queries see them; nothing where the root
-    /// has no boxes.
+    /// Linear bounds of all primitives over the shutter, in world space, as wide as queries see them; `None` if the
+    /// root has no boxes.
     ///
-    /// Faces of a node move on lines, and so the least box around all of a node's boxes lies inside the line between its
-    /// first and its last state. Under a time node that holds over each part; the whole is the line between the ends of the
-    /// shutter, shifted to hold the ends of all parts.
+    /// Faces of a node move on lines, and so the box around all of a node's boxes lies inside the linear interpolation
+    /// between its first and its last state. Under a time node that holds for each slice; the whole is the
+    /// interpolation between the ends of the shutter, shifted to hold the boxes at the ends of all slices.
     pub(crate) fn linear_bounds(&self, frame: &Frame) -> Option<LinearBounds> {
         if self.root.kind() != Kind::Time {
             return self.node_bounds(self.root, [0.0, 1.0], frame);
@@ -29,7 +29,7 @@ impl WideTree {
         Some(all)
     }
 
-    /// The same of each of the root's children, where the root is a node.
+    /// Linear bounds of each of the root's children, if the root is a node.
     pub(crate) fn bounds_of_children(&self, frame: &Frame) -> Option<Vec<LinearBounds>> {
         if self.root == ChildRef::NOTHING || !matches!(self.root.kind(), Kind::Node | Kind::StillNode) {
             return None;

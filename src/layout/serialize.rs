@@ -1,8 +1,8 @@
-//! Puts together what several threads write.
+//! Assembling the output of several threads in a fixed order.
 //!
-//! Each task is written into an arena of its own that stays in the cache. As soon as all before it are in place it is
-//! put behind them, and the references in its nodes are moved along: the order is that of the tasks, whoever wrote
-//! them. A small arena whose blocks are in place is written over by the next task.
+//! Each task is written into an arena of its own that stays in the cache. As soon as all tasks before it are in place
+//! it is appended, and the references in its nodes are relocated: the order is that of the tasks, whichever thread
+//! wrote them. A small arena whose blocks are in place is reused by the next task.
 
 use super::wide_node::{ChildRef, NODE_ROWS, children_mut};
 use crate::error::BuildError;
@@ -11,17 +11,17 @@ use crate::simd::{Arena, LANES};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// At most so many tasks, and no more than every fourth, are written first. They tell how much room all of them take;
-/// the fewer they are, the more is put in place while it is in the cache.
+/// The number of tasks, at most, and no more than every fourth, that are written first to estimate the size of all of
+/// them. The fewer they are, the more blocks are copied while they are in the cache.
 const FIRST: usize = 16;
 
-/// Blocks written apart, not yet in their place.
+/// Blocks in an arena of their own, not yet in place.
 #[derive(Default)]
 pub(crate) struct Fragment {
     pub arena: Arena,
     /// The nodes in it.
     pub nodes: Vec<ChildRef>,
-    /// What is asked for above: the root of a subtree, or leaf blocks.
+    /// The blocks that the caller wants to know: the root of a subtree, or leaf blocks.
     pub tops: Vec<ChildRef>,
 }
 
@@ -33,26 +33,27 @@ impl Fragment {
     }
 }
 
-/// What is written apart and waits for its turn, and what can be written over.
+/// Fragments that wait for those before them, and fragments to be reused.
 struct Waiting {
     done: Vec<Option<Fragment>>,
     spare: Vec<Fragment>,
 }
 
-/// Where things are put in order.
+/// The final arena, and the state of assembly.
 struct InOrder<'a> {
     arena: &'a mut Arena,
-    /// How large the tasks are, relative to each other.
+    /// Relative sizes of the tasks.
     sizes: &'a [u32],
     next: usize,
     tops: Vec<ChildRef>,
-    /// Words, and sizes, of what is in place.
+    /// Words, and relative sizes, of the tasks that are in place.
     words: usize,
     placed: f64,
 }
 
 impl InOrder<'_> {
-    /// Puts in place all whose turn it is. Children that are not `inside` lie in the arena already.
+    /// Appends all fragments whose turn has come. Children that are not `inside` a fragment are in the final arena
+    /// already.
     fn put(&mut self, waiting: &Mutex<Waiting>, inside: &dyn Fn(ChildRef) -> bool) -> Result<(), BuildError> {
         loop {
             let ready = locked(waiting).done.get_mut(self.next).and_then(Option::take);
@@ -61,7 +62,7 @@ impl InOrder<'_> {
             self.words += words;
             self.placed += f64::from(self.sizes[self.next]);
             if self.arena.room() < words {
-                // Less was expected. By now what is in place tells what the rest takes.
+                // The estimate was too low. Extrapolate from the tasks that are in place.
                 let rest = total(&self.sizes[self.next + 1..]) * (self.words as f64 / self.placed.max(1.0));
                 self.arena.reserve_exact(words + (rest * SPARE) as usize + above(self.sizes.len()));
             }
@@ -85,7 +86,7 @@ impl InOrder<'_> {
     }
 }
 
-/// What is reserved, relative to what is expected.
+/// Reserved words relative to the estimate.
 const SPARE: f64 = 1.015;
 
 /// The sum of sizes.
@@ -93,21 +94,21 @@ fn total<'a>(sizes: impl IntoIterator<Item = &'a u32>) -> f64 {
     sizes.into_iter().map(|&size| f64::from(size)).sum()
 }
 
-/// Words of the nodes above so many subtrees, at most about.
+/// An upper estimate of the words of the nodes above so many subtrees.
 fn above(subtrees: usize) -> usize {
     (subtrees / 4 + 1) * NODE_ROWS * LANES
 }
 
 fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What panicked elsewhere goes on doing so there.
+    // A panic in another thread is propagated there.
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Writes tasks apart and puts them in place in order; returns what is asked for above. `sizes` says how large they are,
-/// relative to each other, and `inside` which children of nodes are written with them.
+/// Writes tasks separately and appends them in order; returns the top blocks. `sizes` are the relative sizes of the
+/// tasks, and `inside` tells which children of nodes are written with them.
 ///
-/// Each thread takes the next task, writes it over one that is in place already, and puts what is ready in place, unless
-/// another one is doing that: so little waits, and what is copied is still in the caches.
+/// Each thread takes the next task, writes it into a fragment to be reused, and appends the fragments that are ready,
+/// unless another thread is doing that: so few fragments wait, and data is copied while it is still in the caches.
 pub(crate) fn write_in_order(
     arena: &mut Arena,
     sizes: &[u32],

@@ -1,9 +1,9 @@
-//! What a build made, in numbers.
+//! Sizes and counts of a finished tree.
 
 use crate::mbkd::{BuildTimes, KdReference, KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 
-/// Figures of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)).
+/// Sizes and counts of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Statistics {
     /// Primitives in the tree.
@@ -21,25 +21,27 @@ pub struct Statistics {
     /// Share of the references that are duplicates: references beyond the first of each primitive, divided by
     /// all references.
     pub duplicates: f64,
-    /// Share of the references that count for a part of their primitive's time only, of all references.
+    /// Share of the references whose time interval is a part of their primitive's, of all references.
     pub timed: f64,
-    /// Share of the building time spent in duplication: handing the Normal references of a node to its children.
+    /// Share of the build time spent in duplication: distributing the Normal references of a node to its children.
     pub duplication_time: f64,
-    /// Share of the building time spent in propagation: handing on the BP references.
+    /// Share of the build time spent in propagation: distributing the BP references.
     pub propagation_time: f64,
-    /// Vertex positions of all meshes, over all keys, as they were given.
+    /// Vertex positions of all meshes, over all keys, as given to the build.
     pub positions: usize,
-    /// Those of them that are kept: keys on the straight line between others are not, nor keys of what stands still.
+    /// Those of them that are stored: keys on the straight line between others are removed, and so are keys of static
+    /// vertices.
     pub kept_positions: usize,
-    /// References to triangles that stand still, in leaf blocks without motion (wide trees).
+    /// References to static triangles, in leaf blocks without motion (wide trees).
     pub still_references: usize,
-    /// Subtrees that are divided in time: nodes that pick a child by the time of the query (wide trees).
+    /// Temporal splits: nodes that select a child by the time of the query (wide trees).
     pub time_nodes: usize,
     /// Subtrees that are built when a query first enters them ([`Policy::Lazy`](crate::Policy::Lazy)); 0 in other trees.
     pub subtrees: usize,
-    /// Those of them that are built. Nodes, leaves, references and bytes are of these, and of what is above them.
+    /// Those of them that are built. Nodes, leaves, references and bytes are those of built subtrees and of the coarse
+    /// tree.
     pub built_subtrees: usize,
-    /// Expected cost of a ray, relative to that of the tree as it was built: 1, and mostly more after a refit
+    /// Expected cost of a ray, relative to that of the tree as it was built: 1, and usually more after a refit
     /// ([`Refit::cost`](crate::Refit::cost)).
     pub cost: f64,
     /// Bytes allocated for the tree.

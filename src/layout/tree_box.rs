@@ -1,4 +1,4 @@
-//! The boxes of a finished tree at one time, for whoever wants to see them.
+//! The boxes of a finished tree at one time, for drawing and inspection.
 
 use super::wide_node::{ChildRef, Kind};
 use super::wide_tree::WideTree;
@@ -9,17 +9,17 @@ use glam::Vec3;
 /// The box around a node or leaf block of a [`RayTree`](crate::RayTree) at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TreeBox {
-    /// How many nodes lie above it; at least 1, since the root has no box.
+    /// The number of nodes above it; at least 1, since the root has no box.
     pub level: u32,
     /// Whether it is around a leaf block.
     pub leaf: bool,
-    /// Where it is, in world space.
+    /// The box, in world space.
     pub bounds: Aabb,
 }
 
 impl WideTree {
-    /// Calls `visitor` with every box that a ray of that time might be tested against, and with what is in it; `level` is that
-    /// of the children of the root.
+    /// Calls `visitor` with every box that a ray of that time might be tested against, and with the block in it;
+    /// `level` is that of the children of the root.
     pub fn boxes(&self, time: f32, frame: Frame, level: u32, visitor: &mut impl FnMut(TreeBox, ChildRef)) {
         let mut stack = vec![(self.root, level)];
         while let Some((at, level)) = stack.pop() {

@@ -1,9 +1,9 @@
-//! From primitives to the wide layout.
+//! The build of a wide tree from primitives.
 //!
-//! Triangles that leaf blocks hold are one group, those that leaves only name another, other primitives the third. Every group
-//! is first drafted: the binary tree and its collapse are made (`time/draft.rs`), and it is decided which of its subtrees
-//! divide the shutter (`time/choose.rs`). Those are written first, each below a time node of its own; then the rest, in
-//! which they are children like leaf blocks.
+//! There are three groups of primitives: triangles stored in leaf blocks, triangles that leaves only list, and other
+//! primitives. Every group is first drafted: the binary tree and its collapse are made (`time/draft.rs`), and the
+//! subtrees that get a temporal split are chosen (`time/choose.rs`). Those are written first, each below a time node of
+//! its own; then the rest of the tree, in which they are children like leaf blocks.
 
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
@@ -25,15 +25,15 @@ use crate::time::{
 use crate::tuning::lazy::{LEAST_SAMPLE, SAMPLED};
 use glam::Vec3;
 
-/// A subtree that is written: where it is over the whole shutter, and its root.
+/// A written subtree: its bounds over the whole shutter, and its root.
 struct Subtree {
     bounds: LinearBox3,
     root: ChildRef,
 }
 
 impl WideTree {
-    /// Builds over all primitives of a set within the bytes that the parameters allow. Progress is told, and cancelling
-    /// noticed, after each draft and each written group.
+    /// Builds over all primitives of a set within the bytes that the parameters allow. Progress is reported, and
+    /// cancellation noticed, after each draft and each written group.
     pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let mut held = huge_vec(set.len());
         parallel::fill(&mut held, set.len(), |id| id as u32);
@@ -49,10 +49,10 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds over some primitives, neighbours mostly behind each other, by one thread; where single triangles lie is not written
-    /// down.
+    /// Builds over some primitives, mostly in spatial order, on one thread; the leaf blocks of single triangles are not
+    /// recorded.
     ///
-    /// It may weigh more than the parameters allow. An error only beyond what [`most_in_part`] says.
+    /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_part`].
     pub(super) fn part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
         parallel::alone(|| {
             let division = match params.division {
@@ -65,7 +65,7 @@ impl WideTree {
         })
     }
 
-    /// The same over sorted ids.
+    /// [`WideTree::part`] over sorted ids.
     fn sorted_part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
         let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
         let [named, others] = apart(set, &listed);
@@ -76,7 +76,7 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds over three groups of primitives what fits the bytes that are allowed, or else takes the fewest.
+    /// Builds over three groups of primitives within the allowed bytes, or else with as few as possible.
     fn fitted<S: WideSource>(
         set: &S,
         ids: [&[u32]; 3],
@@ -85,7 +85,8 @@ impl WideTree {
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
         let mut tree = WideTree::unlimited(set, ids, params, progress)?;
-        // What the choices expected was too little: again with less, the last time without splitting and division.
+        // The estimates of the choices were too low: try again with less, the last time without pre-splitting and
+        // temporal splits.
         for attempt in 0..ATTEMPTS {
             let bytes = tree.arena.bytes();
             if bytes <= budget || params.division.is_forced() {
@@ -102,7 +103,7 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds over three groups of primitives whatever it weighs.
+    /// Builds over three groups of primitives without a limit.
     fn unlimited<S: WideSource>(
         set: &S,
         ids: [&[u32]; 3],
@@ -118,7 +119,7 @@ impl WideTree {
         for (group, ids) in ids.into_iter().enumerate().filter(|(_, ids)| !ids.is_empty()) {
             let share = ids.len() as f64 / all;
             if group > 0 {
-                // What is written from now on.
+                // All blocks written from now on are lists.
                 tree.lists = tree.lists.min(tree.arena.len());
             }
             parts.push(tree.group(set, ids, params, &|done| step(progress, share * done))?);
@@ -129,7 +130,7 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds primitives of one group.
+    /// Builds over the primitives of one group.
     fn group<S: WideSource>(
         &mut self,
         set: &S,
@@ -145,7 +146,7 @@ impl WideTree {
         let regions = regions(set, &draft, params);
         step(0.25)?;
         if let [Region { node: 0, division: Division::Copies(copies), .. }] = regions[..] {
-            // The draft goes before the copies come: one at a time takes less memory.
+            // The draft is dropped before copies are made: holding one at a time takes less memory.
             drop(draft);
             let params = params_of_copies(params, copies);
             return self.copies(set, ids, copies, &params, &|done| step(0.25 * done));
@@ -179,7 +180,7 @@ impl WideTree {
         Ok(part)
     }
 
-    /// Builds a tree for each of equal parts of the shutter.
+    /// Builds a separate tree for each of equal time slices.
     fn copies<S: WideSource>(
         &mut self,
         set: &S,
@@ -195,7 +196,7 @@ impl WideTree {
             let before = self.arena.len();
             written.push(self.write_draft(set, &draft, &[])?);
             if index == 0 {
-                // The others will be about as large; growing step by step would hold most of it twice.
+                // The others will have about the same size; growing step by step would hold most of it twice.
                 self.arena.reserve((self.arena.len() - before) * (copies - 1) / 50 * 51);
             }
             step(1.0 / copies as f64)?;
@@ -203,12 +204,12 @@ impl WideTree {
         self.over_time(written)
     }
 
-    /// Puts a time node above trees for equal parts of the shutter.
+    /// Puts a time node above trees for equal time slices.
     fn over_time(&mut self, mut parts: Vec<Subtree>) -> Result<Subtree, BuildError> {
         if parts.len() == 1 {
             return Ok(parts.remove(0));
         }
-        // A line over a part says nothing outside it, so above the time node there are swept boxes.
+        // Linear bounds of a slice are not valid outside it, so above the time node the boxes are swept.
         let swept = parts.iter().map(|p| p.bounds.swept()).reduce(|a, b| a.union(b));
         let roots: Vec<ChildRef> = parts.iter().map(|p| p.root).collect();
         let root = write_time(&mut self.arena, &roots)?;
@@ -216,7 +217,7 @@ impl WideTree {
         Ok(Subtree { bounds, root })
     }
 
-    /// Writes what is drafted; `replaced` are subtrees that are written already, with their first references, in order.
+    /// Writes a draft; `replaced` are subtrees that are written already, with their first references, in order.
     fn write_draft<S: WideSource>(
         &mut self,
         set: &S,
@@ -225,7 +226,7 @@ impl WideTree {
     ) -> Result<Subtree, BuildError> {
         self.presplit |= draft.presplit;
         let leaves = |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| {
-            // What is too large for a block is a replaced subtree; those come first.
+            // A node that is too large for a block is a replaced subtree; those come first.
             let large = of.iter().take_while(|node| node.count as usize > COST_MODEL.most).count();
             for (node, root) in of[..large].iter().zip(&mut *blocks) {
                 let at = replaced.binary_search_by_key(&node.first, |g| g.0);
@@ -282,21 +283,21 @@ impl WideTree {
     }
 }
 
-/// Sorted ids of what leaves only name: triangles, and what is none.
+/// Splits sorted ids of listed primitives: triangles, and others.
 fn apart<'a, S: WideSource>(set: &S, listed: &'a [u32]) -> [&'a [u32]; 2] {
     let triangles = set.triangles().map_or(0, Triangles::len);
     let (named, others) = listed.split_at(listed.partition_point(|&id| (id as usize) < triangles));
     [named, others]
 }
 
-/// Builds after the first that are tried where a tree is larger than allowed.
+/// Further builds that are tried if a tree is larger than allowed.
 const ATTEMPTS: usize = 2;
 
-/// Bytes that every tree may have besides: of the smallest, nodes are hardly filled.
+/// Bytes that every tree may use in addition: the nodes of tiny trees are mostly empty.
 const LEAST_BYTES: usize = 8192;
 
-/// How the shutter is divided best for some of a part's primitives that are neighbours: to try it with all would take several times
-/// as long as to build the part.
+/// The best temporal split for a sample of neighbouring primitives of a part: trying it with all of them would take
+/// several times as long as building the part.
 fn sampled_division<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Division {
     let count = (ids.len() / SAMPLED).max(LEAST_SAMPLE).min(ids.len());
     let draft = draft_tree(set, &ids[..count], TimeSlice::WHOLE, params, None);
@@ -306,7 +307,7 @@ fn sampled_division<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) ->
     }
 }
 
-/// What a tree may weigh: what is allowed for each primitive, and the positions at keys beyond the second.
+/// The allowed size of a tree: the bytes per primitive, and the positions at keys beyond the second.
 fn allowed_bytes(params: &WideParams, primitives: usize, further_key_bytes: usize) -> usize {
     let bytes = f64::from(params.bytes_per_primitive) * primitives as f64;
     bytes as usize + further_key_bytes + LEAST_BYTES
@@ -317,15 +318,15 @@ fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
     (set.leaf_kind(id) as usize).saturating_sub(2) * size_of::<[Vec3; 3]>()
 }
 
-/// The most primitives of a set that are certainly not too large for one tree ([`WideTree::part`]), whatever the parameters are:
-/// each cut into as many references as are allowed, with as many copies of them as there can be, of 256 bytes and the keys.
+/// A number of primitives that certainly fits one tree ([`WideTree::part`]), whatever the parameters are: each split
+/// into as many references as are allowed, with as many copies as there can be, of 256 bytes and the keys each.
 pub(super) fn most_in_part<S: WideSource>(set: &S) -> usize {
     const REFERENCES: usize = 8 * MAX_TIME_SLICES;
     let bent = if set.bent() { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
     ((1 << 31) / REFERENCES / (256 + bent.unwrap_or(0))).max(1)
 }
 
-/// Says that a fraction of a group is done; an error where the build was cancelled.
+/// Reports the finished fraction of a group; an error if the build was cancelled.
 pub(crate) type Step<'a> = &'a dyn Fn(f64) -> Result<(), BuildError>;
 
 pub(super) fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
@@ -333,7 +334,7 @@ pub(super) fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
     if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
 }
 
-/// Writes leaf blocks. Of large scenes their primitives come from memory, so the next ones are asked for early.
+/// Writes leaf blocks. In large scenes their primitives come from memory, so the next ones are prefetched.
 fn leaf_blocks<S: WideSource>(
     arena: &mut Arena,
     set: &S,
@@ -349,14 +350,14 @@ fn leaf_blocks<S: WideSource>(
             *id = r.id();
         }
         let ids = &mut ids[..of.len()];
-        // Sorted, so that a block does not depend on the order in which the build met its primitives.
+        // Sorted, so that a block does not depend on the order of references in the build.
         ids.sort_unstable();
         *block = set.write_leaf(arena, distinct(ids), draft.slice).ok_or(BuildError::TooLargeTree)?;
     }
     Ok(())
 }
 
-/// The sorted ids without repetitions: parts of one primitive may meet in a leaf block again.
+/// The sorted ids without duplicates: several sub-references of one primitive may be in one leaf block.
 fn distinct(ids: &mut [u32]) -> &[u32] {
     let mut n = 0;
     for i in 0..ids.len() {

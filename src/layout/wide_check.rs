@@ -1,9 +1,10 @@
-//! Checking a tree that comes from elsewhere: may queries walk it?
+//! Checking a tree that was read from a file, before queries traverse it.
 //!
-//! Queries trust a tree. They follow references without looking where these lead, they have a stack just as deep as the
-//! tree, and boxes tell them which lanes of a node have a child. A build gives such trees; a file may hold anything. So
-//! before the first query every block is visited once, and everything is looked at that a query would stumble over. What
-//! boxes and corners *say* is not: wrong ones make wrong answers ([`WideTree::validate`] finds those), not panics.
+//! Queries trust a tree. They follow references without bounds checks of their own, their stack is just as deep as the
+//! tree, and boxes tell them which lanes of a node have a child. A build ensures this; a file may hold anything. So
+//! before the first query every block is visited once, and every invariant is checked that queries rely on. The
+//! *values* of boxes and corners are not checked: wrong ones cause wrong answers ([`WideTree::validate`] finds those),
+//! but no panics.
 
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
@@ -17,18 +18,19 @@ use crate::parallel;
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 
-/// More levels than any build makes: it halves by count below the 44th, also once more below each time node.
+/// More levels than any build makes: the build halves nodes by count below level 44, and once more below each time
+/// node.
 const MOST_LEVELS: u32 = 256;
 
-/// The most segments between the keys of a leaf block, so that sums with them stay numbers of this machine.
+/// The greatest number of segments between the keys of a leaf block, so that sums with them do not overflow.
 const MOST_SEGMENTS: usize = 1 << 24;
 
 impl WideTree {
-    /// An error for the first thing found that could lead a query astray.
+    /// An error for the first violation that could break a query.
     pub(super) fn check<S: WideSource>(&self, set: &S) -> Result<(), FileError> {
         require((1..=MAX_TIME_SLICES).contains(&self.slices), "there are too many slices of the shutter")?;
         let words = self.arena.ints();
-        // There are a few bytes for each primitive; so tables of them are in proportion to the file.
+        // Each primitive takes a few bytes, so tables of primitives are in proportion to the file.
         require(set.len() <= words.len(), "there are more primitives than leaves could hold")?;
         let mut leaves = self.check_nodes()?;
         leaves.sort_unstable();
@@ -40,8 +42,8 @@ impl WideTree {
         found.into_iter().collect()
     }
 
-    /// Checks all nodes: each is reached once, so that walks end, and none is too deep. Returns the references to leaf
-    /// blocks.
+    /// Checks all nodes: each is reached once, so that traversals end, and none is too deep. Returns the references to
+    /// leaf blocks.
     fn check_nodes(&self) -> Result<Vec<u32>, FileError> {
         let words = self.arena.ints().len();
         let mut reached = vec![false; words / LANES];
@@ -75,7 +77,7 @@ impl WideTree {
             let children = self.children(at).iter().map(|&child| ChildRef(child));
             let before = stack.len();
             stack.extend(children.filter(|&child| child != ChildRef::NOTHING).map(|child| (child, depth + 1)));
-            // The stack of a query is as deep as leaves are.
+            // The stack of a query is as deep as the deepest leaf.
             require(stack.len() > before, "a node has no children")?;
             let missing = at.kind() == Kind::Time && stack.len() - before < self.children(at).len();
             require(!missing, "a time node has no child for a part of the shutter")?;
@@ -83,10 +85,10 @@ impl WideTree {
         Ok(leaves)
     }
 
-    /// Checks that faces are numbers, of which nothing infinite comes, and that no query enters a lane without a child.
+    /// Checks that faces are finite numbers in range, and that no query enters a lane without a child.
     fn check_boxes(&self, node: ChildRef, rows: usize) -> Result<(), FileError> {
         let faces = &self.arena.floats()[node.at()..][..(rows - 1) * LANES];
-        // Without a branch for each, so that they are compared side by side.
+        // Without a branch for each, so that the comparisons are vectorized.
         let fine = faces.iter().fold(true, |fine, face| fine & (face.abs() <= NOWHERE));
         require(fine, "a box is not one of numbers")?;
         for (lane, _) in self.children(node).iter().enumerate().filter(|(_, child)| **child == ChildRef::NOTHING.0) {
@@ -101,13 +103,13 @@ impl WideTree {
     }
 }
 
-/// What the check of leaf blocks looks at.
+/// The inputs of the check of leaf blocks.
 struct Leaves<'a, S> {
     tree: &'a WideTree,
     words: &'a [u32],
     set: &'a S,
     triangles: Option<&'a Triangles>,
-    /// Whether some of them have more than two keys.
+    /// Whether some of the triangles have more than two keys.
     bent: bool,
 }
 
@@ -124,7 +126,7 @@ impl<S: WideSource> Leaves<'_, S> {
             Kind::OwnLeaf => Some(self.check_keyed(leaf, block)?),
             Kind::SharedLeaf => self.check_shared(leaf, block, 2 * VERTEX_ROWS * leaf.len()).map(|()| None)?,
             Kind::SharedStillLeaf => self.check_shared(leaf, block, VERTEX_ROWS * leaf.len()).map(|()| None)?,
-            // Nothing in them says where anything is.
+            // These have no vertex numbers or keys to check.
             _ => None,
         };
         let Some(ids) = Ids::of(leaf, block, listed) else { return broken("a leaf is not all there") };
@@ -137,7 +139,7 @@ impl<S: WideSource> Leaves<'_, S> {
         Ok(())
     }
 
-    /// Checks the triangles between shared vertices, whose numbers begin at a word of the block.
+    /// Checks the triangles of a block with shared vertices, whose vertex numbers begin at a word of the block.
     fn check_shared(&self, leaf: ChildRef, block: &[u32], at: usize) -> Result<(), FileError> {
         let Some(numbers) = block.get(at..) else { return broken("a leaf is not all there") };
         let count = numbers.first().map_or(LANES, |&first| shared_count(first));
@@ -146,7 +148,7 @@ impl<S: WideSource> Leaves<'_, S> {
         require(numbers[..count].iter().all(there), "a triangle names a vertex that its leaf does not have")
     }
 
-    /// Checks a block of more than two keys; the number of keys of its triangles.
+    /// Checks a block of more than two keys; returns the number of keys of its triangles.
     fn check_keyed(&self, leaf: ChildRef, block: &[u32]) -> Result<usize, FileError> {
         let Some(header) = block.get(..3) else { return broken("a leaf is not all there") };
         let keyed = KeyedLeaf::of(header, leaf.len());

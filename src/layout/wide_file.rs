@@ -1,4 +1,4 @@
-//! The wide layout in files: its blocks as they lie in memory, and what can not be told from them.
+//! The wide layout in files: its blocks as they are in memory, and the fields that cannot be derived from them.
 
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
@@ -10,7 +10,7 @@ use crate::simd::{Arena, LANES};
 type Words = [u32; LANES];
 
 impl WideTree {
-    /// Writes all blocks, and where they begin.
+    /// Writes the fields, and all blocks.
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.put([self.root.0, u32::from(self.presplit), self.slices as u32])?;
         // There may be no lists.
@@ -18,20 +18,20 @@ impl WideTree {
         to.array::<Words>(self.arena.ints()[..self.arena.len()].as_chunks().0)
     }
 
-    /// Reads what was written; nothing of it is checked.
+    /// Reads a written tree; nothing of it is checked.
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<WideTree, FileError> {
         let [root, presplit, slices] = from.get::<[u32; 3]>()?;
         let lists = usize::try_from(from.get::<u64>()?).unwrap_or(usize::MAX);
         let count = from.count::<Words>()?;
         let mut arena = Arena::default();
-        // With the lines that are always behind the last block.
+        // With the padding lines that follow the last block.
         arena.reserve_exact((from.room::<Words>(count) + LANES) * LANES);
         from.items::<Words>(count, &mut arena)?;
         let (root, presplit, slices) = (ChildRef(root), presplit != 0, slices as usize);
         Ok(WideTree { arena, root, lists, presplit, slices, blocks: Vec::new(), counts: Counts::default() })
     }
 
-    /// The tree, if queries can walk it, with what is found on a walk through it.
+    /// Returns the tree, indexed, if queries can traverse it safely.
     pub(crate) fn checked<S: WideSource>(mut self, set: &S) -> Result<WideTree, FileError> {
         self.check(set)?;
         self.arena.settle();

@@ -1,28 +1,28 @@
-//! How nodes and leaf blocks lie in the arena. All begin on a cache line.
+//! The format of nodes and leaf blocks in the arena. All begin on a cache line.
 //!
 //! | block | words |
 //! |---|---|
 //! | moving node | rows of 16: lower x, upper x, lower y .. upper z, velocities of the same six, children |
-//! | still node | rows of 16: lower x, upper x, lower y .. upper z, children |
+//! | static node | rows of 16: lower x, upper x, lower y .. upper z, children |
 //! | time node | number of equal time ranges, then one child each |
-//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the begin, the same at the end; sizes; n ids |
-//! | still leaf of n | rows of n: corners; sizes; n ids |
-//! | moving leaf of v shared vertices | rows of v: x y z at the begin, the same at the end; rows of n: corners, ids |
-//! | still leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
+//! | moving leaf of n | rows of n: corners (v0 x y z, v1 .., v2 ..) at the beginning, the same at the end; sizes; n ids |
+//! | static leaf of n | rows of n: corners; sizes; n ids |
+//! | moving leaf of v shared vertices | rows of v: x y z at the beginning, the same at the end; rows of n: corners, ids |
+//! | static leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
 //! | own leaf, of triangles | with more than two keys: see [`super::keyed_leaf`] |
 //! | own leaf of n, of other primitives | n ids |
 //!
-//! In blocks with shared vertices, a word of the row of corners numbers the three vertices of a triangle in its
-//! lowest bits, four each; the next four bits of the first word are n - 1, and its upper half holds the sizes. In other blocks of
-//! triangles these are a word of their own in front of the ids.
+//! In blocks with shared vertices, a word of the row of corners holds the numbers of the three vertices of a triangle
+//! in its lowest bits, four each; the next four bits of the first word are n - 1, and its upper half holds the sizes.
+//! In other blocks of triangles the sizes are a word of their own before the ids.
 //!
-//! Sizes are the exponents of two powers of two: no coordinate of a vertex is larger than the first, and no
-//! triangle is larger than the second along an axis.
+//! Sizes are the exponents of two powers of two: no coordinate of a vertex is larger than the first, and no triangle is
+//! larger than the second along an axis.
 
 use crate::simd::{Arena, LANES, Lanes};
 use glam::Vec3;
 
-/// Rows of a node with moving boxes, and of one with still boxes; the last row holds the children.
+/// Rows of a node with moving boxes, and of a static one; the last row holds the children.
 pub(crate) const NODE_ROWS: usize = 13;
 pub(crate) const STILL_NODE_ROWS: usize = 7;
 
@@ -32,24 +32,24 @@ pub(crate) const CORNER_ROWS: usize = 9;
 /// Rows of one key's positions in a leaf block with shared vertices.
 pub(crate) const VERTEX_ROWS: usize = 3;
 
-/// What a reference to a child points at.
+/// The kind of a block that a child reference points to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Sixteen children in boxes that move.
+    /// Sixteen children in moving boxes.
     Node,
-    /// Sixteen children in boxes that stand still.
+    /// Sixteen children in static boxes.
     StillNode,
-    /// A child for each part of the shutter.
+    /// One child per time slice.
     Time,
     /// Corners of triangles that move linearly.
     Leaf,
-    /// Corners of triangles that stand still.
+    /// Corners of static triangles.
     StillLeaf,
     /// Vertices that move linearly, and triangles between them.
     SharedLeaf,
-    /// Vertices that stand still, and triangles between them.
+    /// Static vertices, and triangles between them.
     SharedStillLeaf,
-    /// What the set of primitives has of its own: triangles with more keys, or a list of ids.
+    /// A format of the set of primitives: triangles with more keys, or a list of ids.
     OwnLeaf,
 }
 
@@ -65,7 +65,7 @@ pub(crate) fn shared_count(first_corners: u32) -> usize {
     (first_corners >> 12 & 15) as usize + 1
 }
 
-/// The sizes of a block, as its triangles are met one after the other.
+/// Accumulates the sizes of a block over its triangles.
 #[derive(Default)]
 pub(crate) struct Sizes {
     size: Vec3,
@@ -88,7 +88,7 @@ impl Sizes {
     }
 }
 
-/// The largest coordinate of the vertices, and the largest extent of a triangle along an axis, or somewhat more.
+/// Upper bounds on the largest coordinate of the vertices, and on the largest extent of a triangle along an axis.
 #[inline(always)]
 pub(crate) fn block_sizes(word: u32) -> (f32, f32) {
     (f32::from_bits(word >> 24 << 23), f32::from_bits((word >> 16 & 255) << 23))
@@ -98,23 +98,22 @@ pub(crate) fn block_sizes(word: u32) -> (f32, f32) {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ChildRef(pub u32);
 
-/// Bits that number cache lines: an arena holds at most 2 GiB.
+/// Bits of the index of a cache line: an arena holds at most 2 GiB.
 const LINE_BITS: u32 = 25;
 
 impl ChildRef {
     /// No child; never visited.
     pub const NOTHING: ChildRef = ChildRef(u32::MAX);
 
-    /// A reference to a block at word `at`, which must begin a line; nothing where that is beyond what 25
-    /// bits can number.
+    /// A reference to a block at word `at`, which must be the beginning of a line; `None` if the line index needs more
+    /// than 25 bits.
     pub fn new(kind: Kind, at: usize, len: usize) -> Option<ChildRef> {
         debug_assert!(at.is_multiple_of(LANES) && (1..=LANES).contains(&len));
         let line = u32::try_from(at / LANES).ok().filter(|&l| l < (1 << LINE_BITS) - 1)?;
         Some(ChildRef(line << 7 | (len as u32 - 1) << 3 | kind as u32))
     }
 
-    /// The same block after it was moved by so many words (whole lines); nothing where that is beyond what can be
-    /// numbered.
+    /// The same block after it was moved by so many words (whole lines); `None` if the line index needs too many bits.
     pub fn moved(self, by: usize) -> Option<ChildRef> {
         let line = u32::try_from(by / LANES).ok()?.checked_add(self.0 >> 7).filter(|&l| l < (1 << LINE_BITS) - 1)?;
         Some(ChildRef(line << 7 | self.0 & 127))
@@ -126,7 +125,7 @@ impl ChildRef {
         (self.0 >> 7) as usize * LANES
     }
 
-    /// Number of primitives of a leaf block, or of vertices of one that shares them.
+    /// Number of primitives of a leaf block, or of vertices of one with shared vertices.
     #[inline(always)]
     pub fn len(self) -> usize {
         (self.0 >> 3 & 15) as usize + 1
@@ -147,13 +146,14 @@ impl ChildRef {
         (rows * self.len() + 1).div_ceil(LANES)
     }
 
-    /// The first lane of a node: its reference, with the lane in place of a length. [`LANES_OF_NODE`] makes the others of it.
+    /// The entry of the first lane of a node: its reference, with the lane in place of a length. [`LANES_OF_NODE`]
+    /// turns it into the others.
     #[inline(always)]
     pub fn first_lane(self) -> ChildRef {
         ChildRef(self.0 & !(15 << 3))
     }
 
-    /// Which lane this is, of a reference to one.
+    /// The lane of such an entry.
     #[inline(always)]
     pub fn lane(self) -> usize {
         (self.0 >> 3 & 15) as usize
@@ -174,7 +174,7 @@ impl ChildRef {
     }
 }
 
-/// The bits of each lane of a node, to be set in its [first](ChildRef::first_lane).
+/// The bits of each lane of a node, to be set in its [first entry](ChildRef::first_lane).
 pub(crate) const LANES_OF_NODE: Lanes<u32> = {
     let mut lanes = [0; LANES];
     let mut i = 0;
@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn references_keep_what_they_are_given_and_refuse_what_does_not_fit() {
+    fn references_round_trip_and_reject_lines_out_of_range() {
         use Kind::*;
         for kind in [Node, StillNode, Time, Leaf, StillLeaf, SharedLeaf, SharedStillLeaf, OwnLeaf] {
             for (at, len) in [(0, 1), (16, 16), (((1 << 25) - 2) * 16, 7)] {

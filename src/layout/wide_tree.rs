@@ -5,22 +5,22 @@ use super::leaf_ids::Ids;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
 use crate::simd::{Arena, LANES};
 
-/// A built tree: the arena and where it begins.
+/// A built tree: the arena and the root.
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
-    /// Leaf blocks of the set's own that begin at this word or behind it are lists of ids.
+    /// Leaf blocks of kind `OwnLeaf` at or after this word are lists of ids.
     pub lists: usize,
-    /// Whether parts of one primitive may be in several leaf blocks.
+    /// Whether several leaf blocks may hold parts of one primitive.
     pub(crate) presplit: bool,
-    /// The most slices of the shutter that have leaf blocks of their own.
+    /// The greatest number of time slices that have leaf blocks of their own.
     pub(crate) slices: usize,
     /// A leaf block in which each triangle is; of those with more than two keys one for each of the slices.
     pub(crate) blocks: Vec<u32>,
     pub(crate) counts: Counts,
 }
 
-/// What was counted.
+/// The counts of a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Counts {
     /// Depth of the deepest leaf; the root has depth 0.
@@ -28,20 +28,21 @@ pub(crate) struct Counts {
     pub nodes: usize,
     pub moving_nodes: usize,
     pub leaves: usize,
-    /// Nodes that pick a child by time.
+    /// Nodes that select a child by time.
     pub time_nodes: usize,
     pub references: usize,
-    /// Those of them in leaf blocks of triangles that stand still.
+    /// Those of them in leaf blocks of static triangles.
     pub still_references: usize,
 }
 
 impl WideTree {
-    /// Parts of the shutter with a hierarchy of their own for all there is; 1 where it is not divided at the top.
+    /// The number of time slices with a hierarchy of their own for all primitives; 1 without a temporal split at the
+    /// root.
     pub fn parts(&self) -> usize {
         if self.root.kind() == Kind::Time { self.arena.ints()[self.root.at()] as usize } else { 1 }
     }
 
-    /// The children of a block: of a node its sixteen, of a time node its parts, of a leaf none.
+    /// The children of a block: the sixteen of a node, one per slice of a time node, none of a leaf.
     pub fn children(&self, of: ChildRef) -> &[u32] {
         let words = self.arena.ints();
         let row = |rows: usize| &words[of.at() + (rows - 1) * LANES..][..LANES];
@@ -59,20 +60,20 @@ impl WideTree {
         !S::TRIANGLES || leaf.kind() == Kind::OwnLeaf && leaf.at() >= self.lists
     }
 
-    /// The primitives of a leaf block; nothing where it is not a whole one.
+    /// The primitives of a leaf block; `None` if it is incomplete.
     pub fn ids<S: WideSource>(&self, of: ChildRef) -> Option<&[u32]> {
         let block = self.arena.ints().get(of.at()..)?;
         let ids = Ids::of(of, block, self.is_list::<S>(of))?;
         Some(&block[ids.first..][..ids.count])
     }
 
-    /// How many blocks can wait on a query's stack, and room for one more node's children to be written at once.
+    /// The greatest number of blocks on a query's stack, plus room to write one more node's children at once.
     ///
-    /// What waits are children of visited nodes, families for short. Depths never fall from the stack's bottom to
-    /// its top, and of each depth there are two families at most. For a step takes the two topmost entries away, or
-    /// one, and puts their children there. Where both were of the topmost family, its children's depth is new. Where
-    /// one was the last of its family, the other lies in the family below; the deeper of the two has its children
-    /// on top, and if both were equally deep, there was nothing deeper.
+    /// The entries are children of visited nodes, families for short. Depths never decrease from the stack's bottom to
+    /// its top, and there are at most two families of each depth. For a step removes the two topmost entries, or one,
+    /// and pushes their children. If both were of the topmost family, their children's depth is new. If one was the
+    /// last of its family, the other is in the family below; the deeper of the two has its children on top, and if both
+    /// were equally deep, nothing was deeper.
     #[inline(always)]
     pub fn waiting(&self) -> usize {
         2 * LANES * self.counts.depth as usize + LANES

@@ -9,20 +9,21 @@ use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 use glam::Vec3;
 
-/// Times at which a tree is walked; the odd numbers fall into every time part and on no boundary.
+/// Times at which a tree is checked; the odd values fall into every time slice and on no boundary.
 pub(super) const TIMES: [f32; 9] = [0.0, 0.03, 0.17, 0.29, 0.43, 0.61, 0.79, 0.97, 1.0];
 
-/// Everywhere.
+/// The whole space.
 const UNBOUNDED: Box3 = Box3 { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY };
 
 impl WideTree {
-    /// Checks that all blocks lie inside the arena and are met once, and that at a number of times every
-    /// primitive is in some leaf block, and every triangle of a block within the boxes above it. (Of triangles that were
-    /// split before the build only a part lies in each of their boxes.)
+    /// Checks that all blocks lie inside the arena and are reached once, and that at a number of times every primitive
+    /// is in some leaf block, and every triangle of a block within the boxes above it. (Of triangles that were
+    /// pre-split each of their boxes holds a part only.)
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
         let all: Vec<u32> = (0..set.len() as u32).collect();
         self.validate_part(set, &all)?;
-        // It is known of each triangle in which leaf block it is, and in each slice of the shutter where it may be in others.
+        // The recorded leaf block of each triangle holds it, and so does the block of each time slice where there are
+        // several.
         let triangles = set.triangles();
         for (id, triangles) in triangles.into_iter().flat_map(|t| (0..t.len() as u32).map(move |id| (id, t))) {
             if set.is_listed(id) {
@@ -42,7 +43,7 @@ impl WideTree {
         }
     }
 
-    /// Checks that the boxes of lists hold the triangles in them that are kept in f64.
+    /// Checks that the boxes of lists hold the f64 triangles in them.
     fn validate_lists<S: WideSource>(&self, triangles: &Triangles, time: f32) -> Result<(), ValidationError> {
         let mut result = Ok(());
         self.boxes(time, Frame::WORLD, 1, &mut |b, child| {
@@ -57,7 +58,7 @@ impl WideTree {
         result
     }
 
-    /// Checks all but where it is known to have its triangles, of a tree over these primitives, sorted.
+    /// Checks everything except the recorded blocks, for a tree over these primitives, sorted.
     pub(super) fn validate_part<S: WideSource>(&self, set: &S, ids: &[u32]) -> Result<(), ValidationError> {
         TIMES.into_iter().try_for_each(|time| self.validate_at(set, ids, time))
     }
@@ -78,7 +79,7 @@ impl WideTree {
                 Kind::StillNode => STILL_NODE_ROWS * LANES,
                 _ => 2,
             };
-            // More blocks than lines: some are met again and again.
+            // More blocks than lines: some are reached repeatedly.
             if at.at() + length > words || visited * LANES > words {
                 return Err(ValidationError::Links { node });
             }
@@ -108,7 +109,7 @@ impl WideTree {
 
     /// Whether a box holds the corners of a triangle at a time.
     fn holds(&self, set: &Triangles, id: u32, time: f32, bounds: Box3) -> bool {
-        // Who does not know where single triangles lie has a set that has its vertices.
+        // A tree without recorded blocks belongs to a set that has its vertices.
         let corners = if self.blocks.is_empty() { set.corners(id, time) } else { self.corners(set, id, time) };
         corners.into_iter().all(|corner| bounds.holds(corner))
     }

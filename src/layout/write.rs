@@ -1,7 +1,7 @@
-//! Writes nodes into the arena.
+//! Writing nodes into the arena.
 //!
-//! Subtrees up to a fixed size are written apart by any thread and put one behind the other ([`super::serialize`]). The
-//! few nodes above them follow.
+//! Subtrees up to a fixed size are written separately by any thread and concatenated ([`super::serialize`]). The few
+//! nodes above them follow.
 
 use super::serialize::{Fragment, write_in_order};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, children_mut};
@@ -18,24 +18,24 @@ struct Face {
     velocity: f32,
 }
 
-/// The line through a bound at both ends of an interval, moved toward `side` (+1 up, -1 down) until the
-/// *computed* `at + velocity * t` holds the bound at every time of the interval.
+/// The line through a bound at both ends of an interval, moved toward `side` (+1 up, -1 down) until the *computed*
+/// `at + velocity * t` holds the bound at every time of the interval.
 ///
 /// Proof: the computed value differs from `at + velocity * t` by at most two roundings of sizes below
 /// |at| + |velocity| (one where it is fused), that is by less than 2^-23 (|at| + |velocity|); `at` is moved by
-/// twice that and then by one float. Both the bound and the line are linear in t, so it is
-/// enough that the line lies beyond the bound at both ends; this is arranged in f64, whose own rounding
-/// (2^-53) vanishes beside the float step. A face that does not move is moved by `pad` and rounded outward.
+/// twice that and then by one float. Both the bound and the line are linear in t, so it is enough that the line lies
+/// beyond the bound at both ends; this is ensured in f64, whose own rounding (2^-53) is negligible beside the float
+/// step. A static face is moved by `pad` and rounded outward.
 fn face(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64) -> Face {
     face_by(begin, end, over, side, pad, 2.0)
 }
 
-/// The same, moved by another multiple of the rounding of the query.
+/// [`face`] with another multiple of the rounding of the query.
 #[inline(always)]
 fn face_by(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64, roundings: f64) -> Face {
     let outward = |x: f64| {
         let at = x as f32;
-        // Beyond zero as far as what is padded is.
+        // The nearest float may lie inside of the bound.
         if side * (f64::from(at) - x) >= 0.0 {
             at
         } else if side > 0.0 {
@@ -57,9 +57,9 @@ fn face_by(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64, roundi
     Face { at: if side > 0.0 { at.next_up() } else { at.next_down() }, velocity }
 }
 
-/// How far the faces of a box are moved outward, so that a ray that hits something in it meets it: by that part of the
-/// kernel's rounding that grows with the coordinates of what is hit. The other part, which grows with those of the origin, is
-/// the ray's. Sums and products of f32 are exact in f64 here.
+/// The padding of the faces of a box, so that a ray that hits a primitive in it also meets the box: the part of the
+/// kernel's rounding that grows with the coordinates of the primitive. The other part, which grows with those of the
+/// origin, is added to the ray. Sums and products of f32 are exact in f64 here.
 fn kernel_pad(b: &LinearBox3) -> f64 {
     f64::from(KERNEL_ULPS * ULP) * f64::from(b.begin.magnitude().max(b.end.magnitude()))
 }
@@ -83,9 +83,9 @@ pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
     Ok(node)
 }
 
-/// Writes one of the boxes of the node that begins at `words[0]`; of a node that stands still, `of` must do so as well.
+/// Writes one of the boxes of the node that begins at `words[0]`; for a static node, `of` must be static.
 ///
-/// A call: inlined into the loop over lanes it would be compiled sixteen times, which takes seconds.
+/// Not inlined: in the loop over lanes it would be compiled sixteen times, which takes seconds.
 #[inline(never)]
 pub(super) fn write_box(words: &mut [u32], kind: Kind, lane: usize, of: Option<&LinearBox3>, over: TimeInterval) {
     let pad = of.map_or(0.0, kernel_pad);
@@ -107,9 +107,11 @@ pub(super) fn write_box(words: &mut [u32], kind: Kind, lane: usize, of: Option<&
     }
 }
 
-/// Linear bounds of what a box of the node that begins at `words[0]` holds, a little wider than what was written.
+/// Linear bounds of the contents of a box of the node that begins at `words[0]`, slightly wider than those that were
+/// written.
 ///
-/// Products of f32 are exact in f64, and the sum errs by far less than the f32 step that each face is moved outward.
+/// Products of f32 are exact in f64, and the rounding of the sum is far less than the f32 step that each face is moved
+/// outward.
 pub(super) fn read_box(words: &[u32], kind: Kind, lane: usize, over: TimeInterval) -> LinearBox3 {
     let word = |row: usize| f32::from_bits(words[row * LANES + lane]);
     let face = |row: usize, time: f32, side: f64| {
@@ -137,7 +139,7 @@ pub(crate) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildR
     }
 }
 
-/// Writes a time node over equal parts of the shutter.
+/// Writes a time node over equal time slices of the shutter.
 pub(crate) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildRef, BuildError> {
     arena.align();
     let at = arena.grow(1 + parts.len());
@@ -148,14 +150,14 @@ pub(crate) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildR
     ChildRef::new(Kind::Time, at, 1).ok_or(BuildError::TooLargeTree)
 }
 
-/// References below which a subtree is written apart. Fixed, so that the arena does not depend on threads.
+/// Subtrees with fewer references are written separately. Fixed, so that the arena does not depend on threads.
 const APART: u32 = 4096;
 
-/// Gives the leaf blocks of binary nodes. Called through a pointer, so that what writes nodes is compiled once.
+/// Gives the leaf blocks of binary nodes. Called through `dyn`, so that the code that writes nodes is compiled once.
 pub(crate) type LeafWriter<'a> =
     &'a (dyn Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync);
 
-/// Leaf blocks that are written together.
+/// Leaf blocks that are written per task.
 const BLOCKS: usize = 512;
 
 /// Writes a leaf block for each of some binary nodes and returns them in order.
@@ -172,14 +174,14 @@ pub(crate) fn write_blocks(
     write_in_order(arena, &vec![1; tasks.len()], &|_| true, &write)
 }
 
-/// Writes the nodes of a collapsed binary tree, each with its leaf blocks right behind it, and returns the root. The
-/// nodes above the subtrees that are written apart come last.
+/// Writes the nodes of a collapsed binary tree, each directly followed by its leaf blocks, and returns the root. The
+/// nodes above the separately written subtrees come last.
 pub(crate) struct Nodes<'a> {
     pub binary: &'a [BinaryNode],
     pub collapse: &'a Collapse,
     pub over: TimeInterval,
     pub leaves: LeafWriter<'a>,
-    /// Whether `leaves` writes the blocks, or only knows those that are in the final arena already.
+    /// Whether `leaves` writes the blocks, or returns blocks that are in the final arena already.
     pub writes: bool,
 }
 
@@ -193,10 +195,10 @@ impl Nodes<'_> {
         }
         let mut roots = Vec::new();
         self.find_apart(0, &mut roots);
-        // What moves takes about twice as much.
+        // Moving subtrees take about twice as much.
         let size = |node: &BinaryNode| node.count * (1 + u32::from(node.moving));
         let sizes: Vec<u32> = roots.iter().map(|&root| size(&self.binary[root as usize])).collect();
-        // Time nodes are not written here: they lie in the final arena already.
+        // Time nodes are not written here: they are in the final arena already.
         let inside = |child: ChildRef| child.kind() != Kind::Time && (self.writes || !child.kind().is_leaf());
         let write = |i: usize, apart: &mut Fragment| {
             let root = self.node(&mut apart.arena, roots[i], &mut apart.nodes, &mut None)?;
@@ -207,7 +209,7 @@ impl Nodes<'_> {
         self.node(arena, 0, &mut Vec::new(), &mut Some(done.into_iter()))
     }
 
-    /// The subtrees to be written apart, in the order in which [`Nodes::node`] comes by.
+    /// The subtrees to be written separately, in the order in which [`Nodes::node`] reaches them.
     fn find_apart(&self, of: u32, roots: &mut Vec<u32>) {
         if self.binary[of as usize].count <= APART {
             roots.push(of);
@@ -220,21 +222,21 @@ impl Nodes<'_> {
 
     /// The children of a node in the order of its lanes.
     ///
-    /// Queries that take any hit visit the highest lane first. So leaf blocks come last, the largest at the very
-    /// end: those most likely end such a query soonest.
+    /// Occlusion queries visit the highest lane first. So leaf blocks come last, the largest at the very end: those
+    /// most likely end such a query soonest.
     fn children(&self, of: u32) -> Vec<WideChild> {
         let mut children = Vec::with_capacity(LANES);
         self.collapse.children(self.binary, of, &mut children);
         children.sort_by_cached_key(|c| {
             let node = &self.binary[c.node as usize];
-            // What is too large for a block is a tree that was written before.
+            // A node that is too large for a block is a replaced subtree, written before.
             (c.leaf && node.count as usize <= LANES, mean_half_area(&node.bounds).to_bits())
         });
         children
     }
 
-    /// Writes a node and all below it; the subtrees that `apart` has are in place already. The
-    /// recursion is as deep as the wide tree, which the binary build bounds.
+    /// Writes a node and its subtree; the subtrees in `apart` are in place already. The recursion is as deep as the
+    /// wide tree, which the binary build bounds.
     fn node(
         &self,
         arena: &mut Arena,
@@ -273,15 +275,15 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// With the rounding of the query not taken into account, one face in a hundred is computed inside of its bound.
+    /// If the rounding of the query were ignored, one face in a hundred would be computed inside of its bound.
     #[test]
     fn faces_lie_beyond_their_bounds_as_the_query_computes_them() {
         let lost = faces_inside(2.0);
         assert!(lost == 0, "{lost} of 1.8 million");
-        assert!(faces_inside(0.0) > 1000, "a slack that nothing needs");
+        assert!(faces_inside(0.0) > 1000, "the slack is not needed");
     }
 
-    /// How many faces, moved by so many roundings, are computed on the wrong side of their bounds.
+    /// Counts faces, moved by so many roundings, that are computed on the wrong side of their bounds.
     fn faces_inside(roundings: f64) -> usize {
         let mut lost = 0;
         let mut random = Random(1);
@@ -297,7 +299,7 @@ mod tests {
                     let w = f64::from(t - over.begin()) / f64::from(over.end() - over.begin()).max(1e-30);
                     let bound = f64::from(begin) + (f64::from(end) - f64::from(begin)) * w.min(1.0);
                     for computed in [f.velocity.mul_add(t, f.at), f.velocity * t + f.at] {
-                        // The bound itself is computed with an error of f64 and of t - begin in f32.
+                        // The bound itself is computed with the rounding of f64 and of t - begin in f32.
                         let slack = 2.0 * f64::from(f32::EPSILON) * f64::from((end - begin).abs()) * w;
                         lost += usize::from(f64::from(side) * (f64::from(computed) - bound) < -slack);
                     }
@@ -308,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn a_still_face_is_its_bound() {
+    fn a_static_face_is_its_bound() {
         let still = face(0.1, 0.1, TimeInterval::FULL, 1.0, 0.0);
         assert_eq!((still.at, still.velocity), (0.1, 0.0));
     }

@@ -1,6 +1,6 @@
-//! What a batch of rays asks, and its rays on their way through the wide layout.
+//! The kinds of batched ray queries, and the state of each ray while a batch traverses the wide layout.
 //!
-//! Two kernels lead them: in packets ([`super::packets`]) or by turns ([`super::interleave`]).
+//! Two kernels traverse batches: packets ([`super::packets`]) and interleaved single rays ([`super::interleave`]).
 
 use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
@@ -13,21 +13,21 @@ use super::wide_traversal::RayQuery;
 use crate::geometry::Ray;
 use crate::layout::WideTree;
 
-/// What a batch asks of each of its rays.
+/// The query that a batch answers for each of its rays.
 pub(crate) trait BatchQuery {
-    /// An answer.
+    /// The answer of one ray.
     type Answer: Copy + Send + PartialEq;
     /// The answer of a ray that hits nothing.
     const NOTHING: Self::Answer;
-    /// What gathers it.
+    /// Collects the hits of one ray.
     type Collect: Collect;
-    /// Whether blocks are visited from near to far.
+    /// Whether blocks are visited front to back.
     const ORDERED: bool = Self::Collect::ORDERED;
     /// A collector for a ray's hits.
     fn collect(ray: &TreeRay) -> Self::Collect;
-    /// How far the ray still looks as a distance in tree space; below zero where it has its answer.
+    /// The distance in tree space up to which a hit can still change the answer; negative once the answer is final.
     fn reach(collect: &Self::Collect) -> f32;
-    /// The answer, once the ray is through.
+    /// The answer, once the traversal has finished.
     fn answer(collect: &Self::Collect, set: &impl RaySource) -> Self::Answer;
 }
 
@@ -37,7 +37,7 @@ fn accept(_: &Found) -> bool {
     true
 }
 
-/// The nearest hit of each ray.
+/// The closest hit of each ray.
 pub(crate) struct ClosestHits;
 
 impl BatchQuery for ClosestHits {
@@ -61,7 +61,7 @@ impl BatchQuery for ClosestHits {
     }
 }
 
-/// Whether each ray hits anything.
+/// Whether each ray hits anything (occlusion).
 pub(crate) struct AnyHits;
 
 impl BatchQuery for AnyHits {
@@ -85,7 +85,7 @@ impl BatchQuery for AnyHits {
     }
 }
 
-/// Rays for a tree that is not empty. There are as many answers, all still [`BatchQuery::NOTHING`].
+/// Rays for a tree that is not empty, and one answer per ray, initially [`BatchQuery::NOTHING`].
 pub(super) struct Batch<'a, G, Q: BatchQuery> {
     pub tree: &'a WideTree,
     pub set: &'a G,
@@ -94,16 +94,16 @@ pub(super) struct Batch<'a, G, Q: BatchQuery> {
 }
 
 impl<'a, G, Q: BatchQuery> Batch<'a, G, Q> {
-    /// What all its rays share on their way.
+    /// The state that all rays of the batch share.
     #[inline(always)]
     pub fn traverser(&self) -> Traverser<'a, G, Everything> {
         Traverser { arena: &self.tree.arena, lists: self.tree.lists, set: self.set, filter: &Everything }
     }
 }
 
-/// A ray of a batch on its way.
+/// A ray of a batch during its traversal.
 pub(super) struct Member<'a, Q: BatchQuery> {
-    /// Its place in the batch.
+    /// Its index in the batch.
     pub index: usize,
     pub ray: TreeRay<'a>,
     sheared: Option<Sheared>,
@@ -117,7 +117,7 @@ impl<'a, Q: BatchQuery> Member<'a, Q> {
         Member { index, ray, sheared: None, collect }
     }
 
-    /// What leads it through the tree, seen by `observer`.
+    /// The query of this ray for the traversal loop, with an observer.
     #[inline(always)]
     pub fn query<'b, G>(
         &'b mut self,

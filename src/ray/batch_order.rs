@@ -1,34 +1,35 @@
 //! The order in which the rays of a large batch are answered.
 //!
-//! Rays that look the same way, as from a camera, are led in packets. On a tree that no cache holds any other ray is soonest through where
-//! the one before it went the same way. Rays that come like that, as from the pixels of a tile, keep their order. All others are sorted: by the part of the
-//! shutter where the tree has one hierarchy for each, by the cell of space that they begin in, along the Morton curve, and
-//! by the octant that they look into. Answers do not depend on it.
+//! Rays of similar direction, as from a camera, are traversed in packets. For other rays on a tree larger than the
+//! cache, traversal is fastest where successive rays visit the same nodes. Rays that already come in such an order, as
+//! from the pixels of a tile, keep it. All others are sorted: by time slice of the shutter where the tree has one
+//! hierarchy per slice, by the grid cell of their origin along the Morton curve, and by the octant of their direction.
+//! Answers do not depend on the order.
 
 use crate::geometry::{Aabb, Ray, morton_code};
 use crate::parallel;
 use glam::DVec3;
 
-/// Rays that are sorted together: enough of them to have company everywhere, and not much memory.
+/// Rays that are sorted together: enough that every cell has several of them, and few enough that buffers stay small.
 const WINDOW: usize = 1 << 16;
 
 /// Rays per task.
 const CHUNK: usize = 256;
 
-/// The space that rays are sorted in.
+/// The space that origins and times are binned in.
 #[derive(Clone, Copy)]
 pub(crate) struct Space {
     centre: DVec3,
-    /// Makes distances from the centre at most 1 in the scene.
+    /// Scales distances from the centre to at most 1 within the scene.
     scale: f64,
-    /// Equal parts of the shutter with a hierarchy each.
+    /// The number of equal time slices of the shutter with a hierarchy each.
     pub parts: usize,
-    /// Whether caches hold the tree, so that the order of scattered rays does not matter.
+    /// Whether the tree fits the cache, so that sorting incoherent rays does not pay.
     pub cached: bool,
 }
 
 impl Space {
-    /// Around a scene with these bounds.
+    /// The space of a scene with these bounds.
     pub fn new(bounds: Aabb, parts: usize, cached: bool) -> Space {
         let half = bounds.max * 0.5 - bounds.min * 0.5;
         let scale = half.max_element().max(f64::MIN_POSITIVE).recip();
@@ -36,22 +37,22 @@ impl Space {
     }
 }
 
-/// Parts of the shutter that are told apart at most.
+/// The greatest number of time slices that sorting distinguishes.
 const MOST_PARTS: usize = 16;
 
-/// How rays come.
+/// The coherence of a batch.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Coming {
-    /// Most look the same way as the one before, as from a camera.
+    /// Most rays have nearly the direction of the ray before, as from a camera.
     Together,
-    /// Most begin near the one before, in the same part of the shutter.
+    /// Most rays begin near the origin of the ray before, in the same time slice.
     Near,
-    /// Anyhow.
+    /// Incoherent.
     Scattered,
 }
 
-/// Answers a batch: rays that come together by `together`, all others by `led`, those that are scattered over a tree that no cache
-/// holds in an order of their own.
+/// Answers a batch: rays of similar direction by `together`, all others by `led`. Incoherent rays on a tree larger than
+/// the cache are sorted first.
 pub(crate) fn answer_in_order<T: Copy + Send>(
     rays: &[Ray],
     answers: &mut [T],
@@ -77,12 +78,13 @@ pub(crate) fn answer_in_order<T: Copy + Send>(
     }
 }
 
-/// Answers queries in the order in which they are; `fill` those of one task.
+/// Answers queries in the given order, in parallel; `fill` answers those of one task.
 pub(crate) fn in_parallel<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(&[Q], &mut [T]) + Sync) {
     in_tasks(queries, answers, |_, queries, answers| fill(queries, answers));
 }
 
-/// Answers queries one by one in the order in which they are; `one` also gets the place of each. `answers` is cleared first.
+/// Answers queries one by one in the given order, in parallel; `one` also gets the index of each. `answers` is cleared
+/// first.
 pub(crate) fn answer_each<Q: Sync, T: Copy + Default + Send>(
     queries: &[Q],
     answers: &mut Vec<T>,
@@ -97,7 +99,7 @@ pub(crate) fn answer_each<Q: Sync, T: Copy + Default + Send>(
     });
 }
 
-/// Calls `fill` with the queries of each task, their answers, and the place of the first.
+/// Calls `fill` for each task with the index of its first query, its queries and their answers.
 fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(usize, &[Q], &mut [T]) + Sync) {
     #[cfg(feature = "rayon")]
     {
@@ -111,12 +113,12 @@ fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(us
     }
 }
 
-/// Looks at some pairs of successive rays.
+/// Estimates the coherence of a batch from a sample of successive pairs.
 fn coming(rays: &[Ray], space: Space) -> Coming {
     const SAMPLES: usize = 64;
-    /// The cosine of a few degrees.
+    /// The cosine of about eight degrees.
     const SAME_WAY: f32 = 0.99;
-    /// Where a scene is two across.
+    /// A distance in units of half the largest extent of the scene.
     const NEAR: f64 = 0.4;
     let step = rays.len().div_ceil(SAMPLES).max(1);
     let (mut together, mut near, mut pairs) = (0, 0, 0);
@@ -136,15 +138,15 @@ fn coming(rays: &[Ray], space: Space) -> Coming {
     }
 }
 
-/// The part of the shutter that a ray looks at. (Casts saturate, and NaN becomes 0.)
+/// The time slice that contains the ray's time. (Casts saturate, and NaN becomes 0.)
 fn part(ray: &Ray, parts: usize) -> usize {
     let parts = parts.clamp(1, MOST_PARTS);
     ((ray.time * parts as f32) as usize).min(parts - 1)
 }
 
-/// The places of at most [`WINDOW`] rays in the order in which they are answered.
+/// The indices of at most [`WINDOW`] rays in the order in which they are answered.
 fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
-    /// Bits of a coordinate of a cell.
+    /// Bits per coordinate of a cell.
     const BITS: u32 = 4;
     let mut keys = Vec::with_capacity(rays.len());
     parallel::fill(&mut keys, rays.len(), |i| {
@@ -162,7 +164,7 @@ fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
         order.sort_unstable_by_key(|&i| (keys[i as usize], i));
         return order;
     }
-    // There are few different keys, so each has a place to begin at.
+    // Few keys are possible, so counting sort: each key has an offset.
     let mut begins = vec![0u32; different];
     for &key in &keys {
         begins[key] += 1;
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_of_a_camera_come_together_and_those_of_a_tile_near_unless_the_tree_is_divided_in_time() {
+    fn coherence_is_recognized_and_depends_on_the_time_slices_of_the_tree() {
         for count in [2, 9, 256] {
             let come =
                 |ray: &dyn Fn(usize) -> Ray, space: Space| coming(&(0..count).map(ray).collect::<Vec<_>>(), space);
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn sorted_rays_are_all_there_and_near_each_other_one_part_after_the_other() {
+    fn sorted_rays_are_a_permutation_by_time_slice_with_near_neighbours() {
         // Few, sorted by comparisons, and many, by counting.
         for (count, space) in [(5000, DIVIDED), (5000, SPACE), (20_000, DIVIDED)] {
             let rays: Vec<Ray> = (0..count).map(scattered).collect();

@@ -1,25 +1,27 @@
-//! The nearest point on anything in a tree, at a time.
+//! The closest point on any primitive of a tree, at a time.
 //!
-//! The picture: boxes and triangles are visited in the order of their distances from the query point, until what is left is
-//! farther away than the best point found. Distances of boxes are f32 and never too large; distances that answer are f64,
-//! rounded to f32 at the very end, so they are the same for every layout, instruction set and number of threads.
+//! The picture: boxes and triangles are visited in order of their distance from the query point, until every remaining
+//! one is farther away than the best point found. Distances from boxes are in f32 and never too large. Distances of
+//! answers are in f64 and rounded to f32 at the very end, so they are the same for every layout, instruction set and
+//! number of threads.
 //!
-//! **Why no nearest point is lost.** Let `p` be the point that a primitive answers with.
-//! - Wide layout. `p` lies in the boxes above its primitive as they are computed at the query's time: the corners of a
-//!   triangle do, as for rays, and [`closest_on_triangle`](crate::geometry::closest_on_triangle) keeps `p` within the box of the corners; parts of triangles have
-//!   boxes that are wider than exact by 8 ULP, more than `p` strays from the triangle; the caller's own primitives
-//!   promise it. The query point `q` is replaced by the f32 numbers on either side of it (`low`, `high`), so along each axis
-//!   `max(lower - high, low - upper, 0)`, before rounding, is at most `|p - q|`. Rounding it, its square and the
-//!   sum of squares makes it too large by less than 4 ULP, and the square of a number near zero by less than the
-//!   least normal number: [`Query::cull`] grants both.
-//! - In a tree that is placed, distances are those of images, from the point where the query was asked. The tree is searched from that
-//!   point brought into it, as far as [`Placement`](crate::geometry::Placement) says that what is near enough outside can be inside.
-//! - K-d layout. The cell of `p` has the primitive: the build's classification rounds outward, and the bounds that it
-//!   classifies hold `p` as they do above. Planes and distances from them are computed in f64, and lowered by more than that
-//!   rounds ([`PLANE_ROUNDING`]).
+//! **Why no closest point is lost.** Let `p` be the point that a primitive answers with.
+//! - Wide layout. `p` lies in the boxes above its primitive as they are computed at the query's time. For a triangle,
+//!   its corners do, as for rays, and [`closest_on_triangle`](crate::geometry::closest_on_triangle) keeps `p` within
+//!   the box of the corners. Sub-references of triangles have boxes that are wider than exact by 8 ULP, more than `p`
+//!   is off the triangle. Custom primitives promise it. The query point `q` is replaced by the f32 numbers on either
+//!   side of it (`low`, `high`), so along each axis `max(lower - high, low - upper, 0)`, before rounding, is at most
+//!   `|p - q|`. Rounding it, its square and the sum of squares makes it too large by less than 4 ULP, and the square of
+//!   a number near zero by less than the least normal number: [`Query::cull`] allows for both.
+//! - Placed trees (instances). Distances are those of images, measured from the query point in the outer space. The
+//!   tree is searched from that point mapped into its own space, out to the greatest inner distance that
+//!   [`Placement`](crate::geometry::Placement) derives for the outer one.
+//! - K-d layout. The cell of `p` has a reference of the primitive: the build's classification rounds outward, and the
+//!   bounds that it classifies hold `p` as they do above. Distances from planes are computed in f64, and reduced by
+//!   more than their rounding error ([`PLANE_ROUNDING`]).
 //!
-//! A distance is rounded to f32 before it is compared, so what is farther than the best by less than half a float may be
-//! equal to it, with a lower id. Culling therefore begins one float above the best.
+//! A distance is rounded to f32 before it is compared, so a point that is farther than the best one by less than half
+//! an ULP may tie with it and win by a lower id. Culling therefore begins one float above the best distance.
 
 use super::filter::{Everything, Filter};
 use super::nearest_first::{Leaves, NearestFirst};
@@ -32,30 +34,31 @@ use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
 use crate::simd::{LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, dispatch_or};
 use glam::{DVec3, Vec3};
 
-/// The nearest point on anything in a [`RayTree`](crate::RayTree), as
-/// [`RayTree::closest_point`](crate::RayTree::closest_point) finds it.
+/// The closest point on any primitive of a [`RayTree`](crate::RayTree), as returned by
+/// [`RayTree::closest_point`](crate::RayTree::closest_point).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClosestPoint {
-    /// How far it is from the query point, rounded to nearest.
+    /// Distance from the query point, rounded to nearest.
     pub distance: f32,
-    /// Where it is, in world coordinates.
+    /// The point, in world coordinates.
     pub point: DVec3,
-    /// Barycentric weight of the triangle's second vertex, or what the primitive says.
+    /// Barycentric weight of the triangle's second vertex, or the value that a custom primitive returned.
     pub u: f32,
-    /// Barycentric weight of the triangle's third vertex; the first has `1 - u - v`.
+    /// Barycentric weight of the triangle's third vertex (the first has `1 - u - v`), or the value that a custom
+    /// primitive returned.
     pub v: f32,
-    /// The mesh, as an index into what the tree was built of (0 for the caller's own primitives).
+    /// The mesh, as an index into the meshes that the tree was built of (0 for custom primitives).
     pub mesh: u32,
     /// The triangle within its mesh, or the primitive's index.
     pub primitive: u32,
 }
 
-/// A set of primitives whose nearest points can be asked for one by one.
+/// A set of primitives that answers closest-point queries one primitive at a time.
 pub(crate) trait ClosestPointSource: WideSource {
-    /// The nearest point of a primitive at the query's time, however far away.
+    /// The closest point of a primitive at the query's time, at any distance.
     fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate>;
 
-    /// The first of some primitives with a point within the limit: its place among them, and its nearest point.
+    /// The first of some primitives with a point within the limit: its index in `ids`, and its closest point.
     #[inline(always)]
     fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
         let near = |&id: &u32| self.closest_point(id, query).filter(|candidate| candidate.distance <= limit);
@@ -86,18 +89,18 @@ impl<P: Primitive> ClosestPointSource for Shapes<P> {
     }
 }
 
-/// The best answer so far, and who may improve it.
+/// The best answer so far, and the filter that candidates have to pass.
 pub(super) struct Best<'a, G, F> {
     pub set: &'a G,
     filter: &'a F,
     pub query: &'a Query,
     found: Option<(Candidate, u32)>,
-    /// The greatest distance that still counts.
+    /// The greatest distance of a point that can still improve the answer.
     pub limit: f32,
 }
 
 impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
-    /// Takes the point of a primitive if it is the nearest so far.
+    /// Takes the point of a primitive if it is the closest so far.
     #[inline(always)]
     fn offer(&mut self, candidate: Candidate, id: u32) {
         let better = match self.found {
@@ -128,7 +131,7 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
     }
 }
 
-/// Leaves of primitives: blocks of triangles, and lists of others.
+/// Leaves of primitives: blocks of triangles, and lists of other primitives.
 pub(super) struct InPrimitives<'a, 'b, G, F, O> {
     pub tree: &'a WideTree,
     pub best: &'b mut Best<'a, G, F>,
@@ -162,7 +165,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InP
 }
 
 impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, G, F, O> {
-    /// Looks at a block of triangles: those whose boxes are near enough, nearest first.
+    /// Tests a block of triangles: those whose boxes are near enough, closest first.
     #[inline(always)]
     fn triangles<S: Simd>(&mut self, s: S, leaf: ChildRef) {
         let query = self.best.query;
@@ -203,11 +206,11 @@ fn corners_in(lanes: &[[Lanes<f32>; 3]; 3], lane: usize) -> [DVec3; 3] {
     ]
 }
 
-/// By how much distances from planes in f64 may be too large, as a part of the largest coordinate of the scene: 64 roundings. (What grows
-/// with the distance of the query point is less than what squares are allowed.)
+/// Bound on the rounding error of f64 distances from planes, relative to the largest coordinate of the scene: 64
+/// roundings. (The error that grows with the distance of the query point is less than the allowance for squares.)
 const PLANE_ROUNDING: f64 = 32.0 * f64::EPSILON;
 
-/// A cell of the k-d layout to be visited later: how far away it begins along each axis.
+/// A cell of the k-d layout on the stack, with its distance along each axis.
 #[derive(Clone, Copy)]
 struct Cell {
     node: u32,
@@ -215,7 +218,7 @@ struct Cell {
 }
 
 /// The search through the k-d layout, nearer cells first (Arya and Mount, "Algorithms for Fast Vector Quantization",
-/// 1993: the distance to a cell is known from that to its parent by one axis).
+/// 1993: the distance to a cell differs from that to its parent along one axis only).
 fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
     tree: &KdTree,
     best: &mut Best<'_, G, F>,
@@ -233,7 +236,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
     let mut cell = Cell { node: 0, gap };
     loop {
         let reach = query.reach(best.limit);
-        // Squares of f64 err by 2^-53 each; infinite where the reach is.
+        // Squares in f64 have a relative error of 2^-53 each; infinite where the reach is.
         if cell.gap.length_squared() <= reach * reach * (1.0 + 1e-12) {
             match tree.nodes[cell.node as usize].view() {
                 KdView::Inner { plane, right } => {
@@ -268,12 +271,12 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
     }
 }
 
-/// The best answer before anything was looked at.
+/// The initial state of a search.
 pub(super) fn begin<'a, G, F>(set: &'a G, query: &'a Query, filter: &'a F) -> Best<'a, G, F> {
     Best { set, filter, query, found: None, limit: query.max_distance }
 }
 
-/// The nearest point in the wide layout.
+/// The closest point in the wide layout.
 pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
     simd: SimdLevel,
     tree: &WideTree,
@@ -289,7 +292,8 @@ pub(super) fn closest_point_in_wide<G: ClosestPointSource>(
     best.finish()
 }
 
-/// The same among all primitives and without an observer; `guarded` gives the answer on an instruction set that has no code for that.
+/// The closest point in the wide layout without a filter or an observer. `guarded` answers on an instruction set for
+/// which this form is not compiled.
 #[inline(always)]
 pub(super) fn plain_closest_point_in_wide<G: ClosestPointSource>(
     simd: SimdLevel,
@@ -306,7 +310,7 @@ pub(super) fn plain_closest_point_in_wide<G: ClosestPointSource>(
     found.unwrap_or_else(|| best.finish())
 }
 
-/// The nearest point in the k-d layout.
+/// The closest point in the k-d layout.
 pub(super) fn closest_point_in_kd<G: ClosestPointSource>(
     tree: &KdTree,
     set: &G,
@@ -320,7 +324,7 @@ pub(super) fn closest_point_in_kd<G: ClosestPointSource>(
     best.finish()
 }
 
-/// The nearest point by asking every primitive of a set: what all layouts must agree with.
+/// The closest point by testing every primitive of a set: the reference that all layouts must agree with.
 pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
     set: &G,
     query: &PlacedQuery,

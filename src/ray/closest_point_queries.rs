@@ -1,4 +1,4 @@
-//! Nearest points as callers ask for them.
+//! The public closest-point queries of [`RayTree`].
 
 use super::batch_order::answer_each;
 use super::closest_point::ClosestPoint;
@@ -9,23 +9,23 @@ use super::ray_tree::{Geometry, RayTree};
 use glam::DVec3;
 
 impl<G: Geometry> RayTree<G> {
-    /// The nearest point on anything in the tree at a time of the shutter, if it is no farther than `max_distance`
-    /// (infinity is fine): how far, where, and on which primitive; of several at the same distance (as an f32) the one
-    /// on the lowest (mesh, primitive). `point` is a `Vec3` or `DVec3` in world coordinates.
+    /// The closest point on any primitive of the tree at a time of the shutter, if it is no farther than `max_distance`
+    /// (which may be infinite): its distance, its position and its primitive. Of several at the same distance (as an
+    /// f32) the one on the lowest (mesh, primitive) is returned. `point` is a `Vec3` or `DVec3` in world coordinates.
     ///
-    /// Triangles are surfaces, those without area points and segments, and [`MovingSphere`](crate::MovingSphere)s are
-    /// surfaces too: from inside, the nearest point is on the skin. The caller's own primitives take part if they implement
-    /// [`Primitive::closest_point`](crate::Primitive::closest_point).
+    /// Triangles are surfaces; degenerate ones are points and segments. [`MovingSphere`](crate::MovingSphere)s are
+    /// surfaces too: from inside, the closest point is on the sphere's surface. Custom primitives take part if they
+    /// implement [`Primitive::closest_point`](crate::Primitive::closest_point).
     ///
-    /// Answers are exact in the sense of [`BruteForce::closest_point`](crate::baseline::BruteForce::closest_point): the same
-    /// bits as from asking each primitive. The distance from a triangle is computed in f64 and rounded to f32; it is never
-    /// too small, and too large by less than 2e-8 of the triangle's longest edge.
+    /// Answers are exact in the sense of [`BruteForce::closest_point`](crate::baseline::BruteForce::closest_point): the
+    /// same bits as from testing every primitive. The distance from a triangle is computed in f64 and rounded to f32;
+    /// it is never too small, and too large by less than 2e-8 of the triangle's longest edge.
     ///
     /// Returns `None` for a point that is NaN, infinite or beyond
     /// [`MAX_COORDINATE`](crate::MAX_COORDINATE), a time outside `[0, 1]`, and a `max_distance` that is negative or NaN.
     ///
-    /// Takes O(log n) for points near the surface; from very far away (1e19 scene sizes) nothing can be told apart and
-    /// every primitive is looked at. After Ericson, *Real-Time Collision Detection*, section 5.1.5.
+    /// Takes O(log n) for points near the surface. From very far away (1e19 scene sizes) rounding makes all distances
+    /// equal, and every primitive is tested. After Ericson, *Real-Time Collision Detection*, section 5.1.5.
     ///
     /// ```
     /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -43,9 +43,9 @@ impl<G: Geometry> RayTree<G> {
         self.closest_point_of(query.into())
     }
 
-    /// [`RayTree::closest_point`] among the points that `accept` accepts, on meshes whose
-    /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure: it is asked about some points
-    /// only.
+    /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes whose
+    /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure: it is called for some of
+    /// the points only.
     pub fn closest_point_filtered(
         &self,
         query: &ClosestPointQuery,
@@ -55,7 +55,7 @@ impl<G: Geometry> RayTree<G> {
         self.closest_point_guarded(&(*query).into(), Guards::filtered(mask, &accept))
     }
 
-    /// [`RayTree::closest_point`], telling `observer` what it does.
+    /// [`RayTree::closest_point`], reporting each step to `observer`.
     pub fn closest_point_observed(
         &self,
         query: &ClosestPointQuery,
@@ -81,12 +81,12 @@ impl<G: Geometry> RayTree<G> {
         answer_each(queries, answers, |_, query| self.closest_point_of((*query).into()));
     }
 
-    /// The nearest point where the tree is placed; see [`PlacedQuery`].
+    /// The closest point of a tree that may be placed in another space; see [`PlacedQuery`].
     pub(crate) fn closest_point_of(&self, query: PlacedQuery) -> Option<ClosestPoint> {
         (self.queries.closest_point)(self.target(), &query)
     }
 
-    /// The same with a filter or an observer.
+    /// [`RayTree::closest_point_of`] with a filter or an observer.
     pub(crate) fn closest_point_guarded(
         &self,
         query: &PlacedQuery,

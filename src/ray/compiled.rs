@@ -1,10 +1,11 @@
-//! The queries of a tree as plain functions, compiled once where the tree is built.
+//! The queries of a tree as function pointers, compiled once, in the crate that builds the tree.
 //!
-//! A query is generic over the geometry, the filter and the observer, and is compiled for each instruction set and layout.
-//! If callers instantiated it, every crate that asks a tree would compile all of that again. So a tree carries the
-//! addresses of its queries: of those that this crate compiled, for triangles and for primitives of any type
-//! ([`super::own`]); likewise builds. Filters, observers and visitors are called through `dyn`, once per accepted hit or visited
-//! block; a query is compiled with whichever of them there are ([`Guards`]) and, but for SSE2 and for lazy trees, once more without.
+//! A query is generic over the geometry, the filter and the observer, and is compiled for each instruction set and
+//! layout. If callers instantiated it, every crate with a query would compile all of that again. So a tree carries the
+//! addresses of its queries, which this crate compiled for triangles and for primitives of any type ([`super::own`]);
+//! builds are compiled likewise. Filters, observers and visitors are called through `dyn`, once per accepted hit or
+//! visited block. One form of each query looks for them at run time ([`Guards`]); except for SSE2 and for lazy trees, a
+//! second form is compiled without them.
 
 use super::batch::{AnyHits, Batch, BatchQuery, ClosestHits};
 use super::closest_point::{
@@ -27,31 +28,31 @@ use crate::progress::Progress;
 use crate::simd::{SimdLevel, dispatch, dispatch_or};
 use core::ops::ControlFlow;
 
-/// Apart from the wide layout's way, which has fewer registers to save without it.
+/// Not inlined into the wide layout's traversal, which has fewer registers to save without it.
 #[inline(never)]
 fn ask_kd<Q: Query>(query: Q, tree: &KdTree) -> Q::Answer {
     query.ask(tree)
 }
 
-/// The arrays that queries walk.
+/// The arrays that queries traverse.
 pub(crate) enum Layout {
     Wide(WideTree),
     Kd(KdTree),
     Lazy(LazyTree),
 }
 
-/// What a query is asked of.
+/// The tree that a query is answered from.
 pub(crate) struct Target<'a, G> {
     pub layout: &'a Layout,
     pub geometry: &'a G,
     pub simd: SimdLevel,
 }
 
-/// What a tree can be made of, and what was compiled for it.
+/// A geometry that a tree can be made of, with its compiled queries and build.
 pub(crate) trait Compiled: RaySource + ClosestPointSource + Sized {
-    /// The queries.
+    /// The compiled queries.
     const QUERIES: Queries<Self>;
-    /// Builds the layout that the parameters ask for.
+    /// Builds the layout that the parameters choose.
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError>;
 }
 
@@ -63,7 +64,7 @@ impl Compiled for Scene {
     }
 }
 
-/// Builds the layout that the parameters ask for over a set of primitives.
+/// Builds the layout that the parameters choose over a set of primitives.
 pub(super) fn lay_out<G: WideSource>(
     geometry: &mut G,
     params: &BuildParams,
@@ -89,12 +90,12 @@ pub(super) fn lay_out<G: WideSource>(
     }
 }
 
-/// A mask and the caller's filter of what is found.
+/// A mask and the caller's filter predicate.
 type Seen<'a, T> = Visible<&'a dyn Fn(&T) -> bool>;
 
-/// What a query may have beyond its plain form: a mask and the caller's filter of what is found, and an observer.
+/// The optional parts of a query: a mask with the caller's filter predicate, and an observer.
 ///
-/// They are looked for at run time, so that one form of a query serves all that have any of them.
+/// They are tested at run time, so that one compiled form serves every combination.
 pub(crate) struct Guards<'a, T> {
     visible: Option<Seen<'a, T>>,
     observer: Option<&'a mut dyn Observer>,
@@ -112,13 +113,13 @@ impl<'a, T> Guards<'a, T> {
     }
 }
 
-/// A query `Q` that gives an `R`.
+/// A query `Q` with answers of type `R`.
 pub(crate) type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
 
-/// The same among found `T`, with guards.
+/// A query with guards, whose filter predicate takes a `T`.
 type Guarded<G, Q, T, R> = fn(Target<'_, G>, &Q, Guards<'_, T>) -> R;
 
-/// Many rays, each of which gets an `R`.
+/// A query of many rays with one `R` each.
 pub(crate) type Batched<G, R> = fn(Target<'_, G>, &[Ray], &mut [R]);
 
 /// All queries of a geometry.
@@ -128,19 +129,19 @@ pub(crate) struct Queries<G> {
     pub any: Plain<G, Ray, bool>,
     pub closest_point: Plain<G, PlacedQuery, Option<ClosestPoint>>,
     pub closest_point_guarded: Guarded<G, PlacedQuery, ClosestPoint, Option<ClosestPoint>>,
-    /// All hits; and, for a visitor that breaks at the first, any hit with guards.
+    /// All hits; with a visitor that breaks at the first hit, any hit with guards.
     pub all: fn(Target<'_, G>, &Ray, Guards<'_, Hit>, Visitor<'_>) -> ControlFlow<()>,
     /// Interleaved traversal of many rays through the wide layout.
     pub interleaved_closest: Batched<G, Option<Hit>>,
     pub interleaved_any: Batched<G, bool>,
-    /// Packets of rays through the wide layout; none where there are no triangles, since tests of the caller's own primitives take most
-    /// of the time.
+    /// Packets of rays through the wide layout; `None` for a geometry without triangles, since tests of custom
+    /// primitives take most of the time.
     pub packets_closest: Option<Batched<G, Option<Hit>>>,
     pub packets_any: Option<Batched<G, bool>>,
 }
 
 impl<G: RaySource + ClosestPointSource> Queries<G> {
-    /// The addresses of all queries; whoever names them compiles them.
+    /// The addresses of all queries; naming this constant compiles them.
     pub(super) const TABLE: Queries<G> = Queries {
         closest: Queries::plain_closest,
         closest_guarded: Queries::guarded_closest,
@@ -160,10 +161,11 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         },
     };
 
-    // The plain queries are functions of their own: the address of a closure is that of a shim which calls it. They are compiled
-    // for the layouts and instruction sets where they are sooner than guarded ones and speed matters.
+    // The plain queries are functions of their own: the address of a closure is that of a shim which calls it. They are
+    // compiled for the layouts and instruction sets where speed matters and the plain form is faster than the guarded
+    // one.
 
-    /// The nearest hit.
+    /// The closest hit.
     fn plain_closest(on: Target<'_, G>, ray: &Ray) -> Option<Hit> {
         let observer = &mut ();
         on.ask_plain(
@@ -181,7 +183,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         )
     }
 
-    /// The nearest point.
+    /// The closest point.
     fn plain_closest_point(on: Target<'_, G>, query: &PlacedQuery) -> Option<ClosestPoint> {
         let guarded = || Queries::guarded_closest_point(on, query, Guards::NONE);
         match on.layout {
@@ -224,7 +226,7 @@ impl<G> Clone for Target<'_, G> {
 impl<G> Copy for Target<'_, G> {}
 
 impl<'a, G: RaySource> Target<'a, G> {
-    /// Asks the layout.
+    /// Answers a query from whichever layout the tree has.
     fn ask<Q: LazyQuery>(self, query: Q) -> Q::Answer {
         match self.layout {
             Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
@@ -233,8 +235,8 @@ impl<'a, G: RaySource> Target<'a, G> {
         }
     }
 
-    /// Asks the layout without guards, where there is code for that. The query is made where it is needed: moved there, it would
-    /// be copied by wide loads that wait for the narrow stores before them.
+    /// Answers a query without guards, where that form is compiled. The query is constructed at its place of use: moved
+    /// there, it would be copied by wide loads that stall on the narrow stores before them.
     #[inline(always)]
     fn ask_plain<Q: Query>(self, query: impl FnOnce() -> Q, guarded: impl FnOnce() -> Q::Answer) -> Q::Answer {
         match self.layout {
@@ -244,7 +246,7 @@ impl<'a, G: RaySource> Target<'a, G> {
         }
     }
 
-    /// Answers a batch by turns.
+    /// Answers a batch by interleaved traversal.
     #[inline(always)]
     fn interleaved<Q: BatchQuery>(self, rays: &[Ray], answers: &mut [Q::Answer], one: Plain<G, Ray, Q::Answer>) {
         if let Some(batch) = self.batch::<Q>(rays, answers) {
@@ -260,7 +262,7 @@ impl<'a, G: RaySource> Target<'a, G> {
         }
     }
 
-    /// A batch for a wide layout with something in it; rays of others are asked one by one.
+    /// A batch for a wide layout that is not empty; with other layouts the rays are answered one by one.
     #[inline(always)]
     fn batch<Q: BatchQuery>(self, rays: &'a [Ray], answers: &'a mut [Q::Answer]) -> Option<Batch<'a, G, Q>> {
         match self.layout {

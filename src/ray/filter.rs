@@ -1,14 +1,15 @@
-//! What a query is allowed to see.
+//! Filters: which primitives and hits a query takes into account.
 
 use super::Hit;
 
-/// Which primitives a query sees and which hits it accepts; both must be pure.
+/// Selects the primitives that a query tests and the hits that it accepts; both predicates must be pure.
 pub(crate) trait Filter<T = Hit> {
-    /// Whether a primitive with this visibility mask is seen; the mask is looked up only where it matters.
+    /// Whether a primitive with this visibility mask takes part; the mask is looked up only if the filter depends on
+    /// it.
     fn sees(&self, mask: impl FnOnce() -> u32) -> bool;
-    /// Whether a hit counts.
+    /// Whether a hit is accepted.
     fn accepts(&self, hit: impl FnOnce() -> T) -> bool;
-    /// Whether all hits count.
+    /// Whether all hits are accepted.
     fn accepts_all(&self) -> bool;
 }
 
@@ -30,7 +31,7 @@ impl<T> Filter<T> for Everything {
     }
 }
 
-/// A mask and the caller's own filter.
+/// A mask and the caller's filter predicate.
 pub(crate) struct Visible<F> {
     pub mask: u32,
     pub accept: F,
@@ -51,7 +52,7 @@ impl<T, F: Fn(&T) -> bool> Filter<T> for Visible<F> {
     }
 }
 
-/// Perhaps a filter.
+/// An optional filter.
 impl<T, F: Filter<T>> Filter<T> for Option<F> {
     #[inline(always)]
     fn sees(&self, mask: impl FnOnce() -> u32) -> bool {

@@ -1,7 +1,7 @@
-//! Many queries at once among what a mask and a filter let through.
+//! Batches of queries with a mask and a filter.
 //!
-//! Each is answered as the single query with its own filter, on any thread. They keep the caller's order: only batches without
-//! filters are sorted.
+//! Each query is answered like the single query with its own filter, on any thread. The caller's order is kept: only
+//! batches without filters are sorted.
 
 use super::batch_order::answer_each;
 use super::closest_point::ClosestPoint;
@@ -13,8 +13,8 @@ use crate::geometry::Ray;
 impl<G: Geometry> RayTree<G> {
     /// [`RayTree::closest_hit_filtered`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     ///
-    /// `accept` gets the place of the ray in `rays` with each hit, so every ray can have a filter of its own. It must be
-    /// pure, as that of a single ray, and is called from any thread.
+    /// `accept` gets the index of the ray in `rays` with each hit, so every ray can have a filter of its own. Like the
+    /// filter of a single ray it must be pure; it is called from any thread.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -64,14 +64,15 @@ impl<G: Geometry> RayTree<G> {
         answer_each(rays, hits, |i, ray| self.any_hit_filtered(ray, mask, |hit| accept(i, hit)));
     }
 
-    /// [`RayTree::closest_point_filtered`] for many queries, in parallel, with a filter that gets the place of the query, as that
-    /// of [`RayTree::closest_hits_filtered`]. `answers` is cleared and gets one answer per query, in order.
+    /// [`RayTree::closest_point_filtered`] for many queries, in parallel, with a filter that gets the index of the
+    /// query, as that of [`RayTree::closest_hits_filtered`]. `answers` is cleared and gets one answer per query, in
+    /// order.
     ///
     /// ```
     /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
     /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [3, 4, 5]], (0..6).map(|i| Vec3::X * i as f32).collect());
     /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
-    /// // From each of both what is nearest of the other.
+    /// // From a point on each triangle, the closest point of the other.
     /// let queries = [0.0, 5.0].map(|x| ClosestPointQuery::new(Vec3::X * x, 0.0));
     /// let mut answers = Vec::new();
     /// tree.closest_points_filtered(&queries, u32::MAX, |i, near| near.primitive != i as u32, &mut answers);

@@ -1,6 +1,6 @@
-//! What a ray hit.
+//! The answers of ray queries.
 
-/// An answer of a ray query.
+/// A hit of a ray on a primitive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance in units of the ray's direction: the point is `origin + t * dir`. Always finite, and within the ray's
@@ -10,26 +10,26 @@ pub struct Hit {
     pub u: f32,
     /// Barycentric weight of the triangle's third vertex; the first has `1 - u - v`.
     pub v: f32,
-    /// The mesh, as an index into what the tree was built of; the number of meshes for one of the other shapes of a scene, so
-    /// 0 where there are only those.
+    /// The mesh, as an index into the meshes that the tree was built of; the number of meshes for one of the other
+    /// shapes of a scene, so 0 for a tree of shapes only.
     pub mesh: u32,
     /// The triangle within its mesh, or the shape's index.
     pub primitive: u32,
 }
 
-/// A hit as kernels report it.
+/// A hit as reported by the intersection kernels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SetHit {
     /// The answer's `t`, rounded once.
     pub t: f32,
-    /// A distance in tree space beyond which nothing has an answer as near as this.
+    /// A distance in tree space beyond which no hit can have a `t` as small as this.
     pub reach: f32,
     pub u: f32,
     pub v: f32,
 }
 
 impl SetHit {
-    /// As an answer.
+    /// The public hit, given the primitive's mesh and index.
     #[inline(always)]
     pub fn answer(self, (mesh, primitive): (u32, u32)) -> Hit {
         Hit { t: self.t, u: self.u, v: self.v, mesh, primitive }

@@ -10,7 +10,7 @@ use crate::simd::SimdLevel;
 use std::io::{Read, Write};
 use std::path::Path;
 
-/// The numbers that layouts have in files.
+/// The numbers of the layouts in files.
 const WIDE: u32 = 0;
 const KD: u32 = 1;
 
@@ -29,12 +29,12 @@ impl Layout {
         }
     }
 
-    /// An error where the layout cannot be written, before anything else is.
+    /// Returns an error if the layout cannot be written, before any byte is written.
     fn can_be_written(&self) -> Result<(), FileError> {
         if let Layout::Lazy(_) = self { Err(FileError::Lazy) } else { Ok(()) }
     }
 
-    /// Reads what was written; nothing of it is checked but which layout it is.
+    /// Reads a written layout; nothing of it is checked but the layout's number.
     fn decode(from: &mut Decoder<'_>) -> Result<Layout, FileError> {
         match from.get::<u32>()? {
             WIDE => Ok(Layout::Wide(WideTree::decode(from)?)),
@@ -45,7 +45,7 @@ impl Layout {
 }
 
 impl<G: Geometry> RayTree<G> {
-    /// The tree of a layout over its primitives, if queries can walk it.
+    /// The tree of a layout over its primitives, if the layout passes the checks that queries rely on.
     fn checked(geometry: G, layout: Layout) -> Result<RayTree<G>, FileError> {
         let (layout, statistics) = match layout {
             Layout::Wide(tree) => {
@@ -66,9 +66,9 @@ impl<G: Geometry> RayTree<G> {
 }
 
 impl RayTree {
-    /// Writes the tree: meshes, spheres and layout, about as many bytes as
-    /// [`statistics`](RayTree::statistics) says it has in memory. The bytes are the same on every machine and for any number
-    /// of threads of the build. `docs/files.md` describes them.
+    /// Writes the tree: meshes, spheres and layout, about as many bytes as [`statistics`](RayTree::statistics) reports
+    /// for memory. The bytes are the same on every machine and for any number of threads of the build. `docs/files.md`
+    /// describes them.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -83,8 +83,8 @@ impl RayTree {
     /// ```
     ///
     /// # Errors
-    /// [`FileError::OwnShape`] where there is a shape of the caller's own type beside the meshes, [`FileError::Lazy`] for a tree
-    /// that is built where queries go, and what writing gives.
+    /// [`FileError::OwnShape`] if the scene has a shape of a custom type, [`FileError::Lazy`] for a lazy tree, and
+    /// errors of the sink.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)
     }
@@ -97,7 +97,7 @@ impl RayTree {
         })
     }
 
-    /// [`RayTree::write_to`] a file, which is there under this name once it is complete, and not before.
+    /// [`RayTree::write_to`] a file, which appears under this name only once it is complete.
     ///
     /// # Errors
     /// As [`RayTree::write_to`].
@@ -105,15 +105,15 @@ impl RayTree {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }
 
-    /// Reads a tree that [`RayTree::write_to`] wrote, and no byte more. It answers every query as the tree did that was
-    /// written, bit for bit, on any machine; queries run on the widest instruction set of this one.
+    /// Reads a tree that [`RayTree::write_to`] wrote, and no byte more. It answers every query like the written tree,
+    /// bit for bit, on any machine; queries run on the widest instruction set of this one.
     ///
-    /// Takes a small part of the time of the build: the bytes are read once, summed up and put where they belong, and the
-    /// tree is walked once to check it.
+    /// Takes a small part of the time of the build: the bytes are read once, added to the checksum and copied to their
+    /// place, and the tree is traversed once to check it.
     ///
     /// # Errors
-    /// Whatever is wrong: see [`FileError`]. Damage is found by the checksum. A file that was made to deceive is refused
-    /// where a query could stumble over it; its answers may be any.
+    /// A [`FileError`] that names the fault. Damage is found by the checksum. A file that was forged is rejected if a
+    /// query could fail on it; otherwise its answers are arbitrary.
     pub fn read_from(source: &mut impl Read) -> Result<RayTree, FileError> {
         Self::decode(source, None)
     }
@@ -122,7 +122,7 @@ impl RayTree {
         let raw = |from: &mut Decoder<'_>| Ok((SceneRecord::decode(from)?, Layout::decode(from)?));
         Decoder::begin(source, FileKind::Scene, length)?.whole(raw, |(scene, layout)| {
             let scene = match &layout {
-                // Each triangle is in some leaf block.
+                // Each triangle is in at least one leaf block.
                 Layout::Wide(tree) => scene.checked(tree.arena.len(), true)?,
                 Layout::Kd(_) | Layout::Lazy(_) => scene.checked(usize::MAX, false)?,
             };
@@ -147,11 +147,11 @@ impl RayTree {
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
-    /// Writes the tree without its primitives, which only the caller knows: how many there are, where, when, and the layout.
-    /// [`RayTree::read_primitives_from`] takes them again.
+    /// Writes the tree without its primitives, whose type only the caller knows: their number, bounds and times, and
+    /// the layout. [`RayTree::read_primitives_from`] reads it.
     ///
     /// # Errors
-    /// [`FileError::Lazy`], and what writing gives.
+    /// [`FileError::Lazy`] for a lazy tree, and errors of the sink.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)
     }
@@ -164,15 +164,15 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         })
     }
 
-    /// [`RayTree::write_to`] a file, which is there under this name once it is complete, and not before.
+    /// [`RayTree::write_to`] a file, which appears under this name only once it is complete.
     ///
     /// # Errors
-    /// [`FileError::Lazy`], and what writing gives.
+    /// As [`RayTree::write_to`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }
 
-    /// Reads a tree of the caller's own primitives; `primitives` have to be those that it was built of, in the same order.
+    /// Reads a tree of custom primitives; `primitives` have to be those that it was built of, in the same order.
     ///
     /// ```
     /// use mbkd::{BuildParams, FileError, MovingSphere, RayTree, glam::DVec3};
@@ -189,8 +189,8 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     ///
     /// # Errors
     /// As [`RayTree::read_from`], [`FileError::Primitives`] as [`RayTree::of_primitives`], and
-    /// [`FileError::OtherPrimitives`] where number, extent or times of the primitives are not those of the file. (What else
-    /// may differ can not be seen: then answers are any.)
+    /// [`FileError::OtherPrimitives`] if number, bounds or times of the primitives are not those of the file. (Other
+    /// differences cannot be detected: answers are then arbitrary.)
     pub fn read_primitives_from(source: &mut impl Read, primitives: Vec<P>) -> Result<RayTree<Shapes<P>>, FileError> {
         Self::decode(source, None, primitives)
     }

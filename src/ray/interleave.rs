@@ -1,9 +1,9 @@
-//! Many rays at once through the wide layout, a block each by turns.
+//! Interleaved traversal: several rays through the wide layout, one block each in turn.
 //!
-//! The picture: a waiter who serves several tables. A ray that needs a block which is not in the cache would
-//! wait for it as long as dozens of tests take; so the block is asked for, and the other rays of the
-//! group take their turns until it has come. Answers do not depend on it. On a tree that fits the cache it only
-//! costs, so small trees are asked ray by ray; and so are trees most of which stands still, whose steps are short.
+//! The picture: a waiter who serves several tables. A ray that needs a block which is not in the cache would wait for
+//! it as long as dozens of tests take. So the block is prefetched, and the other rays of the group advance until it has
+//! arrived. Answers do not depend on it. On a tree that fits the cache interleaving only costs, so rays of small trees
+//! are traversed one by one; and so are rays of mostly static trees, whose steps are short.
 
 use super::batch::{Batch, BatchQuery, Member};
 use super::intersect::RaySource;
@@ -11,10 +11,10 @@ use super::tree_ray::TreeRay;
 use crate::simd::{Kernel, Simd};
 use crate::traverse::{Cursor, StackOf, WideTraversal};
 
-/// Rays on their way at the same time.
+/// Rays that are traversed at the same time.
 const GROUP: usize = 8;
 
-/// A batch whose rays take turns, to be dispatched to an instruction set.
+/// A batch for interleaved traversal, to be dispatched to an instruction set.
 pub(super) struct Interleaved<'a, G, Q: BatchQuery>(pub Batch<'a, G, Q>);
 
 impl<G: RaySource, Q: BatchQuery> Kernel for Interleaved<'_, G, Q> {

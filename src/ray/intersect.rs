@@ -1,4 +1,4 @@
-//! What a ray hits of one primitive of a set.
+//! The intersection of a ray with one primitive of a set.
 
 use super::hit::SetHit;
 use super::shear::Sheared;

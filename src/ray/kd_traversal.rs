@@ -1,25 +1,27 @@
 //! Ray queries over the k-d layout: front to back, ordinary k-d traversal (section 3.2 of the paper).
 //!
-//! Why no hit is missed. Let the kernel accept primitive `p` at time `T`, where the ray is at point `X`. A triangle is tested in f64,
-//! so `X` is within [`KERNEL_ROUNDING`] of the scene's and the origin's largest coordinates, per axis, of a point `Q` of the true
-//! triangle; of any other primitive `X` is a point `Q` itself, as its bounds promise
-//! ([`Primitive`](crate::Primitive)). The build keeps this invariant: in every node whose closed cell holds `Q` on the way
-//! down, `p` has a reference with `T` in its interval; if `Q` lies strictly on one side of a plane, that side has it
-//! (classification rounds outward), and if `Q` lies in the plane, at least one side has it. So some leaf has the reference and
-//! holds `Q`.
+//! Why no hit is missed. Let the kernel accept primitive `p` at time `T`, where the ray is at point `X`. A triangle is
+//! tested in f64, so `X` is within [`KERNEL_ROUNDING`] of the scene's and the origin's largest coordinates, per axis,
+//! of a point `Q` of the true triangle; for any other primitive `X` itself is `Q`, as its bounds promise
+//! ([`Primitive`](crate::Primitive)). The build keeps this invariant: in every node whose closed cell holds `Q` on the
+//! way down, `p` has a reference with `T` in its interval; if `Q` lies strictly on one side of a plane, that side has
+//! it (classification rounds outward), and if `Q` lies in the plane, at least one side has it. So some leaf has the
+//! reference and holds `Q`.
 //!
-//! The traversal keeps for every visited node a range of `t` that contains all `t` in the ray's range at which the
-//! ray may be at such a point of the node's cell. At the root this is the clipped ray. At a plane `s` with `d > 0` the left
-//! cell is reached for `o + t d <= s + e`, so for `t <= (s - o) / d + e / |d|`, and the right one for `t >= (s - o)
-//! / d - e / |d|`. Computing `(s - o) * (1 / d)` and the ends of ranges errs by less than 6 ULP of `(|s| + |o|) / |d|`, and `s`
-//! itself, where the plane moves, by less than 2 ULP of its position and velocity: `e` is 8 ULP of these, the kernel's
-//! rounding, and the ray's own slack. None of it grows with the scene but what the kernel rounds in f64: cells of a small
-//! thing beside a large one are told apart as if it were alone. Therefore that leaf is visited with a range that contains
-//! `t`, unless an answer strictly nearer than the begin of the range has been found.
+//! The traversal keeps for every visited node a range of `t` that contains all `t` in the ray's range at which the ray
+//! may be at such a point of the node's cell. At the root this is the clipped ray. At a plane `s` with `d > 0` the left
+//! cell is reached for `o + t d <= s + e`, so for `t <= (s - o) / d + e / |d|`, and the right one for
+//! `t >= (s - o) / d - e / |d|`. Computing `(s - o) * (1 / d)` and the ends of ranges has an error of less than 6 ULP
+//! of `(|s| + |o|) / |d|`, and `s` itself, where the plane moves, of less than 2 ULP of its position and velocity: `e`
+//! is 8 ULP of these, the kernel's rounding, and the ray's own slack. Only the kernel's rounding, in f64, grows with
+//! the scene: cells of a small object beside a large one are distinguished as if the small one were alone. Therefore
+//! that leaf is visited with a range that contains `t`, unless an answer strictly nearer than the beginning of the
+//! range has been found.
 //!
-//! A direction's component below [`LEAST_COMPONENT`] is replaced, as everywhere ([`TreeRay::slabs`]), so every product stays finite,
-//! and there is no case of its own and no NaN. The ray then strays along that axis by at most an ULP of its way, which no
-//! hit makes longer than the largest coordinates of scene and origin together: along that axis `e` is larger by twice as much.
+//! A component of the direction below [`LEAST_COMPONENT`] is replaced, as everywhere ([`TreeRay::slabs`]), so every
+//! product stays finite, and there is no special case and no NaN. The ray then deviates along that axis by at most an
+//! ULP of the distance it covers, which up to any hit is at most the largest coordinates of scene and origin together:
+//! along that axis `e` is larger by twice as much.
 
 use super::collect::{Collect, Found};
 use super::filter::Filter;
@@ -33,7 +35,7 @@ use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
 use crate::simd::StackMemory;
 
-/// A subtree still to be visited, with the range of `t` in which the ray is near its cell.
+/// A subtree on the stack, with the range of `t` in which the ray is near its cell.
 #[derive(Clone, Copy)]
 struct Entry {
     node: u32,
@@ -41,25 +43,26 @@ struct Entry {
     end: f32,
 }
 
-/// How far beside a triangle a ray that hits it may pass, as a part of the largest coordinate: 32 roundings of
-/// f64, three times what the test takes.
+/// The greatest distance between a triangle and a ray that hits it in the kernel, relative to the largest coordinate:
+/// 32 roundings of f64, three times the error of the test.
 pub(super) const KERNEL_ROUNDING: f32 = 1.0 / (1u64 << 48) as f32;
 
-/// ULP of a plane's position, and of the origin, by which the place where a ray crosses the plane is rounded.
+/// Bound on the rounding error of the point where a ray crosses a plane, in ULP of the plane's position and of the
+/// origin.
 const CROSSING_ULPS: f32 = 8.0;
 
-/// What the traversal needs of a ray, per axis; the fourth entry makes any two-bit index valid.
+/// The constants of a ray per axis; the fourth entry makes any two-bit index valid.
 struct Axes {
     origin: [f32; 4],
     inverse: [f32; 4],
     /// The slack `e` of a plane at zero, in units of `t`.
     pad: [f32; 4],
-    /// By how much more it is per unit of the plane's distance from zero.
+    /// The growth of the slack per unit of the plane's distance from zero.
     growth: [f32; 4],
 }
 
 impl Axes {
-    /// For a scene whose largest coordinate is `magnitude`.
+    /// The constants for a scene whose largest coordinate is `magnitude`.
     #[inline]
     fn new(ray: &TreeRay, magnitude: f32) -> Axes {
         let way = magnitude + ray.origin.into_iter().map(f32::abs).fold(0.0, f32::max);
@@ -77,26 +80,27 @@ impl Axes {
         axes
     }
 
-    /// Where the ray crosses a plane at `s`, which was computed from numbers of size `of`, and the slack before and behind it.
+    /// The `t` at which the ray crosses a plane at `s`, which was computed from numbers of magnitude `of`, and the
+    /// slack on either side.
     #[inline(always)]
     fn crossing(&self, axis: usize, s: f32, of: f32) -> (f32, f32) {
         ((s - self.origin[axis]) * self.inverse[axis], self.pad[axis] + self.growth[axis] * of)
     }
 }
 
-/// Ids of primitives that a ray was tested against lately, each at a place of its own among a few.
+/// Ids of the primitives that a ray was tested against lately (a direct-mapped mailbox).
 ///
-/// A primitive in several leaves has the same answer in all of them, so testing it once will do. Where another took its
-/// place it is tested again, which costs time and changes nothing.
+/// A primitive in several leaves has the same answer in all of them, so testing it once is enough. If another id has
+/// replaced it, the primitive is tested again, which costs time and does not change the answer.
 struct Tested([u32; Tested::PLACES]);
 
 impl Tested {
     const PLACES: usize = 256;
 
-    /// No id is this large.
+    /// No primitive has this id.
     const NOTHING: Tested = Tested([u32::MAX; Tested::PLACES]);
 
-    /// Whether the id is not among them; from now on it is.
+    /// Returns whether the id is absent, and inserts it.
     #[inline(always)]
     fn lacks(&mut self, id: u32) -> bool {
         core::mem::replace(&mut self.0[id as usize % Tested::PLACES], id) != id
@@ -104,7 +108,7 @@ impl Tested {
 }
 
 impl Walk for &KdTree {
-    /// Front to back; a primitive in several leaves may be offered several times.
+    /// Front-to-back traversal; a primitive in several leaves may be offered several times.
     #[inline(always)]
     fn walk<S: RaySource>(
         self,
@@ -170,7 +174,7 @@ impl Walk for &KdTree {
                     }
                 }
             }
-            // The next subtree that begins no farther than the best answer.
+            // Pop the next subtree that begins no farther than the best answer.
             let limit = collect.reach();
             loop {
                 let Some(entry) = stack.pop() else { return };
@@ -192,8 +196,9 @@ mod tests {
     use crate::ray::intersect::intersect_triangle;
     use glam::Vec3;
 
-    /// Hits of triangles on one side of a plane, of which an edge lies in it, outside of the range of the cell on that side,
-    /// if planes are padded by this part of what they should be. Planes and origins are at all distances from zero.
+    /// Counts hits of triangles on one side of a plane that an edge lies in, for which the range of the cell on that
+    /// side does not contain `t`, if the padding is scaled by `part`. Planes and origins are at all distances from
+    /// zero.
     fn hits_lost(part: f32) -> usize {
         let mut random = Random(77);
         let (mut hits, mut lost) = (0, 0);
@@ -205,7 +210,7 @@ mod tests {
             // The cell is on the side of lower x.
             c.x = a.x - c.x.abs();
             let target = a + (b - a) * (0.5 + 0.5 * random.signed());
-            // So long that distances in tree space are those of the answer.
+            // With this length, distances in tree space are those of the answer.
             let dir = (target - origin) / (target - origin).abs().max_element() * 1.25;
             let asked = Ray::new(origin, dir);
             let Some(ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };

@@ -1,9 +1,9 @@
-//! Rays in a lazy tree: the coarse tree leads to subtrees, which are built when a ray first comes to them and asked as trees
-//! of their own.
+//! Ray queries in a lazy tree: the coarse tree leads to subtrees, which are built when a ray first reaches them and
+//! queried as trees of their own.
 //!
-//! A subtree is asked by the same code as a tree that is built whole. All trees share one tree space, so each hit is found with the
-//! bits that it has there; that the ray ends at the best hit so far changes no nearer one, and of several at the same `t` the
-//! lowest (mesh, primitive) counts here as it does there. Each primitive is in one subtree only.
+//! A subtree is queried by the same code as a tree that was built whole. All trees share one tree space, so each hit
+//! has the same bits as there. Ending the ray at the best hit so far changes no nearer hit, and of several at the same
+//! `t` the lowest (mesh, primitive) wins here as it does there. Each primitive is in one subtree only.
 
 use super::filter::Filter;
 use super::hit::Hit;
@@ -17,9 +17,9 @@ use crate::layout::{ChildRef, LazyTree, WideTree};
 use crate::simd::{SimdLevel, dispatch};
 use core::ops::ControlFlow;
 
-/// A question that can be asked of one subtree after the other.
+/// A query that can be answered from one subtree after the other.
 pub(super) trait LazyQuery: Query {
-    /// Asks all subtrees that matter.
+    /// Answers the query from all subtrees that the ray reaches.
     fn ask_lazily(self, tree: &LazyTree, simd: SimdLevel) -> Self::Answer;
 }
 
@@ -58,7 +58,7 @@ impl<G: RaySource, F: Filter, O: Observer> LazyQuery for AllQuery<'_, G, F, O> {
     }
 }
 
-/// Leads a ray to all subtrees that it comes to, until `ask` breaks.
+/// Visits the subtrees that a ray reaches, until `ask` breaks.
 fn lead<const ORDERED: bool, G, F, O, A>(tree: &LazyTree, simd: SimdLevel, asked: Asked<'_, G, F, O>, ask: A)
 where
     G: RaySource,
@@ -70,12 +70,12 @@ where
         return;
     }
     let Some(tree_ray) = TreeRay::new(ray, asked.set.frame()) else { return };
-    // Compiled once for all questions: what is asked of a subtree takes far longer than the call.
+    // Compiled once for all queries: the query of a subtree takes far longer than the call.
     let stops: &mut dyn Stops = &mut Subtrees { tree, asked, ask };
     dispatch(simd, Way::<'_, ORDERED, _> { tree: &tree.top, ray, tree_ray: &tree_ray, stops });
 }
 
-/// The subtrees that a ray comes to.
+/// The subtrees that a ray reaches.
 struct Subtrees<'a, 'b, G, F, O, A> {
     tree: &'a LazyTree,
     asked: Asked<'b, G, F, O>,
@@ -92,7 +92,7 @@ where
         self.asked.observer.node();
     }
 
-    /// Leaves are counted in the subtree.
+    /// Leaves are counted by the query of the subtree.
     fn leaf(&mut self) {}
 
     fn ask(&mut self, subtree: u32, ray: &Ray) -> ControlFlow<(), f32> {

@@ -1,4 +1,5 @@
-//! The nearest point in a lazy tree: the coarse tree says in which order subtrees are searched, all for one best answer.
+//! The closest point in a lazy tree: the coarse tree orders the subtrees by distance, and all of them share one best
+//! answer.
 
 use super::closest_point::{Best, ClosestPoint, ClosestPointSource, InPrimitives, begin};
 use super::filter::Filter;
@@ -8,7 +9,7 @@ use super::point_query::{PlacedQuery, Query};
 use crate::layout::{ChildRef, LazyTree};
 use crate::simd::{Simd, SimdLevel, dispatch};
 
-/// The nearest point in a lazy tree.
+/// The closest point in a lazy tree.
 #[inline(never)]
 pub(super) fn closest_point_in_lazy<G: ClosestPointSource>(
     simd: SimdLevel,

@@ -1,6 +1,6 @@
-//! The way to what is nearest to a point, through any wide tree: boxes in the order of their distances, until what is left is
-//! farther away than what was found. What leaves are is told by [`Leaves`]: primitives, subtrees that are built on demand,
-//! instances.
+//! Best-first traversal of any wide tree from a point: boxes in order of their distances, until every remaining one is
+//! farther away than the best answer. The type of the leaves is given by [`Leaves`]: primitives, subtrees that are
+//! built on demand, or instances.
 
 use super::point_query::Query;
 use crate::layout::{ChildRef, WideTree};
@@ -8,17 +8,17 @@ use crate::simd::{Kernel, Mask, Simd};
 use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
 
-/// What the leaves of a tree are, and what was found in them so far.
+/// The leaves of a tree, and the best answer found in them so far.
 pub(crate) trait Leaves {
-    /// The greatest distance that still counts.
+    /// The greatest distance of a point that can still improve the answer.
     fn limit(&self) -> f32;
     /// A node is about to be tested.
     fn node(&mut self);
-    /// Looks at a leaf.
+    /// Searches a leaf.
     fn leaf<S: Simd>(&mut self, s: S, leaf: ChildRef);
 }
 
-/// The way through a tree, to be dispatched to an instruction set.
+/// The traversal of a tree, to be dispatched to an instruction set.
 pub(crate) struct NearestFirst<'a, L> {
     pub tree: &'a WideTree,
     pub query: &'a Query,
@@ -43,10 +43,10 @@ impl<L: Leaves> Kernel for NearestFirst<'_, L> {
     }
 }
 
-/// A search on its way.
+/// The state of a search.
 struct Search<'a, L> {
     query: &'a Query,
-    /// [`Query::cull`] of what still counts.
+    /// [`Query::cull`] of the current limit.
     cull: f32,
     leaves: &'a mut L,
 }

@@ -1,8 +1,8 @@
-//! Counting what a query does, at no cost when nobody looks.
+//! Counting the steps of a query, at no cost where no observer is given.
 
-/// Sees what a query does. All methods do nothing unless implemented.
+/// Is called for each step of a query. All methods do nothing unless implemented.
 ///
-/// A query without an observer is compiled without one (but for SSE2), so it pays nothing for the possibility.
+/// A query without an observer is compiled without one (except for SSE2), so the hooks cost it nothing.
 ///
 /// ```
 /// use mbkd::{BuildParams, Observer, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -30,15 +30,15 @@ pub trait Observer {
     /// A reference is skipped because its time interval excludes the ray's time.
     #[inline(always)]
     fn time_skip(&mut self) {}
-    /// `count` primitives are tested. (The k-d layout counts each reference that lives at the ray's time, as the paper does; a
-    /// primitive that the ray met in another leaf just before is known to be missed, or hit already.)
+    /// `count` primitives are tested. (The k-d layout counts each reference that is active at the ray's time, as the
+    /// paper does, though a primitive that the ray met in another leaf just before is not tested again.)
     #[inline(always)]
     fn primitive_tests(&mut self, count: usize) {
         let _ = count;
     }
 }
 
-/// Observes nothing.
+/// The observer that does nothing.
 impl Observer for () {}
 
 impl Observer for &mut dyn Observer {
@@ -56,7 +56,7 @@ impl Observer for &mut dyn Observer {
     }
 }
 
-/// Perhaps an observer.
+/// An optional observer.
 impl Observer for Option<&mut dyn Observer> {
     #[inline(always)]
     fn node(&mut self) {
@@ -84,7 +84,7 @@ impl Observer for Option<&mut dyn Observer> {
     }
 }
 
-/// Counts everything; several are added with `+`.
+/// Counts all steps; counters are added with `+`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Inner nodes visited.

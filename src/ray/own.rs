@@ -1,9 +1,9 @@
-//! Trees of the caller's own primitives, of whichever type, compiled once in this crate.
+//! Trees of custom primitives of any type, compiled once in this crate.
 //!
-//! Builders and queries are generic over what a tree is made of, and are compiled for each instruction set. Were they
-//! compiled for the caller's types, every program with a primitive of its own would compile all of them again. So they see
-//! [`Own`], behind which the caller's code is called: for each primitive that a ray comes to, for the points of each leaf, for each bound that
-//! a build asks for. Boxes, nodes and the order of visits are the crate's own.
+//! Builders and queries are generic over the geometry, and are compiled for each instruction set. If they were compiled
+//! for the caller's types, every program with a custom primitive would compile all of them again. So they are compiled
+//! for [`Own`], which calls the caller's code through `dyn`: for each primitive that a ray reaches, for the closest
+//! points of each leaf, for each bound that a build needs. Boxes, nodes and the order of visits are the crate's own.
 
 use super::closest_point::ClosestPointSource;
 use super::compiled::{Compiled, Layout, Queries, Target, lay_out};
@@ -60,10 +60,10 @@ impl<P: Primitive> AnyShapes for Shapes<P> {
     }
 }
 
-/// The caller's own primitives, of whichever type.
+/// Custom primitives with their type erased.
 pub(super) struct Own<'a> {
     shapes: &'a dyn AnyShapes,
-    // At hand without a call.
+    // Copied here so that reading it needs no dynamic call.
     frame: &'a Frame,
     always_active: bool,
 }
@@ -147,13 +147,13 @@ impl ClosestPointSource for Own<'_> {
     }
 }
 
-/// The queries, at addresses in this crate: whoever could inline this would compile them all.
+/// The queries, at addresses in this crate: a caller that inlined this would compile them all.
 #[inline(never)]
 fn queries<'a>() -> &'a Queries<Own<'a>> {
     &Queries::TABLE
 }
 
-/// The same of the build.
+/// The build, likewise.
 #[inline(never)]
 fn lay_out_own(
     mut own: Own<'_>,
@@ -187,7 +187,7 @@ impl<P: Primitive> Compiled for Shapes<P> {
 }
 
 impl<'a, P> Target<'a, Shapes<P>> {
-    /// The same layout about its primitives without their type.
+    /// The same layout, with the type of its primitives erased.
     fn about<'b>(self, own: &'b Own<'b>) -> Target<'b, Own<'b>>
     where
         'a: 'b,

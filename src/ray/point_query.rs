@@ -1,6 +1,7 @@
-//! A query for the nearest point: as it is asked, and in tree space, where it says how near boxes and triangles are.
+//! A closest-point query: as the caller gives it, and prepared in tree space, where it computes distances from boxes
+//! and triangles.
 //!
-//! Why no nearest point is lost: see `closest_point`.
+//! The `closest_point` module proves that no closest point is lost.
 
 use crate::geometry::{Frame, Placement, ULP, closest_on_triangle};
 use crate::layout::{ChildRef, NODE_ROWS};
@@ -9,15 +10,15 @@ use crate::simd::{LANES, Mask, Simd, lanes_at};
 use crate::traverse::{NodeBlock, children_of};
 use glam::{DVec3, Vec3};
 
-/// A query of [`RayTree::closest_points`](crate::RayTree::closest_points): what is nearest to `point` at `time`, and no
-/// farther than `max_distance`?
+/// A query of [`RayTree::closest_points`](crate::RayTree::closest_points): the closest point to `point` at `time`
+/// within `max_distance`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClosestPointQuery {
     /// The point, in world coordinates.
     pub point: DVec3,
-    /// When it looks, in the shutter `[0, 1]`.
+    /// The time, in the shutter `[0, 1]`.
     pub time: f32,
-    /// What is farther away does not count; infinity is fine.
+    /// Points farther away are ignored; may be infinite.
     pub max_distance: f32,
 }
 
@@ -27,12 +28,13 @@ impl ClosestPointQuery {
         ClosestPointQuery { point: point.into(), time, max_distance: f32::INFINITY }
     }
 
-    /// The query for what is no farther than `max_distance`.
+    /// The same query for points no farther than `max_distance`.
     pub fn within(self, max_distance: f32) -> ClosestPointQuery {
         ClosestPointQuery { max_distance, ..self }
     }
 
-    /// Whether it means anything: see [`RayTree::closest_point`](crate::RayTree::closest_point). (Comparisons in this form also refuse NaN.)
+    /// Whether all fields are in range: see [`RayTree::closest_point`](crate::RayTree::closest_point). (Comparisons in
+    /// this form also reject NaN.)
     fn is_valid(&self) -> bool {
         self.point.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
             && (0.0..=1.0).contains(&self.time)
@@ -40,11 +42,12 @@ impl ClosestPointQuery {
     }
 }
 
-/// A query of a tree that may be placed in another space, in which the point and all distances are.
+/// A query of a tree that may be placed in an outer space (as an instance); the query point and all distances are in
+/// that space.
 #[derive(Clone, Copy)]
 pub(crate) struct PlacedQuery {
     pub query: ClosestPointQuery,
-    /// Where the tree is placed; nothing where it is in that space itself.
+    /// The placement of the tree; `None` if the tree's own space is the outer space.
     pub placed: Option<Placement>,
 }
 
@@ -54,7 +57,7 @@ impl From<ClosestPointQuery> for PlacedQuery {
     }
 }
 
-/// The point of one primitive that is nearest to a query.
+/// The closest point of one primitive.
 #[derive(Clone, Copy)]
 pub(crate) struct Candidate {
     pub distance: f32,
@@ -63,28 +66,28 @@ pub(crate) struct Candidate {
     pub v: f32,
 }
 
-/// A query where it was asked, and in tree space.
+/// A query in the outer space, and in tree space.
 pub(crate) struct Query {
     pub(super) point: DVec3,
     pub(super) time: f32,
     pub(super) max_distance: f32,
     frame: Frame,
     pub(super) placed: Option<Placement>,
-    /// The point in the tree's own space.
+    /// The query point in the tree's own space.
     pub(super) own: DVec3,
-    /// The most that a distance can be in tree space, per distance where it was asked.
+    /// The greatest distance in tree space per unit of distance in the outer space.
     grows: f64,
-    /// By how much distances where it was asked may be too small for that.
+    /// By how much computed outer distances may be smaller than this bound assumes.
     stray: f64,
-    /// The point in tree space.
+    /// The query point in tree space.
     pub(super) inside: DVec3,
-    /// The f32 numbers on either side of it.
+    /// The f32 numbers on either side of `inside`.
     low: Vec3,
     high: Vec3,
 }
 
 impl Query {
-    /// Nothing for a query that means nothing.
+    /// Returns `None` for a query that is out of range.
     pub fn new(PlacedQuery { query, placed }: &PlacedQuery, frame: Frame) -> Option<Query> {
         if !query.is_valid() {
             return None;
@@ -97,14 +100,15 @@ impl Query {
             }
         };
         let inside = (own - frame.origin) * frame.scale;
-        // The difference is rounded in f64, and conversion goes to the nearest f32: a float down holds both.
+        // The difference is rounded in f64, and the conversion is to the nearest f32: the neighbouring floats enclose
+        // both errors.
         let nearest = inside.as_vec3();
         let (low, high) = (nearest.map(f32::next_down), nearest.map(f32::next_up));
         let &ClosestPointQuery { point, time, max_distance } = query;
         Some(Query { point, time, max_distance, frame, placed: *placed, own, grows, stray, inside, low, high })
     }
 
-    /// The nearest point of a triangle with these corners in tree space.
+    /// The closest point of a triangle with these corners in tree space.
     #[inline(always)]
     pub(super) fn on_triangle(&self, corners: [DVec3; 3]) -> Candidate {
         if let Some(placed) = &self.placed {
@@ -119,7 +123,7 @@ impl Query {
         }
     }
 
-    /// The same where the tree is placed: of the triangle's image.
+    /// The same for a placed tree: the closest point of the triangle's image.
     #[inline(never)]
     fn on_placed_triangle(&self, placed: &Placement, corners: [DVec3; 3]) -> Candidate {
         let corners = corners.map(|p| placed.matrix.transform_point3(self.frame.fine_to_world(p)));
@@ -132,7 +136,7 @@ impl Query {
         }
     }
 
-    /// The greatest distance in tree space, before rounding to a distance of at most `limit` where it was asked.
+    /// The greatest distance in tree space of a point whose outer distance rounds to at most `limit`.
     #[inline(always)]
     pub(super) fn reach(&self, limit: f32) -> f64 {
         (f64::from(limit.next_up()) + self.stray) * self.grows
@@ -153,7 +157,7 @@ impl Query {
         (s.le(distances, s.splat(cull)) & present, distances)
     }
 
-    /// The squared distance above which a box, as computed in f32, has nothing within `limit`.
+    /// A squared distance: a box whose distance computed in f32 is above it has no point within `limit`.
     #[inline(always)]
     pub(super) fn cull(&self, limit: f32) -> f32 {
         let reach = self.reach(limit);
@@ -175,7 +179,7 @@ impl Query {
     }
 }
 
-/// The faces in a row of a node at a time.
+/// One face of each of the sixteen boxes of a node, at a time.
 #[inline(always)]
 fn face<S: Simd, const ROWS: usize>(s: S, block: &NodeBlock, row: usize, time: S::F) -> S::F {
     let at = s.load(lanes_at(block, row * LANES));

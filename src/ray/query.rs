@@ -1,4 +1,4 @@
-//! The three questions a ray can ask, of any layout.
+//! The three kinds of ray queries, independent of the layout.
 
 use super::collect::{All, Any, Closest, Found};
 use super::filter::Filter;
@@ -14,18 +14,18 @@ use crate::simd::{Kernel, Simd};
 use crate::traverse::StackOf;
 use core::ops::ControlFlow;
 
-/// A question with all it needs but the layout.
+/// A query with all its state but the layout.
 ///
-/// What it makes of the ray, and the best answer so far, live in registers where the layout's walk is compiled into
-/// it; so it is given to the layout's instruction set whole.
+/// The prepared ray and the best answer so far live in registers where the layout's traversal is inlined into the
+/// query; so the whole query is dispatched to the instruction set of the layout.
 pub(crate) trait Query {
-    /// What it asks for.
+    /// The answer.
     type Answer;
-    /// Asks it.
+    /// Answers the query from a layout.
     fn ask(self, layout: impl Walk) -> Self::Answer;
 }
 
-/// A ray, what it is asked of and who looks on.
+/// A ray, its geometry, filter and observer.
 pub(crate) struct Asked<'a, G, F, O> {
     pub set: &'a G,
     pub ray: &'a Ray,
@@ -33,7 +33,7 @@ pub(crate) struct Asked<'a, G, F, O> {
     pub observer: &'a mut O,
 }
 
-/// For the nearest hit.
+/// The closest-hit query.
 pub(crate) struct ClosestQuery<'a, G, F, O>(pub Asked<'a, G, F, O>);
 
 impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
@@ -57,7 +57,7 @@ impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
     }
 }
 
-/// For whether there is a hit.
+/// The occlusion query: whether there is a hit.
 pub(crate) struct AnyQuery<'a, G, F, O>(pub Asked<'a, G, F, O>);
 
 impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
@@ -84,7 +84,7 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
 /// The caller's function that is called with each hit.
 pub(super) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
 
-/// For all hits.
+/// The query for all hits.
 pub(crate) struct AllQuery<'a, G, F, O> {
     pub asked: Asked<'a, G, F, O>,
     pub visitor: Visitor<'a>,

@@ -1,4 +1,4 @@
-//! The tree that rays are asked of: primitives and one layout over them.
+//! The tree that answers ray queries: primitives and one layout over them.
 
 use super::batch::{AnyHits, BatchQuery, ClosestHits};
 use super::compiled::{Batched, Compiled, Guards, Layout, Plain, Queries, Target};
@@ -14,11 +14,10 @@ use crate::tuning::wide::CACHED;
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// Rays of a task that are asked before it is led in packets.
+/// Rays of a task that are answered one by one before the rest is traversed in packets.
 const FIRST: usize = 16;
 
-/// What a [`RayTree`] is made of: [`Scene`] or [`Shapes`]. Sealed; a bound for
-/// code that is generic over both.
+/// The contents of a [`RayTree`]: [`Scene`] or [`Shapes`]. Sealed; a bound for code that is generic over both.
 ///
 /// ```
 /// use mbkd::{Geometry, Ray, RayTree};
@@ -31,12 +30,12 @@ pub trait Geometry: Compiled {}
 
 impl<S: Compiled> Geometry for S {}
 
-/// Things that move, ready for rays at any time of the shutter.
+/// Moving primitives, ready for rays at any time of the shutter.
 ///
-/// Built once of triangle meshes ([`RayTree::build`]), of the caller's own primitives ([`RayTree::of_primitives`]), or of
-/// meshes, spheres and others together ([`RayTree::of_scene`]). Queries take `&self` and may run on any number of threads. Every answer is that of
-/// testing all primitives one after the other ([`BruteForce`](crate::baseline::BruteForce)), bit for bit, whatever the
-/// parameters of the build.
+/// Built once of triangle meshes ([`RayTree::build`]), of custom primitives ([`RayTree::of_primitives`]), or of meshes,
+/// spheres and custom primitives together ([`RayTree::of_scene`]). Queries take `&self` and may run on any number of
+/// threads. Every answer is that of testing all primitives one after the other
+/// ([`BruteForce`](crate::baseline::BruteForce)), bit for bit, whatever the parameters of the build.
 ///
 /// ```
 /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -53,9 +52,9 @@ pub struct RayTree<G = Scene> {
     pub(super) geometry: G,
     pub(super) layout: Layout,
     pub(super) statistics: Statistics,
-    /// Whether it comes from a file, which does not say of which triangles it was built.
+    /// Whether the tree was read from a file, which does not contain the triangles that it was built of.
     pub(super) from_file: bool,
-    /// How the tree is refitted; nothing before the first time.
+    /// The refit plan; `None` before the first refit.
     pub(super) plan: Option<Box<Plan>>,
     pub(super) simd: SimdLevel,
     pub(super) queries: Queries<G>,
@@ -76,12 +75,12 @@ impl<G: Geometry> RayTree<G> {
         Ok(RayTree { geometry, layout, statistics, from_file: false, plan: None, simd, queries })
     }
 
-    /// What queries are asked of.
+    /// The tree as queries see it.
     pub(super) fn target(&self) -> Target<'_, G> {
         Target { layout: &self.layout, geometry: &self.geometry, simd: self.simd }
     }
 
-    /// The nearest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).
+    /// The closest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         (self.queries.closest)(self.target(), ray)
     }
@@ -91,8 +90,8 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.any)(self.target(), ray)
     }
 
-    /// Calls `visitor` with every primitive that the ray hits, each once (with its nearest hit), in no particular
-    /// order, until it breaks. Returns what the visitor said last.
+    /// Calls `visitor` with every primitive that the ray hits, each once (with its closest hit), in no particular
+    /// order, until it breaks. Returns the last return value of `visitor`.
     ///
     /// ```
     /// use core::ops::ControlFlow;
@@ -117,17 +116,17 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.all)(self.target(), ray, guards, &mut |_| ControlFlow::Break(())).is_break()
     }
 
-    /// [`RayTree::closest_hit`], telling `observer` what it does.
+    /// [`RayTree::closest_hit`], reporting each step to `observer`.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::observed(observer))
     }
 
-    /// [`RayTree::any_hit`], telling `observer` what it does.
+    /// [`RayTree::any_hit`], reporting each step to `observer`.
     pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
         self.any_hit_guarded(ray, Guards::observed(observer))
     }
 
-    /// [`RayTree::all_hits`], telling `observer` what it does.
+    /// [`RayTree::all_hits`], reporting each step to `observer`.
     pub fn all_hits_observed(
         &self,
         ray: &Ray,
@@ -137,10 +136,10 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.all)(self.target(), ray, Guards::observed(observer), &mut visitor)
     }
 
-    /// [`RayTree::closest_hit`] among the hits that `accept` accepts on meshes whose
-    /// [`mask`](TriangleMesh::mask) shares a bit with `mask` (the caller's own primitives have all bits).
+    /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes whose
+    /// [`mask`](TriangleMesh::mask) shares a bit with `mask` (custom primitives have all bits).
     ///
-    /// `accept` must be pure: it may be asked several times about the same hit, and not about all hits.
+    /// `accept` must be pure: it may be called several times for the same hit, and is not called for every hit.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -158,14 +157,12 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &accept))
     }
 
-    /// [`RayTree::any_hit`] among the hits that mask and filter let through
-    /// (see [`RayTree::closest_hit_filtered`]).
+    /// [`RayTree::any_hit`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
         self.any_hit_guarded(ray, Guards::filtered(mask, &accept))
     }
 
-    /// [`RayTree::all_hits`] among the hits that mask and filter let through
-    /// (see [`RayTree::closest_hit_filtered`]).
+    /// [`RayTree::all_hits`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
     pub fn all_hits_filtered(
         &self,
         ray: &Ray,
@@ -176,13 +173,13 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.all)(self.target(), ray, Guards::filtered(mask, &accept), &mut visitor)
     }
 
-    /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order;
-    /// a caller that keeps it allocates nothing, but for a few megabytes where rays are sorted.
+    /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order; a
+    /// caller that reuses it allocates nothing, except for a few megabytes where rays are sorted.
     ///
-    /// Rays that look the same way as those before them, as from a camera, are led through the tree in packets, sooner than one by
-    /// one. Where the tree is larger than the processor's caches and the rays come in no good order, this is also faster per
-    /// thread than asking ray by ray: they are answered sorted by place and direction, and where that pays several of
-    /// them are on their way by turns while memory is fetched.
+    /// Rays of similar direction, as from a camera, are traversed in packets, which is faster than one by one. Where
+    /// the tree is larger than the processor's caches and the rays are incoherent, a batch is also faster per thread
+    /// than single queries: rays are sorted by origin and direction, and where that pays several of them are traversed
+    /// interleaved while memory is prefetched.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -220,12 +217,13 @@ impl<G: Geometry> RayTree<G> {
             Layout::Wide(tree) => {
                 let cached = self.statistics.bytes <= CACHED;
                 let space = Space::new(self.geometry.frame().bounds, tree.parts(), cached);
-                // Turns pay where a tree moves, and there only for the nearest hit in divided trees and for any hit in
-                // others (measured; see docs/notes.md).
+                // Interleaving pays where a tree moves, and there only for the closest hit in trees with a temporal
+                // split and for occlusion in others (measured; see docs/notes.md).
                 let turns = !cached && tree.moves() && Q::ORDERED == (space.parts > 1);
-                // In a hierarchy for each part of the shutter, rays of several times part at once.
+                // With one hierarchy per time slice, rays of several times diverge at the root.
                 let packets = packets.filter(|_| space.parts == 1);
-                // Where the first rays hit nothing, the others likely miss all there is, which each finds out sooner by itself.
+                // If the first rays hit nothing, the others likely miss as well, and a single ray finds that out
+                // faster.
                 let together = |rays: &[Ray], answers: &mut [Q::Answer]| {
                     let (first, others) = answers.split_at_mut(FIRST.min(rays.len()));
                     let (first_rays, other_rays) = rays.split_at(first.len());
@@ -246,13 +244,14 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// Checks that the tree is whole: links, depth, and that at sampled times, among them all at which something
-    /// changes, each primitive is found wherever it is (in the k-d layout; in the wide one, that it is in some
-    /// leaf block, and at nine times that the boxes above hold the corners of each triangle that was not split). Of a lazy tree
-    /// that is the coarse tree and the subtrees that are built by now; it builds none. For tests; takes far longer than the build.
+    /// Checks the structure of the tree: links, depth, and coverage. In the k-d layout, at sampled times, among them
+    /// every time at which an interval changes, each primitive must be found wherever it is. In the wide layout each
+    /// primitive must be in some leaf block, and at nine times the boxes above must hold the corners of each triangle
+    /// that was not split. Of a lazy tree the coarse tree and the subtrees built so far are checked; none is built. For
+    /// tests; takes far longer than the build.
     ///
     /// # Errors
-    /// The first thing found wrong, which would be a defect of this crate.
+    /// The first violation found, which would be a defect of this crate.
     pub fn validate(&self) -> Result<(), ValidationError> {
         match &self.layout {
             Layout::Kd(tree) => tree.validate(&self.geometry),
@@ -262,9 +261,9 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// Calls `visitor` with the boxes of all nodes and leaf blocks as they are at a time of the shutter, parents before
-    /// children: to draw a tree, or to see why it is slow. They are as wide as queries take them, up to a few roundings.
-    /// Nothing for the k-d policies, whose nodes have no boxes, and for a time outside [0, 1]. Takes time in
-    /// proportion to the tree's size.
+    /// children: to draw a tree, or to see why it is slow. The boxes are as wide as queries take them, up to a few
+    /// roundings. It is never called for the k-d policies, whose nodes have no boxes, and for a time outside [0, 1].
+    /// Takes time in proportion to the tree's size.
     ///
     /// ```
     /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::Vec3};
@@ -288,7 +287,7 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// Linear bounds of all there is over the shutter, in world space and as wide as queries see them.
+    /// Linear bounds of all primitives over the shutter, in world space and as wide as queries see them.
     pub(crate) fn linear_bounds(&self) -> LinearBounds {
         let swept = LinearBounds::fixed(self.geometry.frame().bounds);
         match &self.layout {
@@ -298,7 +297,7 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// The same of several parts, which together are all there is.
+    /// Linear bounds of several parts, which together hold all primitives.
     pub(crate) fn linear_bounds_of_parts(&self) -> Vec<LinearBounds> {
         let parts = match &self.layout {
             Layout::Wide(tree) => tree.bounds_of_children(self.geometry.frame()),
@@ -314,12 +313,13 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// The tree with its queries on another instruction set of this CPU, for tests and measurements. Answers do not
-    /// change. The default is the widest there is.
+    /// change. The default is the widest instruction set available.
     pub fn with_simd(self, simd: SimdLevel) -> RayTree<G> {
         RayTree { simd, ..self }
     }
 
-    /// What the build made, in numbers; of a lazy tree, what it and the queries made by now, for which it looks at every subtree.
+    /// The sizes and counts of the tree. Of a lazy tree, those of the coarse tree and of the subtrees built so far, for
+    /// which it visits every subtree.
     pub fn statistics(&self) -> Statistics {
         match &self.layout {
             Layout::Lazy(tree) => tree.statistics(&self.geometry),
@@ -331,23 +331,23 @@ impl<G: Geometry> RayTree<G> {
 impl RayTree {
     /// Builds a tree of triangle meshes.
     ///
-    /// Takes O(n log n) time for `n` triangles; it runs in parallel with the feature `rayon`, and the tree is the
-    /// same for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished
-    /// tree and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are cut or hierarchies
-    /// divided by time, and the tree itself beyond 300 where there are separate trees for parts of the shutter
-    /// ([`WideParams::bytes_per_primitive`](crate::WideParams::bytes_per_primitive) bounds them). Measured as allocated bytes on the procedural
-    /// scenes (`scenes/`) at full size.
+    /// Takes O(n log n) time for `n` triangles; it runs in parallel with the feature `rayon`, and the tree is the same
+    /// for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished tree
+    /// and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are
+    /// pre-split or the hierarchy has a temporal split, and the tree itself beyond 300 where time slices have separate
+    /// trees ([`WideParams::bytes_per_primitive`](crate::WideParams::bytes_per_primitive) bounds them). Measured as
+    /// allocated bytes on the procedural scenes (`scenes/`) at full size.
     ///
     /// # Errors
-    /// What is wrong with a mesh or a parameter, and where: see [`BuildError`]. No triangles at all is fine: nothing
-    /// is ever hit. Triangles without area are kept and never hit.
+    /// A [`BuildError`] that names the mesh or parameter at fault. An empty tree is valid: nothing is ever hit.
+    /// Degenerate triangles are kept and never hit.
     pub fn build(meshes: &[TriangleMesh], params: &BuildParams) -> Result<RayTree, BuildError> {
         RayTree::of_scene(meshes, Vec::new(), params)
     }
 
-    /// Builds a tree of triangle meshes, spheres and the caller's own primitives together. A [`Hit`] on one of `shapes` has
-    /// the number of meshes as its [`mesh`](Hit::mesh), and the index into `shapes` as its
-    /// [`primitive`](Hit::primitive). Where `shapes` is empty this is [`RayTree::build`].
+    /// Builds a tree of triangle meshes, spheres and custom primitives together. A [`Hit`] on one of `shapes` has the
+    /// number of meshes as its [`mesh`](Hit::mesh), and the index into `shapes` as its [`primitive`](Hit::primitive).
+    /// Where `shapes` is empty this is [`RayTree::build`].
     ///
     /// Triangles and shapes have subtrees of their own below common nodes. Shapes have all bits of visibility masks.
     ///
@@ -372,7 +372,7 @@ impl RayTree {
         RayTree::of(Scene::new(meshes, shapes)?, params, &Progress::new(None))
     }
 
-    /// [`RayTree::build`] that calls `progress` with the finished fraction (0 to 1) now and then, from any of its
+    /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (0 to 1), from any of its
     /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
     pub fn build_with_progress(
         meshes: &[TriangleMesh],
@@ -382,8 +382,8 @@ impl RayTree {
         RayTree::of(Scene::new(meshes, Vec::new())?, params, &Progress::new(Some(progress)))
     }
 
-    /// The corners of a triangle of a mesh at any time, exactly where queries see them. NaN where there is no such
-    /// triangle. A time outside `[0, 1]` continues the motion.
+    /// The corners of a triangle of a mesh at any time, exactly where queries see them. NaN if there is no such
+    /// triangle. A time outside `[0, 1]` extrapolates the motion.
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
         match self.geometry.triangles.id(mesh, triangle) {
             Some(id) => {
@@ -405,22 +405,22 @@ impl RayTree {
         self.triangle(hit.mesh, hit.primitive, time)
     }
 
-    /// The unit normal of the triangle that was hit, at any time: the corners run counter-clockwise as
-    /// seen from where it points. Zero for a triangle without area and for a hit that is not of this tree.
+    /// The unit normal of the triangle that was hit, at any time: the corners run counter-clockwise as seen from the
+    /// side that it points to. Zero for a degenerate triangle and for a hit that is not of this tree.
     pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
         let [a, b, c] = self.vertices(hit, time);
         (b - a).cross(c - a).normalize_or_zero().as_vec3()
     }
 
-    /// The shapes beside the meshes, as they were given.
+    /// The shapes beside the meshes, as given to the build.
     pub fn shapes(&self) -> &[Shape] {
         self.geometry.shapes.shapes()
     }
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
-    /// Builds a tree of the caller's own primitives; a hit's [`primitive`](Hit::primitive) is the index into
-    /// `primitives`, its mesh is 0. Cost as [`RayTree::build`].
+    /// Builds a tree of custom primitives; a hit's [`primitive`](Hit::primitive) is the index into `primitives`, its
+    /// mesh is 0. Cost as [`RayTree::build`].
     ///
     /// # Errors
     /// [`BuildError::BadBounds`] for a primitive whose bounds are not finite, and parameters out of range.
@@ -428,7 +428,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         RayTree::of(Shapes::new(primitives)?, params, &Progress::new(None))
     }
 
-    /// The primitives as they were given.
+    /// The primitives as given to the build.
     pub fn primitives(&self) -> &[P] {
         self.geometry.shapes()
     }
@@ -439,9 +439,9 @@ mod tests {
     use super::*;
     use crate::scene;
 
-    /// Turns and packets are tested here on their own: a batch takes one of them or none.
+    /// Interleaving and packets are tested here directly: a batch uses at most one of them.
     #[test]
-    fn rays_led_by_turns_and_in_packets_get_the_answers_of_single_rays() {
+    fn interleaved_rays_and_packets_get_the_answers_of_single_rays() {
         let nothing = RayTree::build(&[], &BuildParams::default()).expect("an empty tree");
         let hall = scene::find("hall").expect("a scene of the catalogue");
         check_batches(nothing, &(hall.make)(10).camera);
@@ -457,12 +457,14 @@ mod tests {
     fn check_batches(mut tree: RayTree, camera: &scene::Camera) {
         for level in SimdLevel::available() {
             tree = tree.with_simd(level);
-            // Fewer rays than a group, just as many, and more; some of them mean nothing, some begin behind their origin.
+            // Fewer rays than a group, just as many, and more; some of them are invalid, some begin behind their
+            // origin.
             for count in [0, 1, 2, 3, 7, 8, 9, 16, 17, 700] {
                 let rays: Vec<Ray> = (0..count)
                     .map(|i| {
                         let at = |by: usize| (i * by % 97) as f32 / 97.0;
-                        // First anywhere in the picture, then side by side, to the end at nearly one time.
+                        // First at random positions in the picture, then side by side, the last ones at nearly one
+                        // time.
                         let (x, y) = if i < 200 { (at(31), at(57)) } else { (i as f32 / 700.0, 0.4 + 0.01 * at(57)) };
                         let ray = camera.ray(x, y, 1.0, if i < 450 { at(13) } else { 0.3 + 0.001 * at(13) });
                         match i % 30 {

@@ -1,4 +1,4 @@
-//! Trees whose primitives go to other places: the next frame of an animation.
+//! Refitting: the same tree over primitives at other positions, as in the next frame of an animation.
 
 use super::compiled::Layout;
 use super::{Geometry, RayTree};
@@ -6,45 +6,45 @@ use crate::error::RefitError;
 use crate::layout::Moved;
 use crate::primitive::{Primitive, Shape, Shapes, TriangleMesh};
 
-/// What a refit did ([`RayTree::refit`]), and what the tree is worth now.
+/// The result of a refit ([`RayTree::refit`]): the work done, and the quality of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refit {
-    /// Nodes of which boxes were written again.
+    /// Nodes whose boxes were rewritten.
     pub nodes: usize,
-    /// Leaf blocks in which something moved.
+    /// Leaf blocks in which a primitive changed.
     pub leaves: usize,
-    /// Blocks that were looked at and stayed as they were.
+    /// Blocks that were visited and did not change.
     pub kept: usize,
-    /// Blocks that were not looked at.
+    /// Blocks that were not visited.
     pub skipped: usize,
-    /// Expected cost of a ray that meets the box of everything, relative to that when the tree was built: the sum over nodes and
-    /// leaf blocks of price times area, as the surface area heuristic has it. What a ray costs grows about as much.
+    /// Expected cost of a ray that hits the root box, relative to that when the tree was built: the sum over nodes and
+    /// leaf blocks of cost times area, as in the surface area heuristic. The time per ray grows about as much.
     pub cost: f64,
 }
 
 impl Refit {
-    /// Whether a new tree is better: [`cost`](Refit::cost) is above [`Refit::WORN`].
+    /// Whether a rebuild is recommended: [`cost`](Refit::cost) is above [`Refit::WORN`].
     pub fn is_worn(&self) -> bool {
         self.cost > Refit::WORN
     }
 
-    /// The relative cost from which on a build pays where the rays of a frame take twice as long as a build.
+    /// The relative cost above which a rebuild pays if the rays of a frame take twice as long as a build.
     ///
-    /// A new tree saves `cost - 1` times the rays' time in the next frame; where that is more than a build takes, one frame
-    /// pays for it. Who knows both times does better by adding the losses up: build when the sum of `cost - 1` over the
-    /// frames since the last build, times the time of a frame's rays, exceeds the time of a build. Whatever the motion is,
-    /// that takes at most twice as long as the best choice of frames would, which is known only afterwards (as for skis, which one
-    /// buys when the rents have added up to their price).
+    /// A new tree saves `cost - 1` times the rays' time in the next frame; if that is more than the time of a build,
+    /// one frame pays for it. A caller that knows both times does better by adding the losses up: rebuild when the sum
+    /// of `cost - 1` over the frames since the last build, times the time of a frame's rays, exceeds the time of a
+    /// build. For any motion that takes at most twice as long as the best choice in hindsight (the ski rental problem:
+    /// buy the skis when the rents have added up to their price).
     pub const WORN: f64 = 1.5;
 }
 
 impl<G: Geometry> RayTree<G> {
-    /// The tree with other geometry, of the same primitives; `moved` says of what names begin with whether it may
-    /// have changed.
+    /// Refits the tree to another geometry with the same primitives; `moved` tells for each mesh (or set of shapes)
+    /// whether it may have changed.
     fn refit_to(&mut self, mut geometry: G, moved: Vec<bool>) -> Result<Refit, RefitError> {
         let Layout::Wide(tree) = &mut self.layout else { return Err(RefitError::Policy) };
         let (before, now) = (self.geometry.frame(), geometry.frame());
-        // In another tree space everything has other coordinates.
+        // If the tree space changed, all coordinates did.
         let moved = if before.maps_as(now) { moved } else { vec![true; moved.len()] };
         let (done, cost) = tree.refit(&geometry, &Moved::new(moved), &mut self.plan);
         geometry.written();
@@ -67,19 +67,20 @@ impl<G: Geometry> RayTree<G> {
 }
 
 impl RayTree {
-    /// Brings the vertices of the meshes to other places, for the next frame of an animation, in a part of the time of
-    /// building another tree. Every answer is then that of brute force over these meshes, bit for bit.
+    /// Moves the vertices of the meshes to other positions, for the next frame of an animation, in a part of the time
+    /// of a new build. Every answer is then that of brute force over these meshes, bit for bit.
     ///
     /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
-    /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as as many of them say
-    /// something. Shapes beside the meshes stay as they are.
+    /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as the number of keys after
+    /// merging redundant ones is the same. Shapes beside the meshes stay as they are.
     ///
-    /// The tree keeps its structure, in which things lie together that did when it was built. So rays become slower as the
-    /// motion goes on, and [`Refit::cost`] says by how much. Where nothing moved, nothing changes. (Of triangles that were
-    /// cut into several references before the build, boxes hold all once they moved.)
+    /// The tree keeps its structure, which groups primitives that were near each other when it was built. So rays
+    /// become slower as the motion goes on, and [`Refit::cost`] estimates by how much. If nothing moved, the tree does
+    /// not change. (Of triangles that were split into several references before the build, every box holds the whole
+    /// triangle once it moved.)
     ///
     /// Takes O(n) time, in parallel with the feature `rayon`, with the same result for any number of threads. The first
-    /// time takes up to 1.6 times as long, since the tree is looked through.
+    /// refit takes up to 1.6 times as long, since it indexes the tree.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -95,15 +96,16 @@ impl RayTree {
     /// ```
     ///
     /// # Errors
-    /// [`RefitError`] where this tree cannot hold the meshes; it is then as it was. (But where one of the caller's own
-    /// shapes gives bad bounds over a part of the shutter, the tree has the new positions, and takes the shape to be anywhere.)
+    /// [`RefitError`] if this tree cannot hold the meshes; it is then unchanged. (Except that if one of the custom
+    /// shapes returns bad bounds over a part of the shutter, the tree has the new positions, and treats that shape as
+    /// unbounded.)
     pub fn refit(&mut self, meshes: &[TriangleMesh]) -> Result<Refit, RefitError> {
         let moved = vec![true; meshes.len() + 1];
         self.refit_scene(meshes, None, moved)
     }
 
-    /// [`RayTree::refit`] where only the meshes with these numbers differ from the last time, which is taken on trust. Subtrees without them
-    /// are not looked at.
+    /// [`RayTree::refit`] where only the meshes with these indices differ from the last time; this is not checked.
+    /// Subtrees without them are not visited.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -123,8 +125,7 @@ impl RayTree {
         self.refit_scene(meshes, None, moved)
     }
 
-    /// [`RayTree::refit`] of a tree with spheres and the caller's own primitives, as many as there were
-    /// ([`RayTree::of_scene`]).
+    /// [`RayTree::refit`] of a tree with spheres and custom primitives, as many as before ([`RayTree::of_scene`]).
     ///
     /// # Errors
     /// As [`RayTree::refit`]; [`RefitError::Shapes`] for another number of shapes.
@@ -145,7 +146,8 @@ impl RayTree {
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
-    /// [`RayTree::refit`] of a tree of the caller's own primitives: as many others in their order, which lie elsewhere.
+    /// [`RayTree::refit`] of a tree of custom primitives: the same number of them, in the same order, at other
+    /// positions.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
@@ -179,12 +181,12 @@ mod tests {
     use crate::scene;
     use glam::Vec3;
 
-    /// The hall with a running figure, in a frame; some of it is cut before the build.
+    /// One frame of the hall with a running figure; some of its triangles are split before the build.
     fn hall(frame: usize) -> Vec<TriangleMesh> {
         scene::walking_from(9000, 3, 0.5 * frame as f32).meshes
     }
 
-    /// All vertices elsewhere.
+    /// All vertices displaced.
     fn shaken(meshes: &[TriangleMesh], by: f32) -> Vec<TriangleMesh> {
         let mut random = Random(5);
         let mut shake = |p: &Vec3| *p + random.vec() * by;
@@ -209,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn there_and_back_every_word_is_as_the_build_wrote_it() {
+    fn refitting_there_and_back_restores_every_word_of_the_build() {
         let first = hall(0);
         let mut tree = build(&first, Division::Whole, 1.0);
         let before = words(&tree).to_vec();
@@ -221,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_and_what_is_told_change_nothing() {
+    fn results_do_not_depend_on_threads_or_on_the_meshes_named_as_moved() {
         for (division, most) in [(Division::Automatic, 1.5), (Division::Segments(3), 1.5), (Division::Copies(2), 1.0)] {
             let first = hall(0);
             let figure = [first.len() - 2, first.len() - 1];

@@ -1,7 +1,8 @@
-//! A ray through a tree whose leaves list things that are asked themselves: instances, subtrees that are built on demand.
+//! Ray traversal of a tree whose leaves list objects with queries of their own: instances, and subtrees that are built
+//! on demand.
 //!
-//! The way is that of every wide tree. In each leaf that the ray comes to, what it lists is asked; of a search for the nearest, the
-//! ray ends from then on at the best hit so far.
+//! The traversal is that of every wide tree. In each leaf that the ray reaches, the listed objects are queried. In a
+//! search for the closest hit, the ray ends from then on at the best hit so far.
 
 use super::tree_ray::TreeRay;
 use crate::geometry::Ray;
@@ -10,24 +11,24 @@ use crate::simd::{Kernel, Mask, Simd};
 use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
 
-/// What a ray does on its way.
+/// Called at the steps of a ray's traversal.
 pub(crate) trait Stops {
     /// A node is about to be tested.
     fn node(&mut self);
-    /// A leaf is about to be looked at.
+    /// A leaf is about to be visited.
     fn leaf(&mut self);
-    /// Asks one of what a leaf lists. The ray ends where nothing farther matters; returns the end from now on. `Break` ends the
-    /// way.
+    /// Queries one of the objects that a leaf lists. Returns the new end of the ray, beyond which no hit matters.
+    /// `Break` ends the traversal.
     fn ask(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32>;
 }
 
-/// The way of a ray, to be dispatched to an instruction set; if it is `ORDERED`, what is near is asked first.
+/// The traversal of a ray, to be dispatched to an instruction set; if `ORDERED`, front to back.
 pub(crate) struct Way<'a, const ORDERED: bool, Q: ?Sized> {
     /// The tree, which must not be empty.
     pub tree: &'a WideTree,
-    /// The ray as it was asked.
+    /// The ray as the caller gave it.
     pub ray: &'a Ray,
-    /// The same in tree space.
+    /// The ray in tree space.
     pub tree_ray: &'a TreeRay<'a>,
     pub stops: &'a mut Q,
 }
@@ -47,11 +48,11 @@ impl<const ORDERED: bool, Q: Stops + ?Sized> Kernel for Way<'_, ORDERED, Q> {
     }
 }
 
-/// A ray on its way.
+/// The state of a traversal.
 struct OnTheWay<'a, const ORDERED: bool, Q: ?Sized> {
     tree: &'a WideTree,
     tree_ray: &'a TreeRay<'a>,
-    /// The ray as it was asked, up to where something still matters.
+    /// The caller's ray, shortened to where a hit still matters.
     ray: Ray,
     /// The same end as a distance in tree space.
     reach: f32,

@@ -1,23 +1,24 @@
 //! The watertight ray-triangle test (Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection",
 //! JCGT 2013), in f64.
 //!
-//! The ray is sheared onto an axis, the corners are translated and sheared with it, and three
-//! edge functions of the sheared corners say on which sides the ray passes. Two triangles that share an
-//! edge compute the same sheared corners for it, so if the *sign* of an edge function is exact, the
-//! ray cannot slip between them. All of this is done in f64, with the origin and the keys of the vertices as they were given. A rounded
-//! difference of rounded products never has the wrong sign, only sometimes a zero that should not be one; zeros are looked at
-//! again with 106 bits. So signs are exact, the test is watertight, and nothing is hit outside of the sheared triangle.
+//! The ray is sheared onto an axis, the corners are translated and sheared with it, and three edge functions of the
+//! sheared corners tell on which side of each edge the ray passes. Two triangles that share an edge compute the same
+//! sheared corners for it, so if the *sign* of an edge function is exact, the ray cannot slip between them. All of this
+//! is done in f64, with the origin and the keys of the vertices as given. A rounded difference of rounded products
+//! never has the wrong sign, only sometimes a zero that should not be one; zeros are recomputed with 106 bits. So signs
+//! are exact, the test is watertight, and nothing is hit outside of the sheared triangle.
 //!
-//! The sheared triangle differs from the true one by some 2^-53 of `|corner| + |origin|`. `t` is a weighted mean of the corners'
-//! depths, so it belongs to a point of the triangle that the ray passes within that distance. Boxes that hold the triangle and are
-//! grown by more never cull an accepted hit, not even of a triangle cut into parts: the point is in some part.
+//! The sheared triangle differs from the true one by some 2^-53 of `|corner| + |origin|`. `t` is a weighted mean of the
+//! corners' depths, so it belongs to a point of the triangle that the ray passes within that distance. Boxes that hold
+//! the triangle and are padded by more never cull an accepted hit, not even of a triangle split into sub-references:
+//! the point is in one of them.
 //!
-//! Most triangles are beside the ray, and f32 says so: the lanes of the wide layout ([`super::candidates`]), and [`Sheared::may_hit`] for one triangle, rule out what is
-//! beyond margins for their rounding ([`super::shear`]). What is left is decided here, so every layout gives the same answers bit
-//! for bit.
+//! Most tested triangles are missed, and f32 is enough to prove it: the lanes of the wide layout
+//! ([`super::candidates`]), and [`Sheared::may_hit`] for one triangle, reject triangles beyond margins for the rounding
+//! of f32 ([`super::shear`]). The remaining ones are decided here, so every layout gives the same answers bit for bit.
 //!
-//! Coordinates are within 2^102 of zero in tree space and directions within 2^128, so no product overflows in f64, and those
-//! of numbers that are not denormal in f32 keep all their bits.
+//! Coordinates are within 2^102 of zero in tree space and directions within 2^128, so no product overflows in f64, and
+//! products of numbers that are not denormal in f32 keep all their bits.
 
 use super::hit::SetHit;
 use super::shear::Sheared;
@@ -30,7 +31,7 @@ impl TreeRay<'_> {
     /// Decides whether the ray passes through a triangle within its range and up to `limit`, and where. The corners are in
     /// tree space: one vector for each of the axes `kx`, `ky` and `kz`, with one corner in each lane.
     ///
-    /// Triangles without area as seen by the ray are not hit.
+    /// Triangles that are degenerate as seen along the ray are not hit.
     #[inline(always)]
     pub(super) fn decide<S: Simd>(&self, s: S, sheared: &Sheared, corners: [S::D; 3], limit: f32) -> Option<SetHit> {
         let [x, y, z] = sheared.axes;
@@ -50,7 +51,7 @@ impl TreeRay<'_> {
                 return None;
             }
         }
-        // Some of them below zero, some above.
+        // Edge functions of both signs.
         if (signs.at_least_zero != ALL) & (signs.at_most_zero != ALL) {
             return None;
         }
@@ -58,7 +59,7 @@ impl TreeRay<'_> {
         let det = u + v + w;
         let distance = (u * za + v * zb + w * zc) / (det * f64::from(sheared.dz));
         let t = self.answer_at(distance);
-        // NaN is no hit in this form.
+        // Comparisons in this form reject NaN.
         (self.t_min() <= t && t <= limit).then(|| {
             let (u, v) = ((v / det) as f32, (w / det) as f32);
             SetHit { t, reach: self.reach_at(distance, t), u, v }
@@ -69,7 +70,7 @@ impl TreeRay<'_> {
     #[inline(always)]
     pub fn decide_one(&self, sheared: &Sheared, [a, b, c]: [DVec3; 3], limit: f32) -> Option<SetHit> {
         let (x, y, z) = ([a.x, b.x, c.x, 0.0], [a.y, b.y, c.y, 0.0], [a.z, b.z, c.z, 0.0]);
-        // A branch that always goes the same way for one ray, where an index would go through memory.
+        // A branch that is constant for one ray, where an index would go through memory.
         let [x, y, z] = match sheared.axes[2] {
             0 => [y, z, x],
             1 => [z, x, y],
@@ -108,7 +109,7 @@ fn along<S: Simd>(s: S, x: S::D, z: S::D, dx: f64, dz: f64) -> S::D {
     x * s.splat_d(dz) - s.splat_d(dx) * z
 }
 
-/// The three edge functions with the signs of the exact ones, and zero only where those are; and 0.
+/// The three edge functions, with exact signs and zero only where the exact function is; the fourth lane is 0.
 #[cold]
 #[inline(never)]
 fn exact_edges(x: [f64; 4], y: [f64; 4]) -> [f64; 4] {
@@ -117,7 +118,7 @@ fn exact_edges(x: [f64; 4], y: [f64; 4]) -> [f64; 4] {
     [exact_edge(c, b), exact_edge(a, c), exact_edge(b, a), 0.0]
 }
 
-/// An edge function with the sign of the exact one, and zero only where that is.
+/// An edge function, with an exact sign and zero only where the exact function is.
 fn exact_edge(p: DVec2, q: DVec2) -> f64 {
     let product = |a: f64, b: f64| Double::from(a) * Double::from(b);
     (product(p.x, q.y) - product(p.y, q.x)).to_f64()
@@ -154,7 +155,7 @@ mod tests {
         let mut random = Random(5);
         let mut next = || random.signed();
         for i in 0..200_000 {
-            // A fan of four triangles around `hub`, seen from far away; all rays end at the hub or a spoke.
+            // A fan of four triangles around `hub`, seen from far away; every ray ends at the hub or on a spoke.
             let hub = Vec3::new(next(), next(), 0.1 * next()) * 0.1;
             let rim = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
                 .map(|(x, y)| Vec3::new(x * (0.4 + 0.2 * next()), y * (0.4 + 0.2 * next()), 0.1 * next()));
@@ -203,7 +204,7 @@ mod tests {
 
     #[test]
     fn edges_are_told_exactly_however_near_the_ray_passes() {
-        // The ray is the axis, corners are integers: products of 24 bits, whose differences i64 holds.
+        // The ray is the axis and corners are integers: products of 24 bits, whose differences fit i64.
         let mut random = Random(9);
         let mut next = |bits: u32| (random.bits() >> 33) as i64 % (1 << bits);
         let asked = Ray::new(Vec3::ZERO, Vec3::Z);
@@ -211,7 +212,7 @@ mod tests {
         let sheared = Sheared::new(&ray);
         let (mut near, mut inside) = (0, 0);
         for _ in 0..100_000 {
-            // Two corners on opposite sides of the axis and nearly in a line with it, the third aside.
+            // Two corners on opposite sides of the axis and nearly in a line with it, the third off that line.
             let (x, y) = (next(22) + 1, next(22) - (1 << 21));
             let b = [x, y];
             let c = [-x + next(3) - 4, -y + next(3) - 4];

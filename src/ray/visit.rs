@@ -1,4 +1,4 @@
-//! Traversals of the caller's own through a [`RayTree`].
+//! Custom traversals of a [`RayTree`].
 
 use super::compiled::Layout;
 use super::kd_traversal::KERNEL_ROUNDING;
@@ -10,16 +10,16 @@ use crate::primitive::PrimitiveSet;
 use crate::traverse::{Hierarchy, Visitor, traverse};
 use core::ops::ControlFlow;
 
-/// A primitive in a leaf of a [`RayTree`], as a [`Visitor`] meets it.
+/// A primitive in a leaf of a [`RayTree`], as passed to a [`Visitor`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TreePrimitive {
-    /// The mesh, as an index into what the tree was built of (0 for the caller's own primitives).
+    /// The mesh, as an index into the meshes that the tree was built of (0 for custom primitives).
     pub mesh: u32,
     /// The triangle within its mesh, or the primitive's index.
     pub primitive: u32,
 }
 
-/// What is in a leaf: primitives that exist at the time.
+/// The primitives of a leaf that are active at the time.
 fn primitives<'a>(
     set: &'a impl PrimitiveSet,
     time: f32,
@@ -68,7 +68,7 @@ impl<G: Geometry> Hierarchy for WideAt<'_, G> {
     }
 }
 
-/// A lazy tree at a time. A node is one of the coarse tree, or of the subtree with the number beside it.
+/// A lazy tree at a time. A node is one of the coarse tree, or of the subtree whose number it carries.
 struct LazyAt<'a, G> {
     tree: &'a LazyTree,
     set: &'a G,
@@ -102,12 +102,12 @@ impl<G: Geometry> Hierarchy for LazyAt<'_, G> {
     }
 }
 
-/// The k-d layout at a time. Its nodes have no boxes; the cells that planes make take their place.
+/// The k-d layout at a time. Its nodes have no boxes; cells bounded by the planes take their place.
 struct KdAt<'a, G> {
     tree: &'a KdTree,
     set: &'a G,
     time: f32,
-    /// How far cells are grown beside what grows with their own size: more than f64 rounds in the scene.
+    /// The padding of cells beside the part that grows with their own size: more than the rounding of f64 in the scene.
     slack: f32,
 }
 
@@ -132,7 +132,7 @@ impl<G: Geometry> Hierarchy for KdAt<'_, G> {
                 below.max[plane.axis] = cell.max[plane.axis].min(at);
                 above.min[plane.axis] = cell.min[plane.axis].max(at);
                 for (child, cell) in [(node + 1, below), (right, above)] {
-                    // Beside a plane that has left the cell there is nothing but what rounding puts there.
+                    // The far side of a plane that has left the cell is empty but for rounding.
                     let bounds = Box3 { min: cell.min.min(cell.max), max: cell.max.max(cell.min) };
                     let bounds = bounds.pad(self.slack + 16.0 * ULP * bounds.magnitude());
                     children.push((to_world(*self.set.frame(), bounds), (child, cell)));
@@ -148,13 +148,12 @@ impl<G: Geometry> Hierarchy for KdAt<'_, G> {
 }
 
 impl<G: Geometry> RayTree<G> {
-    /// Leads a [`Visitor`] through the tree as it is at a time of the shutter: a traversal of the caller's own, for
-    /// questions that no other query answers. Returns what the visitor said last; at a time outside `[0, 1]` it sees
-    /// nothing.
+    /// Traverses the tree as it is at a time of the shutter with a custom [`Visitor`], for queries that this crate does
+    /// not provide. Returns the visitor's last return value; at a time outside `[0, 1]` nothing is visited.
     ///
-    /// A primitive may be met in several leaves. Boxes hold what is in them as it is at the time, including the rounding of
-    /// queries; those of the k-d policies are cells, which share their faces. A visitor is shown sixteen boxes per node,
-    /// one after the other: this is for questions asked now and then rather than a million times.
+    /// A primitive may be visited in several leaves. Boxes hold their contents at that time, including the rounding of
+    /// queries; those of the k-d policies are cells, which share their faces. A visitor is shown sixteen boxes per
+    /// node, one after the other: this is for occasional queries rather than for millions of them.
     ///
     /// ```
     /// use core::ops::ControlFlow;

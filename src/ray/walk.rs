@@ -1,4 +1,4 @@
-//! What a layout does for a ray.
+//! The interface of a layout for ray traversal.
 
 use super::collect::Collect;
 use super::filter::Filter;
@@ -6,7 +6,7 @@ use super::intersect::RaySource;
 use super::observer::Observer;
 use super::tree_ray::TreeRay;
 
-/// A layout that a ray can be led through.
+/// A layout that rays can traverse.
 pub(crate) trait Walk {
     /// Offers every hit that may matter to `collect`.
     fn walk<G: RaySource>(

@@ -56,7 +56,7 @@ fn the_tree_is_the_same_for_any_number_of_threads() {
         soup(2_000, 3, 0.1, 0.2, &mut random),
     ];
     same_for_any_number_of_threads(&meshes);
-    // Some subtrees divided, others not.
+    // Some subtrees with a temporal split, others without.
     same_for_any_number_of_threads(&scene::mixed(40_000).meshes);
 }
 
@@ -81,9 +81,9 @@ fn same_for_any_number_of_threads(meshes: &[TriangleMesh]) {
 }
 
 #[test]
-fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
+fn presplits_and_temporal_splits_are_made_where_they_pay_and_answer_like_brute_force() {
     let mut random = Random(11);
-    // Long needles: cut. Loose triangles in fast random motion: copies.
+    // Long needles: pre-split. Loose triangles in fast incoherent motion: temporal splits with copies.
     let needles = scene::needles(30_000, 0.05).meshes;
     let loose = vec![soup(6000, 2, 0.01, 0.6, &mut random)];
     for (meshes, least) in [(needles, 1.3), (loose, 1.9)] {
@@ -100,7 +100,7 @@ fn cuts_and_copies_are_made_where_they_pay_and_answer_like_brute_force() {
     }
 }
 
-/// Steps and tests, weighed by their prices, of rays through a scene.
+/// The number of steps and tests of rays through a scene, weighted by their cost.
 fn work(scene: &scene::Scene, tree: RayTree) -> f64 {
     let tree = tree.with_simd(SimdLevel::PORTABLE);
     let (mut random, mut counters) = (Random(5), Counters::default());
@@ -108,7 +108,7 @@ fn work(scene: &scene::Scene, tree: RayTree) -> f64 {
         let mut unit = || random.signed() * 0.5 + 0.5;
         let ray = scene.camera.ray(unit(), unit(), 1.0, unit());
         if let Some(hit) = tree.closest_hit_observed(&ray, &mut counters) {
-            // On from there in any direction.
+            // Continue from the hit in a random direction.
             let from = ray.point(hit.t).as_vec3();
             tree.closest_hit_observed(&Ray::new(from, random.vec()).at_time(ray.time), &mut counters);
         }
@@ -117,7 +117,7 @@ fn work(scene: &scene::Scene, tree: RayTree) -> f64 {
 }
 
 #[test]
-fn a_choice_for_each_part_takes_less_work_than_one_for_all_of_no_more_memory() {
+fn a_choice_per_region_takes_less_work_than_one_global_choice_of_no_more_memory() {
     let scene = scene::mixed(160_000);
     let of = |division| {
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
@@ -170,7 +170,7 @@ fn the_budget_is_kept_and_more_of_it_never_makes_less() {
 }
 
 #[test]
-fn divisions_by_hand_answer_like_brute_force() {
+fn chosen_divisions_answer_like_brute_force() {
     let mut random = Random(23);
     let meshes =
         [soup(600, 1, 0.1, 0.0, &mut random), soup(600, 2, 0.1, 0.3, &mut random), soup(300, 3, 0.1, 0.2, &mut random)];
@@ -190,7 +190,7 @@ fn divisions_by_hand_answer_like_brute_force() {
         let references = tree.statistics().references;
         match division {
             Division::Copies(n) => assert_eq!(references, 1500 * n),
-            // The mesh of three keys is there once, with all of them.
+            // The mesh of three keys has one copy with all keys.
             _ => assert_eq!(references, 1500),
         }
         for _ in 0..300 {
@@ -236,7 +236,7 @@ fn corners_come_back_from_leaf_blocks_as_they_were_given() {
         soup(60, 1, 0.1, 0.0, &mut random),
         soup(50, 3, 0.1, 0.2, &mut random).with_active(TimeInterval::new(0.2, 0.4).unwrap()),
     ];
-    // Shared vertices, still and moving, and cut needles.
+    // Shared vertices, static and moving, and pre-split needles.
     meshes.extend(scene::hall(3000).meshes);
     meshes.extend(scene::needles(2000, 0.05).meshes);
     let listed = RayTree::build(&meshes, &BuildParams::paper()).unwrap();
@@ -272,7 +272,7 @@ fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
     let mut tree = WideTree::build(&set, &params, &Progress::new(None)).unwrap();
     assert_eq!(tree.validate(&set), Ok(()));
     let (root, children) = (tree.root.at(), tree.children(tree.root).to_vec());
-    // Each upper face of x of the root's boxes, moved inward a little; put back afterwards.
+    // Each upper face in x of the root's boxes, moved inward a little and then restored.
     for lane in (0..LANES).filter(|&lane| children[lane] != ChildRef::NOTHING.0) {
         let face = &mut tree.arena.ints_mut()[root + LANES + lane];
         let whole = *face;

@@ -5,14 +5,14 @@ use super::lanes::LANES;
 use super::prefetch::prefetch;
 use crate::parallel;
 
-/// One line; the alignment keeps a node's rows from straddling cache lines.
+/// One line; its alignment keeps a node's rows from straddling cache lines.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 struct Line([f32; LANES]);
 
-/// A growing block of words (f32 or u32 by turns) that begins on a cache line.
+/// A growing array of words (f32 or u32, by access) that begins on a cache line.
 ///
-/// Positions are in words; who stores them in fewer bits checks that they fit.
+/// Positions are in words; a caller that stores them in fewer bits checks that they fit.
 #[derive(Clone, Default)]
 pub(crate) struct Arena {
     lines: Vec<Line>,
@@ -33,7 +33,7 @@ impl Arena {
         self.lines.capacity() * size_of::<Line>()
     }
 
-    /// Adds `words` zero words behind the last ones and returns where they begin.
+    /// Appends `words` zero words and returns the position of the first.
     pub(crate) fn grow(&mut self, words: usize) -> usize {
         let at = self.words;
         self.words += words;
@@ -47,26 +47,26 @@ impl Arena {
         at
     }
 
-    /// Words for which there is room.
+    /// The free capacity in words.
     pub(crate) fn room(&self) -> usize {
         (self.lines.capacity() - self.lines.len()) * LANES
     }
 
-    /// Makes room for so many more words: just that at first, at least doubling later.
+    /// Makes room for so many more words: exactly that at first, at least doubling later.
     pub(crate) fn reserve(&mut self, words: usize) {
         if self.room() < words {
             self.reserve_exact(words.max(self.lines.len() * LANES));
         }
     }
 
-    /// Makes room for so many more words and no others.
+    /// Makes room for exactly so many more words.
     pub(crate) fn reserve_exact(&mut self, words: usize) {
         let mut larger = huge_vec(self.lines.len() + words.div_ceil(LANES));
         larger.extend_from_slice(&self.lines);
         self.lines = larger;
     }
 
-    /// Adds the lines of another arena and returns the word where they begin.
+    /// Appends the lines of another arena and returns the position of the first word.
     pub(crate) fn append(&mut self, other: &Arena) -> usize {
         self.align();
         let at = self.words;
@@ -76,7 +76,7 @@ impl Arena {
         at
     }
 
-    /// Forgets all words and keeps the memory.
+    /// Removes all words and keeps the memory.
     pub(crate) fn clear(&mut self) {
         self.lines.clear();
         self.words = 0;
@@ -87,18 +87,18 @@ impl Arena {
         self.words
     }
 
-    /// Fills up the last line, so that what comes next begins on a cache line.
+    /// Pads the last line, so that the next block begins on a cache line.
     pub(crate) fn align(&mut self) {
         self.words = self.lines.len() * LANES;
     }
 
-    /// Keeps the words in memory of just their size, on huge pages where the system grants them.
+    /// Moves the words into memory of exactly their size, on huge pages if the system grants them.
     ///
-    /// Queries jump through the arena at random; with pages of 4 KiB most jumps of a big tree also miss the
-    /// address cache, which costs more than the data does.
+    /// Queries access the arena at random; with pages of 4 KiB most accesses to a large tree also miss the TLB, which
+    /// costs more than the cache miss.
     pub(crate) fn settle(&mut self) {
         let lines = self.lines.len() + LANES;
-        // Memory that fits already to a few percent is kept.
+        // Memory that fits to a few percent already is kept.
         let capacity = self.lines.capacity();
         if capacity < lines || capacity > lines + lines / 32 {
             let mut fitting = huge_vec(lines);
@@ -108,7 +108,7 @@ impl Arena {
         self.lines.resize(lines, Line([0.0; LANES]));
     }
 
-    /// All words as floats, the last line to its end.
+    /// All words as floats, including the padding of the last line.
     #[inline(always)]
     pub(crate) fn floats(&self) -> &[f32] {
         let lines = self.lines.as_slice();
@@ -117,8 +117,8 @@ impl Arena {
         unsafe { core::slice::from_raw_parts(lines.as_ptr().cast(), lines.len() * LANES) }
     }
 
-    /// The words of sixteen lines from word `at`, which begins a line. Blocks are shorter than that; the arena keeps
-    /// as many lines behind its last block once it is settled.
+    /// The words of sixteen lines from word `at`, which begins a line. Blocks are shorter than that; a settled arena
+    /// has that many lines after its last block.
     #[inline(always)]
     pub(crate) fn block(&self, at: usize) -> &[f32; LANES * LANES] {
         let line = at / LANES;
@@ -127,7 +127,7 @@ impl Arena {
         unsafe { &*core::ptr::from_ref(lines).cast() }
     }
 
-    /// Asks for the lines of a block that will be read soon; a hint.
+    /// Prefetches the lines of a block that will be read soon; a hint.
     #[inline(always)]
     pub(crate) fn prefetch(&self, at: usize, lines: usize) {
         for line in self.lines.iter().skip(at / LANES).take(lines) {
@@ -135,7 +135,7 @@ impl Arena {
         }
     }
 
-    /// Asks for the lines of a block without looking at how many there are: a dozen, as many as most have. A hint.
+    /// Prefetches a dozen lines of a block, the length of most, without computing its length; a hint.
     #[inline(always)]
     pub(crate) fn prefetch_block(&self, at: usize) {
         let block: &[Line; 12] = self.lines[at / LANES..at / LANES + 12].try_into().expect("a slice of a dozen");
@@ -151,7 +151,7 @@ impl Arena {
         unsafe { core::slice::from_raw_parts(lines.as_ptr().cast(), lines.len() * LANES) }
     }
 
-    /// All words as integers, to be written.
+    /// All words as mutable integers.
     #[inline(always)]
     pub(crate) fn ints_mut(&mut self) -> &mut [u32] {
         let lines = self.lines.as_mut_slice();

@@ -99,8 +99,8 @@ impl U {
         )
     }
 
-    /// The lanes of either half of the mask moved to the half's front, and how many they are in the low half, which is where those of the
-    /// high half go. Not joined in memory: what was stored in parts is slow to read as a whole.
+    /// The lanes of either half of the mask moved to the half's front, and the number of those in the low half, where
+    /// those of the high half go. Not joined in memory: a wide load after narrow stores is slow.
     #[inline(always)]
     fn packed_halves(self, mask: Mask) -> (__m256i, __m256i, usize) {
         let (low, high) = (mask & 0xff, mask >> 8);
@@ -115,17 +115,17 @@ impl U {
     }
 }
 
-/// The lanes of a mask from where `at` points to, 0 elsewhere; at least as many floats as the mask has bits, all of
-/// them the lowest, must lie there. The mask came from the token.
+/// The lanes of a mask loaded from `at`, 0 elsewhere; at least as many floats as the mask has bits, all of them the
+/// lowest, must lie there. The mask came from the token.
 #[inline(always)]
 fn masked(lanes: U, at: *const f32) -> F {
     F(intrinsic!(_mm256_maskload_ps(at, lanes.0)), intrinsic!(_mm256_maskload_ps(at.wrapping_add(8), lanes.1)))
 }
 
-/// The eight lanes of `a` that the lowest four bits of `index` say; both came from the token.
+/// Permutes eight lanes of `a` by the lowest four bits of `index`; both came from the token.
 #[inline(always)]
 fn permuted(a: F, index: __m256i) -> __m256 {
-    // The permutation looks at three bits, the blend at the topmost.
+    // The permutation uses three bits, the blend the topmost.
     let (low, high) =
         (intrinsic!(_mm256_permutevar8x32_ps(a.0, index)), intrinsic!(_mm256_permutevar8x32_ps(a.1, index)));
     let upper = intrinsic!(_mm256_castsi256_ps(_mm256_slli_epi32::<28>(index)));
@@ -331,7 +331,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
-        // The intrinsic wants its count as another type than the trait has it.
+        // The intrinsic takes its count in a register, since the trait has it as another type.
         let count = intrinsic!(_mm_cvtsi32_si128(BITS as i32));
         U(intrinsic!(_mm256_srl_epi32(a.0, count)), intrinsic!(_mm256_srl_epi32(a.1, count)))
     }

@@ -53,7 +53,7 @@ macro_rules! intrinsic {
 }
 
 impl Avx512 {
-    /// Squared distances of the first eight points or the others.
+    /// Squared distances of the first or the last eight points.
     #[inline(always)]
     fn eight_distances(self, [x, y, z]: &[Lanes<f64>; 3], from: [f64; 3], half: usize) -> __m256 {
         let (x, y, z) = (&x.as_chunks::<8>().0[half], &y.as_chunks::<8>().0[half], &z.as_chunks::<8>().0[half]);
@@ -183,8 +183,8 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn max_with_zero(self, a: F, b: F) -> F {
-        // As signed integers positive floats keep their order, and all others are below zero or zero: a quarter
-        // of the latency.
+        // Compared as signed integers, positive floats keep their order, and all others are at most zero: a quarter of
+        // the latency.
         let [a, b] = [intrinsic!(_mm512_castps_si512(a.0)), intrinsic!(_mm512_castps_si512(b.0))];
         let most = intrinsic!(_mm512_max_epi32(_mm512_max_epi32(a, b), _mm512_setzero_si512()));
         F(intrinsic!(_mm512_castsi512_ps(most)))

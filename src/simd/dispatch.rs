@@ -1,4 +1,4 @@
-//! Which instruction sets the CPU has, and running a kernel on one of them.
+//! Detecting the instruction sets of the CPU, and running a kernel on one of them.
 
 #[cfg(target_arch = "x86_64")]
 use super::avx2;
@@ -14,8 +14,8 @@ use super::sse2 as baseline;
 
 /// An instruction set of this CPU, for choosing the code path of queries.
 ///
-/// Values exist only for what the CPU really has. Answers do not depend on the choice; it is there
-/// for tests and measurements.
+/// Values exist only for instruction sets that the CPU has. Answers do not depend on the choice; it is there for tests
+/// and measurements.
 ///
 /// ```
 /// use mbkd::SimdLevel;
@@ -36,7 +36,7 @@ enum Isa {
 }
 
 impl SimdLevel {
-    /// What every CPU of the architecture runs: SSE2 on x86-64, NEON on AArch64, plain code elsewhere.
+    /// The level of every CPU of the architecture: SSE2 on x86-64, NEON on AArch64, plain code elsewhere.
     pub const PORTABLE: SimdLevel = SimdLevel(Isa::Baseline);
 
     /// All levels of this CPU, narrowest first; the first is always [`SimdLevel::PORTABLE`].
@@ -95,8 +95,8 @@ impl core::fmt::Display for SimdLevel {
     }
 }
 
-/// Runs a kernel that is not compiled for SSE2, where `otherwise` gives the answer by other code: few CPUs have nothing better, and what is
-/// compiled for it is larger than for any other.
+/// Runs a kernel that is not compiled for SSE2, where `otherwise` answers by other code: few CPUs have nothing better,
+/// and code compiled for it is larger than for any other level.
 #[inline(always)]
 pub(crate) fn dispatch_or<K: Kernel>(level: SimdLevel, kernel: K, otherwise: impl FnOnce(K) -> K::Output) -> K::Output {
     match level.0 {

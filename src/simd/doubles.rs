@@ -98,7 +98,7 @@ impl Four {
         (unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(self.0, b.0)) }) as Mask
     }
 
-    /// `a` where this is at most `y`, `b` elsewhere.
+    /// `a` where `self` is at most `y`, `b` elsewhere.
     #[inline(always)]
     pub(super) fn select_le(self, y: Four, a: Four, b: Four) -> Four {
         // SAFETY: `Four` exists only where the CPU has AVX2.

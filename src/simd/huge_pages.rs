@@ -1,23 +1,23 @@
-//! Big vectors on huge pages.
+//! Large vectors on huge pages.
 
 use crate::parallel;
 
-/// A vector with room for `capacity` items on huge pages, where the system grants them: big arrays that are
-/// filled once then cost a page fault per 2 MiB instead of one per 4 KiB.
+/// A vector with capacity for `capacity` items, on huge pages if the system grants them: large arrays that are filled
+/// once then cost a page fault per 2 MiB instead of one per 4 KiB.
 pub(crate) fn huge_vec<T>(capacity: usize) -> Vec<T> {
     let mut items = Vec::with_capacity(capacity);
     advise_huge_pages(&mut items);
     items
 }
 
-/// `count` copies of an item, on huge pages where the system grants them.
+/// `count` copies of an item, on huge pages if the system grants them.
 pub(crate) fn huge_vec_of<T: Clone>(item: T, count: usize) -> Vec<T> {
     let mut items = huge_vec(count);
     items.resize(count, item);
     items
 }
 
-/// Asks for huge pages for the memory of a vector that was not touched yet; a hint.
+/// Requests huge pages for the untouched memory of a vector; a hint.
 #[cfg(target_os = "linux")]
 fn advise_huge_pages<T>(items: &mut Vec<T>) {
     const PAGE: usize = 4096;
@@ -37,11 +37,11 @@ fn advise_huge_pages<T>(items: &mut Vec<T>) {
     unsafe { madvise(begin.wrapping_add(skip).cast(), bytes - skip, MADV_HUGEPAGE) };
 }
 
-/// Elsewhere the system decides.
+/// On other systems there is no such request.
 #[cfg(not(target_os = "linux"))]
 fn advise_huge_pages<T>(_: &mut Vec<T>) {}
 
-/// All parts, one behind the other.
+/// Concatenates vectors.
 pub(crate) fn concat<T: Copy + Send + Sync>(parts: &[Vec<T>]) -> Vec<T> {
     let mut total = 0;
     let ends: Vec<usize> = parts.iter().map(|part| (total += part.len(), total).1).collect();

@@ -1,4 +1,4 @@
-//! What an instruction set does with sixteen lanes, and computations over any of them.
+//! The operations of an instruction set on sixteen lanes, and kernels that are generic over it.
 
 use super::lanes::{Lanes, Mask, Rows};
 use core::mem::MaybeUninit;
@@ -6,8 +6,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// An instruction set as sixteen-lane operations.
 ///
-/// Values of the implementing types exist only where the CPU has the instructions, which is what
-/// makes the safe methods sound.
+/// Values of the implementing types exist only where the CPU has the instructions, which makes the safe methods sound.
 #[allow(clippy::wrong_self_convention)] // `self` is the token
 pub(crate) trait Simd: Copy {
     /// Sixteen f32.
@@ -17,42 +16,42 @@ pub(crate) trait Simd: Copy {
     /// Four f64.
     type D: Copy + Add<Output = Self::D> + Sub<Output = Self::D> + Mul<Output = Self::D> + Div<Output = Self::D>;
 
-    /// Whether the upper eight lanes are in registers of their own, so that the compiler drops what is computed there where
-    /// nothing uses it.
+    /// Whether the upper eight lanes are in registers of their own, so that the compiler can remove computations on
+    /// them if their results are not used.
     const HALVES: bool = false;
 
     /// The same value in every lane.
     fn splat(self, x: f32) -> Self::F;
     /// Reads sixteen floats, at any alignment.
     fn load(self, from: &Lanes<f32>) -> Self::F;
-    /// Keeps the lower eight lanes; what is in the upper ones then is not said.
+    /// Keeps the lower eight lanes; the upper ones are unspecified.
     #[inline(always)]
     fn lower_half(self, a: Self::F) -> Self::F {
         a
     }
-    /// Reads sixteen bytes and makes floats of them.
+    /// Reads sixteen bytes and converts them to floats.
     fn load_bytes(self, from: &Lanes<u8>) -> Self::F;
-    /// Reads row `i`; the lanes beyond its length are 0. What lies behind it in memory is not looked at (read as
-    /// numbers it might be denormal, which is slow).
+    /// Reads row `i`; the lanes beyond its length are 0. Memory behind the row is not read as numbers (they might be
+    /// denormal, which is slow).
     fn load_row(self, rows: &Rows, i: usize) -> Self::F;
-    /// Reads rows `first`, `first + 3` and `first + 6` likewise.
+    /// Reads rows `first`, `first + 3` and `first + 6`, as [`Simd::load_row`].
     fn load_thirds(self, rows: &Rows, first: usize) -> [Self::F; 3];
     /// Writes sixteen floats, at any alignment.
     fn store(self, x: Self::F, to: &mut Lanes<f32>);
     /// `a * b + c`, fused or not: for culling only, never for an answer.
     fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
-    /// `c - a * b` likewise.
+    /// `c - a * b`, fused or not: for culling only, never for an answer.
     fn negated_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
     /// `if a < b { a } else { b }`: the second operand where either is NaN.
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
     /// `if a > b { a } else { b }`: the second operand where either is NaN.
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
-    /// The greater of the bits as signed integers: a quarter of the latency of `max`. Of numbers it is the greater one
-    /// where one of them is above zero; otherwise one or the other.
+    /// The maximum of the bits as signed integers: a quarter of the latency of `max`. For numbers it is the greater one
+    /// if one of them is above zero; otherwise one or the other.
     fn max_signed(self, a: Self::F, b: Self::F) -> Self::F;
-    /// The lesser likewise: below zero where one of the numbers is, otherwise the lesser number.
+    /// The minimum of the bits as signed integers: below zero if one of the numbers is, otherwise the lesser number.
     fn min_signed(self, a: Self::F, b: Self::F) -> Self::F;
-    /// Lanes where `a <= b` likewise: of numbers of which one is above zero it says what `le` says.
+    /// Lanes where `a <= b` as signed integers: equal to `le` for numbers of which one is above zero.
     fn le_signed(self, a: Self::F, b: Self::F) -> Mask;
     /// The greatest of `a`, `b` and +0; none of them may be NaN.
     fn max_with_zero(self, a: Self::F, b: Self::F) -> Self::F;
@@ -62,15 +61,15 @@ pub(crate) trait Simd: Copy {
     fn le(self, a: Self::F, b: Self::F) -> Mask;
     /// Lanes where `a == b`; false for NaN.
     fn eq(self, a: Self::F, b: Self::F) -> Mask;
-    /// `a` where the mask has its bit, `b` elsewhere.
+    /// `a` where the mask has its bit set, `b` elsewhere.
     fn select(self, mask: Mask, a: Self::F, b: Self::F) -> Self::F;
-    /// In each lane the lane of `a` that the lowest four bits of `index` there say.
+    /// Lane `i` becomes the lane of `a` that the lowest four bits of lane `i` of `index` select.
     fn permute(self, a: Self::F, index: Self::U) -> Self::F;
     /// Lane `i`, at most 15.
     fn lane(self, a: Self::F, i: usize) -> f32;
     /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
     fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
-    /// Writes the lanes of the mask, moved together at the front; what follows them is unspecified.
+    /// Writes the lanes of the mask, compressed to the front; the elements after them are unspecified.
     fn store_compressed(self, a: Self::F, mask: Mask, to: &mut Lanes<f32>);
     /// The bits of the lanes.
     fn to_bits(self, a: Self::F) -> Self::U;
@@ -84,11 +83,11 @@ pub(crate) trait Simd: Copy {
     fn load_u(self, from: &Lanes<u32>) -> Self::U;
     /// Writes sixteen integers, at any alignment.
     fn store_u(self, x: Self::U, to: &mut Lanes<u32>);
-    /// The lanes shifted right by `BITS`, zeros from the left.
+    /// The lanes shifted right by `BITS`, with zeros from the left.
     fn shift_right<const BITS: u32>(self, a: Self::U) -> Self::U;
-    /// The lesser.
+    /// The lesser of each pair of lanes, unsigned.
     fn min_u(self, a: Self::U, b: Self::U) -> Self::U;
-    /// The greater.
+    /// The greater of each pair of lanes, unsigned.
     fn max_u(self, a: Self::U, b: Self::U) -> Self::U;
     /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
     fn swap_lanes_u<const D: usize>(self, a: Self::U) -> Self::U;
@@ -100,13 +99,13 @@ pub(crate) trait Simd: Copy {
     fn eq_u(self, a: Self::U, b: Self::U) -> Mask;
     /// Lanes where `a < b`, unsigned.
     fn lt_u(self, a: Self::U, b: Self::U) -> Mask;
-    /// `a` where the mask has its bit, `b` elsewhere.
+    /// `a` where the mask has its bit set, `b` elsewhere.
     fn select_u(self, mask: Mask, a: Self::U, b: Self::U) -> Self::U;
     /// The least lane, unsigned.
     fn reduce_min_u(self, a: Self::U) -> u32;
-    /// Writes the lanes of the mask, moved together at the front; what follows them is unspecified.
+    /// Writes the lanes of the mask, compressed to the front; the elements after them are unspecified.
     fn store_compressed_u(self, a: Self::U, mask: Mask, to: &mut Lanes<u32>);
-    /// The same, each lane as 64 bits.
+    /// As [`Simd::store_compressed_u`], with each lane as 64 bits.
     fn store_compressed_wide(self, a: Self::U, mask: Mask, to: &mut Lanes<MaybeUninit<u64>>);
 
     /// The same f64 in all four lanes.
@@ -115,7 +114,7 @@ pub(crate) trait Simd: Copy {
     fn load_d(self, from: &[f64; 4]) -> Self::D;
     /// Three floats as f64, and 0.
     fn widen(self, x: [f32; 3]) -> Self::D;
-    /// The lanes of `a` that the lowest four groups of four bits say, as f64.
+    /// The lanes of `a` that the lowest four groups of four bits of `numbers` select, as f64.
     fn pick_four(self, a: Self::F, numbers: u32) -> Self::D;
     /// The lanes 1, 2, 0, 3.
     fn turn_left(self, a: Self::D) -> Self::D;
@@ -129,8 +128,8 @@ pub(crate) trait Simd: Copy {
     fn narrow(self, a: Self::D) -> [f32; 4];
     /// Sixteen f64 rounded to floats.
     fn narrow_all(self, a: [Self::D; 4]) -> Self::F;
-    /// Squared distances of sixteen points in rows from a place, in f64 as `(dx·dx + dy·dy) + dz·dz`, each rounded to a
-    /// float.
+    /// Squared distances of sixteen points in rows from one point, in f64 as `(dx·dx + dy·dy) + dz·dz`, each rounded to
+    /// a float.
     #[inline(always)]
     fn squared_distances(self, [x, y, z]: &[Lanes<f64>; 3], from: [f64; 3]) -> Self::F {
         let mut squares = [self.splat_d(0.0); 4];
@@ -158,10 +157,10 @@ pub(crate) trait Simd: Copy {
 
 /// A computation that [`dispatch`](super::dispatch()) can compile for every instruction set.
 ///
-/// Mark `run` and all it calls `#[inline(always)]`: whatever stays a call of its own is compiled
-/// without the instruction set, and every vector then travels through memory.
+/// Mark `run` and all functions it calls `#[inline(always)]`: a function that is not inlined is compiled without the
+/// instruction set, and every vector is then passed through memory.
 pub(crate) trait Kernel {
-    /// What the computation returns.
+    /// The result of the computation.
     type Output;
     /// The computation.
     fn run<S: Simd>(self, s: S) -> Self::Output;

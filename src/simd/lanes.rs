@@ -1,15 +1,15 @@
-//! Sixteen lanes as they lie in memory, and reading them.
+//! Sixteen lanes in memory, and reading them.
 
 /// Number of lanes in every vector of this module.
 pub(crate) const LANES: usize = 16;
 
-/// Sixteen f32 or u32 lanes as they lie in memory.
+/// Sixteen f32 or u32 lanes in memory.
 pub(crate) type Lanes<T> = [T; LANES];
 
 /// A mask: bit `i` belongs to lane `i`.
 pub(crate) type Mask = u16;
 
-/// Rows of up to sixteen floats, one right behind the other.
+/// Contiguous rows of up to sixteen floats.
 ///
 /// Their bounds are checked once, so that reading three of them costs one comparison.
 pub(crate) struct Rows<'a> {
@@ -23,7 +23,7 @@ pub(crate) struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// `count` rows of `n` floats at the begin of `words`. Panics where they are not all there.
+    /// `count` rows of `n` floats at the beginning of `words`. Panics if `words` is too short.
     #[inline(always)]
     pub(crate) fn new(words: &'a [f32], n: usize, count: usize) -> Rows<'a> {
         assert!((1..=LANES).contains(&n) && count <= 32 && words.len() >= n * count);
@@ -36,14 +36,14 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Where row `i` begins; it has `n` floats from there.
+    /// The beginning of row `i`; it has `n` floats from there.
     #[inline(always)]
     pub(super) fn row(&self, i: usize) -> *const f32 {
         assert!(i < self.count);
         self.words.as_ptr().wrapping_add(i * self.n)
     }
 
-    /// Where rows `first`, `first + 3` and `first + 6` begin; each has `n` floats from there.
+    /// The beginnings of rows `first`, `first + 3` and `first + 6`; each has `n` floats from there.
     #[inline(always)]
     pub(super) fn thirds(&self, first: usize) -> [*const f32; 3] {
         assert!(first + 6 < self.count);
@@ -51,7 +51,7 @@ impl<'a> Rows<'a> {
         [at, at.wrapping_add(3 * self.n), at.wrapping_add(6 * self.n)]
     }
 
-    /// One lane of rows `first`, `first + 3` and `first + 6`. Panics where they are not there.
+    /// One lane of rows `first`, `first + 3` and `first + 6`. Panics if they are out of range.
     #[inline(always)]
     pub(crate) fn lane_of_thirds(&self, first: usize, lane: usize) -> [f32; 3] {
         assert!((first + 6 < self.count) & (lane < self.n));
@@ -67,7 +67,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Sixteen elements of `from`, beginning at `at`. Panics where they are not all there.
+/// Sixteen elements of `from`, beginning at `at`. Panics if they are out of range.
 #[inline(always)]
 pub(crate) fn lanes_at<T>(from: &[T], at: usize) -> &Lanes<T> {
     from[at..at + LANES].try_into().expect("a slice of sixteen")

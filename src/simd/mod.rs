@@ -1,14 +1,14 @@
 //! Sixteen lanes with run-time dispatch, and the aligned memory they read.
 //!
-//! A query kernel is written once, generic over [`Simd`], as plain straight-line code. [`dispatch()`]
-//! compiles it three times on x86-64 (SSE2, AVX2, AVX-512) and runs the widest version that the CPU has, so
-//! a default build reaches AVX-512 without compiler flags; on AArch64 it is compiled once, for NEON. The picture to have in mind: a token `s`
-//! of type `S: Simd` is the proof that the CPU has the instructions, and every vector is born from it. Other
-//! architectures run the plain lanes of `portable`, against which all are tested.
+//! A query kernel is written once, generic over [`Simd`], as plain straight-line code. On x86-64, [`dispatch()`] compiles
+//! it three times (SSE2, AVX2, AVX-512) and runs the widest version that the CPU has, so a default build reaches AVX-512
+//! without compiler flags; on AArch64 it is compiled once, for NEON. The picture to have in mind: a token `s` of type
+//! `S: Simd` is the proof that the CPU has the instructions, and every vector is made from it. Other architectures run
+//! the plain lanes of `portable`, against which all instruction sets are tested.
 //!
-//! All lane operations except [`Simd::mul_add`] and [`Simd::negated_mul_add`] give the same bits on every instruction set; answers
-//! are computed with those. These two fuse where the hardware does and are for culling only, which
-//! has to be conservative but not reproducible.
+//! All lane operations except [`Simd::mul_add`] and [`Simd::negated_mul_add`] give the same bits on every instruction
+//! set; answers are computed with those. These two fuse where the hardware does and are for culling only, which has to
+//! be conservative but not reproducible.
 //!
 //! This module holds the only `unsafe` code of the crate.
 #![allow(unsafe_code)]

@@ -1,8 +1,8 @@
-//! Sixteen points in 256 bytes: one after the other while they are brought into order, then in rows.
+//! Sixteen points in 256 bytes: as items while they are sorted, then in rows.
 
 use super::lanes::{LANES, Lanes};
 
-/// A point on its way into a leaf: where it lies (at mid-shutter) and which one it is.
+/// A point during the build, before it is in a leaf: its position (at mid-shutter) and its index.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(16))]
 pub(crate) struct Item {
@@ -10,7 +10,7 @@ pub(crate) struct Item {
     pub(crate) index: u32,
 }
 
-/// Sixteen points in rows; where there is none, the coordinates are infinite.
+/// Sixteen points in rows; unused lanes have infinite coordinates.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct PointBlock {
@@ -21,11 +21,11 @@ pub(crate) struct PointBlock {
 const _: () = assert!(size_of::<PointBlock>() == LANES * size_of::<Item>());
 
 impl PointBlock {
-    /// No point.
+    /// A block without points.
     pub(crate) const EMPTY: PointBlock = PointBlock { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LANES] };
 
-    /// The memory of blocks as items, sixteen in each. What is written as items reads as garbage in rows until it is
-    /// written again.
+    /// The memory of blocks as items, sixteen in each. After items are written, rows are garbage until they are written
+    /// again.
     pub(crate) fn items(blocks: &mut [PointBlock]) -> &mut [Item] {
         let count = blocks.len() * LANES;
         // SAFETY: a block is as large as sixteen items and more strictly aligned; both are `repr(C)`, consist of f32
@@ -33,7 +33,7 @@ impl PointBlock {
         unsafe { core::slice::from_raw_parts_mut(blocks.as_mut_ptr().cast(), count) }
     }
 
-    /// The first `count` items in this memory, at most sixteen; the others as padding.
+    /// The first `count` items in this memory, at most sixteen; the rest is padding.
     pub(crate) fn take_items(&mut self, count: usize) -> ([Item; LANES], usize) {
         let items = PointBlock::items(core::slice::from_mut(self));
         (core::array::from_fn(|i| items[i]), count.min(LANES))

@@ -1,4 +1,4 @@
-//! Sixteen lanes in plain Rust: what runs on architectures without lanes of their own, and the definition that the
+//! Sixteen lanes in plain Rust: for architectures without an implementation of their own, and as the reference that the
 //! others are tested against.
 
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
@@ -12,7 +12,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 #[derive(Clone, Copy)]
 pub(crate) struct Portable;
 
-/// Runs a kernel. A function of its own, so that each is compiled once and not wherever it is dispatched.
+/// Runs a kernel. A function of its own, so that each kernel is compiled once and not wherever it is dispatched.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 #[inline(never)]
 pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
@@ -40,7 +40,7 @@ fn zip<A: Copy, B: Copy, C: Copy + Default>(a: &Lanes<A>, b: &Lanes<B>, f: impl 
     out
 }
 
-/// As `map` of arrays, which takes the compiler longer.
+/// As `map` of arrays, which compiles more slowly.
 #[inline]
 fn each<A: Copy, C: Copy + Default>(a: &Lanes<A>, f: impl Fn(A) -> C) -> Lanes<C> {
     let mut out = [C::default(); LANES];
@@ -80,7 +80,7 @@ fn select<A: Copy + Default>(mask: Mask, a: &Lanes<A>, b: &Lanes<A>) -> Lanes<A>
     out
 }
 
-/// A call: it is asked for in many places.
+/// Not inlined, since it has many callers.
 #[inline(never)]
 fn sort(a: &mut Lanes<u32>) {
     a.sort_unstable();

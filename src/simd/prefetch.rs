@@ -1,6 +1,6 @@
-//! Asking for memory ahead of time.
+//! Prefetching.
 
-/// Asks for the cache lines of an item that will be read soon; a hint without any other effect.
+/// Prefetches the cache lines of an item that will be read soon; a hint without any other effect.
 #[inline(always)]
 pub(crate) fn prefetch<T>(item: &T) {
     #[cfg(target_arch = "x86_64")]

@@ -1,7 +1,8 @@
 //! Sixteen lanes in four SSE2 registers, which every x86-64 CPU has.
 //!
-//! What runs where a CPU has nothing wider. The plain lanes ([`super::portable`]) would do as well, but kernels over them
-//! are more machine code (docs/notes.md). The few operations that SSE2 has no instruction for go through memory, as calls.
+//! For CPUs without anything wider. The plain lanes ([`super::portable`]) would do as well, but kernels over them are
+//! more machine code (docs/notes.md). The few operations that SSE2 has no instruction for go through memory, in
+//! functions that are not inlined.
 
 use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};
@@ -14,7 +15,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 #[derive(Clone, Copy)]
 struct Sse2;
 
-/// Runs a kernel. A function of its own, so that each is compiled once and not wherever it is dispatched.
+/// Runs a kernel. A function of its own, so that each kernel is compiled once and not wherever it is dispatched.
 #[inline(never)]
 pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Sse2)
@@ -54,7 +55,7 @@ impl F {
         F([f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2]), f(a[3], b[3])])
     }
 
-    /// The signs of what `f` makes of the registers.
+    /// The signs of the result of `f` on the registers.
     #[inline(always)]
     fn compare(self, F(b): F, f: impl Fn(__m128, __m128) -> __m128) -> Mask {
         let F(a) = self;
@@ -120,7 +121,7 @@ impl U {
         self.map(b, |a, b| intrinsic!(_mm_cmpgt_epi32(a, b)))
     }
 
-    /// With the topmost bits turned over, signed comparisons say what unsigned ones say.
+    /// With the topmost bits flipped, signed comparisons give the results of unsigned ones.
     #[inline(always)]
     fn turned(self) -> U {
         let top = intrinsic!(_mm_set1_epi32(i32::MIN));
@@ -154,7 +155,7 @@ impl U {
     }
 }
 
-/// The lanes of the mask moved together at the front.
+/// Compresses the lanes of the mask to the front.
 #[inline(never)]
 fn compress<T>(a: &Lanes<u32>, mask: Mask, to: &mut Lanes<T>, of: impl Fn(u32) -> T) {
     let (mut rest, mut n) = (mask, 0);
@@ -165,7 +166,7 @@ fn compress<T>(a: &Lanes<u32>, mask: Mask, to: &mut Lanes<T>, of: impl Fn(u32) -
     }
 }
 
-/// In each lane the lane of `a` that the lowest four bits of `index` there say.
+/// Lane `i` becomes the lane of `a` that the lowest four bits of lane `i` of `index` select.
 #[inline(never)]
 fn permute(a: &Lanes<u32>, index: &Lanes<u32>, to: &mut Lanes<u32>) {
     for (to, &i) in to.iter_mut().zip(index) {
@@ -173,13 +174,13 @@ fn permute(a: &Lanes<u32>, index: &Lanes<u32>, to: &mut Lanes<u32>) {
     }
 }
 
-/// The lanes in ascending order. Asked for in many places, each of which would hold the whole network.
+/// The lanes in ascending order. Not inlined, since each of its many callers would contain the whole network.
 #[inline(never)]
 fn sort(a: &mut U) {
     *a = sort_network(Sse2, *a);
 }
 
-/// The least lane, likewise.
+/// The least lane. Not inlined for the same reason.
 #[inline(never)]
 fn least(&a: &U) -> u32 {
     let eight = Sse2.min_u(a, Sse2.swap_lanes_u::<8>(a));
@@ -189,7 +190,7 @@ fn least(&a: &U) -> u32 {
     intrinsic!(_mm_cvtsi128_si32(one)) as u32
 }
 
-/// Row `i`, with zeros behind it.
+/// Row `i`, followed by zeros.
 #[inline(never)]
 fn row(rows: &Rows, i: usize, to: &mut Lanes<f32>) {
     to[..rows.n].copy_from_slice(&rows.words[i * rows.n..(i + 1) * rows.n]);

@@ -1,23 +1,23 @@
-//! A stack whose memory nobody clears: zeroing a few kilobytes per ray costs as much as tracing an easy one.
+//! A stack in uninitialized memory: zeroing a few kilobytes per ray costs as much as tracing an easy one.
 
 use super::instructions::Simd;
 use super::lanes::{LANES, Mask};
 use core::mem::MaybeUninit;
 
-/// Memory for a [`Stack`], uninitialized: `N` places here, or more on the heap where a stack needs them.
+/// Uninitialized memory for a [`Stack`]: `N` elements here, or more on the heap if a stack needs them.
 pub(crate) struct StackMemory<T: Copy, const N: usize> {
     here: [MaybeUninit<T>; N],
     heap: Option<Box<[MaybeUninit<T>]>>,
 }
 
 impl<T: Copy, const N: usize> StackMemory<T, N> {
-    /// Touches nothing.
+    /// Writes nothing.
     #[inline(always)]
     pub(crate) fn new() -> Self {
         StackMemory { here: [const { MaybeUninit::uninit() }; N], heap: None }
     }
 
-    /// An empty stack in this memory with at least `places` places.
+    /// An empty stack in this memory with a capacity of at least `places` items.
     #[inline(always)]
     pub(crate) fn stack(&mut self, places: usize) -> Stack<'_, T> {
         if places <= N {
@@ -27,31 +27,31 @@ impl<T: Copy, const N: usize> StackMemory<T, N> {
     }
 }
 
-/// Memory for deep stacks. A call of its own, since hardly any tree needs it.
+/// Memory for deep stacks. Not inlined, since hardly any tree needs it.
 #[cold]
 #[inline(never)]
 fn uninitialized<T: Copy>(places: usize) -> Box<[MaybeUninit<T>]> {
     vec![MaybeUninit::uninit(); places].into()
 }
 
-/// A stack; its length is apart from its memory, so that it can live in a register.
+/// A stack; its length is stored apart from its memory, so that it can live in a register.
 ///
-/// It does not grow: whoever makes it knows how much can ever wait on it, and what would go beyond panics. A call for
-/// more memory inside a traversal would push every vector out of the registers, whether it is made or not.
+/// It does not grow: its maker knows a bound on the number of items, and exceeding it panics. A call that allocates
+/// inside a traversal would spill every vector register, whether it is executed or not.
 pub(crate) struct Stack<'a, T: Copy> {
     items: &'a mut [MaybeUninit<T>],
     len: usize,
 }
 
 impl<T: Copy> Stack<'_, T> {
-    /// Puts an item on top.
+    /// Pushes an item.
     #[inline(always)]
     pub(crate) fn push(&mut self, item: T) {
         self.items[self.len] = MaybeUninit::new(item);
         self.len += 1;
     }
 
-    /// Puts the first `n` of some items on top, the first lowest, without a branch on `n`.
+    /// Pushes the first `n` of some items, the first lowest, without a branch on `n`.
     #[inline(always)]
     pub(crate) fn push_first<const M: usize>(&mut self, items: [T; M], n: usize) {
         assert!(n <= M);
@@ -61,7 +61,7 @@ impl<T: Copy> Stack<'_, T> {
         self.len += n;
     }
 
-    /// Takes all items off.
+    /// Removes all items.
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         self.len = 0;
@@ -77,7 +77,7 @@ impl<T: Copy> Stack<'_, T> {
         Some(unsafe { self.items.get_unchecked(self.len - 1).assume_init() })
     }
 
-    /// Takes the top item.
+    /// Removes and returns the top item.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<T> {
         if self.len == 0 {
@@ -89,9 +89,9 @@ impl<T: Copy> Stack<'_, T> {
         Some(unsafe { self.items.get_unchecked(self.len).assume_init() })
     }
 
-    /// Puts `n` items on top; `item(i)` gives the place of item `i`, counted from the present top, and the item.
+    /// Pushes `n` items; `item(i)` returns item `i` and its position, counted from the present top.
     ///
-    /// `item` must give each place of `0..n` once over the calls for `0..n`; otherwise this panics.
+    /// `item` must return each position of `0..n` once over the calls for `0..n`; otherwise this panics.
     #[inline(always)]
     pub(crate) fn push_ranked(&mut self, n: usize, mut item: impl FnMut(usize) -> (usize, T)) {
         let top = &mut self.items[self.len..self.len + n];
@@ -107,7 +107,7 @@ impl<T: Copy> Stack<'_, T> {
 }
 
 impl Stack<'_, u64> {
-    /// Puts the lanes of a mask on top, the first lowest, without a branch on how many they are.
+    /// Pushes the lanes of a mask, the first lowest, without a branch on their number.
     #[inline(always)]
     pub(crate) fn push_lanes<S: Simd>(&mut self, s: S, lanes: S::U, mask: Mask) {
         let top: &mut [MaybeUninit<u64>; LANES] =

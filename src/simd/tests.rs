@@ -2,13 +2,13 @@
 
 use super::*;
 
-/// What a round of all operations gave, as bits.
+/// The results of one round of all operations, as bits.
 #[derive(PartialEq, Debug)]
 struct Round {
     vectors: Vec<Lanes<u32>>,
     masks: Vec<Mask>,
     scalars: Vec<u32>,
-    /// Compressed lanes, cut to the count of the mask.
+    /// Compressed lanes, truncated to the count of the mask.
     packed: Vec<Vec<u32>>,
     /// Vectors of f64.
     doubles: Vec<[u64; 4]>,
@@ -27,7 +27,7 @@ impl Kernel for All {
         let out_f = |x: S::F| {
             let mut to = [0.0; LANES];
             s.store(x, &mut to);
-            // NaN payloads are the one thing that IEEE 754 leaves open.
+            // NaN payloads are not specified by IEEE 754.
             to.map(|v| if v.is_nan() { f32::NAN.to_bits() } else { v.to_bits() })
         };
         let out_u = |x: S::U| {
@@ -167,7 +167,7 @@ fn every_level_agrees_with_the_portable_lanes_bit_for_bit() {
 }
 
 #[test]
-fn what_may_be_fused_is_within_one_rounding_of_the_plain_form() {
+fn operations_that_may_fuse_are_within_one_rounding_of_the_plain_form() {
     struct Fused(Lanes<f32>, Lanes<f32>, Lanes<f32>);
     impl Kernel for Fused {
         type Output = [Lanes<f32>; 2];

@@ -1,19 +1,19 @@
-//! Which parts of a scene divide the shutter, and into what.
+//! Choosing the regions of a scene that get a temporal split, and its kind.
 //!
-//! Boxes over the whole shutter are tight where things stand still or move alike, and wide where neighbours part
-//! company. So a still building, a crowd that walks and something that shatters want different trees, and they get
-//! them: a subtree of the draft for the whole shutter may be replaced by a time node over several hierarchies
-//! (*segments*, which share their leaf blocks) or over several trees (*copies*).
+//! Boxes over the whole shutter are tight for static primitives and for coherent motion, and wide where neighbours move
+//! apart. So a static building, a walking crowd and a shattering object want different trees, and they get them: a
+//! subtree of the draft for the whole shutter may be replaced by a time node over several hierarchies (*segments*,
+//! which share their leaf blocks) or over several trees (*copies*).
 //!
-//! A greedy decision at one node cannot see what a division gains further down, and building all alternatives
-//! would take many times as long as the build itself. So it goes in two steps. First a map: the tree is taken apart into
-//! some hundred *pieces*, and in a small sample of each piece one sees how much smaller its boxes were if they were made
-//! for each half of the shutter. Where they are hardly smaller the matter is settled. *Regions* are the subtrees that gain
-//! most together when they are divided, each enough for itself and of pieces that are alike; for each of them
-//! alternatives are built of samples and their expected costs compared, weighed with the memory that they take, finer
-//! divisions only while the last step paid. Where that is refused to a region of unlike parts, these are looked at by
-//! themselves: slow stars around a fast core would hide it. Neighbours that come to the same decision become one region again, so
-//! a scene that is the same everywhere gets one tree with one division.
+//! A greedy decision at one node cannot see the gain of splits further down, and building all alternatives would take
+//! many times as long as the build itself. So there are two steps. The first one makes a map: the tree is divided into
+//! some hundred *pieces*, and a small sample of each piece shows how much smaller its boxes would be if they were made
+//! for each half of the shutter. If they are hardly smaller, the piece needs no split. *Regions* are the subtrees with
+//! the greatest total gain, each with enough gain of its own and of similar pieces. The second step builds, for each
+//! region, alternatives over samples and compares their expected costs, weighted by the memory they take; finer splits
+//! are tried only while the last step paid. If every split of a region with dissimilar parts is rejected, its parts are
+//! tried separately: slow stars around a fast core would hide the core. Neighbours with the same decision are joined
+//! into one region, so a homogeneous scene gets one tree with one split.
 
 use super::draft::{Draft, TimeSlice, draft_tree, time_slice};
 use super::slices::{SharedLeaves, slice_bounds};
@@ -29,17 +29,17 @@ use crate::tuning::slices::{
 };
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
-/// A subtree of a draft that divides the shutter.
+/// A subtree of a draft that gets a temporal split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Region {
     /// Its binary node.
     pub node: u32,
     pub division: Division,
-    /// Expected cost of a ray in it, divided so.
+    /// Expected cost of a ray in it, with this split.
     pub cost: f32,
 }
 
-/// Copies never make the tree larger than this, three quarters of what its references can number.
+/// Copies never make the tree larger than this: three quarters of the range of its references.
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another.
@@ -63,7 +63,7 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WidePara
     joined(&draft.binary, 0, decided)
 }
 
-/// Appends the regions of a candidate: itself or, where that is refused and parts of it are unlike, those of both halves.
+/// Appends the regions of a candidate: itself or, if it is rejected and its parts are dissimilar, those of both halves.
 fn divided(
     draft: &Draft,
     Candidate { node, pieces }: Candidate<'_>,
@@ -84,24 +84,24 @@ fn divided(
     }
 }
 
-/// A small subtree, and what a look at it says.
+/// A small subtree and its estimates.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     node: u32,
     /// Expected cost of a ray in it.
     cost: f32,
-    /// Areas of its boxes when made for each half of the shutter, relative to those for the whole.
+    /// Area of its boxes when made for each half of the shutter, relative to the area for the whole.
     halves: f32,
 }
 
-/// A subtree that may gain when it is divided, and what it consists of.
+/// A subtree that may gain from a split, and its pieces.
 #[derive(Clone, Copy)]
 struct Candidate<'a> {
     node: u32,
     pieces: &'a [Piece],
 }
 
-/// Takes a draft apart into pieces, in order.
+/// Divides a draft into pieces, in order.
 fn pieces<S: PrimitiveSet>(set: &S, draft: &Draft) -> Vec<Piece> {
     let Some(root) = draft.binary.first().filter(|root| root.moving) else { return Vec::new() };
     let most = (root.count as usize / PIECES).max(LEAST_PIECE) as u32;
@@ -132,7 +132,7 @@ struct Areas {
     halves: f32,
 }
 
-/// Adds up the boxes of a small subtree; returns the boxes for both halves of the shutter.
+/// Adds the areas of the boxes of a small subtree; returns its boxes for both halves of the shutter.
 fn look<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> [LinearBox3; 2] {
     let node = &draft.binary[x as usize];
     let union = |[a, b]: [LinearBox3; 2], [c, d]: [LinearBox3; 2]| [a.union(c), b.union(d)];
@@ -147,7 +147,7 @@ fn look<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> [
     halves
 }
 
-/// The bounds of a reference for both halves of the shutter. What moves linearly goes through one box at mid-shutter.
+/// The bounds of a reference for both halves of the shutter. Linear motion has one box at mid-shutter for both.
 fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearBox3; 2] {
     let first = slice_bounds(set, r, draft, time_slice(0, 2));
     if set.leaf_kind(r.id()) != 0 {
@@ -157,7 +157,7 @@ fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearB
     [LinearBox3 { begin, end: first.end }, LinearBox3 { begin: first.end, end }]
 }
 
-/// Sums over pieces, weighed by their costs.
+/// Sums over pieces, weighted by their costs.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     cost: f32,
@@ -174,7 +174,7 @@ impl Sum {
         sum
     }
 
-    /// About what dividing all of it gains.
+    /// An estimate of the gain of splitting all of it.
     fn gain(self) -> f32 {
         MAX_AREA_OF_HALVES * self.cost - self.halves
     }
@@ -184,15 +184,15 @@ impl Sum {
     }
 }
 
-/// The pieces of both sides of a node.
+/// The right child of a node, and the pieces of both sides.
 fn sides<'a>(draft: &Draft, x: u32, pieces: &'a [Piece]) -> (u32, &'a [Piece], &'a [Piece]) {
     let right = x + draft.binary[x as usize].right;
     let (low, high) = pieces.split_at(pieces.partition_point(|p| p.node < right));
     (right, low, high)
 }
 
-/// Appends the subtrees of `x`, which consists of `pieces`, that gain most when they are divided, each at least `least`;
-/// returns what they gain together.
+/// Appends the subtrees of `x`, which consists of `pieces`, that gain most from a split, each at least `least`; returns
+/// their total gain.
 fn find<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], least: f32, found: &mut Vec<Candidate<'a>>) -> f32 {
     if pieces.iter().all(|p| p.halves >= MAX_AREA_OF_HALVES) {
         return 0.0;
@@ -214,7 +214,7 @@ fn find<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], least: f32, found: &mut 
     own
 }
 
-/// Appends a subtree that is to be divided; where its halves are unlike, each for itself.
+/// Appends a subtree that is to be split; if its halves are dissimilar, each half separately.
 fn part<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], found: &mut Vec<Candidate<'a>>) {
     if pieces.len() > 1 && difference(means(draft, x, pieces, 1)) > MAX_DIFFERENCE {
         let (right, low, high) = sides(draft, x, pieces);
@@ -225,8 +225,8 @@ fn part<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], found: &mut Vec<Candidat
     found.push(Candidate { node: x, pieces });
 }
 
-/// The least and the greatest mean of the subtrees so many levels below a node. Below the first level what has few pieces, of
-/// which each says little, is not taken apart.
+/// The least and the greatest mean of the subtrees `levels` levels below a node. Below the first level a subtree of few
+/// pieces is not divided further, since a mean over so few is noisy.
 fn means(draft: &Draft, x: u32, pieces: &[Piece], levels: usize) -> [f32; 2] {
     if levels == 0 || pieces.len() < 2 {
         return [Sum::of(pieces).mean(); 2];
@@ -241,12 +241,12 @@ fn difference([least, greatest]: [f32; 2]) -> f32 {
     greatest - least
 }
 
-/// How many times as large a region may become.
+/// The factor by which a region may grow.
 #[derive(Clone, Copy)]
 struct Growth(f32);
 
 impl Growth {
-    /// What the budget leaves for regions when all else has its usual size, the same for all of them.
+    /// The growth that the budget allows for regions if the rest has its usual size, the same for all of them.
     fn allowed(draft: &Draft, regions: &[Candidate<'_>], params: &WideParams) -> Growth {
         let bytes = |references: f64| references * f64::from(BYTES_PER_REFERENCE);
         let all = draft.references.len() as f64;
@@ -255,7 +255,7 @@ impl Growth {
         Growth(((budget - bytes(all)) / bytes(divided).max(1.0) + 1.0) as f32)
     }
 
-    /// What a division makes of a tree's bytes, when nodes are so large a part of them.
+    /// The factor by which a split multiplies a tree's bytes, if nodes are this share of them.
     fn by(division: Division, nodes: f32) -> f32 {
         match division {
             Division::Automatic | Division::Whole => 1.0,
@@ -265,13 +265,14 @@ impl Growth {
     }
 }
 
-/// How much longer a ray takes in a tree so many times as large, at the same number of steps and tests: it waits more
-/// often. The fourth root is what single rays took on coherent, debris, needles, needles30 and tornado, 10 to 280 MB.
+/// The factor by which a ray takes longer in a tree `growth` times as large, with the same number of steps and tests,
+/// because of cache misses. The fourth root was measured for single rays on coherent, debris, needles, needles30 and
+/// tornado, 10 to 280 MB.
 fn waiting(growth: f32) -> f32 {
     growth.sqrt().sqrt()
 }
 
-/// Decides on a region by what its divisions would cost in samples of it.
+/// Decides on a region by the cost of its alternatives in samples of it.
 fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &WideParams) -> Option<Region> {
     let samples = samples(draft, node);
     let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| draft.binary[x as usize].moving);
@@ -286,7 +287,8 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         (still + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
     };
     let mut best = (MAX_SPLIT_COST, Division::Whole, 1.0);
-    // Twice as many parts as long as that pays; returns the cost of two. The first step may fall a little short.
+    // Doubles the number of slices as long as that pays; returns the cost of two slices. The first step may fall a
+    // little short.
     let climb = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
         let (mut last, mut two, mut parts) = (1.1 * best.0, 1.0, 2);
         while parts <= MAX_TIME_SLICES && Growth::by(kind(parts), NODE_BYTES_SHARE) <= most.0 {
@@ -306,7 +308,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         two
     };
     let two = climb(Division::Segments, &mut best);
-    // Motion that bends is divided for its chords, which segments do as well as copies. These could do no better than
+    // Bent motion is split for its chords, which segments do as well as copies. The cost of copies is at least that of
     // the tree for a moment.
     let at_best = || (still + moving.iter().map(|&x| moment_cost(set, draft, x, params)).sum::<f32>()) / whole;
     let done = set.bent() && best.2 < 1.0 && best.2 <= NEAR_MOMENT * at_best();
@@ -317,7 +319,7 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
     (division != Division::Whole).then(|| Region { node, division, cost: cost * draft.collapse.cost(node) })
 }
 
-/// Mean cost of separate trees for equal parts of the shutter over the primitives of a subtree.
+/// Mean cost of separate trees for equal time slices over the primitives of a subtree.
 fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &WideParams) -> f32 {
     let ids = primitives(draft, of);
     let params = params_of_copies(params, parts);
@@ -334,12 +336,12 @@ fn moment_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &WidePa
     draft_tree(set, &primitives(draft, of), slice, &params, Some(draft.cost_model)).collapse.total()
 }
 
-/// What copies are built with: the memory for cuts is divided between them.
+/// The parameters of one copy: the memory for pre-splitting is divided between the copies.
 pub(crate) fn params_of_copies(params: &WideParams, parts: usize) -> WideParams {
     WideParams { bytes_per_primitive: params.bytes_per_primitive / parts as f32, ..*params }
 }
 
-/// The primitives below a node, sorted, each once.
+/// The primitives below a node, sorted, without duplicates.
 pub(crate) fn primitives(draft: &Draft, of: u32) -> Vec<u32> {
     let mut ids: Vec<u32> = draft.references(&draft.binary[of as usize]).iter().map(Reference::id).collect();
     ids.sort_unstable();
@@ -347,7 +349,7 @@ pub(crate) fn primitives(draft: &Draft, of: u32) -> Vec<u32> {
     ids
 }
 
-/// Evenly spaced subtrees of a region to decide on; the region alone where it is small.
+/// Evenly spaced subtrees of a region to decide on; the region itself if it is small.
 fn samples(draft: &Draft, of: u32) -> Vec<u32> {
     let n = draft.binary[of as usize].count as usize;
     let size = (n / 64).clamp(*SAMPLE.start(), *SAMPLE.end());
@@ -362,7 +364,7 @@ fn samples(draft: &Draft, of: u32) -> Vec<u32> {
     samples
 }
 
-/// The subtree of at most `most` references around place `at` of a subtree; or its leaf.
+/// The subtree of at most `most` references that contains index `at` of a subtree; or its leaf.
 fn descend(binary: &[BinaryNode], mut x: u32, mut at: u32, most: u32) -> u32 {
     loop {
         let node = &binary[x as usize];
@@ -378,7 +380,7 @@ fn descend(binary: &[BinaryNode], mut x: u32, mut at: u32, most: u32) -> u32 {
     }
 }
 
-/// Joins regions below `x` that are the two halves of a node and divided alike.
+/// Joins regions below `x` that are the two halves of a node and have the same split.
 fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region> {
     if regions.len() < 2 {
         return regions;
@@ -428,19 +430,19 @@ mod tests {
     }
 
     #[test]
-    fn what_parts_company_divides_the_shutter_and_nothing_else_does() {
+    fn only_incoherent_motion_gets_a_temporal_split() {
         let scene = scene::mixed(60_000);
         let (regions, inside) = regions_of(&scene);
         assert!(!regions.is_empty() && regions.len() <= 8, "{regions:?}");
         assert!(regions.iter().all(|r| matches!(r.division, Division::Copies(2..))), "{regions:?}");
         let (tornado, others) = inside.split_last().unwrap();
-        // Some of it flies close to the columns and the rock, and pieces are hundreds of triangles.
+        // Some of the debris flies close to the columns and the rock, and pieces are hundreds of triangles.
         let (columns, rock) = (others[0], others[others.len() - 1]);
         assert!(*tornado > 0.75 && columns < 0.05 && rock < 0.2, "{inside:?}");
     }
 
     #[test]
-    fn a_scene_that_is_the_same_everywhere_is_one_region_or_none() {
+    fn a_homogeneous_scene_is_one_region_or_none() {
         for still_or_alike in [scene::hall(30_000), scene::coherent(30_000), scene::camera(20_000)] {
             assert_eq!(regions_of(&still_or_alike).0, []);
         }
@@ -449,7 +451,7 @@ mod tests {
     }
 
     #[test]
-    fn where_a_region_is_refused_its_parts_are_looked_at_if_they_are_unlike() {
+    fn parts_of_a_rejected_region_are_tried_if_they_are_dissimilar() {
         let scene = scene::tornado(60_000);
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();

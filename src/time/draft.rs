@@ -1,9 +1,9 @@
-//! A tree before it is written: references, binary tree, and how that collapses into wide nodes.
+//! The draft of a tree before it is written: references, binary tree, and its collapse into wide nodes.
 //!
-//! Long primitives fill little of their boxes. Where that is so, they are pre-split into several references under a
-//! budget before the build, if the expected cost of a ray falls enough in samples: one or two neighbourhoods of
-//! 512 to 4096 references, with and without it. The cost of a tree is the sum over its nodes and leaf blocks of price
-//! times visits, which the collapse returns.
+//! Long primitives fill little of their boxes. In that case they are pre-split into several references under a budget
+//! before the build, if samples show that the expected cost of a ray falls enough: one or two neighbourhoods of 512 to
+//! 4096 references, with and without pre-splitting. The cost of a tree is the sum over its nodes and leaf blocks of
+//! cost times visits, which the collapse returns.
 
 use crate::bvh::{
     BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, SurfaceDensity, build_binary, neighbourhoods,
@@ -19,7 +19,7 @@ use crate::tuning::presplit::{
 };
 use crate::tuning::wide::{BINARY_LEAF, BYTES_PER_REFERENCE, LEAF_COST, NODE_COST, PRIMITIVE_COST, STILL_COST};
 
-/// What the steps of a query cost, relative to each other, for rays from outside.
+/// Relative costs of the steps of a query, for rays from outside.
 pub(crate) const COST_MODEL: CostModel = CostModel {
     node: NODE_COST,
     leaf: LEAF_COST,
@@ -35,11 +35,11 @@ pub(crate) struct Draft {
     /// The interval of the slice.
     pub over: TimeInterval,
     pub references: Vec<Reference>,
-    /// Number of primitives that they are of.
+    /// The number of primitives that they refer to.
     pub primitives: usize,
     /// Whether references may be parts of primitives.
     pub presplit: bool,
-    /// What its costs are computed with.
+    /// The model that its costs are computed with.
     pub cost_model: CostModel,
     pub binary: BinaryTree,
     pub collapse: Collapse,
@@ -63,25 +63,25 @@ impl TimeSlice {
     /// The whole shutter.
     pub const WHOLE: TimeSlice = TimeSlice { index: 0, of: 1 };
 
-    /// A little wider on both sides, see [`time_slice`].
+    /// The interval of the slice, slightly widened on both sides: see [`time_slice`].
     pub fn interval(self) -> TimeInterval {
         time_slice(self.index, self.of)
     }
 
-    /// The first and the last time at which queries look into the slice.
+    /// The first and the last query time that belongs to the slice.
     pub fn times(self) -> [f32; 2] {
         let begin = |index: usize| KeyTime::first_time(index, self.of + 1);
         [begin(self.index), if self.index + 1 == self.of { 1.0 } else { begin(self.index + 1).next_down() }]
     }
 
-    /// The segments between keys of a motion of so many keys in which these times lie: the first and the last.
+    /// The motion segments that contain these times, for a motion with `keys` keys: the first and the last.
     pub fn segments(self, keys: usize) -> [usize; 2] {
         self.times().map(|t| KeyTime::new(t, keys).segment)
     }
 }
 
-/// Slice `i` of `n` equal time slices of the shutter, a little wider on both sides: queries find their slice by
-/// `t * n` rounded, which is off by less than 2^-23 of the shutter.
+/// Slice `i` of `n` equal time slices of the shutter, slightly widened on both sides: queries find their slice by
+/// `t * n` rounded, whose error is less than 2^-23 of the shutter.
 pub(crate) fn time_slice(i: usize, n: usize) -> TimeInterval {
     if n == 1 {
         return TimeInterval::FULL;
@@ -96,7 +96,8 @@ fn widened(i: usize, n: usize, by: f64) -> TimeInterval {
     TimeInterval::half_open(begin, end).expect("a time slice is not empty")
 }
 
-/// Drafts one tree, pre-split where that pays. If it is to be compared with others its costs are computed with their model.
+/// Drafts one tree, pre-split if that pays. A cost model is given if its costs are to be compared with those of other
+/// trees.
 pub(crate) fn draft_tree<S: PrimitiveSet>(
     set: &S,
     ids: &[u32],
@@ -108,7 +109,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     let budget = params.max_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
     let ratio = area_ratio(set, ids, over);
     let elongated = budget > 1.0 && ratio.is_some_and(|ratio| ratio >= MIN_AREA_RATIO);
-    // Room for what is split off from the start: memory that is not touched costs nothing.
+    // Room for the parts from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
     let mut references = huge_vec(most);
     parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
@@ -149,7 +150,7 @@ fn presplit_pays<S: PrimitiveSet>(
     with < without * MAX_PRESPLIT_COST
 }
 
-/// Drafts one tree; `presplit` says whether references may be parts of primitives.
+/// Drafts one tree; `presplit` tells whether references may be parts of primitives.
 fn draft_with<S: PrimitiveSet>(
     set: &S,
     mut references: Vec<Reference>,
@@ -173,7 +174,7 @@ fn draft_with<S: PrimitiveSet>(
     Draft { slice, over: slice.interval(), references, primitives, presplit, cost_model, binary, collapse }
 }
 
-/// Whether references may be a leaf block: they are of one kind, and what can be split on fits.
+/// Whether references may form a leaf block: they are of one kind and, unless they cannot be split further, fit.
 fn one_block<S: PrimitiveSet>(set: &S, references: &[Reference], kind: &LeafKind<'_>, last: bool) -> bool {
     let first = kind(references[0].id());
     let mut ids = [0; LANES];
@@ -184,14 +185,14 @@ fn one_block<S: PrimitiveSet>(set: &S, references: &[Reference], kind: &LeafKind
     ids.iter().all(|&id| kind(id) == first) && (first == 0 || last || set.fits_block(ids))
 }
 
-/// Half the area of a box per area of what is in it, at least: of a triangle that fills half a flat box. That of spheres is
-/// hardly less, as a ray sees half of their surface.
+/// The least ratio of half the area of a box to the area of its contents: that of a triangle that fills half a flat
+/// box. That of spheres is hardly less, as a ray sees half of their surface.
 const LEAST_AREA_RATIO: f64 = 2.0;
 
-/// Half-areas of the boxes, summed, per area of the triangles in them; nothing for what cannot be split.
+/// The sum of half-areas of the boxes, per area of the triangles in them; `None` for primitives that cannot be split.
 fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> Option<f64> {
     let (mut boxes, mut triangles) = (0.0, 0.0);
-    // A thousand or two tell.
+    // A sample of one or two thousand is enough.
     for &id in ids.iter().step_by(ids.len() / 2048 + 1) {
         let Some(ends) = set.ends(id, over) else { continue };
         boxes += f64::from(ends.begin.into_iter().fold(Box3::EMPTY, Box3::include).half_area());
@@ -200,10 +201,10 @@ fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> Opti
     (triangles > 0.0).then_some(boxes / triangles)
 }
 
-/// How many leaf blocks ahead the numbers of vertices are asked for; the vertices follow one block ahead.
+/// How many leaf blocks ahead the numbers of vertices are prefetched; the vertices follow one block ahead.
 const AHEAD: usize = 4;
 
-/// Asks for what will be read when it is the turn of the blocks behind block `i`.
+/// Prefetches the data of the blocks that follow block `i`.
 pub(crate) fn prefetch_blocks<S: PrimitiveSet>(set: &S, draft: &Draft, of: &[BinaryNode], i: usize) {
     let next = if i == 0 { 0..of.len().min(AHEAD + 1) } else { i + AHEAD..of.len().min(i + AHEAD + 1) };
     for node in of.get(next).unwrap_or_default() {
@@ -219,7 +220,7 @@ mod tests {
     use super::*;
     use crate::geometry::KeyTime;
 
-    /// Times near the bounds between slices that are not in the slice in which a query looks.
+    /// Counts times near the boundaries between slices that are not in the interval of the slice that a query selects.
     fn times_lost(slice: impl Fn(usize, usize) -> TimeInterval) -> usize {
         let mut lost = 0;
         for n in 2..=300 {
@@ -242,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn slices_begin_and_end_where_queries_change_between_them() {
+    fn slices_begin_and_end_where_queries_switch_slices() {
         for of in 1..40 {
             for index in 0..of {
                 let [first, last] = TimeSlice { index, of }.times();

@@ -1,4 +1,4 @@
-//! Time slices: which parts of a tree divide the shutter, into how many slices, and the draft of a tree over one.
+//! Time slices: which subtrees get a temporal split, into how many slices, and the draft of a tree over one slice.
 
 mod choose;
 mod draft;

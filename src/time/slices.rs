@@ -1,4 +1,4 @@
-//! Several hierarchies over the same leaf blocks, one for each part of the shutter.
+//! A temporal split with shared leaves: one hierarchy per time slice over the same leaf blocks.
 
 use super::draft::{Draft, prefetch_blocks, time_slice};
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary};
@@ -7,24 +7,24 @@ use crate::parallel;
 use crate::primitive::PrimitiveSet;
 use crate::simd::huge_vec;
 
-/// The hierarchies and what they share.
+/// The hierarchies and their shared leaf blocks.
 pub(crate) struct SharedLeaves {
     /// The binary nodes that are leaf blocks.
     pub clusters: Vec<BinaryNode>,
     pub trees: Vec<Slice>,
 }
 
-/// One of them.
+/// The hierarchy of one time slice.
 pub(crate) struct Slice {
     pub over: TimeInterval,
     pub binary: BinaryTree,
     pub collapse: Collapse,
-    /// The cluster at each place of the binary tree's order.
+    /// The cluster at each index of the binary tree's order.
     pub order: Vec<u32>,
 }
 
 impl SharedLeaves {
-    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for `parts` equal parts of the shutter.
+    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for `parts` equal time slices of the shutter.
     pub fn build<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize) -> SharedLeaves {
         let clusters = draft.collapse.leaves(&draft.binary, of);
         let seams: Option<Vec<Vec<Box3>>> = (1..parts).map(|i| seam(set, draft, &clusters, i, parts)).collect();
@@ -51,11 +51,12 @@ impl SharedLeaves {
     }
 }
 
-/// The boxes of the leaf blocks where part `i` of the shutter begins; nothing where that does not say what a block
-/// does in between.
+/// The boxes of the leaf blocks at the beginning of time slice `i`; `None` if a block's motion between such times is
+/// not linear.
 ///
-/// Corners move on lines up to their slack, so lines between the boxes at both ends of a part bound them all
-/// the time. The part before ends a little later than this one begins: the boxes hold the corners at both times.
+/// Corners move on lines up to their slack, so linear interpolation between the boxes at both ends of a slice bounds
+/// them at all its times. The slice before ends slightly later than this one begins: the boxes hold the corners at both
+/// times.
 fn seam<S: PrimitiveSet>(set: &S, draft: &Draft, clusters: &[BinaryNode], i: usize, parts: usize) -> Option<Vec<Box3>> {
     let over = time_slice(i, parts).intersect(time_slice(i - 1, parts))?;
     if draft.presplit || set.bent() || set.ends(draft.references.first()?.id(), over).is_none() {
@@ -94,8 +95,8 @@ impl Slice {
     }
 }
 
-/// Bounds of a draft's reference in a part of its time: what the primitive's own bounds in that part and, where it
-/// is cut to a cell, the reference's both hold.
+/// Bounds of a draft's reference in a part of its time interval: the intersection of the primitive's own bounds in that
+/// part and, if it was pre-split, of the reference's bounds.
 pub(crate) fn slice_bounds<S: PrimitiveSet>(set: &S, r: &Reference, draft: &Draft, over: TimeInterval) -> LinearBox3 {
     let (own, bounds) = (set.bounds(r.id(), over), r.bounds());
     if !draft.presplit {
@@ -122,7 +123,8 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// Against the exact faces (f64 makes no noticeable error here). With a padding of 0 half of the faces are inside.
+    /// Compared with the exact faces (the error of f64 is negligible here). With a padding of 0 half of the faces are
+    /// inside.
     #[test]
     fn boxes_between_are_rounded_outward_and_would_not_be_without_padding() {
         let mut random = Random(3);
@@ -131,7 +133,7 @@ mod tests {
             let (a, b) = (random.vec(), random.vec());
             let bounds = LinearBox3 { begin: Box3 { min: a, max: a }, end: Box3 { min: b, max: b } };
             let begin = 0.4 + 0.4 * random.signed();
-            let over = TimeInterval::new(begin, begin + 0.1).expect("a part of the shutter");
+            let over = TimeInterval::new(begin, begin + 0.1).expect("a time slice");
             let t = over.begin() + over.duration() * (0.5 + 0.5 * random.signed());
             let w = (f64::from(t) - f64::from(over.begin())) / (f64::from(over.end()) - f64::from(over.begin()));
             let exact = a.as_dvec3().lerp(b.as_dvec3(), w.clamp(0.0, 1.0));

@@ -1,4 +1,4 @@
-//! Ways through the layouts that queries share.
+//! Traversals that queries of rays, points and regions share.
 
 mod visitor;
 mod wide;

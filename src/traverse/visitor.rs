@@ -1,47 +1,48 @@
-//! Traversals of the caller's own, through any tree.
+//! Custom traversals of any tree.
 //!
-//! The picture: the tree at a time offers boxes; the visitor says which of them to go into and how soon, looks at what lies
-//! in leaves, and says when it has seen enough. Trees differ in what a node is ([`Hierarchy`]), never in what a visitor sees.
+//! The picture: the tree, at one time, offers boxes. The visitor decides which of them to enter and in which order,
+//! sees the contents of leaves, and ends the traversal when it is done. Trees differ in what a node is ([`Hierarchy`]);
+//! all look the same to a visitor.
 
 use crate::geometry::Aabb;
 use core::ops::ControlFlow;
 
-/// What a traversal of the caller's own does: see [`RayTree::traverse`](crate::RayTree::traverse) and
+/// A custom traversal: see [`RayTree::traverse`](crate::RayTree::traverse) and
 /// [`PointTree::traverse`](crate::PointTree::traverse), which have examples.
 ///
-/// `T` is what lies in leaves: [`TreePrimitive`](crate::TreePrimitive) or [`TreePoint`](crate::TreePoint).
+/// `T` is the type of the items in leaves: [`TreePrimitive`](crate::TreePrimitive) or [`TreePoint`](crate::TreePoint).
 pub trait Visitor<T> {
-    /// Whether to go into a box, and how soon: of the children of a node those with lesser numbers are visited first.
-    /// `None` leaves out all that is in it.
+    /// Whether to enter a box, and its priority: of the children of a node those with smaller numbers are visited
+    /// first. `None` skips the box with all its contents.
     ///
-    /// The box, in world coordinates, holds all that it is around as it is at the time of the traversal; a part of
-    /// what is in a leaf may stick out of the leaf's box if the rest of it is in other leaves.
+    /// The box, in world coordinates, holds its contents as they are at the time of the traversal. An item of a leaf
+    /// may stick out of the leaf's box if other leaves hold the rest of it.
     fn enter(&mut self, bounds: &Aabb) -> Option<f32>;
 
-    /// Whether a box that [`Visitor::enter`] gave this number is still wanted, asked before it is visited: a search for the
-    /// nearest has found something nearer by then, perhaps. The default is always.
+    /// Whether a box that [`Visitor::enter`] gave this priority is still wanted. Called just before the box is visited,
+    /// since a nearest-neighbor search may have found something nearer by then. The default is always.
     fn wants(&self, priority: f32) -> bool {
         let _ = priority;
         true
     }
 
-    /// Looks at something in a leaf; `Break` ends the traversal. The same thing may be met in several leaves.
+    /// Visits an item of a leaf; `Break` ends the traversal. An item may be visited in several leaves.
     fn visit(&mut self, item: T) -> ControlFlow<()>;
 }
 
-/// A tree at a time.
+/// A tree at a time, as seen by [`traverse`].
 pub(crate) trait Hierarchy {
-    /// A node or a leaf, with what has to be known to go on from there.
+    /// A node or a leaf, with all that is needed to expand it.
     type Node: Copy;
-    /// What lies in leaves.
+    /// The type of the items in leaves.
     type Item;
-    /// Where to begin.
+    /// Appends the roots of the tree.
     fn roots(&self, roots: &mut Vec<Self::Node>);
-    /// Appends the children of a node with the boxes around them, or what lies in a leaf.
+    /// Appends the children of a node with their boxes, or the items of a leaf.
     fn expand(&self, node: Self::Node, children: &mut Vec<(Aabb, Self::Node)>, items: &mut Vec<Self::Item>);
 }
 
-/// Leads a visitor through a tree. Returns what the visitor said last.
+/// Traverses a tree with a visitor. Returns the visitor's last return value.
 pub(crate) fn traverse<H: Hierarchy>(tree: &H, visitor: &mut impl Visitor<H::Item>) -> ControlFlow<()> {
     let mut roots = Vec::new();
     tree.roots(&mut roots);

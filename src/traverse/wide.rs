@@ -1,12 +1,12 @@
-//! The way through the wide layout, whatever is asked: a ray, a point, a region.
+//! The traversal of the wide layout, for any query: rays, points and regions.
 //!
-//! A query ([`WideQuery`]) looks at sixteen boxes at a time and says which of them to enter and how soon, looks at leaf
-//! blocks, and says what no longer matters. The traversal knows the rest: kinds of blocks, the hierarchy of the
-//! query's time, the order, the stack and what to fetch ahead of time.
+//! A query ([`WideQuery`]) tests sixteen boxes at a time and returns which of them to enter with a key for each, visits
+//! leaf blocks, and gives the limit above which keys are culled. The traversal handles the rest: kinds of blocks, the
+//! hierarchy of the query's time slice, the order of visits, the stack and prefetching.
 //!
-//! A query waits for the chain from one node's rows to the next node's address (some forty cycles, whatever else is done
-//! beside it), for memory and for mispredicted branches, more than for arithmetic. So the code is written for short
-//! chains, for knowing early what will be read, and for few branches that depend on the query.
+//! Latency dominates, not arithmetic: of the dependency chain from one node's rows to the next node's address (some
+//! forty cycles), of memory, and of mispredicted branches. So the code is written for short dependency chains, for
+//! early knowledge of the addresses that will be read, and for few branches that depend on the query.
 
 use crate::geometry::KeyTime;
 use crate::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
@@ -14,7 +14,7 @@ use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at}
 use crate::tuning::wide::AHEAD;
 use core::ops::ControlFlow;
 
-/// Places on the stack that are there without asking the heap: a page of memory, enough for a tree of fifteen levels.
+/// Stack entries that need no heap allocation: a page of memory, enough for a tree of fifteen levels.
 const STACK: usize = 512;
 
 /// Memory for the stack of one query.
@@ -23,28 +23,28 @@ pub(crate) type StackOf = StackMemory<u64, STACK>;
 /// The rows of a node.
 pub(crate) type NodeBlock = [f32; LANES * LANES];
 
-/// What is asked of a tree in the wide layout.
+/// A query of a tree in the wide layout.
 pub(crate) trait WideQuery<S: Simd> {
-    /// Whether near children are visited first; otherwise in any order.
+    /// Whether children are visited front to back; otherwise in any order.
     const ORDERED: bool;
-    /// At which time of the shutter it looks.
+    /// The time of the query in the shutter.
     fn time(&self) -> f32;
     /// A node is about to be tested.
     fn node(&mut self);
-    /// The children of a node of `ROWS` rows that are to be visited, and a key for each: those with lesser keys first. A
-    /// key below zero counts as zero. Lanes without a child have boxes from 1e30 down to -1e30.
+    /// The children of a node of `ROWS` rows that are to be visited, and a key for each: smaller keys are visited
+    /// first. A key below zero counts as zero. Lanes without a child have boxes from 1e30 down to -1e30.
     fn enter<const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F);
-    /// What has a greater key is of no interest any more. Not below zero.
+    /// Children with a greater key are culled. Not below zero.
     fn limit(&self) -> f32;
-    /// Looks at a leaf block; `Break` ends the query.
+    /// Visits a leaf block; `Break` ends the query.
     fn leaf(&mut self, s: S, leaf: ChildRef) -> ControlFlow<()>;
 }
 
-/// Where a query stands.
+/// The state of a traversal: the next block and the stack.
 pub(crate) struct Cursor<'a> {
     /// The block to visit next.
     pub at: ChildRef,
-    /// Blocks to visit later: keys in the high halves, references in the low.
+    /// Blocks to visit later: keys in the high halves, child references in the low.
     stack: Stack<'a, u64>,
 }
 
@@ -54,7 +54,7 @@ impl<'a> Cursor<'a> {
         Cursor { at: root, stack }
     }
 
-    /// Begins anew.
+    /// Starts again at the root.
     #[inline(always)]
     pub fn restart(&mut self, root: ChildRef) {
         self.at = root;
@@ -66,24 +66,24 @@ impl<'a> Cursor<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct WideTraversal<'a> {
     arena: &'a Arena,
-    /// Whether all blocks that a query will visit are prefetched as soon as they are known.
+    /// Whether children are prefetched as soon as it is known that they will be visited.
     ahead: bool,
 }
 
 impl<'a> WideTraversal<'a> {
-    /// Of one query at a time.
+    /// For a query that is traversed alone.
     #[inline(always)]
     pub fn new(arena: &'a Arena) -> WideTraversal<'a> {
         WideTraversal { arena, ahead: arena.len() > AHEAD }
     }
 
-    /// Of several queries by turns, each of which prefetches its next block itself.
+    /// For several interleaved queries, each of which prefetches its next block itself.
     #[inline(always)]
     pub fn by_turns(arena: &'a Arena) -> WideTraversal<'a> {
         WideTraversal { arena, ahead: false }
     }
 
-    /// Visits the next block. `Break` at the end of the query.
+    /// Visits the next block. `Break` when the traversal is complete.
     #[inline(always)]
     pub fn advance<S: Simd, Q: WideQuery<S>>(self, s: S, cursor: &mut Cursor<'_>, query: &mut Q) -> ControlFlow<()> {
         let at = cursor.at;
@@ -117,11 +117,11 @@ impl<'a> WideTraversal<'a> {
         }
     }
 
-    /// Tests the sixteen boxes of a node, pushes all that are to be visited but one, and returns that: the nearest, or
-    /// any where order does not matter.
+    /// Tests the sixteen boxes of a node, pushes all children that are to be visited but one, and returns that one: the
+    /// nearest, or any where order does not matter.
     ///
-    /// Where it does not, a node of the same kind on top of the stack is tested as well: its rows are fetched and its
-    /// masks made while those of the first are.
+    /// Unordered queries also test the node on top of the stack if it is of the same kind, so that loads and masks of
+    /// the two nodes overlap.
     #[inline(always)]
     fn step<S: Simd, const ROWS: usize, Q: WideQuery<S>>(
         self,
@@ -183,10 +183,10 @@ impl<'a> WideTraversal<'a> {
     }
 }
 
-/// The last lane of a mask, which has one.
+/// The highest lane of a mask, which must not be 0.
 #[inline(always)]
 fn last_lane(mask: Mask) -> u32 {
-    // Shifted up, since of the mask itself compilers make `bsr`, which takes some CPUs eight operations.
+    // Shifted up, since for the mask itself compilers emit `bsr`, which takes eight operations on some CPUs.
     Mask::BITS - 1 - (u32::from(mask) << Mask::BITS).leading_zeros()
 }
 
@@ -196,7 +196,7 @@ pub(crate) fn children_of<const ROWS: usize>(block: &NodeBlock) -> &Lanes<f32> {
     lanes_at(block, (ROWS - 1) * LANES)
 }
 
-/// Pushes the references of the mask, of which there are at least two, farthest first, and returns the nearest.
+/// Pushes the references of the mask, at least two, farthest first, and returns the nearest.
 #[inline(always)]
 pub(crate) fn push_in_order<S: Simd>(
     s: S,
@@ -212,8 +212,8 @@ pub(crate) fn push_in_order<S: Simd>(
     s.store_compressed_u(references, mask, &mut c);
     let entry = |i: usize| u64::from(d[i]) << 32 | u64::from(c[i]);
     if n <= 4 {
-        // A sorting network of four, the missing ones nearest and so last; the nearest that is there waits for
-        // two comparisons only.
+        // A sorting network of four, in which missing entries count as nearest and so end up last. The nearest entry
+        // depends on two comparisons only.
         let entry_or = |i: usize, missing: u64| if i < n { entry(i) } else { missing };
         let nearest = entry(0).min(entry(1)).min(entry_or(2, u64::MAX).min(entry_or(3, u64::MAX)));
         let descending = |a: u64, b: u64| if a < b { (b, a) } else { (a, b) };

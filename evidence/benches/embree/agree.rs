@@ -1,14 +1,13 @@
-//! Do both sides answer alike, and where not, why?
+//! Comparing the answers of both sides, and explaining the differences.
 //!
-//! A difference is explained when the triangle test decides it by rounding: the two answers are the same
-//! distance away (a shared edge, or triangles on top of each other), or the triangle that one side
-//! missed is passed within rounding of an edge, as the f64 referee measures it. Anything else counts
-//! as unexplained, and is a bug on one side.
+//! A difference is explained when rounding in the triangle test decides it: the two hits are at the same distance (a
+//! shared edge, or coincident triangles), or the ray passes the triangle that one side missed within rounding of an
+//! edge, as measured in f64 by the referee. Any other difference counts as unexplained, and is a bug on one side.
 
 use crate::geometry::{corners, pass};
 use mbkd::{Hit, Ray, TriangleMesh};
 
-/// Rounding allowed for, in units of f32's relative precision: translations, shears and keys of both sides.
+/// Allowance for rounding, in units of f32's relative precision: translations, shears and keys of both sides.
 const ULPS: f64 = 64.0;
 
 /// Counts over the rays of one kind.
@@ -19,16 +18,16 @@ pub struct Agreement {
     pub same: usize,
     /// Largest distance between hits on the same triangle, relative to the scene's size.
     pub largest_gap: f64,
-    /// Other triangle at the same distance.
+    /// Another triangle at the same distance.
     pub ties: usize,
     /// Ours hits a triangle within rounding of its edge that Embree misses, or the other way round.
     pub edge_only_ours: usize,
     pub edge_only_theirs: usize,
-    /// None of these.
+    /// All other differences.
     pub unexplained: usize,
 }
 
-/// The referee: the meshes, and the scene's size as the measure of rounding.
+/// The referee: the meshes, and the scene's size, which scales rounding errors.
 pub struct Referee<'m> {
     pub meshes: &'m [TriangleMesh],
     pub size: f64,
@@ -58,7 +57,7 @@ impl Referee<'_> {
         agreement
     }
 
-    /// Files a difference: the nearer hit is the one that the other side should have found too.
+    /// Classifies a difference: the nearer hit is the one that the other side should have found too.
     fn explain(&self, ray: &Ray, ours: Option<Hit>, theirs: Option<Hit>, agreement: &mut Agreement) {
         let distance = |hit: Option<Hit>| hit.map_or(f64::INFINITY, |h| f64::from(h.t));
         let (a, b) = (distance(ours), distance(theirs));
@@ -66,7 +65,7 @@ impl Referee<'_> {
         let reach = self.rounding(ray);
         let corners = corners(self.meshes, nearer.mesh, nearer.primitive, ray.time);
         let passage = pass(ray, corners);
-        // Slanted planes stretch rounding along the ray; t is compared with room for that.
+        // Oblique planes magnify rounding along the ray; the comparison of t allows for that.
         let same_distance = (a - b).abs() * f64::from(ray.dir.length()) <= 16.0 * reach;
         let end = (passage.t - f64::from(ray.t_min)).abs().min((passage.t - f64::from(ray.t_max)).abs());
         let counter = if same_distance {
@@ -79,7 +78,7 @@ impl Referee<'_> {
         *counter += 1;
     }
 
-    /// How far, in space, rounding may move the ray against the triangle.
+    /// How far, in space, rounding may displace the ray from the triangle.
     fn rounding(&self, ray: &Ray) -> f64 {
         ULPS * f64::from(f32::EPSILON) * 0.5 * (self.size + ray.origin.abs().max_element())
     }

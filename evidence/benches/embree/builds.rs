@@ -1,4 +1,4 @@
-//! Build times and memory: in each round ours, then every Embree configuration, each tree dropped again.
+//! Build times and memory: in each round ours, then every Embree configuration, each tree dropped at once.
 
 use crate::clock;
 use crate::configs::{self, Config};
@@ -15,7 +15,7 @@ use std::time::Instant;
 pub struct Builds {
     pub scene: String,
     pub threads: usize,
-    /// NaN where our side is left out.
+    /// NaN if our side is not measured.
     pub ours: f64,
     pub our_bytes: f64,
     pub theirs: Vec<Theirs>,
@@ -32,7 +32,7 @@ pub struct Theirs {
     pub buffers: usize,
 }
 
-/// Processor time for one thread, the time that passes for several.
+/// Processor time for one thread, wall-clock time for several.
 fn now(threads: usize) -> f64 {
     static START: OnceLock<Instant> = OnceLock::new();
     if threads == 1 { clock::seconds() } else { START.get_or_init(Instant::now).elapsed().as_secs_f64() }
@@ -43,7 +43,7 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, thread
     let mut ours = OurBuilds { pool: ours::pool(threads)?, seconds: Vec::new(), bytes: f64::NAN };
     let mut theirs: Vec<(Config, Theirs, Vec<f64>)> = Vec::new();
     if embree.is_some() {
-        // The ways of the fast mode include those of the robust one.
+        // The configurations of the fast mode include those of the robust one.
         let wanted = configs::all(&scene.meshes, Mode::Fast).into_iter().filter(|config| options.wants(&config.name()));
         theirs.extend(wanted.map(|config| (config, Theirs { config: config.name(), ..Theirs::default() }, Vec::new())));
     }
@@ -74,7 +74,7 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, thread
 
 /// Our builds so far.
 struct OurBuilds {
-    /// There before any build, as Embree's threads are.
+    /// Created before any build, as Embree's threads are.
     pool: Arc<ThreadPool>,
     seconds: Vec<f64>,
     bytes: f64,

@@ -1,7 +1,7 @@
 //! The clock of single-threaded measurements: processor time of the whole process.
 //!
-//! On an idle machine it is the time that passes; on a busy one it leaves out what other programs took.
-//! It counts all threads, so a thread that answers a batch for a sleeping caller counts too.
+//! On an idle machine it equals wall-clock time; on a busy one it excludes the time of other programs. It counts all
+//! threads, including one that answers a batch for a sleeping caller.
 
 use cpu_time::ProcessTime;
 

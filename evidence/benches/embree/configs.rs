@@ -1,12 +1,11 @@
-//! The ways Embree is set up for motion blur: every one of them is tried, and per cell the best is the one
-//! to beat.
+//! Embree's configurations for motion blur: all of them are measured, and each cell compares with the best one.
 //!
-//! Its settings of triangles before they are stored (`t4v`) have no robust form: Embree then ignores the robust flag
-//! and tests as it does without. So they are among the fast ways only.
+//! Its option of precomputed triangles (`t4v`) has no robust form: Embree then ignores the robust flag and uses the
+//! fast test. So it is in the fast configurations only.
 //!
-//! Embree splits time only where it is given more time steps, so the same motion is also registered with
-//! each segment between keys cut into 2 and into 8. Meshes that stand still are registered like the moving
-//! ones, or with a single step, for which Embree has its static nodes.
+//! Embree splits time only at time steps, so the same motion is also registered with each segment between keys divided
+//! into 2 and into 8. Static meshes are registered like the moving ones, or with a single step, for which Embree has
+//! static nodes.
 
 use crate::ffi::{Device, EmbreeScene, Mesh, Quality};
 use crate::geometry::positions;
@@ -15,11 +14,11 @@ use glam::Vec3;
 use mbkd::{TriangleMesh, glam};
 use std::borrow::Cow;
 
-/// One way to set Embree up.
+/// A configuration of Embree.
 #[derive(Clone, Copy)]
 pub struct Config {
     triangles: Triangles,
-    /// Parts that each segment between two keys is cut into.
+    /// Time steps per segment between two keys.
     parts: usize,
     still: Still,
 }
@@ -27,28 +26,28 @@ pub struct Config {
 /// How Embree stores triangles.
 #[derive(Clone, Copy, PartialEq)]
 enum Triangles {
-    /// As it chooses.
+    /// Embree's default.
     Default,
     /// Moving vertices in the leaves, in a tree of width eight.
     Vertices,
 }
 
-/// How meshes that stand still are registered.
+/// How static meshes are registered.
 #[derive(Clone, Copy)]
 enum Still {
-    /// With as many steps as the others.
+    /// With as many time steps as the others.
     AsMoving,
-    /// With one, in a tree of their own.
+    /// With one step, in a tree of their own.
     OneStep,
     /// That tree with spatial splits.
     OneStepHighQuality,
 }
 
-/// Most steps that Embree takes of a mesh (`RTC_MAX_TIME_STEP_COUNT`).
+/// The greatest number of time steps that Embree accepts (`RTC_MAX_TIME_STEP_COUNT`).
 const MOST_STEPS: usize = 129;
 
-/// All ways of a mode, the default first; those that differ in meshes of a kind only where there are some, and those of so many steps
-/// only that Embree takes them.
+/// All configurations of a mode, the default first. Those that differ in one kind of meshes are included only if there
+/// are such meshes, and those with many steps only if Embree accepts their number.
 pub fn all(meshes: &[TriangleMesh], mode: Mode) -> Vec<Config> {
     let stores: &[Triangles] = match mode {
         Mode::Robust => &[Triangles::Default],
@@ -77,7 +76,7 @@ pub fn is_still(mesh: &TriangleMesh) -> bool {
 }
 
 impl Config {
-    /// What tables call it.
+    /// The name in tables.
     pub fn name(&self) -> String {
         let triangles = if self.triangles == Triangles::Default { "default" } else { "t4v" };
         let steps = if self.parts == 1 { String::new() } else { format!(", {} steps", self.parts + 1) };

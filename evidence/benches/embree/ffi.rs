@@ -1,12 +1,13 @@
 //! Embree, loaded at run time: versions 3.13 and 4.x behind one safe interface.
 //!
-//! The picture to have in mind: a [`Device`] is one configuration of the library (its own settings, its
-//! own memory count), an [`EmbreeScene`] a committed tree that answers rays. Function names and
-//! structures are those of Embree's public headers (`rtcore_ray.h`, `rtcore_common.h`,
-//! `rtcore_geometry.h`, `rtcore_scene.h`, 3.13.5 and 4.4); sizes and offsets are asserted at compile time.
-//! The two versions differ only in how a query takes its context: 3 wants one, 4 has optional arguments.
+//! The picture to have in mind: a [`Device`] is one configuration of the library (its own settings, its own memory
+//! count), an [`EmbreeScene`] a committed tree that answers rays. Function names and structures are those of Embree's
+//! public headers (`rtcore_ray.h`, `rtcore_common.h`, `rtcore_geometry.h`, `rtcore_scene.h`, 3.13.5 and 4.4); sizes and
+//! offsets are asserted at compile time. The two versions differ only in how a query takes its context: version 3
+//! requires one, version 4 has optional arguments.
 //!
-//! All calls into Embree are here, and with them the `unsafe` code of the program (the clock has one call more).
+//! All calls into Embree are in this file, and with them the `unsafe` code of the program (the clock has one more
+//! call).
 #![allow(unsafe_code)]
 
 use glam::Vec3;
@@ -32,7 +33,7 @@ const FORMAT_FLOAT3X4_COLUMN_MAJOR: c_int = 0x9234;
 const SCENE_FLAG_ROBUST: c_int = 1 << 2;
 const DEVICE_PROPERTY_VERSION: c_int = 0;
 
-/// `RTCBuildQuality`. High means spatial splits, and only where nothing moves.
+/// `RTCBuildQuality`. High means spatial splits, for static scenes only.
 #[derive(Clone, Copy)]
 pub enum Quality {
     Medium = 1,
@@ -121,7 +122,7 @@ pub struct Packet {
 }
 
 impl Packet {
-    /// Up to sixteen rays; missing ones end before they begin.
+    /// Up to sixteen rays; unused lanes have an empty range.
     pub fn new(rays: &[Ray]) -> Packet {
         let ray = |i: usize| rays.get(i).map(EmbreeRay::from);
         let field = |get: &dyn Fn(EmbreeRay) -> f32, none: f32| std::array::from_fn(|i| ray(i).map_or(none, get));
@@ -271,7 +272,7 @@ impl Embree {
     }
 
     fn with(l: &'static Library, name: &str) -> Result<Embree, String> {
-        /// The symbol as a function of the type that is expected where it is stored.
+        /// The symbol as a function of the type expected at the place of use.
         ///
         /// # Safety
         /// `T` is the function's type in Embree's header.
@@ -303,7 +304,7 @@ impl Embree {
                 release_scene: symbol(l, "rtcReleaseScene")?,
             }
         };
-        // SAFETY: a device of default settings, asked for the version and released.
+        // SAFETY: a device with default settings, queried for the version and released.
         let version = unsafe {
             let device = (functions.new_device)(null());
             if device.is_null() {
@@ -351,7 +352,7 @@ impl Embree {
     }
 }
 
-/// Embree's memory monitor: adds what is taken or given back to the count behind `count`.
+/// Embree's memory monitor: adds allocated or freed bytes to the counter behind `count`.
 unsafe extern "C" fn count_bytes(count: *mut c_void, bytes: isize, _post: bool) -> bool {
     // SAFETY: `count` is the device's atomic, alive while the device is; atomics may be shared by threads.
     unsafe { &*count.cast::<AtomicIsize>() }.fetch_add(bytes, Ordering::Relaxed);
@@ -460,7 +461,8 @@ impl EmbreeScene<'_> {
         self.device.check("taking a mesh")
     }
 
-    /// Places a committed scene, and adds that with this geometry id. A hit then has the id of what is hit in there.
+    /// Adds an instance of a committed scene with this geometry id. A hit then has the id of the geometry in the placed
+    /// scene.
     pub fn attach_instance(&self, id: u32, of: &EmbreeScene<'_>, keys: &Transform) -> Result<(), String> {
         let f = &self.device.embree.functions;
         // SAFETY: live handles; matrices and decompositions are copied by the calls; the scene keeps its own reference to

@@ -1,5 +1,5 @@
-//! What the program knows of a triangle by itself, in f64: where it is at a time, its normal, and how far
-//! inside or outside of it a ray passes. The referee where the two sides disagree.
+//! The program's own geometry of a triangle, in f64: its corners at a time, its normal, and how far inside or outside
+//! of it a ray passes. The referee where the two sides disagree.
 
 use glam::{DVec3, Vec3};
 use mbkd::{Hit, Keys, Ray, TriangleMesh, glam};
@@ -26,14 +26,14 @@ fn position(keys: &Keys, key: usize, vertex: u32) -> DVec3 {
     }
 }
 
-/// The normal of a hit triangle at the ray's time, of length one, on the side the ray comes from.
+/// The normal of a hit triangle at the ray's time, of length one, on the side of the ray's origin.
 pub fn facing_normal(meshes: &[TriangleMesh], ray: &Ray, hit: &Hit) -> Vec3 {
     let [a, b, c] = corners(meshes, hit.mesh, hit.primitive, ray.time);
     let normal = (b - a).cross(c - a).normalize_or(-ray.dir.as_dvec3().normalize()).as_vec3();
     if normal.dot(ray.dir) > 0.0 { -normal } else { normal }
 }
 
-/// How a ray passes one triangle.
+/// The position of a ray relative to one triangle.
 pub struct Passage {
     /// Distance, in space, from the ray to the nearest edge as seen along the ray; negative outside.
     pub margin: f64,
@@ -41,7 +41,7 @@ pub struct Passage {
     pub t: f64,
 }
 
-/// Passes a ray by a triangle. Seen edge-on the margin is tiny or negative, never large.
+/// The passage of a ray by a triangle. If the triangle is edge-on the margin is tiny or negative, never large.
 pub fn pass(ray: &Ray, corners: [DVec3; 3]) -> Passage {
     let dir = ray.dir.as_dvec3().normalize();
     let (across, up) = dir.any_orthonormal_pair();

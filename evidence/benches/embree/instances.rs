@@ -1,7 +1,9 @@
-//! A scene placed many times, each instance moving: ours and Embree's motion-blurred instances, the same rays in turns.
+//! A scene placed many times, each instance moving: ours and Embree's motion-blurred instances, with the same rays in
+//! alternation.
 //!
-//! Instances fill a cube so densely that a ray meets the boxes of several, by matrices (entries interpolated by both sides) and by
-//! scale, rotation and translation (turned uniformly by both sides). What is placed moves as well, and once more stands still.
+//! Instances fill a cube so densely that a ray meets the boxes of several, by matrices (both sides interpolate entries)
+//! and by scale, rotation and translation (both sides rotate uniformly). The placed scene is measured both moving and
+//! static.
 
 use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Mesh, Quality};
 use crate::geometry::{positions, scene_size};
@@ -45,7 +47,7 @@ fn vec(random: &mut StdRng) -> DVec3 {
     DVec3::new(random.random(), random.random(), random.random()) * 2.0 - 1.0
 }
 
-/// Where an instance is at both ends of the shutter.
+/// The transform of an instance at both ends of the shutter.
 fn transform(random: &mut StdRng, motion: &str, scale: f64) -> Transform {
     let axis = vec(random).normalize_or(DVec3::X);
     let rotation = DQuat::from_axis_angle(axis, random.random_range(0.0..6.0));
@@ -68,7 +70,7 @@ fn one(
     mode: Mode,
 ) -> Result<String, String> {
     let mut random = StdRng::seed_from_u64(1);
-    // The boxes of all together fill the cube about once.
+    // All boxes together fill the cube about once.
     let scale = 2.0 / f64::from(count).cbrt() / f64::from(scene_size(meshes)) * 1.7;
     let transforms: Vec<Transform> = (0..count).map(|_| transform(&mut random, motion, scale)).collect();
     let tree = RayTree::build(meshes, &BuildParams::default()).map_err(|e| e.to_string())?;
@@ -113,7 +115,7 @@ fn one(
     ))
 }
 
-/// From around the cube to somewhere in it.
+/// A ray from around the cube to a point in it.
 fn ray(random: &mut StdRng) -> Ray {
     let (origin, target) = (vec(random) * 3.0, vec(random));
     let (origin, target): (Vec3, Vec3) = (origin.as_vec3(), target.as_vec3());
@@ -126,7 +128,7 @@ fn sum<R>(rays: &[R], answer: impl Fn(&mut Checksum, &R)) -> Checksum {
     sum
 }
 
-/// The share of rays that hit something else, or at a distance that differs by more than a thousandth.
+/// The share of rays that hit another primitive, or at a distance that differs by more than a thousandth.
 fn differ(ours: &InstanceTree, theirs: &EmbreeScene<'_>, rays: &[Ray], native: &[EmbreeRay]) -> f64 {
     let same = |(ray, native): (&Ray, &EmbreeRay)| match (ours.closest_hit(ray), theirs.closest_hit(native)) {
         (None, None) => true,

@@ -1,8 +1,8 @@
 //! mbkd against Embree's motion blur, in one process.
 //!
-//! The picture to have in mind: for each scene a list of rays is made once; then our tree and one Embree tree
-//! answer all of them in turns, and again with the next Embree configuration. Tables come out on standard
-//! output, progress on standard error. `cargo bench --bench embree -- --help` lists what can be chosen;
+//! The picture to have in mind: for each scene a list of rays is made once; then our tree and one Embree tree answer
+//! all of them in alternation, and again with the next Embree configuration. Tables are written to standard output,
+//! progress to standard error. `cargo bench --bench embree -- --help` lists the options;
 //! `--scale 0.05 --side 128 --runs 3` is a quick look.
 
 mod agree;

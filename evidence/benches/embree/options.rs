@@ -1,13 +1,13 @@
-//! What can be asked of the program on its command line.
+//! The command line.
 
 use crate::rays::Kind;
 use clap::{Parser, ValueEnum};
 
-/// Times mbkd's ray queries against Embree's motion blur in one process: the same rays in the same order,
-/// in turns, medians. Without Embree it times mbkd alone.
+/// Times mbkd's ray queries against Embree's motion blur in one process: the same rays in the same order, in
+/// alternation, medians. Without Embree it times mbkd alone.
 ///
-/// Times are processor times of the process. For figures worth keeping give it an idle core (`taskset -c 1`); only
-/// ratios carry over to other machines.
+/// Times are processor times of the process. For figures to publish give it an idle core (`taskset -c 1`); only ratios
+/// carry over to other machines.
 #[derive(Parser)]
 #[command(name = "embree", bin_name = "cargo bench --bench embree --")]
 pub struct Options {
@@ -48,7 +48,7 @@ pub struct Options {
     /// Also build with all cores.
     #[arg(long)]
     pub parallel_build: bool,
-    /// Leave one side out.
+    /// Measure one side only.
     #[arg(long, value_enum)]
     pub only: Option<Only>,
     /// Number of moving instances of each scene, instead of the scenes themselves.
@@ -66,7 +66,7 @@ pub struct Options {
 }
 
 impl Options {
-    /// Whether an Embree configuration of this name is asked for.
+    /// Whether an Embree configuration of this name is selected.
     pub fn wants(&self, config: &str) -> bool {
         self.configs.is_empty() || self.configs.iter().any(|part| config.contains(part.as_str()))
     }

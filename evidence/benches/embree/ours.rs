@@ -1,11 +1,11 @@
-//! Our side: one tree with default parameters, no setting chosen per scene.
+//! Our side: one tree with default parameters, without settings per scene.
 
 use crate::rays::Kind;
 use mbkd::{BuildParams, Counters, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 
-/// So many threads (0: all cores).
+/// A pool of this many threads (0: all cores).
 pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, String> {
     ThreadPoolBuilder::new().num_threads(threads).build().map(Arc::new).map_err(|e| e.to_string())
 }
@@ -23,7 +23,7 @@ impl Ours {
         Ok(Ours { tree: tree.map_err(|e| e.to_string())?, pool: Arc::clone(pool) })
     }
 
-    /// The same tree, its queries held to AVX2.
+    /// The same tree, with queries limited to AVX2.
     pub fn with_avx2(self) -> Result<Ours, String> {
         let level = SimdLevel::available().into_iter().find(|level| level.name() == "avx2");
         let level = level.ok_or("this CPU has no AVX2")?;
@@ -46,7 +46,7 @@ impl Ours {
         self.tree.any_hit(ray)
     }
 
-    /// What the single queries of a kind do, in all.
+    /// The total work of the single queries of a kind.
     pub fn work(&self, kind: Kind, rays: &[Ray]) -> Counters {
         let mut counters = Counters::default();
         for ray in rays {

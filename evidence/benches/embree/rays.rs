@@ -1,8 +1,8 @@
-//! The rays of one scene: primary, diffuse bounce, ambient occlusion, made once and given to both sides.
+//! The rays of one scene: primary, diffuse bounce, ambient occlusion, generated once and given to both sides.
 //!
-//! Primary rays come in tiles of 8×8 pixels, each ray at its own time. Where they hit, a bounce ray and an
-//! occlusion ray start at the same time, a little off the surface, in a direction distributed by the cosine;
-//! several of them where the scene covers little of the picture, so that there are enough to time.
+//! Primary rays come in tiles of 8×8 pixels, each ray at its own time. At their hits, bounce rays and occlusion rays
+//! start at the same time, slightly off the surface, with cosine-distributed directions; several per hit if the scene
+//! covers little of the picture, so that there are enough to time.
 
 use crate::geometry::{facing_normal, scene_size};
 use glam::Vec3;
@@ -13,12 +13,12 @@ use rand::{RngExt, SeedableRng};
 
 /// Side of a tile of pixels.
 const TILE: usize = 8;
-/// How far off the surface secondary rays start, relative to the scene's size.
+/// The distance of secondary origins from the surface, relative to the scene's size.
 const OFFSET: f32 = 1e-5;
-/// How far ambient occlusion looks, relative to the scene's size.
+/// The length of ambient occlusion rays, relative to the scene's size.
 const OCCLUSION_REACH: f32 = 0.1;
 
-/// The most secondary rays of a kind that start at one hit.
+/// The greatest number of secondary rays of a kind per hit.
 const MOST_SAMPLES: usize = 16;
 
 /// A kind of ray.
@@ -56,7 +56,7 @@ impl Rays {
     }
 }
 
-/// The picture of `side`×`side` pixels, and what follows from its hits.
+/// The primary rays of `side`×`side` pixels, and the secondary rays from their hits.
 pub fn generate(meshes: &[TriangleMesh], camera: &Camera, side: u32, hit: impl Fn(&Ray) -> Option<Hit>) -> Rays {
     let mut random = StdRng::seed_from_u64(0x0b5e_55ed);
     let size = scene_size(meshes);
@@ -91,7 +91,7 @@ fn primary(camera: &Camera, side: u32, random: &mut StdRng) -> Vec<Ray> {
     rays
 }
 
-/// A direction about `normal`, distributed by the cosine: a point of the unit sphere on top of it.
+/// A cosine-distributed direction about `normal`: a point of the unit sphere on top of it.
 fn cosine(normal: Vec3, random: &mut StdRng) -> Vec3 {
     loop {
         let p = Vec3::from_array(std::array::from_fn(|_| 2.0 * random.random::<f32>() - 1.0));

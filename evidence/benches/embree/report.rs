@@ -1,11 +1,11 @@
-//! The tables, in markdown: per cell the best Embree configuration, the ratio, the bound and a verdict.
+//! The tables, in Markdown: per cell the best Embree configuration, the ratio, the bound and a verdict.
 
 use crate::builds::Builds;
 use crate::options::{Isa, Mode, Options};
 use crate::run::{Cell, Measured};
 use mbkd::SimdLevel;
 
-/// What a ratio has to reach on one thread of an AVX-512 machine.
+/// Required ratios on one thread of an AVX-512 machine.
 mod bounds {
     pub const CELL_ROBUST: f64 = 1.15;
     pub const CELL_FAST: f64 = 1.0;
@@ -39,17 +39,17 @@ fn verdict(holds: bool) -> &'static str {
     if holds { "yes" } else { "**no**" }
 }
 
-/// A ratio that has to reach a bound; nothing where one side is missing.
+/// Whether a ratio reaches a bound; empty if one side is missing.
 fn reaches(ratio: f64, bound: f64) -> &'static str {
     if ratio.is_nan() { "" } else { verdict(ratio >= bound) }
 }
 
-/// A share that has to stay within a bound; nothing where one side is missing.
+/// Whether a share is within a bound; empty if one side is missing.
 fn within(share: f64, bound: f64) -> &'static str {
     if share.is_nan() { "" } else { verdict(share <= bound) }
 }
 
-/// Two decimals, or a dash for a side that is not there.
+/// Two decimals, or a dash for a missing side.
 fn two(x: f64) -> String {
     if x.is_nan() { "–".to_string() } else { format!("{x:.2}") }
 }
@@ -58,19 +58,19 @@ fn mrays(rays: usize, seconds: f64) -> String {
     two(rays as f64 / seconds * 1e-6)
 }
 
-/// Geometric mean; NaN of nothing.
+/// Geometric mean; NaN without values.
 pub fn geometric_mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, n) = values.fold((0.0, 0), |(sum, n), x: f64| (sum + x.ln(), n + 1));
     if n == 0 { f64::NAN } else { (sum / f64::from(n)).exp() }
 }
 
-/// For every scene, kind and single or batch: the cell of the configuration that Embree does best with.
+/// For every scene, kind and single or batch: the cell of Embree's best configuration.
 fn hardest(measured: &Measured, isa: Isa, mode: Mode) -> Vec<&Cell> {
     let mut best: Vec<&Cell> = Vec::new();
     for cell in measured.cells.iter().filter(|c| (c.isa, c.mode) == (isa, mode)) {
         let same = |b: &&mut &Cell| (&b.scene, b.kind, b.batch) == (&cell.scene, cell.kind, cell.batch);
         match best.iter_mut().find(same) {
-            // The ratio decides where both sides ran, Embree's own time otherwise.
+            // The ratio decides if both sides ran, Embree's own time otherwise.
             Some(b)
                 if cell.turns.ratio < b.turns.ratio
                     || (cell.turns.ratio.is_nan() && cell.turns.theirs < b.turns.theirs) =>
@@ -147,12 +147,12 @@ fn details(cells: &[Cell]) {
     }
 }
 
-/// The configuration that answers the scene's single rays fastest in the mean; robust mode where measured.
+/// The configuration that answers the scene's single rays fastest on average; in robust mode if measured.
 fn best_on_average<'m>(measured: &'m Measured, scene: &str) -> Option<&'m str> {
     let single = |c: &&Cell| c.scene == scene && !c.batch && c.isa == Isa::Native;
     let mode = measured.cells.iter().filter(single).map(|c| c.mode).min_by_key(|&m| m as u8)?;
     let cells: Vec<&Cell> = measured.cells.iter().filter(single).filter(|c| c.mode == mode).collect();
-    // Against ours at the same moment where both ran: times of different moments compare less well.
+    // Relative to ours at the same time if both ran: absolute times of different rounds compare less well.
     let weight = |c: &Cell| if c.turns.ratio.is_nan() { c.turns.theirs } else { c.turns.ratio };
     let mean = |name: &str| geometric_mean(cells.iter().filter(|c| c.config == name).map(|c| weight(c)));
     cells.iter().map(|c| c.config.as_str()).min_by(|a, b| mean(a).total_cmp(&mean(b)))

@@ -1,5 +1,5 @@
-//! Measures the queries of one scene: ours is built once, then every Embree configuration in turn is built
-//! and asked the same rays in alternation with ours. One Embree tree exists at a time.
+//! Measures the queries of one scene: our tree is built once, then each Embree configuration is built in turn and
+//! answers the same rays in alternation with ours. One Embree tree exists at a time.
 
 use crate::agree::{Agreement, Referee};
 use crate::configs;
@@ -25,11 +25,11 @@ pub struct Cell {
     pub turns: Turns,
 }
 
-/// All that was measured of queries.
+/// All measurements of queries.
 #[derive(Default)]
 pub struct Measured {
     pub cells: Vec<Cell>,
-    /// Scene, kind, number of rays, and what our queries did.
+    /// Scene, kind, number of rays, and the counters of our queries.
     pub work: Vec<(String, Kind, usize, Counters)>,
     pub agreements: Vec<(String, Kind, Agreement)>,
 }
@@ -161,8 +161,8 @@ impl Bench<'_> {
         ]
     }
 
-    /// Compares the answers to every kind of ray; where only the truth value is asked, what is hit is asked too,
-    /// so that a difference can be explained.
+    /// Compares the answers to every kind of ray; for occlusion rays the closest hit is computed as well, so that a
+    /// difference can be explained.
     fn compare(&mut self, theirs: &EmbreeScene<'_>) {
         let Some(ours) = &self.ours else { return };
         let referee = Referee { meshes: &self.scene.meshes, size: f64::from(scene_size(&self.scene.meshes)) };
@@ -207,7 +207,7 @@ fn packed_theirs(theirs: &EmbreeScene<'_>, kind: Kind, packets: &[Packet]) -> Ch
     sum
 }
 
-/// Room for a batch's answers, made once.
+/// Buffers for a batch's answers, allocated once.
 struct Answers {
     closest: Vec<Option<Hit>>,
     any: Vec<bool>,

@@ -1,10 +1,10 @@
-//! Clocks and checksums: both sides answer the same rays in turns, and both have their answers read.
+//! Clocks and checksums: both sides answer the same rays in alternation, and all answers are read.
 
 use crate::clock;
 use mbkd::Hit;
 use std::hint::black_box;
 
-/// What was read of all answers, so that none can be left out.
+/// A checksum of all answers, so that none can be optimized away.
 #[derive(Clone, Copy, Default, PartialEq, Debug)]
 pub struct Checksum {
     pub hits: u64,
@@ -33,14 +33,14 @@ impl Checksum {
 /// Median times of the two sides over the same rays.
 #[derive(Clone, Copy)]
 pub struct Turns {
-    /// Seconds; NaN for a side that is not there.
+    /// Seconds; NaN for a missing side.
     pub ours: f64,
     pub theirs: f64,
-    /// Median over the turns of theirs / ours: above one we are faster.
+    /// Median over the rounds of theirs / ours: above one we are faster.
     pub ratio: f64,
 }
 
-/// A side: answers all rays once, or is not there.
+/// A side: answers all rays once; `None` if it is missing.
 pub type Side<'a> = Option<&'a dyn Fn() -> Checksum>;
 
 /// One untimed round, then `runs` timed ones: ours, theirs, ours, theirs, …
@@ -62,7 +62,7 @@ pub fn in_turns(runs: u32, ours: Side<'_>, theirs: Side<'_>) -> Turns {
     }
 }
 
-/// The middle value; NaN of nothing or of NaNs.
+/// The middle value; NaN without values or for NaNs.
 pub fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Grids of cells as wide as the radius, sorted by counting: what particle codes do.
+//! Grids of cells as wide as the radius, sorted by counting, as in particle codes.
 
 use mbkd::glam::{IVec3, Vec3};
 
@@ -11,7 +11,7 @@ pub struct Grid {
     pub offsets: Vec<usize>,
     pub points: Vec<u32>,
     pub ids: Vec<u32>,
-    /// Neighbours, where `ids` is longer than what is used of it.
+    /// The number of neighbours; `ids` may be longer.
     pub len: usize,
     near: [Vec<f32>; 3],
     near_id: Vec<u32>,
@@ -20,7 +20,7 @@ pub struct Grid {
     size: IVec3,
 }
 
-/// Most cells along an axis: sets that are wider get wider cells.
+/// The greatest number of cells along an axis: wider sets get wider cells.
 const MOST: f32 = 400.0;
 
 impl Grid {
@@ -41,7 +41,7 @@ impl Grid {
         let cells = (self.size.x * self.size.y * self.size.z) as usize;
         self.begins.clear();
         self.begins.resize(cells + 2, 0);
-        // Counted two places on, so that each count becomes the begin and then the end of its cell.
+        // Counted two positions further, so that each count becomes the beginning and then the end of its cell.
         let numbers: Vec<u32> = points.iter().map(|p| self.number(self.cell(*p)) as u32).collect();
         numbers.iter().for_each(|&n| self.begins[n as usize + 2] += 1);
         (1..cells + 2).for_each(|i| self.begins[i] += self.begins[i - 1]);
@@ -96,7 +96,7 @@ impl Grid {
     }
 }
 
-/// One particle after the other.
+/// The plain grid: one particle after the other.
 pub fn plain(points: &[Vec3], radius: f32, grid: &mut Grid) {
     grid.id.clear();
     grid.at.iter_mut().for_each(Vec::clear);
@@ -104,7 +104,7 @@ pub fn plain(points: &[Vec3], radius: f32, grid: &mut Grid) {
     grid.lists(|_| radius * radius);
 }
 
-/// The same with a radius for each.
+/// The plain grid with a radius for each particle.
 pub fn plain_own(points: &[Vec3], own: &[f32], grid: &mut Grid) {
     grid.id.clear();
     grid.at.iter_mut().for_each(Vec::clear);
@@ -112,8 +112,8 @@ pub fn plain_own(points: &[Vec3], own: &[f32], grid: &mut Grid) {
     grid.lists(|id| own[id as usize] * own[id as usize]);
 }
 
-/// Candidates of a cell copied into rows once, then sixteen at a time for each of its particles. Without AVX-512 the
-/// plain grid.
+/// Candidates of a cell are copied into rows once, then tested sixteen at a time for each of its particles. Without
+/// AVX-512 the plain grid.
 pub fn vectors(points: &[Vec3], radius: f32, grid: &mut Grid) {
     #[cfg(target_arch = "x86_64")]
     if std::is_x86_feature_detected!("avx512f") {

@@ -1,8 +1,8 @@
-//! Neighbour lists of whole sets, side by side in one run, builds and output included: mbkd, linkcell, kiddo's tree join, a
-//! plain grid of cells, and a grid of cells written for AVX-512 by hand.
+//! Neighbour lists of whole sets, interleaved in one run, builds and output included: mbkd, linkcell, kiddo's tree
+//! join, a plain grid of cells, and a grid of cells handwritten for AVX-512.
 //!
-//! `cargo bench --bench lists`, on one thread unless it is said otherwise. Times are medians over interleaved repetitions,
-//! in nanoseconds per particle; only their ratios mean something on another machine.
+//! `cargo bench --bench lists`, on one thread unless stated otherwise. Times are medians over interleaved repetitions,
+//! in nanoseconds per particle; only their ratios are meaningful on another machine.
 
 mod grids;
 
@@ -28,7 +28,7 @@ struct Args {
     /// Neighbours of each.
     #[arg(long, default_value_t = 40)]
     neighbors: usize,
-    /// Repetitions, of which the median counts.
+    /// Repetitions; the median is reported.
     #[arg(long, default_value_t = 5)]
     repeat: usize,
     /// Threads of the tables `threads`.
@@ -42,20 +42,20 @@ struct Args {
     bench: bool,
 }
 
-/// Around sixty centres, denser towards them by the square of the distance, as in galaxies.
+/// Around sixty centres, with density falling off as the inverse square of the distance, as in galaxies.
 fn galaxy(random: &mut Lcg) -> Vec3 {
     let mut of = Lcg(((random.unit() * 60.0) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234);
     of.unit();
     of.vec() + random.direction() * (0.05 * random.unit() + 1e-4)
 }
 
-/// Something that is timed, under its name.
+/// A timed closure and its name.
 type Contestant<'a> = (&'a str, Box<dyn FnMut() + 'a>);
 
 /// Medians of interleaved times in nanoseconds per particle.
 fn race(repeat: usize, count: usize, contestants: &mut [Contestant]) -> Vec<f64> {
     let mut times = vec![Vec::new(); contestants.len()];
-    // Once around unmeasured: buffers grow.
+    // One unmeasured round: buffers grow.
     for round in 0..=repeat {
         for (times, (_, run)) in times.iter_mut().zip(contestants.iter_mut()) {
             let start = Instant::now();
@@ -131,7 +131,7 @@ fn main() {
     }
 }
 
-/// The same on one and on several threads.
+/// The lists on one and on several threads.
 fn threads(args: &Args, one: &rayon::ThreadPool, several: &rayon::ThreadPool) {
     let starts: Vec<Vec3> = (0..args.points).map(|_| Lcg::vec).scan(Lcg(1), |rng, f| Some(f(rng))).collect();
     let radius = radius(&starts, args.neighbors);
@@ -164,14 +164,14 @@ fn ours_swept(points: &[MovingPoint], radius: f32, lists: &mut EncounterLists) {
     black_box(lists.encounters());
 }
 
-/// Particles that go one mean spacing, each its own way.
+/// Particles that move by one mean spacing, each in its own direction.
 fn moving(starts: &[Vec3]) -> Vec<MovingPoint> {
     let mut rng = Lcg(9);
     let spacing = (1.0 / starts.len() as f32).cbrt();
     starts.iter().map(|p| MovingPoint::new(*p, *p + rng.direction() * spacing)).collect()
 }
 
-/// All ways to the lists of a set.
+/// All methods for the lists of a set.
 fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
     let mut rng = Lcg(1);
     let points: Vec<Vec3> = (0..args.points).map(|_| point(&mut rng)).collect();
@@ -183,7 +183,8 @@ fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
     let cell = linkcell::Cell::ortho(size, size, size).unwrap();
 
     let mut lists = NeighborCsr::new();
-    // Every step moves each particle by a tenth of the mean spacing, of the same arrays and of arrays in tree order.
+    // Every step moves each particle by a tenth of the mean spacing, for arrays in the same order and for arrays in
+    // tree order.
     let spacing = radius / (args.neighbors as f32 * 3.0 / (4.0 * core::f32::consts::PI)).cbrt();
     let steps = |sorted: bool| {
         let mut moving = points.clone();
@@ -280,7 +281,7 @@ fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
     }
 }
 
-/// Radii that vary tenfold within one set: each particle lists what is within its own.
+/// Radii that vary tenfold within one set: each particle lists its neighbours within its own radius.
 fn radii(args: &Args) {
     let mut rng = Lcg(3);
     let points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
@@ -313,7 +314,7 @@ fn radii(args: &Args) {
     println!("  neighbours: mbkd {}, kiddo {} with themselves, grid {}", lists.neighbors(), ids.len(), grid.ids.len());
 }
 
-/// All pairs that meet while each particle moves by one spacing.
+/// All encounters while each particle moves by one spacing.
 fn swept(args: &Args) {
     let mut rng = Lcg(4);
     let starts: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
@@ -341,8 +342,8 @@ fn swept(args: &Args) {
     println!("  encounters: mbkd {}, by filtering {}", meetings.encounters().len(), found.len());
 }
 
-/// Lists with a skin of a fifth of the radius, with and without the time until which they hold, looking ahead to where
-/// particles have gone a tenth of their spacing.
+/// Lists with a skin of a fifth of the radius, with and without the time until which they are valid, over a motion of a
+/// tenth of the spacing.
 fn skin(args: &Args) {
     let mut rng = Lcg(8);
     let starts: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
@@ -379,8 +380,8 @@ fn pass(a: &MovingPoint, b: &MovingPoint, id: u32, radius: f32) -> Option<Encoun
     Some(Encounter { id, enter, leave, closest, distance_squared })
 }
 
-/// What keeping the order of the first step costs, beside what putting particles in order costs: a random walk by a tenth
-/// of the spacing.
+/// The cost of keeping the order of the first step, compared with reordering the particles: a random walk by a tenth of
+/// the spacing.
 fn growth(args: &Args) {
     let mut rng = Lcg(7);
     let mut points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();

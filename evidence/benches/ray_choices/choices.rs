@@ -1,4 +1,4 @@
-//! The automatic choice against every choice by hand.
+//! The automatic choice against every manual setting.
 
 use crate::Args;
 use crate::measure::{Built, COLUMNS, Row};
@@ -6,7 +6,7 @@ use crate::rays::Rays;
 use mbkd::{BuildParams, Division, WideParams};
 use mbkd_scenes::Scene;
 
-/// Every way to divide the shutter by hand, each with cuts where they pay and without any.
+/// Every temporal split as a manual setting, each with pre-splitting where it pays and without.
 fn by_hand() -> Vec<(String, BuildParams)> {
     let divisions = [
         Division::Whole,
@@ -35,7 +35,7 @@ fn by_hand() -> Vec<(String, BuildParams)> {
     all
 }
 
-/// Prints how fast the trees of each hand setting are beside the automatic one.
+/// Prints the speed of the trees of each manual setting relative to the automatic one.
 pub fn compare(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) {
     let n = scene.triangles();
     println!("\n## {}, {n} triangles\n", scene.name);
@@ -54,7 +54,7 @@ pub fn compare(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) {
                 continue;
             }
         };
-        // Where nothing is cut, both ways give the same tree.
+        // If nothing is pre-split, both settings give the same tree.
         let work = built.work(rays);
         if last.replace(work) == Some(work) {
             continue;

@@ -1,10 +1,10 @@
-//! How good the automatic choices of the wide tree are, and what each technique brings.
+//! The quality of the automatic choices of the wide tree, and the gain of each technique.
 //!
-//! Every scene is built with the choices left to the build, and with each of them made by hand or switched off; two
-//! trees at a time answer the same rays by turns, in one thread. Single rays and batches, medians of ratios.
+//! Every scene is built with automatic choices, and with each of them set manually or switched off; two trees at a time
+//! answer the same rays in alternation, on one thread. Single rays and batches, medians of ratios.
 //!
-//! `cargo bench --bench ray_choices > choices.md`; `--help` lists what can be chosen. For figures worth keeping
-//! give it an idle core (`taskset -c 1`). All scenes take about half an hour and 2 GB.
+//! `cargo bench --bench ray_choices > choices.md`; `--help` lists the options. For figures to publish give it an idle
+//! core (`taskset -c 1`). All scenes take about half an hour and 2 GB.
 
 mod choices;
 #[path = "../embree/clock.rs"]
@@ -57,7 +57,7 @@ struct Args {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args = Args::parse();
-    // One thread builds, asks, and answers batches.
+    // One thread for builds, queries and batches.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut techniques = Vec::new();
     for name in &args.scenes {

@@ -1,4 +1,4 @@
-//! Trees and their times: two trees answer the same rays by turns.
+//! Trees and their times: two trees answer the same rays in alternation.
 
 use crate::clock;
 use crate::rays::{Kind, Rays};
@@ -6,11 +6,11 @@ use mbkd::{BuildError, BuildParams, Counters, Hit, RayTree, TriangleMesh};
 use std::fmt;
 use std::hint::black_box;
 
-/// The columns of all tables: each kind of ray, asked one by one and as a batch.
+/// The columns of all tables: each kind of ray, as single rays and as a batch.
 pub const COLUMNS: &str = "camera | bounce | occlusion | camera, batch | bounce, batch | occlusion, batch";
 const KINDS: [Kind; 3] = [Kind::Primary, Kind::Bounce, Kind::Ao];
 
-/// A tree and how long its build took.
+/// A tree and its build time.
 pub struct Built {
     pub tree: RayTree,
     pub seconds: f64,
@@ -23,12 +23,12 @@ impl Built {
         Ok(Built { tree, seconds: clock::seconds() - start })
     }
 
-    /// Bytes of the tree for each of so many triangles.
+    /// Bytes of the tree per triangle.
     pub fn bytes_per(&self, triangles: usize) -> f64 {
         self.tree.statistics().bytes as f64 / triangles as f64
     }
 
-    /// Steps and tests of all rays, asked one by one.
+    /// Steps and tests of all rays, as single queries.
     pub fn work(&self, rays: &Rays) -> [Counters; 3] {
         KINDS.map(|kind| {
             let mut counters = Counters::default();
@@ -64,7 +64,7 @@ impl Built {
     }
 }
 
-/// Where answers go, kept from round to round: fresh memory would be timed with them.
+/// Buffers for answers, reused from round to round: the allocation of fresh memory would be timed as well.
 #[derive(Default)]
 struct Answers {
     closest: Vec<Option<Hit>>,
@@ -76,12 +76,12 @@ struct Answers {
 pub struct Row(pub [f64; 6]);
 
 impl Row {
-    /// Cell by cell the larger one.
+    /// The cell-wise maximum.
     pub fn max(self, other: Row) -> Row {
         Row(std::array::from_fn(|i| self.0[i].max(other.0[i])))
     }
 
-    /// How many times as fast as `b` is `a`: medians of `runs` rounds by turns, after an untimed one.
+    /// The speed of `a` relative to `b`: medians of `runs` alternating rounds, after an untimed one.
     pub fn speed(a: &Built, b: &Built, rays: &Rays, runs: u32) -> Row {
         let mut answers = Answers::default();
         Row(std::array::from_fn(|i| {
@@ -89,7 +89,7 @@ impl Row {
             time(a);
             time(b);
             median((0..runs).map(|run| {
-                // Who comes second may find less of its tree in the caches, or more of the rays: by turns.
+                // The second tree may find less of itself in the caches, or more of the rays: the order alternates.
                 let (a, b) = if run % 2 == 0 {
                     (time(a), time(b))
                 } else {
@@ -101,7 +101,7 @@ impl Row {
         }))
     }
 
-    /// How many times as fast batches are as single rays.
+    /// The speed of batches relative to single rays.
     pub fn batches(built: &Built, rays: &Rays, runs: u32) -> Row {
         let mut answers = Answers::default();
         let mut row = Row([f64::NAN; 6]);

@@ -1,5 +1,5 @@
-//! Techniques switched off, one at a time: by a parameter where there is one, otherwise by giving the same triangles in
-//! a form to which the technique does not apply.
+//! Techniques switched off, one at a time: by a parameter if there is one, otherwise by giving the same triangles in a
+//! form to which the technique does not apply.
 
 use crate::Args;
 use crate::geometry::scene_size;
@@ -11,17 +11,17 @@ use mbkd_scenes::Scene;
 
 /// A row of the table.
 pub struct Technique {
-    /// Its place in the table.
+    /// Its position in the table.
     pub order: usize,
     pub name: &'static str,
     pub scene: String,
     pub speed: Row,
 }
 
-/// More triangles than this are not put into a k-d tree: its build takes a hundred times as long.
+/// Larger scenes are not built as k-d trees: their build takes a hundred times as long.
 const KD_TRIANGLES: usize = 500_000;
 
-/// Switches off what applies to the scene.
+/// Switches off each technique that applies to the scene.
 pub fn switched_off(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) -> Result<Vec<Technique>, BuildError> {
     let mut rows = Vec::new();
     let mut add = |order: usize, name: &'static str, speed: Row| {
@@ -66,7 +66,7 @@ pub fn switched_off(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) 
     Ok(rows)
 }
 
-/// The meshes, of which those that stand still move by a hundred-thousandth of the scene's size.
+/// The meshes, with static ones moved by a hundred-thousandth of the scene's size.
 fn stirred(meshes: &[TriangleMesh]) -> Vec<TriangleMesh> {
     let by = Vec3::splat(1e-5 * scene_size(meshes));
     let mut stirred = meshes.to_vec();

@@ -11,7 +11,7 @@ use mbkd::{PointError, PointStructure, TimeInterval};
 /// Compares trees, one per structure, with the exact closest approaches of `count` moving queries.
 ///
 /// # Errors
-/// If a tree can't be built.
+/// If a tree cannot be built.
 pub fn compare_approaches(
     case: &PointCase,
     structures: &[PointStructure],
@@ -52,11 +52,11 @@ pub fn compare_approaches(
             // The square of an f32 number is exact in f64.
             let squared = f64::from(found.distance).powi(2);
             tally.distance.add(own.squared.error_of(squared), own.squared.to_f64(), own.doubt);
-            // Roots of quotients that are good to 2^-51.
+            // Square roots of quotients with a relative error of 2^-51.
             let [own_length, least] = [own, best].map(|exact| exact.squared.to_f64().max(0.0).sqrt());
             tally.as_given.add(f64::from(found.distance) - own_length, own_length, 0.0);
             tally.worst_as_given = tally.worst_as_given.max((own_length - least) / ulp32(least));
-            // With more keys several moments may be equally near.
+            // With more keys several times may be equally near.
             if keys <= 2 {
                 tally.time.add(own.time.error_of(found.time), own.time.to_f64(), own.time_doubt);
             }

@@ -1,4 +1,4 @@
-//! The inputs: one family per thing that hurts, each over its range.
+//! The test inputs: one family per numerical difficulty, each over its range.
 
 /// A scene of moving triangles (or spheres) and rays into it. Lengths are in units of the scene's size.
 #[derive(Clone, Debug)]
@@ -7,17 +7,17 @@ pub struct RayCase {
     pub name: (&'static str, String),
     /// Size of the scene.
     pub scale: f64,
-    /// Where the scene is, in sizes.
+    /// The position of the scene, in sizes.
     pub offset: f64,
-    /// Half the width of a ground beside the small things, as it is, not in sizes.
+    /// Half the width of a ground beside the small triangles, in absolute units, not in sizes.
     pub ground: Option<f64>,
-    /// How far away one more small thing is.
+    /// The distance of one more small triangle.
     pub outlier: Option<f64>,
-    /// How far away rays begin.
+    /// The distance of ray origins.
     pub away: f64,
     /// Length of a triangle over its width.
     pub aspect: f64,
-    /// How far things move during the shutter.
+    /// The displacement during the shutter.
     pub speed: f64,
     /// Keys of the motion.
     pub keys: usize,
@@ -25,12 +25,12 @@ pub struct RayCase {
     pub direction: f64,
     /// Whether vertices are given in f64.
     pub wide: bool,
-    /// Whether those are kept in f64 ([`TriangleMesh::precise`](mbkd::TriangleMesh::precise)).
+    /// Whether those are stored in f64 ([`TriangleMesh::precise`](mbkd::TriangleMesh::precise)).
     pub kept: bool,
 }
 
 impl RayCase {
-    /// Whether rays begin where the library promises answers: up to 2^32 scene sizes away.
+    /// Whether rays begin within the distance for which the library guarantees answers: 2^32 scene sizes.
     pub fn is_promised(&self) -> bool {
         self.away <= 4294967296.0
     }
@@ -106,7 +106,7 @@ pub fn ray_cases() -> Vec<RayCase> {
     .concat()
 }
 
-/// Those of them that ask something of nearest points, which have no rays.
+/// Those of them that are relevant for closest points, which have no rays.
 pub fn closest_point_cases() -> Vec<RayCase> {
     let of_rays = ["far origins", "direction length"];
     ray_cases().into_iter().filter(|case| !of_rays.contains(&case.name.0)).collect()
@@ -137,13 +137,13 @@ pub struct PointCase {
     pub name: (&'static str, String),
     /// Size of the set.
     pub scale: f64,
-    /// Where it is, in sizes.
+    /// Its position, in sizes.
     pub offset: f64,
-    /// How far apart two clusters are.
+    /// The distance between two clusters.
     pub clusters: Option<f64>,
-    /// How far away one more point is.
+    /// The distance of one more point.
     pub outlier: Option<f64>,
-    /// How far points move during the shutter.
+    /// The displacement of points during the shutter.
     pub speed: f64,
     /// Keys of the motion.
     pub keys: usize,

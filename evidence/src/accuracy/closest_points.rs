@@ -1,4 +1,4 @@
-//! Nearest points on moving triangles: what trees report, compared with what there is.
+//! Closest points on moving triangles: the answers of trees, compared with the exact ones.
 
 use super::DOUBT;
 use super::random::Random;
@@ -8,8 +8,8 @@ use crate::oracle::{ExactNearest, Given, ulp32};
 use mbkd::glam::DVec3;
 use mbkd::{ClosestPoint, RayTree};
 
-/// Compares trees of a scene with the exact answers to `count` queries, a third of them with a greatest distance. `tamper` may change
-/// what a tree reports before it is looked at.
+/// Compares trees of a scene with the exact answers to `count` queries, a third of them with a greatest distance.
+/// `tamper` may change the answers of a tree before they are checked.
 pub fn compare_closest_points(
     scene: &SceneUnderTest,
     trees: &[RayTree],
@@ -56,7 +56,7 @@ pub fn compare_closest_points(
             let farther = (reported.near - least.near) / (unit(reported) + unit(least));
             tally.worst_order = tally.worst_order.max(farther);
             tally.wrong_order += usize::from(farther > DOUBT);
-            // The place that is reported is as far away as it is said to be.
+            // The returned point has the returned distance.
             let off = (found.point.distance(point) - f64::from(found.distance)).abs();
             let rounding = unit(reported) + scene.given().doubt(found.point).length();
             tally.broken_promises += usize::from(off > DOUBT * rounding);
@@ -65,7 +65,7 @@ pub fn compare_closest_points(
     tallies
 }
 
-/// A time and a place: a corner, near a triangle, or anywhere.
+/// A time and a position: a corner, near a triangle, or anywhere.
 fn place(scene: &SceneUnderTest, random: &mut Random) -> (f32, DVec3) {
     let case = scene.case();
     let time = random.time(case.keys);

@@ -1,10 +1,9 @@
-//! The library's answers compared with the oracle's, over inputs that hurt.
+//! The library's answers compared with the oracle's, over numerically difficult inputs.
 //!
 //! Errors are counted in two ways. In **ulp** of f32, where the problem is *well conditioned*: where changing every
-//! input number by half an ulp, all in the worst directions at once, moves the exact answer by no more than
-//! [`WELL`] ulp. And everywhere in **units**, one of which is that movement plus half an ulp for rounding the
-//! answer; an answer that is off by `n` units is the exact answer, rounded, for input that is off by at most `n` half
-//! ulps.
+//! input number by half an ulp, all in the worst directions at once, moves the exact answer by no more than [`WELL`]
+//! ulp. And everywhere in **units**, one of which is that movement plus half an ulp for rounding the answer; an answer
+//! with an error of `n` units is the exact answer, rounded, for input with an error of at most `n` half ulps.
 
 mod approaches;
 mod cases;
@@ -26,9 +25,9 @@ pub use spheres::compare_spheres;
 pub use tally::{Errors, OrderTally, RayTally};
 pub use watertight::{ClosedMesh, Leak, WatertightKind, closed_meshes, shoot};
 
-/// The most ulp that half an ulp of input may move an answer for the problem to count as well conditioned.
+/// A problem counts as well conditioned if half an ulp of input moves its answer by at most this many ulp.
 pub const WELL: f64 = 2.0;
 
-/// Verdicts (hit or miss, one neighbour before another) that this many units of input error can turn are not counted
-/// as wrong.
+/// Verdicts (hit or miss, one neighbour before another) that an input error of this many units can change are not
+/// counted as wrong.
 pub const DOUBT: f64 = 4.0;

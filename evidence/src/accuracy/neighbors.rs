@@ -11,7 +11,7 @@ use mbkd::{Neighbor, PointArrays, PointError, PointParams, PointStructure, Point
 /// Points of a set.
 const POINTS: usize = 200;
 
-/// The structures that are compared, by name: for f64 points (`wide`) those that cut nothing.
+/// The compared structures, by name: for f64 points (`wide`) all but the one that splits references.
 pub fn structures(wide: bool) -> Vec<(&'static str, PointStructure)> {
     let mut all = vec![
         ("automatic", PointStructure::Automatic),
@@ -23,7 +23,7 @@ pub fn structures(wide: bool) -> Vec<(&'static str, PointStructure)> {
     all
 }
 
-/// A set of points as the caller gives it.
+/// A set of points as given by the caller.
 pub(super) struct Points {
     /// By key and point.
     pub(super) keys: Vec<Vec<DVec3>>,
@@ -85,7 +85,7 @@ impl Points {
     }
 }
 
-/// Exact distances of all points that are alive, nearest first.
+/// Exact distances of all points that are active, nearest first.
 struct Exact(Vec<(u32, ExactDistance)>);
 
 impl Exact {
@@ -101,7 +101,7 @@ impl Exact {
         self.0.iter().find(|(i, _)| *i == id).map(|(_, d)| d)
     }
 
-    /// How many are within a squared radius for certain, and how many may be.
+    /// The number of points that are certainly within a squared radius, and of those that may be.
     fn within(&self, squared: f64) -> (usize, usize) {
         let count = |sign: f64| {
             let inside = |d: &ExactDistance| d.near <= squared + sign * DOUBT * (d.unit() + ulp32(squared));
@@ -110,7 +110,7 @@ impl Exact {
         (count(-1.0), count(1.0))
     }
 
-    /// How much farther, in units, the found ones are than the exact ones of their places times `stretch`.
+    /// How much farther, in units, the answers are than the exact ones at their ranks times `stretch`.
     fn worst_order(&self, found: &[Neighbor], stretch: f64) -> f64 {
         let excess = |(place, n): (usize, &Neighbor)| {
             let (Some(found), Some((_, exact))) = (self.of(n.id), self.0.get(place)) else { return f64::INFINITY };
@@ -129,11 +129,10 @@ fn ask<R>(set: &Points, query: DVec3, in_f32: impl FnOnce(Vec3) -> R, in_f64: im
     if set.given == Given::F64 { in_f64(query) } else { in_f32(query.as_vec3()) }
 }
 
-/// Compares trees, one per structure, with the exact answers to `count` queries. `tamper` may change the answers
-/// before they are looked at, to see whether that is noticed.
+/// Compares trees, one per structure, with the exact answers to `count` queries. `tamper` may change the answers before
+/// they are checked, to test that errors are noticed.
 ///
-/// # Errors
-/// If a tree can't be built.
+/// # Errors If a tree cannot be built.
 pub fn compare_neighbors(
     case: &PointCase,
     structures: &[PointStructure],
@@ -167,7 +166,7 @@ pub fn compare_neighbors(
             let first = ask(&set, query, |q| tree.nearest(q, time), |q| tree.nearest(q, time));
             tally.wrong_count += usize::from(first != nearest(1).first().copied());
 
-            // Within a radius, all of them and the nearest of them.
+            // Within a radius: all of them, and the nearest of them.
             let squared = f64::from(radius) * f64::from(radius);
             let (least, most) = exact.within(squared);
             let within = ask(&set, query, |q| tree.within(q, time, radius), |q| tree.within(q, time, radius));
@@ -188,7 +187,7 @@ pub fn compare_neighbors(
             tally.wrong_count += usize::from(both.len() < k.min(least) || both.len() > k.min(most));
             order(&exact, &both, tally);
 
-            // Approximately, with and without a radius.
+            // Approximate queries, with and without a radius.
             let stretch = (1.0 + f64::from(epsilon)).powi(2);
             for radius in [f32::INFINITY, radius] {
                 let found = ask(

@@ -1,4 +1,4 @@
-//! Random numbers that are the same everywhere.
+//! Random numbers that are the same on every machine.
 
 use mbkd::glam::DVec3;
 
@@ -36,7 +36,7 @@ impl Random {
         DVec3::new(self.signed(), self.signed(), self.signed())
     }
 
-    /// A time: often 0, 1, a key or an ulp beside one, else anything.
+    /// A time: often 0, 1, a key or an ulp beside one, otherwise any.
     pub fn time(&mut self, keys: usize) -> f32 {
         let key = self.below(keys.max(2)) as f32 / (keys.max(2) - 1) as f32;
         let time = match self.below(8) {

@@ -1,4 +1,4 @@
-//! Rays against moving triangles: what trees report, compared with what there is.
+//! Rays against moving triangles: the answers of trees, compared with the exact ones.
 
 use super::DOUBT;
 use super::cases::RayCase;
@@ -9,7 +9,7 @@ use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, Geometry, Hit, KdParams, Ray, RayTree, TriangleMesh};
 
-/// The policies that are compared, by name.
+/// The compared policies, by name.
 pub fn policies() -> Vec<(&'static str, BuildParams)> {
     vec![
         ("wide", BuildParams::default()),
@@ -18,10 +18,10 @@ pub fn policies() -> Vec<(&'static str, BuildParams)> {
     ]
 }
 
-/// Small triangles of a scene.
+/// The number of small triangles in a scene.
 const TRIANGLES: usize = 80;
 
-/// Triangles as the caller gives them, and as the oracle reads them.
+/// Triangles as given by the caller, and as the oracle reads them.
 pub struct SceneUnderTest {
     /// The caller's meshes.
     pub meshes: Vec<TriangleMesh>,
@@ -44,7 +44,7 @@ impl SceneUnderTest {
             let way = random.vec() * case.speed;
             for (k, key) in soup.iter_mut().enumerate() {
                 let passed = k as f64 / (case.keys.max(2) - 1) as f64;
-                // Where there are keys between, they are not on the straight way.
+                // Inner keys are off the straight line.
                 let aside = if case.keys > 2 { random.vec() * (0.1 * case.speed) } else { DVec3::ZERO };
                 for corner in [DVec3::ZERO, long, wide] {
                     let own = random.vec() * (0.05 * case.speed / case.aspect);
@@ -90,7 +90,7 @@ impl SceneUnderTest {
         &self.case
     }
 
-    /// In which precision vertices are given.
+    /// The precision in which vertices are given.
     pub(super) fn given(&self) -> Given {
         self.given
     }
@@ -102,7 +102,7 @@ impl SceneUnderTest {
         self.meshes[mesh].indices[triangle].map(corner)
     }
 
-    /// All vertices at a time in f64, rounded, with their doubts: good enough to dismiss what is clearly missed.
+    /// All vertices at a time in f64, rounded, with their doubts: accurate enough to exclude clear misses.
     fn vertices(&self, time: f32) -> Vec<Vec<(DVec3, DVec3)>> {
         let of_mesh = |keys: &Vec<Vec<DVec3>>| {
             let n = keys[0].len();
@@ -121,7 +121,7 @@ impl SceneUnderTest {
         (time, rays)
     }
 
-    /// A ray at something: the inside of a triangle, an edge, a corner, or just anywhere.
+    /// A ray at the inside of a triangle, an edge, a corner, or anywhere.
     fn ray(&self, random: &mut Random, time: f32) -> Ray {
         let case = &self.case;
         let [a, b, c] = self.corners(0, random.below(TRIANGLES), time).map(|m| m.near);
@@ -135,7 +135,7 @@ impl SceneUnderTest {
             _ => a + (b - a) * (1.0 - u) + (c - a) * (1.0 - v),
         };
         let (origin, dir) = if case.away > 100.0 {
-            // A direction of few bits, so that the ray gets where it is sent from any distance.
+            // A direction of few bits, so that the ray reaches its target exactly from any distance.
             let dir = loop {
                 let dir = (random.vec() * 4.0).round();
                 if dir != DVec3::ZERO {
@@ -160,7 +160,7 @@ impl SceneUnderTest {
         }
     }
 
-    /// Exactly how a ray meets every triangle that it does not clearly miss.
+    /// The exact meetings of a ray with all triangles that it does not clearly miss.
     fn exact(&self, ray: &ExactRay, vertices: &[Vec<(DVec3, DVec3)>]) -> Vec<((u32, u32), Meeting)> {
         let mut all = Vec::new();
         for (m, mesh) in self.meshes.iter().enumerate() {
@@ -189,7 +189,7 @@ pub(super) fn all_hits<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Vec<Hit> {
     hits
 }
 
-/// Whether closest and any hit agree with all of them, and all are in range.
+/// Checks that closest and any hit agree with all hits, and that all are in range.
 pub(super) fn check_queries<G: Geometry>(tree: &RayTree<G>, ray: &Ray, hits: &[Hit], tally: &mut RayTally) {
     let key = |h: &Hit| (h.t.to_bits(), h.mesh, h.primitive);
     let first = hits.iter().min_by(|a, b| a.t.total_cmp(&b.t).then(key(a).cmp(&key(b))));
@@ -200,8 +200,8 @@ pub(super) fn check_queries<G: Geometry>(tree: &RayTree<G>, ray: &Ray, hits: &[H
     tally.outside_range += hits.iter().filter(|h| !fine(h)).count();
 }
 
-/// Compares trees of a scene with the exact answers to `count` rays. `tamper` may change what a tree reports before it
-/// is looked at, to see whether that is noticed.
+/// Compares trees of a scene with the exact answers to `count` rays. `tamper` may change the answers of a tree before
+/// they are checked, to test that errors are noticed.
 pub fn compare_rays(
     scene: &SceneUnderTest,
     trees: &[RayTree],
@@ -215,7 +215,7 @@ pub fn compare_rays(
         Given::F32 if scene.case.away > 100.0 => Given::F64,
         given => given,
     };
-    /// Rays at the same time.
+    /// The number of rays at the same time.
     const TOGETHER: usize = 16;
     for _ in 0..count.div_ceil(TOGETHER) {
         let (time, rays) = scene.rays(random, TOGETHER);
@@ -268,7 +268,7 @@ fn compare(
             tally.worst_verdict = tally.worst_verdict.max(meeting.margin);
         }
     }
-    // Is the nearest reported hit really as near as any that is beyond doubt?
+    // The nearest reported hit must be as near as any certain one.
     let certain = exact.iter().filter(|(_, m)| m.hit && m.margin > DOUBT);
     let exact_first = certain.min_by(|a, b| a.1.t.cmp(&b.1.t));
     let first = hits.iter().min_by(|a, b| a.t.total_cmp(&b.t));

@@ -51,7 +51,7 @@ fn ray(case: &RayCase, spheres: &[MovingSphere], random: &mut Random) -> Ray {
 /// Compares trees of spheres, one per set of parameters, with the exact answers to `count` rays.
 ///
 /// # Errors
-/// If a tree can't be built.
+/// If a tree cannot be built.
 pub fn compare_spheres(
     case: &RayCase,
     params: &[BuildParams],

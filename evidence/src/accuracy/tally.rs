@@ -1,4 +1,4 @@
-//! What comparisons count.
+//! The error counts of comparisons.
 
 use super::WELL;
 use crate::oracle::ulp32;
@@ -13,11 +13,11 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Counts an answer of about `size` that is off by `error`, where half an ulp of input moves it by `doubt`.
+    /// Counts an answer of magnitude `size` with an error of `error`, where half an ulp of input moves it by `doubt`.
     pub fn add(&mut self, error: f64, size: f64, doubt: f64) {
         let ulp = ulp32(size);
         let error = error.abs();
-        // A doubt that is not finite is no problem to be measured.
+        // Problems whose doubt is not finite cannot be measured.
         if !doubt.is_finite() {
             return;
         }
@@ -27,7 +27,7 @@ impl Errors {
         }
     }
 
-    /// Adds what another one counted.
+    /// Adds the counts of another comparison.
     pub fn merge(&mut self, other: Errors) {
         self.ulps.extend(other.ulps);
         self.units.extend(other.units);
@@ -43,7 +43,7 @@ impl Errors {
         self.units.is_empty()
     }
 
-    /// The share of the well-conditioned ones.
+    /// The share of well-conditioned answers.
     pub fn well(&self) -> f64 {
         self.ulps.len() as f64 / self.units.len().max(1) as f64
     }
@@ -58,7 +58,7 @@ impl Errors {
         self.units.iter().copied().fold(0.0, f32::max).into()
     }
 
-    /// The error in ulp that the share `q` of the well-conditioned answers stays within.
+    /// The quantile `q` of the errors in ulp of the well-conditioned answers.
     pub fn quantile_ulps(&self, q: f64) -> f64 {
         let mut sorted = self.ulps.clone();
         sorted.sort_by(f32::total_cmp);
@@ -67,20 +67,20 @@ impl Errors {
     }
 }
 
-/// What rays found, compared with what they meet.
+/// The hits of rays, compared with the exact ones.
 #[derive(Clone, Debug, Default)]
 pub struct RayTally {
-    /// Rays asked.
+    /// Rays traced.
     pub rays: usize,
     /// Hits that the exact answer has.
     pub hits: usize,
-    /// Exact hits beyond doubt that were not reported.
+    /// Certain exact hits that were not reported.
     pub false_misses: usize,
-    /// Reported hits that are none beyond doubt.
+    /// Reported hits that are certainly misses.
     pub false_hits: usize,
-    /// The greatest doubt, in units, with which a wrong verdict can be excused.
+    /// The greatest certainty, in units, of an exact verdict that was missed.
     pub worst_verdict: f64,
-    /// Closest hits that are farther than another one beyond doubt.
+    /// Closest hits that are certainly farther than another hit.
     pub wrong_closest: usize,
     /// Hits with a distance that is outside the ray's range or not finite.
     pub outside_range: usize,
@@ -93,7 +93,7 @@ pub struct RayTally {
 }
 
 impl RayTally {
-    /// Adds what another one counted.
+    /// Adds the counts of another comparison.
     pub fn merge(&mut self, other: RayTally) {
         self.rays += other.rays;
         self.hits += other.hits;
@@ -107,37 +107,37 @@ impl RayTally {
         self.weights.merge(other.weights);
     }
 
-    /// Whether every verdict stands.
+    /// Whether no answer is wrong.
     pub fn is_right(&self) -> bool {
         self.false_misses + self.false_hits + self.wrong_closest + self.outside_range + self.contradictions == 0
     }
 }
 
-/// What neighbour queries found, compared with exact distances.
+/// The answers of neighbour queries, compared with exact distances.
 #[derive(Clone, Debug, Default)]
 pub struct OrderTally {
     /// Queries.
     pub queries: usize,
-    /// Answers that are farther than the exact one of the same place, beyond doubt.
+    /// Answers that are certainly farther than the exact one of the same rank.
     pub wrong_order: usize,
-    /// The same in units, the worst.
+    /// The greatest such excess in units.
     pub worst_order: f64,
-    /// Points missing or too many, beyond doubt.
+    /// Points that are certainly missing or superfluous.
     pub wrong_count: usize,
-    /// Approximate answers that break their promise.
+    /// Approximate answers beyond their guaranteed bound.
     pub broken_promises: usize,
     /// Squared distances.
     pub distance: Errors,
     /// Times of closest approach.
     pub time: Errors,
-    /// Distances of closest approach beside the exact ones of the input as it stands, without any doubt of it.
+    /// Distances of closest approach compared with the exact ones of the input as given, without any input error.
     pub as_given: Errors,
-    /// How much farther the point that was found comes than the nearest one, in ulp of the distance, the worst.
+    /// The greatest excess of the found point's distance over that of the nearest one, in ulp of the distance.
     pub worst_as_given: f64,
 }
 
 impl OrderTally {
-    /// Adds what another one counted.
+    /// Adds the counts of another comparison.
     pub fn merge(&mut self, other: OrderTally) {
         self.queries += other.queries;
         self.wrong_order += other.wrong_order;
@@ -150,7 +150,7 @@ impl OrderTally {
         self.worst_as_given = self.worst_as_given.max(other.worst_as_given);
     }
 
-    /// Whether every answer stands.
+    /// Whether no answer is wrong.
     pub fn is_right(&self) -> bool {
         self.wrong_order + self.wrong_count + self.broken_promises == 0
     }

@@ -1,15 +1,15 @@
-//! Closed moving meshes: a ray that begins inside hits, wherever it is aimed.
+//! Watertightness of closed moving meshes: a ray that begins inside must hit, in any direction.
 //!
-//! Two kinds of meshes. **Balls** whose vertices wander: origins are used only where every face is seen from its inner
-//! side with room to spare, so that each ray has exactly one way out. **Rooms** with a corner built in, which turn
-//! and grow: there, planes and edges of walls can be prolonged into the room, and rays run along them.
+//! There are two kinds of meshes. **Balls** with moving vertices: origins are used only if every face is seen from its
+//! inner side with a margin, so that each ray leaves through exactly one point. **Rooms** with a built-in corner, which
+//! rotate and grow: there, planes and edges of walls extend into the room, and rays run along them.
 
 use super::random::Random;
 use mbkd::glam::{DMat3, DVec3, Vec3};
 use mbkd::{Hit, Ray, RayTree, TriangleMesh};
 use std::collections::HashMap;
 
-/// What rays are aimed at.
+/// The targets of rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WatertightKind {
     /// A corner.
@@ -24,16 +24,16 @@ pub enum WatertightKind {
     AlongEdge,
 }
 
-/// A ray that got out.
+/// A ray that left the mesh without a hit.
 #[derive(Clone, Copy, Debug)]
 pub struct Leak {
     /// The ray.
     pub ray: Ray,
-    /// What it was aimed at.
+    /// Its target.
     pub kind: WatertightKind,
 }
 
-/// A closed moving mesh, and whatever else is in its scene.
+/// A closed moving mesh, and other meshes of its scene.
 pub struct ClosedMesh {
     /// For messages.
     pub name: String,
@@ -47,19 +47,19 @@ pub struct ClosedMesh {
 
 enum Shape {
     Ball,
-    /// Maps of the keys.
+    /// The affine maps of the keys.
     Room(Vec<(DMat3, DVec3)>),
 }
 
-/// How far inside all faces an origin must be, in sizes.
+/// The least distance of an origin from all faces, in sizes.
 const ROOM_TO_SPARE: f64 = 0.02;
 
-/// In which precision vertices are given.
+/// The precision in which vertices are given.
 #[derive(Clone, Copy, PartialEq)]
 enum In {
     F32,
     F64,
-    /// As f64, and kept so ([`TriangleMesh::precise`]).
+    /// As f64, and stored so ([`TriangleMesh::precise`]).
     Kept,
 }
 
@@ -124,7 +124,7 @@ fn closed_ball(name: &str, rings: usize, keys: usize, at: (f64, f64), given: In,
             base.push(DVec3::new(polar.sin() * turn.cos(), polar.sin() * turn.sin(), polar.cos()));
         }
     }
-    // Little enough to keep the thin triangles at the poles from folding over, beside a motion of the whole.
+    // Small enough that the thin triangles at the poles do not fold over, in addition to a motion of the whole.
     let wobble = 0.1 / (rings * rings) as f64;
     let key = |_| {
         let (way, stretch) = (random.vec() * 0.3, 1.0 + random.vec() * 0.2);
@@ -153,10 +153,10 @@ fn closed_ball(name: &str, rings: usize, keys: usize, at: (f64, f64), given: In,
     ClosedMesh { name: name.into(), meshes: vec![mesh], keys, shape: Shape::Ball, scale }
 }
 
-/// Cells of a room along each axis; a quarter of them is built in.
+/// Cells of a room along each axis; a quarter of them is filled.
 const CELLS: i32 = 4;
 
-/// The room [-1, 1]³ without x > 0, y > 0, of square tiles, turned and stretched at each key.
+/// The room [-1, 1]³ without x > 0, y > 0, of square tiles, rotated and stretched at each key.
 fn room(name: &str, keys: usize, random: &mut Random) -> ClosedMesh {
     let inside = |c: [i32; 3]| c.iter().all(|c| (0..CELLS).contains(c)) && !(c[0] >= CELLS / 2 && c[1] >= CELLS / 2);
     let (mut base, mut numbers, mut indices) = (Vec::new(), HashMap::new(), Vec::new());
@@ -187,7 +187,7 @@ fn room(name: &str, keys: usize, random: &mut Random) -> ClosedMesh {
     }
     let map = |key: usize| {
         if key == 0 {
-            // As it is: planes and edges are met exactly.
+            // Unchanged, so that planes and edges are met exactly.
             return (DMat3::IDENTITY, DVec3::ZERO);
         }
         let axis = random.vec().normalize_or(DVec3::Z);
@@ -200,7 +200,7 @@ fn room(name: &str, keys: usize, random: &mut Random) -> ClosedMesh {
     ClosedMesh { name: name.into(), meshes: vec![mesh], keys, shape, scale: 1.0 }
 }
 
-/// Value between two keys, in f64.
+/// The value between two keys, in f64.
 fn between<T: Copy>(keys: &[T], time: f32, mix: impl Fn(T, T, f64) -> T) -> T {
     if keys.len() < 2 {
         return keys[0];
@@ -225,7 +225,7 @@ impl ClosedMesh {
         (0..self.keys[0].len()).map(vertex).collect()
     }
 
-    /// Whether every face shows its inner side to a point, with room to spare.
+    /// Whether every face shows its inner side to a point, with a margin.
     fn sees_all_faces(&self, vertices: &[DVec3], point: DVec3) -> bool {
         self.meshes[0].indices.iter().all(|indices| {
             let [a, b, c] = indices.map(|v| vertices[v as usize] - point);
@@ -234,7 +234,7 @@ impl ClosedMesh {
         })
     }
 
-    /// Rays at one time from one origin; fewer or none where the origin would not do.
+    /// Rays at one time from one origin; fewer or none if the origin is unsuitable.
     fn rays(&self, random: &mut Random, count: usize) -> Vec<(Ray, WatertightKind)> {
         let time = random.time(self.keys.len());
         let vertices = self.vertices(time);
@@ -257,7 +257,7 @@ impl ClosedMesh {
                 let (m, v) = between(maps, time, mix);
                 let place = |p: DVec3| m * p + v;
                 for i in 0..count {
-                    // In the part of the room from which every ray sees walls only, and not near one.
+                    // In the part of the room from which every ray sees walls only, away from all of them.
                     let p = random.vec() * 0.3 - DVec3::new(0.5, 0.5, 0.0);
                     if i % 2 == 0 {
                         rays.push(self.ray_at_something(place(p), time, &vertices, random));
@@ -300,10 +300,10 @@ impl ClosedMesh {
     }
 }
 
-/// Shoots about `count` rays from inside, the same at each of some trees; how many there were, and of each tree those that got
-/// out.
+/// Traces about `count` rays from inside, the same for each of some trees; returns their number, and for each tree
+/// those without a hit.
 pub fn shoot(closed: &ClosedMesh, trees: &[RayTree], count: usize, seed: u64) -> (usize, Vec<Vec<Leak>>) {
-    /// Rays from one origin.
+    /// Rays per origin.
     const TOGETHER: usize = 64;
     let mut random = Random(seed);
     let (mut shot, mut leaks) = (0, vec![Vec::new(); trees.len()]);

@@ -1,35 +1,35 @@
 //! The closest approach of a moving point to a moving query, exactly.
 //!
 //! Between two keys both move linearly, so the squared distance is a parabola in time with exact coefficients; its
-//! least value on the piece is a quotient.
+//! least value on a segment is a quotient.
 
 use super::{Dyadic, Given, Moving, Ratio, Vector, ulp32};
 use core::cmp::Ordering;
 use mbkd::TimeInterval;
 use mbkd::glam::DVec3;
 
-/// When and how near a point comes.
+/// The time and the distance of a closest approach.
 #[derive(Clone, Debug)]
 pub struct ExactApproach {
     /// The first time of the least distance.
     pub time: Ratio,
     /// The least squared distance.
     pub squared: Ratio,
-    /// How far the squared distance moves when all input is off by half an ulp.
+    /// How far the squared distance moves when all input has an error of half an ulp.
     pub doubt: f64,
-    /// How far the time does.
+    /// How far the time moves then.
     pub time_doubt: f64,
 }
 
 impl ExactApproach {
-    /// What a computed square may be off by without blame.
+    /// The unit of errors for a computed square: the doubt, and half an ulp of f32 for rounding.
     pub fn unit(&self) -> f64 {
         self.doubt + ulp32(self.squared.to_f64()) / 2.0
     }
 }
 
-/// The closest approach during `times` of a query on its straight way from `from` to `to`, and a point with position
-/// `key(i)` at the `i`-th of `keys` keys that is alive during `alive`. `None` where these have no time in common.
+/// The closest approach during `times` of a query that moves linearly from `from` to `to`, and a point with position
+/// `key(i)` at the `i`-th of `keys` keys that is active during `alive`. `None` if these have no time in common.
 pub fn approach(
     (from, to): (DVec3, DVec3),
     times: TimeInterval,
@@ -52,7 +52,7 @@ pub fn approach(
         (b.clone(), &e - &b)
     };
     let (begin, way) = (Vector::new(from), &Vector::new(to) - &Vector::new(from));
-    // Point minus query at a number of segments, times `length` (so that nothing is divided).
+    // Point minus query at a time in segments, times `length` (so that no division is needed).
     let apart = |segment: usize, at: &Dyadic| {
         let a = key(segment.min(keys - 1));
         let b = key((segment + 1).min(keys - 1));
@@ -72,7 +72,7 @@ pub fn approach(
         let passing = &q - &p;
         let (square, along) = (passing.length_squared(), -&p.dot(&passing));
         let all = length.squared();
-        // Fraction of the piece, and the square there.
+        // The fraction of the segment, and the square there.
         let (time, squared) = if square.sign() == 0 || along.sign() <= 0 {
             (Ratio::of(b), Ratio::new(p.length_squared(), all))
         } else if along >= square {
@@ -94,7 +94,7 @@ pub fn approach(
     let (t0, t1) = (f64::from(times.begin()), f64::from(times.end()));
     let w = if t1 > t0 { ((about - t0) / (t1 - t0)).clamp(0.0, 1.0) } else { 0.0 };
     let query_doubt = given.doubt(from) * (1.0 - w) + given.doubt(to) * w;
-    // The time is an answer here, not input: what it may be off by does not move the least distance.
+    // The time is an answer here, not input: its error does not move the least distance.
     let (a, b) = (key(segment.min(keys - 1)), key((segment + 1).min(keys - 1)));
     let s = (about * segments as f64 - segment as f64).clamp(0.0, 1.0);
     let keys_doubt = given.doubt(a) * (1.0 - s) + given.doubt(b) * s;

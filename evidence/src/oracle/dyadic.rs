@@ -1,4 +1,4 @@
-//! Exact arithmetic: whole numbers times powers of two, and quotients of them.
+//! Exact arithmetic: integers times powers of two, and quotients of them.
 
 use core::cmp::Ordering;
 use core::ops::{Add, Mul, Neg, Sub};
@@ -76,8 +76,8 @@ impl Dyadic {
         scaled(f, e)
     }
 
-    /// A number no greater than the square root of this, with `bits` right leading bits; that number with one more
-    /// in its last bit is greater than the root.
+    /// A lower bound on the square root with `bits` correct leading bits, and an upper bound: the same number with one
+    /// more in its last bit.
     ///
     /// # Panics
     /// If this is negative.
@@ -97,7 +97,7 @@ impl Dyadic {
         (Dyadic { mantissa: root, exponent }, above)
     }
 
-    /// The same value with an odd mantissa, for what is used many times.
+    /// The same value with an odd mantissa, for numbers that are used many times.
     pub fn stripped(self) -> Dyadic {
         match self.mantissa.trailing_zeros() {
             None => Dyadic::zero(),
@@ -119,7 +119,7 @@ impl Dyadic {
     }
 }
 
-/// `f * 2^e`, to zero or infinity where f64 ends.
+/// `f * 2^e`, with underflow to zero and overflow to infinity.
 fn scaled(f: f64, e: i64) -> f64 {
     let e = e.clamp(-2200, 2200) as i32;
     let third = e / 3;
@@ -174,7 +174,7 @@ impl PartialEq for Dyadic {
 
 impl Eq for Dyadic {}
 
-/// A quotient of two [`Dyadic`]s, the lower one positive.
+/// A quotient of two [`Dyadic`]s with a positive denominator.
 #[derive(Clone, Debug)]
 pub struct Ratio {
     upper: Dyadic,
@@ -182,7 +182,7 @@ pub struct Ratio {
 }
 
 impl Ratio {
-    /// `upper / lower`; `None` where `lower` is zero.
+    /// `upper / lower`; `None` if `lower` is zero.
     pub fn new(upper: Dyadic, lower: Dyadic) -> Option<Ratio> {
         match lower.sign() {
             0 => None,
@@ -191,7 +191,7 @@ impl Ratio {
         }
     }
 
-    /// A whole one over one.
+    /// A dyadic number as a quotient.
     pub fn of(x: Dyadic) -> Ratio {
         Ratio { upper: x, lower: Dyadic::new(1.0) }
     }
@@ -207,7 +207,7 @@ impl Ratio {
         scaled(f / g, e - h)
     }
 
-    /// How far `x` is above the exact value, good to two ulp of f64 however small it is.
+    /// By how much `x` exceeds the exact value, accurate to two ulp of f64 however small the difference is.
     ///
     /// # Panics
     /// If `x` is infinite or NaN.

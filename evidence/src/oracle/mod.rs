@@ -1,12 +1,12 @@
-//! Exact answers to the questions that the library answers in floating point.
+//! Exact answers to the queries that the library answers in floating point.
 //!
-//! All inputs are floats, so every position of a moving vertex, every determinant and every squared distance is a
-//! sum of products of floats: a [`Dyadic`]. Quotients ([`Ratio`]) and square roots appear only at the very end, and
-//! are compared without being rounded. Nothing here calls the library's kernels.
+//! All inputs are floats, so every position of a moving vertex, every determinant and every squared distance is a sum
+//! of products of floats: a [`Dyadic`]. Quotients ([`Ratio`]) and square roots appear only at the very end, and are
+//! compared without rounding. Nothing here calls the library's kernels.
 //!
-//! Next to an exact answer stands its **condition**: how far it moves to first order when every input number is
-//! off by half an ulp, all in the worst directions at once. No method that reads these inputs can be expected
-//! to do better than that, and rounding the answer costs another half ulp.
+//! Each exact answer comes with its **condition**: how far it moves to first order when every input number has an error
+//! of half an ulp, all in the worst directions at once. No method that reads these inputs can be expected to be more
+//! accurate than that, and rounding the answer costs another half ulp.
 
 mod approach;
 mod closest_point;

@@ -1,4 +1,4 @@
-//! Where a moving vertex is at a time, exactly.
+//! The exact position of a moving vertex at a time.
 //!
 //! Keys are spaced evenly over the shutter and motion between them is linear. Time and the number of segments are
 //! dyadic, so the fraction of the segment is, and so is the position: there is no rounding anywhere.
@@ -12,19 +12,19 @@ pub const HALF_ULP_F32: f64 = f32::EPSILON as f64 / 2.0;
 /// Half an ulp of f64, relative to the number (at most).
 pub const HALF_ULP_F64: f64 = f64::EPSILON / 2.0;
 
-/// In which precision the caller gave a number. Half an ulp of it is what it may be off by without anyone knowing.
+/// The precision in which the caller gave a number. Its error may be half an ulp of that precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Given {
     /// As f32.
     F32,
     /// As f64.
     F64,
-    /// As f64, but not to be trusted beyond what f32 holds relative to this place.
+    /// As f64, but accurate only to what f32 holds relative to this position.
     Around(DVec3),
 }
 
 impl Given {
-    /// How far each coordinate of a position may be off: half an ulp.
+    /// The greatest error of each coordinate of a position: half an ulp.
     pub fn doubt(self, position: DVec3) -> DVec3 {
         match self {
             Given::F32 => position.abs() * HALF_ULP_F32,
@@ -41,17 +41,17 @@ pub struct Moving {
     pub position: Vector,
     /// The same in f64.
     pub near: DVec3,
-    /// How far it moves, per axis, when each coordinate of its keys and the time are off by half an ulp.
+    /// How far it moves, per axis, when each coordinate of its keys and the time have an error of half an ulp.
     pub doubt: DVec3,
 }
 
-/// The segment of `keys` keys (at least one) that `time` in [0, 1] falls into, and the exact fraction in it.
+/// The segment of `keys` keys (at least one) that contains `time` in [0, 1], and the exact fraction in it.
 pub fn fraction(time: f32, keys: usize) -> (usize, Dyadic) {
     if keys < 2 {
         return (0, Dyadic::zero());
     }
     let segments = keys - 1;
-    // Rounded, which may name the segment after or before the right one; there the fraction is just beyond an end.
+    // Rounding may give a neighbouring segment; the fraction is then just beyond an end.
     let about = (f64::from(time) * segments as f64) as usize;
     let segment = about.min(segments - 1);
     let at = &Dyadic::new(time) * &Dyadic::new(segments as f64);
@@ -59,7 +59,7 @@ pub fn fraction(time: f32, keys: usize) -> (usize, Dyadic) {
 }
 
 impl Moving {
-    /// A vertex that has position `key(i)` at the `i`-th of `keys` keys, at `time` in [0, 1].
+    /// A vertex with position `key(i)` at the `i`-th of `keys` keys, at `time` in [0, 1].
     pub fn new(time: f32, keys: usize, given: Given, key: impl Fn(usize) -> DVec3) -> Moving {
         let (segment, s) = fraction(time, keys);
         let a = key(segment);

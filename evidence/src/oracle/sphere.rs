@@ -1,7 +1,7 @@
 //! Ray against moving sphere: the roots of a quadratic with exact coefficients.
 //!
 //! Whether there are roots is the sign of an exact discriminant. A root is an algebraic number, enclosed between two
-//! quotients that differ by far less than any float could tell.
+//! quotients that differ by far less than any float resolves.
 
 use super::triangle::range_margin;
 use super::{Dyadic, ExactRay, HALF_ULP_F64, Ratio, Vector, fraction};
@@ -15,16 +15,16 @@ pub struct SphereHit {
     pub hit: bool,
     /// How certain that is, in units of the condition.
     pub margin: f64,
-    /// Two bounds of the distance, the exact one between them, closer to each other than 2^-200 relative.
+    /// Two bounds of the exact distance, closer to each other than 2^-200 relative.
     pub t: Option<[Ratio; 2]>,
-    /// How far `t` moves when all input is off by half an ulp.
+    /// How far `t` moves when all input has an error of half an ulp.
     pub t_doubt: f64,
 }
 
 /// Leading bits of a square root.
 const BITS: usize = 400;
 
-/// Where a ray meets a sphere.
+/// The hit of a ray on a sphere.
 pub fn meet_sphere(ray: &ExactRay, sphere: &MovingSphere) -> SphereHit {
     let nothing = |margin| SphereHit { hit: false, margin, t: None, t_doubt: f64::INFINITY };
     let keys = &sphere.keys;
@@ -53,7 +53,7 @@ pub fn meet_sphere(ray: &ExactRay, sphere: &MovingSphere) -> SphereHit {
         let center = DVec3::new(moved(a.0.x, b.0.x), moved(a.0.y, b.0.y), moved(a.0.z, b.0.z));
         ray.doubt_at(t) + center
     };
-    // How far the ray's line passes by the sphere, against how far that is in doubt.
+    // The distance of the ray's line from the sphere's surface, relative to its doubt.
     let middle = Ratio::new(bb.clone(), aa.clone()).map_or(0.0, |m| m.to_f64());
     let pass_doubt = doubt_at(middle).length() + radius_doubt;
     let size = radius.to_f64();

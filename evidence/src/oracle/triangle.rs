@@ -1,6 +1,6 @@
 //! Ray against moving triangle, exactly.
 //!
-//! With the corners relative to the origin, the three volumes `d . (q x q')` say on which side of each edge the ray
+//! With the corners relative to the origin, the three volumes `d . (q x q')` tell on which side of each edge the ray
 //! passes. Their sum is the determinant, their shares of it are the barycentric weights.
 
 use super::{Given, Moving, Ratio, Vector, ulp32};
@@ -14,14 +14,14 @@ pub struct ExactRay {
     pub ray: Ray,
     origin: Vector,
     dir: Vector,
-    /// How far each coordinate of the origin may be off.
+    /// The greatest error of each coordinate of the origin.
     origin_doubt: DVec3,
-    /// How far each coordinate of the direction may be off.
+    /// The greatest error of each coordinate of the direction.
     dir_doubt: DVec3,
 }
 
 impl ExactRay {
-    /// A ray whose origin was given in some precision. Its direction is f32 always.
+    /// A ray whose origin was given in some precision. Its direction is always f32.
     pub fn new(ray: &Ray, origin: Given) -> ExactRay {
         ExactRay {
             ray: *ray,
@@ -40,7 +40,7 @@ impl ExactRay {
         &self.dir
     }
 
-    /// The range of `t`. What is too far for f32, before or behind, is no hit.
+    /// The range of `t`. Distances beyond f32, before or behind, are misses.
     pub(super) fn range(&self) -> [f64; 2] {
         [self.ray.t_min.max(f32::MIN).into(), self.ray.t_max.min(f32::MAX).into()]
     }
@@ -51,31 +51,31 @@ impl ExactRay {
         t.cmp_float(low) != Ordering::Less && t.cmp_float(high) != Ordering::Greater
     }
 
-    /// How far the ray's point at `t` may be off.
+    /// The greatest error of the ray's point at `t`.
     pub(super) fn doubt_at(&self, t: f64) -> DVec3 {
         self.origin_doubt + self.dir_doubt * t.abs()
     }
 }
 
-/// How a ray and a triangle meet.
+/// The intersection of a ray and a triangle.
 #[derive(Clone, Debug)]
 pub struct Meeting {
     /// Whether the ray's line passes through the closed triangle and `t` is within the ray's range.
     pub hit: bool,
-    /// How certain `hit` is, in units of the condition: input that is off by fewer half ulps than this (about) gives
-    /// the same verdict. Infinite where nothing is in doubt.
+    /// How certain `hit` is, in units of the condition: input with an error of fewer half ulps than this (about) gives
+    /// the same verdict. Infinite if nothing is in doubt.
     pub margin: f64,
-    /// Distance in units of the direction; `None` where ray and plane are parallel.
+    /// Distance in units of the direction; `None` if ray and plane are parallel.
     pub t: Option<Ratio>,
     /// Barycentric weights of the second and the third corner.
     pub weights: Option<[Ratio; 2]>,
-    /// How far `t` moves when all input is off by half an ulp.
+    /// How far `t` moves when all input has an error of half an ulp.
     pub t_doubt: f64,
-    /// The same for the weights.
+    /// How far the weights move then.
     pub weight_doubts: [f64; 2],
 }
 
-/// Signed volumes in f64 and how far each moves when all input is off by half an ulp.
+/// How far each of the three signed volumes moves when all input has an error of half an ulp, in f64.
 fn volumes_in_doubt(ray: &ExactRay, q: [DVec3; 3], corners: [DVec3; 3]) -> [f64; 3] {
     let d = ray.ray.dir.as_dvec3();
     [(1, 2), (2, 0), (0, 1)].map(|(i, j)| {
@@ -86,7 +86,7 @@ fn volumes_in_doubt(ray: &ExactRay, q: [DVec3; 3], corners: [DVec3; 3]) -> [f64;
     })
 }
 
-/// Where a ray meets a triangle of three moving corners.
+/// The intersection of a ray with a triangle of three moving corners.
 pub fn meet_triangle(ray: &ExactRay, corners: [&Moving; 3]) -> Meeting {
     let q = corners.map(|c| &c.position - &ray.origin);
     let cross = [q[1].cross(&q[2]), q[2].cross(&q[0]), q[0].cross(&q[1])];
@@ -108,13 +108,14 @@ pub fn meet_triangle(ray: &ExactRay, corners: [&Moving; 3]) -> Meeting {
     let Some(t) = Ratio::new(q[0].dot(&cross[0]), det.clone()) else { return parallel };
     let weight = |k: usize| Ratio::new(volumes[k].clone(), det.clone()).expect("a determinant that is not zero");
     let (about, weights) = (t.to_f64(), [0, 1, 2].map(|k| weight(k).to_f64().abs()));
-    // How far the point of the ray and that of the triangle may part.
+    // The relative displacement of the ray's point and the triangle's point by input errors.
     let mut apart = ray.doubt_at(about);
     for (corner, weight) in corners.iter().zip(weights) {
         apart += corner.doubt * weight;
     }
     let d = ray.ray.dir.as_dvec3();
-    // Vectors in f64, of exact ones: edges of slivers far from zero would lose all their bits otherwise.
+    // Differences are computed exactly before they become f64: edges of slivers far from zero would otherwise lose all
+    // their bits.
     let edge = |i: usize, j: usize| (&q[j] - &q[i]).to_dvec3();
     let normal = (&(&cross[0] + &cross[1]) + &cross[2]).to_dvec3();
     let det = det.to_f64().abs();
@@ -151,13 +152,13 @@ pub(super) fn range_margin(t: &Ratio, [low, high]: [f64; 2], doubt: f64, within:
     distance / (doubt + ulp32(t.to_f64()) / 2.0)
 }
 
-/// A quick certificate in f64 that ray and triangle miss each other by more than `units` of doubt. `corners` are
-/// positions and doubts.
+/// A quick test in f64 that ray and triangle miss each other by more than `units` of doubt. `corners` are positions and
+/// doubts.
 pub fn clearly_missed(ray: &ExactRay, corners: [(DVec3, DVec3); 3], units: f64) -> bool {
     let (o, d) = (ray.ray.origin, ray.ray.dir.as_dvec3());
     let q = corners.map(|(p, _)| p - o);
     let doubts = volumes_in_doubt(ray, q, corners.map(|(_, doubt)| doubt));
-    // What f64 rounds here, generously: 2^-48 of the numbers that enter.
+    // A generous bound on the rounding error in f64: 2^-48 of the input numbers.
     let size = corners.iter().fold(o.abs().max_element(), |m, (p, _)| m.max(p.abs().max_element()));
     let reach = q.iter().fold(0.0, |m: f64, q| m.max(q.abs().max_element()));
     let rounding = size * reach * d.abs().max_element() * 3.6e-15 * 6.0;
@@ -170,7 +171,7 @@ pub fn clearly_missed(ray: &ExactRay, corners: [(DVec3, DVec3); 3], units: f64) 
 }
 
 impl Meeting {
-    /// Whether rounding half an ulp of every input cannot change the verdict, with `units` to spare.
+    /// Whether errors of half an ulp in every input cannot change the verdict, with a margin of `units`.
     pub fn is_certain(&self, units: f64) -> bool {
         self.margin > units
     }

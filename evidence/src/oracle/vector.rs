@@ -25,7 +25,7 @@ impl Vector {
         &(&a + &b) + &c
     }
 
-    /// The vector product.
+    /// The cross product.
     pub fn cross(&self, other: &Vector) -> Vector {
         Vector([(1, 2), (2, 0), (0, 1)].map(|(i, j)| &(&self.0[i] * &other.0[j]) - &(&self.0[j] * &other.0[i])))
     }

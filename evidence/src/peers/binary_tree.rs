@@ -1,4 +1,4 @@
-//! The layout of BVH_i and MSBVH: binary nodes with a box at shutter open and one at close, front to back.
+//! The layout of BVH_i and MSBVH: binary nodes with a box at shutter open and one at close, traversed front to back.
 
 use super::boxes::{MovingBox, SlabRay};
 use super::subtree::{Content, Subtree};
@@ -6,26 +6,26 @@ use super::{DEPTH, Nearest};
 use mbkd::baseline::TriangleTests;
 use mbkd::{Hit, Observer, Ray};
 
-/// A node: 56 bytes. Both children of an inner node are neighbours in memory.
+/// A node: 56 bytes. Both children of an inner node are adjacent in memory.
 #[derive(Clone, Copy)]
 #[repr(C)]
 struct Node {
     bounds: MovingBox,
     /// Inner: the first child. Leaf: the first of its indices.
     first: u32,
-    /// Inner: 0. Leaf: how many indices, at least 1.
+    /// Inner: 0. Leaf: the number of indices, at least 1.
     count: u32,
 }
 
 /// The finished tree.
 pub struct BinaryTree {
-    /// The root first; without triangles there is none.
+    /// The root first; empty without triangles.
     nodes: Vec<Node>,
     indices: Vec<u32>,
 }
 
 impl BinaryTree {
-    /// Lays out a tree of which everything counts throughout the shutter.
+    /// Lays out a tree whose references are active throughout the shutter.
     pub fn new(root: &Subtree) -> BinaryTree {
         let mut tree = BinaryTree { nodes: Vec::new(), indices: Vec::new() };
         if !root.is_empty() {
@@ -37,7 +37,7 @@ impl BinaryTree {
         tree
     }
 
-    /// Writes a node and all below it. As deep as the tree, which the build bounds.
+    /// Writes a subtree. The recursion is as deep as the tree, which the build bounds.
     fn fill(&mut self, at: usize, subtree: &Subtree) {
         let bounds = subtree.bounds.padded();
         match &subtree.content {
@@ -57,7 +57,7 @@ impl BinaryTree {
         }
     }
 
-    /// Inner nodes, leaves, and the references in these.
+    /// The numbers of inner nodes, leaves, and references in leaves.
     pub fn sizes(&self) -> [usize; 3] {
         let leaves = self.nodes.iter().filter(|node| node.count > 0).count();
         [self.nodes.len() - leaves, leaves, self.indices.len()]
@@ -68,12 +68,12 @@ impl BinaryTree {
         self.nodes.capacity() * size_of::<Node>() + self.indices.capacity() * size_of::<u32>()
     }
 
-    /// The nearest hit.
+    /// The closest hit.
     ///
-    /// A hit lies in the boxes of all nodes above it, as far as a slab test with the ray's slack can tell: every leaf's box holds
-    /// its triangles, or the part of one that was cut (and every point of a triangle is in some part), every other
-    /// box both of its children's, and each is padded by [`MovingBox::padded`]. What is left out begins farther away than the
-    /// best hit reaches, so nothing at the same `t` is lost.
+    /// A hit lies in the boxes of all nodes above it, within the ray's slack in the slab test: every leaf's box holds
+    /// its triangles, or the part of one that was split (and every point of a triangle is in some part), every other
+    /// box both of its children's, and each is padded by [`MovingBox::padded`]. A culled box begins farther away than
+    /// the reach of the best hit, so nothing at the same `t` is lost.
     pub fn closest_hit(&self, tests: &TriangleTests, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
         let ray = tests.prepare(ray)?;
         let slabs = SlabRay::new(&ray);

@@ -12,9 +12,9 @@ pub struct Box3 {
 }
 
 impl Box3 {
-    /// The box of nothing.
+    /// The empty box.
     pub const EMPTY: Box3 = Box3 { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
-    /// The box of everything.
+    /// The whole space.
     pub const ALL: Box3 = Box3 { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY };
 
     pub fn of(points: impl IntoIterator<Item = Vec3>) -> Box3 {
@@ -78,24 +78,24 @@ impl MovingBox {
         MovingBox { open: self.open.union(other.open), close: self.close.union(other.close) }
     }
 
-    /// Everything between open and close.
+    /// The box swept between open and close.
     pub fn swept(self) -> Box3 {
         self.open.union(self.close)
     }
 
-    /// Made larger, so that [`MovingBox::entry`] finds it wherever the kernel hits what is in it.
+    /// The box padded so that [`MovingBox::entry`] finds it wherever the kernel hits its contents.
     ///
-    /// The padding of [`TriangleTests::padding`] holds for faces that are exact. Those of [`MovingBox::entry`] are
-    /// `a + (b - a) t` with three roundings. With `m` the largest coordinate at either end they are off by at most `2u m` (the
-    /// difference, `u` of `2m`), `2u m` (the product) and `u m` (the sum): less than `8u m`, which also covers that
-    /// this padding is rounded.
+    /// The padding of [`TriangleTests::padding`] is for exact faces. Those of [`MovingBox::entry`] are `a + (b - a) t`
+    /// with three roundings. With `m` the largest coordinate at either end their error is at most `2u m` (the
+    /// difference, `u` of `2m`), `2u m` (the product) and `u m` (the sum): less than `8u m`, which also covers the
+    /// rounding of this padding.
     pub fn padded(self) -> MovingBox {
         let magnitude = self.swept().magnitude();
         let by = TriangleTests::padding(magnitude) + 8.0 * ULP * magnitude;
         MovingBox { open: self.open.pad(by), close: self.close.pad(by) }
     }
 
-    /// Where a ray enters the box as it is at the ray's time, if it does no farther away than `reach`.
+    /// Where a ray enters the box as it is at the ray's time, if that is no farther away than `reach`.
     #[inline(always)]
     pub fn entry(&self, ray: &SlabRay, reach: f32) -> Option<f32> {
         let at = |open: Vec3, close: Vec3| Vec3A::from(open) + (Vec3A::from(close) - Vec3A::from(open)) * ray.time;
@@ -107,7 +107,7 @@ impl MovingBox {
     }
 }
 
-/// A ray as slab tests want it.
+/// A ray prepared for slab tests.
 #[derive(Debug)]
 pub struct SlabRay {
     pub origin: Vec3A,
@@ -133,8 +133,8 @@ mod tests {
     use crate::accuracy::Random;
     use mbkd::{Ray, TriangleMesh};
 
-    /// Rays that pass an edge of a triangle's box, where an edge of the triangle is: those that hit it and miss the box. The
-    /// triangles stand still, since bounds of those that move have some padding of their own.
+    /// Counts rays past an edge of a triangle's box, at an edge of the triangle, that hit the triangle and miss the
+    /// box. The triangles are static, since bounds of moving ones have some padding of their own.
     fn hits_lost(padded: bool) -> usize {
         const TRIANGLES: u32 = 500;
         let mut random = Random(77);
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_are_entered_by_what_hits_and_would_not_be_without_padding() {
+    fn boxes_are_entered_by_rays_that_hit_and_would_not_be_without_padding() {
         assert_eq!(hits_lost(true), 0);
         assert!(hits_lost(false) > 10, "{}", hits_lost(false));
     }

@@ -1,7 +1,7 @@
 //! Builds both BVHs, top down: BVH_i by object splits, MSBVH by object or spatial splits, whichever is cheaper.
 //!
-//! Splits are chosen at mid-shutter, by the boxes as they are then; all boxes of the tree hold what is in them at
-//! every time. The tree does not depend on the number of threads: budgets are divided between children by rule.
+//! Splits are chosen at mid-shutter, by the boxes at that time; all boxes of the tree hold their contents at every
+//! time. The tree does not depend on the number of threads: budgets are divided between children by a fixed rule.
 
 use super::boxes::{Box3, MovingBox};
 use super::object_split::ObjectSplit;
@@ -21,22 +21,23 @@ pub struct BvhParams {
 impl BvhParams {
     /// Object splits only.
     pub const BVH_I: BvhParams = BvhParams { max_references: 1.0 };
-    /// Spatial splits besides, which make at most two references per triangle.
+    /// Also spatial splits, which make at most two references per triangle.
     pub const MSBVH: BvhParams = BvhParams { max_references: 2.0 };
 }
 
-/// Leaves with more references are split even where it does not seem to pay.
+/// Leaves with more references are split even if that does not seem to pay.
 const LARGEST_LEAF: usize = 16;
 
-/// Spatial splits are tried where the children of the best object split overlap by more than this part of the root's area, as in SBVH.
+/// Spatial splits are tried if the children of the best object split overlap by more than this part of the root's area,
+/// as in SBVH.
 const OVERLAP: f32 = 1e-5;
 
-/// A triangle, or the part of one in a cell.
+/// A triangle, or its part in a cell.
 #[derive(Clone, Copy)]
 pub struct Reference {
     pub index: u32,
     pub bounds: MovingBox,
-    /// At mid-shutter.
+    /// Its box at mid-shutter.
     pub middle: Box3,
     /// The cell in which the part lies at mid-shutter.
     pub cell: Box3,
@@ -45,14 +46,14 @@ pub struct Reference {
 impl Reference {
     fn whole(tests: &TriangleTests, index: u32) -> Reference {
         let of = tests.bounds(index, TimeInterval::FULL);
-        // These come from f32 and go back unrounded.
+        // These come from f32, so the conversion is exact.
         let narrow = |b: mbkd::Aabb| Box3 { min: b.min.as_vec3(), max: b.max.as_vec3() };
         let bounds = MovingBox { open: narrow(of.begin), close: narrow(of.end) };
         Reference { index, bounds, middle: Box3::of(tests.corners(index, 0.5)), cell: Box3::ALL }
     }
 }
 
-/// What a ray that meets a node is expected to cost if it is split into children with these boxes and counts.
+/// The expected cost of a ray that meets a node, if it is split into children with these boxes and counts.
 pub fn split_cost(node: Box3, left: (Box3, usize), right: (Box3, usize)) -> f32 {
     let area = node.half_area();
     if area <= 0.0 {
@@ -71,13 +72,13 @@ pub fn build(tests: &TriangleTests, params: BvhParams) -> Subtree {
 
 struct Builder<'a> {
     tests: &'a TriangleTests,
-    /// Half the area of everything at mid-shutter.
+    /// Half the area of the root box at mid-shutter.
     root: f32,
     spatial: bool,
 }
 
 impl Builder<'_> {
-    /// The subtree of some references that may become `budget` at most. Recursion is bounded by [`DEPTH`].
+    /// The subtree of some references that may become at most `budget`. The recursion is bounded by [`DEPTH`].
     fn build(&self, references: Vec<Reference>, budget: usize, depth: usize) -> Subtree {
         let references = match self.split(references, budget, depth) {
             Ok([left, right]) => {
@@ -127,7 +128,7 @@ impl Builder<'_> {
             if children.iter().all(|child| !child.is_empty()) {
                 return Ok(children);
             }
-            // All of it is on one side once it is cut.
+            // All references are on one side after splitting.
             references = children.concat();
             object = ObjectSplit::best(&references, node);
         }

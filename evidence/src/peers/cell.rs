@@ -1,14 +1,15 @@
 //! Cells of k-d trees as subtrees with boxes of their own.
 //!
-//! A k-d tree finds a hit because the point that is hit lies in the cell of some leaf, at the hit's time, and the triangle has
-//! a reference there that counts then. A box for that leaf must hold all such points. Three boxes do:
+//! A k-d tree finds a hit because its point lies in the cell of some leaf, at the hit's time, and the triangle has a
+//! reference there that is active at that time. A box for that leaf must hold all such points. Three boxes do:
 //!
-//! - the moving box around the triangles, wherever they go during the shutter;
+//! - the moving box around the triangles during the shutter;
 //! - the cell itself, whose faces move with its planes;
-//! - the still box around what the triangles sweep inside of the cell while their references count.
+//! - the static box around the parts of the triangles swept inside of the cell while their references are active.
 //!
-//! A face of any of them is a bound of its own, linear in time, so each face is taken from whichever has it tightest in the
-//! middle of the time that the leaf counts. Boxes above hold those below, or the still boxes below, face by face likewise.
+//! A face of any of them is a bound of its own, linear in time, so each face is taken from whichever is tightest at the
+//! middle of the leaf's active interval. Boxes above hold those below, or the static boxes below, face by face
+//! likewise.
 
 use super::ULP;
 use super::boxes::{Box3, MovingBox};
@@ -17,7 +18,7 @@ use mbkd::TimeInterval;
 use mbkd::baseline::TriangleTests;
 use mbkd::glam::Vec3;
 
-/// A cell on the way down.
+/// A cell during the descent.
 #[derive(Clone, Copy)]
 pub struct Cell {
     bounds: MovingBox,
@@ -25,13 +26,13 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// A box of everything that a tree is over.
+    /// The root cell: a box around the whole scene.
     pub fn root(bounds: Box3) -> Cell {
         Cell { bounds: MovingBox { open: bounds, close: bounds }, life: Life::ALWAYS }
     }
 
-    /// The cells below and above a plane, which is at one place at shutter open and at another at shutter close. It may leave the cell
-    /// meanwhile: then these are larger than they need be.
+    /// The cells below and above a plane with one position at shutter open and another at shutter close. It may leave
+    /// the cell in between: then these are larger than necessary.
     pub fn sides(self, axis: usize, open: f32, close: f32) -> [Cell; 2] {
         let (mut below, mut above) = (self, self);
         (below.bounds.open.max[axis], below.bounds.close.max[axis]) = (open, close);
@@ -39,13 +40,13 @@ impl Cell {
         [below, above]
     }
 
-    /// The cell before and from a time on.
+    /// The cell before a time and from it on.
     pub fn halves(self, at: f32) -> [Cell; 2] {
         let Life { begin, end } = self.life;
         [Cell { life: Life { begin, end: at }, ..self }, Cell { life: Life { begin: at, end }, ..self }]
     }
 
-    /// What the cell sweeps during a time.
+    /// The box that the cell sweeps during a time.
     fn swept(self, life: Life) -> Box3 {
         [life.begin, life.end.min(1.0)].map(|time| at(self.bounds, time)).into_iter().fold(Box3::EMPTY, Box3::union)
     }
@@ -54,15 +55,15 @@ impl Cell {
 /// A subtree of cells.
 pub struct Cells {
     pub subtree: Subtree,
-    /// What is in it, swept while it counts.
+    /// The bounds of its contents, swept while they are active.
     still: Box3,
 }
 
 impl Cells {
-    /// A leaf with some references; nothing without any. No coordinate of the scene is larger than `magnitude`.
+    /// A leaf with some references; `None` without any. No coordinate of the scene is larger than `magnitude`.
     ///
-    /// Planes of the library are found within 4 ULP of it, and those that move have other roundings when they are
-    /// interpolated between both ends: boxes are padded as the k-d traversals pad their planes.
+    /// The library computes positions of planes within 4 ULP of it, and moving planes have other roundings when they
+    /// are interpolated between both ends: boxes are padded as the k-d traversals pad their planes.
     pub fn leaf(tests: &TriangleTests, cell: Cell, references: &[(u32, Life)], magnitude: f32) -> Option<Cells> {
         let (&(_, life), _) = references.split_first()?;
         let (mut moving, mut still, mut life) = (MovingBox::EMPTY, Box3::EMPTY, life);
@@ -83,7 +84,7 @@ impl Cells {
         Some(Cells { subtree: Subtree { bounds, life, content: Content::Leaf { indices, lives } }, still })
     }
 
-    /// Both sides of a plane or of a time; the only one where the other is empty.
+    /// Joins both sides of a plane or of a time; returns the other side if one is empty.
     pub fn join(sides: [Option<Cells>; 2]) -> Option<Cells> {
         match sides {
             [Some(a), Some(b)] => {
@@ -102,7 +103,7 @@ impl Cells {
     }
 }
 
-/// A triangle's bounds over a time, which may be extended to the whole shutter if that is the time.
+/// A triangle's bounds at both ends of a time, as a moving box. Its interpolation is valid for the whole shutter only.
 fn bounds(tests: &TriangleTests, index: u32, over: TimeInterval) -> MovingBox {
     let of = tests.bounds(index, over);
     let narrow = |b: mbkd::Aabb| Box3 { min: b.min.as_vec3(), max: b.max.as_vec3() };
@@ -118,7 +119,7 @@ fn at(moving: MovingBox, time: f32) -> Box3 {
     Box3 { min: between(moving.open.min, moving.close.min), max: between(moving.open.max, moving.close.max) }
 }
 
-/// Each face from whichever box has it tightest in the middle of a time.
+/// Each face from the box in which it is tightest at the middle of a time.
 fn tightest<const N: usize>(boxes: [MovingBox; N], life: Life) -> MovingBox {
     let time = life.middle();
     let mut best = boxes[0];
@@ -142,9 +143,10 @@ mod tests {
     use crate::accuracy::Random;
     use mbkd::TriangleMesh;
 
-    /// Whatever of a triangle is in the cell while its reference counts is in the box of the leaf, and of what is above.
+    /// The parts of triangles in a cell while their references are active are in the box of the leaf, and in those
+    /// above.
     #[test]
-    fn boxes_hold_what_is_in_their_cells() {
+    fn boxes_hold_the_contents_of_their_cells() {
         const TRIANGLES: u32 = 4;
         let mut random = Random(12);
         let (mut held, mut smaller) = (0, 0);

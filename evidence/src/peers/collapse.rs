@@ -1,13 +1,13 @@
-//! Which subtrees of a binary tree become the children of a wide node.
+//! The choice of the children of a wide node among the subtrees of a binary tree.
 //!
-//! From both halves on, the child that rays visit most often, by its surface area, makes way for its own two, until
-//! the node is full or only leaves are left (Wald, Benthin and Boulos, "Getting Rid of Packets: Efficient SIMD Single-Ray Traversal
-//! using Multi-branching BVHs", RT 2008). Leaves stay as the binary build made them.
+//! Starting with both halves, the child with the most visits, by its surface area, is replaced by its own two, until
+//! the node is full or only leaves are left (Wald, Benthin and Boulos, "Getting Rid of Packets: Efficient SIMD
+//! Single-Ray Traversal using Multi-branching BVHs", RT 2008). Leaves stay as the binary build made them.
 
 use super::subtree::{Content, Subtree};
 use super::wide_node::WIDTH;
 
-/// The children of the wide node that stands for an inner node with these halves.
+/// The children of the wide node for an inner node with these halves.
 pub fn children(halves: &[Subtree; 2]) -> Vec<&Subtree> {
     let mut children: Vec<&Subtree> = halves.iter().collect();
     while children.len() < WIDTH {

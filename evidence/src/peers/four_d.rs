@@ -1,4 +1,4 @@
-//! The layout of the 4D k-d tree and its traversal: front to back in space, the ray's side in time.
+//! The layout of the 4D k-d tree and its traversal: front to back in space, one side in time.
 
 use super::boxes::Box3;
 use super::cell::{Cell, Cells};
@@ -38,7 +38,7 @@ impl FourD {
         self.nodes.len() as u32
     }
 
-    /// Appends a node and says where it is.
+    /// Appends a node and returns its index.
     pub fn push(&mut self, node: Node) -> usize {
         self.nodes.push(node);
         self.nodes.len() - 1
@@ -70,23 +70,23 @@ impl FourD {
         self.indices.shrink_to_fit();
     }
 
-    /// Inner nodes, leaves, and the references in these.
+    /// The numbers of inner nodes, leaves, and references in leaves.
     pub fn sizes(&self) -> [usize; 3] {
         let leaves = self.nodes.iter().filter(|node| matches!(node, Node::Leaf { .. })).count();
         [self.nodes.len() - leaves, leaves, self.indices.len()]
     }
 
-    /// Nodes that split time.
+    /// The number of nodes that split time.
     pub fn time_nodes(&self) -> usize {
         self.nodes.iter().filter(|node| matches!(node, Node::Time { .. })).count()
     }
 
-    /// The tree with boxes, to be laid out wide.
+    /// The tree with boxes, for the wide layout.
     pub fn subtree(&self, tests: &TriangleTests) -> Subtree {
         Cells::whole(self.cells(tests, 0, Cell::root(self.root)))
     }
 
-    /// As deep as the tree, which the build bounds.
+    /// The recursion is as deep as the tree, which the build bounds.
     fn cells(&self, tests: &TriangleTests, node: u32, cell: Cell) -> Option<Cells> {
         let (sides, right) = match *self.nodes.get(node as usize)? {
             Node::Leaf { first, count } => {
@@ -105,13 +105,13 @@ impl FourD {
         self.nodes.capacity() * size_of::<Node>() + self.indices.capacity() * size_of::<u32>()
     }
 
-    /// The nearest hit.
+    /// The closest hit.
     ///
-    /// Why none is missed: a hit belongs to a point of the triangle, which is in its bounds at the ray's time and in the closed
-    /// cell of some leaf; every cell whose closure the bounds meet has the reference. The ray passes that point within
-    /// the ray's slack and the padding for the scene's largest coordinate `m` (cells have no boxes of their own); crossing
-    /// a plane, `(s - o) / d`, is rounded by less than `4u (m + |o|) / |d|`. By the sum of these each node's range
-    /// along the ray is taken to be longer at both ends.
+    /// Why none is missed: a hit belongs to a point of the triangle, which is in its bounds at the ray's time and in
+    /// the closed cell of some leaf; every cell whose closure the bounds meet has the reference. The ray passes that
+    /// point within the ray's slack and the padding for the scene's largest coordinate `m` (cells have no boxes of
+    /// their own); crossing a plane, `(s - o) / d`, is rounded by less than `4u (m + |o|) / |d|`. The range of each
+    /// node along the ray is extended by the sum of these at both ends.
     pub fn closest_hit(&self, tests: &TriangleTests, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
         let ray = tests.prepare(ray)?;
         let mut nearest = Nearest::new(&ray);

@@ -1,9 +1,9 @@
-//! Builds the 4D k-d tree: space and time are split alike, and whatever is in a cell during its time is in its leaf.
+//! Builds the 4D k-d tree: space and time are split alike, and every triangle in a cell during its time is in its leaf.
 //!
-//! Planes are chosen by the surface area heuristic over boxes swept during the cell's time, clipped to the cell, as
-//! the library's classic tree does over the whole shutter. A split of time halves it. A greedy look at one step never sees the
-//! gain of that, since it only makes swept boxes smaller; so its price is one step and the mean of what the best plane
-//! costs in both halves.
+//! Planes are chosen by the surface area heuristic over boxes swept during the cell's time, clipped to the cell, as in
+//! the library's classic tree over the whole shutter. A split of time halves it. A greedy choice never sees the gain of
+//! that within one step, since it only makes swept boxes smaller; so its cost is one step and the mean of the costs of
+//! the best planes in both halves.
 
 use super::boxes::{Box3, MovingBox};
 use super::four_d::{FourD, Node};
@@ -16,33 +16,33 @@ use mbkd::glam::Vec3;
 /// How a 4D k-d tree is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FourDParams {
-    /// References per triangle, at least 1; where they run out there is a leaf.
+    /// References per triangle, at least 1; when they run out the cell becomes a leaf.
     pub max_references: f32,
-    /// Halvings of the shutter on the way to a leaf; 0 makes an ordinary k-d tree over swept boxes.
+    /// The greatest number of halvings of the shutter above a leaf; 0 makes an ordinary k-d tree over swept boxes.
     pub max_halvings: u32,
 }
 
 impl Default for FourDParams {
-    /// As many references as the library's k-d trees may have; 1024 parts of the shutter.
+    /// As many references as the library's k-d trees may have; 1024 time slices.
     fn default() -> FourDParams {
         FourDParams { max_references: 8.0, max_halvings: 10 }
     }
 }
 
-/// The price of a plane with one side empty is multiplied by this, as in the library's k-d trees.
+/// The cost of a plane with one side empty is multiplied by this, as in the library's k-d trees.
 const EMPTY: f32 = 0.8;
 
-/// How far beyond the outermost reference a plane that cuts off empty space stands.
+/// The distance of the outermost reference from a plane that cuts off empty space.
 const MARGIN: f32 = 1e-5;
 
-/// Splits of time are tried where swept boxes are wider than still ones by this factor.
+/// Splits of time are tried if swept boxes are wider than static ones by this factor.
 const MOVING: f32 = 1.05;
 
 /// A triangle during the time of a cell.
 #[derive(Clone, Copy)]
 struct Reference {
     index: u32,
-    /// From the begin to the end of that time.
+    /// From the beginning to the end of that time.
     bounds: MovingBox,
 }
 
@@ -52,13 +52,13 @@ struct Cell {
     begin: f32,
     end: f32,
     references: Vec<Reference>,
-    /// References that the leaves below may hold altogether.
+    /// The greatest total number of references in the leaves below.
     budget: usize,
     depth: usize,
     halvings: u32,
 }
 
-/// How a cell is split.
+/// The kind of a cell's split.
 #[derive(Clone, Copy)]
 enum Split {
     Space { axis: usize, at: f32 },
@@ -71,7 +71,7 @@ pub fn build(tests: &TriangleTests, params: FourDParams) -> FourD {
     let root = references.iter().fold(Box3::EMPTY, |b, r| b.union(r.bounds.swept()));
     let root = if references.is_empty() { Box3 { min: Vec3::ZERO, max: Vec3::ZERO } } else { root };
     let root = root.pad(1e-5 * root.magnitude());
-    // As deep as the library's k-d trees, and the halvings of time.
+    // As deep as the library's k-d trees, plus the halvings of time.
     let bits = usize::BITS - references.len().leading_zeros();
     let depth = ((8 + 13 * bits / 10 + params.max_halvings) as usize).min(DEPTH);
     let budget = (references.len() as f64 * f64::from(params.max_references.max(1.0))) as usize;
@@ -82,7 +82,7 @@ pub fn build(tests: &TriangleTests, params: FourDParams) -> FourD {
     tree
 }
 
-/// A triangle from one time to another.
+/// A triangle during a time.
 fn reference(tests: &TriangleTests, index: u32, begin: f32, end: f32) -> Reference {
     let of = tests.bounds(index, TimeInterval::new(begin, end).unwrap_or(TimeInterval::FULL));
     let narrow = |b: mbkd::Aabb| Box3 { min: b.min.as_vec3(), max: b.max.as_vec3() };
@@ -96,7 +96,7 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// Appends the subtree of a cell. Recursion is bounded by the cell's depth.
+    /// Appends the subtree of a cell. The recursion is bounded by the cell's depth.
     fn build(&self, cell: Cell, out: &mut FourD) {
         let Some((split, [left, right])) = self.split(&cell) else {
             let mut indices: Vec<u32> = cell.references.iter().map(|r| r.index).collect();
@@ -124,7 +124,7 @@ impl Builder<'_> {
         }
     }
 
-    /// The cheapest split and its children; nothing where the cell becomes a leaf.
+    /// The cheapest split and its children; `None` if the cell becomes a leaf.
     fn split(&self, cell: &Cell) -> Option<(Split, [Cell; 2])> {
         let n = cell.references.len();
         if n < 2 || cell.depth == 0 {
@@ -139,7 +139,7 @@ impl Builder<'_> {
                 best_plane(half, cell.bounds).map_or(leaf, |(cost, ..)| cost.min(leaf))
             };
             let cost = STEP + 0.5 * (cost_of(&halves[0]) + cost_of(&halves[1]));
-            // Half of the budget is left to planes: otherwise halvings near the root would use it up.
+            // Half of the budget is reserved for planes: otherwise halvings near the root would use it up.
             let fits = 2 * (halves[0].len() + halves[1].len()) <= cell.budget;
             if fits && cost < space.map_or(leaf, |(cost, ..)| cost) {
                 return Some((Split::Time, children(cell, Split::Time, halves)?));
@@ -151,7 +151,7 @@ impl Builder<'_> {
         Some((split, children(cell, split, sides)?))
     }
 
-    /// What is in the cell during the first and the second half of its time.
+    /// The contents of the cell during the first and the second half of its time.
     fn halves(&self, cell: &Cell) -> [Vec<Reference>; 2] {
         let middle = 0.5 * (cell.begin + cell.end);
         [(cell.begin, middle), (middle, cell.end)].map(|(begin, end)| {
@@ -160,8 +160,8 @@ impl Builder<'_> {
         })
     }
 
-    /// What is on one side of a plane. What only touches the plane is on the other side, and what lies in it on the left: a ray
-    /// that passes the plane there visits both sides.
+    /// The contents of one side of a plane. References that only touch the plane are on the other side, and those in it
+    /// on the left: a ray that passes the plane there visits both sides.
     fn side(&self, cell: &Cell, axis: usize, at: f32, above: bool) -> Vec<Reference> {
         let side = cell.bounds.side(axis, at, above);
         let there = |r: &Reference| {
@@ -173,7 +173,7 @@ impl Builder<'_> {
         cell.references.iter().copied().filter(there).collect()
     }
 
-    /// Whether a moving box meets a closed cell at some time: along each axis both overlap between two times.
+    /// Whether a moving box meets a closed cell at some time: along each axis both overlap during an interval.
     fn meets(&self, of: &MovingBox, cell: Box3) -> bool {
         let (mut from, mut to) = (0.0f64, 1.0f64);
         let slack = f64::from(ULP * self.magnitude);
@@ -196,7 +196,7 @@ impl Builder<'_> {
     }
 }
 
-/// The children, if the budget lasts.
+/// The children, if the budget suffices.
 fn children(cell: &Cell, split: Split, [left, right]: [Vec<Reference>; 2]) -> Option<[Cell; 2]> {
     let sum = left.len() + right.len();
     if sum > cell.budget {
@@ -234,7 +234,7 @@ fn moves(references: &[Reference]) -> bool {
     swept > MOVING * still
 }
 
-/// The cheapest plane through a cell, its axis and its place.
+/// The cheapest plane through a cell: cost, axis and position.
 fn best_plane(references: &[Reference], cell: Box3) -> Option<(f32, usize, f32)> {
     let mut best: Option<(f32, usize, f32)> = None;
     let area = cell.half_area();
@@ -243,7 +243,7 @@ fn best_plane(references: &[Reference], cell: Box3) -> Option<(f32, usize, f32)>
     let width = (all.max - all.min) / BINS as f32;
     let scale = Vec3::ONE / width;
     let wide = [0, 1, 2].map(|axis| width[axis] > 0.0 && scale[axis].is_finite());
-    // References that begin, and that end, before each edge of each axis.
+    // The numbers of references that begin, and that end, before each edge of each axis.
     let (mut begun, mut ended) = ([[0usize; BINS + 2]; 3], [[0usize; BINS + 2]; 3]);
     for r in references {
         let part = parts(r);

@@ -1,5 +1,5 @@
-//! The k-d trees of the library, to be laid out wide: read from what a tree writes to a file (docs/files.md), since the library shows
-//! its nodes nowhere else.
+//! The k-d trees of the library, for the wide layout: read from the file format (docs/files.md), since the library
+//! exposes its nodes nowhere else.
 
 use super::boxes::Box3;
 use super::cell::{Cell, Cells};
@@ -12,9 +12,9 @@ use mbkd::{FileError, RayTree};
 const VERSION: u32 = 1;
 /// The number of the k-d layout.
 const KD: u32 = 1;
-/// Added to the number of keys of a mesh that is kept in f64.
+/// Added to the number of keys of a mesh that is stored in f64.
 const IN_F64: u32 = 1 << 31;
-/// What a leaf has in place of an axis.
+/// Replaces the axis in a leaf.
 const LEAF: u32 = 3;
 
 /// Three words: a node or a reference.
@@ -30,9 +30,8 @@ pub struct LibraryKd {
 impl LibraryKd {
     /// The nodes of a tree.
     ///
-    /// # Errors
-    /// What writing gives, and [`FileError::Broken`] where the tree is no k-d tree, or files are made in another way than this
-    /// expects.
+    /// Errors of writing, and [`FileError::Broken`] if the tree is not a k-d tree, or the file format is not the one
+    /// expected here.
     pub fn of(tree: &RayTree) -> Result<LibraryKd, FileError> {
         let mut bytes = Vec::new();
         tree.write_to(&mut bytes)?;
@@ -44,7 +43,7 @@ impl LibraryKd {
         Cells::whole(self.cells(tests, 0, Cell::root(self.root)))
     }
 
-    /// As deep as the tree, which the library bounds.
+    /// The recursion is as deep as the tree, which the library bounds.
     fn cells(&self, tests: &TriangleTests, node: usize, cell: Cell) -> Option<Cells> {
         let [a, b, link] = *self.nodes.get(node)?;
         if link & 3 == LEAF {
@@ -71,7 +70,7 @@ fn read(file: &mut File) -> Option<LibraryKd> {
     file.take(2 * 8)?;
     let meshes = file.array(24)?;
     let in_f64 = meshes.chunks_exact(24).any(|mesh| word(&mesh[4..]) >= IN_F64);
-    // Positions and corners, of meshes in f64 likewise; spheres.
+    // Positions and corners, likewise of meshes in f64; spheres.
     let skipped: &[usize] = if in_f64 { &[12, 12, 24, 12, 4, 8, 32] } else { &[12, 12, 4, 8, 32] };
     for &size in skipped {
         file.array(size)?;
@@ -86,12 +85,12 @@ fn read(file: &mut File) -> Option<LibraryKd> {
     Some(LibraryKd { root, nodes: words()?, references: words()? })
 }
 
-/// The number that four bytes are.
+/// Four bytes as a number.
 fn word(bytes: &[u8]) -> u32 {
     u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
 }
 
-/// Bytes of a file, and how many have been read.
+/// The bytes of a file, and the read position.
 struct File<'a> {
     bytes: &'a [u8],
     at: usize,

@@ -1,5 +1,5 @@
-//! Splits that give each reference to one of two children, by the surface area heuristic in bins (Wald, "On fast
-//! Construction of SAH-based Bounding Volume Hierarchies", RT 2007), on the boxes at mid-shutter.
+//! Object splits: each reference goes to one of two children, by binned SAH (Wald, "On fast Construction of SAH-based
+//! Bounding Volume Hierarchies", RT 2007) on the boxes at mid-shutter.
 
 use super::boxes::Box3;
 use super::bvh::{Reference, split_cost};
@@ -8,20 +8,20 @@ use mbkd::glam::Vec3;
 /// Bins per axis.
 pub const BINS: usize = 32;
 
-/// A split by the middles of references.
+/// A split by the centres of references.
 pub struct ObjectSplit {
     pub cost: f32,
-    /// Half the area that the children's boxes have in common.
+    /// Half the area of the intersection of the children's boxes.
     pub overlap: f32,
     axis: usize,
     low: f32,
     scale: f32,
-    /// The first bin that goes to the right.
+    /// The first bin of the right side.
     edge: usize,
 }
 
 impl ObjectSplit {
-    /// The cheapest split of a node with this box, if the middles of its references differ.
+    /// The cheapest split of a node with this box, if the centres of its references differ.
     pub fn best(references: &[Reference], node: Box3) -> Option<ObjectSplit> {
         let middles = Box3::of(references.iter().map(|r| r.middle.middle()));
         let mut best: Option<ObjectSplit> = None;
@@ -36,7 +36,7 @@ impl ObjectSplit {
                 let (bounds, count) = &mut bins[bin(r.middle.middle(), axis, low, scale)];
                 (*bounds, *count) = (bounds.union(r.middle), *count + 1);
             }
-            // What lies to the right of each edge.
+            // Box and number of the references to the right of each edge.
             let mut right = [(Box3::EMPTY, 0usize); BINS + 1];
             for edge in (0..BINS).rev() {
                 right[edge] = (right[edge + 1].0.union(bins[edge].0), right[edge + 1].1 + bins[edge].1);

@@ -1,9 +1,9 @@
-//! The part of a moving triangle that is in a cell at mid-shutter, and where that part goes.
+//! The part of a moving triangle that is in a cell at mid-shutter, and its bounds over the shutter.
 //!
-//! A part is a polygon whose corners are fixed places on the triangle (barycentric weights) and move along with it. A point of the
-//! triangle that is in the cell at mid-shutter is in the polygon at every other time as well: that is how MSBVH
-//! re-bounds what a spatial split cuts. Cells that share a face cut the triangle at the same places up to rounding in f64, which
-//! is far less than boxes are padded by.
+//! A part is a polygon whose corners are fixed points of the triangle (barycentric weights) and move along with it. A
+//! point of the triangle that is in the cell at mid-shutter is in the polygon at every other time as well: this is how
+//! MSBVH bounds the parts of a spatial split. Cells that share a face clip the triangle at the same points up to
+//! rounding in f64, which is far less than the padding of boxes.
 
 use super::ULP;
 use super::boxes::{Box3, MovingBox};
@@ -13,7 +13,7 @@ use mbkd::glam::{DVec3, Vec3};
 /// Weights of the triangle's corners.
 type Place = [f64; 3];
 
-/// Three corners, one more for each of the six faces that may cut, and room for what rounding makes of slivers.
+/// Three corners, one more for each of the six clipping planes, and a reserve for rounding of slivers.
 const MOST: usize = 16;
 
 /// The bounds of a part.
@@ -24,7 +24,7 @@ pub struct Part {
     pub middle: Box3,
 }
 
-/// The part of a triangle in a cell; nothing where none of it is there at mid-shutter.
+/// The part of a triangle in a cell; `None` if no point of it is there at mid-shutter.
 pub fn part_in(tests: &TriangleTests, index: u32, cell: Box3) -> Option<Part> {
     let corners = tests.corners(index, 0.5).map(Vec3::as_dvec3);
     let mut polygon = [[0.0; 3]; MOST];
@@ -50,7 +50,7 @@ pub fn part_in(tests: &TriangleTests, index: u32, cell: Box3) -> Option<Part> {
         box_of(corners.map(Vec3::as_dvec3), places)
     };
     let mut bounds = MovingBox { open: at_key(0), close: at_key(keys - 1) };
-    // Bent motion: the line between both ends, moved outward until it holds the keys between.
+    // Bent motion: the linear interpolation of both ends, moved outward until it holds the inner keys.
     for key in 1..last {
         let inner = at_key(key);
         let t = key as f32 / last as f32;
@@ -60,14 +60,14 @@ pub fn part_in(tests: &TriangleTests, index: u32, cell: Box3) -> Option<Part> {
         (bounds.open.min, bounds.close.min) = (bounds.open.min - low, bounds.close.min - low);
         (bounds.open.max, bounds.close.max) = (bounds.open.max + high, bounds.close.max + high);
     }
-    // The kernel's corners at a time are off by at most 4 ULP, and 2 more for each segment, whose number the time is multiplied
-    // by; each shift above is rounded by at most 8.
+    // The error of the kernel's corners at a time is at most 4 ULP, and 2 more for each segment, whose number the time
+    // is multiplied by; each shift above is rounded by at most 8.
     let by = (8 + 10 * keys) as f32 * ULP * magnitude;
     let bounds = MovingBox { open: bounds.open.pad(by), close: bounds.close.pad(by) };
     Some(Part { bounds, middle: box_of(corners, places).intersection(cell) })
 }
 
-/// A place on a triangle.
+/// A point of a triangle by its weights.
 fn at(corners: [DVec3; 3], place: Place) -> DVec3 {
     corners[0] * place[0] + corners[1] * place[1] + corners[2] * place[2]
 }
@@ -76,7 +76,7 @@ fn box_of(corners: [DVec3; 3], places: &[Place]) -> Box3 {
     Box3::of(places.iter().map(|place| at(corners, *place).as_vec3()))
 }
 
-/// Keeps of a polygon with `n` corners what is at a distance of at least zero (Sutherland and Hodgman); the new number of
+/// Clips a polygon with `n` corners to distances of at least zero (Sutherland and Hodgman); returns the new number of
 /// corners.
 fn cut(polygon: &mut [Place; MOST], n: usize, distance: impl Fn(Place) -> f64) -> usize {
     let (mut kept, mut m) = ([[0.0; 3]; MOST], 0);
@@ -107,7 +107,7 @@ mod tests {
     use mbkd::TriangleMesh;
 
     #[test]
-    fn both_parts_of_a_cut_triangle_hold_it_at_every_time() {
+    fn both_parts_of_a_split_triangle_hold_it_at_every_time() {
         let open = vec![Vec3::new(-1.0, -0.5, 0.1), Vec3::new(0.9, -0.2, 0.3), Vec3::new(0.1, 0.8, -0.6)];
         let close = vec![Vec3::new(-0.2, 0.5, 0.4), Vec3::new(0.5, 0.6, -0.3), Vec3::new(-0.7, -0.8, 0.2)];
         let middle = vec![Vec3::new(0.3, -0.5, 0.9), Vec3::new(0.5, 0.2, -0.3), Vec3::new(-0.7, 0.1, 0.2)];
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_elsewhere_has_no_part() {
+    fn triangles_outside_of_a_cell_have_no_part() {
         let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
         let tests = TriangleTests::new(&[TriangleMesh::fixed(vec![[0, 1, 2]], corners)]).unwrap();
         assert!(part_in(&tests, 0, Box3::ALL.side(2, 0.5, true)).is_none());

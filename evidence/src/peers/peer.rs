@@ -1,4 +1,4 @@
-//! All structures behind one face: which one, its tree, and what it cost.
+//! A common interface of all structures: the tree, its queries and its statistics.
 
 use super::binary_tree::BinaryTree;
 use super::bvh::{self, BvhParams};
@@ -11,34 +11,34 @@ use mbkd::baseline::TriangleTests;
 use mbkd::{BuildError, BuildParams, FileError, Hit, KdParams, Observer, Ray, RayTree, SimdLevel, TriangleMesh};
 use std::fmt;
 
-/// A structure and how it is built.
+/// A structure and its build parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Structure {
     /// Object splits, boxes interpolated.
     BvhI,
-    /// Spatial splits at mid-shutter besides.
+    /// Also spatial splits at mid-shutter.
     Msbvh(BvhParams),
     /// Time as a fourth axis.
     FourD(FourDParams),
-    /// So many static trees, built like this.
+    /// A number of static trees with these parameters.
     Slices(usize, BuildParams),
-    /// A binary tree laid out wide, sixteen children to a node.
+    /// A binary tree collapsed to the wide layout, with sixteen children per node.
     Collapsed(Collapsed),
     /// One of the library's own trees.
     Library(BuildParams),
-    /// The same, asked by what every CPU of the architecture runs: the instruction set that the peers are compiled
-    /// for, unless the compiler is told of another.
+    /// The same on the baseline instruction set of the architecture: the one that the peers are compiled for, unless
+    /// compiler flags select another.
     Portable(BuildParams),
 }
 
-/// A binary tree that is laid out wide.
+/// A binary tree that is collapsed to the wide layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Collapsed {
     /// BVH_i or MSBVH.
     Bvh(BvhParams),
     /// The 4D k-d tree: children have boxes and times.
     FourD(FourDParams),
-    /// One of the library's k-d trees: the classic one, the paper's, or that with moving planes.
+    /// One of the library's k-d trees: the classic one, the paper's, or the one with moving planes.
     Kd(KdParams),
 }
 
@@ -54,7 +54,7 @@ impl Structure {
     }
 }
 
-/// What was built.
+/// A built structure.
 enum Tree {
     Binary(BinaryTree, TriangleTests),
     FourD(FourD, TriangleTests),
@@ -66,9 +66,9 @@ enum Tree {
 /// Why a structure could not be built.
 #[derive(Debug)]
 pub enum PeerError {
-    /// What is wrong with a mesh or a parameter.
+    /// An error in a mesh or a parameter.
     Build(BuildError),
-    /// A tree of the library could not be read from what it writes.
+    /// A tree of the library could not be read from its file format.
     File(FileError),
 }
 
@@ -100,7 +100,7 @@ pub struct Peer {
     tree: Tree,
 }
 
-/// Figures of a structure.
+/// Sizes and counts of a structure.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PeerStatistics {
     /// Triangles.
@@ -113,15 +113,15 @@ pub struct PeerStatistics {
     pub references: usize,
     /// Nodes that split time.
     pub time_nodes: usize,
-    /// Share of all references that count for part of the time only; of the library's k-d trees only.
+    /// Share of all references that are active for part of the time only; for the library's k-d trees only.
     pub timed: f64,
     /// Bytes of nodes and references.
     pub tree_bytes: usize,
-    /// Bytes of the triangles that they point at.
+    /// Bytes of the triangles that they refer to.
     pub triangle_bytes: usize,
-    /// Share of the building time spent in duplication, and in propagation; of the library's k-d trees only.
+    /// Share of the build time spent in duplication; for the library's k-d trees only.
     pub duplication_time: f64,
-    /// The latter.
+    /// Share of the build time spent in propagation, likewise.
     pub propagation_time: f64,
 }
 
@@ -158,7 +158,7 @@ impl Peer {
     /// Builds a structure.
     ///
     /// # Errors
-    /// What is wrong with a mesh or a parameter, as [`RayTree::build`] reports it.
+    /// An error in a mesh or a parameter, as [`RayTree::build`] reports it.
     pub fn build(structure: &Structure, meshes: &[TriangleMesh]) -> Result<Peer, PeerError> {
         let library = |params: &BuildParams| RayTree::build(meshes, params).map(Box::new);
         let tree = match structure {
@@ -193,7 +193,7 @@ impl Peer {
         Ok(Tree::Wide(WideTree::new(&binary), tests))
     }
 
-    /// The nearest hit of a ray.
+    /// The closest hit of a ray.
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         match &self.tree {
             Tree::Binary(tree, tests) => tree.closest_hit(tests, ray, &mut ()),
@@ -204,7 +204,7 @@ impl Peer {
         }
     }
 
-    /// The same, watched.
+    /// [`Peer::closest_hit`] with an observer.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
         match &self.tree {
             Tree::Binary(tree, tests) => tree.closest_hit(tests, ray, observer),
@@ -223,7 +223,7 @@ impl Peer {
         }
     }
 
-    /// Figures of the tree.
+    /// Sizes and counts of the tree.
     pub fn statistics(&self) -> PeerStatistics {
         let of = |[nodes, leaves, references]: [usize; 3], tree_bytes: usize, tests: &TriangleTests| PeerStatistics {
             triangles: tests.len(),

@@ -1,5 +1,5 @@
-//! Splits by a plane that cut what crosses it (Stich, Friedrich and Dietrich, "Spatial Splits in Bounding Volume
-//! Hierarchies", HPG 2009), at mid-shutter.
+//! Spatial splits: a plane that splits the references that cross it (Stich, Friedrich and Dietrich, "Spatial Splits in
+//! Bounding Volume Hierarchies", HPG 2009), at mid-shutter.
 
 use super::boxes::Box3;
 use super::bvh::{Reference, split_cost};
@@ -9,7 +9,7 @@ use mbkd::baseline::TriangleTests;
 use mbkd::glam::Vec3;
 use std::ops::RangeInclusive;
 
-/// A plane and its children as far as bins tell.
+/// A plane and its children, estimated by bins.
 pub struct SpatialSplit {
     pub cost: f32,
     axis: usize,
@@ -69,8 +69,8 @@ impl SpatialSplit {
         best
     }
 
-    /// The references of both children. What crosses the plane is cut, unless one child would be cheaper with the whole of
-    /// it than both with a part ("reference unsplitting").
+    /// The references of both children. References that cross the plane are split, unless one child would be cheaper
+    /// with the whole reference than both with a part ("reference unsplitting").
     pub fn apply(&self, references: Vec<Reference>, tests: &TriangleTests) -> [Vec<Reference>; 2] {
         let mut children = [Vec::with_capacity(self.left.1), Vec::with_capacity(self.right.1)];
         let (ln, rn) = (self.left.1 as f32, self.right.1 as f32);
@@ -107,8 +107,8 @@ impl SpatialSplit {
     }
 }
 
-/// The boxes of a triangle's parts in some bins of an axis: its corners, each in its bin, and the places where its edges pass from
-/// one bin to the next, in both.
+/// The boxes of a triangle's parts in some bins of an axis: its corners, each in its bin, and the points where its
+/// edges cross from one bin to the next, in both.
 fn chop(
     corners: [Vec3; 3],
     axis: usize,

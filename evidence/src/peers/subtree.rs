@@ -1,17 +1,17 @@
-//! A binary tree as a build makes it, before it is laid out.
+//! A binary tree as built, before it is laid out.
 
 use super::boxes::{Box3, MovingBox};
 
-/// When something counts: `begin <= time < end`.
+/// An active interval: `begin <= time < end`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Life {
     pub begin: f32,
-    /// Beyond 1 where it lasts to the end of the shutter.
+    /// Beyond 1 if it lasts to the end of the shutter.
     pub end: f32,
 }
 
 impl Life {
-    /// All of the shutter.
+    /// The whole shutter.
     pub const ALWAYS: Life = Life { begin: 0.0, end: f32::INFINITY };
 
     pub fn is_always(self) -> bool {
@@ -37,23 +37,23 @@ impl Life {
     }
 }
 
-/// A subtree: bounds that hold what is in it whenever it counts.
+/// A subtree: bounds that hold its contents whenever they are active.
 pub struct Subtree {
     pub bounds: MovingBox,
     pub life: Life,
     pub content: Content,
 }
 
-/// What is in a subtree.
+/// The contents of a subtree.
 pub enum Content {
-    /// Triangles by their indices, in order, and when each counts; no times where all count throughout.
+    /// Triangles by their indices, in order, and their active intervals; no intervals if all are active throughout.
     Leaf { indices: Vec<u32>, lives: Vec<Life> },
     /// Two subtrees.
     Inner(Box<[Subtree; 2]>),
 }
 
 impl Subtree {
-    /// A leaf in which everything counts throughout the shutter.
+    /// A leaf whose references are active throughout the shutter.
     pub fn leaf(bounds: MovingBox, indices: Vec<u32>) -> Subtree {
         Subtree { bounds, life: Life::ALWAYS, content: Content::Leaf { indices, lives: Vec::new() } }
     }
@@ -65,12 +65,12 @@ impl Subtree {
         Subtree { bounds, life, content: Content::Inner(Box::new(children)) }
     }
 
-    /// Whether there is nothing at all.
+    /// Whether the subtree is empty.
     pub fn is_empty(&self) -> bool {
         matches!(&self.content, Content::Leaf { indices, .. } if indices.is_empty())
     }
 
-    /// How often rays visit it, relative to others: half the area at the middle of the shutter, for as long as it counts.
+    /// How often rays visit it, relative to others: half the area at the middle of the shutter, times its active time.
     pub fn visits(&self) -> f32 {
         let MovingBox { open, close } = self.bounds;
         let middle = Box3 { min: 0.5 * (open.min + close.min), max: 0.5 * (open.max + close.max) };

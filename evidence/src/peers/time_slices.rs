@@ -1,16 +1,16 @@
-//! Static trees at several times: what an accumulation buffer does (Haeberli and Akeley, SIGGRAPH 1990). A ray takes the tree
-//! of the nearest time, so its answers are those of another time than its own.
+//! Static trees at several times, as in an accumulation buffer (Haeberli and Akeley, SIGGRAPH 1990). A ray takes the
+//! tree of the nearest time, so its answers are those of another time than its own.
 
 use mbkd::glam::DVec3;
 use mbkd::{BuildError, BuildParams, Hit, Keys, Observer, Ray, RayTree, TriangleMesh};
 
-/// A tree for each part of the shutter, as things are in the middle of it.
+/// A static tree for each time slice, of the scene at the middle of it.
 pub struct TimeSlices {
     trees: Vec<RayTree>,
 }
 
 impl TimeSlices {
-    /// So many trees, at least one.
+    /// Builds this number of trees, at least one.
     pub fn new(meshes: &[TriangleMesh], slices: usize, params: &BuildParams) -> Result<TimeSlices, BuildError> {
         let slices = slices.max(1);
         let tree = |i: usize| {
@@ -23,16 +23,16 @@ impl TimeSlices {
 
     fn tree(&self, ray: &Ray) -> &RayTree {
         let slices = self.trees.len();
-        // Saturates; a time that is no number takes the first tree, and hits nothing.
+        // Saturates; a NaN time takes the first tree, and hits nothing.
         &self.trees[((ray.time * slices as f32) as usize).min(slices - 1)]
     }
 
-    /// The nearest hit at the slice's time.
+    /// The closest hit at the slice's time.
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         self.tree(ray).closest_hit(ray)
     }
 
-    /// The same, watched.
+    /// [`TimeSlices::closest_hit`] with an observer.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
         self.tree(ray).closest_hit_observed(ray, observer)
     }
@@ -43,7 +43,7 @@ impl TimeSlices {
     }
 }
 
-/// A mesh that stands still as it is at one time of the shutter; without triangles where it does not exist then.
+/// A static mesh with the positions of one time of the shutter; without triangles if the mesh is not active then.
 pub fn at_time(mesh: &TriangleMesh, time: f32) -> TriangleMesh {
     let keys = mesh.keys.len().max(1);
     let at = f64::from(time) * (keys - 1) as f64;

@@ -2,27 +2,27 @@
 
 use super::boxes::{MovingBox, SlabRay};
 
-/// Children of a node: as many as a node of the library's wide tree has.
+/// The number of children of a node: that of the library's wide tree.
 pub const WIDTH: usize = 16;
 
 /// A number for each child.
 pub type Row = [f32; WIDTH];
 
-/// Boxes at shutter open and how they change, face by face, and what is in them: 832 bytes.
+/// The boxes of the children at shutter open and their change, face by face, and the children: 832 bytes.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub struct WideNode {
     /// Lower x, y, z and upper x, y, z at shutter open.
     open: [Row; 6],
-    /// By how much each is larger at shutter close.
+    /// The increase of each until shutter close.
     change: [Row; 6],
     pub children: [u32; WIDTH],
 }
 
 const _: () = assert!(size_of::<WideNode>() == 832);
 
-/// Where the faces of places without a child are: upper ones below the lower ones, so far that no ray enters, and so near that
-/// products with the inverse of a direction (2^24 at most) stay finite.
+/// The position of the faces in lanes without a child: upper ones below the lower ones, so far that no ray enters, and
+/// so near that products with the inverse of a direction (2^24 at most) stay finite.
 const NOWHERE: f32 = 1e30;
 
 impl WideNode {
@@ -32,7 +32,7 @@ impl WideNode {
         WideNode { open: [low, low, low, high, high, high], change: [[0.0; WIDTH]; 6], children: [u32::MAX; WIDTH] }
     };
 
-    /// Gives a place to a child.
+    /// Stores a child in a lane.
     pub fn set(&mut self, lane: usize, bounds: MovingBox, child: u32) {
         for axis in 0..3 {
             let faces = [(bounds.open.min, bounds.close.min), (bounds.open.max, bounds.close.max)];
@@ -44,10 +44,10 @@ impl WideNode {
         self.children[lane] = child;
     }
 
-    /// Where a ray enters each box as it is at the ray's time, and of which it does so no farther away than `reach`: the lowest bit is the
-    /// first child's. The arithmetic is that of [`MovingBox::entry`].
+    /// Where a ray enters each box as it is at the ray's time, and a mask of those entered no farther away than
+    /// `reach`: the lowest bit is the first child's. The arithmetic is that of [`MovingBox::entry`].
     ///
-    /// Plain loops over arrays, which compilers turn into vector instructions of whatever set the program is compiled for.
+    /// Plain loops over arrays, which compilers vectorize for the instruction set of the build.
     #[inline(always)]
     pub fn enter(&self, ray: &SlabRay, reach: f32) -> (Row, u32) {
         let (origin, inverse, pad) = (ray.origin.to_array(), ray.inverse.to_array(), ray.pad.to_array());
@@ -62,7 +62,7 @@ impl WideNode {
                     (face - origin[axis]) * inverse[axis]
                 });
                 let (near, far) = (near - pad[axis], far + pad[axis]);
-                // As vector instructions have it; nothing here is NaN.
+                // As vector instructions compute it; no value is NaN here.
                 enter = if near > enter { near } else { enter };
                 leave = if far < leave { far } else { leave };
             }
@@ -81,7 +81,7 @@ mod tests {
     use mbkd::glam::{Vec3, Vec3A};
 
     #[test]
-    fn sixteen_boxes_are_entered_like_each_by_itself() {
+    fn sixteen_boxes_are_entered_like_single_ones() {
         let mut random = Random(4);
         let (mut entered, mut passed) = (0, 0);
         for round in 0..4000usize {
@@ -95,7 +95,7 @@ mod tests {
             for (lane, bounds) in boxes.iter().enumerate() {
                 node.set(lane, *bounds, lane as u32);
             }
-            // Components as small as they may be among them.
+            // Including directions with the smallest components possible.
             let origin = vec() * 2.0;
             let dir = (vec() - origin) * Vec3::new(1.0, 1.0, [1.0, 1e-7][round % 2]);
             let inverse = Vec3A::from(Vec3::ONE / dir.abs().max(Vec3::splat(2f32.powi(-24))) * dir.signum());

@@ -1,4 +1,4 @@
-//! A binary tree laid out wide: nodes of sixteen children, near to far.
+//! A binary tree collapsed to a wide layout: nodes of sixteen children, traversed front to back.
 
 use super::Nearest;
 use super::boxes::SlabRay;
@@ -21,19 +21,19 @@ struct Leaf {
 
 /// The finished tree.
 pub struct WideTree {
-    /// A node, or a leaf with [`LEAF`] added; none without triangles.
+    /// A node, or a leaf with [`LEAF`] added; `None` without triangles.
     root: Option<u32>,
     nodes: Vec<WideNode>,
-    /// When the children of each node count: begins and ends. None where all do throughout.
+    /// The active intervals of each node's children: beginnings and ends. Empty if all are active throughout.
     node_lives: Vec<[Row; 2]>,
     leaves: Vec<Leaf>,
     indices: Vec<u32>,
-    /// When each index counts; none where all do throughout.
+    /// The active interval of each index; empty if all are active throughout.
     lives: Vec<Life>,
 }
 
 thread_local! {
-    /// What waits to be visited, kept from ray to ray: room for the deepest tree would take long to be made anew.
+    /// The traversal stack, reused from ray to ray: allocating room for the deepest tree for each ray would be slow.
     static WAITING: Cell<Vec<(u32, f32)>> = const { Cell::new(Vec::new()) };
 }
 
@@ -67,7 +67,7 @@ impl WideTree {
         tree
     }
 
-    /// Writes a subtree and says where it is. As deep as the tree, which the build bounds.
+    /// Writes a subtree and returns its index. The recursion is as deep as the tree, which the build bounds.
     fn place(&mut self, subtree: &Subtree) -> u32 {
         match &subtree.content {
             Content::Leaf { indices, lives } => {
@@ -92,7 +92,7 @@ impl WideTree {
         }
     }
 
-    /// Inner nodes, leaves, and the references in these.
+    /// The numbers of inner nodes, leaves, and references in leaves.
     pub fn sizes(&self) -> [usize; 3] {
         [self.nodes.len(), self.leaves.len(), self.indices.len()]
     }
@@ -106,13 +106,14 @@ impl WideTree {
             + self.lives.capacity() * size_of::<Life>()
     }
 
-    /// The nearest hit. Misses none for the reasons of [`BinaryTree::closest_hit`](super::binary_tree::BinaryTree::closest_hit): every
-    /// box holds what is in it whenever that counts, and what is left out begins farther away than the best hit reaches.
+    /// The closest hit. Misses none for the reasons of
+    /// [`BinaryTree::closest_hit`](super::binary_tree::BinaryTree::closest_hit): every box holds its contents whenever
+    /// they are active, and a culled box begins farther away than the reach of the best hit.
     pub fn closest_hit(&self, tests: &TriangleTests, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
         let (ray, root) = (tests.prepare(ray)?, self.root?);
         let slabs = SlabRay::new(&ray);
         let mut nearest = Nearest::new(&ray);
-        // Only what is in several leaves can be met again.
+        // Only a triangle in several leaves can be met again.
         let mut tested = (self.indices.len() > tests.len()).then_some(Tested::NOTHING);
         let mut waiting = WAITING.take();
         waiting.clear();
@@ -144,7 +145,7 @@ impl WideTree {
         nearest.found.map(|(hit, _)| hit)
     }
 
-    /// Lets the children of a node wait that the ray enters, the nearest on top.
+    /// Pushes the children of a node that the ray enters, the nearest on top.
     #[inline(always)]
     fn enter(&self, node: usize, ray: &SlabRay, reach: f32, waiting: &mut Vec<(u32, f32)>) {
         let (begin, mut hits) = self.nodes[node].enter(ray, reach);
@@ -171,14 +172,14 @@ impl WideTree {
     }
 }
 
-/// Triangles that a ray was tested against lately, as the library's k-d trees remember them: each at a place of its own among a few.
-/// One in several leaves has the same answer in all of them.
+/// The triangles that a ray was tested against lately (a direct-mapped mailbox, as in the library's k-d trees). A
+/// triangle in several leaves has the same answer in all of them.
 struct Tested([u32; 256]);
 
 impl Tested {
     const NOTHING: Tested = Tested([u32::MAX; 256]);
 
-    /// Whether the triangle is not among them; from now on it is.
+    /// Returns whether the triangle is absent, and inserts it.
     #[inline(always)]
     fn lacks(&mut self, index: u32) -> bool {
         std::mem::replace(&mut self.0[index as usize % 256], index) != index

@@ -26,7 +26,7 @@ impl Kernel {
         self.scale * inside2 * inside2 * (1.0 + 4.0 * q)
     }
 
-    /// The gradient with respect to the place of the particle, at `way` from the neighbour to it.
+    /// The gradient with respect to the particle's position, for the vector `way` from the neighbour to it.
     #[inline]
     pub fn gradient(&self, way: Vec3, square: f32) -> Vec3 {
         let inside = (1.0 - square.sqrt() / self.radius).max(0.0);

@@ -1,7 +1,7 @@
 //! A dam break by smoothed particle hydrodynamics, rendered with motion blur: `cargo run --release --example particles`,
 //! `--help` for the rest.
 //!
-//! Every step builds a `PointTree` and asks it for all neighbours of all particles, those of walls too; every picture
+//! Every step builds a `PointTree` and queries all neighbours of all particles, including wall particles. Every picture
 //! puts the particles, as spheres that move with their velocities while the shutter is open, into a `RayTree`.
 
 mod kernel;
@@ -77,7 +77,7 @@ fn above_zero(text: &str) -> Result<f64, String> {
 
 /// Pictures of the strip.
 const PICTURES: u32 = 6;
-/// Looks at how long other ways to the same lists take.
+/// The number of comparisons with other methods for the same lists.
 const LOOKS: u32 = 12;
 
 fn main() -> ExitCode {
@@ -108,7 +108,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
     let (mut simulating, mut rendering, mut frame) = (Duration::ZERO, Duration::ZERO, 0);
     report(&fluid, &bar);
     loop {
-        // How far the simulation is, from 0 to 1.
+        // The progress of the simulation, from 0 to 1.
         let done = match options.steps {
             Some(steps) => fluid.steps as f64 / f64::from(steps),
             None => fluid.time / options.seconds,
@@ -196,7 +196,7 @@ fn spacing(at: &[Vec3]) -> Result<f32, Box<dyn Error>> {
     if median > 0.0 { Ok(median) } else { Err("all particles are at the same position".into()) }
 }
 
-/// Takes a frame, and a picture of the strip where one is due.
+/// Renders a frame, and a picture of the strip if one is due.
 fn take(
     options: &Options,
     fluid: &Fluid,
@@ -214,7 +214,7 @@ fn take(
     if options.no_pictures {
         return Ok(());
     }
-    // Open for an eightieth of a second, as a camera at forty frames a second has it.
+    // An eightieth of a second: half the frame time of a camera at forty frames per second.
     let shutter = 0.0125;
     let [low, high] = tank.inside;
     let fast = (-2.0 * GRAVITY.y * (high.y - low.y)).sqrt();
@@ -238,7 +238,7 @@ fn take(
     Ok(())
 }
 
-/// Deep blue at rest, white where it is fast.
+/// Deep blue at rest, white at high speed.
 fn water(speed: f32) -> Vec3 {
     let colors =
         [Vec3::new(0.02, 0.10, 0.34), Vec3::new(0.05, 0.36, 0.66), Vec3::new(0.55, 0.80, 0.90), Vec3::splat(0.94)];
@@ -318,7 +318,7 @@ fn bar(steps: u64) -> ProgressBar {
     bar
 }
 
-/// Prints a line; a reader that has gone away is no reason to stop.
+/// Prints a line; a closed output is no reason to stop.
 fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }

@@ -1,12 +1,12 @@
-//! The same neighbour lists by other means, on one thread: kiddo and a plain grid of cells. All include what they
-//! build and write the same rows one behind the other.
+//! The same neighbour lists by other methods, on one thread: kiddo and a plain grid of cells. All times include the
+//! build, and all methods write the same contiguous rows.
 
 use kiddo::SquaredEuclidean;
 use mbkd::glam::{IVec3, Vec3};
 use mbkd::{NeighborCsr, PointParams, PointTree};
 use std::time::{Duration, Instant};
 
-/// Times of one look at the particles.
+/// Times of one comparison.
 #[derive(Clone, Copy)]
 pub struct Look {
     pub ours: Duration,
@@ -14,7 +14,7 @@ pub struct Look {
     pub grid: Duration,
 }
 
-/// Makes the lists three times; an error if they differ in length.
+/// Makes the lists with each of the three methods; an error if they differ in length.
 pub fn look(at: &[Vec3], radius: f32, lists: &mut NeighborCsr) -> Result<Look, String> {
     let begin = Instant::now();
     let tree = PointTree::build(at, &PointParams::default()).map_err(|e| e.to_string())?;
@@ -39,14 +39,14 @@ pub fn look(at: &[Vec3], radius: f32, lists: &mut NeighborCsr) -> Result<Look, S
     cells(at, radius, &mut offsets, &mut ids);
     let grid = begin.elapsed();
     let counts = [lists.neighbors(), by_kiddo, ids.len()];
-    // Rounding may differ by a pair that just touches the radius.
+    // Rounding may add or drop a pair at exactly the radius.
     if counts.iter().any(|&count| count.abs_diff(counts[0]) > counts[0] / 10_000) {
         return Err(format!("neighbours differ: {counts:?} by mbkd, kiddo and the grid"));
     }
     Ok(Look { ours, kiddo, grid })
 }
 
-/// A grid whose cells are as wide as the radius, sorted by counting: each particle looks into 27.
+/// A grid whose cells are as wide as the radius, sorted by counting: each particle searches 27 cells.
 fn cells(at: &[Vec3], radius: f32, offsets: &mut Vec<usize>, ids: &mut Vec<u32>) {
     let low = at.iter().fold(Vec3::INFINITY, |low, p| low.min(*p));
     let high = at.iter().fold(Vec3::NEG_INFINITY, |high, p| high.max(*p));
@@ -68,7 +68,7 @@ fn cells(at: &[Vec3], radius: f32, offsets: &mut Vec<usize>, ids: &mut Vec<u32>)
         let (first, last) = ((middle - 1).max(IVec3::ZERO), (middle + 1).min(size - 1));
         for z in first.z..=last.z {
             for y in first.y..=last.y {
-                // Cells of a row lie behind each other.
+                // Cells of a row are contiguous.
                 let row = [first.x, last.x].map(|x| number(IVec3::new(x, y, z)));
                 for (q, other) in &sorted[begins[row[0]] as usize..begins[row[1] + 1] as usize] {
                     if (*q - *p).length_squared() <= radius * radius && *other != id as u32 {

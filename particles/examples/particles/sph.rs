@@ -2,9 +2,9 @@
 //!
 //! Densities are sums over neighbours, pressures follow Tait's equation with a speed of sound ten times that of a wave
 //! (J. J. Monaghan, "Simulating free surface flows with SPH", 1994), pressure forces are symmetric and viscosity is
-//! artificial, so fluid particles hand each other exactly what they take. Walls are particles that stand still and press
-//! back with the pressure of the fluid (N. Akinci et al., "Versatile rigid-fluid coupling for incompressible SPH", 2012).
-//! Steps are symplectic and as long as sound and forces allow.
+//! artificial, so forces between fluid particles are equal and opposite. Walls are static particles that push back with
+//! the pressure of the fluid (N. Akinci et al., "Versatile rigid-fluid coupling for incompressible SPH", 2012). Time
+//! steps are symplectic and limited by the speed of sound and by forces.
 
 use crate::kernel::Kernel;
 use crate::tank::Brick;
@@ -22,7 +22,7 @@ const REST: f32 = 1000.0;
 const REACH: f32 = 2.2;
 /// Factor of the artificial viscosity.
 const VISCOSITY: f32 = 0.06;
-/// Steps after which particles are brought into the order of the tree, in which neighbours lie close in memory.
+/// Steps between reorderings of the particles into tree order, in which neighbours are close in memory.
 const REORDER: usize = 8;
 
 /// The fluid and its walls.
@@ -34,11 +34,11 @@ pub struct Fluid {
     pub time: f64,
     pub steps: usize,
     pub kernel: Kernel,
-    /// Of every particle.
+    /// The mass of each particle.
     pub mass: f32,
-    /// Times at which a particle was found outside the tank and put back.
+    /// How often a particle was found outside the tank and put back.
     pub put_back: usize,
-    /// What the neighbour lists took.
+    /// Time spent on neighbour lists.
     pub neighbors: Duration,
     /// Neighbours in all lists of the last step.
     pub listed: usize,
@@ -47,10 +47,10 @@ pub struct Fluid {
     push: Vec<f32>,
     walls: PointTree,
     wall_at: Vec<Vec3>,
-    /// By wall particle: that of a fluid particle, as far as it takes as much room.
+    /// For each wall particle its mass: that of a fluid particle, scaled by its volume.
     wall_mass: Vec<f32>,
     tank: Tank,
-    /// What gravity and walls have added since the beginning.
+    /// The momentum added by gravity and walls since the beginning.
     impulse: DVec3,
     begin: DVec3,
     lists: NeighborCsr,
@@ -61,7 +61,7 @@ pub struct Fluid {
 pub struct Sums {
     pub mass: f64,
     pub momentum: DVec3,
-    /// Momentum that neither was there from the start nor came from gravity and walls.
+    /// Momentum that is neither from the start nor from gravity and walls.
     pub unexplained: DVec3,
     pub kinetic: f64,
     pub potential: f64,
@@ -86,7 +86,7 @@ impl Fluid {
             let squares = &lists.distances_squared()[range];
             kernel.value(0.0) + squares.iter().map(|&square| kernel.value(square)).sum::<f32>()
         };
-        // A mass that gives rest density inside, where nine tenths of the particles have fewer neighbours.
+        // The mass that gives rest density to the particle at the 90th percentile of kernel sums.
         let mut lists = NeighborCsr::new();
         let tree = PointTree::build(&at, &PointParams::default())?;
         tree.neighbor_lists(0.0, kernel.radius).with_distances().run(&mut lists)?;
@@ -125,7 +125,7 @@ impl Fluid {
         Ok(fluid)
     }
 
-    /// The steps that a time takes, about.
+    /// The approximate number of steps for a time.
     pub fn steps_for(&self, seconds: f64) -> usize {
         (seconds / f64::from(0.4 * 0.5 * self.kernel.radius / (1.12 * self.sound))).ceil() as usize
     }
@@ -156,7 +156,7 @@ impl Fluid {
         Ok(())
     }
 
-    /// Sums densities over neighbours and takes pressures from them.
+    /// Sums densities over neighbours and computes pressures from them.
     fn densities(&mut self) {
         let own = self.kernel.value(0.0);
         let stiffness = self.sound * self.sound / (7.0 * REST);
@@ -168,7 +168,7 @@ impl Fluid {
             let walls: f32 = walls.map(|&b| self.wall_mass[b as usize] * of(self.wall_at[b as usize])).sum();
             let density = self.mass * (own + fluid) + walls;
             let compression = (density / REST).powi(7) - 1.0;
-            // Only pushes: particles at the surface, which miss neighbours, do not pull.
+            // Pressure only pushes: particles at the surface, which lack neighbours, do not pull.
             (density, stiffness * REST * REST * compression.max(0.0) / (density * density))
         };
         let rows: Vec<(f32, f32)> = (0..self.lists.len()).into_par_iter().map(density).collect();
@@ -235,7 +235,7 @@ impl Fluid {
         self.put_back += put_back;
     }
 
-    /// Brings particles into the order of the last lists, which is that of the tree.
+    /// Reorders particles into the order of the last lists, which is that of the tree.
     fn reorder(&mut self) {
         let order = self.lists.points();
         self.at = order.iter().map(|&id| self.at[id as usize]).collect();
@@ -271,7 +271,7 @@ impl Fluid {
     }
 }
 
-/// What accelerates a particle, gravity apart.
+/// The accelerations of a particle without gravity.
 struct Forces {
     fluid: Vec3,
     walls: Vec3,

@@ -1,7 +1,7 @@
-//! Cloth in the wind: a sheet that follows a chain of joints, along which waves run.
+//! Cloth in the wind: a sheet that follows a chain of joints with travelling waves.
 //!
-//! The sheet is held at x = 0 and streams along -x. Each column of vertices follows the two joints it lies between. The angles of
-//! the joints grow towards the free end, and each lags behind that of the joint before it.
+//! The sheet is attached at x = 0 and streams along -x. Each column of vertices follows the two joints next to it. The
+//! angles of the joints grow towards the free end, and each lags behind that of the joint before it.
 
 use super::glb::Writer;
 use super::paint::Paint;
@@ -11,11 +11,11 @@ use mbkd_renderer::sampling::cos_sin;
 
 /// A sheet of square cells.
 pub struct Cloth<'a> {
-    /// A row of letters for each row of cells, the upper one first: `#` is a cell of the second paint.
+    /// A string for each row of cells, top row first: `#` is a cell of the second paint.
     pub pattern: &'a [&'a str],
     /// Edge of a cell.
     pub cell: f32,
-    /// What it is painted with.
+    /// Its two paints.
     pub paints: [Paint; 2],
     /// Joints of the chain.
     pub joints: usize,
@@ -26,7 +26,7 @@ pub struct Cloth<'a> {
 }
 
 impl Cloth<'_> {
-    /// Adds the sheet, its chain and its motion, and hangs it on a node.
+    /// Adds the sheet, its chain and its motion, and attaches it to a node.
     pub fn hang(&self, file: &mut Writer, name: &str, parent: Index<Node>) {
         let (rows, columns) = (self.pattern.len(), self.pattern[0].len());
         let spacing = columns as f32 * self.cell / (self.joints - 1) as f32;
@@ -63,7 +63,7 @@ impl Cloth<'_> {
             let way = if joint == 0 { 0.0 } else { spacing };
             last = file.node(&format!("{name} joint {joint}"), Some(last), Vec3::X * -way);
             chain.push((last, Vec3::X * (-spacing * joint as f32)));
-            // About an axis between the upright one and the eye's: the sheet waves to and fro and up and down.
+            // About an axis between the vertical and the viewing direction: the sheet waves sideways and up and down.
             let turns = |time: f32| self.angle(joint, time) - joint.checked_sub(1).map_or(0.0, |j| self.angle(j, time));
             file.spin(&[last], Vec3::new(0.0, 0.8, 0.6), 8 * self.waves as usize + 1, turns);
         }
@@ -73,7 +73,7 @@ impl Cloth<'_> {
         file.show(sheet, mesh, Some(skin));
     }
 
-    /// How far a joint is turned from the direction of the wind.
+    /// The angle of a joint to the direction of the wind.
     fn angle(&self, joint: usize, time: f32) -> f32 {
         let along = joint as f32 / (self.joints - 1) as f32;
         let (_, s) = cos_sin(self.waves * time - 1.1 * along);

@@ -1,4 +1,4 @@
-//! A GLB file in the making: nodes, meshes of painted shapes, skins and one clip, in the order in which they are added.
+//! A writer of GLB files: nodes, meshes of painted shapes, skins and one clip, in the order in which they are added.
 
 use super::paint::{Look, Paint};
 use gltf::binary::{Glb, Header};
@@ -19,13 +19,13 @@ use mbkd_renderer::sampling::cos_sin_f64;
 use mbkd_scenes::Shape;
 use std::collections::BTreeMap;
 
-/// Where vertices are and which joints they follow: accessors by what they mean.
+/// The accessors of vertices by their semantic: positions, joints, weights.
 pub type Attributes = BTreeMap<Checked<Semantic>, Index<Accessor>>;
 
 /// Shapes, each of one paint.
 pub type Parts = Vec<(Paint, Shape)>;
 
-/// The shape of that paint among the parts; an empty one where there is none yet.
+/// The shape of that paint among the parts; inserts an empty one if there is none yet.
 pub fn of(parts: &mut Parts, paint: Paint) -> &mut Shape {
     let at = parts.iter().position(|part| part.0 == paint).unwrap_or_else(|| {
         parts.push((paint, Shape::default()));
@@ -34,7 +34,7 @@ pub fn of(parts: &mut Parts, paint: Paint) -> &mut Shape {
     &mut parts[at].1
 }
 
-/// A file in the making.
+/// A file being written.
 pub struct Writer {
     root: Root,
     binary: Vec<u8>,
@@ -63,7 +63,7 @@ impl Writer {
         Writer { root, binary: vec![], clip, seconds, materials: vec![], times: BTreeMap::new() }
     }
 
-    /// A node, on another one or at the root of the scene.
+    /// A node, on a parent or at the root of the scene.
     pub fn node(&mut self, name: &str, parent: Option<Index<Node>>, translation: Vec3) -> Index<Node> {
         let translation = (translation != Vec3::ZERO).then_some(translation.to_array());
         let node = self.root.push(Node { name: Some(name.into()), translation, ..Node::default() });
@@ -79,13 +79,13 @@ impl Writer {
         self.root.nodes[node.value()].rotation = Some(UnitQuaternion(rotation(axis, turns)));
     }
 
-    /// Hangs a mesh on a node, with a skin if it has one.
+    /// Attaches a mesh to a node, with a skin if it has one.
     pub fn show(&mut self, node: Index<Node>, mesh: Index<Mesh>, skin: Option<Index<Skin>>) {
         let node = &mut self.root.nodes[node.value()];
         (node.mesh, node.skin) = (Some(mesh), skin);
     }
 
-    /// Puts a camera on a node: it looks along the node's -z, with this vertical angle in radians.
+    /// Attaches a camera to a node: it looks along the node's -z, with this vertical angle in radians.
     pub fn camera(&mut self, node: Index<Node>, angle: f32) {
         let (extensions, extras) = (None, Default::default());
         let perspective =
@@ -119,7 +119,7 @@ impl Writer {
         self.root.push(Mesh { name: Some(name.into()), primitives, weights: None, extensions: None, extras })
     }
 
-    /// Triangles among vertices.
+    /// A primitive of triangles between vertices.
     pub fn primitive(&mut self, attributes: Attributes, triangles: &[[u32; 3]], paint: Paint) -> Primitive {
         let corners = || triangles.iter().flatten();
         let (bytes, component): (Vec<u8>, _) = match corners().max() {
@@ -140,7 +140,7 @@ impl Writer {
         BTreeMap::from([(Checked::Valid(Semantic::Positions), self.floats(&rows, Type::Vec3))])
     }
 
-    /// Lets each of the vertices follow two joints, the second with a weight of so many 255ths.
+    /// Makes each vertex follow two joints, the second with a weight of so many 255ths.
     pub fn follow(&mut self, vertices: &mut Attributes, pairs: &[([u8; 2], u8)]) {
         let joints: Vec<u8> = pairs.iter().flat_map(|([a, b], _)| [*a, *b, 0, 0]).collect();
         let weights: Vec<u8> = pairs.iter().flat_map(|(_, second)| [255 - second, *second, 0, 0]).collect();
@@ -151,7 +151,7 @@ impl Writer {
             .extend([(Checked::Valid(Semantic::Joints(0)), joints), (Checked::Valid(Semantic::Weights(0)), weights)]);
     }
 
-    /// A skin: joints and where each of them is, in the space of the mesh.
+    /// A skin: joints and their positions in the space of the mesh.
     pub fn skin(&mut self, joints: &[(Index<Node>, Vec3)]) -> Index<Skin> {
         let inverse = |&(_, Vec3 { x, y, z }): &(Index<Node>, Vec3)| {
             [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -x, -y, -z, 1.0]
@@ -163,14 +163,14 @@ impl Writer {
         self.root.push(Skin { name: None, joints, inverse_bind_matrices, skeleton: None, extensions, extras })
     }
 
-    /// Turns nodes alike about an axis, by angles in turns at so many evenly spaced times (0 to 1 over the clip).
+    /// Rotates nodes about an axis, by angles in turns at so many evenly spaced times (0 to 1 over the clip).
     pub fn spin(&mut self, nodes: &[Index<Node>], axis: Vec3, keys: usize, turns: impl Fn(f32) -> f32) {
         let rows: Vec<[f32; 4]> = places(keys).map(|time| rotation(axis, turns(time))).collect();
         let output = self.floats(&rows, Type::Vec4);
         self.channels(nodes, Property::Rotation, keys, output);
     }
 
-    /// Shifts a node to places at so many evenly spaced times.
+    /// Moves a node to positions at so many evenly spaced times.
     pub fn shift(&mut self, node: Index<Node>, keys: usize, place: impl Fn(f32) -> Vec3) {
         let rows: Vec<[f32; 3]> = places(keys).map(|time| place(time).to_array()).collect();
         let output = self.floats(&rows, Type::Vec3);
@@ -184,7 +184,7 @@ impl Writer {
         let (byte_length, extras) = (USize64::from(self.binary.len()), Default::default());
         self.root.push(Buffer { byte_length, name: None, uri: None, extensions: None, extras });
         let json = self.root.to_vec().expect("all keys of its maps are text");
-        // The length is filled in when it is written.
+        // The length is filled in when the file is written.
         let header = Header { magic: *b"glTF", version: 2, length: 0 };
         let file = Glb { header, json: json.into(), bin: Some(self.binary.into()) };
         file.to_vec().expect("memory takes all that is written to it")
@@ -232,7 +232,7 @@ impl Writer {
         }
     }
 
-    /// So many times over the clip.
+    /// An accessor of so many evenly spaced times over the clip.
     fn evenly(&mut self, keys: usize) -> Index<Accessor> {
         if let Some(known) = self.times.get(&keys) {
             return *known;
@@ -251,7 +251,7 @@ impl Writer {
             let of = |column: usize| rows.iter().map(|row| row[column]).reduce(pick).unwrap_or(0.0);
             Some((0..N).map(|column| Value::from(of(column))).collect::<Value>())
         };
-        // The standard asks for them where there are positions or times.
+        // The standard requires bounds for positions and times.
         if matches!(kind, Type::Scalar | Type::Vec3) {
             let it = &mut self.root.accessors[accessor.value()];
             (it.min, it.max) = (bound(f32::min), bound(f32::max));
@@ -289,7 +289,7 @@ impl Writer {
     }
 }
 
-/// So many places evenly spaced from 0 to 1.
+/// So many numbers evenly spaced from 0 to 1.
 fn places(keys: usize) -> impl Iterator<Item = f32> {
     (0..keys).map(move |key| key as f32 / (keys - 1) as f32)
 }

@@ -1,10 +1,12 @@
 //! The model of the README's animated picture: a biplane that tows a banner around a small planet.
 //!
-//! Everything is made here of solids of revolution, wings and boxes, so that anyone may change it and use it: nodes that sway, turn and
-//! spin, two skins (banner and scarf), materials of glTF. `cargo run --release --example biplane` writes it as
-//! `renderer/models/biplane.glb`, with the same bytes on every machine. The clip `fly` lasts 1.6 seconds and ends as it began.
+//! The model consists of solids of revolution, wings and boxes made by this program, so that anyone may change and use
+//! it: nodes that sway and spin, two skins (banner and scarf), and glTF materials.
+//! `cargo run --release --example biplane` writes it to `renderer/models/biplane.glb`, with the same bytes on every
+//! machine. The clip `fly` lasts 1.6 seconds and loops.
 //!
-//! Lengths are those of a toy: the plane is two units long, flies along x and has y up; the file has a camera of its own.
+//! Lengths are those of a toy: the plane is two units long, flies along x and has y up; the file has a camera of its
+//! own.
 
 mod cloth;
 mod glb;
@@ -19,7 +21,7 @@ use glb::Writer;
 use mbkd::glam::Vec3;
 use std::path::{Path, PathBuf};
 
-/// Seconds that the clip lasts.
+/// Length of the clip in seconds.
 const SECONDS: f32 = 1.6;
 
 fn main() -> std::io::Result<()> {
@@ -29,7 +31,7 @@ fn main() -> std::io::Result<()> {
     Ok(())
 }
 
-/// Where the model is.
+/// The path of the model.
 fn path() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("models/biplane.glb")
 }
@@ -43,7 +45,8 @@ fn biplane() -> Vec<u8> {
     file.finish()
 }
 
-/// A camera that looks at the plane from the front and a little from above: turned about what it looks at, then put away from it.
+/// A camera that looks at the plane from the front and slightly above: rotated about its target, then moved away from
+/// it.
 fn camera(file: &mut Writer) {
     let target = file.node("target", None, Vec3::new(-1.25, -0.2, 0.0));
     file.turn(target, Vec3::Y, 0.085);

@@ -1,4 +1,4 @@
-//! What the parts are painted with: glTF materials.
+//! The paints of the parts, as glTF materials.
 
 /// A paint.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,7 +27,7 @@ pub enum Paint {
     StarboardLamp,
 }
 
-/// What a material says.
+/// The parameters of a material.
 pub struct Look {
     /// Base colour, linear.
     pub color: [f32; 3],
@@ -35,12 +35,12 @@ pub struct Look {
     pub metallic: f32,
     /// From 0 (a mirror) to 1.
     pub roughness: f32,
-    /// How many times its colour it shines by itself.
+    /// Emission as a multiple of the colour.
     pub glow: f32,
 }
 
 impl Paint {
-    /// What its material says.
+    /// The parameters of its material.
     pub fn look(self) -> Look {
         let look = |color, metallic, roughness, glow| Look { color, metallic, roughness, glow };
         let matte = |color| look(color, 0.0, 1.0, 0.0);

@@ -10,12 +10,12 @@ use mbkd_renderer::sampling::cos_sin;
 
 /// Turns of the propeller during the clip.
 pub const TURNS: f32 = 10.0;
-/// Where the hub of the propeller is, and from there to the tips of its blades.
+/// The position of the propeller's hub.
 pub const HUB: Vec3 = Vec3::new(0.86, 0.0, 0.0);
 /// From the hub to the tip of a blade.
 pub const BLADE: f32 = 0.62;
 
-/// What the banner says.
+/// The text of the banner.
 const BANNER: [&str; 11] = [
     ".............................",
     ".............................",
@@ -46,14 +46,14 @@ pub fn add(file: &mut Writer) {
     let propeller = file.node("propeller", Some(plane), HUB);
     let blades = file.mesh("propeller", blades());
     file.show(propeller, blades, None);
-    // A quarter of a turn from key to key: what is between two rotations is the shorter way.
+    // A quarter turn from key to key: between two rotations the shorter arc is interpolated.
     file.spin(&[propeller], Vec3::X, 4 * TURNS as usize + 1, |time| TURNS * time);
 
     pilot(file, plane);
     banner(file, plane);
 }
 
-/// All that is fixed to each other.
+/// All rigidly connected parts.
 fn body() -> Parts {
     let mut parts = Parts::new();
     hull(&mut parts);
@@ -172,7 +172,7 @@ fn blades() -> Parts {
     for blade in 0..3 {
         let (c, s) = cos_sin(blade as f32 / 3.0);
         let (out, across) = (Vec3::new(0.0, c, s), Vec3::new(0.0, -s, c));
-        // The chord leans out of the disk, as that of a screw does.
+        // The chord is inclined to the disk, as in a screw.
         let axes = Mat3::from_cols(Vec3::X * 0.5 + across * 0.866, Vec3::X * 0.866 - across * 0.5, out);
         let blade = Wing { at: Vec3::ZERO, axes, half_span: BLADE, chord: 0.17, thickness: 0.04, rise: 0.0 };
         blade.cut(of(&mut parts, Paint::Wood), 0.0, 0.53);

@@ -1,6 +1,6 @@
 //! A small planet below the plane, and clouds behind it.
 //!
-//! Both are wheels of equal sectors that turn by one sector during the clip, so that its end is its beginning.
+//! Both consist of equal sectors and rotate by one sector during the clip, so that it loops.
 
 use super::glb::{Parts, Writer, of};
 use super::paint::Paint;
@@ -16,9 +16,9 @@ pub const RADIUS: f32 = 5.0;
 /// Middle of the planet; the plane flies above it.
 pub const CENTRE: Vec3 = Vec3::new(-0.6, -6.35, 0.0);
 
-/// Fields of a sector, every other one of the same colour.
+/// Fields per sector, with alternating colours.
 const FIELDS: usize = 4;
-/// Edges of the strips that the ground is made of, in degrees towards the viewer; the one in the middle is the road.
+/// Edges of the strips of the ground, in degrees towards the viewer; the one in the middle is the road.
 const STRIPS: [f32; 14] = [-78.0, -58.0, -40.0, -26.0, -17.0, -9.0, -1.2, 1.2, 9.0, 17.0, 26.0, 40.0, 58.0, 78.0];
 
 const CLOUDS: usize = 12;
@@ -26,7 +26,7 @@ const CLOUDS: usize = 12;
 /// Adds the planet and the clouds.
 pub fn add(file: &mut Writer) {
     let planet = file.node("planet", None, CENTRE);
-    // About z: below the plane, the ground goes where it came from.
+    // About z: below the plane, the ground moves backward.
     file.spin(&[planet], Vec3::Z, 2, |time| time / SECTORS as f32);
     let (land, sails) = (file.mesh("land", land()), file.mesh("sails", sails()));
     let mut wheels = Vec::new();
@@ -39,7 +39,7 @@ pub fn add(file: &mut Writer) {
         file.show(wheel, sails, None);
         wheels.push(wheel);
     }
-    // A quarter of a turn brings the sails where others were.
+    // A quarter turn takes each sail to the position of another.
     file.spin(&wheels, Vec3::Z, 9, |time| -1.25 * time);
 
     let sky = file.node("clouds", None, CENTRE);
@@ -52,12 +52,12 @@ pub fn add(file: &mut Writer) {
     }
 }
 
-/// A place on the planet, in degrees ahead of the middle of a sector and towards the viewer.
+/// A position on the planet, in degrees ahead of the middle of a sector and towards the viewer.
 type Degrees = (f32, f32);
 
 const MILL: Degrees = (7.0, -14.0);
 
-/// A place and what is ahead, up and to the side there.
+/// A position, and the directions ahead, up and sideways there.
 struct Spot {
     at: Vec3,
     axes: Mat3,
@@ -75,13 +75,13 @@ impl Spot {
         self.at + self.axes * Vec3::new(x, y, z)
     }
 
-    /// Turned on the lathe, standing here.
+    /// A solid of revolution that stands here.
     fn lathe(&self, shape: &mut Shape, profile: &[[f32; 2]], around: usize) {
         lathe(shape, self.at, self.axes, profile, around);
     }
 }
 
-/// What is on one sector.
+/// The contents of one sector.
 fn land() -> Parts {
     let mut parts = Parts::new();
     let p = &mut parts;
@@ -156,7 +156,7 @@ fn land() -> Parts {
     parts
 }
 
-/// A window that is lit.
+/// A lit window.
 fn window(parts: &mut Parts, spot: &Spot, at: Vec3) {
     let half = Mat3::from_cols(spot.axes.x_axis * 0.035, spot.axes.y_axis * 0.045, spot.axes.z_axis * 0.012);
     of(parts, Paint::Window).cuboid(spot.point(at.x, at.y, at.z), half);

@@ -1,28 +1,28 @@
-//! Solids that the parts are made of: what a lathe turns, balls, rods, and wings.
+//! The solids that the parts are made of: solids of revolution, balls, rods, and wings.
 
 use mbkd::glam::{Mat3, Vec3};
 use mbkd_renderer::sampling::{cos_sin, frame};
 use mbkd_scenes::Shape;
 
-/// Axes of a solid whose own y, the axis of its lathe, points along x.
+/// Axes of a solid of revolution whose own y, its axis, points along x.
 pub const ALONG_X: Mat3 = Mat3::from_cols(Vec3::NEG_Y, Vec3::X, Vec3::Z);
 /// The same along z.
 pub const ALONG_Z: Mat3 = Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y);
 
-/// Axes turned about their own y by an angle in turns.
+/// Axes rotated about their own y by an angle in turns.
 pub fn turned(axes: Mat3, turns: f32) -> Mat3 {
     let (c, s) = cos_sin(turns);
     axes * Mat3::from_cols(Vec3::new(c, 0.0, -s), Vec3::Y, Vec3::new(s, 0.0, c))
 }
 
-/// What turns on a lathe about the y of `axes`: a circle of `around` points for each height and radius of the profile, closed at
-/// both ends.
+/// A solid of revolution about the y of `axes`: a circle of `around` points for each height and radius of the profile,
+/// closed at both ends.
 pub fn lathe(shape: &mut Shape, at: Vec3, axes: Mat3, profile: &[[f32; 2]], around: usize) {
     let ends = [profile[0][0], profile[profile.len() - 1][0]];
     revolve(shape, (at, axes), profile, ends, around);
 }
 
-/// A ball of radius 1 along each of the axes, of so many rings between its poles.
+/// A ball of radius 1 along each of the axes, with so many rings between its poles.
 pub fn ball(shape: &mut Shape, at: Vec3, axes: Mat3, rings: usize) {
     let ring = |ring: usize| {
         let (c, s) = cos_sin(0.5 * (ring + 1) as f32 / (rings + 1) as f32);
@@ -31,7 +31,7 @@ pub fn ball(shape: &mut Shape, at: Vec3, axes: Mat3, rings: usize) {
     revolve(shape, (at, axes), &(0..rings).map(ring).collect::<Vec<_>>(), [-1.0, 1.0], 2 * rings);
 }
 
-/// Circles about the y of the axes, and the heights of the tips that close them.
+/// Circles about the y of the axes, closed by tips at these heights.
 fn revolve(shape: &mut Shape, (at, axes): (Vec3, Mat3), profile: &[[f32; 2]], tips: [f32; 2], around: usize) {
     let point = |ring: usize, k: usize| {
         let ([height, radius], (c, s)) = (profile[ring], cos_sin(k as f32 / around as f32));
@@ -52,20 +52,21 @@ pub fn rod(shape: &mut Shape, from: Vec3, to: Vec3, radius: f32) {
 pub struct Wing {
     /// Its middle.
     pub at: Vec3,
-    /// Where its x, y and z point.
+    /// The directions of its x, y and z.
     pub axes: Mat3,
     /// From the middle to a tip.
     pub half_span: f32,
     /// From edge to edge.
     pub chord: f32,
-    /// Where it is thickest.
+    /// The greatest thickness.
     pub thickness: f32,
     /// How far the tips are above the middle.
     pub rise: f32,
 }
 
 impl Wing {
-    /// The part of it between two places along the span: the middle is 0, the tips are -1 and 1, and steps near these are short.
+    /// The part between two positions along the span: the middle is 0, the tips are -1 and 1, and steps near the tips
+    /// are short.
     pub fn cut(&self, shape: &mut Shape, from: f32, to: f32) {
         const RINGS: usize = 5;
         const AROUND: usize = 10;
@@ -77,7 +78,7 @@ impl Wing {
         };
         let point = |ring: usize, k: usize| {
             let (t, (c, s)) = (along(ring), cos_sin(k as f32 / AROUND as f32));
-            // The last ring at a tip is small, not a point: triangles have areas.
+            // The last ring at a tip is small, but not a point, so that no triangle is degenerate.
             let full = (1.0 - t * t * t * t * t * t).max(0.01).sqrt();
             let section = Vec3::new(c * self.chord, s * self.thickness * (0.7 + 0.3 * c), 0.0);
             place(middle(t) + section * (0.5 * full))

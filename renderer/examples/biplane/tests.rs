@@ -1,15 +1,15 @@
-//! The file in the repository is what the code makes, and the reader poses it where hand computation puts it.
+//! The file in the repository equals the output of this program, and the reader poses it as computed by hand.
 
 use super::*;
 use mbkd::glam::{DQuat, DVec3};
 use mbkd_renderer::readers::Model;
 
 #[test]
-fn the_file_is_what_the_command_writes() {
+fn the_file_equals_the_output_of_the_program() {
     let (kept, made) = (std::fs::read(path()).unwrap(), biplane());
     assert!(
         kept == made,
-        "made anew by `cargo run --release --example biplane`: {} bytes, kept {}",
+        "the output of `cargo run --release --example biplane` has {} bytes, the file {}",
         made.len(),
         kept.len()
     );
@@ -21,7 +21,7 @@ fn the_file_is_what_the_command_writes() {
 }
 
 #[test]
-fn the_reader_poses_it_where_hand_computation_puts_it() {
+fn the_reader_poses_it_as_computed_by_hand() {
     let model = Model::open(&[path()]).unwrap();
     assert_eq!(
         (model.clip_name(None).unwrap(), model.span(None).unwrap()),
@@ -36,7 +36,7 @@ fn the_reader_poses_it_where_hand_computation_puts_it() {
         assert!(far < within, "at {} s nothing is nearer to {place} than {far}", times[key]);
     };
 
-    // The planet turns by one of its sectors, and its meadows with it.
+    // The planet rotates by one of its sectors, and its meadows with it.
     let centre = planet::CENTRE.as_dvec3();
     let ground = pose.parts.iter().position(|part| part.surface.color.y == 0.36).unwrap();
     for (key, time) in times.into_iter().enumerate() {
@@ -51,10 +51,10 @@ fn the_reader_poses_it_where_hand_computation_puts_it() {
     for key in [0, 2, 3] {
         near(key, hub + DVec3::Y * blade, 2e-3);
     }
-    // After a quarter of the clip it has made 2.5, and the plane has rolled and gone ahead.
+    // After a quarter of the clip it has made 2.5, and the plane has rolled and moved ahead.
     let roll = DQuat::from_rotation_x(0.018 * std::f64::consts::TAU);
     near(1, roll * (hub - DVec3::Y * blade) + DVec3::X * 0.05, 2e-3);
-    // The banner's free end is off its line, and where it was again at the end.
+    // The banner's free end is off its line, and back at the end of the clip.
     let banner = pose.parts.iter().rposition(|part| part.surface.color.x == 0.62).unwrap();
     let end = |key: usize| pose.parts[banner].keys[key][0];
     assert!(end(1).distance(end(0)) > 0.05 && end(3).distance(end(0)) < 1e-5, "{} {} {}", end(0), end(1), end(3));

@@ -1,9 +1,10 @@
-//! Photons with times, gathered at the time of each camera ray: `cargo run --release --example photon_map`.
+//! Photon mapping with motion blur, gathered at the time of each camera ray:
+//! `cargo run --release --example photon_map`.
 //!
-//! A glass sphere flies through a room while the shutter is open and throws a caustic on the floor, and the camera goes
-//! along with it; a coloured ball passes a white wall and colours it. Without options it renders the same scene in three
-//! ways, each for the same time, and writes the best to photon_map.png and all of them to photon_map_sheet.png. `--help`
-//! lists the rest.
+//! A glass sphere flies through a room while the shutter is open and throws a caustic on the floor, and the camera
+//! follows it; a coloured ball passes a white wall and colours it. Without options the program renders the same scene
+//! with three methods, each for the same time, and writes the best to photon_map.png and all of them to
+//! photon_map_sheet.png. `--help` lists the rest.
 
 mod photons;
 mod picture;
@@ -159,7 +160,7 @@ fn run(options: &Options) -> Result<(), String> {
     Ok(())
 }
 
-/// What a method works with: of what was tried for it, what gave the least error in the caustic in the same time.
+/// The settings of a method: those with the least error in the caustic for equal time, among those tried.
 fn settings(options: &Options, method: Method) -> Settings {
     let pixels = options.width * options.height;
     let (paths, samples) = match method {
@@ -178,7 +179,7 @@ fn settings(options: &Options, method: Method) -> Settings {
     }
 }
 
-/// What a method is called.
+/// The name of a method.
 fn name(method: Method) -> &'static str {
     match method {
         Method::Ignored => "time ignored",
@@ -193,8 +194,8 @@ fn save(made: &Pictures, path: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Passes by each method until the time of each is over or the program is interrupted; at least one of each. The
-/// methods take turns, the one that has had the least time first: what else the machine does delays all of them alike.
+/// Passes by each method until each has used its time or the program is interrupted; at least one of each. The method
+/// with the least time so far is next, so that other load on the machine delays all of them alike.
 fn expose<const N: usize>(
     room: &Room,
     methods: [(Method, Settings); N],
@@ -204,7 +205,7 @@ fn expose<const N: usize>(
     let budget = Duration::from_secs_f64(seconds);
     let bar = bar((1000.0 * seconds) as u64 * N as u64);
     let mut all = methods.map(|(_, settings)| Pictures::new(&settings));
-    // A pass more, if more than half of it fits.
+    // Another pass, if more than half of it fits.
     let wants = |made: &Pictures| match made.passes {
         0 => true,
         passes => made.spent + made.spent / (2 * passes) < budget && !stop.load(Ordering::Relaxed),
@@ -218,7 +219,7 @@ fn expose<const N: usize>(
     all
 }
 
-/// Rounds of progressive photon mapping until interrupted; what is done is written every so often and at the end.
+/// Rounds of progressive photon mapping until interrupted; the picture is written from time to time and at the end.
 fn progressive(options: &Options, room: &Room, settings: &Settings, stop: &AtomicBool) -> Result<(), String> {
     let (begin, mut written, mut state) = (Instant::now(), Instant::now(), Progressive::new(settings));
     let mut rounds = 0;
@@ -236,7 +237,7 @@ fn progressive(options: &Options, room: &Room, settings: &Settings, stop: &Atomi
     Ok(())
 }
 
-/// A path that begins like the picture's.
+/// A path with the stem of the picture's.
 fn beside(options: &Options, end: &str) -> PathBuf {
     let stem = options.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     options.output.with_file_name(format!("{stem}{end}"))

@@ -1,14 +1,15 @@
-//! Photons from the lamp into the room.
+//! Tracing photons from the lamp into the room.
 //!
-//! Two kinds of paths, each traced on its own so that both are well sampled: those whose first surface is the glass
-//! (they make the caustic), aimed at the sphere where it is at the photon's time; and the others, which make the
-//! indirect light. A photon is stored at each matte surface it comes to, but for light that comes straight from the
+//! There are two kinds of paths, each traced separately so that both are well sampled: those whose first surface is the
+//! glass (they make the caustic), aimed at the sphere at its position at the photon's time; and the others, which make
+//! the indirect light. A photon is stored at each matte surface that a path reaches, except for light directly from the
 //! lamp, which is sampled instead.
 //!
-//! A caustic moves with the glass. Where a path's photon goes is found by following the same path, with the same random
-//! numbers, a little later: the velocity is a difference in time of what L. Schjøth, J. R. Frisvad, K. Erleben and J.
-//! Sporring differentiate in "Temporal Photon Differentials" (2010). Such a photon is right for a wide window. Where the
-//! path then comes another way (at the rim of the glass, or of a wall), there is no velocity, and the photon stays where it is.
+//! A caustic moves with the glass. The velocity of a path's photon is found by tracing the same path, with the same
+//! random numbers, a little later: a finite difference in time of the derivative in L. Schjøth, J. R. Frisvad, K.
+//! Erleben and J. Sporring, "Temporal Photon Differentials" (2010). Such a photon is valid for a wide time window. If
+//! the later path takes another route (at the rim of the glass, or of a wall), there is no velocity, and the photon is
+//! static.
 
 use crate::room::{EMITTED, Room, Surface, lamp_area, lamp_point, lifted, through_glass};
 use mbkd::Ray;
@@ -20,13 +21,13 @@ use std::f32::consts::PI;
 
 /// Photons of one pass.
 pub struct Photons {
-    /// Those that came through the glass to the first matte surface.
+    /// Those that reached their first matte surface through glass.
     pub caustic: Vec<Photon<Vec3>>,
     /// All others.
     pub indirect: Vec<Photon<Vec3>>,
 }
 
-/// How many paths of either kind are begun in a pass.
+/// The number of paths of each kind per pass.
 #[derive(Clone, Copy, Debug)]
 pub struct Paths {
     /// Aimed at the glass.
@@ -35,21 +36,21 @@ pub struct Paths {
     pub others: usize,
 }
 
-/// When photons leave the lamp.
+/// The times at which photons leave the lamp.
 #[derive(Clone, Copy, Debug)]
 pub enum Times {
-    /// Evenly over the shutter.
+    /// Uniform over the shutter.
     Spread,
-    /// Evenly over the shutter, and photons of the caustic are carried along with it.
+    /// Uniform over the shutter, and photons of the caustic have velocities.
     Carried,
     /// All at this time.
     At(f32),
 }
 
-/// Surfaces after which a path ends in any case.
+/// The greatest number of surfaces of a path.
 const LONGEST: usize = 12;
 
-/// The part of the shutter after which a path is followed again to see how it moves.
+/// The time step, as a part of the shutter, after which a path is traced again to find its velocity.
 const STEP: f32 = 1.0 / 64.0;
 
 /// Traces the photons of a pass.
@@ -87,7 +88,7 @@ pub fn trace(room: &Room, paths: Paths, times: Times, seed: u64) -> Photons {
     photons
 }
 
-/// Where the paths of a kind come from.
+/// The source of the paths of one kind.
 struct Source {
     aimed: bool,
     count: usize,
@@ -97,25 +98,25 @@ struct Source {
 }
 
 impl Source {
-    /// A sequence over all photons of the pass: each is a sample of one and the same pixel.
+    /// One sequence over all photons of the pass: each is a sample of one and the same pixel.
     fn sampler(&self, path: usize) -> Sampler {
         Sampler::new(self.seed, u64::from(!self.aimed), path as u32, self.count as u32)
     }
 }
 
-/// A path's coming to a matte surface.
+/// A path at a matte surface.
 struct Arrival {
     position: Vec3,
     normal: Vec3,
     flux: Vec3,
-    /// Through glass alone.
+    /// Whether it passed through glass only.
     caustic: bool,
-    /// A number for all that it met and what it did there.
+    /// A hash of all surfaces it met and of its choices there.
     way: u64,
 }
 
 impl Arrival {
-    /// How it moves, given the same path's arrival at a time `step` later; `None` if that one came another way.
+    /// Its velocity, given the same path's arrival at a time `step` later; `None` if that one took another route.
     fn velocity(&self, later: Option<&Arrival>, step: f32) -> Option<Vec3> {
         let later = later.filter(|later| later.way == self.way)?;
         Some((later.position - self.position) / step)
@@ -130,7 +131,7 @@ impl Arrival {
     }
 }
 
-/// Follows a path at a time: the same random numbers whenever that is.
+/// Traces a path at a time: with the same random numbers for every time.
 fn follow(room: &Room, source: &Source, path: usize, time: f32, arrivals: &mut Vec<Arrival>) {
     let (aimed, count) = (source.aimed, source.count);
     let mut sampler = source.sampler(path);
@@ -173,7 +174,8 @@ fn follow(room: &Room, source: &Source, path: usize, time: f32, arrivals: &mut V
                 if !first {
                     arrivals.push(Arrival { position: spot.position, normal, flux, caustic, way });
                 }
-                // Photons of the caustic are many and weak. Few go on from it, as strong as all others.
+                // Photons of the caustic are many and weak. Russian roulette continues few of them, as strong as all
+                // others.
                 let few = if caustic { (flux / source.power).max_element().min(1.0) } else { 1.0 };
                 let survives = color.max_element() * few;
                 if sampler.unit() >= survives {
@@ -194,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn photons_of_the_caustic_go_where_their_paths_go() {
+    fn photons_of_the_caustic_move_with_their_paths() {
         let room = Room::new(1.0).unwrap();
         let source = Source { aimed: true, count: 4000, seed: 3, power: Vec3::ONE };
         let first = |path: usize, time: f32| -> Option<Arrival> {
@@ -212,7 +214,7 @@ mod tests {
             let Some(then) = first(path, time + wide) else { continue };
             near += u32::from((now.position + velocity * wide).distance(then.position) < 0.02);
         }
-        // The sphere goes 0.15 in this time, the caustic 0.23.
+        // The sphere moves 0.15 in this time, the caustic 0.23.
         assert!(paths > 3900 && moving > paths * 99 / 100 && near > moving * 95 / 100, "{paths} {moving} {near}");
     }
 }

@@ -1,4 +1,4 @@
-//! Passes over the picture: photons, maps, and a sample of every pixel. Three ways to treat time.
+//! Passes over the picture: photons, maps, and samples of every pixel, by three methods for time.
 
 use crate::photons::{Paths, Photons, Times, trace};
 use crate::room::{EMITTED, Room, Spot, Surface, lifted, through_glass};
@@ -12,17 +12,17 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::time::{Duration, Instant};
 
-/// What a camera sees of the lamp, at most: it is white in the picture anyway, and its few samples at edges and in the
-/// glass would make more noise than all that is compared here. The reference has the same limit.
+/// The greatest radiance of the lamp as seen by the camera: it is white in the picture anyway, and its few samples at
+/// edges and in the glass would cause more noise than the methods differ by. The reference has the same limit.
 const WHITE: Vec3 = Vec3::splat(4.0);
 
-/// Rows of pixels that are looked at together.
+/// Rows of pixels per task.
 const BAND: usize = 8;
 
-/// What is done about the times of photons.
+/// How the times of photons are treated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Photons are gathered through a window around the time of the camera's ray; those of the caustic go on with it.
+    /// Photons are gathered in a window around the time of the camera ray; those of the caustic move with it.
     RayTime,
     /// Each pass has one time for all photons and all rays.
     OneTime,
@@ -30,18 +30,18 @@ pub enum Method {
     Ignored,
 }
 
-/// How far a gather reaches.
+/// The extent of a gather.
 #[derive(Clone, Copy, Debug)]
 pub struct Reach {
     /// Radius of the disc.
     pub radius: f32,
     /// Half width of the window.
     pub window: f32,
-    /// Photons that are enough: the disc is smaller where there are more.
+    /// The number of photons that is enough: the disc is smaller where there are more.
     pub photons: usize,
 }
 
-/// Sizes of gathers and passes.
+/// Sizes of pictures, gathers and passes.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Pixels across.
@@ -50,21 +50,21 @@ pub struct Settings {
     pub height: usize,
     /// Paths per pass.
     pub paths: Paths,
-    /// Gathers of the caustic, were there one sample per pixel.
+    /// Gathers of the caustic, for one sample per pixel.
     pub caustic: Reach,
     /// Gathers of indirect light.
     pub indirect: Reach,
-    /// Whether discs and windows shrink as samples become more.
+    /// Whether discs and windows shrink with the number of samples.
     pub shrinks: bool,
     /// Samples per pixel and pass.
     pub samples: u32,
-    /// Other noise.
+    /// The seed of the noise.
     pub seed: u64,
 }
 
 impl Settings {
-    /// How far the gathers of a pass reach. With n samples per pixel radius and window are n to the power of -1/6 of
-    /// what they are with one: error by noise and error by blur then both go to zero (Knaus and Zwicker, "Progressive
+    /// The extents of the gathers of a pass. With n samples per pixel radius and window are n to the power of -1/6 of
+    /// those with one: error by noise and error by blur then both converge to zero (Knaus and Zwicker, "Progressive
     /// Photon Mapping: A Probabilistic Approach", 2011, with their parameter at 2/3).
     fn reaches(&self, method: Method, pass: u32) -> [Reach; 2] {
         let samples = ((pass + 1) * self.samples) as f32;
@@ -77,16 +77,16 @@ impl Settings {
     }
 }
 
-/// A picture in the making: all light, and the caustic alone.
+/// A picture in progress: all light, and the caustic alone.
 #[derive(Clone)]
 pub struct Pictures {
     /// Everything.
     pub all: Film,
-    /// The caustic as the camera sees it without glass between.
+    /// The caustic as the camera sees it without glass in between.
     pub caustic: Film,
-    /// Passes so far.
+    /// The number of passes so far.
     pub passes: u32,
-    /// What they took.
+    /// The time they took.
     pub spent: Duration,
 }
 
@@ -98,7 +98,7 @@ impl Pictures {
     }
 }
 
-/// What a camera ray comes to: light on the way, and the first matte surface with the share of it that is seen.
+/// The result of a camera ray: light on its path, and the first matte surface with its visible share.
 pub struct Seen {
     /// Light of the lamp.
     pub light: Vec3,
@@ -133,7 +133,7 @@ pub fn camera_ray(room: &Room, settings: &Settings, pixel: usize, place: Vec2, t
     room.camera.ray(u, v, settings.width as f32 / settings.height as f32, time)
 }
 
-/// One pass.
+/// Renders one pass.
 pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pictures) {
     let begin = Instant::now();
     let number = pictures.passes;
@@ -147,7 +147,7 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
     let photons = trace(room, settings.paths, times, seed);
     let reaches = settings.reaches(method, number);
     let maps = [(&photons.caustic, reaches[0]), (&photons.indirect, reaches[1])].map(|(photons, reach)| {
-        // What is carried goes the same way.
+        // A linear structure: photons with velocities move linearly.
         let structure = PointStructure::Linear;
         let params = GatherParams { window: reach.window.min(1.0), structure, ..GatherParams::default() };
         PhotonMap::build(photons, &params).expect("traced photons are finite and in the shutter")
@@ -160,7 +160,7 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
         .map(|band| {
             let mut scratch = GatherScratch::new();
             let mut sums = vec![[Vec3::ZERO; 2]; band.len()];
-            // All pixels at about the same time, then at another: their windows are full of the same photons.
+            // All pixels at about the same time, then at another: their windows then share the same photons.
             for sample in 0..samples {
                 for (sum, &pixel) in sums.iter_mut().zip(band) {
                     let sample = Sample::new(settings.seed, pixel, number * samples + sample);
@@ -199,7 +199,7 @@ fn radiance(
         query.cosine(0.8).kernels(Kernel::Epanechnikov, Kernel::Box)
     });
     let light = |i: usize, scratch: &mut GatherScratch| {
-        // No area: all photons in one place, which does not happen here and would be no light.
+        // The area is zero only if all photons coincide, which does not happen here and would contribute no light.
         maps[i].gather(&gathered[i], scratch).map_or(Vec3::ZERO, |found| found.density) * color / PI
     };
     let caustic = light(0, scratch);

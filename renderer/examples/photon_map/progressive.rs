@@ -1,7 +1,7 @@
 //! Stochastic progressive photon mapping with the inverse gather (Hachisuka and Jensen, 2009).
 //!
-//! Each round sends one ray through every pixel, at a time of its own. The points it sees wait for several passes of
-//! photons; between these their radii shrink and the tree is fitted to them.
+//! Each round sends one ray through every pixel, at a time of its own. The visible points are kept for several passes
+//! of photons; between these their radii shrink and the tree is refitted.
 
 use crate::photons::{Times, trace};
 use crate::picture::{Pictures, Settings, camera_ray, look};
@@ -14,22 +14,22 @@ use std::f32::consts::PI;
 
 /// Passes of photons per round.
 const PASSES: u64 = 3;
-/// The share of new photons that is kept: radii shrink the faster the smaller it is.
+/// The share of new photons that is kept: the smaller it is, the faster radii shrink.
 const ALPHA: f32 = 2.0 / 3.0;
 
 /// Radius and half window of the first round.
 const FIRST: (f32, f32) = (0.09, 0.015);
 
-/// What a pixel has gathered.
+/// The accumulated state of a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Gathering {
     /// Radius of its points.
     radius: f32,
-    /// Photons counted, of those that came.
+    /// Photons counted, after reduction.
     photons: f32,
     /// Flux within the radius, times reflectance.
     flux: Vec3,
-    /// What came in this pass.
+    /// Number and flux of the photons of this pass.
     new: (u32, Vec3),
 }
 
@@ -42,7 +42,7 @@ pub struct Progressive {
 }
 
 impl Progressive {
-    /// Nothing yet.
+    /// An empty state.
     pub fn new(settings: &Settings) -> Progressive {
         let fresh = Gathering { radius: FIRST.0, photons: 0.0, flux: Vec3::ZERO, new: (0, Vec3::ZERO) };
         let pixels = settings.width * settings.height;
@@ -66,7 +66,7 @@ impl Progressive {
                 (time, direct, seen.spot)
             })
             .collect();
-        // Points of pixels that see a matte surface, and whose they are.
+        // Visible points, and the pixels they belong to.
         let (mut points, mut owners) = (Vec::new(), Vec::new());
         for (pixel, (time, direct, spot)) in seen.iter().enumerate() {
             self.direct[pixel] += *direct;
@@ -78,7 +78,7 @@ impl Progressive {
         let params = GatherParams { window, ..GatherParams::default() };
         let mut tree = VisiblePoints::build(&points, &params).expect("what is seen is finite and in the shutter");
         let mut states: Vec<_> = owners.iter().map(|&(pixel, ..)| self.pixels[pixel]).collect();
-        // Which state is whose is told by a number in it, so that photons can be tested against the normal.
+        // Paired with their index, so that photons can be tested against the normal of the point.
         let mut waiting: Vec<(usize, &mut Gathering)> = states.iter_mut().enumerate().collect();
         for _ in 0..PASSES {
             let photons = trace(room, settings.paths, Times::Spread, settings.seed ^ (self.photon_passes << 24));

@@ -1,11 +1,11 @@
-//! The room: a lamp, a glass sphere in flight, a coloured ball that passes a wall.
+//! The room: a lamp, a glass sphere in flight, and a coloured ball that passes a wall.
 
 use mbkd::glam::{DVec3, Mat3, Vec3};
 use mbkd::{BuildError, BuildParams, MovingSphere, Ray, RayTree, Shapes, TriangleMesh};
 use mbkd_scenes::{Camera, View};
 use std::f32::consts::PI;
 
-/// What a surface does with light.
+/// How a surface scatters light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Surface {
     /// Reflects diffusely.
@@ -25,19 +25,19 @@ pub struct Spot {
     pub normal: Vec3,
     /// The surface.
     pub surface: Surface,
-    /// The number of the body it belongs to.
+    /// The index of the body it belongs to.
     pub body: u32,
 }
 
 /// Half the width of the square lamp.
 const LAMP: f32 = 0.16;
-/// Where its centre is.
+/// The position of its centre.
 const LAMP_AT: Vec3 = Vec3::new(0.15, 2.995, -0.1);
 /// Radiance of the lamp.
 pub const EMITTED: Vec3 = Vec3::new(150.0, 138.0, 118.0);
 /// Radius of the glass sphere.
 const GLASS: f64 = 0.46;
-/// How far points are kept from the surfaces that rays leave.
+/// The distance of ray origins from the surfaces they leave.
 const LIFT: f32 = 2e-4;
 /// Refractive index of the glass.
 const INDEX: f32 = 1.5;
@@ -57,7 +57,7 @@ fn rectangle(corner: Vec3, a: Vec3, b: Vec3) -> TriangleMesh {
     TriangleMesh::fixed(vec![[0, 1, 2], [0, 2, 3]], vec![corner, corner + a, corner + a + b, corner + b])
 }
 
-/// A box that stands on the floor, turned about the vertical.
+/// A box that stands on the floor, rotated about the vertical.
 fn block(center: Vec3, half: Vec3, cos: f32, sin: f32) -> TriangleMesh {
     let turn = Mat3::from_cols(Vec3::new(cos, 0.0, -sin), Vec3::Y, Vec3::new(sin, 0.0, cos));
     let corner = |i: u32| {
@@ -70,7 +70,7 @@ fn block(center: Vec3, half: Vec3, cos: f32, sin: f32) -> TriangleMesh {
 }
 
 impl Room {
-    /// Builds it. The camera goes along with the glass sphere by the share `along` of its way.
+    /// Builds it. The camera follows the glass sphere by the share `along` of its path.
     pub fn new(along: f32) -> Result<Room, BuildError> {
         let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
         let (low, deep) = (Vec3::new(-2.0, 0.0, -2.0), 7.0);
@@ -92,7 +92,7 @@ impl Room {
             sphere([-0.75, 0.95, 0.75], [0.75, 0.95, 0.95], GLASS),
             sphere([-1.33, 0.55, -0.9], [-1.33, 1.45, -0.35], 0.5),
         ];
-        // In the middle of the shutter all cameras are at the same place.
+        // At mid-shutter the camera has the same position for every `along`.
         let flight = Vec3::new(1.5, 0.0, 0.2);
         let middle = View::new(Vec3::new(0.0, 1.7, 4.7), Vec3::new(0.0, 0.85, 0.1), 0.74);
         let view = |share: f32| {
@@ -132,21 +132,21 @@ impl Room {
         Some(Spot { position, normal, surface: Surface::Matte(color), body })
     }
 
-    /// The floor's tiles, with a joint between them.
+    /// The colour of the floor's tiles, with joints between them.
     fn tiles(&self, at: Vec3) -> Vec3 {
         let place = |x: f32| (x / 0.5).rem_euclid(1.0);
         let joint = place(at.x) < 0.03 || place(at.z) < 0.03;
         if joint { self.colors[0] * 0.55 } else { self.colors[0] }
     }
 
-    /// Whether nothing is between two points.
+    /// Whether two points are mutually visible.
     fn free(&self, from: Vec3, to: Vec3, time: f32) -> bool {
         let ray = Ray::new(from, to - from).at_time(time).between(0.0, 1.0 - 1e-4);
         !self.spheres.any_hit(&ray) && !self.walls.any_hit(&ray)
     }
 
-    /// Light that comes straight from the lamp, reflected by a matte surface. Glass throws a shadow: what goes through
-    /// it is the photons' affair.
+    /// Light directly from the lamp, reflected by a matte surface. Glass casts a shadow: light through it is carried by
+    /// photons.
     pub fn direct(&self, spot: &Spot, color: Vec3, time: f32, at: mbkd::glam::Vec2) -> Vec3 {
         let lamp = lamp_point(at);
         let way = lamp - spot.position;
@@ -180,7 +180,8 @@ pub fn lifted(position: Vec3, towards: Vec3) -> Vec3 {
     position + towards * LIFT
 }
 
-/// Where light goes on at glass: reflected or refracted, by a random number in [0, 1). Fresnel's equations.
+/// The direction of light behind glass: reflected or refracted, chosen by a random number in [0, 1). Fresnel's
+/// equations.
 pub fn through_glass(dir: Vec3, outward: Vec3, random: f32) -> Vec3 {
     let entering = dir.dot(outward) < 0.0;
     let (normal, ratio) = if entering { (outward, 1.0 / INDEX) } else { (-outward, INDEX) };

@@ -1,14 +1,15 @@
-//! Samples of a pixel: a time, a place in the pixel and a point of the lamp, well spread in all of these together.
+//! Samples of a pixel: a time, a position in the pixel and a point of the lamp, well distributed in all of these
+//! together.
 //!
 //! The points are those of I. M. Sobol' (1967), with the direction numbers of S. Joe and F. Y. Kuo, "Constructing Sobol
-//! sequences with better two-dimensional projections" (2008). Each pixel has an order of its own (A. B. Owen, "Randomly
-//! permuted (t,m,s)-nets and (t,s)-sequences", 1995). [`Sampler`] spreads pairs of numbers, each pair by itself; here the
-//! first digits of times can be the same in all pixels, so that a pass goes through the shutter with all of them together.
+//! sequences with better two-dimensional projections" (2008). Each pixel has its own scrambling (A. B. Owen, "Randomly
+//! permuted (t,m,s)-nets and (t,s)-sequences", 1995). [`Sampler`] distributes each pair of numbers separately; here the
+//! first digits of times can be the same in all pixels, so that a pass sweeps the shutter with all of them together.
 
 use mbkd::glam::Vec2;
 use mbkd_renderer::sampling::{Sampler, mix};
 
-/// Bits of a coordinate that are well spread; further ones are random. More samples than two to this many repeat.
+/// Bits of a coordinate that are well distributed; further ones are random. Samples beyond two to this power repeat.
 const BITS: usize = 16;
 /// Time, lamp, pixel.
 const DIMENSIONS: usize = 5;
@@ -59,7 +60,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Sample `number` of the pixel with this number, under a seed.
+    /// Sample `number` of the pixel with this index, under a seed.
     pub fn new(seed: u64, pixel: usize, number: u32) -> Sample {
         Sample { pixel: mix(seed, pixel as u64), number }
     }
@@ -74,12 +75,12 @@ impl Sample {
         Vec2::new(self.coordinate(1), self.coordinate(2))
     }
 
-    /// Its place in the pixel, in the unit square.
+    /// Its position in the pixel, in the unit square.
     pub fn place(&self) -> Vec2 {
         Vec2::new(self.coordinate(3), self.coordinate(4))
     }
 
-    /// Further numbers.
+    /// Further random numbers.
     pub fn more(&self) -> Sampler {
         Sampler::new(self.pixel, 0, self.number, 1 << 20)
     }
@@ -89,7 +90,7 @@ impl Sample {
     }
 }
 
-/// A time for a pass that fills the shutter evenly, however many passes there will be: multiples of the golden section.
+/// A time for a pass, for a uniform distribution with any number of passes: multiples of the golden ratio.
 pub fn time_of_pass(pass: u32) -> f32 {
     to_unit(0x8000_0000u32.wrapping_add(pass.wrapping_mul(0x9e37_79b9)))
 }
@@ -105,11 +106,12 @@ fn sobol(dimension: usize, mut number: u32) -> u32 {
     bits
 }
 
-/// Exchanges the halves of the unit interval or not, the halves of each half, and so on, from the digit `first` on.
+/// Owen scrambling: exchanges the halves of the unit interval or not, the halves of each half, and so on, from the
+/// digit `first` on.
 fn permuted(bits: u32, order: u64, first: u32) -> u32 {
     let mut result = bits;
     for bit in first..BITS as u32 {
-        // What decides are the bits above.
+        // The higher bits decide.
         let above = u64::from((bits >> 1).checked_shr(31 - bit).unwrap_or(0)) | 1 << bit;
         result ^= ((mix(order, above) >> 32) as u32 & 1) << (31 - bit);
     }
@@ -125,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_part_gets_its_sample() {
+    fn every_interval_gets_its_sample() {
         for pixel in 0..20 {
             for dimension in 0..DIMENSIONS {
                 for count in [1u32, 2, 8, 64, 256] {

@@ -1,4 +1,4 @@
-//! The pictures of all methods on one sheet, and how far each is from a reference.
+//! The pictures of all methods on one sheet, with their errors relative to a reference.
 
 use crate::picture::Pictures;
 use mbkd::glam::Vec3;
@@ -13,7 +13,7 @@ pub const EXPOSURE: f32 = 1.25;
 pub struct Errors {
     /// Over all pixels.
     pub all: f64,
-    /// Over the pixels in which the reference's caustic is bright, of all light.
+    /// Over the pixels in which the reference's caustic is bright, for all light.
     pub caustic: f64,
 }
 
@@ -44,7 +44,7 @@ pub fn errors(picture: &Pictures, all: &[Vec3], caustic: &[Vec3]) -> Errors {
     Errors { all: mean(&squares), caustic: mean(&of_caustic) }
 }
 
-/// A part of a picture, enlarged.
+/// A detail of a picture, enlarged.
 fn enlarged(picture: &Picture, (x, y): (usize, usize), (width, height): (usize, usize), by: usize) -> Picture {
     let mut large = Picture::filled(width * by, height * by, [0; 3]);
     for (i, pixel) in large.pixels.iter_mut().enumerate() {
@@ -55,7 +55,7 @@ fn enlarged(picture: &Picture, (x, y): (usize, usize), (width, height): (usize, 
     large
 }
 
-/// The sheet: each picture with a part of it enlarged below, and lines of text under that.
+/// The sheet: each picture with an enlarged detail below, and lines of text under that.
 pub fn draw(panels: &[(&Film, Vec<String>)]) -> Picture {
     let (width, height) = (panels[0].0.width, panels[0].0.height);
     let (gap, scale) = (8, 2);

@@ -1,7 +1,7 @@
-//! Models from files: what a file holds is read once, and posed at any times after.
+//! Models from files: a file is read once, and can be posed at any times afterwards.
 //!
-//! Files come from anywhere, so nothing in them is trusted: every index and length is checked before use,
-//! sizes are limited before memory is asked for, and what is wrong is said with the file and the place.
+//! Files are not trusted: every index and length is checked before use, sizes are limited before memory is allocated,
+//! and errors name the file and the place.
 
 mod gltf;
 mod mseq;
@@ -22,19 +22,19 @@ use sequence::Sequence;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// No file larger than this is read, and no model may need more numbers than that.
+/// The greatest size of a file in bytes, and the limit of a model's size in numbers.
 const LARGEST_FILE: u64 = 1 << 31;
-/// The most vertices times keys that a model may have.
+/// The greatest number of vertices times keys of a model.
 const MOST_VERTICES: usize = 1 << 27;
 
-/// What is wrong with a file, and where.
+/// An error in a file, with its place.
 #[derive(Debug)]
 pub struct ReadError {
     /// The file.
     pub file: PathBuf,
     /// The place in it, such as `accessor 3`; may be empty.
     pub place: String,
-    /// What is wrong there.
+    /// The error at that place.
     pub what: String,
 }
 
@@ -48,7 +48,7 @@ impl fmt::Display for ReadError {
     }
 }
 
-/// Something wrong at a place of a file whose name the caller adds.
+/// An error at a place of a file; the caller adds the file's name.
 #[derive(Debug)]
 pub struct Wrong {
     place: String,
@@ -70,9 +70,9 @@ impl Wrong {
 pub struct Part {
     /// Three vertex indices per triangle, all in range.
     pub indices: Vec<[u32; 3]>,
-    /// Positions at each of the times asked for, all finite and of equal number.
+    /// Positions at each of the requested times, all finite and of equal number.
     pub keys: Vec<Vec<Vec3>>,
-    /// How it looks.
+    /// Its surface.
     pub surface: Surface,
 }
 
@@ -89,7 +89,7 @@ pub struct Pose {
 pub enum Model {
     /// glTF: a hierarchy with animations.
     Gltf(Box<GltfModel>),
-    /// Any of the others: the same triangles with positions at each frame.
+    /// All other formats: the same triangles with positions at each frame.
     Sequence(Sequence),
 }
 
@@ -103,7 +103,8 @@ impl fmt::Debug for Model {
 }
 
 impl Model {
-    /// Reads one glTF, .mseq, .obj or .ply, or several .obj or .ply of equal topology as the frames of a sequence.
+    /// Reads one glTF, .mseq, .obj or .ply file, or several .obj or .ply files of equal topology as the frames of a
+    /// sequence.
     pub fn open(files: &[PathBuf]) -> Result<Model, ReadError> {
         let Some(first) = files.first() else {
             return Err(Wrong::new("", "no file was given").in_file(Path::new("")));
@@ -149,7 +150,7 @@ impl Model {
         }
     }
 
-    /// Where a clip begins and ends, in seconds; `None` if nothing moves.
+    /// The time span of a clip, in seconds; `None` if nothing moves.
     pub fn span(&self, clip: Option<&str>) -> Result<Option<(f64, f64)>, ReadError> {
         match self {
             Model::Gltf(model) => model.span(clip),
@@ -178,7 +179,7 @@ impl Model {
         }
     }
 
-    /// Whether the frames were given one file each, to be the keys of a shutter as they are.
+    /// Whether the frames were given as one file each, and are the keys of a shutter.
     pub fn is_list_of_keys(&self) -> bool {
         matches!(self, Model::Sequence(sequence) if sequence.of_files)
     }
@@ -201,7 +202,7 @@ fn read_file(file: &Path) -> Result<Vec<u8>, ReadError> {
     std::fs::read(file).map_err(|e| fail(e.to_string()))
 }
 
-/// Whether all indices are below `vertices`; the error names the first triangle that is wrong.
+/// Checks that all indices are below `vertices`; the error names the first triangle that is wrong.
 fn check_indices(place: &str, indices: &[[u32; 3]], vertices: usize) -> Result<(), Wrong> {
     for (triangle, corners) in indices.iter().enumerate() {
         if let Some(index) = corners.iter().find(|&&i| i as usize >= vertices) {
@@ -212,7 +213,7 @@ fn check_indices(place: &str, indices: &[[u32; 3]], vertices: usize) -> Result<(
     Ok(())
 }
 
-/// Whether all positions are finite and within reach of a tree; the error names the first that is not.
+/// Checks that all positions are finite and within the limits of a tree; the error names the first that is not.
 fn check_positions(place: &str, positions: &[Vec3]) -> Result<(), Wrong> {
     let fine = |p: &Vec3| p.abs().max_element() <= mbkd::MAX_COORDINATE as f32 && p.is_finite();
     match positions.iter().position(|p| !fine(p)) {

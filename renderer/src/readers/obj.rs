@@ -1,4 +1,4 @@
-//! Wavefront OBJ, through the tobj crate, with the diffuse colours of its material file if that is at hand.
+//! Wavefront OBJ, through the tobj crate, with the diffuse colours of its material file if that exists.
 
 use super::sequence::StillPart;
 use super::{Wrong, check_indices, check_positions};
@@ -7,12 +7,12 @@ use mbkd::glam::Vec3;
 use std::io::{BufReader, Cursor};
 use std::path::Path;
 
-/// Reads the bytes of a file; materials are looked for next to it.
+/// Reads the bytes of a file; its material file is read from the same folder.
 pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, Wrong> {
     let options =
         tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     let folder = file.parent().unwrap_or(Path::new("")).to_path_buf();
-    // A missing material file is no reason to refuse the triangles.
+    // A missing material file is not an error.
     let materials = |name: &Path| match super::read_file(&folder.join(name)) {
         Ok(bytes) => tobj::load_mtl_buf(&mut BufReader::new(Cursor::new(bytes))),
         Err(_) => Err(tobj::LoadError::OpenFileFailed),
@@ -44,10 +44,10 @@ pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, Wrong> {
     Ok(parts)
 }
 
-/// The first line that is not OBJ, or names what is not there: the parser's errors do not say where.
+/// The first line that is not valid OBJ, or has an index out of range: the parser's errors do not name the line.
 fn line_of(bytes: &[u8]) -> String {
     let words = |line: &[u8]| String::from_utf8_lossy(line).split_whitespace().map(String::from).collect::<Vec<_>>();
-    // Positions, texture coordinates and normals; a face may name what follows it.
+    // Positions, texture coordinates and normals; a face may refer to later lines.
     let count = |kind: &str| {
         let of_kind = bytes.split(|&b| b == b'\n').filter(|line| words(line).first().is_some_and(|w| w == kind));
         of_kind.count() as i64

@@ -1,4 +1,4 @@
-//! Pictures inside models: PNG and JPEG, as 8-bit RGB.
+//! Textures in models: PNG and JPEG, as 8-bit RGB.
 
 use crate::materials::Texture;
 use std::io::Cursor;
@@ -6,12 +6,12 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// The most pixels across and down.
+/// The greatest width and height in pixels.
 const LARGEST_SIDE: u32 = 1 << 14;
-/// The most bytes that decoding a PNG may take besides its pixels.
+/// The greatest number of bytes that decoding a PNG may take in addition to its pixels.
 const LARGEST_PARTS: usize = 1 << 28;
 
-/// Decodes the bytes of a file; what kind it is, its first bytes say.
+/// Decodes the bytes of a file; the format is determined by its first bytes.
 pub fn decode(bytes: &[u8]) -> Result<Texture, String> {
     match bytes {
         [0x89, b'P', b'N', b'G', ..] => png(bytes),

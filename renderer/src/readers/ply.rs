@@ -1,5 +1,5 @@
-//! PLY, ASCII and binary, through the ply-rs-bw crate: vertices with x y z and maybe red green blue, and faces
-//! as lists of vertex indices, cut into fans.
+//! PLY, ASCII and binary, through the ply-rs-bw crate: vertices with x y z and optionally red green blue, and faces as
+//! lists of vertex indices, triangulated as fans.
 
 use super::sequence::StillPart;
 use super::{Wrong, check_indices, check_positions};
@@ -77,7 +77,7 @@ fn number(property: &Property) -> Option<f64> {
     })
 }
 
-/// A list of indices; negative ones become too large and are refused later with their place.
+/// A list of indices; negative ones become too large and are rejected later, with their place.
 fn index_list(property: &Property) -> Option<Vec<u32>> {
     Some(match property {
         Property::ListChar(list) => list.iter().map(|&i| i as u32).collect(),

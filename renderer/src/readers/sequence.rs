@@ -11,7 +11,7 @@ pub struct StillPart {
     pub indices: Vec<[u32; 3]>,
     /// Vertex positions.
     pub positions: Vec<Vec3>,
-    /// How it looks.
+    /// Its surface.
     pub surface: Surface,
 }
 
@@ -19,7 +19,7 @@ pub struct StillPart {
 pub struct Sequence {
     /// Their keys are the frames.
     pub parts: Vec<Part>,
-    /// Time from frame to frame.
+    /// Time between frames.
     pub seconds_per_frame: f64,
     /// Whether every frame was a file of its own.
     pub of_files: bool,
@@ -61,7 +61,7 @@ impl Sequence {
         self.parts.first().map_or(0, |part| part.keys.len())
     }
 
-    /// When each frame is.
+    /// The time of each frame.
     pub fn frame_times(&self) -> Vec<f64> {
         (0..self.frames()).map(|frame| frame as f64 * self.seconds_per_frame).collect()
     }
@@ -72,17 +72,17 @@ impl Sequence {
         Some((0.0, last as f64 * self.seconds_per_frame))
     }
 
-    /// Positions between frames are linear; before the first and after the last they stand still.
+    /// Interpolates linearly between frames; clamped to the first and the last frame.
     pub fn pose(&self, times: &[f64]) -> Pose {
         let last = self.frames().saturating_sub(1);
         let at = |keys: &[Vec<Vec3>], time: f64| -> Vec<Vec3> {
             let frame = (time / self.seconds_per_frame).clamp(0.0, last as f64);
-            // A frame's own time may come back from the division a rounding off.
+            // Division may put a frame's own time off by a rounding error.
             let frame = if (frame - frame.round()).abs() < 1e-9 { frame.round() } else { frame };
             let segment = (frame as usize).min(last.saturating_sub(1));
             let s = (frame - segment as f64) as f32;
             let (a, b) = (&keys[segment], &keys[(segment + 1).min(last)]);
-            // Exactly a frame at its own time.
+            // Exact at a frame's own time.
             a.iter().zip(b).map(|(a, b)| if s == 1.0 { *b } else { *a + (*b - *a) * s }).collect()
         };
         let parts = self.parts.iter().map(|part| Part {

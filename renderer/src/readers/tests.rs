@@ -1,10 +1,10 @@
-//! Poses against hand-computed and independently baked ones, and hostile files.
+//! Poses compared with hand-computed and independently baked ones, and malformed files.
 
 use super::*;
 use mbkd::glam::Vec2;
 use std::f32::consts::FRAC_1_SQRT_2;
 
-/// A GLB in the making: JSON around buffer views of one binary chunk.
+/// A GLB file being written: JSON around buffer views of one binary chunk.
 #[derive(Default)]
 struct Glb {
     bin: Vec<u8>,
@@ -63,8 +63,8 @@ impl Glb {
     }
 }
 
-/// Two triangles on two joints; the second joint, one up, turns a quarter about z in one second. Vertices: one
-/// on each joint alone, one shared 3 : 1, one shared evenly. A morph target lifts the last along z.
+/// Two triangles on two joints; the second joint, one up, rotates by a quarter turn about z in one second. Vertices:
+/// one on each joint alone, one shared 3 : 1, one shared evenly. A morph target lifts the last along z.
 fn arm() -> Vec<u8> {
     let mut glb = Glb::default();
     glb.floats::<3>(&[[0.0, 0.0, 0.0], [0.0, 2.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]);
@@ -112,20 +112,20 @@ fn parse(bytes: &[u8]) -> Result<GltfModel, ReadError> {
 }
 
 #[test]
-fn a_skinned_morphing_arm_is_where_hand_computation_puts_it() {
+fn a_skinned_morphing_arm_is_posed_as_computed_by_hand() {
     let pose = parse(&arm()).unwrap().pose(Some("bend"), &[-1.0, 0.5, 1.0]).unwrap();
     let [start, middle, end] = &pose.parts[0].keys[..] else { panic!("three keys") };
     let near = |found: Vec3, x: f32, y: f32, z: f32| {
         assert!(found.distance(Vec3::new(x, y, z)) < 1e-5, "{found} is not {x} {y} {z}");
     };
-    // The skin ignores the mesh's own node; the root joint carries everything 10 to the right.
+    // The skin ignores the mesh's own node; the root joint moves everything 10 to the right.
     near(start[1], 10.0, 2.0, 0.0);
     near(start[3], 9.0, 1.0, 0.0);
-    // Half way the elbow has turned 45 degrees about (10, 1).
+    // Half way, the elbow has rotated by 45 degrees about (10, 1).
     near(middle[0], 10.0, 0.0, 0.0);
     near(middle[1], 10.0 - FRAC_1_SQRT_2, 1.0 + FRAC_1_SQRT_2, 0.0);
-    // The end: joint 1 takes (1, 1) to (10, 2) and (-1, 1) to (10, 0); weights mix them; STEP has switched
-    // to half of the morph target.
+    // At the end joint 1 maps (1, 1) to (10, 2) and (-1, 1) to (10, 0); weights mix them; STEP has switched to half of
+    // the morph target.
     near(end[1], 9.0, 1.0, 0.0);
     let (a, b) = (191.0 / 255.0, 64.0 / 255.0);
     near(end[2], 11.0 * a + 10.0 * b, a + 2.0 * b, 0.0);
@@ -134,7 +134,7 @@ fn a_skinned_morphing_arm_is_where_hand_computation_puts_it() {
     let surface = &pose.parts[0].surface;
     assert_eq!((surface.color, surface.emission), (Vec3::new(0.5, 0.25, 1.0), Vec3::new(4.0, 2.0, 0.0)));
     let finish = surface.finish.as_ref().unwrap();
-    assert_eq!((finish.metallic, finish.roughness, finish.texture.is_none()), (1.0, 0.75, true), "1 if it is not said");
+    assert_eq!((finish.metallic, finish.roughness, finish.texture.is_none()), (1.0, 0.75, true), "the default is 1");
     assert_eq!(pose.parts[0].surface.uvs, Vec::<Vec2>::new(), "no texture, no coordinates");
 }
 
@@ -153,7 +153,7 @@ fn node_trees_strips_and_cameras() {
     assert_eq!(pose.parts.len(), 2, "points are left out");
     assert_eq!(pose.parts[0].indices, [[0, 1, 2], [2, 1, 3]]);
     assert_eq!(pose.parts[1].indices, [[0, 1, 2], [0, 2, 3]]);
-    // A quarter about y takes x to -z; then up 3, then twice as large.
+    // A quarter turn about y maps x to -z; then up 3, then twice as large.
     assert!(pose.parts[0].keys[0][1].distance(Vec3::new(0.0, 0.0, 4.0)) < 1e-5);
     let view = pose.camera.unwrap().keys[0];
     assert_eq!(view.position, Vec3::new(0.0, 0.0, 10.0));
@@ -161,7 +161,7 @@ fn node_trees_strips_and_cameras() {
 }
 
 #[test]
-fn what_is_wrong_is_named() {
+fn errors_name_the_place() {
     let file = |nodes: &str| {
         let mut glb = Glb::default();
         glb.floats::<3>(&[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
@@ -256,7 +256,7 @@ fn broken_lines_of_an_obj_are_named() {
 }
 
 #[test]
-fn frames_of_other_topology_are_refused() {
+fn frames_of_other_topology_are_rejected() {
     let square = || obj::parse(OBJ.as_bytes(), Path::new("a.obj")).unwrap();
     let other = obj::parse(OBJ.replace("4/1", "").as_bytes(), Path::new("b.obj")).unwrap();
     let (a, b) = (Path::new("a.obj"), Path::new("b.obj"));
@@ -265,7 +265,7 @@ fn frames_of_other_topology_are_refused() {
     assert!(error.starts_with("b.obj: ") && error.contains("a.obj"), "{error}");
 }
 
-/// Reads and poses; what is hostile must come back as an error, whatever it is.
+/// Reads and poses a file; a malformed one must return an error.
 fn survive(kind: &str, bytes: &[u8]) -> Result<(), ReadError> {
     let file = PathBuf::from(format!("hostile.{kind}"));
     let sequence = |parts: Result<Vec<sequence::StillPart>, Wrong>| {
@@ -286,7 +286,7 @@ fn survive(kind: &str, bytes: &[u8]) -> Result<(), ReadError> {
     Ok(())
 }
 
-/// Cuts the file everywhere (or at `cuts` places) and flips bits, one or a few at a time.
+/// Truncates the file everywhere (or at `cuts` places) and flips bits, one or a few at a time.
 fn torture(kind: &str, bytes: &[u8], cuts: usize, flips: u64) {
     survive(kind, bytes).unwrap_or_else(|e| panic!("the unharmed file: {e}"));
     let mut refused = 0;
@@ -319,7 +319,7 @@ fn broken_files_are_errors_never_panics() {
 }
 
 #[test]
-fn promises_of_huge_sizes_cost_nothing() {
+fn declared_huge_sizes_allocate_nothing() {
     let ply = "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n1\n";
     assert!(survive("ply", ply.as_bytes()).unwrap_err().to_string().contains("4000000000"));
     let mut seq = mseq();
@@ -335,14 +335,14 @@ fn promises_of_huge_sizes_cost_nothing() {
     assert!(said.contains("memory"), "{said}");
 }
 
-/// Real files, where they are at hand: the folder that MBKD_DATA names holds `meshes/`.
+/// Real files, if they are available: the folder `meshes/` in the one that MBKD_DATA names.
 fn real(name: &str) -> Option<Vec<u8>> {
     let folder = std::env::var_os("MBKD_DATA")?;
     std::fs::read(Path::new(&folder).join("meshes").join(name)).ok()
 }
 
 #[test]
-fn the_knight_runs_as_it_was_baked() {
+fn the_knight_moves_as_it_was_baked() {
     let (Some(glb), Some(baked)) = (real("kaykit_Knight.glb"), real("knight_running.mseq")) else { return };
     let (model, baked) = (parse(&glb).unwrap(), mseq::parse(&baked).unwrap());
     let times = baked.frame_times();

@@ -1,4 +1,4 @@
-//! Numbers out of buffers, with every bound checked: strides, sparse replacements, normalized integers.
+//! Numbers in buffers, with every bound checked: strides, sparse replacements, normalized integers.
 
 use super::super::Wrong;
 use gltf::Accessor;
@@ -6,7 +6,7 @@ use gltf::accessor::DataType;
 use gltf::buffer::View;
 use std::cell::Cell;
 
-/// Reads accessors, and counts what it hands out so that a small file cannot ask for all memory.
+/// Reads accessors, with a limit on the total, so that a small file cannot request all memory.
 pub struct Data {
     /// The bytes of each buffer.
     pub buffers: Vec<Vec<u8>>,
@@ -14,7 +14,7 @@ pub struct Data {
     left: Cell<usize>,
 }
 
-/// The most numbers that all accessors of a file may give.
+/// The greatest total number of numbers in all accessors of a file.
 const MOST_NUMBERS: usize = 1 << 28;
 
 impl Data {

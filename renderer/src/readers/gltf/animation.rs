@@ -1,15 +1,15 @@
-//! Animation channels: values at keyframes and what lies between them (STEP, LINEAR, CUBICSPLINE).
+//! Animation channels: values at keyframes and their interpolation (STEP, LINEAR, CUBICSPLINE).
 
 use super::super::Wrong;
 use super::accessor::Data;
 use gltf::animation::{Interpolation, Property};
 use mbkd::glam::{DQuat, DVec3};
 
-/// A clip: its channels and when it begins and ends.
+/// A clip: its channels and its time span.
 pub struct Clip {
     /// Name in the file.
     pub name: String,
-    /// What it moves.
+    /// The animated properties.
     pub channels: Vec<Channel>,
     /// First and last keyframe of all channels, in seconds.
     pub span: (f64, f64),
@@ -19,7 +19,7 @@ pub struct Clip {
 pub struct Channel {
     /// The node.
     pub node: usize,
-    /// What is animated.
+    /// The animated property, with its keyframes.
     pub track: Track,
 }
 
@@ -43,11 +43,11 @@ pub struct Keyframes<T> {
     interpolation: Interpolation,
 }
 
-/// What keyframes can be made of.
+/// A type of values that keyframes can have.
 pub trait Value: Clone {
-    /// Between two keyframes, `s` from 0 to 1.
+    /// Interpolates between two keyframes, `s` from 0 to 1.
     fn linear(a: &Self, b: &Self, s: f64) -> Self;
-    /// A weighted sum of four, made a valid value again.
+    /// A weighted sum of four values, normalized to a valid value.
     fn sum(terms: [(&Self, f64); 4]) -> Self;
 }
 
@@ -73,8 +73,8 @@ impl Value for Vec<f32> {
 impl Value for DQuat {
     /// Spherical interpolation along the shorter arc.
     ///
-    /// sin(s x) / sin(x) with 2 sin(x/2) the distance of the two, by series: the platform's sine and
-    /// arc sine would make pictures differ between machines.
+    /// sin(s x) / sin(x), with the distance 2 sin(x/2) of the two, by series: the platform's sine and arc sine would
+    /// make pictures differ between machines.
     fn linear(a: &DQuat, b: &DQuat, s: f64) -> DQuat {
         let b = if a.dot(*b) < 0.0 { -*b } else { *b };
         let half_sine = (0.5 * (b - *a).length()).min(1.0);
@@ -92,7 +92,7 @@ impl Value for DQuat {
     }
 }
 
-/// A rotation from any four numbers; none from zero.
+/// A rotation from any four numbers; the identity from zero.
 pub fn unit(q: DQuat) -> DQuat {
     let length = q.length();
     if length > 1e-12 && length.is_finite() { q * (1.0 / length) } else { DQuat::IDENTITY }
@@ -127,7 +127,7 @@ impl<T: Value> Keyframes<T> {
         Ok(Keyframes { times, values, interpolation })
     }
 
-    /// The value at a time; before the first and after the last keyframe it is theirs.
+    /// The value at a time; clamped to the first and the last keyframe.
     pub fn at(&self, time: f64) -> T {
         let spline = self.interpolation == Interpolation::CubicSpline;
         let value = |i: usize| &self.values[if spline { 3 * i + 1 } else { i }];
@@ -189,7 +189,7 @@ pub fn clip(animation: &gltf::Animation, data: &Data, targets: impl Fn(usize) ->
             Property::Rotation => {
                 let rows = data.floats::<4>(&output)?.into_iter().map(|q| DQuat::from_array(q.map(f64::from)));
                 let tangents = way == Interpolation::CubicSpline;
-                // Tangents are no rotations and keep their length.
+                // Tangents are not rotations and keep their length.
                 let values =
                     finite(&place, rows.enumerate().map(|(i, q)| if tangents && i % 3 != 1 { q } else { unit(q) }))?;
                 let keys = Keyframes::new(&place, times, values, way)?;

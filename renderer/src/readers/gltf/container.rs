@@ -1,4 +1,4 @@
-//! From bytes to a validated JSON document and its buffers: GLB chunks, data URIs, files beside.
+//! From bytes to a validated JSON document and its buffers: GLB chunks, data URIs, neighbouring files.
 
 use super::super::{Wrong, read_file};
 use gltf::Document;
@@ -6,7 +6,7 @@ use gltf::buffer::Source;
 use gltf::json::validation::Checked;
 use std::path::Path;
 
-/// The document and all its buffers, each at least as long as it says.
+/// The document and all its buffers, each at least as long as declared.
 pub fn open(bytes: &[u8], file: &Path) -> Result<(Document, Vec<Vec<u8>>), Wrong> {
     let (json, mut binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let document = document(json)?;
@@ -36,8 +36,8 @@ fn document(json: &[u8]) -> Result<Document, Wrong> {
     Document::from_json(root).map_err(fail)
 }
 
-/// What the validation of gltf-json 1.4 leaves out, and panics over later: links of attributes (it follows that of
-/// the positions before it has looked at it) and targets of animation channels.
+/// Checks that gltf-json 1.4 omits and whose violation makes it panic later: indices of attributes (it uses that of the
+/// positions before checking it) and targets of animation channels.
 fn check_links(root: &gltf::json::Root) -> Result<(), Wrong> {
     let check = |place: String, what: &str, index: usize, count: usize| {
         let message = || format!("names {what} {index}, but there are only {count}");
@@ -95,7 +95,7 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Wrong> {
     Ok((json.ok_or_else(|| header("there is no JSON chunk"))?, binary))
 }
 
-/// What a URI refers to: data inside it, or a file next to `file`.
+/// The contents of a URI: inline data, or a file next to `file`.
 pub fn resource(uri: &str, file: &Path) -> Result<Vec<u8>, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (kind, text) = data.split_once(',').ok_or("a data URI without a comma")?;

@@ -1,8 +1,8 @@
-//! glTF 2.0 and GLB: a hierarchy of nodes, posed by animations, carrying meshes that may morph and be skinned.
+//! glTF 2.0 and GLB: a hierarchy of nodes, posed by animations, with meshes that may be morphed and skinned.
 //!
-//! The gltf crate parses and validates the JSON. Numbers are read by [`accessor`], which checks every bound;
-//! poses are computed in f64 in the order the standard gives: animated local transforms, world
-//! transforms from the roots down, morph targets, then either the skin's joints or the node's own transform.
+//! The gltf crate parses and validates the JSON. Numbers are read by [`accessor`], which checks every bound; poses are
+//! computed in f64 in the order of the standard: animated local transforms, world transforms from the roots down, morph
+//! targets, then either the skin's joints or the node's own transform.
 
 mod accessor;
 mod animation;
@@ -35,7 +35,7 @@ pub struct GltfModel {
     clips: Vec<Clip>,
 }
 
-/// Who hangs on whom.
+/// The nodes and their parents.
 struct Hierarchy {
     /// All nodes, parents before children, with their parent.
     order: Vec<(usize, Option<usize>)>,
@@ -48,7 +48,7 @@ struct Node {
     mesh: Option<usize>,
     skin: Option<usize>,
     weights: Option<Vec<f32>>,
-    /// Height of the picture at distance 1, if a camera sits here.
+    /// Height of the picture at distance 1, if the node has a camera.
     camera: Option<f32>,
 }
 
@@ -97,7 +97,7 @@ impl GltfModel {
         Ok(GltfModel { file: file.into(), nodes, hierarchy, meshes, weights, skins, clips })
     }
 
-    /// The clip of that name or number; the first by default, none if nothing is animated.
+    /// The clip with that name or number; the first by default, `None` if nothing is animated.
     fn clip(&self, wanted: Option<&str>) -> Result<Option<&Clip>, ReadError> {
         let Some(wanted) = wanted else { return Ok(self.clips.first()) };
         let by_name = self.clips.iter().find(|clip| clip.name == wanted);
@@ -117,7 +117,7 @@ impl GltfModel {
         Ok(self.clip(clip)?.map(|clip| clip.name.as_str()).filter(|name| !name.is_empty()))
     }
 
-    /// Where a clip begins and ends.
+    /// The time span of a clip.
     pub fn span(&self, clip: Option<&str>) -> Result<Option<(f64, f64)>, ReadError> {
         Ok(self.clip(clip)?.map(|clip| clip.span).filter(|(first, last)| first < last))
     }
@@ -128,7 +128,7 @@ impl GltfModel {
     }
 
     fn pose_checked(&self, clip: Option<&Clip>, times: &[f64]) -> Result<Pose, Wrong> {
-        // One part for each primitive of each node that has a mesh.
+        // One part for each primitive of each node with a mesh.
         let instances = || {
             let of_node = |&node: &usize| self.nodes[node].mesh.map(|mesh| (node, mesh));
             self.hierarchy
@@ -197,8 +197,8 @@ impl Local {
         }
     }
 
-    /// The parts, for an animation to change; the standard forbids animating a matrix, which keeps only
-    /// its translation here.
+    /// The components, to be replaced by an animation; the standard forbids animating a matrix, of which only the
+    /// translation is used here.
     fn parts(self) -> (DVec3, DQuat, DVec3) {
         match self {
             Local::Matrix(matrix) => (matrix.w_axis.truncate(), DQuat::IDENTITY, DVec3::ONE),
@@ -224,8 +224,8 @@ impl Skin {
     }
 }
 
-/// All nodes with their parents, parents first, and the nodes of the default scene (of all, if there is no scene).
-/// A node with two parents or in a ring is refused.
+/// All nodes with their parents, parents first, and the nodes of the default scene (of all scenes, if there is none). A
+/// node with two parents or in a cycle is rejected.
 fn hierarchy(document: &gltf::Document) -> Result<Hierarchy, Wrong> {
     let count = document.nodes().len();
     let children: Vec<Vec<usize>> = document.nodes().map(|n| n.children().map(|c| c.index()).collect()).collect();
@@ -246,7 +246,7 @@ fn hierarchy(document: &gltf::Document) -> Result<Hierarchy, Wrong> {
         next += 1;
     }
     if order.len() < count {
-        // Every node has one parent at most, so what no root leads to goes round in a ring.
+        // Every node has one parent at most, so a node that no root reaches is in a cycle.
         let reached: HashSet<usize> = order.iter().map(|(node, _)| *node).collect();
         let node = (0..count).find(|node| !reached.contains(node)).unwrap_or(0);
         return Err(Wrong::new(format!("node {node}"), "is among its own ancestors"));
@@ -272,13 +272,13 @@ fn surface(material: &gltf::Material, textures: &[Arc<Texture>]) -> Surface {
     let [r, g, b, _] = pbr.base_color_factor();
     let channel = |x: f32| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) };
     let color = Vec3::new(channel(r), channel(g), channel(b));
-    // One set of texture coordinates is read: pictures that have another are left out.
+    // One set of texture coordinates is read: textures that use another are ignored.
     let set = primitive::coordinates(material);
     let picture = |info: Option<gltf::texture::Info>| {
         let info = info.filter(|info| info.tex_coord() == set)?;
         textures.get(info.texture().source().index()).cloned()
     };
-    // The crate's materials without a number stand for primitives that have none.
+    // In the gltf crate a material without an index is the default material of primitives without one.
     let finish = material.index().map(|_| Finish {
         metallic: channel(pbr.metallic_factor()),
         roughness: channel(pbr.roughness_factor()),
@@ -290,7 +290,7 @@ fn surface(material: &gltf::Material, textures: &[Arc<Texture>]) -> Surface {
     Surface { texture: picture(pbr.base_color_texture()), finish, emission, emission_texture, ..Surface::plain(color) }
 }
 
-/// All pictures of the file.
+/// All textures of the file.
 fn textures(document: &gltf::Document, data: &Data, file: &Path) -> Result<Vec<Arc<Texture>>, Wrong> {
     let read = |image: gltf::Image| {
         let loaded = match image.source() {

@@ -7,21 +7,21 @@ use gltf::mesh::Mode;
 use gltf::{Accessor, Semantic};
 use mbkd::glam::{DVec3, Vec2, Vec3};
 
-/// A primitive of a mesh, as it is before any pose.
+/// A primitive of a mesh, before it is posed.
 pub struct Primitive {
     /// Three vertex indices per triangle, all in range.
     pub indices: Vec<[u32; 3]>,
     /// Positions before morphing and skinning.
     pub positions: Vec<DVec3>,
-    /// What each morph target adds at weight 1, one per vertex.
+    /// The offsets of each morph target at weight 1, one per vertex.
     pub targets: Vec<Vec<DVec3>>,
     /// Joints of each vertex and their weights; empty without a skin.
     pub influences: Vec<Vec<(u32, f64)>>,
-    /// How it looks.
+    /// Its surface.
     pub surface: Surface,
 }
 
-/// Reads a primitive; none if it is made of points or lines.
+/// Reads a primitive; `None` if it consists of points or lines.
 pub fn read(
     primitive: &gltf::Primitive,
     place: &str,
@@ -85,7 +85,7 @@ pub fn read(
     Ok(Some(Primitive { indices, positions, targets, influences, surface }))
 }
 
-/// The texture coordinates that a material's pictures go by: those of the first that there is.
+/// The set of texture coordinates of a material: that of the first texture it has.
 pub fn coordinates(material: &gltf::Material) -> u32 {
     let pbr = material.pbr_metallic_roughness();
     let pictures = [pbr.base_color_texture(), pbr.metallic_roughness_texture(), material.emissive_texture()];
@@ -103,7 +103,7 @@ fn colors(data: &Data, accessor: &Accessor) -> Result<Vec<Vec3>, Wrong> {
         }
         _ => data.floats::<3>(accessor)?,
     };
-    // What is not a number shows as black.
+    // NaN is shown as black.
     let channel = |x: f32| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) };
     Ok(rows.into_iter().map(|c| Vec3::from(c.map(channel))).collect())
 }

@@ -1,4 +1,4 @@
-//! The hierarchy at one time: world transforms, morph weights, and the vertices they give.
+//! The hierarchy at one time: world transforms, morph weights, and the resulting vertices.
 
 use super::animation::{Clip, Track};
 use super::primitive::Primitive;
@@ -14,7 +14,7 @@ pub struct State {
 }
 
 impl State {
-    /// Applies a clip at a time, then goes from the roots down.
+    /// Applies a clip at a time, then computes world transforms from the roots down.
     pub fn new(model: &GltfModel, clip: Option<&Clip>, time: f64) -> State {
         let mut locals: Vec<Local> = model.nodes.iter().map(|node| node.local).collect();
         let mut weights: Vec<Option<Vec<f32>>> = model.nodes.iter().map(|node| node.weights.clone()).collect();
@@ -63,13 +63,14 @@ impl State {
                 sum += matrix.transform_point3(at) * weight;
                 total += weight;
             }
-            // Weights should sum to 1; stored as bytes they do so only roughly. A vertex without any stays put.
+            // Weights should sum to 1; stored as bytes they do so only approximately. A vertex without weights is not
+            // moved.
             positions.push(if total > 0.0 { sum / total } else { at }.as_vec3());
         }
         Ok(positions)
     }
 
-    /// What the first camera of the scene sees.
+    /// The view of the first camera of the scene.
     pub fn view(&self, model: &GltfModel) -> Option<View> {
         let camera = |&node: &usize| model.nodes[node].camera.map(|height| (node, height));
         let (node, height) = model.hierarchy.shown.iter().find_map(camera)?;
