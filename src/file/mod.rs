@@ -22,7 +22,7 @@ pub(crate) use decoder::{Decoder, load};
 pub(crate) use encoder::{Encoder, save, write};
 pub use error::FileError;
 pub(crate) use header::FileKind;
-pub(crate) use record::Record;
+pub(crate) use record::{Record, record_fields};
 
 /// Shorthand for what is wrong with contents.
 pub(crate) fn broken<T>(what: &'static str) -> Result<T, FileError> {

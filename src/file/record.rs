@@ -47,6 +47,40 @@ impl<T: Record, const N: usize> Record for [T; N] {
     }
 }
 
+/// A struct whose fields follow each other in a file in the given order.
+macro_rules! record_fields {
+    ($of:ident { $($field:tt: $type:ty),* $(,)? }) => {
+        impl $crate::file::Record for $of {
+            const BYTES: usize = 0 $(+ <$type as $crate::file::Record>::BYTES)*;
+            #[inline(always)]
+            fn put(&self, to: &mut [u8]) {
+                let mut rest = to;
+                $(
+                    let (bytes, more) = rest.split_at_mut(<$type as $crate::file::Record>::BYTES);
+                    <$type as $crate::file::Record>::put(&self.$field, bytes);
+                    rest = more;
+                )*
+                debug_assert!(rest.is_empty());
+            }
+            #[inline(always)]
+            fn get(from: &[u8]) -> $of {
+                let mut rest = from;
+                let record = $of {
+                    $($field: {
+                        let (bytes, more) = rest.split_at(<$type as $crate::file::Record>::BYTES);
+                        rest = more;
+                        <$type as $crate::file::Record>::get(bytes)
+                    }),*
+                };
+                debug_assert!(rest.is_empty());
+                record
+            }
+        }
+    };
+}
+
+pub(crate) use record_fields;
+
 impl Record for Vec3 {
     const BYTES: usize = 12;
     #[inline(always)]

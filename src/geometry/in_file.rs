@@ -4,7 +4,7 @@ use super::aabb::Aabb;
 use super::box3::{Box3, ULP};
 use super::interval::TimeInterval;
 use super::local_space::Frame;
-use crate::file::{Decoder, Encoder, FileError, broken, require};
+use crate::file::{Decoder, Encoder, FileError, broken, record_fields, require};
 use crate::limits::MAX_COORDINATE;
 use glam::{DVec3, Vec3};
 
@@ -23,17 +23,7 @@ impl TimeInterval {
     }
 }
 
-impl Box3 {
-    pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        to.put([self.min, self.max])
-    }
-
-    /// Any numbers.
-    pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<Box3, FileError> {
-        let [min, max] = from.get::<[Vec3; 2]>()?;
-        Ok(Box3 { min, max })
-    }
-}
+record_fields!(Box3 { min: Vec3, max: Vec3 });
 
 impl Frame {
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {

@@ -3,6 +3,7 @@
 //! Two flat arrays: nodes of 12 bytes in depth-first order (the left child of a node is the next one), and
 //! leaf references of 12 bytes. A split plane may move; at any one time it is an ordinary plane.
 
+use crate::file::record_fields;
 use crate::geometry::{Box3, Plane, TimeInterval};
 use crate::limits::MAX_NODES;
 
@@ -17,6 +18,8 @@ pub(crate) struct KdNode {
     /// The low two bits are the axis, 3 for a leaf; above them, in an inner node, the right child.
     link: u32,
 }
+
+record_fields!(KdNode { a: u32, b: u32, link: u32 });
 
 /// A node, decoded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,16 +46,6 @@ impl KdNode {
         }
     }
 
-    /// The node as it is in files.
-    pub fn to_words(self) -> [u32; 3] {
-        [self.a, self.b, self.link]
-    }
-
-    /// The node of its words.
-    pub fn of_words([a, b, link]: [u32; 3]) -> KdNode {
-        KdNode { a, b, link }
-    }
-
     #[inline(always)]
     pub fn view(self) -> KdView {
         let axis = (self.link & 3) as usize;
@@ -74,6 +67,8 @@ pub(crate) struct KdReference {
     /// Beyond 1 where the reference lives to the end of the shutter.
     pub end: f32,
 }
+
+record_fields!(KdReference { id: u32, begin: f32, end: f32 });
 
 impl KdReference {
     pub fn new(id: u32, interval: TimeInterval) -> KdReference {

@@ -5,50 +5,19 @@ use super::moving_leaf::{Block, MovingLeaves, Times};
 use super::moving_reference::Part;
 use super::moving_tree::{MovingTree, first_children};
 use super::static_tree::Shape;
-use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::simd::{LANES, Lanes};
 
-impl Record for Block {
-    const BYTES: usize = 448;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        [self.open, self.close].put(&mut to[..384]);
-        self.id.put(&mut to[384..]);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> Block {
-        let [open, close] = Record::get(&from[..384]);
-        Block { open, close, id: Record::get(&from[384..]) }
-    }
-}
-
-impl Record for Times {
-    const BYTES: usize = 128;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        [self.begin, self.end].put(to);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> Times {
-        let [begin, end] = Record::get(from);
-        Times { begin, end }
-    }
-}
-
-impl Record for LinearBoxes {
-    const BYTES: usize = 768;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        [self.lo, self.lo_slope, self.hi, self.hi_slope].put(to);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> LinearBoxes {
-        let [lo, lo_slope, hi, hi_slope] = Record::get(from);
-        LinearBoxes { lo, lo_slope, hi, hi_slope }
-    }
-}
+record_fields!(Block { open: [Lanes<f32>; 3], close: [Lanes<f32>; 3], id: Lanes<u32> });
+record_fields!(Times { begin: Lanes<f32>, end: Lanes<f32> });
+record_fields!(LinearBoxes {
+    lo: [Lanes<f32>; 3],
+    lo_slope: [Lanes<f32>; 3],
+    hi: [Lanes<f32>; 3],
+    hi_slope: [Lanes<f32>; 3],
+});
 
 impl MovingLeaves {
     /// Number of points in all leaves.

@@ -18,7 +18,7 @@ pub(super) struct PlaneRecord {
 impl PlaneTree {
     /// Writes everything but which part of the shutter it is for.
     pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        self.root.encode(to)?;
+        to.put(self.root)?;
         to.array(&self.nodes)?;
         to.array(&self.slack)?;
         self.leaves.encode(to)
@@ -28,8 +28,8 @@ impl PlaneTree {
 impl PlaneRecord {
     /// Reads what was written.
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<PlaneRecord, FileError> {
-        let root = Box3::decode(from)?;
-        Ok(PlaneRecord { root, nodes: from.array()?, slack: from.array()?, leaves: MovingLeaves::decode(from)? })
+        let (root, nodes, slack) = (from.get()?, from.array()?, from.array()?);
+        Ok(PlaneRecord { root, nodes, slack, leaves: MovingLeaves::decode(from)? })
     }
 
     /// The tree of a part of the shutter, if searches can walk it.

@@ -3,50 +3,14 @@
 use super::byte_boxes::ByteBoxes;
 use super::snapshot::Boxes;
 use super::static_tree::{Ordered, Shape, StaticTree};
-use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::simd::{LANES, Lanes, PointBlock};
 
-impl Record for PointBlock {
-    const BYTES: usize = 256;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        self.at.put(&mut to[..192]);
-        self.id.put(&mut to[192..]);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> PointBlock {
-        PointBlock { at: Record::get(&from[..192]), id: Record::get(&from[192..]) }
-    }
-}
-
-impl Record for Boxes {
-    const BYTES: usize = 384;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        self.lo.put(&mut to[..192]);
-        self.hi.put(&mut to[192..]);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> Boxes {
-        Boxes { lo: Record::get(&from[..192]), hi: Record::get(&from[192..]) }
-    }
-}
-
-impl Record for ByteBoxes {
-    const BYTES: usize = 120;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        [self.corner, self.step].put(&mut to[..24]);
-        [self.lo, self.hi].put(&mut to[24..]);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> ByteBoxes {
-        let ([corner, step], [lo, hi]) = (Record::get(&from[..24]), Record::get(&from[24..]));
-        ByteBoxes { corner, step, lo, hi }
-    }
-}
+record_fields!(PointBlock { at: [Lanes<f32>; 3], id: Lanes<u32> });
+record_fields!(Boxes { lo: [Lanes<f32>; 3], hi: [Lanes<f32>; 3] });
+record_fields!(ByteBoxes { corner: [f32; 3], step: [f32; 3], lo: [Lanes<u8>; 3], hi: [Lanes<u8>; 3] });
 
 /// Faces of boxes that hold points are nearer to zero than this: some times as far as points may be.
 pub(super) const FARTHEST_FACE: f32 = 1e19;

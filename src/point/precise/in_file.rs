@@ -2,48 +2,19 @@
 
 use super::hull::Node;
 use super::tree::{ABSENT, Block, PreciseTree, Rows};
-use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::parallel;
 use crate::point::moving_file::never;
 use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::Part;
 use crate::point::snapshot::Boxes;
 use crate::point::static_file::{FARTHEST_FACE, are_fine};
-use crate::simd::LANES;
+use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 
-impl Record for Node {
-    const BYTES: usize = 432;
-    fn put(&self, to: &mut [u8]) {
-        [self.middle, self.way].put(&mut to[..48]);
-        self.boxes.put(&mut to[48..]);
-    }
-    fn get(from: &[u8]) -> Node {
-        let [middle, way] = Record::get(&from[..48]);
-        Node { middle, way, boxes: Record::get(&from[48..]) }
-    }
-}
-
-impl Record for Rows {
-    const BYTES: usize = 384;
-    fn put(&self, to: &mut [u8]) {
-        self.0.put(to);
-    }
-    fn get(from: &[u8]) -> Rows {
-        Rows(Record::get(from))
-    }
-}
-
-impl Record for Block {
-    const BYTES: usize = 448;
-    fn put(&self, to: &mut [u8]) {
-        self.begin.put(&mut to[..384]);
-        self.id.put(&mut to[384..]);
-    }
-    fn get(from: &[u8]) -> Block {
-        Block { begin: Record::get(&from[..384]), id: Record::get(&from[384..]) }
-    }
-}
+record_fields!(Node { middle: [f64; 3], way: [f64; 3], boxes: Boxes });
+record_fields!(Rows { 0: [Lanes<f64>; 3] });
+record_fields!(Block { begin: Rows, id: Lanes<u32> });
 
 /// What a file says of a tree.
 pub(in crate::point) struct PreciseRecord {
