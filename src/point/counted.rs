@@ -3,9 +3,10 @@
 //! Counting costs next to nothing beside a filter that is called for each block. So this one form serves whoever asks with a
 //! filter and whoever only wants the work; without a filter there is a form that does not count ([`super::compiled`]).
 
-use super::partition::{Layer, walk_all};
+use super::partition::{Layer, QueriedLayers};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
+use super::search::trees::Trees;
 use super::search::{KeepLanes, NeighborWork};
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use glam::Vec3;
@@ -29,7 +30,7 @@ pub(super) fn search_counted(simd: SimdLevel, search: &CountedSearch<'_>, candid
     let mut search = KNearest::within(*k, *bound, *shrink, candidates, keep, &mut work);
     loop {
         for &(layers, time) in *layers {
-            walk_counted(simd, layers, (*point, time), &mut search);
+            walk_counted(simd, QueriedLayers { layers, point: *point, time }, &mut search);
         }
         if !search.again() {
             return work;
@@ -40,16 +41,14 @@ pub(super) fn search_counted(simd: SimdLevel, search: &CountedSearch<'_>, candid
 /// Walks through all layers, nearest boxes first: a part of a search.
 pub(super) fn walk_counted(
     simd: SimdLevel,
-    layers: &[Layer],
-    at: (Vec3, f32),
+    trees: QueriedLayers<'_>,
     search: &mut KNearest<'_, KeepLanes<'_>, NeighborWork>,
 ) {
-    dispatch(simd, Walk { layers, at, search });
+    dispatch(simd, Walk { trees, search });
 }
 
 struct Walk<'a, 'b, 'c, 'k> {
-    layers: &'a [Layer],
-    at: (Vec3, f32),
+    trees: QueriedLayers<'a>,
     search: &'b mut KNearest<'c, KeepLanes<'k>, NeighborWork>,
 }
 
@@ -57,6 +56,6 @@ impl Kernel for Walk<'_, '_, '_, '_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        walk_all(s, self.layers, self.at, self.search);
+        self.trees.walk(s, self.search);
     }
 }

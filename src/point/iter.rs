@@ -1,15 +1,16 @@
 //! Points within a radius as an iterator, which searches a few bottom nodes at a time.
 
+use super::compiled::{self, Either, Query};
 use super::neighbor::Neighbor;
 use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneView;
 use super::query::NeighborQuery;
 use super::search::candidates::Candidates;
-use super::search::planes::{self, PlaneFront};
-use super::search::radius::{Front, leaves};
+use super::search::planes::PlaneFront;
+use super::search::radius::{Front, search_blocks};
 use super::search::sinks::Gather;
 use super::search::{Keep, KeepAll};
-use super::snapshot::View;
+use super::snapshot::{Leaves, View};
 use crate::simd::{Kernel, Simd, dispatch};
 
 /// Points from which on a search waits until they are handed out: each time it goes on costs more than a node.
@@ -30,7 +31,7 @@ pub struct WithinIter<'a, K> {
 
 /// A search on its way, whatever the filter.
 struct Search<'a> {
-    query: NeighborQuery<'a, KeepAll>,
+    query: Query<'a, KeepAll>,
     layer: usize,
     front: Option<Progress>,
     /// Found in the last bottom nodes and not yet handed out.
@@ -50,16 +51,15 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn iter(self) -> WithinIter<'a, K> {
-        let query = self.keeping(KeepAll);
+        let query = self.query.keeping(KeepAll);
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
         let mut candidates = Candidates::default();
         candidates.reserve(TOGETHER);
-        let search = query.search(KeepAll);
-        if query.bound >= 0.0 && search.is_precise() {
-            search.asked(|asked| asked.collect(&mut candidates));
+        if query.bound >= 0.0 && query.is_precise() {
+            compiled::gather(Either::All(&query), &mut candidates);
         }
         let search = Search { query, layer, front: None, candidates, next: 0 };
-        WithinIter { search, keep: self.keep }
+        WithinIter { search, keep: self.query.keep }
     }
 }
 
@@ -136,23 +136,27 @@ fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
         Progress::Boxes(front) => front,
         Progress::Planes(_) => return false,
     };
-    let Some(found) = front.next(s, view, &target, bound, &mut ()) else { return false };
+    let Some((node, mut lanes)) = front.next(s, view, &target, bound) else { return false };
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
-    // A sink that never breaks.
-    let _ = leaves(s, view, &target, bound, found, &mut sink, &mut ());
+    while lanes != 0 {
+        let leaf = view.first_block(node) + lanes.trailing_zeros() as usize * view.leaf_blocks();
+        lanes &= lanes - 1;
+        // A sink that never breaks.
+        let _ = search_blocks(s, view, &target, bound, leaf..leaf + view.leaf_blocks(), &mut sink);
+    }
     true
 }
 
 #[inline(always)]
 fn step_planes<S: Simd>(s: S, search: &mut Search<'_>, view: &PlaneView<'_>) -> bool {
-    let NeighborQuery { bound, point, .. } = search.query;
+    let Query { bound, point, .. } = search.query;
     let front = match search.front.get_or_insert_with(|| Progress::Planes(PlaneFront::begin())) {
         Progress::Planes(front) => front,
         Progress::Boxes(_) => return false,
     };
-    let Some(found) = front.next(view, point, bound, || ()) else { return false };
+    let Some(blocks) = front.next(view, point, bound, || ()) else { return false };
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
     // A sink that never breaks.
-    let _ = planes::leaf(s, view, point, bound, found, &mut sink, &mut ());
+    let _ = search_blocks(s, view, &view.target(s, point), s.splat(bound), blocks, &mut sink);
     true
 }

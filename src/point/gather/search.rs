@@ -7,9 +7,10 @@
 use super::index::Index;
 use super::span_view::SpanView;
 use super::stamped::{Scale, StampedView};
-use crate::point::compiled::{Search, append};
+use crate::point::compiled::{Query, append};
 use crate::point::counted::walk_counted;
 use crate::point::neighbor::Neighbor;
+use crate::point::partition::QueriedLayers;
 use crate::point::query::NeighborBuffer;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::k_nearest::KNearest;
@@ -58,7 +59,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         if let Some(tree) = self.others() {
             let (point, exact, time) = (self.point, self.point.as_dvec3(), self.time);
             let kept = |places: &_, mask| self.keep.kept(places, mask);
-            append(&Search { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
+            append(&Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
         }
         all_in_order(self.index.simd, candidates, found);
         self.settle_ties(found);
@@ -109,7 +110,8 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
                 // Compiled for searches with any filter.
                 let kept = |places: &_, mask| of.keep.kept(places, mask);
                 search.lend(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
-                    walk_counted(of.index.simd, &tree.layers, (of.point, of.time), search);
+                    let trees = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
+                    walk_counted(of.index.simd, trees, search);
                 });
             }
             if !search.again() {
@@ -133,7 +135,7 @@ impl<K: Keep, const METRIC: bool> Kernel for Within<'_, '_, K, METRIC> {
         let view = of.view();
         let mut sink = Gather { candidates, keep: of.keep };
         // A sink that never breaks.
-        let _ = within(s, &view, &view.target(s, of.point), bound, &mut sink, &mut ());
+        let _ = within(s, &view, &view.target(s, of.point), bound, &mut sink);
     }
 }
 

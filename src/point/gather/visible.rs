@@ -303,7 +303,7 @@ impl Kernel for Found<'_, '_> {
         let Found { view, position, candidates } = self;
         let mut sink = Gather { candidates, keep: &KeepAll };
         // A sink that never breaks.
-        let _: ControlFlow<()> = within(s, &view, &view.target(s, position), f32::MAX, &mut sink, &mut ());
+        let _: ControlFlow<()> = within(s, &view, &view.target(s, position), f32::MAX, &mut sink);
     }
 }
 

@@ -11,6 +11,7 @@ pub(super) mod planes;
 pub(super) mod radius;
 pub(super) mod sinks;
 pub(super) mod sort;
+pub(super) mod trees;
 mod waiting;
 pub(super) mod walk;
 

@@ -6,9 +6,9 @@
 //! What comes next hangs on the bound, so it is what the search waits for: it is kept apart from the ids, which are
 //! needed at the end only, and in all lanes, where it is compared with boxes.
 
+use super::Keep;
 use super::keys::{keys, smallest, unpack};
 use super::planes::PlaneFront;
-use super::{Keep, Observe};
 use crate::limits::MAX_LEVELS;
 use crate::point::plane_tree::PlaneView;
 use crate::point::snapshot::{Leaves, Target, View};
@@ -17,7 +17,7 @@ use crate::tuning::points::NEAR;
 use glam::Vec3;
 
 /// The best so far, lane by lane.
-pub(in crate::point) struct Best<'a, S: Simd, K, O> {
+pub(in crate::point) struct Best<'a, S: Simd, K> {
     distance: S::F,
     id: S::U,
     /// The least distance, in all lanes.
@@ -28,15 +28,14 @@ pub(in crate::point) struct Best<'a, S: Simd, K, O> {
     bound: f32,
     shrink: f32,
     keep: &'a K,
-    observe: &'a mut O,
 }
 
-impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
+impl<'a, S: Simd, K: Keep> Best<'a, S, K> {
     /// Nothing found yet; what lies at `bound` itself still counts.
     #[inline(always)]
-    pub(in crate::point) fn within(s: S, bound: f32, shrink: f32, keep: &'a K, observe: &'a mut O) -> Self {
+    pub(in crate::point) fn within(s: S, bound: f32, shrink: f32, keep: &'a K) -> Self {
         let (least, id) = (s.splat(bound), s.splat_u(u32::MAX));
-        Best { distance: least, id, least, cull: least, bound, shrink, keep, observe }
+        Best { distance: least, id, least, cull: least, bound, shrink, keep }
     }
 
     /// Id and squared distance of the nearest, lowest id first.
@@ -51,7 +50,6 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
     #[inline(always)]
     fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, least: &mut S::U, leaf: usize) {
         for block in leaf..leaf + view.leaf_blocks() {
-            self.observe.block();
             let distance = view.point_distances(s, target, block);
             let ids = view.ids(block);
             let id = s.load_u(ids);
@@ -131,7 +129,6 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         let (mut level, mut node) = (top, root);
         let mut found_leaf = false;
         loop {
-            self.observe.node();
             let (mut left, mut holding) = view.boxes(s, target, node);
             if level == 0 {
                 let first = view.first_block(node);
@@ -183,7 +180,7 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
     pub(in crate::point) fn search_planes(&mut self, s: S, view: &PlaneView<'_>, point: Vec3) {
         let target = view.target(s, point);
         let mut front = PlaneFront::begin();
-        while let Some(blocks) = front.next(view, point, s.lane(self.cull, 0), || self.observe.node()) {
+        while let Some(blocks) = front.next(view, point, s.lane(self.cull, 0), || ()) {
             let mut least = s.to_bits(self.least);
             for block in blocks {
                 self.leaf(s, view, &target, &mut least, block);

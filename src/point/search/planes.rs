@@ -12,7 +12,7 @@
 //! than the bound keeps ties.
 
 use super::k_nearest::KNearest;
-use super::radius::Sink;
+use super::radius::{Sink, search_blocks};
 use super::{Keep, Observe};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::KdView;
@@ -120,40 +120,17 @@ pub(in crate::point) fn walk<S: Simd, K: Keep, O: Observe>(
 
 /// Hands every point within the bound to the sink.
 #[inline(always)]
-pub(in crate::point) fn within<S: Simd, T: Sink<S>, O: Observe>(
+pub(in crate::point) fn within<S: Simd, T: Sink<S>>(
     s: S,
     view: &PlaneView<'_>,
     point: Vec3,
     bound: f32,
     sink: &mut T,
-    observe: &mut O,
 ) -> ControlFlow<()> {
+    let (target, wide_bound) = (view.target(s, point), s.splat(bound));
     let mut front = PlaneFront::begin();
-    while let Some(blocks) = front.next(view, point, bound, || observe.node()) {
-        leaf(s, view, point, bound, blocks, sink, observe)?;
-    }
-    ControlFlow::Continue(())
-}
-
-/// Hands the points of a leaf that are within the bound to the sink.
-#[inline(always)]
-pub(in crate::point) fn leaf<S: Simd, T: Sink<S>, O: Observe>(
-    s: S,
-    view: &PlaneView<'_>,
-    point: Vec3,
-    bound: f32,
-    blocks: Range<usize>,
-    sink: &mut T,
-    observe: &mut O,
-) -> ControlFlow<()> {
-    let target = view.target(s, point);
-    for block in blocks {
-        observe.block();
-        let distance = view.point_distances(s, &target, block);
-        let hits = s.le(distance, s.splat(bound));
-        if T::TAKES_NONE || hits != 0 {
-            sink.take(s, view, block, distance, hits)?;
-        }
+    while let Some(blocks) = front.next(view, point, bound, || ()) {
+        search_blocks(s, view, &target, wide_bound, blocks, sink)?;
     }
     ControlFlow::Continue(())
 }
