@@ -33,4 +33,4 @@ pub(crate) use morton::morton_code;
 pub(crate) use placement::Placement;
 pub(crate) use plane::Plane;
 pub use ray::Ray;
-pub(crate) use separating_axes::{INSTANTS, Instant, stays_clear};
+pub(crate) use separating_axes::{INSTANTS, Instant, are_disjoint};

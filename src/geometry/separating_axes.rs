@@ -29,13 +29,13 @@ pub(crate) struct Instant {
 /// Where no coordinate is larger than `m`, an inner product of differences errs by less than 16 ULP of `m` times the sum of
 /// the direction's components; the margin of 64 covers the two that are compared, the rounding of a moving cell, and the
 /// kernel's own rounding that grows with the triangle ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)).
-pub(crate) fn stays_clear(instants: &[Instant], slack: f32) -> bool {
-    clear_by(instants, slack, 64.0)
+pub(crate) fn are_disjoint(instants: &[Instant], slack: f32) -> bool {
+    disjoint_by(instants, slack, 64.0)
 }
 
 /// The same with another margin.
 #[inline(always)]
-fn clear_by(instants: &[Instant], slack: f32, margin: f32) -> bool {
+fn disjoint_by(instants: &[Instant], slack: f32, margin: f32) -> bool {
     let Some(middle) = instants.get(instants.len() / 2) else { return false };
     // No direction separates a cell from a corner that is in it, and most triangles that are asked about have one there.
     if instants.iter().any(|i| i.corners.into_iter().any(|p| i.cell.holds(p))) {
@@ -84,7 +84,7 @@ mod tests {
             let at = a + e + f;
             let instants = [Instant { corners, cell: Box3 { min: at, max: at } }; 2];
             for (lost, margin) in lost.iter_mut().zip([64.0, 0.0]) {
-                *lost += usize::from(clear_by(&instants, 0.0, margin));
+                *lost += usize::from(disjoint_by(&instants, 0.0, margin));
             }
         }
         assert!(lost[0] == 0 && lost[1] > 100, "{lost:?}");
@@ -111,7 +111,7 @@ mod tests {
             });
             let overlap =
                 |i: Instant| !i.corners.into_iter().fold(Box3::EMPTY, Box3::include).intersection(i.cell).is_empty();
-            let found = stays_clear(&instants, 0.0);
+            let found = are_disjoint(&instants, 0.0);
             assert!(!(found && sampled), "{a} {b} {c} {cell:?}");
             if instants.into_iter().any(overlap) && !sampled {
                 boxes += 1;

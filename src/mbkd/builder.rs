@@ -35,16 +35,16 @@ pub(crate) struct Budget {
     pub propagated_vote: bool,
 }
 
-/// Builds a k-d tree over things, of which these are the references, and `root` holds all at every time. What is built
+/// Builds a k-d tree over objects, of which these are the references, and `root` holds all at every time. What is built
 /// means nothing after the caller has cancelled the build, or where it exceeds the limits of the layout.
 pub(crate) fn build<M: Moving>(
-    things: &M,
+    objects: &M,
     references: Vec<Reference<M::Bounds>>,
     root: Box3,
     budget: Budget,
     progress: &Progress,
 ) -> (KdTree, BuildTimes) {
-    let builder = Builder { things, budget, progress };
+    let builder = Builder { objects, budget, progress };
     let node = Node {
         cell: LinearBox3 { begin: root, end: root },
         references: References { normal: references, bp: Vec::new() },
@@ -92,7 +92,7 @@ impl Output {
 }
 
 struct Builder<'a, M> {
-    things: &'a M,
+    objects: &'a M,
     budget: Budget,
     progress: &'a Progress<'a>,
 }
@@ -153,12 +153,12 @@ impl<M: Moving> Builder<'_, M> {
             return None;
         }
         let start = Instant::now();
-        let plane = self.things.choose(&references.normal, &references.bp, node.cell);
+        let plane = self.objects.choose(&references.normal, &references.bp, node.cell);
         let chosen = Instant::now();
         times.planes += chosen - start;
         let plane = plane?;
 
-        let mut children = Children::new(self.things, plane, node.cell);
+        let mut children = Children::new(self.objects, plane, node.cell);
         for r in &references.normal {
             children.duplicate(r);
         }
@@ -171,7 +171,7 @@ impl<M: Moving> Builder<'_, M> {
 
         let [l, r] = [0, 1].map(|side| children.references[side].len());
         let sum = (l + r) as u64;
-        if sum > node.budget || !self.things.worthwhile(references.len(), [l, r]) {
+        if sum > node.budget || !self.objects.worthwhile(references.len(), [l, r]) {
             return None;
         }
         let spare = (node.budget - sum) as f64;

@@ -1,6 +1,6 @@
 //! On which side of a split plane something is, and when.
 //!
-//! This is the heart of the paper (section 3.1): a thing that crosses the plane during the shutter counts on
+//! This is the heart of the paper (section 3.1): an object that crosses the plane during the shutter counts on
 //! each side for the time interval it spends there. It is one piece of code for triangles, spheres, the
 //! caller's primitives and points: all of them come as a linear [`Extent`] along the plane's axis, and differ
 //! in how the crossing times are rounded ([`Rounding`]).
@@ -9,17 +9,17 @@
 
 use crate::geometry::{Extent, Line, Plane, TimeInterval};
 
-/// When a thing is on which side of a plane; at least one of the two is there.
+/// When an object is on which side of a plane; at least one of the two is there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sides {
     pub left: Option<TimeInterval>,
     pub right: Option<TimeInterval>,
 }
 
-/// How the times are rounded at which a thing crosses a plane.
+/// How the times are rounded at which an object crosses a plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rounding {
-    /// Both intervals outward: for things with an extent, which count on both sides for a while anyway.
+    /// Both intervals outward: for objects with an extent, which count on both sides for a while anyway.
     Outward,
     /// To the nearest float, which both intervals share: for points, which count on one side at every time.
     ExactlyOnce,
@@ -90,7 +90,7 @@ fn outward(extent: Extent, plane: Plane) -> Sides {
         return Sides { left: Some(interval), right: None };
     }
     // Between touching the plane from one side and from the other there may be instants that are on
-    // neither side strictly: flat things that cross, or hulls that shrink onto the plane. The intervals
+    // neither side strictly: flat objects that cross, or hulls that shrink onto the plane. The intervals
     // then meet in a time that both round outward over, except where one side is missing altogether.
     match (left, right) {
         (Some(l), None) if l != interval => Sides { left: Some(interval), right: None },

@@ -13,7 +13,7 @@ pub(crate) enum BadLink {
     Depth(usize),
 }
 
-/// Checks nodes whose leaves share out `items` things among them; the depth of the deepest leaf.
+/// Checks nodes whose leaves share out `items` objects among them; the depth of the deepest leaf.
 pub(crate) fn check_links(nodes: &[KdNode], items: usize) -> Result<usize, BadLink> {
     let (mut reached, mut owned) = (vec![false; nodes.len()], vec![false; items]);
     let (mut stack, mut deepest) = (vec![(0usize, 0usize)], 0);

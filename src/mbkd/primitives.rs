@@ -3,7 +3,7 @@
 use super::builder::{Budget, build};
 use super::classify::Rounding;
 use super::kd_tree::KdTree;
-use super::reference::{Moving, Reference, home};
+use super::reference::{Moving, Reference, representative_time};
 use super::sah::{Bounds, BoxReference, Split, best_split, leaf_cost, weight};
 use super::times::BuildTimes;
 use crate::error::BuildError;
@@ -20,8 +20,8 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     params: &KdParams,
     progress: &Progress,
 ) -> Result<(KdTree, BuildTimes), BuildError> {
-    let things = Primitives { set, params };
-    let mut references: Vec<_> = (0..set.len() as u32).map(|id| things.reference(id)).collect();
+    let objects = Primitives { set, params };
+    let mut references: Vec<_> = (0..set.len() as u32).map(|id| objects.reference(id)).collect();
     // The swept root: everything at every time. Padded, so that flat scenes have a volume.
     let mut root = references.iter().fold(Box3::EMPTY, |b, r| b.union(r.bounds.whole.swept()));
     if references.is_empty() {
@@ -29,14 +29,15 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     }
     let root = root.pad(1e-5 * root.magnitude());
     for r in &mut references {
-        r.bounds.part = things.part(r, LinearBox3 { begin: root, end: root }, r.home(params.plane_time));
+        r.bounds.part =
+            objects.part(r, LinearBox3 { begin: root, end: root }, r.representative_time(params.plane_time));
     }
     let budget = Budget {
         depth: params.depth_for(set.len()),
         references: set.len() as f64 * f64::from(params.max_references),
         propagated_vote: params.propagated_vote,
     };
-    let (tree, times) = build(&things, references, root, budget, progress);
+    let (tree, times) = build(&objects, references, root, budget, progress);
     if progress.cancelled() {
         return Err(BuildError::Cancelled);
     }
@@ -57,7 +58,7 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
     pub fn reference(&self, id: u32) -> BoxReference {
         let interval = self.set.active(id);
         let whole = self.bounds(id, interval);
-        Reference { id, interval, bounds: Bounds { whole, part: whole.swept() }, votes: true }
+        Reference { id, interval, bounds: Bounds { whole, part: whole.swept() }, in_sah: true }
     }
 
     /// The classic tree knows no intervals: it sees boxes swept over the shutter, which stand still.
@@ -117,11 +118,12 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
     fn choose(&self, normal: &[BoxReference], bp: &[BoxReference], cell: LinearBox3) -> Option<Plane> {
         let at_plane_time = cell.at(self.params.plane_time);
         let cheapest = |voters: &[BoxReference], split: Option<Split>| {
-            let total: f64 = voters.iter().filter(|r| r.votes).map(|r| weight(r, self.params)).sum();
+            let total: f64 = voters.iter().filter(|r| r.in_sah).map(|r| weight(r, self.params)).sum();
             split.filter(|split| split.cost < leaf_cost(total, self.params)).map(|split| split.plane)
         };
         let plane_time = self.params.plane_time;
-        let split = best_split(normal, at_plane_time, self.params, |interval| home(interval, plane_time));
+        let split =
+            best_split(normal, at_plane_time, self.params, |interval| representative_time(interval, plane_time));
         let plane = cheapest(normal, split);
         if plane.is_some() || bp.len() <= normal.len() {
             return plane;
@@ -131,7 +133,7 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         // interval: at the time that is nearest to mid-shutter most are just entering, on the face of the cell.
         let voter = |r: &BoxReference| {
             let part = self.part(r, cell, r.interval.middle());
-            Reference { votes: true, bounds: Bounds { part, ..r.bounds }, ..*r }
+            Reference { in_sah: true, bounds: Bounds { part, ..r.bounds }, ..*r }
         };
         let all: Vec<BoxReference> = normal.iter().chain(bp).map(voter).collect();
         cheapest(&all, best_split(&all, at_plane_time, self.params, |interval| interval.middle()))
@@ -153,13 +155,13 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         if interval != parent.interval {
             child.bounds.whole = self.bounds(id, interval);
         }
-        if crosses && self.exact(&child.bounds.whole) && self.set.misses(id, interval, over(cell, interval)) {
+        if crosses && self.exact(&child.bounds.whole) && self.set.is_disjoint(id, interval, over(cell, interval)) {
             return None;
         }
         // The part changes where the plane cuts it, when it is looked at at another time, and when the reference
         // begins to vote.
-        let at = |i| home(i, self.params.plane_time);
-        if child.votes && (crosses || !parent.votes || at(interval) != at(parent.interval)) {
+        let at = |i| representative_time(i, self.params.plane_time);
+        if child.in_sah && (crosses || !parent.in_sah || at(interval) != at(parent.interval)) {
             child.bounds.part = self.part(&child, cell, at(interval));
         }
         Some(child)

@@ -37,7 +37,7 @@ const EDGES: usize = BINS + 1;
 /// How far beyond the outermost part a plane that cuts off empty space stands, in tree space: rays
 /// that graze the parts then need not visit the empty side.
 const MARGIN: f32 = 1e-5;
-/// It stands no farther than this part of what all parts cover, or rays would find small things in large cells.
+/// It stands no farther than this part of what all parts cover, or rays would find small objects in large cells.
 const MARGIN_OF_SIZE: f32 = 0.01;
 /// And no nearer than this part of the largest coordinate, so that no part lies in the plane.
 const LEAST_MARGIN: f32 = 1e-6;
@@ -60,12 +60,12 @@ pub(crate) fn leaf_cost(weight: f64, params: &KdParams) -> f64 {
 }
 
 /// The cheapest plane through a cell (given at plane time), if there is any candidate. The parts of the voters are those
-/// at the time of their interval that `voting_time` names.
+/// at the time of their interval that `representative` names.
 pub(crate) fn best_split(
     references: &[BoxReference],
     cell: Box3,
     params: &KdParams,
-    voting_time: impl Fn(TimeInterval) -> f32,
+    representative: impl Fn(TimeInterval) -> f32,
 ) -> Option<Split> {
     let span = Span::of(references);
     let (low, high) = (span.low.max(cell.min), span.high.min(cell.max));
@@ -76,10 +76,10 @@ pub(crate) fn best_split(
     let mut still = [0, 1, 2].map(sweep);
     let mut moving = [0, 1, 2].map(|axis| (velocity[axis] != 0.0).then(|| sweep(axis)));
     let mut total = 0.0;
-    for r in references.iter().filter(|r| r.votes) {
+    for r in references.iter().filter(|r| r.in_sah) {
         let weight = weight(r, params);
         total += weight;
-        let Lines { lower, upper } = lines(r, voting_time(r.interval));
+        let Lines { lower, upper } = lines(r, representative(r.interval));
         let since = [r.interval.begin(), r.interval.end()].map(|t| t - params.plane_time);
         for axis in 0..3 {
             let (lower, upper) = (lower.map(|p| p[axis]), upper.map(|p| p[axis]));
@@ -117,7 +117,7 @@ struct Span {
 impl Span {
     fn of(references: &[BoxReference]) -> Span {
         let mut span = Span { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, way: DVec3::ZERO, time: 0.0 };
-        for r in references.iter().filter(|r| r.votes) {
+        for r in references.iter().filter(|r| r.in_sah) {
             span.low = span.low.min(r.bounds.part.min);
             span.high = span.high.max(r.bounds.part.max);
             let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);

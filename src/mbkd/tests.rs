@@ -37,19 +37,19 @@ fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
     let frame = spheres.frame();
     let point = |(i, way): (usize, &[Vec3; 2])| {
         let [open, close] = way.map(|p| frame.point(p.as_dvec3()).to_array());
-        PointReference { id: i as u32, interval: active(i), bounds: Trajectory { open, close }, votes: true }
+        PointReference { id: i as u32, interval: active(i), bounds: Trajectory { open, close }, in_sah: true }
     };
     (ways.iter().enumerate().map(point).collect(), spheres)
 }
 
 /// What a plane does to references: those of both children.
 fn parted<'a, M: Moving>(
-    things: &'a M,
+    objects: &'a M,
     plane: Plane,
     cell: LinearBox3,
     all: &References<M::Bounds>,
 ) -> Children<'a, M> {
-    let mut children = Children::new(things, plane, cell);
+    let mut children = Children::new(objects, plane, cell);
     all.normal.iter().for_each(|r| children.duplicate(r));
     all.bp.iter().for_each(|r| children.propagate(r, true));
     children

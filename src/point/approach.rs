@@ -1,6 +1,6 @@
 //! Closest approach: the point that comes nearest to a query that itself moves, and when.
 //!
-//! The picture to have in mind: seen from the query every point flies past on a straight line ([`super::flyby`]); a box
+//! The picture to have in mind: seen from the query every point flies past on a straight line ([`super::pair_approach`]); a box
 //! has a lower bound of distance over the whole interval. Boxes are visited in the order of these bounds until none can
 //! beat the best point.
 //!
@@ -8,8 +8,8 @@
 //! still in a structure without keys; so the answer does not depend on the structure. Bounds are lowered by more than all
 //! rounding before they cull.
 
-use super::flyby::{Together, Way};
 use super::over_interval::{Boxed, Flight};
+use super::pair_approach::{Overlap, QueryPath};
 use super::partition::Layer;
 use super::plane_tree::PlaneTree;
 use super::tree::PointTree;
@@ -42,42 +42,42 @@ impl Approach {
 }
 
 /// A point that may be the answer, as told from distances in f64.
-struct Contender {
+struct Pending {
     /// It comes no nearer than this.
     least: f64,
     flight: Flight,
-    together: Together,
+    overlap: Overlap,
 }
 
 /// What is known so far.
-struct Contest {
+struct Search {
     /// What comes no nearer than this is no answer.
     most: f64,
     /// Exact distances take long, and few of these need one in the end.
-    contenders: Vec<Contender>,
+    pending: Vec<Pending>,
     best: Option<Approach>,
 }
 
 /// Contenders that wait for exact distances at most.
-const WAITING: usize = 64;
+const MAX_PENDING: usize = 64;
 
-impl Contest {
+impl Search {
     /// Takes note of a point that comes about so near, up to the slack.
-    fn enter(&mut self, way: &Way, (about, slack): (f64, f64), flight: Flight, together: Together) {
+    fn add(&mut self, path: &QueryPath, (about, slack): (f64, f64), flight: Flight, overlap: Overlap) {
         // What is farther by less than an ulp of f32 may be as near when rounded, and have the lower id.
         self.most =
             self.most.min((about + slack) * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1)));
-        self.contenders.push(Contender { least: about - slack, flight, together });
-        if self.contenders.len() == WAITING {
-            self.settle(way);
+        self.pending.push(Pending { least: about - slack, flight, overlap });
+        if self.pending.len() == MAX_PENDING {
+            self.resolve(path);
         }
     }
 
     /// Exact distances for those that may still be the answer.
-    fn settle(&mut self, way: &Way) {
-        for Contender { least, flight, together } in self.contenders.drain(..) {
+    fn resolve(&mut self, path: &QueryPath) {
+        for Pending { least, flight, overlap } in self.pending.drain(..) {
             if least <= self.most {
-                let (time, distance) = together.closest(way, &flight);
+                let (time, distance) = overlap.closest(path, &flight);
                 let found = Approach { id: flight.id, time, distance };
                 if self.best.is_none_or(|best| found.key() < best.key()) {
                     self.best = Some(found);
@@ -87,9 +87,9 @@ impl Contest {
     }
 }
 
-/// [`Way::bounds`] of a node, compiled for an instruction set.
+/// [`QueryPath::bounds`] of a node, compiled for an instruction set.
 struct Bounds<'a, T> {
-    way: &'a Way,
+    path: &'a QueryPath,
     tree: &'a T,
     node: usize,
 }
@@ -98,32 +98,32 @@ impl<T: Boxed> Kernel for Bounds<'_, T> {
     type Output = Lanes<f64>;
     #[inline(always)]
     fn run<S: Simd>(self, _: S) -> Lanes<f64> {
-        self.way.bounds(self.tree, self.node)
+        self.path.bounds(self.tree, self.node)
     }
 }
 
 /// The greater; one instruction, which takes no care of NaN.
 #[inline(always)]
-fn greater(a: f64, b: f64) -> f64 {
+fn max(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
 /// The lesser, likewise.
 #[inline(always)]
-fn lesser(a: f64, b: f64) -> f64 {
+fn min(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
 /// Whether a lower bound of squared distances, which has slack for its own rounding, rules out anything better.
 #[inline(always)]
-fn worse(bound: f64, contest: &Contest) -> bool {
-    bound > contest.most * contest.most
+fn is_beyond(bound: f64, search: &Search) -> bool {
+    bound > search.most * search.most
 }
 
 /// Equal parts of an interval over which a box is bounded one by one.
 const STEPS: usize = 4;
 
-impl Way {
+impl QueryPath {
     /// Where the query is at a time.
     fn at(&self, time: f64) -> DVec3 {
         let length = self.times[1] - self.times[0];
@@ -145,8 +145,8 @@ impl Way {
         let first = self.times[0].max(part[0]);
         let last = self.times[1].min(part[1]);
         for lane in 0..LANES {
-            begin[lane] = greater(begin[lane], first);
-            end[lane] = lesser(end[lane], last);
+            begin[lane] = max(begin[lane], first);
+            end[lane] = min(end[lane], last);
         }
         let length = self.times[1] - self.times[0];
         let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
@@ -160,15 +160,15 @@ impl Way {
             for lane in 0..LANES {
                 let time = begin[lane] + (end[lane] - begin[lane]) * fraction;
                 passed[lane] = (time - self.times[0]) * rate;
-                phase[lane] = lesser(greater(time * segments - segment as f64, 0.0), 1.0);
+                phase[lane] = min(max(time * segments - segment as f64, 0.0), 1.0);
             }
             let [lo, hi] = tree.faces(node, &phase);
             let (mut at, mut size) = ([[0.0; LANES]; 3], [0.0; LANES]);
             for axis in 0..3 {
                 for lane in 0..LANES {
                     at[axis][lane] = from[axis] + way[axis] * passed[lane];
-                    let faces = greater(lo[axis][lane].abs(), hi[axis][lane].abs());
-                    size[lane] = greater(size[lane], greater(faces, at[axis][lane].abs()));
+                    let faces = max(lo[axis][lane].abs(), hi[axis][lane].abs());
+                    size[lane] = max(size[lane], max(faces, at[axis][lane].abs()));
                 }
             }
             let mut square = [0.0; LANES];
@@ -177,34 +177,34 @@ impl Way {
                     let slack = size[lane] * (segments * of_segment + of_size) + most * of_size;
                     let low = lo[axis][lane] - at[axis][lane] - slack;
                     let high = at[axis][lane] - hi[axis][lane] - slack;
-                    let below = lesser(low_before[axis][lane], low);
-                    let above = lesser(high_before[axis][lane], high);
-                    let outside = greater(greater(below, above), 0.0);
+                    let below = min(low_before[axis][lane], low);
+                    let above = min(high_before[axis][lane], high);
+                    let outside = max(max(below, above), 0.0);
                     square[lane] += outside * outside;
                     (low_before[axis][lane], high_before[axis][lane]) = (low, high);
                 }
             }
             if step > 0 {
                 for lane in 0..LANES {
-                    least[lane] = lesser(square[lane], least[lane]);
+                    least[lane] = min(square[lane], least[lane]);
                 }
             }
         }
         core::array::from_fn(|lane| if begin[lane] <= end[lane] { least[lane] } else { f64::NAN })
     }
 
-    /// Enters the points of a tree into the contest.
-    fn search<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+    /// Enters the points of a tree into the search.
+    fn search_boxes<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let (keys, segment, _) = tree.part();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
         let (top, root) = tree.top();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
         while let Some(Reverse((bits, level, node))) = open.pop() {
-            if worse(f64::from_bits(bits), contest) {
+            if is_beyond(f64::from_bits(bits), search) {
                 return;
             }
             let (first, stride) = tree.behind(level, node);
-            let bounds = dispatch(simd, Bounds { way: self, tree, node });
+            let bounds = dispatch(simd, Bounds { path: self, tree, node });
             // Nearest leaves first: the others then seldom need a look.
             let mut lanes: [usize; LANES] = core::array::from_fn(|lane| lane);
             if level == 0 {
@@ -212,7 +212,7 @@ impl Way {
             }
             for lane in lanes {
                 let bound = bounds[lane];
-                if bound.is_nan() || worse(bound, contest) {
+                if bound.is_nan() || is_beyond(bound, search) {
                     continue;
                 }
                 let child = first + lane * stride;
@@ -222,7 +222,7 @@ impl Way {
                 }
                 for flight in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
                     let Some(flight) = tree.flight(flight.0, flight.1) else { continue };
-                    self.enter(flight, segments.clone(), keep, contest);
+                    self.visit_point(flight, segments.clone(), keep, search);
                 }
             }
         }
@@ -236,7 +236,7 @@ impl Way {
     }
 
     /// Enters the points of a k-d tree: both sides of each plane, the nearer one first.
-    fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+    fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let part = tree.part();
         let first = self.times[0].max(part.interval.begin().into());
         let last = self.times[1].min(part.interval.end().into());
@@ -245,9 +245,9 @@ impl Way {
         }
         let times: [f64; STEPS + 1] = core::array::from_fn(|i| first + (last - first) * (i as f64 / STEPS as f64));
         let query = times.map(|time| self.at(time).to_array());
-        let mut open = vec![Beyond { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
-        while let Some(Beyond { node, distance, gaps }) = open.pop() {
-            if worse(distance, contest) {
+        let mut open = vec![Entry { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
+        while let Some(Entry { node, distance, gaps }) = open.pop() {
+            if is_beyond(distance, search) {
                 continue;
             }
             match tree.node(node) {
@@ -255,7 +255,7 @@ impl Way {
                     let blocks = first as usize..(first + count) as usize;
                     for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
                         let Some(flight) = tree.flight(block, lane) else { continue };
-                        self.enter(flight, part.segment..part.segment + 1, keep, contest);
+                        self.visit_point(flight, part.segment..part.segment + 1, keep, search);
                     }
                 }
                 KdView::Inner { plane, right } => {
@@ -268,11 +268,11 @@ impl Way {
                         let gap = |i: usize| sign * (at[i] - query[i][axis]) - slack;
                         for (step, least) in gaps[axis].iter_mut().enumerate() {
                             // Linear over the step, so it is least at an end.
-                            *least = greater(*least, lesser(gap(step), gap(step + 1)));
+                            *least = max(*least, min(gap(step), gap(step + 1)));
                         }
                         let square = |step: usize| gaps.iter().map(|g| g[step] * g[step]).sum::<f64>();
                         let least = (0..STEPS).map(square).fold(f64::INFINITY, f64::min);
-                        Beyond { node, distance: least * (1.0 - 1e-12), gaps }
+                        Entry { node, distance: least * (1.0 - 1e-12), gaps }
                     };
                     let (below, above) = (child(node + 1, -1.0), child(right, 1.0));
                     let above_first = above.distance < below.distance;
@@ -283,12 +283,12 @@ impl Way {
     }
 
     /// Enters a point that may be the answer, in some segments between keys.
-    fn enter(&self, flight: Flight, segments: Range<usize>, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+    fn visit_point(&self, flight: Flight, segments: Range<usize>, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         for segment in segments {
-            let Some(together) = Together::new(self, &flight, segment) else { continue };
-            let (about, slack) = together.about(self, &flight);
-            if about - slack <= contest.most && keep(flight.id) {
-                contest.enter(self, (about, slack), flight, together);
+            let Some(overlap) = Overlap::new(self, &flight, segment) else { continue };
+            let (about, slack) = overlap.estimate(self, &flight);
+            if about - slack <= search.most && keep(flight.id) {
+                search.add(self, (about, slack), flight, overlap);
             }
         }
     }
@@ -296,7 +296,7 @@ impl Way {
 
 /// A subtree of a k-d tree still to be visited.
 #[derive(Clone, Copy)]
-struct Beyond {
+struct Entry {
     node: u32,
     /// Squared distance that no point in it falls below.
     distance: f64,
@@ -344,22 +344,24 @@ impl PointTree {
         }
         let times = [interval.begin().into(), interval.end().into()];
         let keys = self.keys();
-        let exact = Way { from: from.wide(), to: to.wide(), times, keys };
-        let way = Way { from: relative[0], to: relative[1], times, keys };
+        let exact = QueryPath { from: from.wide(), to: to.wide(), times, keys };
+        let path = QueryPath { from: relative[0], to: relative[1], times, keys };
         // All positions are f64 ones, or all are f32 ones.
-        let way = if self.precise.is_empty() { way } else { exact };
-        let mut contest = Contest { most: f64::INFINITY, contenders: Vec::new(), best: None };
+        let path = if self.precise.is_empty() { path } else { exact };
+        let mut search = Search { most: f64::INFINITY, pending: Vec::new(), best: None };
         for layer in &self.layers {
             match layer {
-                Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut contest),
-                Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut contest)),
-                Layer::Planes(parts) => parts.iter().for_each(|tree| way.search_planes(tree, &keep, &mut contest)),
+                Layer::Still(tree) => path.search_boxes(self.simd, tree, &keep, &mut search),
+                Layer::Moving(parts) => {
+                    parts.iter().for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search))
+                }
+                Layer::Planes(parts) => parts.iter().for_each(|tree| path.search_planes(tree, &keep, &mut search)),
             }
         }
         for tree in self.precise.iter().flat_map(|layer| &layer.parts) {
-            way.search(self.simd, tree, &keep, &mut contest);
+            path.search_boxes(self.simd, tree, &keep, &mut search);
         }
-        contest.settle(&way);
-        contest.best
+        search.resolve(&path);
+        search.best
     }
 }

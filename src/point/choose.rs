@@ -102,10 +102,10 @@ impl<'a> Trials<'a> {
 
     /// Tries a structure; what it costs. Where nobody lives during a sample's part of the shutter, it says nothing.
     fn add(&mut self, samples: &[Sample], plan: Plan, fast: Option<Plan>) -> f64 {
-        let lively = samples.iter().filter(|sample| !sample.movers.is_empty());
-        let count = lively.clone().count().max(1);
+        let non_empty = samples.iter().filter(|sample| !sample.movers.is_empty());
+        let count = non_empty.clone().count().max(1);
         let searches = self.searches().div_ceil(count);
-        let all = lively.map(|s| work(s, searches, (plan, fast), self.simd));
+        let all = non_empty.map(|s| work(s, searches, (plan, fast), self.simd));
         let (cost, references) = all.fold((0.0, 0), |sum, (cost, n)| (sum.0 + cost, sum.1 + n));
         let cost = cost / count as f64;
         self.all.push(Trial { plan, fast, cost, references });
@@ -168,7 +168,7 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
         None => vec![group(plan, &|_| true)],
     };
     let layers: Vec<&Layer> = groups.iter().map(|(layer, _)| layer).collect();
-    let points: Vec<_> = core(movers, part, searches).into_iter().map(|m| [m.open, m.close]).collect();
+    let points: Vec<_> = central(movers, part, searches).into_iter().map(|m| [m.open, m.close]).collect();
     let references: usize = groups.iter().map(|(_, references)| references).sum();
     let all = (references as f64 * scale) as usize;
     // The whole set takes a higher tree, of which searches visit a node more on each level.
@@ -200,7 +200,7 @@ fn visited(layers: &[&Layer], part: &Part, points: &[[[f32; 3]; 2]], simd: SimdL
 
 /// The movers nearest to the middle of a sample in the middle of its part of the shutter. What comes among them at other times is in the
 /// sample, too, unless it comes from far.
-fn core<'a>(movers: &'a [Mover], part: &Part, count: usize) -> Vec<&'a Mover> {
+fn central<'a>(movers: &'a [Mover], part: &Part, count: usize) -> Vec<&'a Mover> {
     let places = places(movers, part.middle_phase());
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     places.iter().for_each(|item| include(&mut lo, &mut hi, item.at));

@@ -65,7 +65,7 @@ impl<K: Keep> Query<'_, K> {
     fn precise<R>(&self, run: impl FnOnce(QueriedPreciseLayers<'_>, &Query<'_, Allowed<'_>>) -> R) -> R {
         let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
         let trees = QueriedPreciseLayers { layers: &self.tree.precise, point: self.exact, time: self.time };
-        run(trees, &self.keeping(Allowed(K::ASKS.then_some(&kept))))
+        run(trees, &self.keeping(Allowed(K::FILTERS.then_some(&kept))))
     }
 }
 
@@ -268,7 +268,7 @@ impl<T: Trees, K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, T, K, O> {
         let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
         loop {
             trees.walk(s, &mut search);
-            if !search.again() {
+            if !search.retry() {
                 break;
             }
         }

@@ -32,7 +32,7 @@ pub(super) fn search_counted(simd: SimdLevel, search: &CountedSearch<'_>, candid
         for &(layers, time) in *layers {
             walk_counted(simd, QueriedLayers { layers, point: *point, time }, &mut search);
         }
-        if !search.again() {
+        if !search.retry() {
             return work;
         }
     }

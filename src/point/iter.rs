@@ -14,7 +14,7 @@ use super::snapshot::{Leaves, View};
 use crate::simd::{Kernel, Simd, dispatch};
 
 /// Points from which on a search waits until they are handed out: each time it goes on costs more than a node.
-const TOGETHER: usize = 64;
+const BATCH: usize = 64;
 
 /// Where the search of a layer stands.
 #[allow(clippy::large_enum_variant)] // in place, so that iterating allocates nothing for it
@@ -54,7 +54,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         let query = self.query.keeping(KeepAll);
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
         let mut candidates = Candidates::default();
-        candidates.reserve(TOGETHER);
+        candidates.reserve(BATCH);
         if query.bound >= 0.0 && query.is_precise() {
             compiled::gather(Either::All(&query), &mut candidates);
         }
@@ -120,7 +120,7 @@ impl Kernel for Step<'_, '_, '_> {
 
 #[inline(always)]
 fn steps<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
-    while search.candidates.count < TOGETHER {
+    while search.candidates.count < BATCH {
         if !step(s, search, view) {
             return false;
         }

@@ -3,7 +3,7 @@
 //! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
 //! from two keys, and where points live for a while only, nodes and leaves say when.
 
-use super::linear_bounds::{Hull, LinearBoxes, Ways};
+use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
 use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
 use super::moving_reference::{Mover, Part, places};
 use super::moving_view::{AtTime, HasLeaves};
@@ -31,7 +31,7 @@ pub(super) struct MovingTree {
 }
 
 /// Writes the rows of a node.
-fn set(node: &mut LinearBoxes, times: &mut Times, children: &[Hull]) {
+fn set(node: &mut LinearBoxes, times: &mut Times, children: &[LinearBox]) {
     for (lane, child) in children.iter().enumerate() {
         node.set(lane, child);
         times.set(lane, child.times);
@@ -48,28 +48,28 @@ impl MovingTree {
         let shape = Shape::with_leaf(movers.len(), 1);
         let count = movers.len().div_ceil(LANES);
         let mut leaves = MovingLeaves::empty(count, timed, mortal);
-        let mut hulls: Vec<Option<Hull>> = vec![None; count];
-        Fill { movers, part: &part }.leaves(&items, leaves.rows(), &mut hulls);
+        let mut boxes: Vec<Option<LinearBox>> = vec![None; count];
+        Fill { movers, part: &part }.leaves(&items, leaves.rows(), &mut boxes);
         drop(items);
         let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
         let mut node_times = vec![Times::NEVER; if timed { shape.nodes() } else { 0 }];
-        let mut hulls: Vec<Hull> = hulls.into_iter().flatten().collect();
+        let mut boxes: Vec<LinearBox> = boxes.into_iter().flatten().collect();
         for level in 0..shape.levels {
             let begin = shape.begin[level];
-            let mut above = Vec::with_capacity(hulls.len().div_ceil(LANES));
+            let mut above = Vec::with_capacity(boxes.len().div_ceil(LANES));
             // Even a tree without references has its root.
             for i in 0..shape.begin[level + 1] - begin {
-                let children = &hulls[(i * LANES).min(hulls.len())..((i + 1) * LANES).min(hulls.len())];
+                let children = &boxes[(i * LANES).min(boxes.len())..((i + 1) * LANES).min(boxes.len())];
                 let mut times = Times::NEVER;
                 set(&mut nodes[begin + i], &mut times, children);
                 if timed {
                     node_times[begin + i] = times;
                 }
                 if !children.is_empty() {
-                    above.push(Hull::of_hulls(children));
+                    above.push(LinearBox::of_boxes(children));
                 }
             }
-            hulls = above;
+            boxes = above;
         }
         let first = first_children(&shape);
         progress.finished(1.0 - ORDERING);
@@ -140,18 +140,18 @@ struct Fill<'a> {
 
 impl Fill<'_> {
     /// Fills leaves from ordered items, halves in parallel.
-    fn leaves(self, items: &[Item], mut leaves: LeafRows<'_>, hulls: &mut [Option<Hull>]) {
+    fn leaves(self, items: &[Item], mut leaves: LeafRows<'_>, boxes: &mut [Option<LinearBox>]) {
         if leaves.len() > 1024 {
             let half = leaves.len() / 2;
             let (items, more_items) = items.split_at(half * LANES);
-            let (hulls, more_hulls) = hulls.split_at_mut(half);
+            let (boxes, more_boxes) = boxes.split_at_mut(half);
             let [leaves, more_leaves] = leaves.split_at(half);
-            parallel::both(|| self.leaves(items, leaves, hulls), || self.leaves(more_items, more_leaves, more_hulls));
+            parallel::both(|| self.leaves(items, leaves, boxes), || self.leaves(more_items, more_leaves, more_boxes));
             return;
         }
         let throughout = [self.part.interval.begin(), self.part.interval.end_bound()];
         let whole = self.part.range(throughout);
-        let mut ways = Ways {
+        let mut rows = TrajectoryRows {
             open: [[0.0; LANES]; 3],
             close: [[0.0; LANES]; 3],
             range: whole.map(|phase| [phase; LANES]),
@@ -173,7 +173,7 @@ impl Fill<'_> {
             for lane in 0..LANES {
                 let item = of_leaf.get(lane).or(of_leaf.last()).expect("a leaf has a point");
                 let mover = &self.movers[item.index as usize];
-                ways.set_ends(lane, [mover.open, mover.close]);
+                rows.set_ends(lane, [mover.open, mover.close]);
                 if lane < of_leaf.len() {
                     leaf.set(lane, mover);
                 }
@@ -181,14 +181,14 @@ impl Fill<'_> {
                     let counts_throughout = mover.alive == self.part.interval;
                     let range = if counts_throughout { whole } else { mover.range(self.part) };
                     let times = [mover.alive.begin(), mover.alive.end_bound()];
-                    ways.set_times(lane, range, times);
+                    rows.set_times(lane, range, times);
                     if lane < of_leaf.len() {
                         leaf.set_times(lane, times, mover.life);
                     }
                 }
             }
             leaves.set(i, &leaf);
-            hulls[i] = Some(Hull::of_points(&ways));
+            boxes[i] = Some(LinearBox::of_points(&rows));
         }
     }
 }
@@ -245,7 +245,7 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         diagonal::<S>(lo, line(s, &boxes.hi, &boxes.hi_slope, target.phase))
     }
     #[inline(always)]
-    fn expect_node(&self, node: usize) {
+    fn prefetch_node(&self, node: usize) {
         prefetch(&self.tree.nodes[node]);
     }
 }

@@ -59,7 +59,7 @@ impl<T: HasLeaves, const TIMED: bool> Leaves for AtTime<'_, T, TIMED> {
         self.tree.leaves().distances::<S, TIMED>(s, self.at, target, block)
     }
     #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
+    fn prefetch_leaf(&self, block: usize) {
         self.tree.leaves().prefetch(block);
     }
     #[inline(always)]

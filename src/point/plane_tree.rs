@@ -52,7 +52,7 @@ impl PlaneTree {
             id: id as u32,
             interval: m.alive,
             bounds: Trajectory { open: m.open, close: m.close },
-            votes: true,
+            in_sah: true,
         };
         let all: Vec<_> = movers.iter().enumerate().map(reference).collect();
         let segments = part.keys.max(2) - 1;

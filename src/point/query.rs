@@ -115,7 +115,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// Runs the query as one of those that are compiled in this crate.
     #[inline(always)]
     fn run<R>(&self, run: impl FnOnce(Either<'_, 'a>) -> R) -> R {
-        if K::ASKS {
+        if K::FILTERS {
             let kept = |ids: &Lanes<u32>, mask: Mask| self.query.keep.kept(ids, mask);
             run(Either::Some(&self.query.keeping(KeepLanes(&kept))))
         } else {

@@ -44,7 +44,7 @@ pub(super) trait Leaves: Copy {
     /// Squared distances to the points; infinite where there is no point at this time.
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
     /// A leaf that will soon be tested, probably.
-    fn expect_leaf(&self, block: usize);
+    fn prefetch_leaf(&self, block: usize);
     /// Bytes of all leaves: tells how far away most of them are, and so whether it pays to ask for them early.
     fn leaf_bytes(&self) -> usize;
     /// Ids of a block's points.
@@ -77,7 +77,7 @@ pub(super) trait View: Leaves {
     /// Squared diagonals of the child boxes.
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
     /// A node that will soon be tested, probably.
-    fn expect_node(&self, node: usize);
+    fn prefetch_node(&self, node: usize);
 }
 
 /// A tree at a time, all of whose positions are f32 ones in one place: what neighbour lists need.

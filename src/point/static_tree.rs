@@ -391,7 +391,7 @@ impl Leaves for &StaticTree {
         squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
     }
     #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
+    fn prefetch_leaf(&self, block: usize) {
         if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
             blocks.iter().for_each(prefetch);
         }
@@ -436,7 +436,7 @@ impl View for &StaticTree {
         }
     }
     #[inline(always)]
-    fn expect_node(&self, node: usize) {
+    fn prefetch_node(&self, node: usize) {
         match self.lower.get(node) {
             Some(node) => prefetch(node),
             None => prefetch(&self.upper[node - self.lower.len()]),

@@ -126,7 +126,7 @@ impl PointTree {
     /// gives a tree of the answers that it gave. Errors: coordinates that are not finite or too large, arrays of
     /// different length, parameters out of range. An empty set is a tree that finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
-        PointTree::heard(points, params, &Progress::new(None))
+        PointTree::build_reporting(points, params, &Progress::new(None))
     }
 
     /// [`PointTree::build`] that calls `progress` with the finished fraction (0 to 1) now and then, from any of its threads.
@@ -145,10 +145,10 @@ impl PointTree {
         params: &PointParams,
         progress: Callback<'_>,
     ) -> Result<PointTree, PointError> {
-        PointTree::heard(points, params, &Progress::new(Some(progress)))
+        PointTree::build_reporting(points, params, &Progress::new(Some(progress)))
     }
 
-    fn heard<P: PointSet + ?Sized>(
+    fn build_reporting<P: PointSet + ?Sized>(
         points: &P,
         params: &PointParams,
         progress: &Progress,
@@ -185,8 +185,8 @@ impl PointTree {
             tree.add(layer, PointLayerKind::Static, len, "nothing moves".into());
             return Ok(tree);
         }
-        let apart = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
-        if apart {
+        let separate = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
+        if separate {
             let why = format!("{count} of {len} points stand still throughout");
             let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i]), &share(count)));
             tree.add(layer, PointLayerKind::Static, count, why);
@@ -195,7 +195,7 @@ impl PointTree {
             tree.add(moving_layer(source, 0..len, plan, progress), kind(plan), len, "asked for".into());
             return Ok(tree);
         }
-        let moving: Vec<u32> = (0..len as u32).filter(|&i| !(apart && still[i as usize])).collect();
+        let moving: Vec<u32> = (0..len as u32).filter(|&i| !(separate && still[i as usize])).collect();
         for chosen in moving_layers(source, &moving, params.max_references, params.simd, &share(moving.len())) {
             tree.add(chosen.layer, kind(chosen.plan), chosen.points, chosen.why);
         }
@@ -227,8 +227,8 @@ impl PointTree {
                 (plan, format!("{why}; tried with positions rounded to f32"))
             }
         };
-        let apart = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
-        if apart {
+        let separate = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
+        if separate {
             let whole = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.part(count as f64 / len as f64);
             let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), false, &progress);
@@ -236,7 +236,7 @@ impl PointTree {
             self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
         }
         if count < len {
-            let moving = (0..len).filter(|&i| !(apart && still[i]));
+            let moving = (0..len).filter(|&i| !(separate && still[i]));
             let (count, parts) = (moving.clone().count(), parts(keys, plan.parts()));
             let progress = progress.part(count as f64 / (len * parts.len()) as f64);
             let tree = |part: Part| {

@@ -2,7 +2,7 @@
 
 use super::mesh::{Keys, TriangleMesh};
 use super::precise_vertices::PreciseVertices;
-use super::triangles::{BLOCK, Rebased, Triangles, Vertices, segments};
+use super::triangles::{BLOCK, MeshInfo, Triangles, Vertices, segments};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
@@ -13,11 +13,11 @@ impl Triangles {
     /// Checks the meshes and copies them into tree space.
     #[cfg(test)]
     pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
-        Triangles::beside(meshes, Aabb::EMPTY)
+        Triangles::with_bounds(meshes, Aabb::EMPTY)
     }
 
     /// Checks the meshes and copies them into a tree space that holds what else there is, too.
-    pub(crate) fn beside(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
+    pub(crate) fn with_bounds(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
         let frame = checked(meshes, others)?;
         // Keys that say nothing are left out: what stands still or moves straight pays nothing for them.
         let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
@@ -25,7 +25,7 @@ impl Triangles {
     }
 
     /// The same meshes with other positions, which keep as many keys as before.
-    pub(crate) fn again(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
+    pub(crate) fn with_positions(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
         if meshes.len() != self.meshes.len() {
             return Err(RefitError::Count { expected: self.meshes.len(), found: meshes.len() });
         }
@@ -64,7 +64,7 @@ impl Triangles {
         }
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
-        let (mut rebased, mut bent, mut precise) = (Vec::with_capacity(meshes.len()), 0, 0);
+        let (mut infos, mut bent, mut precise) = (Vec::with_capacity(meshes.len()), 0, 0);
         // Where all keys are equal there may be fewer than are kept.
         let given_key = |mesh: usize, key: usize| {
             let given = meshes[mesh].keys.len();
@@ -93,7 +93,7 @@ impl Triangles {
             let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
             let in_f64 = mesh.is_precise().then_some(precise);
             precise += if mesh.is_precise() { mesh.len() as u32 } else { 0 };
-            rebased.push(Rebased { first, bent_before: bent, keys, stride, active, mask, indices, precise: in_f64 });
+            infos.push(MeshInfo { first, bent_before: bent, keys, stride, active, mask, indices, precise: in_f64 });
             bent += if keys > 2 { mesh.len() } else { 0 };
         }
         let mesh_at = mesh_at(meshes.iter().map(TriangleMesh::len), total);
@@ -101,7 +101,7 @@ impl Triangles {
         let vertices = Vertices { positions, corners };
         let counts = [given, found];
         let precise = PreciseVertices::of(meshes, kept, frame, given_key);
-        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, bent, counts, vertices, precise })
+        Ok(Triangles { frame, meshes: infos, len: total, mesh_at, always_active, bent, counts, vertices, precise })
     }
 
     /// Number of triangles of a mesh.

@@ -140,7 +140,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Whether the primitive certainly stays clear of a cell during the whole interval, by more than the kernel's
     /// rounding, although its bounds do not: `cell` is the cell at the begin and end of the interval,
     /// linear in between. `false` is always right.
-    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+    fn is_disjoint(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
         let _ = (id, over, cell);
         false
     }

@@ -58,14 +58,14 @@ struct Grid {
 }
 
 /// Vertices of which all keys are looked at together: their positions at kept keys stay in the cache.
-const TOGETHER: usize = 256;
+const BATCH: usize = 256;
 
 impl Grid {
     /// The first vertex among these that leaves the lines between kept keys.
     fn first_bent(self, vertices: Range<usize>, at: &(impl Fn(usize, usize) -> Vec3 + Sync)) -> Option<usize> {
         let Grid { segments, step } = self;
-        for begin in vertices.clone().step_by(TOGETHER) {
-            let some = begin..vertices.end.min(begin + TOGETHER);
+        for begin in vertices.clone().step_by(BATCH) {
+            let some = begin..vertices.end.min(begin + BATCH);
             for first in (0..segments).step_by(step) {
                 for inner in 1..step {
                     let w = inner as f64 / step as f64;

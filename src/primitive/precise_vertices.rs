@@ -50,7 +50,7 @@ impl PreciseVertices {
     }
 
     /// Whether so many triangles of so many keys each, from one of them on, have all their vertices here.
-    pub(super) fn hold(&self, triangles: Range<usize>, keys: u32) -> bool {
+    pub(super) fn contains(&self, triangles: Range<usize>, keys: u32) -> bool {
         let end = self.positions.len() as u64;
         let there = |&vertex: &u32| u64::from(vertex) + u64::from(keys) <= end;
         self.corners.get(triangles).is_some_and(|corners| corners.iter().flatten().all(there))

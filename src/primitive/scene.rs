@@ -83,7 +83,7 @@ impl Scene {
     /// Checks everything and brings it into one tree space.
     pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
         let extent = ShapesExtent::of(&shapes)?;
-        let triangles = Triangles::beside(meshes, extent.swept)?;
+        let triangles = Triangles::with_bounds(meshes, extent.swept)?;
         Scene::of(triangles, shapes, extent)
     }
 
@@ -94,7 +94,7 @@ impl Scene {
         if let Some(found) = shapes.as_ref().map(Vec::len).filter(|&found| found != self.shapes.len()) {
             return Err(RefitError::Shapes { expected: self.shapes.len(), found });
         }
-        let triangles = self.triangles.again(meshes, extent.swept)?;
+        let triangles = self.triangles.with_positions(meshes, extent.swept)?;
         let shapes = shapes.unwrap_or_else(|| self.shapes.take());
         Scene::of(triangles, shapes, extent).map_err(RefitError::Input)
     }
@@ -154,10 +154,10 @@ impl PrimitiveSet for Scene {
         }
     }
 
-    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+    fn is_disjoint(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
         match self.shape(id) {
-            None => self.triangles.misses(id, over, cell),
-            Some(shape) => self.shapes.misses(shape, over, cell),
+            None => self.triangles.is_disjoint(id, over, cell),
+            Some(shape) => self.shapes.is_disjoint(shape, over, cell),
         }
     }
 

@@ -6,7 +6,7 @@
 use super::custom::PrimitiveSet;
 use super::precise_vertices::PreciseVertices;
 use crate::geometry::{
-    Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, clip_triangle, stays_clear,
+    Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, are_disjoint, clip_triangle,
 };
 use crate::simd::{LANES, prefetch};
 use core::ops::Range;
@@ -18,7 +18,7 @@ use glam::{DVec3, Vec3};
 /// (mesh, triangle).
 pub struct Triangles {
     pub(super) frame: Frame,
-    pub(super) meshes: Vec<Rebased>,
+    pub(super) meshes: Vec<MeshInfo>,
     /// Number of triangles.
     pub(super) len: usize,
     /// The mesh of every [`BLOCK`]-th triangle, and of the last.
@@ -47,7 +47,7 @@ pub(super) struct Vertices {
     pub(super) corners: Vec<[u32; 3]>,
 }
 
-pub(super) struct Rebased {
+pub(super) struct MeshInfo {
     /// Id of the first triangle.
     pub(super) first: u32,
     /// Number of bent triangles before it, see [`Triangles::entries_of`].
@@ -83,7 +83,7 @@ impl Triangles {
     }
 
     #[inline(always)]
-    pub(super) fn mesh(&self, id: u32) -> &Rebased {
+    pub(super) fn mesh(&self, id: u32) -> &MeshInfo {
         &self.meshes[self.mesh_of(id)]
     }
 
@@ -150,7 +150,7 @@ impl Triangles {
     /// The corners at both keys of a mesh with two; twice the same of what stands still.
     #[inline(always)]
     pub(crate) fn corners_at_both(&self, id: u32) -> [[Vec3; 3]; 2] {
-        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let &MeshInfo { keys, stride, .. } = self.mesh(id);
         let [a, b, c] = self.vertices(id);
         // Each by itself: mapped arrays become calls.
         let last = (keys - 1) * stride;
@@ -163,7 +163,7 @@ impl Triangles {
     /// The corners at time `t`, exactly as queries see them.
     #[inline(always)]
     pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
-        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let &MeshInfo { keys, stride, .. } = self.mesh(id);
         let [a, b, c] = self.vertices(id);
         // Each by itself: mapped arrays become calls.
         if keys == 1 {
@@ -181,7 +181,7 @@ impl Triangles {
     /// The corners at a time in f64 (see [`KeyTime::fine_position`]).
     #[inline(always)]
     pub(crate) fn fine_corners(&self, id: u32, t: f32) -> [DVec3; 3] {
-        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let &MeshInfo { keys, stride, .. } = self.mesh(id);
         let at = KeyTime::new(t, keys);
         let first = at.segment * stride;
         let last = if keys == 1 { first } else { first + stride };
@@ -192,7 +192,7 @@ impl Triangles {
     /// The corners at both ends of an interval, up to the signs of zeros.
     #[inline(always)]
     pub(crate) fn ends(&self, id: u32, over: TimeInterval) -> [[Vec3; 3]; 2] {
-        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let &MeshInfo { keys, stride, .. } = self.mesh(id);
         let [a, b, c] = self.vertices(id);
         let key = |offset: usize| [self.position(a, offset), self.position(b, offset), self.position(c, offset)];
         if keys == 1 {
@@ -346,7 +346,7 @@ impl PrimitiveSet for Triangles {
     }
 
     fn further_key_bytes(&self) -> usize {
-        let of = |mesh: &Rebased, end: u32| (end - mesh.first) as usize * mesh.keys.saturating_sub(2);
+        let of = |mesh: &MeshInfo, end: u32| (end - mesh.first) as usize * mesh.keys.saturating_sub(2);
         let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);
         self.meshes.iter().zip(ends).map(|(mesh, end)| of(mesh, end)).sum::<usize>() * size_of::<[Vec3; 3]>()
     }
@@ -373,11 +373,11 @@ impl PrimitiveSet for Triangles {
         clip_triangle(self.corners(id, time), cell)
     }
 
-    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+    fn is_disjoint(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
         let keys = self.keys(id);
         let at = |t: f32, cell: Box3| Instant { corners: self.corners(id, t), cell };
         if keys == 1 && cell.begin == cell.end {
-            return stays_clear(&[at(0.0, cell.begin)], self.rounding(id, over));
+            return are_disjoint(&[at(0.0, cell.begin)], self.rounding(id, over));
         }
         // Both ends and the keys between.
         let mut instants = [at(over.begin(), cell.begin); INSTANTS];
@@ -393,7 +393,7 @@ impl PrimitiveSet for Triangles {
             n += 1;
         }
         instants[n] = at(over.end(), cell.end);
-        stays_clear(&instants[..=n], Triangles::slack(keys, self.magnitude(id, over)) + self.rounding(id, over))
+        are_disjoint(&instants[..=n], Triangles::slack(keys, self.magnitude(id, over)) + self.rounding(id, over))
     }
 
     fn mask(&self, id: u32) -> u32 {
@@ -419,7 +419,7 @@ impl PrimitiveSet for Triangles {
         self.vertices.positions.capacity() * size_of::<Vec3>()
             + self.vertices.corners.capacity() * size_of::<[u32; 3]>()
             + self.precise.bytes()
-            + self.meshes.capacity() * size_of::<Rebased>()
+            + self.meshes.capacity() * size_of::<MeshInfo>()
             + self.mesh_at.capacity() * size_of::<u32>()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::copy_meshes::mesh_at;
 use super::precise_vertices::PreciseVertices;
-use super::triangles::{Rebased, Triangles, Vertices};
+use super::triangles::{MeshInfo, Triangles, Vertices};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
 use crate::geometry::{Frame, TimeInterval};
 
@@ -51,7 +51,7 @@ impl Triangles {
         self.frame.encode(to)?;
         to.put(self.counts.map(|count| count as u64))?;
         let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);
-        let record = |(mesh, end): (&Rebased, u32)| MeshRecord {
+        let record = |(mesh, end): (&MeshInfo, u32)| MeshRecord {
             triangles: end - mesh.first,
             keys: mesh.keys as u32,
             precise: mesh.precise.is_some(),
@@ -93,7 +93,7 @@ impl TrianglesRecord {
         let len = total as usize;
         require(vertices.corners.len() == if in_leaves { 0 } else { len }, "triangles have no vertices")?;
         require(!in_leaves || vertices.positions.is_empty(), "there are vertices without triangles")?;
-        let (mut rebased, mut first, mut bent, mut in_f64) = (Vec::with_capacity(meshes.len()), 0, 0, 0);
+        let (mut infos, mut first, mut bent, mut in_f64) = (Vec::with_capacity(meshes.len()), 0, 0, 0);
         for mesh in &meshes {
             require((1..=MOST_KEYS).contains(&mesh.keys), "a mesh has no or too many keys")?;
             let (keys, stride) = (mesh.keys as usize, mesh.stride as usize);
@@ -101,7 +101,7 @@ impl TrianglesRecord {
             // Not in files: what comes from one is not refitted.
             let (bent_before, mask, indices) = (bent, mesh.mask, 0);
             let of_mesh = mesh.precise.then_some(in_f64 as u32);
-            rebased.push(Rebased {
+            infos.push(MeshInfo {
                 first: first as u32,
                 bent_before,
                 keys,
@@ -113,7 +113,7 @@ impl TrianglesRecord {
             });
             if mesh.precise {
                 let end = in_f64 + mesh.triangles as usize;
-                require(precise.hold(in_f64..end, mesh.keys), "a triangle in f64 has no vertices")?;
+                require(precise.contains(in_f64..end, mesh.keys), "a triangle in f64 has no vertices")?;
                 in_f64 = end;
             }
             let end = first + mesh.triangles as usize;
@@ -135,8 +135,8 @@ impl TrianglesRecord {
         }
         require(precise.corners.len() == in_f64, "there are vertices in f64 without triangles")?;
         let mesh_at = mesh_at(meshes.iter().map(|mesh| mesh.triangles as usize), len);
-        let always_active = rebased.iter().all(|mesh| mesh.active == TimeInterval::FULL);
+        let always_active = infos.iter().all(|mesh| mesh.active == TimeInterval::FULL);
         let counts = counts.map(|count| usize::try_from(count).unwrap_or(usize::MAX));
-        Ok(Triangles { frame, meshes: rebased, len, mesh_at, always_active, bent, counts, vertices, precise })
+        Ok(Triangles { frame, meshes: infos, len, mesh_at, always_active, bent, counts, vertices, precise })
     }
 }

@@ -1,7 +1,7 @@
 //! The photon map: photons by place, and the density estimate.
 
 use super::error::GatherError;
-use super::index::{Clock, Index};
+use super::index::{Index, TimeWeight};
 use super::params::GatherParams;
 use super::photon::{Flux, Photon};
 use super::query::{GatherQuery, check_place};
@@ -79,7 +79,7 @@ struct Accept<'a> {
 }
 
 impl Keep for Accept<'_> {
-    const ASKS: bool = true;
+    const FILTERS: bool = true;
     #[inline]
     fn keep(&self, place: u32) -> bool {
         let Accept { index, query, at } = *self;
@@ -226,7 +226,7 @@ impl<F: Flux> PhotonMap<F> {
             return Err(GatherError::WindowTooWide { most: index.most_window });
         }
         let disc = find(index, query, &mut scratch.buffer);
-        let duration = query.clock.over_time(query.time.into(), query.window.into(), 0.0, 1.0) as f32;
+        let duration = query.time_weight.over_time(query.time.into(), query.window.into(), 0.0, 1.0) as f32;
         let per_duration = 1.0 / duration;
         let gathered = |count| Gathered {
             density: F::default(),
@@ -247,12 +247,12 @@ impl<F: Flux> PhotonMap<F> {
             return Err(GatherError::NoArea);
         }
         for near in &scratch.buffer.found[..disc.count] {
-            let in_time = match index.clock(near.id) {
-                Clock::Stamp(stamp) => {
+            let in_time = match index.time_weight(near.id) {
+                TimeWeight::Stamp(stamp) => {
                     let x = (stamp - query.time) / query.window;
-                    query.clock.weight(x * x) * per_duration
+                    query.time_weight.weight(x * x) * per_duration
                 }
-                Clock::Even(even) => even,
+                TimeWeight::Even(even) => even,
             };
             let in_space = query.space.weight(near.distance_squared / disc.squared);
             visit(near.id, in_space * in_time * per_area);
@@ -270,7 +270,7 @@ impl<F> core::fmt::Debug for PhotonMap<F> {
 /// The photons of a query, in order, in the buffer; and the disc they lie in.
 fn find(index: &Index, query: &GatherQuery, buffer: &mut NeighborBuffer) -> Disc {
     // Whether the window reaches photons that are carried along is told by the test only.
-    if query.asks() || index.carried {
+    if query.has_filter() || index.carried {
         let accept = Accept { index, query, at: KeyTime::new(query.time, 2) };
         find_kept(index, query, &accept, buffer)
     } else {
@@ -288,10 +288,10 @@ fn find_kept(index: &Index, query: &GatherQuery, keep: &impl Keep, buffer: &mut 
     };
     search.nearest(k.saturating_add(1), bound, buffer);
     let found = &buffer.found;
-    let rim = if found.len() > k || radius == f32::INFINITY { found.last() } else { None };
-    match rim {
-        Some(rim) => {
-            let (squared, count) = (rim.distance_squared, found.len() - 1);
+    let outermost = if found.len() > k || radius == f32::INFINITY { found.last() } else { None };
+    match outermost {
+        Some(outermost) => {
+            let (squared, count) = (outermost.distance_squared, found.len() - 1);
             Disc { radius: squared.sqrt(), squared, count, reached: count >= k }
         }
         None => Disc { radius, squared: bound, count: found.len(), reached: found.len() >= k },

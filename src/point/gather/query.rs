@@ -33,7 +33,7 @@ pub struct GatherQuery<'f> {
     pub(super) cosine: Option<f32>,
     pub(super) thickness: Option<f32>,
     pub(super) space: Kernel,
-    pub(super) clock: Kernel,
+    pub(super) time_weight: Kernel,
     pub(super) filter: Option<&'f (dyn Fn(u32) -> bool + Sync)>,
 }
 
@@ -51,7 +51,7 @@ impl<'f> GatherQuery<'f> {
             cosine: None,
             thickness: None,
             space: Kernel::Box,
-            clock: Kernel::Box,
+            time_weight: Kernel::Box,
             filter: None,
         }
     }
@@ -85,7 +85,7 @@ impl<'f> GatherQuery<'f> {
 
     /// How photons are weighed by distance in space and in time.
     pub fn kernels(self, space: Kernel, time: Kernel) -> Self {
-        GatherQuery { space, clock: time, ..self }
+        GatherQuery { space, time_weight: time, ..self }
     }
 
     /// Only photons whose index among those that the map was built from the predicate returns true for. It must be
@@ -109,7 +109,7 @@ impl<'f> GatherQuery<'f> {
     }
 
     /// Whether photons have to be looked at one by one.
-    pub(super) fn asks(&self) -> bool {
+    pub(super) fn has_filter(&self) -> bool {
         self.cosine.is_some() || self.thickness.is_some() || self.filter.is_some()
     }
 

@@ -83,7 +83,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
 
     #[inline(always)]
     fn view(&self) -> StampedView<'_, METRIC> {
-        SpanView { tree: &self.index.stamped, time: self.time, look: Scale(self.scale) }
+        SpanView { tree: &self.index.stamped, time: self.time, measure: Scale(self.scale) }
     }
 }
 
@@ -109,12 +109,12 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
             if let Some(tree) = of.others() {
                 // Compiled for searches with any filter.
                 let kept = |places: &_, mask| of.keep.kept(places, mask);
-                search.lend(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
+                search.with_filter(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
                     let trees = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
                     walk_counted(of.index.simd, trees, search);
                 });
             }
-            if !search.again() {
+            if !search.retry() {
                 break;
             }
         }

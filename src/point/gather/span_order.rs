@@ -18,7 +18,7 @@ pub(super) const CHANNELS: usize = 5;
 pub(super) const TIME: usize = 3;
 
 /// The channel of the reach.
-pub(super) const REACH: usize = 4;
+pub(super) const RADIUS: usize = 4;
 
 /// Something to be ordered.
 #[derive(Clone, Copy, Debug)]
@@ -67,14 +67,14 @@ fn divide(items: &mut [Item], block: usize, queries: &Queries) {
 fn best_channel(items: &[Item], queries: &Queries) -> usize {
     let step = (items.len() / SAMPLE).max(1);
     let (mut lo, mut hi) = ([f32::INFINITY; CHANNELS], [f32::NEG_INFINITY; CHANNELS]);
-    let mut reaches = [0.0; 2 * SAMPLE];
+    let mut radii = [0.0; 2 * SAMPLE];
     let mut count = 0;
     for item in items.iter().step_by(step) {
         for channel in 0..CHANNELS {
             lo[channel] = lo[channel].min(item.at[channel]);
             hi[channel] = hi[channel].max(item.at[channel]);
         }
-        reaches[count] = item.at[REACH];
+        radii[count] = item.at[RADIUS];
         count += 1;
     }
     let extent: [f64; CHANNELS] = core::array::from_fn(|c| f64::from(hi[c]) - f64::from(lo[c]));
@@ -87,7 +87,7 @@ fn best_channel(items: &[Item], queries: &Queries) -> usize {
             let area = sides[2] * sides[1].max(1e-3 * sides[2]);
             (f64::from(k) * area / (core::f64::consts::PI * items.len() as f64 * share)).sqrt()
         }
-        None => f64::from(hi[REACH]),
+        None => f64::from(hi[RADIUS]),
     };
     let grown = |extent: &[f64; CHANNELS], reach: f64| -> f64 {
         extent[..TIME].iter().map(|side| side + 2.0 * reach).product::<f64>() * (extent[TIME] + window)
@@ -98,16 +98,16 @@ fn best_channel(items: &[Item], queries: &Queries) -> usize {
         2.0 * grown(&half, reach)
     };
     let mut best = (halved(0), 0);
-    for channel in 1..REACH {
+    for channel in 1..RADIUS {
         let cost = halved(channel);
         if cost < best.0 {
             best = (cost, channel);
         }
     }
-    if queries.neighbors.is_none() && lo[REACH] < hi[REACH] {
-        let (_, median, _) = reaches[..count].select_nth_unstable_by(count / 2, f32::total_cmp);
+    if queries.neighbors.is_none() && lo[RADIUS] < hi[RADIUS] {
+        let (_, median, _) = radii[..count].select_nth_unstable_by(count / 2, f32::total_cmp);
         if grown(&extent, f64::from(*median)) + grown(&extent, reach) < best.0 {
-            return REACH;
+            return RADIUS;
         }
     }
     best.1

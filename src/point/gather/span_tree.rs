@@ -20,7 +20,7 @@ pub(super) trait SpanBlock: Copy + Send + Sync {
     /// The box around what is in it.
     fn span(&self) -> Span;
     /// What its things are called in answers.
-    fn names(&self) -> &Lanes<u32>;
+    fn ids(&self) -> &Lanes<u32>;
 }
 
 /// Sixteen boxes in rows. Where there is none, the lower ends are above the upper ones; times stay finite, so that their

@@ -6,7 +6,7 @@
 //! after rounding, so a box is never farther than what is in it (the proof in [`crate::point::snapshot`] holds word for word).
 
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
-use super::span_view::{Look, SpanView};
+use super::span_view::{Measure, SpanView};
 use crate::point::snapshot::{Target, outside, rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
@@ -42,7 +42,7 @@ impl SpanBlock for StampedBlock {
     }
 
     #[inline(always)]
-    fn names(&self) -> &Lanes<u32> {
+    fn ids(&self) -> &Lanes<u32> {
         &self.place
     }
 }
@@ -86,7 +86,7 @@ impl<const METRIC: bool> Scale<METRIC> {
     }
 }
 
-impl<const METRIC: bool> Look<StampedBlock> for Scale<METRIC> {
+impl<const METRIC: bool> Measure<StampedBlock> for Scale<METRIC> {
     const BALL: f32 = 0.18;
 
     #[inline(always)]

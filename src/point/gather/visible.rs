@@ -14,9 +14,9 @@ use super::index::checked;
 use super::params::GatherParams;
 use super::query::check_place;
 use super::scratch::GatherScratch;
-use super::span_order::{Item, Queries, REACH, TIME};
+use super::span_order::{Item, Queries, RADIUS, TIME};
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
-use super::span_view::{Look, SpanView};
+use super::span_view::{Measure, SpanView};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::batch::morton_order;
@@ -70,7 +70,7 @@ impl SpanBlock for VisibleBlock {
     }
 
     #[inline(always)]
-    fn names(&self) -> &Lanes<u32> {
+    fn ids(&self) -> &Lanes<u32> {
         &self.id
     }
 }
@@ -136,7 +136,7 @@ impl VisiblePoints {
             for axis in 0..3 {
                 block.at[axis][lane] = item.at[axis];
             }
-            (block.time[lane], block.radius[lane], block.id[lane]) = (item.at[TIME], item.at[REACH], item.index);
+            (block.time[lane], block.radius[lane], block.id[lane]) = (item.at[TIME], item.at[RADIUS], item.index);
         });
         Ok(VisiblePoints { tree, simd: params.simd })
     }
@@ -269,7 +269,7 @@ impl VisiblePoints {
     fn find(&self, position: Vec3, time: f32, window: f32, candidates: &mut Candidates) {
         candidates.count = 0;
         if !self.is_empty() {
-            let view = SpanView { tree: &self.tree, time, look: Reached { window } };
+            let view = SpanView { tree: &self.tree, time, measure: Contribution { window } };
             dispatch(self.simd, Found { view, position, candidates });
         }
     }
@@ -308,15 +308,15 @@ impl Kernel for Found<'_, '_> {
 }
 
 /// The tree as a photon sees it.
-type VisibleView<'a> = SpanView<'a, VisibleBlock, Reached>;
+type VisibleView<'a> = SpanView<'a, VisibleBlock, Contribution>;
 
 /// A photon with half the width of its window: what it does not contribute to is infinitely far away.
 #[derive(Clone, Copy)]
-struct Reached {
+struct Contribution {
     window: f32,
 }
 
-impl Look<VisibleBlock> for Reached {
+impl Measure<VisibleBlock> for Contribution {
     /// No search that counts neighbours goes through this.
     const BALL: f32 = 1.0;
 

@@ -1,6 +1,6 @@
 //! Trees of f64 points in files.
 
-use super::hull::Node;
+use super::linear_box::Node;
 use super::tree::{ABSENT, Block, PreciseTree, Rows};
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::parallel;

@@ -8,8 +8,8 @@
 //! The distance of a point is computed in f64 and rounded to f32 once; order, ties and radii go by that number.
 
 mod build;
-mod hull;
 mod in_file;
+mod linear_box;
 mod order;
 mod tree;
 
@@ -62,7 +62,7 @@ impl PreciseLayer {
 pub(super) struct Allowed<'a>(pub(super) Option<KeptLanes<'a>>);
 
 impl Keep for Allowed<'_> {
-    const ASKS: bool = true;
+    const FILTERS: bool = true;
     fn keep(&self, id: u32) -> bool {
         self.kept(&[id; LANES], 1) != 0
     }

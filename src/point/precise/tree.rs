@@ -3,14 +3,14 @@
 //! **Why no search ever loses a neighbour.** Let `q` be the query and `m` the middle of a node at the query's time, both
 //! in f64. The boxes of the node are relative to `m`, and so is the query: `p = q − m`, rounded to f32, is off by u = 2^-24 of
 //! itself. With `h` a face of what is in a box, the query on its outer side at a distance `g`, |p| is at most |h| + g. Faces
-//! as computed are farther out than `h` by more than u|h| and by 1e-22 (`super::hull` has the sum), so the gap is at most
+//! as computed are farther out than `h` by more than u|h| and by 1e-22 (`super::linear_box` has the sum), so the gap is at most
 //! g (1 + u) before it is rounded; and where the query is not on the outer side, there is no gap. Rounding the gap, squaring
 //! it, and adding squares makes at most seven roundings of u in the square of the distance, with those of p. It is
 //! multiplied by 1 − 2^-20 (16 u): then it is below the exact squared distance of any point in the box by more than f64
 //! rounds that (where squares underflow, the 1e-22 make up for it). And rounding to f32 is monotone. So the distance of the box
 //! is never above that of a point in it.
 
-use super::hull::Node;
+use super::linear_box::Node;
 use crate::geometry::TimeInterval;
 use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::{Part, exact_phase};
@@ -47,7 +47,7 @@ impl Block {
 pub(super) const ABSENT: f64 = 1e150;
 
 /// What squared distances of boxes are multiplied by.
-const LESS: f32 = 1.0 - 1.0 / 1_048_576.0;
+const SHRINK: f32 = 1.0 - 1.0 / 1_048_576.0;
 
 /// Points given in f64, in a complete 16-ary tree for one part of the shutter.
 #[derive(Clone)]
@@ -258,7 +258,7 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
         s.select(self.counting(s, &self.tree.block_times, block), distances, s.splat(f32::INFINITY))
     }
     #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
+    fn prefetch_leaf(&self, block: usize) {
         if let Some(blocks) = self.tree.blocks.get(block..block + self.leaf_blocks()) {
             blocks.iter().for_each(prefetch);
             if MOVING {
@@ -296,7 +296,7 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     fn boxes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> (S::F, Mask) {
         let (lo, hi) = self.relative_faces(s, node);
         let (distances, holding) = outside(s, &self.relative_query(s, node), lo, hi);
-        let distances = distances * s.splat(LESS);
+        let distances = distances * s.splat(SHRINK);
         if !MOVING || self.tree.node_times.is_empty() {
             return (distances, holding);
         }
@@ -309,7 +309,7 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
         diagonal::<S>(lo, hi)
     }
     #[inline(always)]
-    fn expect_node(&self, node: usize) {
+    fn prefetch_node(&self, node: usize) {
         prefetch(&self.tree.nodes[node]);
         if MOVING {
             prefetch(&self.tree.slopes[node]);
@@ -439,7 +439,7 @@ mod tests {
             let tree = PreciseTree::build(&source, part, 0..points.len(), false, &Progress::new(None));
             let view = tree.at::<false>(points[0] + place(size * far), 0.0);
             for simd in SimdLevel::available() {
-                lost += dispatch(simd, Lost { view, less: LESS });
+                lost += dispatch(simd, Lost { view, less: SHRINK });
                 lost_without += dispatch(simd, Lost { view, less: 1.0 });
             }
         }

@@ -93,7 +93,7 @@ pub(in crate::point) fn append<S: Simd>(
 
 /// The first `count` lanes; all where there are more than that many.
 #[inline(always)]
-pub(in crate::point) fn there(count: usize) -> Mask {
+pub(in crate::point) fn first_lanes(count: usize) -> Mask {
     if count < LANES { (1 << count) - 1 } else { Mask::MAX }
 }
 

@@ -12,7 +12,7 @@
 
 use super::candidates::{Candidates, append};
 use super::keys::{LANE_BITS, keys, smallest, unpack};
-use super::waiting::Waiting;
+use super::leaf_queue::LeafQueue;
 use super::{Keep, Observe};
 use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
@@ -57,7 +57,7 @@ pub(in crate::point) struct KNearest<'a, K, O> {
     guesses: u32,
     scale: f32,
     candidates: &'a mut Candidates,
-    waiting: Waiting,
+    queue: LeafQueue,
     keep: &'a K,
     observe: &'a mut O,
 }
@@ -74,7 +74,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         observe: &'a mut O,
     ) -> Self {
         candidates.count = 0;
-        let waiting = Waiting::new();
+        let queue = LeafQueue::new();
         KNearest {
             k,
             threshold: bound,
@@ -85,7 +85,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             guesses: if k <= MOST_GUESSED { GUESSES } else { 0 },
             scale: 1.0,
             candidates,
-            waiting,
+            queue,
             keep,
             observe,
         }
@@ -93,11 +93,16 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
 
     /// The same search through another filter and before other eyes, between two walks.
     #[inline(always)]
-    pub(in crate::point) fn lend<L, P>(&mut self, keep: &L, observe: &mut P, go: impl FnOnce(&mut KNearest<'_, L, P>)) {
+    pub(in crate::point) fn with_filter<L, P>(
+        &mut self,
+        keep: &L,
+        observe: &mut P,
+        go: impl FnOnce(&mut KNearest<'_, L, P>),
+    ) {
         let KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, .. } = *self;
-        let (candidates, waiting) = (&mut *self.candidates, Waiting::new());
+        let (candidates, queue) = (&mut *self.candidates, LeafQueue::new());
         let mut lent =
-            KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, candidates, waiting, keep, observe };
+            KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, candidates, queue, keep, observe };
         go(&mut lent);
         let KNearest { threshold, origin, cull, guesses, scale, .. } = lent;
         (self.threshold, self.origin, self.cull, self.guesses, self.scale) = (threshold, origin, cull, guesses, scale);
@@ -105,29 +110,29 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
 
     /// Whether the guess was too small: then the walk through all layers has to be repeated.
     #[inline(always)]
-    pub(in crate::point) fn again(&mut self) -> bool {
-        let again = self.origin == Origin::Guess && self.candidates.count < self.k;
-        if again {
+    pub(in crate::point) fn retry(&mut self) -> bool {
+        let retry = self.origin == Origin::Guess && self.candidates.count < self.k;
+        if retry {
             self.guesses -= 1;
-            self.scale = scaled(self.scale, 1.5 * self.wanted(), self.candidates.count as f32);
+            self.scale = scaled(self.scale, 1.5 * self.expected_in_ball(), self.candidates.count as f32);
             self.candidates.count = 0;
             self.origin = Origin::Caller;
             (self.threshold, self.cull) = (self.bound, self.bound);
         }
-        again
+        retry
     }
 
     /// Sets the threshold to one that k points are within, or are hoped to be. The bound of the caller is never made
     /// less: boxes within it may hold one of the first k points.
     #[inline(always)]
-    fn lower_to(&mut self, threshold: f32) {
+    fn set_threshold(&mut self, threshold: f32) {
         self.threshold = threshold;
         self.cull = threshold * self.shrink;
     }
 
     /// Points that a ball should hold: so many that fewer than k are seldom in it.
     #[inline(always)]
-    fn wanted(&self) -> f32 {
+    fn expected_in_ball(&self) -> f32 {
         let k = self.k as f32;
         k + 1.5 * k.sqrt()
     }
@@ -147,7 +152,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     /// A threshold that has between k and about 1.5k of the distances under it, found by counting from a
     /// guess; nothing where equal distances prevent it. There are a multiple of [`LANES`] distances.
     #[inline(always)]
-    fn lower<S: Simd>(&self, s: S, distances: &[f32], guess: f32) -> Option<f32> {
+    fn find_threshold<S: Simd>(&self, s: S, distances: &[f32], guess: f32) -> Option<f32> {
         let most = self.k + self.k / 2 + 4;
         let aim = self.aim();
         // `low` has fewer than k under it, `high` too many.
@@ -181,14 +186,15 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     fn tighten<S: Simd>(&mut self, s: S, guess: f32) {
         let count = self.candidates.count;
         self.candidates.distances[count..count + LANES].fill(f32::INFINITY);
-        let threshold = match self.lower(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess) {
+        let threshold = match self.find_threshold(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess)
+        {
             Some(threshold) => {
                 self.candidates.retain(s, threshold);
                 threshold
             }
             None => self.candidates.retain_exactly(self.k),
         };
-        self.lower_to(threshold);
+        self.set_threshold(threshold);
         self.origin = Origin::Known;
     }
 
@@ -209,8 +215,8 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
 
     /// Looks at the leaves on the list.
     #[inline(always)]
-    pub(super) fn look<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
-        let leaves = self.waiting.take();
+    pub(super) fn visit_leaves<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
+        let leaves = self.queue.drain();
         let blocks = view.leaf_blocks();
         self.candidates.reserve(leaves.len() * blocks * LANES);
         let limit = s.splat(self.threshold);
@@ -220,9 +226,9 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             for block in leaf as usize..leaf as usize + blocks {
                 self.observe.block();
                 let distance = view.point_distances(s, target, block);
-                let names = view.ids(block);
-                let under = self.keep.kept(names, s.le(distance, limit));
-                end = append(s, distances, ids, end, (distance, s.load_u(names)), under);
+                let ids_of_block = view.ids(block);
+                let under = self.keep.kept(ids_of_block, s.le(distance, limit));
+                end = append(s, distances, ids, end, (distance, s.load_u(ids_of_block)), under);
             }
         }
         *count = end;
@@ -243,7 +249,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         if holding & holding.wrapping_sub(1) != 0 {
             lane = smallest(s, view, target, node, holding) as usize;
         }
-        let share = self.wanted() / (LANES * view.leaf_blocks()) as f32;
+        let share = self.expected_in_ball() / (LANES * view.leaf_blocks()) as f32;
         let ball = V::BALL * (share * share.sqrt()).sqrt() * self.scale * s.lane(view.box_sizes(s, target, node), lane);
         let threshold = near + ball;
         if near == f32::INFINITY {
@@ -252,7 +258,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             // Only the edge of the ball would be among the points.
             self.guesses = 0;
         } else if threshold < self.threshold {
-            self.lower_to(threshold);
+            self.set_threshold(threshold);
             // The nearest leaf is looked at in any case: however large epsilon is, something is found.
             let near = f32::from_bits(near.to_bits() | LANE_BITS);
             self.cull = if self.cull > near { self.cull } else { near };
@@ -314,7 +320,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         if self.candidates.count > self.limit() {
             self.tighten(s, middle(0.0, threshold));
         } else if self.candidates.count >= self.k {
-            self.lower_to(threshold);
+            self.set_threshold(threshold);
             self.origin = Origin::Known;
         }
         lanes
@@ -328,20 +334,20 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
 
     /// A node is about to be tested.
     #[inline(always)]
-    pub(super) fn node(&mut self) {
+    pub(super) fn count_node(&mut self) {
         self.observe.node();
     }
 
     /// Whether nothing was looked at yet: the way down to the first bottom node.
     #[inline(always)]
-    pub(super) fn fresh(&self) -> bool {
+    pub(super) fn at_start(&self) -> bool {
         self.origin == Origin::Caller && self.candidates.count == 0
     }
 
     /// Puts the leaves of a bottom node, whose squared distances are `boxes`, on the list. Returns whether it is time to
-    /// [look](Self::look) at them.
+    /// [visited](Self::visit_leaves) at them.
     #[inline(always)]
-    pub(super) fn bottom<S: Simd, V: View>(
+    pub(super) fn push_leaves<S: Simd, V: View>(
         &mut self,
         s: S,
         view: &V,
@@ -362,20 +368,20 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                 found = self.seed(s, view, target, first, boxes);
             }
         }
-        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);
-        self.waiting.many() || self.origin == Origin::Caller
+        self.queue.push_lanes(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);
+        self.queue.is_ready() || self.origin == Origin::Caller
     }
 
     /// Looks at a leaf of a tree without boxes.
     #[inline(always)]
     pub(super) fn leaf<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, mut blocks: Range<usize>) {
         while !blocks.is_empty() {
-            while !self.waiting.many() {
+            while !self.queue.is_ready() {
                 let Some(block) = blocks.next() else { break };
-                self.waiting.add_leaf(block);
+                self.queue.push(block);
             }
             // What comes next depends on the threshold.
-            self.look(s, view, target);
+            self.visit_leaves(s, view, target);
         }
     }
 }

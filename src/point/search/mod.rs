@@ -6,13 +6,13 @@
 pub(super) mod candidates;
 pub(super) mod k_nearest;
 mod keys;
+mod leaf_queue;
 pub(super) mod nearest;
 pub(super) mod planes;
 pub(super) mod radius;
 pub(super) mod sinks;
 pub(super) mod sort;
 pub(super) mod trees;
-mod waiting;
 pub(super) mod walk;
 
 use crate::simd::{LANES, Lanes, Mask};
@@ -22,14 +22,14 @@ use crate::simd::{LANES, Lanes, Mask};
 /// Predicates must be pure: they may be asked about the same id more than once, or never.
 pub trait Keep {
     /// False where every id passes and nothing needs to be asked.
-    const ASKS: bool;
+    const FILTERS: bool;
     /// Whether this id may be an answer.
     fn keep(&self, id: u32) -> bool;
     /// The mask without the lanes whose ids are refused.
     #[doc(hidden)]
     #[inline(always)]
     fn kept(&self, ids: &[u32; LANES], mask: Mask) -> Mask {
-        if !Self::ASKS {
+        if !Self::FILTERS {
             return mask;
         }
         let (mut rest, mut out) = (mask, 0);
@@ -47,7 +47,7 @@ pub trait Keep {
 pub struct KeepAll;
 
 impl Keep for KeepAll {
-    const ASKS: bool = false;
+    const FILTERS: bool = false;
     #[inline(always)]
     fn keep(&self, _: u32) -> bool {
         true
@@ -59,7 +59,7 @@ impl Keep for KeepAll {
 pub struct KeepIf<F>(pub(super) F);
 
 impl<F: Fn(u32) -> bool> Keep for KeepIf<F> {
-    const ASKS: bool = true;
+    const FILTERS: bool = true;
     #[inline(always)]
     fn keep(&self, id: u32) -> bool {
         (self.0)(id)
@@ -74,7 +74,7 @@ pub(super) type KeptLanes<'a> = &'a dyn Fn(&Lanes<u32>, Mask) -> Mask;
 pub(super) struct KeepLanes<'a>(pub KeptLanes<'a>);
 
 impl Keep for KeepLanes<'_> {
-    const ASKS: bool = true;
+    const FILTERS: bool = true;
     fn keep(&self, id: u32) -> bool {
         self.kept(&[id; LANES], 1) != 0
     }

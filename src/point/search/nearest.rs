@@ -56,7 +56,7 @@ impl<'a, S: Simd, K: Keep> Best<'a, S, K> {
             let nearer = s.lt(distance, self.distance);
             let tied = s.eq(distance, self.distance) & s.lt_u(id, self.id);
             let take = self.keep.kept(ids, nearer | tied);
-            let near = if K::ASKS { s.select(take, distance, s.splat(f32::INFINITY)) } else { distance };
+            let near = if K::FILTERS { s.select(take, distance, s.splat(f32::INFINITY)) } else { distance };
             // The bits of distances are in their order, and NaN, where there is no point, is above all of them.
             *least = s.min_u(*least, s.to_bits(near));
             self.distance = s.select(take, distance, self.distance);
@@ -96,9 +96,9 @@ impl<'a, S: Simd, K: Keep> Best<'a, S, K> {
         if view.leaf_bytes() > NEAR {
             let others = s.select(1 << nearest, s.splat(f32::INFINITY), boxes);
             let second = nearest_lane(s, others, 0);
-            view.expect_leaf(first + (second << shift));
+            view.prefetch_leaf(first + (second << shift));
             let third = nearest_lane(s, s.select(1 << second, s.splat(f32::INFINITY), others), 0);
-            view.expect_leaf(first + (third << shift));
+            view.prefetch_leaf(first + (third << shift));
         }
         let mut least = s.to_bits(self.least);
         self.leaf(s, view, target, &mut least, first + (nearest << shift));
@@ -169,7 +169,7 @@ impl<'a, S: Simd, K: Keep> Best<'a, S, K> {
             s.store(left, &mut open[level]);
             node = first[level] + lane;
             if level == 1 && view.leaf_bytes() > NEAR {
-                view.expect_node(first[level] + nearest_lane(s, left, 0));
+                view.prefetch_node(first[level] + nearest_lane(s, left, 0));
             }
             level -= 1;
         }

@@ -113,7 +113,7 @@ pub(in crate::point) fn walk<S: Simd, K: Keep, O: Observe>(
 ) {
     let target = view.target(s, point);
     let mut front = PlaneFront::begin();
-    while let Some(blocks) = front.next(view, point, search.cull(), || search.node()) {
+    while let Some(blocks) = front.next(view, point, search.cull(), || search.count_node()) {
         search.leaf(s, view, &target, blocks);
     }
 }

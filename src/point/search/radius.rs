@@ -1,6 +1,6 @@
 //! Everything within a radius: masks all the way down, in no particular order.
 
-use super::waiting::Waiting;
+use super::leaf_queue::LeafQueue;
 use crate::limits::MAX_LEVELS;
 use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{Mask, Simd};
@@ -102,16 +102,16 @@ pub(in crate::point) fn within<S: Simd, V: View, T: Sink<S>>(
 ) -> ControlFlow<()> {
     let bound = s.splat(bound);
     let mut front = Front::begin(view);
-    let mut waiting = Waiting::new();
+    let mut queue = LeafQueue::new();
     loop {
-        while !waiting.many() {
+        while !queue.is_ready() {
             let Some((node, lanes)) = front.next(s, view, target, bound) else { break };
-            waiting.add(s, view, view.first_block(node), lanes);
+            queue.push_lanes(s, view, view.first_block(node), lanes);
         }
-        if waiting.is_empty() {
+        if queue.is_empty() {
             return ControlFlow::Continue(());
         }
-        for &leaf in waiting.take() {
+        for &leaf in queue.drain() {
             search_blocks(s, view, target, bound, leaf as usize..leaf as usize + view.leaf_blocks(), sink)?;
         }
     }

@@ -28,20 +28,20 @@ impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
 pub(in crate::point) type VisitSome<'a> = &'a mut dyn FnMut(&[u32], &[f32]) -> ControlFlow<()>;
 
 /// Points that are found before they are handed on.
-const TOGETHER: usize = 64;
+const BATCH: usize = 64;
 
 /// Hands points on, many at a time: a call for each block would cost more than the block.
 pub(in crate::point) struct Visit<'v> {
     visit: VisitSome<'v>,
-    distances: [f32; TOGETHER + LANES],
-    ids: [u32; TOGETHER + LANES],
+    distances: [f32; BATCH + LANES],
+    ids: [u32; BATCH + LANES],
     count: usize,
 }
 
 impl<'v> Visit<'v> {
     #[inline(always)]
     pub(in crate::point) fn new(visit: VisitSome<'v>) -> Visit<'v> {
-        Visit { visit, distances: [0.0; TOGETHER + LANES], ids: [0; TOGETHER + LANES], count: 0 }
+        Visit { visit, distances: [0.0; BATCH + LANES], ids: [0; BATCH + LANES], count: 0 }
     }
 
     /// Hands on what is left.
@@ -61,7 +61,7 @@ impl<S: Simd> Sink<S> for Visit<'_> {
     fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let id = s.load_u(view.ids(block));
         self.count = append(s, &mut self.distances, &mut self.ids, self.count, (distance, id), hits);
-        if self.count >= TOGETHER { self.finish() } else { ControlFlow::Continue(()) }
+        if self.count >= BATCH { self.finish() } else { ControlFlow::Continue(()) }
     }
 }
 

@@ -5,7 +5,7 @@
 //! branch. What the lost bits leave undecided is put right in the one pass that fetches the ids, by
 //! insertion, which seldom has anything to do.
 
-use super::candidates::{Candidates, pack, there, unpack};
+use super::candidates::{Candidates, first_lanes, pack, unpack};
 use crate::point::neighbor::Neighbor;
 use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch, lanes_at, merge_lanes};
 
@@ -88,7 +88,7 @@ pub(in crate::point) fn few_in_order<S: Simd>(
     let (distance, id) = (s.load(lanes_at(&candidates.distances, 0)), s.load_u(lanes_at(&candidates.ids, 0)));
     let place = s.load_u(&PLACES[0]);
     let bits = s.splat_u(!(LANES as u32 - 1));
-    let key = s.select_u(there(count), (s.to_bits(distance) & bits) | place, s.splat_u(u32::MAX));
+    let key = s.select_u(first_lanes(count), (s.to_bits(distance) & bits) | place, s.splat_u(u32::MAX));
     let key = s.sort_u(key);
     // Each beside the next one; those beyond the last count as NaN, which equals nothing.
     let next = s.permute(s.from_bits(key), s.add_u(place, s.splat_u(1)));
@@ -156,7 +156,7 @@ fn sorted<S: Simd, const N: usize>(
     for (i, lanes) in lanes.iter_mut().enumerate() {
         if i * LANES < count {
             let key = (s.to_bits(s.load(lanes_at(distances, i * LANES))) & s.splat_u(!PLACE)) | s.load_u(&PLACES[i]);
-            *lanes = s.select_u(there(count - i * LANES), key, last);
+            *lanes = s.select_u(first_lanes(count - i * LANES), key, last);
         }
     }
     for x in &mut lanes {

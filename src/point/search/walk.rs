@@ -27,12 +27,12 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
     let mut first = [0; MAX_LEVELS];
     let (mut level, mut node) = (top, root);
     loop {
-        search.node();
+        search.count_node();
         let (mut left, mut key);
         let (mut over, mut look) = (false, false);
         if level == 0 {
             let boxes = view.box_distances(s, target, node);
-            look = search.bottom(s, view, target, node, boxes);
+            look = search.push_leaves(s, view, target, node, boxes);
             over = top == 0;
             level = 1;
             left = s.load_u(&open[1]);
@@ -44,7 +44,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
             // A box that holds the point is at distance 0, and the first of them has the least key.
             key = if holding == 0 {
                 s.reduce_min_u(left)
-            } else if holding & (holding - 1) != 0 && search.fresh() {
+            } else if holding & (holding - 1) != 0 && search.at_start() {
                 smallest(s, view, target, node, holding)
             } else {
                 holding.trailing_zeros()
@@ -53,7 +53,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
         }
         loop {
             if look | over {
-                search.look(s, view, target);
+                search.visit_leaves(s, view, target);
                 look = false;
             }
             if over {
@@ -68,7 +68,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
                 node = first[level] + lane;
                 let (second, distance) = unpack(next[level]);
                 if distance <= search.cull() {
-                    view.expect_node(first[level] + second);
+                    view.prefetch_node(first[level] + second);
                 }
                 level -= 1;
                 break;

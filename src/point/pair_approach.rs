@@ -1,4 +1,4 @@
-//! How near a point on its flight comes to a query on its way, and when.
+//! How near a point on its flight comes to a query on its path, and when.
 //!
 //! Between two keys both move linearly, so seen from the query the point flies along a segment; nearest is the foot of
 //! the perpendicular or an end. Everything but two quotients is sums and products of the caller's numbers. They are
@@ -16,8 +16,8 @@ use super::over_interval::Flight;
 use crate::geometry::Double;
 use glam::DVec3;
 
-/// A query on its way: positions at the begin and the end of the interval.
-pub(super) struct Way {
+/// A query on its path: positions at the begin and the end of the interval.
+pub(super) struct QueryPath {
     pub(super) from: DVec3,
     pub(super) to: DVec3,
     pub(super) times: [f64; 2],
@@ -33,56 +33,56 @@ fn dot(a: &Vector, b: &Vector) -> Double {
 }
 
 /// A part of the shutter in which a point and the query move linearly, counted in segments between keys.
-pub(super) struct Together {
+pub(super) struct Overlap {
     begin: f64,
     end: f64,
     segment: f64,
     segments: f64,
 }
 
-impl Together {
-    /// When the query is on its way, the point alive, and its segment the one with this number; nothing if never.
-    pub(super) fn new(way: &Way, flight: &Flight, segment: usize) -> Option<Together> {
-        let (segment, segments) = (segment as f64, (way.keys.max(2) - 1) as f64);
+impl Overlap {
+    /// When the query is on its path, the point alive, and its segment the one with this number; nothing if never.
+    pub(super) fn new(path: &QueryPath, flight: &Flight, segment: usize) -> Option<Overlap> {
+        let (segment, segments) = (segment as f64, (path.keys.max(2) - 1) as f64);
         // Exact: times have 24 bits and there are at most 2^16 keys.
-        let begin = (way.times[0].max(flight.life.begin().into()) * segments).max(segment);
-        let end = (way.times[1].min(flight.life.end().into()) * segments).min(segment + 1.0);
-        (begin <= end).then_some(Together { begin, end, segment, segments })
+        let begin = (path.times[0].max(flight.life.begin().into()) * segments).max(segment);
+        let end = (path.times[1].min(flight.life.end().into()) * segments).min(segment + 1.0);
+        (begin <= end).then_some(Overlap { begin, end, segment, segments })
     }
 
     /// The least distance as computed in f64, and how much it may be too great.
-    pub(super) fn about(&self, way: &Way, flight: &Flight) -> (f64, f64) {
+    pub(super) fn estimate(&self, path: &QueryPath, flight: &Flight) -> (f64, f64) {
         let [open, close] = [flight.open, flight.close].map(DVec3::from_array);
-        let length = (way.times[1] - way.times[0]) * self.segments;
+        let length = (path.times[1] - path.times[0]) * self.segments;
         let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
-        let apart = |at: f64| {
-            let query = way.from + (way.to - way.from) * ((at - way.times[0] * self.segments) * rate);
+        let offset = |at: f64| {
+            let query = path.from + (path.to - path.from) * ((at - path.times[0] * self.segments) * rate);
             open + (close - open) * (at - self.segment) - query
         };
-        let (first, last) = (apart(self.begin), apart(self.end));
+        let (first, last) = (offset(self.begin), offset(self.end));
         let passing = last - first;
         let square = passing.length_squared();
         let w = if square > 0.0 { (-first.dot(passing) / square).clamp(0.0, 1.0) } else { 0.0 };
-        let sizes = open.abs().max(close.abs()).max(way.from.abs()).max(way.to.abs());
+        let sizes = open.abs().max(close.abs()).max(path.from.abs()).max(path.to.abs());
         ((first + passing * w).length(), sizes.max_element() * 1.5e-14)
     }
 
     /// Time and distance of the closest approach.
-    pub(super) fn closest(&self, way: &Way, flight: &Flight) -> (f32, f32) {
+    pub(super) fn closest(&self, path: &QueryPath, flight: &Flight) -> (f32, f32) {
         let number = |x: f64| Double::from(x);
-        let start = number(way.times[0] * self.segments);
-        let duration = number(way.times[1] * self.segments) - start;
+        let start = number(path.times[0] * self.segments);
+        let duration = number(path.times[1] * self.segments) - start;
         // Of a query that looks at one moment only, either position is right.
         let length = if duration.to_f64() > 0.0 { duration } else { number(1.0) };
-        let apart = |at: f64| -> Vector {
+        let offset = |at: f64| -> Vector {
             core::array::from_fn(|axis| {
                 let (open, close) = (number(flight.open[axis]), number(flight.close[axis]));
-                let (from, to) = (number(way.from[axis]), number(way.to[axis]));
+                let (from, to) = (number(path.from[axis]), number(path.to[axis]));
                 let point = open + (close - open) * (number(at) - number(self.segment));
                 (point - from) * length - (to - from) * (number(at) - start)
             })
         };
-        let (first, last) = (apart(self.begin), apart(self.end));
+        let (first, last) = (offset(self.begin), offset(self.end));
         let passing: Vector = core::array::from_fn(|axis| first[axis] - last[axis]);
         let (along, square) = (dot(&first, &passing), dot(&passing, &passing));
         let (at, nearest) = if along.to_f64() <= 0.0 || square.to_f64() <= 0.0 {

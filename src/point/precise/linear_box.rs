@@ -1,7 +1,7 @@
 //! Boxes around f64 points on their ways, and nodes that hold such boxes in f32 relative to a middle.
 //!
 //! **Padding.** A point on its way from a to b is computed with three roundings of at most 2^-52 max(|a|, |b|): its
-//! hull is wider by 2^-49 of that, and by nothing where it stands still ([`Hull::of_point`]). A face is stored relative to
+//! hull is wider by 2^-49 of that, and by nothing where it stands still ([`LinearBox::of_point`]). A face is stored relative to
 //! the middle of its node, and computed in f32 as `at + slope·w`, where w is rounded too: by at most (|at| + 3 |slope|)u.
 //! The query is rounded relative to the middle as well: by u of its distance from there, which is at most the distance of the
 //! face from there, |at| + |slope|, and that of the query from the face. The latter changes gaps by a part of themselves
@@ -16,7 +16,7 @@ use glam::DVec3;
 
 /// A box at the begin and at the end of a part of the shutter, linear between, and when what is in it lives.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hull {
+pub(super) struct LinearBox {
     lo: [DVec3; 2],
     hi: [DVec3; 2],
     times: [f32; 2],
@@ -35,7 +35,7 @@ pub(super) struct Node {
 }
 
 /// A node, how far its boxes move during the part, and when they count.
-pub(super) struct Made {
+pub(super) struct NodeRows {
     pub(super) node: Node,
     pub(super) slopes: Boxes,
     pub(super) times: Times,
@@ -50,24 +50,24 @@ const TINY: f64 = 1e-22;
 /// Multiple of the paddings that is applied: 1, except where a test shows that less loses points.
 pub(super) const FULL: f64 = 1.0;
 
-impl Hull {
-    pub(super) const NONE: Hull =
-        Hull { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2], times: [f32::INFINITY, f32::NEG_INFINITY] };
+impl LinearBox {
+    pub(super) const NONE: LinearBox =
+        LinearBox { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2], times: [f32::INFINITY, f32::NEG_INFINITY] };
 
     /// A point at the begin and at the end of a part, on its way between two keys.
-    pub(super) fn of_point(ends: [DVec3; 2], keys: [DVec3; 2], times: [f32; 2]) -> Hull {
+    pub(super) fn of_point(ends: [DVec3; 2], keys: [DVec3; 2], times: [f32; 2]) -> LinearBox {
         let [a, b] = keys;
         let moves = if a == b { 0.0 } else { 1.0 };
         let error = a.abs().max(b.abs()) * (moves * 2f64.powi(-49));
-        Hull { lo: ends.map(|p| p - error), hi: ends.map(|p| p + error), times }
+        LinearBox { lo: ends.map(|p| p - error), hi: ends.map(|p| p + error), times }
     }
 
     /// Both.
-    pub(super) fn union(self, other: &Hull) -> Hull {
+    pub(super) fn union(self, other: &LinearBox) -> LinearBox {
         let both = |i: usize| (self.lo[i].min(other.lo[i]), self.hi[i].max(other.hi[i]));
         let ((lo, hi), (end_lo, end_hi)) = (both(0), both(1));
         let times = [self.times[0].min(other.times[0]), self.times[1].max(other.times[1])];
-        Hull { lo: [lo, end_lo], hi: [hi, end_hi], times }
+        LinearBox { lo: [lo, end_lo], hi: [hi, end_hi], times }
     }
 }
 
@@ -79,9 +79,9 @@ impl Node {
     pub(super) const STILL: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
 
     /// The node over at most sixteen children, and its hull.
-    pub(super) fn over(children: &[Hull], moves: bool, padding: f64) -> (Made, Hull) {
-        let hull = children.iter().fold(Hull::NONE, Hull::union);
-        let mut made = Made { node: Node::NONE, slopes: Node::STILL, times: Times::NEVER };
+    pub(super) fn over(children: &[LinearBox], moves: bool, padding: f64) -> (NodeRows, LinearBox) {
+        let hull = children.iter().fold(LinearBox::NONE, LinearBox::union);
+        let mut made = NodeRows { node: Node::NONE, slopes: Node::STILL, times: Times::NEVER };
         if children.is_empty() {
             return (made, hull);
         }
@@ -144,8 +144,9 @@ mod tests {
                     [a, a + place(speed)]
                 })
                 .collect();
-            let hulls: Vec<Hull> = points.iter().map(|&ends| Hull::of_point(ends, ends, [0.0, 1.0])).collect();
-            let (Made { node, slopes, .. }, _) = Node::over(&hulls, moves, padding);
+            let boxes_below: Vec<LinearBox> =
+                points.iter().map(|&ends| LinearBox::of_point(ends, ends, [0.0, 1.0])).collect();
+            let (NodeRows { node, slopes, .. }, _) = Node::over(&boxes_below, moves, padding);
             for step in 0..=8 {
                 let w = f64::from(step) / 8.0;
                 for (lane, [a, b]) in points.iter().enumerate() {

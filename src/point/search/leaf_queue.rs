@@ -11,14 +11,14 @@ use crate::simd::{LANES, Mask, Simd};
 use crate::tuning::points::FAR;
 
 /// Most leaves on a list.
-const ROOM: usize = 4 * LANES;
+const CAPACITY: usize = 4 * LANES;
 
 /// Leaves that are worth being gone through together.
-const MANY: usize = LANES;
+const BATCH: usize = LANES;
 
 /// A list of leaves, each as the number of its first block.
-pub(in crate::point) struct Waiting {
-    leaves: [u32; ROOM],
+pub(in crate::point) struct LeafQueue {
+    leaves: [u32; CAPACITY],
     count: usize,
 }
 
@@ -34,17 +34,17 @@ static OFFSETS: [[u32; LANES]; 2] = {
     offsets
 };
 
-impl Waiting {
+impl LeafQueue {
     /// An empty list.
     #[inline(always)]
-    pub(in crate::point) fn new() -> Waiting {
-        Waiting { leaves: [0; ROOM], count: 0 }
+    pub(in crate::point) fn new() -> LeafQueue {
+        LeafQueue { leaves: [0; CAPACITY], count: 0 }
     }
 
     /// Adds lanes of the bottom node whose first block is `first`. There must be room, as there is after `many` was
     /// false.
     #[inline(always)]
-    pub(in crate::point) fn add<S: Simd, V: Leaves>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
+    pub(in crate::point) fn push_lanes<S: Simd, V: Leaves>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
         let to: &mut [u32; LANES] = (&mut self.leaves[self.count..self.count + LANES]).try_into().expect("sixteen");
         let blocks = s.add_u(s.splat_u(first as u32), s.load_u(&OFFSETS[view.leaf_blocks() - 1]));
         s.store_compressed_u(blocks, lanes, to);
@@ -52,22 +52,22 @@ impl Waiting {
         self.count += lanes.count_ones() as usize;
         if view.leaf_bytes() > FAR {
             for &leaf in &self.leaves[begin..self.count] {
-                view.expect_leaf(leaf as usize);
+                view.prefetch_leaf(leaf as usize);
             }
         }
     }
 
     /// Adds a leaf; there must be room likewise.
     #[inline(always)]
-    pub(in crate::point) fn add_leaf(&mut self, block: usize) {
+    pub(in crate::point) fn push(&mut self, block: usize) {
         self.leaves[self.count] = block as u32;
         self.count += 1;
     }
 
     /// Whether it is time to look at them.
     #[inline(always)]
-    pub(in crate::point) fn many(&self) -> bool {
-        self.count > MANY
+    pub(in crate::point) fn is_ready(&self) -> bool {
+        self.count > BATCH
     }
 
     /// Whether there are none.
@@ -78,7 +78,7 @@ impl Waiting {
 
     /// All of them; the list is empty afterwards.
     #[inline(always)]
-    pub(in crate::point) fn take(&mut self) -> &[u32] {
+    pub(in crate::point) fn drain(&mut self) -> &[u32] {
         &self.leaves[..core::mem::take(&mut self.count)]
     }
 }
