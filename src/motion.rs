@@ -1,5 +1,5 @@
-//! What moves and how: the shutter's time intervals, meshes, spheres, points, the caller's own primitives, and the
-//! bounds that hold them.
+//! Moving geometry: time intervals of the shutter, meshes, spheres, points, caller-defined primitives, and their
+//! bounds.
 
 pub use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 pub use crate::limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};

@@ -1,4 +1,4 @@
-//! What the trees are compared with.
+//! Baselines that the trees are compared with.
 
 mod brute_force;
 mod spheres;

@@ -1,18 +1,18 @@
-//! How numbers, and what is made of them, become bytes: the low byte of each number first.
+//! Little-endian encoding of numbers and of structs of numbers.
 
 use glam::{DVec3, Vec3};
 
-/// Something of a fixed number of bytes. Any bytes are one: what they mean is checked later.
+/// A value of a fixed number of bytes. Any bytes decode to a value; validation comes later.
 pub(crate) trait Record: Sized {
-    /// How many bytes.
+    /// Number of bytes.
     const BYTES: usize;
-    /// Writes it into as many bytes.
+    /// Encodes the value into [`Record::BYTES`] bytes.
     fn put(&self, to: &mut [u8]);
-    /// Reads it from as many bytes.
+    /// Decodes a value from [`Record::BYTES`] bytes.
     fn get(from: &[u8]) -> Self;
 }
 
-/// Numbers whose own methods say how.
+/// Numbers, by their own methods.
 macro_rules! number {
     ($($number:ty),*) => {$(
         impl Record for $number {

@@ -1,4 +1,4 @@
-//! The k-d layout in files: nodes and references as they lie in memory.
+//! The k-d layout in files: nodes and references as they are in memory.
 
 use super::kd_tree::KdTree;
 use crate::file::{Decoder, Encoder, FileError};
@@ -12,7 +12,7 @@ impl KdTree {
         to.array(&self.references)
     }
 
-    /// Reads what was written; nothing of it is checked.
+    /// Reads a tree that [`KdTree::encode`] wrote, without validating it.
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<KdTree, FileError> {
         Ok(KdTree { root: from.get()?, depth: from.get()?, nodes: from.array()?, references: from.array()? })
     }

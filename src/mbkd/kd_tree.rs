@@ -38,7 +38,7 @@ impl KdNode {
         KdNode { a: first, b: count, link: 3 }
     }
 
-    /// The node in a tree that was moved behind another one.
+    /// The node of a subtree that was appended to another one.
     pub fn shifted(self, nodes: u32, references: u32) -> KdNode {
         match self.view() {
             KdView::Leaf { first, count } => KdNode::leaf(first.wrapping_add(references), count),
@@ -58,13 +58,13 @@ impl KdNode {
     }
 }
 
-/// A primitive in a leaf and when it counts there: `begin <= t < end`.
+/// A primitive in a leaf and its active interval there: `begin <= t < end`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub(crate) struct KdReference {
     pub id: u32,
     pub begin: f32,
-    /// Beyond 1 where the reference lives to the end of the shutter.
+    /// Beyond 1 if the reference is active until the end of the shutter.
     pub end: f32,
 }
 
@@ -81,10 +81,10 @@ impl KdReference {
     }
 }
 
-/// The finished tree. It knows no primitives, only their ids.
+/// The finished tree. It contains only the ids of primitives.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct KdTree {
-    /// Everything, at every time.
+    /// The bounds of all primitives at all times.
     pub root: Box3,
     pub nodes: Vec<KdNode>,
     pub references: Vec<KdReference>,

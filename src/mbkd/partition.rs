@@ -1,9 +1,9 @@
-//! Handing references to the children of a split plane: the paper's duplication (section 3.1.1) and
+//! Distributing references to the children of a split plane: the paper's duplication (section 3.1.1) and
 //! propagation (section 3.1.2).
 //!
-//! A node under construction has Normal references, which lie in its cell at mid-shutter and choose its plane,
-//! and BP references, which come into the cell at another time only. Both are classified against the plane
-//! with the same code ([`classify`]); what is called duplication for the first is called propagation
+//! A node under construction has Normal references, which are in its cell at mid-shutter and choose its plane,
+//! and BP references, which enter the cell at another time only. Both are classified against the plane
+//! with the same code ([`classify`]); this is called duplication for the first and propagation
 //! for the second.
 
 use super::classify::classify;
@@ -31,7 +31,7 @@ impl<B> References<B> {
     }
 }
 
-/// The two children of a node while references are handed to them.
+/// The two children of a node while references are distributed to them.
 pub(crate) struct Children<'a, M: Moving> {
     objects: &'a M,
     plane: Plane,
@@ -42,8 +42,8 @@ pub(crate) struct Children<'a, M: Moving> {
 
 impl<'a, M: Moving> Children<'a, M> {
     pub fn new(objects: &'a M, plane: Plane, cell: LinearBox3) -> Children<'a, M> {
-        // A moving plane may leave the parent's cell at other times. Taking the plane for the child's face all
-        // the same keeps the cell a superset of the true one, which is all that is asked of it.
+        // A moving plane may leave the parent's cell at other times. Using the plane as the child's face anyway
+        // keeps the cell a superset of the true one, which is sufficient.
         let (open, close) = (plane.position, plane.position + plane.velocity);
         let (mut left, mut right) = (cell, cell);
         left.begin.max[plane.axis] = open;

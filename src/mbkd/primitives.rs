@@ -1,4 +1,4 @@
-//! The build over primitives: planes by the surface area heuristic, intervals rounded outward.
+//! The k-d build over primitives: planes by the surface area heuristic, intervals rounded outward.
 
 use super::builder::{Budget, build};
 use super::classify::Rounding;
@@ -22,7 +22,7 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
 ) -> Result<(KdTree, BuildTimes), BuildError> {
     let objects = Primitives { set, params };
     let mut references: Vec<_> = (0..set.len() as u32).map(|id| objects.reference(id)).collect();
-    // The swept root: everything at every time. Padded, so that flat scenes have a volume.
+    // The swept root: all primitives at all times. Padded, so that flat scenes have a volume.
     let mut root = references.iter().fold(Box3::EMPTY, |b, r| b.union(r.bounds.whole.swept()));
     if references.is_empty() {
         root = Box3 { min: Vec3::ZERO, max: Vec3::ZERO };
@@ -47,7 +47,7 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     Ok((tree, times))
 }
 
-/// Primitives and how planes are chosen among them.
+/// Primitives, with the parameters of the choice of planes.
 pub(crate) struct Primitives<'a, S> {
     pub set: &'a S,
     pub params: &'a KdParams,
@@ -61,7 +61,7 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
         Reference { id, interval, bounds: Bounds { whole, part: whole.swept() }, in_sah: true }
     }
 
-    /// The classic tree knows no intervals: it sees boxes swept over the shutter, which stand still.
+    /// The classic tree has no intervals: it uses boxes swept over the shutter, which are static.
     fn swept(&self) -> bool {
         !self.params.intervals
     }
@@ -76,13 +76,13 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
         LinearBox3 { begin: swept, end: swept }
     }
 
-    /// Whether moving bounds stand for the primitive itself, so that its shape may be looked at.
+    /// Whether bounds follow the primitive itself, so that its shape may be used for clipping.
     fn exact(&self, bounds: &LinearBox3) -> bool {
         !self.swept() || bounds.begin == bounds.end
     }
 
-    /// Bounds of the part of a reference in a cell at a time of its interval. Where nothing of it is in the cell
-    /// then, a place on the cell's surface.
+    /// Bounds of the part of a reference in a cell at a time of its interval. If nothing of it is in the cell
+    /// then, the nearest place on the cell's surface.
     fn part(&self, reference: &BoxReference, cell: LinearBox3, time: f32) -> Box3 {
         let cell = cell.at(time);
         let whole = reference.bounds.whole;
@@ -128,8 +128,8 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         if plane.is_some() || bp.len() <= normal.len() {
             return plane;
         }
-        // The paper lets Normal references alone choose. Where the cell is mostly visited, by what crosses it at some
-        // other time, that would make a leaf of hundreds. So all vote, each for where it is half-way through its
+        // In the paper only Normal references choose the plane. If most references of the cell only cross it at some
+        // other time, that would make a leaf of hundreds. So all contribute to the SAH, each at the middle of its
         // interval: at the time that is nearest to mid-shutter most are just entering, on the face of the cell.
         let voter = |r: &BoxReference| {
             let part = self.part(r, cell, r.interval.middle());
@@ -139,7 +139,7 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         cheapest(&all, best_split(&all, at_plane_time, self.params, |interval| interval.middle()))
     }
 
-    /// The costs have decided.
+    /// Always: the SAH has compared the costs.
     fn worthwhile(&self, _before: usize, _children: [usize; 2]) -> bool {
         true
     }
@@ -158,8 +158,8 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         if crosses && self.exact(&child.bounds.whole) && self.set.is_disjoint(id, interval, over(cell, interval)) {
             return None;
         }
-        // The part changes where the plane cuts it, when it is looked at at another time, and when the reference
-        // begins to vote.
+        // The part changes if the plane cuts it, if its representative time changes, and if the reference
+        // begins to contribute to the SAH.
         let at = |i| representative_time(i, self.params.plane_time);
         if child.in_sah && (crosses || !parent.in_sah || at(interval) != at(parent.interval)) {
             child.bounds.part = self.part(&child, cell, at(interval));

@@ -1,4 +1,4 @@
-//! The same moving set once as points and once as spheres of radius zero.
+//! Comparing the same moving set as points and as spheres of radius zero.
 
 use super::kd_tree::{KdTree, KdView};
 use super::partition::{Children, References};
@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 
 const POINTS: Trajectories = Trajectories { segments: 1, segment: 0, middle: 0.5 };
 
-/// Points on their ways within the cube, every third alive for a part of the shutter, and as spheres.
+/// Points that move within the cube, every third active for a part of the shutter only, and the same as spheres.
 fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
     let mut random = Random(17);
     let ways: Vec<[Vec3; 2]> = (0..count)
@@ -42,7 +42,7 @@ fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
     (ways.iter().enumerate().map(point).collect(), spheres)
 }
 
-/// What a plane does to references: those of both children.
+/// The children of a plane, with the references distributed to them.
 fn parted<'a, M: Moving>(
     objects: &'a M,
     plane: Plane,
@@ -68,7 +68,7 @@ struct Compared {
 }
 
 impl Compared {
-    /// Hands the references of both kinds down a finished tree and compares them behind every plane.
+    /// Distributes the references of both kinds down a finished tree and compares them below every plane.
     fn descend(
         &mut self,
         tree: &KdTree,

@@ -1,11 +1,11 @@
 //! Closest approach: the point that comes nearest to a query that itself moves, and when.
 //!
-//! The picture to have in mind: seen from the query every point flies past on a straight line ([`super::pair_approach`]); a box
-//! has a lower bound of distance over the whole interval. Boxes are visited in the order of these bounds until none can
-//! beat the best point.
+//! The picture to have in mind: relative to the query every point moves along a straight line
+//! ([`super::pair_approach`]); a box has a lower bound of distance over the whole interval. Boxes are visited in the
+//! order of these bounds until none can beat the best point.
 //!
-//! A point is looked at for each segment between keys and its whole life, never for a piece of it, and so is one that stands
-//! still in a structure without keys; so the answer does not depend on the structure. Bounds are lowered by more than all
+//! A point is evaluated for each segment between keys over its whole interval, never for a part of it, and so is a static
+//! point in a structure without keys; so the answer does not depend on the structure. Bounds are lowered by more than all
 //! rounding before they cull.
 
 use super::over_interval::{Boxed, Flight};
@@ -28,9 +28,9 @@ use std::collections::BinaryHeap;
 pub struct Approach {
     /// The point's id.
     pub id: u32,
-    /// When it is nearest; the first such time.
+    /// The time at which it is nearest; the first such time.
     pub time: f32,
-    /// The distance at that time (not squared: the square of what passes very near is no f32 number).
+    /// The distance at that time (not squared: the square of a very small distance underflows in f32).
     pub distance: f32,
 }
 
@@ -41,30 +41,30 @@ impl Approach {
     }
 }
 
-/// A point that may be the answer, as told from distances in f64.
+/// A point that may be the answer, judging by its distance in f64.
 struct Pending {
-    /// It comes no nearer than this.
+    /// A lower bound of its distance.
     least: f64,
     flight: Flight,
     overlap: Overlap,
 }
 
-/// What is known so far.
+/// The state of a search.
 struct Search {
-    /// What comes no nearer than this is no answer.
+    /// Points that come no nearer than this are no answers.
     most: f64,
-    /// Exact distances take long, and few of these need one in the end.
+    /// Exact distances are expensive, and few of these points need one in the end.
     pending: Vec<Pending>,
     best: Option<Approach>,
 }
 
-/// Contenders that wait for exact distances at most.
+/// The largest number of points that wait for exact distances.
 const MAX_PENDING: usize = 64;
 
 impl Search {
-    /// Takes note of a point that comes about so near, up to the slack.
+    /// Adds a point whose distance is known up to the slack.
     fn add(&mut self, path: &QueryPath, (about, slack): (f64, f64), flight: Flight, overlap: Overlap) {
-        // What is farther by less than an ulp of f32 may be as near when rounded, and have the lower id.
+        // A point that is farther by less than an f32 ulp may be equally near when rounded, and have the lower id.
         self.most =
             self.most.min((about + slack) * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1)));
         self.pending.push(Pending { least: about - slack, flight, overlap });
@@ -73,7 +73,7 @@ impl Search {
         }
     }
 
-    /// Exact distances for those that may still be the answer.
+    /// Computes exact distances for the pending points that may still be the answer.
     fn resolve(&mut self, path: &QueryPath) {
         for Pending { least, flight, overlap } in self.pending.drain(..) {
             if least <= self.most {
@@ -102,40 +102,41 @@ impl<T: Boxed> Kernel for Bounds<'_, T> {
     }
 }
 
-/// The greater; one instruction, which takes no care of NaN.
+/// The maximum, in one instruction, without regard to NaN.
 #[inline(always)]
 fn max(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
-/// The lesser, likewise.
+/// The minimum, likewise.
 #[inline(always)]
 fn min(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
-/// Whether a lower bound of squared distances, which has slack for its own rounding, rules out anything better.
+/// Whether a lower bound of squared distances, which has slack for its own rounding, excludes better answers.
 #[inline(always)]
 fn is_beyond(bound: f64, search: &Search) -> bool {
     bound > search.most * search.most
 }
 
-/// Equal parts of an interval over which a box is bounded one by one.
+/// Number of equal steps of an interval over which a box is bounded separately.
 const STEPS: usize = 4;
 
 impl QueryPath {
-    /// Where the query is at a time.
+    /// The position of the query at a time.
     fn at(&self, time: f64) -> DVec3 {
         let length = self.times[1] - self.times[0];
         let w = if length > 0.0 { (time - self.times[0]) / length } else { 0.0 };
         self.from + (self.to - self.from) * w
     }
 
-    /// Squared distances that no point of each lane's box falls below during the interval; NaN where nothing counts.
+    /// Lower bounds of the squared distances to the points in each lane's box during the interval; NaN if nothing is
+    /// active.
     ///
     /// Over each step both the box and the query move linearly, so the gap along an axis is least at an
     /// end of the step. The slack covers f64 rounding and that of f32 phases (2^-23 of all segments).
-    /// (Plain loops over lanes, which the compiler makes vectors of, with the same bits on every instruction set.)
+    /// (Plain loops over lanes, which the compiler vectorizes, with the same bits on every instruction set.)
     #[inline(always)]
     fn bounds<T: Boxed>(&self, tree: &T, node: usize) -> Lanes<f64> {
         let (keys, segment, part) = tree.part();
@@ -193,7 +194,7 @@ impl QueryPath {
         core::array::from_fn(|lane| if begin[lane] <= end[lane] { least[lane] } else { f64::NAN })
     }
 
-    /// Enters the points of a tree into the search.
+    /// Searches a tree of boxes.
     fn search_boxes<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let (keys, segment, _) = tree.part();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
@@ -205,7 +206,7 @@ impl QueryPath {
             }
             let (first, stride) = tree.behind(level, node);
             let bounds = dispatch(simd, Bounds { path: self, tree, node });
-            // Nearest leaves first: the others then seldom need a look.
+            // Nearest leaves first: the others are then seldom visited.
             let mut lanes: [usize; LANES] = core::array::from_fn(|lane| lane);
             if level == 0 {
                 lanes.sort_unstable_by_key(|&lane| bounds[lane].to_bits());
@@ -228,14 +229,14 @@ impl QueryPath {
         }
     }
 
-    /// The segments between keys that the interval meets, if only in an end.
+    /// The segments between keys that the interval overlaps, if only at an end.
     fn segments(&self) -> Range<usize> {
         let segments = self.keys.max(2) - 1;
         let [first, last] = self.times.map(|time| time * segments as f64);
         (first.ceil() as usize).saturating_sub(1)..(last as usize + 1).min(segments)
     }
 
-    /// Enters the points of a k-d tree: both sides of each plane, the nearer one first.
+    /// Searches a k-d tree: both sides of each plane, the nearer one first.
     fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let part = tree.part();
         let first = self.times[0].max(part.interval.begin().into());
@@ -282,7 +283,7 @@ impl QueryPath {
         }
     }
 
-    /// Enters a point that may be the answer, in some segments between keys.
+    /// Evaluates a point in some segments between keys.
     fn visit_point(&self, flight: Flight, segments: Range<usize>, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         for segment in segments {
             let Some(overlap) = Overlap::new(self, &flight, segment) else { continue };
@@ -294,25 +295,25 @@ impl QueryPath {
     }
 }
 
-/// A subtree of a k-d tree still to be visited.
+/// A subtree of a k-d tree on the stack.
 #[derive(Clone, Copy)]
 struct Entry {
     node: u32,
-    /// Squared distance that no point in it falls below.
+    /// A lower bound of the squared distances of its points.
     distance: f64,
-    /// How far the query is outside of it over each step, per axis, at least.
+    /// Lower bounds of the distances of the query from the subtree over each step, per axis.
     gaps: [[f64; STEPS]; 3],
 }
 
 impl PointTree {
-    /// The point that comes nearest to a query moving on a straight way from `from` at the begin of
+    /// The point that comes nearest to a query that moves on a straight line from `from` at the begin of
     /// `interval` to `to` at its end, and when.
     ///
-    /// Times are continuous here and lives count with both ends, because the nearest moment may be the
-    /// last. (A life that ends with the float beside a key which is none ends with the key.) Each point has a nearest moment in each
+    /// Times are continuous here and active intervals include both ends, because the nearest moment may be the
+    /// last. (An interval that ends with the float next to a key which is no float ends with the key.) Each point has a nearest moment in each
     /// segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the lower id. The distance is the
     /// exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the largest coordinate; so is the time. Finds nothing
-    /// for ways that are not finite or farther from the origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16
+    /// for positions that are not finite or farther from the origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16
     /// microseconds among points that move little, some dozen where they cross far.
     ///
     /// ```

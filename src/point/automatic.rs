@@ -1,8 +1,9 @@
-//! Building what costs least.
+//! The automatic choice of a structure, and its build.
 //!
-//! Samples say which structure that is ([`super::choose`]), as far as they can: of what comes from far they see little, so a structure
-//! may turn out to cost more. So the tree over one part of the shutter is built, searches in it are counted, and if parts half as long
-//! promise to cost less, one of those is built, too. What is built of the structure that remains is used.
+//! Samples give a first choice ([`super::choose`]), but they hardly see points that come from far away, so a structure
+//! may turn out to cost more. So the tree over one part of the shutter is built, and the work of searches in it is
+//! counted; if parts half as long promise to cost less, one of those is built as well. The trees of the structure that
+//! is finally chosen are reused.
 
 use super::build::{Plan, Source, middle_segment, parts};
 use super::choose::{Trial, Trials, references_of};
@@ -14,7 +15,7 @@ use crate::progress::Progress;
 use crate::simd::SimdLevel;
 use crate::tuning::points::{GAIN, PROMISE};
 
-/// A layer, and why it is as it is.
+/// A layer, and the reason for its plan.
 pub(super) struct Chosen {
     pub(super) layer: Layer,
     pub(super) plan: Plan,
@@ -23,7 +24,7 @@ pub(super) struct Chosen {
     pub(super) why: String,
 }
 
-/// The layers of some points of a set, at least one, with at most so many references for each point.
+/// The layers of some points of a set, at least one, with at most `max_references` per point.
 pub(super) fn moving_layers(
     source: &Source,
     points: &[u32],
@@ -54,7 +55,7 @@ pub(super) fn moving_layers(
     }
 }
 
-/// The plan of a layer for all of some points, at least one, and why it is that.
+/// The plan of one layer for some points, at least one, and the reason for it.
 pub(super) fn plan_for_all(
     source: &Source,
     points: &[u32],
@@ -68,7 +69,7 @@ pub(super) fn plan_for_all(
     (whole.plan, format!("{why}; {measured}"))
 }
 
-/// Begins the layer for all that costs least; what that is, and what was measured.
+/// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements.
 fn one_layer<'a>(
     source: &'a Source,
     points: &'a [u32],
@@ -90,7 +91,7 @@ fn one_layer<'a>(
     (layer, cost, measured.join(", "))
 }
 
-/// The points that move fast, and the others.
+/// The fast points, and the others.
 fn split_fast(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let part = parts(source.keys, 1)[middle_segment(source.keys)];
     let mut movers = source.movers(&part, points.iter().map(|&i| i as usize), |i| i as u32);
@@ -123,7 +124,7 @@ impl<'a> Separated<'a> {
             (fast, cost)
         };
         let (mut fast, mut cost) = begin(of_fast);
-        // Trees over the few are soon built.
+        // Trees over a few points are built quickly.
         while !progress.cancelled() && trials.affordable(2 * fast.plan.parts()) {
             let finer = begin(Plan::Boxes(2 * fast.plan.parts()));
             if finer.1 >= cost * GAIN {
@@ -145,13 +146,13 @@ impl<'a> Separated<'a> {
     }
 }
 
-/// A layer of which there is one tree.
+/// A layer of which one tree is built.
 struct PartialLayer<'a> {
     source: &'a Source,
     points: &'a [u32],
     plan: Plan,
     parts: Vec<Part>,
-    /// The part that the tree is for.
+    /// The part of the shutter of that tree.
     at: usize,
     tree: Layer,
 }
@@ -161,7 +162,7 @@ impl<'a> PartialLayer<'a> {
     fn new(source: &'a Source, points: &'a [u32], plan: Plan, progress: &Progress) -> PartialLayer<'a> {
         let parts = parts(source.keys, plan.parts());
         let at = parts.len() / 2;
-        // It counts once it is known whether it is used.
+        // Counted as progress once it is known whether it is used.
         let tree = Layer::Moving(vec![tree(source, points, &parts[at], &progress.part(0.0))]);
         PartialLayer { source, points, plan, parts, at, tree }
     }
@@ -209,7 +210,7 @@ fn name(plan: Plan) -> String {
     }
 }
 
-/// What was tried, in words.
+/// A description of the trials.
 fn explain(trials: &[Trial], best: &Trial) -> String {
     let name = |trial: &Trial| match trial.fast {
         Some(fast) => format!("fast points apart in {}", name(fast)),

@@ -1,9 +1,9 @@
 //! The queries as plain functions, compiled once in this crate.
 //!
-//! A search is compiled for each instruction set and each kind of tree. If callers instantiated it, every crate that asks
-//! a tree would compile all of that again, once for each of its filters. So a caller's filter is called through `dyn`, once
-//! for each block with something near, and what is compiled are two forms of each query: without and with a filter. For SSE2 it is the
-//! latter alone, with a filter that lets everything through.
+//! A search is compiled for each instruction set and each kind of tree. If callers instantiated it, every crate that
+//! queries a tree would compile all of that again, once for each of its filters. So a caller's filter is called through
+//! `dyn`, once for each block with a point that is near enough, and each query is compiled in two forms: without and with
+//! a filter. For SSE2 only the latter is compiled; queries without a filter pass one that accepts everything.
 
 use super::counted::{CountedSearch, search_counted};
 use super::neighbor::Neighbor;
@@ -69,7 +69,7 @@ impl<K: Keep> Query<'_, K> {
     }
 }
 
-/// A filter that lets everything through.
+/// A filter that accepts everything.
 const ALL: KeepLanes<'static> = KeepLanes(&|_, mask| mask);
 
 /// A query without or with a filter.
@@ -260,7 +260,7 @@ struct NearestN<'q, 'a, 'b, T, K, O> {
 }
 
 impl<T: Trees, K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, T, K, O> {
-    /// Whether what was found is in order already.
+    /// Whether the points found are in order already.
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {

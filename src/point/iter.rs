@@ -1,4 +1,4 @@
-//! Points within a radius as an iterator, which searches a few bottom nodes at a time.
+//! Points within a radius as an iterator that searches a few bottom nodes at a time.
 
 use super::compiled::{self, Either, Query};
 use super::neighbor::Neighbor;
@@ -13,11 +13,11 @@ use super::search::{Keep, KeepAll};
 use super::snapshot::{Leaves, View};
 use crate::simd::{Kernel, Simd, dispatch};
 
-/// Points from which on a search waits until they are handed out: each time it goes on costs more than a node.
+/// The search pauses once it has found this many points, until they are consumed: resuming it costs more than a node.
 const BATCH: usize = 64;
 
-/// Where the search of a layer stands.
-#[allow(clippy::large_enum_variant)] // in place, so that iterating allocates nothing for it
+/// The traversal state of a layer.
+#[allow(clippy::large_enum_variant)] // stored in place, so that iterating does not allocate
 enum Progress {
     Boxes(Front),
     Planes(PlaneFront),
@@ -29,19 +29,19 @@ pub struct WithinIter<'a, K> {
     keep: K,
 }
 
-/// A search on its way, whatever the filter.
+/// A search in progress, independent of the filter.
 struct Search<'a> {
     query: Query<'a, KeepAll>,
     layer: usize,
     front: Option<Progress>,
-    /// Found in the last bottom nodes and not yet handed out.
+    /// The points found in the last bottom nodes, and how many of them were consumed.
     candidates: Candidates,
     next: usize,
 }
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
-    /// An iterator over the points within the radius, in no particular order. It searches as it goes, but among
-    /// points that are kept in f64 all at once.
+    /// An iterator over the points within the radius, in no particular order. It searches lazily, except among
+    /// points that are kept in f64, which are searched all at once.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -85,7 +85,7 @@ impl<K: Keep> Iterator for WithinIter<'_, K> {
 }
 
 impl Search<'_> {
-    /// Searches on until there are candidates; false at the end.
+    /// Continues the search until there are candidates; false at the end.
     fn refill(&mut self) -> bool {
         (self.next, self.candidates.count) = (0, 0);
         while self.candidates.count == 0 {

@@ -1,4 +1,4 @@
-//! Boxes that move linearly, bounded so that rounding can never let a point out.
+//! Boxes that move linearly, padded so that rounding never puts a point outside.
 //!
 //! A face of a moving box is a line over the phase s in [0, 1] between two keys. For a lower face a
 //! slope is chosen first and rounded to f32; then the line is lowered until it is below every point
@@ -6,14 +6,14 @@
 //! Two slopes are tried and the tighter line at mid-range is taken: the mean of what is inside, and the
 //! slope between the extremes at both ends.
 //!
-//! **Padding.** Let u = 2^-24. A point on its trajectory from a to b is computed as `base + (b − a)·s` with |s| ≤ 1/2: the
+//! **Padding.** Let u = 2^-24. A point that moves from a to b is computed as `base + (b − a)·s` with |s| ≤ 1/2: the
 //! difference is rounded by at most |b − a|u and then halved at least, the product by |b − a|u/2, the sum, which lies
 //! between a and b, by max(|a|, |b|)u: together e = (|b − a| + max(|a|, |b|))u ([`AroundPoints`]). A face is computed
 //! as `a + b·s` with s in [0, 1]: the product is rounded by |b|u, the sum by (|a| + |b|)u: together f = (|a| + 2|b|)u.
 //! A lower face stays below its points by e of each and below that by its own f; around other faces, by its own f
-//! only: it is below their exact lines. Both bounds are raised by 2^-10 of themselves, which covers intermediate
-//! the trajectory, and by 2^-148 for products that underflow. They hold per axis, and follow what is in the box: a point
-//! far away pads the boxes that hold it and no others.
+//! only: it is below their exact lines. Both bounds are raised by 2^-10 of themselves, which covers the f64 rounding of
+//! the build, and by 2^-148 for products that underflow. They hold per axis, and depend on the contents of the box: a
+//! distant point pads the boxes that hold it and no others.
 
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use core::iter::repeat;
@@ -75,7 +75,7 @@ impl Face {
     }
 }
 
-/// A box that moves linearly over a range of phases, and the times at which anything in it is alive.
+/// A box that moves linearly over a range of phases, and its active interval.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LinearBox {
     lo: [Face; 3],
@@ -86,7 +86,7 @@ pub(super) struct LinearBox {
     pub(super) times: [f32; 2],
 }
 
-/// Sixteen points on their trajectories between two keys, in rows. A lane without a point repeats another one.
+/// Trajectories of sixteen points between two keys, in rows. A lane without a point repeats another one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TrajectoryRows {
     pub(super) open: [Lanes<f32>; 3],
@@ -98,7 +98,7 @@ pub(super) struct TrajectoryRows {
 }
 
 impl TrajectoryRows {
-    /// Sets where a lane begins and ends.
+    /// Sets the positions of a lane at both keys.
     #[inline(always)]
     pub(super) fn set_ends(&mut self, lane: usize, [open, close]: [[f32; 3]; 2]) {
         for axis in 0..3 {
@@ -117,13 +117,13 @@ impl TrajectoryRows {
     }
 }
 
-/// Bound of the relative rounding of one operation, with room for that of f64 on the trajectory.
+/// Bound of the relative rounding of one operation, with room for f64 rounding in the build.
 const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
 
 /// Bound of what underflow adds: twice the least f32.
 const TINY: f64 = 2.0 * f32::from_bits(1) as f64;
 
-/// Multiples of the paddings that are applied: 1, except where a test shows that less loses points.
+/// Multiples of the paddings that are applied: 1, except in tests that show that less loses points.
 #[derive(Clone, Copy)]
 struct Padding {
     point: f64,
@@ -133,15 +133,15 @@ struct Padding {
 const FULL: Padding = Padding { point: 1.0, face: 1.0 };
 
 impl LinearBox {
-    /// The linear box of points.
+    /// The box around points.
     pub(super) fn of_points(trajectories: &TrajectoryRows) -> LinearBox {
         dispatch(SimdLevel::best(), AroundPoints { trajectories, padding: FULL })
     }
 
-    /// The linear box of one to sixteen boxes.
+    /// The box around one to sixteen boxes.
     pub(super) fn of_boxes(boxes: &[LinearBox]) -> LinearBox {
         let mut spans = Spans::default();
-        // Lanes without a linear box repeat the last one.
+        // Lanes without a box repeat the last one.
         for (lane, linear_box) in (0..LANES).zip(boxes.iter().chain(repeat(boxes.last().expect("a node has a child"))))
         {
             for end in 0..2 {
@@ -157,7 +157,8 @@ impl LinearBox {
     }
 }
 
-/// Sixteen spans in rows: where lower and upper faces have to be at both ends of ranges of phases. A lane without one repeats another.
+/// Sixteen spans in rows: limits of the lower and upper faces at both ends of ranges of phases. A lane without one
+/// repeats another.
 #[derive(Default)]
 struct Spans {
     lo: [[Lanes<f64>; 2]; 3],
@@ -166,7 +167,7 @@ struct Spans {
     times: [Lanes<f32>; 2],
 }
 
-/// Puts a linear box around points.
+/// Computes a box around points.
 struct AroundPoints<'a> {
     trajectories: &'a TrajectoryRows,
     padding: Padding,
@@ -196,7 +197,7 @@ impl Kernel for AroundPoints<'_> {
     }
 }
 
-/// Puts a linear box around others.
+/// Computes a box around other boxes.
 struct Around<'a> {
     spans: &'a Spans,
 }
@@ -209,7 +210,7 @@ impl Kernel for Around<'_> {
     }
 }
 
-/// Vectors of four f64 in a row.
+/// Number of vectors of four f64 in a row.
 const VECTORS: usize = LANES / 4;
 
 impl Spans {
@@ -276,16 +277,16 @@ fn sum<S: Simd>(s: S, [a, b, c, d]: Row<S>, [e, f, g, h]: Row<S>) -> f64 {
     (a + b) + (c + d)
 }
 
-/// What the faces of a linear box have in common.
+/// The inputs that the faces of a box have in common.
 struct FaceFit<S: Simd> {
-    /// First and last phase of each of what it is put around.
+    /// First and last phase of each span.
     begins: Row<S>,
     ends: Row<S>,
-    /// First and last phase of all.
+    /// First and last phase of all spans.
     range: [f64; 2],
-    /// Whether all have the same phases.
+    /// Whether all spans have the same phases.
     whole: bool,
-    /// Lengths of the ranges, added up.
+    /// The sum of the lengths of the ranges.
     duration: f64,
     /// The multiple of the padding.
     pad: f64,
@@ -336,7 +337,7 @@ mod tests {
     use crate::random::Random;
     use glam::Vec3;
 
-    /// Points on their trajectories: far from zero, tiny, fast and slow by turns, some of them with one that is far away.
+    /// Trajectories far from zero, tiny, fast or slow, depending on the round; in some rounds with one distant point.
     fn trajectories(round: usize, random: &mut Random) -> Vec<[Vec3; 2]> {
         let offset = [0.0, 1000.0, -3.0e7, 1e-20, 1e-42][round % 5];
         let size = [1.0, 1e-3, 1e3, 1e-22, 1e-43][round % 5];
@@ -423,9 +424,9 @@ mod tests {
         }
     }
 
-    /// How often a point is computed outside of a box that touches it at one end of the range of phases for which it
-    /// counts. The other points of the box hold the slope of the face far from its own. Either it is fast and passes zero
-    /// there, and they stand; or it stands near zero, and they are fast.
+    /// How often a point is computed outside of a box that touches it at one end of its range of phases. The other points
+    /// of the box give the face a slope that is far from that of the point. Either the point is fast and passes zero
+    /// there, and the others are static; or it is static near zero, and they are fast.
     fn lost_where_faces_touch(fast: bool, padding: Padding) -> usize {
         let (mut random, mut lost) = (Random(3), 0);
         for _ in 0..2000 {

@@ -1,15 +1,15 @@
-//! Exact neighbours of a point at a time, among points that move or live for a while.
+//! Exact neighbour queries at a time, among points that may move and may exist for a part of the shutter only.
 //!
 //! The picture to have in mind: a pyramid of 16-wide nodes over leaves of sixteen points. One vector
-//! instruction tests sixteen boxes or sixteen points. Where points move, boxes move with them, linearly
-//! in time; where points cross each other's cells, a split of the shutter keeps the boxes tight. A set that stands still
-//! has a tree without any of that. Beside them stands the paper's k-d tree, in whose leaves points have time intervals.
+//! instruction tests sixteen boxes or sixteen points. If points move, boxes move with them, linearly
+//! in time; if points cross each other's cells, splitting the shutter keeps the boxes tight. A static set
+//! has a tree without any of that. The alternative is the paper's k-d tree, in whose leaves points have time intervals.
 //!
-//! Data flows `primitive` (input) → `order` and `select` (who lies in which leaf) → `static_tree`
-//! or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at a time) → `search` (the
-//! searches) → `query` (what callers see).
+//! Data flows `primitive` (input) → `order` and `select` (assigning points to leaves) → `static_tree`
+//! or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at a time) → `search`
+//! (the searches) → `query` (the interface).
 //!
-//! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is ours and
+//! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is new here and
 //! measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
 
 mod approach;

@@ -1,7 +1,7 @@
-//! The tree over points that move or live for a while, for one part of the shutter.
+//! The tree over points that move or exist for a while, for one part of the shutter.
 //!
 //! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
-//! from two keys, and where points live for a while only, nodes and leaves say when.
+//! from two keys, and if points exist for a while only, nodes and leaves have active intervals.
 
 use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
 use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
@@ -16,15 +16,15 @@ use crate::parallel;
 use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 
-/// Points that move or live for a while, in a 16-ary tree for one part of the shutter.
+/// Points that move or exist for a while, in a 16-ary tree for one part of the shutter.
 #[derive(Clone)]
 pub(super) struct MovingTree {
     pub(super) part: Part,
     pub(super) nodes: Vec<LinearBoxes>,
-    /// Number of each node's first child (node, or block on level 0).
+    /// Index of each node's first child (node, or block on level 0).
     pub(super) first: Vec<u32>,
     pub(super) leaves: MovingLeaves,
-    /// When the children of nodes count; empty where everything counts throughout.
+    /// Active intervals of the children of nodes; empty if all are active throughout.
     pub(super) node_times: Vec<Times>,
     pub(super) levels: usize,
     pub(super) references: usize,
@@ -39,7 +39,7 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[LinearBox]) {
 }
 
 impl MovingTree {
-    /// The complete tree: each mover is in one leaf.
+    /// Builds the complete tree: each reference is in one leaf.
     pub(super) fn build(movers: &[Mover], part: Part, progress: &Progress) -> MovingTree {
         let mut items = places(movers, part.middle_phase());
         order(&mut items, LANES, &progress.part(ORDERING));
@@ -57,7 +57,7 @@ impl MovingTree {
         for level in 0..shape.levels {
             let begin = shape.begin[level];
             let mut above = Vec::with_capacity(boxes.len().div_ceil(LANES));
-            // Even a tree without references has its root.
+            // Even a tree without references has a root.
             for i in 0..shape.begin[level + 1] - begin {
                 let children = &boxes[(i * LANES).min(boxes.len())..((i + 1) * LANES).min(boxes.len())];
                 let mut times = Times::NEVER;
@@ -109,7 +109,7 @@ impl MovingTree {
         !self.node_times.is_empty()
     }
 
-    /// The part of the shutter it answers for.
+    /// The part of the shutter that the tree covers.
     pub(super) fn part(&self) -> &Part {
         &self.part
     }
@@ -121,7 +121,7 @@ impl MovingTree {
     }
 }
 
-/// Number of each node's first child (node, or block on level 0).
+/// Index of each node's first child (node, or block on level 0).
 pub(super) fn first_children(shape: &Shape) -> Vec<u32> {
     let mut first = Vec::with_capacity(shape.nodes());
     for level in 0..shape.levels {
@@ -131,7 +131,7 @@ pub(super) fn first_children(shape: &Shape) -> Vec<u32> {
     first
 }
 
-/// What filling blocks needs to know.
+/// The inputs of filling leaves.
 #[derive(Clone, Copy)]
 struct Fill<'a> {
     movers: &'a [Mover],
@@ -139,7 +139,7 @@ struct Fill<'a> {
 }
 
 impl Fill<'_> {
-    /// Fills leaves from ordered items, halves in parallel.
+    /// Fills leaves from ordered items, recursively in parallel.
     fn leaves(self, items: &[Item], mut leaves: LeafRows<'_>, boxes: &mut [Option<LinearBox>]) {
         if leaves.len() > 1024 {
             let half = leaves.len() / 2;
@@ -161,7 +161,7 @@ impl Fill<'_> {
         // A full leaf overwrites every lane of the one before.
         let mut leaf = Leaf::EMPTY;
         for (i, of_leaf) in items.chunks(LANES).enumerate() {
-            // Where each of them lies in memory is as good as random: begins in one cache line, and may end in another.
+            // The accesses are practically random, and each reference may span two cache lines.
             for item in items.iter().skip((i + 2) * LANES).take(LANES) {
                 let mover = &self.movers[item.index as usize];
                 prefetch(mover);
@@ -228,7 +228,7 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
         let boxes = &self.tree.nodes[node];
-        // Not fused: then every instruction set visits the same nodes, and approximate answers agree too.
+        // Not fused: then every instruction set visits the same nodes, and approximate answers agree as well.
         let lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
         let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
         let (distances, holding) = outside(s, &target.point, lo, hi);

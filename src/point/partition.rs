@@ -1,6 +1,6 @@
-//! Layers: a tree that stands still, or moving trees side by side in time.
+//! Layers: a static tree, or moving trees for successive parts of the shutter.
 //!
-//! A set may be divided among layers, what stands still apart from what moves; a search goes through
+//! A set may be divided among layers, static points separate from moving ones; a search goes through
 //! them one after the other with the same candidates and the same bound.
 
 use super::moving_reference::Part;
@@ -21,7 +21,7 @@ use glam::Vec3;
 /// Points that one structure holds.
 #[derive(Clone)]
 pub(super) enum Layer {
-    /// Nothing moves, everything lives throughout.
+    /// Static points that exist throughout the shutter.
     Still(StaticTree),
     /// One tree for each part of the shutter, in order, without a gap.
     Moving(Vec<MovingTree>),
@@ -32,9 +32,9 @@ pub(super) enum Layer {
 /// A layer at a time.
 pub(super) enum LayerView<'a> {
     Still(&'a StaticTree),
-    /// Everything counts throughout the part.
+    /// All references are active throughout the part.
     Moving(MovingView<'a, false>),
-    /// References have intervals.
+    /// References have active intervals.
     Timed(MovingView<'a, true>),
     /// A k-d tree.
     Planes(PlaneView<'a>),
@@ -54,7 +54,7 @@ impl Layer {
         }
     }
 
-    /// Which of the trees side by side in time answers at a time in [0, 1].
+    /// The index of the tree that is responsible for a time in [0, 1].
     #[inline(always)]
     pub(super) fn part_at(&self, time: f32) -> usize {
         match self {
@@ -74,7 +74,7 @@ impl Layer {
     }
 }
 
-/// The tree that answers for a time.
+/// The index of the tree that is responsible for a time.
 #[inline(always)]
 fn at_time<T>(trees: &[T], part: impl Fn(&T) -> &Part, time: f32) -> usize {
     trees.partition_point(|tree| part(tree).interval.end_bound() <= time).min(trees.len() - 1)

@@ -1,4 +1,4 @@
-//! Queries as callers see them: where, when, how far, which points, and then what to do with them.
+//! The interface of neighbour queries: point, time, radius and filter, and then one of several runs.
 
 use super::compiled::{self, Either, Query};
 use super::neighbor::Neighbor;
@@ -64,8 +64,8 @@ impl<'a> NeighborQuery<'a> {
         NeighborQuery { query: Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepAll } }
     }
 
-    /// Only points whose id the predicate returns true for. It must be pure: it may be asked more than
-    /// once about a point, and is asked only about points that are near enough to matter.
+    /// Only points whose id the predicate returns true for. It must be pure: it may be called more than
+    /// once for a point, and is called only for points that are near enough to matter.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -82,7 +82,7 @@ impl<'a> NeighborQuery<'a> {
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// Only points whose squared distance is at most `radius * radius` (computed in f32). Infinity is no
-    /// restriction; with a negative or NaN radius nothing is found.
+    /// restriction; a negative or NaN radius finds nothing.
     #[inline(always)]
     pub fn radius(self, radius: f32) -> Self {
         let bound = if radius >= 0.0 { (radius * radius).min(self.query.bound) } else { -1.0 };
@@ -90,12 +90,12 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     }
 
     /// Allows answers whose distance is up to 1 + `epsilon` times that of the exact answer: of `nearest`, and of
-    /// each place of `nearest_n`. As many points are found as without it, all of them within the radius. Runs that
-    /// want all points in a radius stay exact. A negative or NaN `epsilon` counts as 0; an infinite one takes the
-    /// first points that the search comes to.
+    /// each place of `nearest_n`. The number of points found is the same, all of them within the radius. Runs that
+    /// return all points in a radius stay exact. A negative or NaN `epsilon` counts as 0; an infinite one takes the
+    /// first points that the search reaches.
     ///
     /// As soon as k points are known to lie within a squared distance d², boxes farther away than `d² / (1 + epsilon)²`
-    /// are passed by. The factor is rounded up, so the guarantee holds for the distances as computed.
+    /// are culled. The factor is rounded up, so the guarantee holds for the distances as computed.
     #[inline(always)]
     pub fn approximate(self, epsilon: f32) -> Self {
         let shrink = if epsilon > 0.0 {
@@ -112,7 +112,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         self.query.bound >= 0.0
     }
 
-    /// Runs the query as one of those that are compiled in this crate.
+    /// Runs the query by one of the functions that are compiled in this crate.
     #[inline(always)]
     fn run<R>(&self, run: impl FnOnce(Either<'_, 'a>) -> R) -> R {
         if K::FILTERS {
@@ -132,7 +132,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         self.run(compiled::nearest)
     }
 
-    /// The `k` nearest points in order of (distance, id); all where there are fewer.
+    /// The `k` nearest points in order of (distance, id); all if there are fewer.
     pub fn nearest_n(self, k: usize) -> Vec<Neighbor> {
         let mut buffer = NeighborBuffer::new();
         self.nearest_n_into(k, &mut buffer);

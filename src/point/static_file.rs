@@ -1,4 +1,4 @@
-//! Trees of points that stand still, in files.
+//! Static point trees in files.
 
 use super::byte_boxes::ByteBoxes;
 use super::snapshot::Boxes;
@@ -12,10 +12,10 @@ record_fields!(PointBlock { at: [Lanes<f32>; 3], id: Lanes<u32> });
 record_fields!(Boxes { lo: [Lanes<f32>; 3], hi: [Lanes<f32>; 3] });
 record_fields!(ByteBoxes { corner: [f32; 3], step: [f32; 3], lo: [Lanes<u8>; 3], hi: [Lanes<u8>; 3] });
 
-/// Faces of boxes that hold points are nearer to zero than this: some times as far as points may be.
+/// Faces of boxes that hold points are nearer to zero than this, several times the limit of coordinates.
 pub(super) const FARTHEST_FACE: f32 = 1e19;
 
-/// What a file says of a tree.
+/// The contents of a file for one tree, not validated yet.
 pub(super) struct StaticRecord {
     count: u64,
     ordered: Vec<[f64; 2]>,
@@ -42,13 +42,13 @@ impl StaticTree {
 }
 
 impl StaticRecord {
-    /// Reads what was written.
+    /// Reads a tree that [`StaticTree::encode`] wrote.
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<StaticRecord, FileError> {
         let (count, ordered) = (from.get()?, from.array()?);
         Ok(StaticRecord { count, ordered, lower: from.array()?, upper: from.array()?, blocks: from.array()? })
     }
 
-    /// The tree, if searches can walk it, and the number of its points.
+    /// The tree and the number of its points, or an error if searches cannot traverse it.
     pub(super) fn checked(self) -> Result<(StaticTree, usize), FileError> {
         let StaticRecord { count, ordered, lower, upper, blocks } = self;
         require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;
@@ -77,9 +77,9 @@ impl StaticRecord {
     }
 }
 
-/// Whether the first so many lanes of a block are points, and the others nothing.
+/// Whether the first `count` lanes of a block are points, and the others absent.
 fn is_fine(block: &PointBlock, count: usize) -> bool {
-    // Without branches, so that lanes are compared side by side.
+    // Without branches, so that the comparisons are vectorized.
     let mut fine = true;
     for lane in 0..LANES {
         let [x, y, z] = block.at.map(|row| row[lane]);
@@ -90,14 +90,14 @@ fn is_fine(block: &PointBlock, count: usize) -> bool {
     fine
 }
 
-/// Whether a point may be here.
+/// Whether a point may have this position.
 #[inline(always)]
 fn is_place([x, y, z]: [f32; 3]) -> bool {
     const MOST: f32 = MAX_POINT_COORDINATE as f32;
     (x.abs() <= MOST) & (y.abs() <= MOST) & (z.abs() <= MOST)
 }
 
-/// Whether boxes are numbers, and absent where there is no child.
+/// Whether boxes are finite and in range, and absent if there is no child.
 pub(super) fn are_fine(boxes: &Boxes, lanes: usize) -> bool {
     (0..LANES).all(|lane| {
         let at = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);

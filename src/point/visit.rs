@@ -1,4 +1,4 @@
-//! Traversals of the caller's own through a [`PointTree`].
+//! Custom traversals of a [`PointTree`].
 
 use super::over_interval::{Boxed, Flight};
 use super::partition::Layer;
@@ -11,12 +11,12 @@ use crate::traverse::{Hierarchy, Visitor, traverse};
 use core::ops::{ControlFlow, Range};
 use glam::{DVec3, Vec3};
 
-/// A point in a leaf of a [`PointTree`], as a [`Visitor`] meets it.
+/// A point in a leaf of a [`PointTree`], as a [`Visitor`] gets it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TreePoint {
     /// The point's id.
     pub id: u32,
-    /// Where it is at the time of the traversal, as queries see it.
+    /// Its position at the time of the traversal, as queries see it.
     pub position: DVec3,
 }
 
@@ -24,13 +24,13 @@ pub struct TreePoint {
 #[derive(Clone, Copy)]
 struct Entry {
     layer: usize,
-    /// Which of the trees side by side in time.
+    /// Which of the trees of the layer, by part of the shutter.
     part: usize,
     /// `None` for a leaf: then `at` is its first block, and `blocks` their number.
     level: Option<usize>,
     at: usize,
     blocks: usize,
-    /// What holds it, in a k-d tree, where `at` is a node in any case.
+    /// Its cell, in a k-d tree, where `at` is a node in any case.
     cell: Aabb,
 }
 
@@ -70,7 +70,7 @@ impl LayersAt<'_> {
         let (first, stride) = tree.behind(level, entry.at);
         let [begin, end] = tree.times(entry.at);
         let [min, max] = tree.faces(entry.at, &[tree.phase(self.time); LANES]);
-        // The tree answers for its time, which may be a float beside a key, and so beside the exact times of the tree.
+        // The time may be a float next to a key, and so just outside the exact interval of the tree.
         let ((_, _, part), time) = (tree.part(), f64::from(self.time));
         let (early, late) = (time.min(part[1]), time.max(part[0]));
         for lane in (0..LANES).filter(|&lane| begin[lane] <= late && early <= end[lane]) {
@@ -163,12 +163,12 @@ impl Hierarchy for LayersAt<'_> {
 }
 
 impl PointTree {
-    /// Leads a [`Visitor`] through the tree as it is at a time of the shutter: a traversal of the caller's own, for
-    /// questions that no other query answers. Returns what the visitor said last; at a time outside `[0, 1]` it sees
-    /// nothing.
+    /// Traverses the tree as it is at a time of the shutter with a [`Visitor`]: a custom traversal, for
+    /// queries that the library does not have. Returns what the visitor returned last; at a time outside `[0, 1]` it
+    /// visits nothing.
     ///
-    /// Each point that exists at the time is met in one leaf. A visitor is shown sixteen boxes per node, one after the
-    /// other: this is for questions asked now and then rather than a million times.
+    /// Each point that exists at the time is in exactly one leaf. A visitor gets the sixteen boxes of a node one after the
+    /// other, which is much slower than the queries of the library: it is meant for occasional use.
     ///
     /// ```
     /// use core::ops::{ControlFlow, Range};

@@ -1,9 +1,9 @@
-//! Where photons are, whatever they carry: the trees and what the tests of a query need.
+//! The index of a photon map: the trees over photon positions, and the data that the tests of a query need.
 //!
-//! Photons with a time stamp lie in a tree over space and time, the others in a [`PointTree`]: those that live for a
-//! while, and those that are carried along, which live in it for as long as a window can see them. Each photon has a
-//! *place*: its number in the order of the first tree, or behind all of that one its number among the others. What
-//! belongs to photons is kept by place, so that what is near in space and time is near in memory.
+//! Photons with a time stamp are in a tree over space and time, the others in a [`PointTree`]: those that exist for a
+//! while, and those that move with their surface, which are active in it for as long as a window can reach them. Each
+//! photon has a *place*: its index in the order of the first tree, or, after all photons of that one, its index among the
+//! others. Photon data are stored by place, so that photons that are near in space and time are near in memory.
 
 use super::error::GatherError;
 use super::params::GatherParams;
@@ -22,20 +22,20 @@ use glam::{DVec3, Vec3};
 #[derive(Clone)]
 pub(super) struct Index {
     pub(super) stamped: StampedTree,
-    /// Photons that live for a while or are carried along.
+    /// Photons that exist for a while or move with their surface.
     pub(super) others: Option<PointTree>,
     unstamped: Vec<UnstampedPhoton>,
     normals: Vec<Vec3>,
     /// The caller's index of each photon.
     pub(super) ids: Vec<u32>,
-    /// Whether some photons are carried along.
+    /// Whether some photons move with their surface.
     pub(super) carried: bool,
-    /// The widest window for photons that are carried along; infinite where there are none.
+    /// The widest window for photons that move with their surface; infinite if there are none.
     pub(super) most_window: f32,
     pub(super) simd: SimdLevel,
 }
 
-/// A photon that lives for a while or is carried along.
+/// A photon that exists for a while or moves with its surface.
 #[derive(Clone, Copy)]
 struct UnstampedPhoton {
     open: Vec3,
@@ -43,16 +43,16 @@ struct UnstampedPhoton {
     time_weight: TimeWeight,
 }
 
-/// How the time of a photon is weighed.
+/// How a photon is weighted in time.
 #[derive(Clone, Copy)]
 pub(super) enum TimeWeight {
     /// By the difference to its stamp.
     Stamp(f32),
-    /// Evenly: with 1 / duration.
+    /// Uniformly: by 1 / duration.
     Even(f32),
 }
 
-/// The unstamped as a set of points.
+/// The unstamped photons as a set of points.
 struct UnstampedPhotons<'a> {
     unstamped: &'a [UnstampedPhoton],
     alive: &'a [TimeInterval],
@@ -105,7 +105,7 @@ impl Index {
                 }
                 PhotonTime::During(life) => {
                     alive.push(life);
-                    // Lives may be so short that 1 / duration is no f32 number.
+                    // Intervals may be so short that 1 / duration overflows in f32.
                     let even = 1.0 / life.duration().max(f32::MIN_POSITIVE);
                     UnstampedPhoton { open: at, close: at, time_weight: TimeWeight::Even(even) }
                 }
@@ -147,7 +147,7 @@ impl Index {
         })
     }
 
-    /// How the time of the photon at a place is weighed.
+    /// How the photon at a place is weighted in time.
     #[inline(always)]
     pub(super) fn time_weight(&self, place: u32) -> TimeWeight {
         match (place as usize).checked_sub(self.stamped.len()) {
@@ -156,8 +156,8 @@ impl Index {
         }
     }
 
-    /// Whether a window reaches the time of the photon at a place. Of photons in the tree of stamps the search has seen
-    /// to that already, and those that live for a while do not depend on it.
+    /// Whether a window reaches the time of the photon at a place. The search of the tree of stamps has tested that
+    /// already, and photons that exist for a while do not depend on it.
     #[inline(always)]
     pub(super) fn in_window(&self, place: u32, time: f32, window: f32) -> bool {
         match (place as usize).checked_sub(self.stamped.len()).map(|photon_at| self.unstamped[photon_at].time_weight) {
@@ -166,7 +166,7 @@ impl Index {
         }
     }
 
-    /// Where the photon at a place is at a time.
+    /// The position of the photon at a place, at a time.
     pub(super) fn position(&self, place: u32, at: KeyTime) -> Vec3 {
         match (place as usize).checked_sub(self.stamped.len()) {
             None => self.stamped.position(place),

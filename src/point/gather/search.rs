@@ -1,8 +1,8 @@
-//! Finding the photons of a gather: the searches of this module's siblings over both trees of an index.
+//! Finding the photons of a gather: the searches of [`crate::point::search`] over both trees of an index.
 //!
-//! Searches know photons by place, and places depend on the tree. What callers get must not: among photons at the
-//! same distance the one with the lower index comes first. Ties are rare, so they are put right afterwards: inside the
-//! answer by sorting runs of equal distances, and where they reach beyond its end by a search for all of them.
+//! Searches identify photons by place, and places depend on the tree. Answers must not: among photons at the
+//! same distance the one with the lower index comes first. Ties are rare, so they are resolved afterwards: inside the
+//! answer by sorting runs of equal distances, and beyond its end by a search for all photons at that distance.
 
 use super::index::Index;
 use super::span_view::SpanView;
@@ -65,7 +65,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         self.settle_ties(found);
     }
 
-    /// Puts photons at the same distance into the order of their indices.
+    /// Sorts photons at the same distance by their indices.
     fn settle_ties(&self, found: &mut [Neighbor]) {
         let tied = |pair: &[Neighbor]| pair[0].distance_squared == pair[1].distance_squared;
         if found.windows(2).any(tied) {
@@ -75,7 +75,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         }
     }
 
-    /// Photons without a stamp, which a metric knows nothing of.
+    /// Photons without a stamp, which do not take part in a metric.
     #[inline(always)]
     fn others(&self) -> Option<&PointTree> {
         if METRIC { None } else { self.index.others.as_ref() }

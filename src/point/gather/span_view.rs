@@ -1,23 +1,23 @@
-//! A tree over space and time as a search sees it: the descent is the same whatever is looked for.
+//! The view of a tree over space and time: one traversal for all distance measures.
 
 use super::span_tree::{SpanBlock, SpanNode, SpanTree};
 use crate::point::snapshot::{Leaves, Target, View, diagonal};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::Vec3;
 
-/// How far things and boxes are from a query: infinitely, where they do not count.
+/// Distances of items and boxes from a query: infinite if they do not count.
 pub(super) trait Measure<B>: Copy {
     /// See [`View::BALL`].
     const BALL: f32;
-    /// Squared distances to what is in a block.
+    /// Squared distances to the items of a block.
     fn distances<S: Simd>(&self, s: S, target: &Target<S>, block: &B) -> S::F;
     /// Squared distances to boxes, and which of them hold the query.
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: &SpanNode) -> (S::F, Mask);
-    /// What counts as the squared diagonals of boxes, given those in space.
+    /// The effective squared diagonals of boxes, given those in space.
     fn sizes<S: Simd>(&self, s: S, target: &Target<S>, node: &SpanNode, in_space: S::F) -> S::F;
 }
 
-/// The tree at a time, looked at in a certain way.
+/// The tree at a time, with a distance measure.
 #[derive(Clone, Copy)]
 pub(super) struct SpanView<'a, B, L> {
     pub(super) tree: &'a SpanTree<B>,

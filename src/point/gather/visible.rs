@@ -1,8 +1,8 @@
-//! The inverse of a gather: visible points wait, photons come and find the points they contribute to.
+//! The inverse of a gather: a tree over visible points, in which photons find the points they contribute to.
 //!
 //! The picture to have in mind: each visible point is a ball in space at a time, with a radius of its own. The boxes of
-//! the tree are around the balls, so a photon goes into a box only if it lies in it, and its window reaches the times in
-//! it. When radii shrink between passes the order of the tree stays and its boxes are fitted anew.
+//! the tree are around the balls, so a photon enters a box only if it lies in it, and its window reaches the times in
+//! it. When radii shrink between passes the order of the tree is kept and its boxes are refitted.
 //!
 //! **Why no point is missed.** A photon contributes where `(dx·dx + dy·dy) + dz·dz <= r·r`, each step rounded once.
 //! Rounding is monotone, so each rounded square alone is at most the rounded r·r: with u = 2^-24, |dx| is at most
@@ -30,10 +30,10 @@ use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::Vec3;
 
-/// A point that a camera sees at a time, and how far photons may be from it.
+/// A point that a camera sees at a time, and the radius within which photons contribute to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisiblePoint {
-    /// Where it is.
+    /// Its position.
     pub position: Vec3,
     /// The time of the camera's ray, in the shutter.
     pub time: f32,
@@ -75,10 +75,10 @@ impl SpanBlock for VisibleBlock {
     }
 }
 
-/// What balls are grown by, relative to their radius: 2^-21.
+/// The padding of balls relative to their radius: 2^-21.
 const GROWN: f32 = 1.0 / 2_097_152.0;
 
-/// And absolutely: a little more than 2^-73.
+/// The absolute padding: a little more than 2^-73.
 const TINY: f32 = 1.1e-22;
 
 /// Visible points, to be found by photons.
@@ -104,7 +104,7 @@ pub struct VisiblePoints {
     simd: SimdLevel,
 }
 
-/// Photons that one thread leads through the tree at a time.
+/// Number of photons that one thread processes at a time.
 const CHUNK: usize = 4096;
 
 /// A photon that found a point.
@@ -146,7 +146,7 @@ impl VisiblePoints {
         self.tree.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.tree.len() == 0
     }
@@ -156,7 +156,7 @@ impl VisiblePoints {
         self.tree.bytes()
     }
 
-    /// Gives all points new radii, by their index, and fits the tree to them: O(n), a small part of a build.
+    /// Sets new radii of all points, by their index, and refits the tree: O(n), a small part of a build.
     ///
     /// The order of the tree stays that of the build, so searches are fast as long as radii shrink about alike. After an
     /// error nothing has changed.
@@ -195,8 +195,8 @@ impl VisiblePoints {
         Ok(())
     }
 
-    /// Leads photons to the points they contribute to: `deposit(state of the point, photon, squared distance)`, on several
-    /// threads. `at` says where and when a photon arrived; `states` has one state for each point.
+    /// Distributes photons to the points they contribute to: `deposit(state of the point, photon, squared distance)`, on
+    /// several threads. `at` gives the position and the time of a photon; `states` has one state for each point.
     ///
     /// Each point gets its photons in an order that depends on the photons alone, so sums have the same bits for any
     /// number of threads and instruction set. After an error nothing was deposited.
@@ -240,7 +240,7 @@ impl VisiblePoints {
             parallel::each(&mut shares, |(number, states)| {
                 let begin = (*number * share) as u32;
                 for hit in lists.iter().flatten() {
-                    // Of points before this share the difference wraps around to a large number.
+                    // For points before this share the difference wraps around to a large number.
                     if let Some(state) = states.get_mut(hit.point.wrapping_sub(begin) as usize) {
                         deposit(state, &photons[hit.photon as usize], hit.distance_squared);
                     }
@@ -250,7 +250,7 @@ impl VisiblePoints {
         Ok(())
     }
 
-    /// What some photons find.
+    /// The points that some photons contribute to.
     fn hits<P>(&self, photons: &[P], at: &impl Fn(&P) -> (Vec3, f32), window: f32, some: &[usize]) -> Vec<Hit> {
         let (mut hits, candidates) = (Vec::new(), &mut Candidates::default());
         for &photon in some {
@@ -307,17 +307,18 @@ impl Kernel for Found<'_, '_> {
     }
 }
 
-/// The tree as a photon sees it.
+/// The view of the tree for a photon.
 type VisibleView<'a> = SpanView<'a, VisibleBlock, Contribution>;
 
-/// A photon with half the width of its window: what it does not contribute to is infinitely far away.
+/// The measure of a photon with half the width of its window: points that it does not contribute to are infinitely far
+/// away.
 #[derive(Clone, Copy)]
 struct Contribution {
     window: f32,
 }
 
 impl Measure<VisibleBlock> for Contribution {
-    /// No search that counts neighbours goes through this.
+    /// Not used: there is no k-nearest search with this measure.
     const BALL: f32 = 1.0;
 
     #[inline(always)]

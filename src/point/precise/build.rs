@@ -1,4 +1,4 @@
-//! From f64 points to a tree.
+//! Building a tree over f64 points.
 
 use super::linear_box::{FULL, LinearBox, Node, NodeRows};
 use super::order::{Place, order};
@@ -12,8 +12,8 @@ use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 
 impl PreciseTree {
-    /// The tree over some points of a set for a part of the shutter. If nothing of it `moves`, all points have to stand still
-    /// and live throughout.
+    /// The tree over some points of a set for a part of the shutter. Unless it `moves`, all points must be static
+    /// and exist throughout the shutter.
     pub(in crate::point) fn build(
         source: &Source,
         part: Part,
@@ -79,7 +79,7 @@ impl PreciseTree {
         drop(places);
         for level in 0..shape.levels {
             let mut above = Vec::with_capacity(boxes_below.len().div_ceil(LANES));
-            // Even a tree without points has its root.
+            // Even a tree without points has a root.
             for i in 0..shape.begin[level + 1] - shape.begin[level] {
                 let children =
                     &boxes_below[(i * LANES).min(boxes_below.len())..((i + 1) * LANES).min(boxes_below.len())];

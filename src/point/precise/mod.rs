@@ -1,11 +1,11 @@
-//! Points given in f64, exactly.
+//! Point trees that keep positions in f64.
 //!
-//! The picture to have in mind: the same pyramid of sixteen-wide nodes, but each node has a middle of its own in f64, and
-//! boxes in f32 relative to it; so boxes are as fine as what is in them, wherever that is. Leaves hold f64 positions. A
-//! search needs no more of a tree than lower bounds of distances to boxes, and distances to points: [`tree`] gives both,
-//! and the searches are the same as those of f32 points.
+//! The picture to have in mind: the same pyramid of sixteen-wide nodes, but each node has a centre of its own in f64, and
+//! boxes in f32 relative to it; so boxes are as fine as their contents, wherever these are. Leaves hold f64 positions. A
+//! search needs only lower bounds of distances to boxes, and distances to points: [`tree`] provides both, and the
+//! searches are the same as those of f32 points.
 //!
-//! The distance of a point is computed in f64 and rounded to f32 once; order, ties and radii go by that number.
+//! The distance of a point is computed in f64 and rounded to f32 once; order, ties and radii use that number.
 
 mod build;
 mod in_file;
@@ -27,25 +27,25 @@ use crate::simd::{LANES, Lanes, Mask, Simd};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// Trees side by side in time, in order, without a gap; one where nothing moves.
+/// Trees for successive parts of the shutter, without a gap; a single one if all points are static.
 #[derive(Clone)]
 pub(super) struct PreciseLayer {
     pub(super) parts: Vec<PreciseTree>,
 }
 
-/// A layer at a time, asked from a place.
+/// A layer at a time, seen from a query point.
 enum AtTime<'a> {
     Still(PreciseView<'a, false>),
     Moving(PreciseView<'a, true>),
 }
 
 impl PreciseLayer {
-    /// Which of the trees answers at a time in [0, 1].
+    /// The index of the tree that is responsible for a time in [0, 1].
     pub(super) fn part_at(&self, time: f32) -> usize {
         self.parts.partition_point(|tree| tree.part().interval.end_bound() <= time).min(self.parts.len() - 1)
     }
 
-    /// The tree that answers at a time in [0, 1].
+    /// The tree that is responsible for a time in [0, 1].
     pub(super) fn tree_at(&self, time: f32) -> &PreciseTree {
         &self.parts[self.part_at(time)]
     }

@@ -1,28 +1,27 @@
-//! Leaves that a search has found near enough and not looked at yet.
+//! Leaves that a search has found near enough and not visited yet.
 //!
-//! Looking at each leaf as soon as it is found means a loop of unforeseeable length in every bottom node, and each
-//! wrong guess of the processor where it ends throws away the loads that were under way. A list is filled without a
-//! branch and gone through in one loop, so that the leaves come from memory all at once. This is worth more than
-//! the few leaves that a bound lowered in between would have spared. Leaves of big trees are asked for as they are
-//! listed.
+//! Visiting each leaf as soon as it is found means a loop of unpredictable length in every bottom node, and each
+//! misprediction of its end discards the loads in flight. A queue is filled without a branch and processed in one loop,
+//! so that the leaves are loaded from memory concurrently. This gains more than the few leaves that a bound lowered in
+//! between would have culled. Leaves of large trees are prefetched when they are queued.
 
 use crate::point::snapshot::Leaves;
 use crate::simd::{LANES, Mask, Simd};
 use crate::tuning::points::FAR;
 
-/// Most leaves on a list.
+/// The capacity of a queue.
 const CAPACITY: usize = 4 * LANES;
 
-/// Leaves that are worth being gone through together.
+/// The number of leaves that are visited together.
 const BATCH: usize = LANES;
 
-/// A list of leaves, each as the number of its first block.
+/// A queue of leaves, each as the index of its first block.
 pub(in crate::point) struct LeafQueue {
     leaves: [u32; CAPACITY],
     count: usize,
 }
 
-/// How far lanes of a bottom node are apart, in blocks, for leaves of one block and of two.
+/// Offsets of the lanes of a bottom node, in blocks, for leaves of one block and of two.
 static OFFSETS: [[u32; LANES]; 2] = {
     let mut offsets = [[0; LANES]; 2];
     let mut lane = 0;
@@ -35,14 +34,14 @@ static OFFSETS: [[u32; LANES]; 2] = {
 };
 
 impl LeafQueue {
-    /// An empty list.
+    /// An empty queue.
     #[inline(always)]
     pub(in crate::point) fn new() -> LeafQueue {
         LeafQueue { leaves: [0; CAPACITY], count: 0 }
     }
 
-    /// Adds lanes of the bottom node whose first block is `first`. There must be room, as there is after `many` was
-    /// false.
+    /// Adds lanes of the bottom node whose first block is `first`. There must be room, as there is while the queue is
+    /// not [ready](LeafQueue::is_ready).
     #[inline(always)]
     pub(in crate::point) fn push_lanes<S: Simd, V: Leaves>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
         let to: &mut [u32; LANES] = (&mut self.leaves[self.count..self.count + LANES]).try_into().expect("sixteen");
@@ -57,26 +56,26 @@ impl LeafQueue {
         }
     }
 
-    /// Adds a leaf; there must be room likewise.
+    /// Adds a leaf; there must be room as well.
     #[inline(always)]
     pub(in crate::point) fn push(&mut self, block: usize) {
         self.leaves[self.count] = block as u32;
         self.count += 1;
     }
 
-    /// Whether it is time to look at them.
+    /// Whether the leaves should be visited now.
     #[inline(always)]
     pub(in crate::point) fn is_ready(&self) -> bool {
         self.count > BATCH
     }
 
-    /// Whether there are none.
+    /// Whether the queue is empty.
     #[inline(always)]
     pub(in crate::point) fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// All of them; the list is empty afterwards.
+    /// Returns all leaves and empties the queue.
     #[inline(always)]
     pub(in crate::point) fn drain(&mut self) -> &[u32] {
         &self.leaves[..core::mem::take(&mut self.count)]

@@ -1,4 +1,4 @@
-//! Everything within a radius: masks all the way down, in no particular order.
+//! The radius search: traversal by masks, in no particular order.
 
 use super::leaf_queue::LeafQueue;
 use crate::limits::MAX_LEVELS;
@@ -6,15 +6,15 @@ use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{Mask, Simd};
 use core::ops::{ControlFlow, Range};
 
-/// What is done with the points of a block that lie within the radius.
+/// Consumes the points of a block that lie within the radius.
 pub(in crate::point) trait Sink<S: Simd> {
-    /// Whether it takes blocks without hits too: where that costs little, it costs less than a branch.
+    /// Whether it takes blocks without hits too: if that costs less than a branch.
     const TAKES_NONE: bool;
     /// Takes the lanes of `hits`.
     fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
 }
 
-/// Where a search stands: the children still to be visited, level by level.
+/// The state of a traversal: the children still to be visited, level by level.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::point) struct Front {
     first: [usize; MAX_LEVELS],
@@ -25,14 +25,14 @@ pub(in crate::point) struct Front {
 }
 
 impl Front {
-    /// Before the root.
+    /// A traversal that begins at the root.
     #[inline(always)]
     pub(in crate::point) fn begin<V: View>(view: &V) -> Front {
         let (level, node) = view.root();
         Front { first: [0; MAX_LEVELS], rest: [0; MAX_LEVELS], level, node, fresh: true }
     }
 
-    /// The next bottom node with leaves within the radius, and the mask of these; nothing at the end.
+    /// The next bottom node with leaves within the radius, and the mask of these; `None` at the end.
     #[inline(always)]
     pub(in crate::point) fn next<S: Simd, V: View>(
         &mut self,

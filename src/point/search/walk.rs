@@ -1,7 +1,7 @@
-//! The best-first walk from the root to the bottom nodes, collecting the k nearest.
+//! Best-first traversal from the root to the bottom nodes, collecting the k nearest.
 //!
-//! Per level one vector of [`keys`]: the least key of a level is the nearest child not yet visited. Leaves are looked at
-//! in one place, after a bottom node or at the end: what is compiled there is large.
+//! Each level has one vector of [`keys`]: the least key of a level is the nearest child not yet visited. Leaves are
+//! visited in one place of the code, after a bottom node or at the end: the code that is inlined there is large.
 
 use super::k_nearest::KNearest;
 use super::keys::{keys, smallest, unpack};
@@ -13,7 +13,7 @@ use crate::simd::{LANES, Simd};
 /// The key of a lane that was visited or is absent.
 const DONE: u32 = u32::MAX;
 
-/// Visits bottom nodes, nearest children first, until nothing within the bound is left.
+/// Visits bottom nodes, nearest children first, until no child within the bound is left.
 #[inline(always)]
 pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
     s: S,
@@ -38,7 +38,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
             left = s.load_u(&open[1]);
             key = next[1];
         } else {
-            // The keys of a new node stay in a register: a detour through memory would hold up the next load.
+            // The keys of a new node stay in a register: a round trip through memory would delay the next load.
             let (boxes, holding) = view.boxes(s, target, node);
             left = keys(s, boxes);
             // A box that holds the point is at distance 0, and the first of them has the least key.
