@@ -17,7 +17,6 @@ mod automatic;
 mod batch;
 mod bottom;
 mod build;
-mod byte_boxes;
 mod choose;
 mod compiled;
 mod complete_tree;

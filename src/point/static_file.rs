@@ -1,6 +1,5 @@
 //! Static point trees in files.
 
-use super::byte_boxes::ByteBoxes;
 use super::snapshot::Boxes;
 use super::static_tree::{Ordered, Shape, StaticTree};
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
@@ -10,7 +9,6 @@ use crate::simd::{LANES, Lanes, PointBlock};
 
 record_fields!(PointBlock { at: [Lanes<f32>; 3], id: Lanes<u32> });
 record_fields!(Boxes { lo: [Lanes<f32>; 3], hi: [Lanes<f32>; 3] });
-record_fields!(ByteBoxes { corner: [f32; 3], step: [f32; 3], lo: [Lanes<u8>; 3], hi: [Lanes<u8>; 3] });
 
 /// Faces of boxes that hold points are nearer to zero than this, several times the limit of coordinates.
 pub(super) const FARTHEST_FACE: f32 = 1e19;
@@ -19,8 +17,7 @@ pub(super) const FARTHEST_FACE: f32 = 1e19;
 pub(super) struct StaticRecord {
     count: u64,
     ordered: Vec<[f64; 2]>,
-    lower: Vec<ByteBoxes>,
-    upper: Vec<Boxes>,
+    nodes: Vec<Boxes>,
     blocks: Vec<PointBlock>,
 }
 
@@ -35,8 +32,7 @@ impl StaticTree {
         to.put(self.count() as u64)?;
         let ordered = self.ordered.map(|ordered| [ordered.spread, ordered.excess]);
         to.array(ordered.as_slice())?;
-        to.array(&self.lower)?;
-        to.array(&self.upper)?;
+        to.array(&self.nodes)?;
         to.array(&self.blocks)
     }
 }
@@ -45,35 +41,26 @@ impl StaticRecord {
     /// Reads a tree that [`StaticTree::encode`] wrote.
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<StaticRecord, FileError> {
         let (count, ordered) = (from.get()?, from.array()?);
-        Ok(StaticRecord { count, ordered, lower: from.array()?, upper: from.array()?, blocks: from.array()? })
+        Ok(StaticRecord { count, ordered, nodes: from.array()?, blocks: from.array()? })
     }
 
     /// The tree and the number of its points, or an error if searches cannot traverse it.
     pub(super) fn checked(self) -> Result<(StaticTree, usize), FileError> {
-        let StaticRecord { count, ordered, lower, upper, blocks } = self;
+        let StaticRecord { count, ordered, nodes, blocks } = self;
         require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;
         let count = count as usize;
-        let shape = Shape::of(count);
+        let shape = Shape::flattest(count);
         let leaves = shape.begin[1] * LANES;
-        let (nodes, plain) = (shape.nodes(), shape.plain());
-        let fits = lower.len() == plain && upper.len() >= nodes - plain && blocks.len() == leaves * shape.leaf_blocks;
+        let fits = nodes.len() == shape.nodes() && blocks.len() == leaves * shape.leaf_blocks;
         require(fits, "it has not as many nodes and leaves as its points need")?;
         let blocks_fine = parallel::chunks(blocks.len(), |range| {
             range.into_iter().all(|block| is_fine(&blocks[block], count.saturating_sub(block * LANES)))
         });
         require(blocks_fine.into_iter().all(|fine| fine), "a leaf holds something else than points")?;
-        for (node, lanes) in shape.lanes(leaves) {
-            let fine = match lower.get(node) {
-                None => are_fine(&upper[node - plain], lanes),
-                Some(bytes) => match bytes.number_elsewhere() {
-                    Some(number) => upper.get(number).is_some_and(|boxes| are_fine(boxes, lanes)),
-                    None => lanes == LANES && is_grid(bytes),
-                },
-            };
-            require(fine, "a node has a box that is none, or nothing in it")?;
-        }
+        let fine = shape.lanes(leaves).all(|(node, lanes)| are_fine(&nodes[node], lanes));
+        require(fine, "a node has a box that is none, or nothing in it")?;
         let ordered = ordered.first().map(|&[spread, excess]| Ordered { spread, excess });
-        Ok((StaticTree { lower, upper, blocks, shape, ordered }, count))
+        Ok((StaticTree { nodes, blocks, shape, ordered }, count))
     }
 }
 
@@ -106,10 +93,4 @@ pub(super) fn are_fine(boxes: &Boxes, lanes: usize) -> bool {
         let near = lo.into_iter().chain(hi).all(|face| face.abs() <= FARTHEST_FACE);
         absent || near && lane < lanes
     })
-}
-
-/// Whether the lines of a grid are numbers.
-fn is_grid(bytes: &ByteBoxes) -> bool {
-    let near = |face: &f32| face.abs() <= FARTHEST_FACE;
-    bytes.corner.iter().all(near) && bytes.step.iter().all(|step| near(step) && *step >= 0.0)
 }

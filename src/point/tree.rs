@@ -121,7 +121,7 @@ impl PointTree {
     /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
     ///
-    /// O(n log n) time; 17 bytes per static point, from 32 per moving point (in f64 30 and 55), and about
+    /// O(n log n) time; 17 or 18 bytes per static point, from 32 per moving point (in f64 30 and 55), and about
     /// twice that while building. The set is read once, at the beginning: if its answers change from call to call, the tree
     /// is that of the answers it gave then. Errors: coordinates that are not finite or too large, arrays of
     /// different length, parameters out of range. The tree of an empty set finds nothing.

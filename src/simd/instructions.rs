@@ -30,8 +30,6 @@ pub(crate) trait Simd: Copy {
     fn lower_half(self, a: Self::F) -> Self::F {
         a
     }
-    /// Reads sixteen bytes and makes floats of them.
-    fn load_bytes(self, from: &Lanes<u8>) -> Self::F;
     /// Reads row `i`; the lanes beyond its length are 0. What lies behind it in memory is not looked at (read as
     /// numbers it might be denormal, which is slow).
     fn load_row(self, rows: &Rows, i: usize) -> Self::F;

@@ -84,7 +84,7 @@ fn trees() -> Vec<(String, PointTree)> {
     trees
 }
 
-/// So many points that the boxes of bottom nodes are in bytes, and some of them too far apart for that.
+/// A large static tree with a few points far from the others.
 fn large() -> PointTree {
     let mut random = Random(5);
     let mut points = still(270_000, &mut random);

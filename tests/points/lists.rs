@@ -334,7 +334,7 @@ fn buffers_are_used_again() {
     }
 }
 
-/// Large sets have boxes in bytes, except in nodes for which bytes are too coarse: those of tight clusters far apart.
+/// A large set whose bottom nodes hold tight clusters far apart.
 #[test]
 fn lists_of_tight_clusters_in_a_large_set() {
     let mut rng = Rng(11);

@@ -56,7 +56,7 @@ fn moving_points() {
     }
 }
 
-/// Enough of them that boxes are in bytes, counted from the corner of their node.
+/// A set with leaves of two blocks, and a larger one with leaves of one.
 #[test]
 fn still_points() {
     let mut rng = Rng(2);
