@@ -10,7 +10,7 @@ use mbkd::{
 };
 use mbkd_scenes as scene;
 
-/// Every way to divide the shutter.
+/// All divisions of the shutter.
 fn params() -> Vec<BuildParams> {
     let divisions = [Division::Automatic, Division::Whole, Division::Segments(3), Division::Copies(2)];
     divisions.map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() })).into()
@@ -24,7 +24,7 @@ fn moved(mesh: &TriangleMesh, jitter: f32, by: Vec3, grown: f32, random: &mut Ra
     TriangleMesh { keys: keys.into(), ..mesh.clone() }
 }
 
-/// That a tree is whole and answers as brute force over these meshes.
+/// Checks that a tree is valid and answers like brute force over these meshes.
 fn agrees(tree: &RayTree, meshes: &[TriangleMesh], rays: &[Ray], what: &str) {
     assert_eq!(tree.validate(), Ok(()), "{what}");
     let oracle = BruteForce::new(meshes).unwrap();
