@@ -1,9 +1,9 @@
-//! What can be wrong with the input of a build, said precisely enough to mend it.
+//! Errors of builds and refits, precise enough to correct the input.
 
 use crate::limits::MAX_COORDINATE;
 use core::fmt;
 
-/// Why a tree could not be built. The tree types never panic on bad input: they return this.
+/// Why a tree could not be built. Bad input never panics; it returns this error.
 ///
 /// ```
 /// use mbkd::{BuildError, BuildParams, RayTree, TriangleMesh, glam::Vec3};
@@ -15,7 +15,7 @@ use core::fmt;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum BuildError {
-    /// A mesh has no key at all; give positions for at least one time.
+    /// A mesh has no keys; give positions for at least one time.
     NoKeys {
         /// The mesh.
         mesh: usize,
@@ -31,7 +31,7 @@ pub enum BuildError {
         /// Vertices of this key.
         found: usize,
     },
-    /// A triangle names a vertex that the mesh does not have.
+    /// A triangle has the index of a vertex that does not exist.
     IndexOutOfRange {
         /// The mesh.
         mesh: usize,
@@ -60,8 +60,8 @@ pub enum BuildError {
         /// The vertex.
         vertex: usize,
     },
-    /// A primitive of the caller's own type gave bounds that are NaN, infinite, too large or inverted, over the
-    /// time that it exists or another part of the shutter.
+    /// A caller-defined primitive returned bounds that are NaN, infinite, too large or inverted, over its
+    /// active interval or another part of the shutter.
     BadBounds {
         /// The primitive's index.
         primitive: usize,
@@ -78,24 +78,24 @@ pub enum BuildError {
     },
     /// The tree would be larger than its references can number (2 GiB of nodes and leaf blocks).
     TooLargeTree,
-    /// The tree would be larger than [`crate::WideParams::bytes_per_primitive`] allows, also without splitting anything.
+    /// The tree would be larger than [`crate::WideParams::bytes_per_primitive`] allows, even without any splits.
     OverBudget {
         /// Its bytes.
         bytes: usize,
-        /// What is allowed.
+        /// The budget.
         budget: usize,
     },
     /// A build parameter is outside its range.
     Parameter {
         /// The field of [`crate::WideParams`], [`crate::KdParams`] or [`crate::LazyParams`].
         name: &'static str,
-        /// What it has to be.
+        /// Its valid range.
         expected: &'static str,
     },
     /// The tree would need more nodes or references than its indices can name; lower
     /// [`crate::KdParams::max_references`] or split the scene.
     TooManyReferences,
-    /// The progress callback asked to stop.
+    /// The progress callback returned `Break`.
     Cancelled,
 }
 
@@ -151,7 +151,7 @@ impl fmt::Display for BuildError {
 
 impl std::error::Error for BuildError {}
 
-/// Why a tree could not be refitted. It is as it was before, and answers as before: build another one.
+/// Why a tree could not be refitted. The tree is unchanged and answers as before: build a new one.
 ///
 /// ```
 /// use mbkd::{BuildParams, RayTree, RefitError, TriangleMesh, glam::Vec3};
@@ -165,12 +165,12 @@ impl std::error::Error for BuildError {}
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum RefitError {
-    /// A tree of a k-d policy: planes cannot follow what moves, only boxes can.
+    /// A tree of a k-d policy: only boxes can be refitted, not planes.
     Policy,
     /// A lazy tree, which is built about as fast as it could be refitted.
     Lazy,
-    /// A tree that was read from a file, where it is not said which vertices triangles have, and nothing sure that is more
-    /// than queries need.
+    /// A tree that was read from a file, which does not have the vertex indices of triangles, and is validated only as far
+    /// as queries need.
     FromFile,
     /// Another number of meshes.
     Count {
@@ -184,14 +184,14 @@ pub enum RefitError {
         /// The mesh.
         mesh: usize,
     },
-    /// A mesh needs another number of keys than leaf blocks have room for, after keys that say nothing are left out
-    /// ([`TriangleMesh`](crate::TriangleMesh) says which those are). A mesh that stands still always fits.
+    /// A mesh needs another number of keys than leaf blocks have room for, after redundant keys are merged
+    /// (see [`TriangleMesh`](crate::TriangleMesh)). A static mesh always fits.
     Keys {
         /// The mesh.
         mesh: usize,
-        /// How many there is room for.
+        /// The number that there is room for.
         expected: usize,
-        /// How many it needs.
+        /// The number that it needs.
         found: usize,
     },
     /// A mesh is kept in f64 ([`TriangleMesh::precise`](crate::TriangleMesh::precise)) and was not, or the other way round.
@@ -199,14 +199,14 @@ pub enum RefitError {
         /// The mesh.
         mesh: usize,
     },
-    /// Another number of spheres or of the caller's own primitives.
+    /// Another number of spheres or caller-defined primitives.
     Shapes {
         /// How many the tree was built of.
         expected: usize,
         /// How many were given.
         found: usize,
     },
-    /// What is given could not be built either.
+    /// The input would be invalid for a build as well.
     Input(BuildError),
 }
 

@@ -1,4 +1,4 @@
-//! Every limit of what the crate takes and of what its layouts can hold.
+//! All limits of the inputs of the crate and of its layouts.
 
 /// The largest magnitude a coordinate may have. Beyond it builds return an error.
 pub const MAX_COORDINATE: f64 = 1e30;
@@ -10,7 +10,7 @@ pub const MAX_POINT_COORDINATE: f64 = 1e18;
 /// The most keys of a set of points.
 pub(crate) const MAX_KEYS: usize = 1 << 16;
 
-/// The most slabs of a point tree that can be asked for.
+/// The most slabs of a point tree that can be requested.
 pub(crate) const MAX_SLABS: usize = 1024;
 
 /// The most slices of the shutter in a wide tree.

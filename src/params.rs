@@ -1,10 +1,10 @@
-//! Build parameters: the policy, the paper's choices as parameters, costs and budgets.
+//! Build parameters: the policy, the paper's choices, costs and budgets.
 
 use crate::error::BuildError;
 use crate::limits::{DEPTH_LIMIT, MAX_TIME_SLICES};
 use crate::tuning::lazy::SUBTREE;
 
-/// The kind of tree, with its parameters.
+/// The kind of tree that is built, with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Policy {
@@ -33,7 +33,7 @@ impl Default for Policy {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BuildParams {
-    /// What kind of tree.
+    /// The kind of tree.
     pub policy: Policy,
 }
 
@@ -48,7 +48,7 @@ impl BuildParams {
         BuildParams { policy: Policy::Kd(params) }
     }
 
-    /// A tree that is built lazily, where queries go.
+    /// A tree that is built on demand, where queries go.
     pub fn lazy(params: LazyParams) -> BuildParams {
         BuildParams { policy: Policy::Lazy(params) }
     }
@@ -75,16 +75,16 @@ fn check(fine: bool, name: &'static str, expected: &'static str) -> Result<(), B
 /// How a wide tree is built ([`Policy::Wide`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WideParams {
-    /// The greatest number of references per primitive after pre-splitting long triangles, in [1, 8]. Triangles are split only
-    /// where the expected cost of a ray falls enough; memory grows with the references. Default 1.58.
+    /// The largest number of references per primitive after early split clipping of long triangles, in [1, 8]. Triangles are
+    /// split only if the expected cost of a ray falls enough; memory grows with the references. Default 1.58.
     pub max_references: f32,
-    /// Memory budget in bytes per primitive, at least 128. To this come 36 for each triangle and each key beyond the second at which
-    /// its motion changes direction or speed, and 8 KiB for every tree, however small. A tree that cannot be made smaller is an
-    /// error ([`BuildError::OverBudget`]). A larger budget allows more separate trees for parts of the shutter in those parts of a
-    /// scene where neighbours separate fast; they may use whatever the rest of the scene does not need. Without such parts, trees
+    /// Bytes per primitive that the tree may take, at least 128; 36 more for each triangle and each key beyond the second at which
+    /// its motion changes (and 8 KiB for every tree, however small). It is an error if a tree cannot be made as small
+    /// ([`BuildError::OverBudget`]). A larger budget allows more separate trees for parts of the shutter in regions
+    /// with incoherent motion, including the share that the rest of the scene does not need. Without such regions, trees
     /// take 35 to 140 bytes whatever the budget. Default 1024.
     pub bytes_per_primitive: f32,
-    /// How the shutter is divided. Default [`Division::Automatic`]; the others ignore the memory budget.
+    /// The temporal splits. Default [`Division::Automatic`]; the others ignore the budget.
     pub division: Division,
 }
 
@@ -104,9 +104,9 @@ impl WideParams {
 
 /// How a wide tree divides the shutter.
 ///
-/// Where neighbouring primitives separate, boxes over the whole shutter are large. Several hierarchies of nodes, each for its
-/// own part of the shutter, are then tighter. They share leaf blocks (segments) or not (copies, which multiply the
-/// memory by their number).
+/// If motion is incoherent, boxes over the whole shutter are wide. Then several hierarchies of nodes, each for its
+/// own part of the shutter, are tighter; they share leaf blocks (segments) or not (copies, with a multiple of the
+/// memory).
 ///
 /// ```
 /// use mbkd::{BuildError, BuildParams, Division, WideParams};
@@ -116,20 +116,20 @@ impl WideParams {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Division {
-    /// For each part of the scene, the division with the lowest sampled cost of rays, within
+    /// For each region of the scene the division with the least cost of rays, estimated from samples, within
     /// [`WideParams::bytes_per_primitive`].
     #[default]
     Automatic,
     /// One hierarchy for the whole shutter everywhere.
     Whole,
-    /// This number of hierarchies (2 to 16) over shared leaf blocks, for the whole scene: for comparison.
+    /// This many hierarchies (2 to 16) over common leaf blocks, for the whole scene: for comparisons.
     Segments(usize),
-    /// This number of separate trees (2 to 16), for the whole scene, whatever their memory: for comparison.
+    /// This many separate trees (2 to 16), for the whole scene, whatever their size: for comparisons.
     Copies(usize),
 }
 
 impl Division {
-    /// Whether it is used whatever its memory.
+    /// Whether it is used whatever its size.
     pub(crate) fn is_forced(self) -> bool {
         matches!(self, Division::Segments(_) | Division::Copies(_))
     }
@@ -142,10 +142,10 @@ impl Division {
     }
 }
 
-/// How a lazy tree is built ([`Policy::Lazy`]): for scenes of which queries reach a small part.
+/// How a lazy tree is built ([`Policy::Lazy`]): for scenes of which queries visit a small part.
 ///
-/// The build distributes the primitives over subtrees and makes the tree above them. The first query that enters a subtree
-/// builds it, on its own thread; others that reach it meanwhile wait for that one subtree. Answers are those of every other
+/// The build partitions the primitives into subtrees and makes the tree above them. The first query that enters a subtree
+/// builds it, on its own thread; other queries that enter it meanwhile wait for it. Answers are those of every other
 /// tree. The tree keeps the vertices of the meshes, from which subtrees are built.
 ///
 /// ```
@@ -163,12 +163,12 @@ impl Division {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LazyParams {
     /// How subtrees are built. [`Division::Automatic`] chooses one division for each of them, by a sample of it; with
-    /// [`Division::Whole`] they are built fastest, and rays take several times as long where neighbours separate.
-    /// [`WideParams::bytes_per_primitive`] guides the choices in each of them; a subtree that cannot be made as small
-    /// exceeds it, since a query has no error to return.
+    /// [`Division::Whole`] they are built fastest, and rays take several times as long if motion is incoherent.
+    /// [`WideParams::bytes_per_primitive`] is the budget of each of them; a subtree that cannot
+    /// be made as small is larger, since a query has no error to return.
     pub wide: WideParams,
-    /// The greatest number of primitives in a subtree, in [1, 65536]. With larger subtrees, more primitives are built that no query
-    /// reaches; with smaller ones, the coarse build takes longer. Default 2048.
+    /// The most primitives in a subtree, in [1, 65536]. With a larger number, more primitives are built that no query visits; with a
+    /// smaller one, the coarse build takes longer. Default 2048.
     pub subtree: usize,
 }
 
@@ -188,19 +188,19 @@ impl LazyParams {
 /// How a k-d tree is built ([`Policy::Kd`]). The default is the paper's tree with moving planes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KdParams {
-    /// Whether a primitive that crosses a plane during the shutter counts on both sides, each with the time interval it spends
-    /// there (the paper's tree). Otherwise the tree is an ordinary k-d tree over the boxes swept during the shutter: the simple
-    /// way to trace motion with a k-d tree, for comparison. Default true.
+    /// Whether a primitive that crosses a plane during the shutter is referenced on both sides, each with the time interval
+    /// it spends there (the paper's tree). Otherwise an ordinary k-d tree over the boxes swept during the shutter: the
+    /// simple method for motion in a k-d tree, for comparisons. Default true.
     pub intervals: bool,
     /// The time at which split planes are chosen. The paper compares 0, 0.5 and 1. Default 0.5.
     pub plane_time: f32,
     /// Whether the cost of a plane counts a primitive that crosses it by the time it spends on each side
     /// (the paper's time-weighted SAH) instead of once on each. Default true.
     pub time_weighted: bool,
-    /// Whether a reference that was duplicated at some plane takes part in choosing planes again once it lies
-    /// on one side of a plane below for its whole time. The paper can be read both ways. Default true.
+    /// Whether a reference that was duplicated at some plane contributes to the choice of planes again once it lies
+    /// on one side of a plane below for its whole interval. The paper is ambiguous. Default true.
     pub propagated_vote: bool,
-    /// Whether split planes may move along with the primitives. The paper's are static, and so are all planes over swept
+    /// Whether split planes may move along with the primitives. The paper's planes are static, and so are all over swept
     /// boxes. Default true: fewer references cross a plane that moves with them.
     pub moving_planes: bool,
     /// Cost of a step through an inner node (the paper's K_T), > 0. Only its ratio to
@@ -208,13 +208,13 @@ pub struct KdParams {
     pub traversal_cost: f32,
     /// Cost of testing a primitive (the paper's K_I), > 0. Default 2.
     pub intersection_cost: f32,
-    /// The cost of a plane with one side empty is multiplied by this, in (0, 1]: it favours cutting off empty
+    /// The cost of a plane with one side empty is multiplied by this, in (0, 1]: a value below 1 favours cutting off empty
     /// space. Default 0.8.
     pub empty_factor: f32,
     /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 b` for a number of primitives of `b` bits.
     pub max_depth: Option<u32>,
-    /// The greatest number of references per primitive, >= 1. It is divided among subtrees by rule, so that
-    /// the tree does not depend on the number of threads; where it runs out there is a leaf. Default 8.
+    /// The greatest number of references per primitive, >= 1. It is divided among subtrees by a fixed rule, so that
+    /// the tree does not depend on the number of threads; where it is exhausted, nodes become leaves. Default 8.
     pub max_references: f32,
 }
 
@@ -236,7 +236,7 @@ impl Default for KdParams {
 }
 
 impl KdParams {
-    /// The tree exactly as in the paper: planes are static.
+    /// The tree exactly as in the paper: with static planes.
     pub fn paper() -> KdParams {
         KdParams { moving_planes: false, ..KdParams::default() }
     }
@@ -262,7 +262,7 @@ impl KdParams {
     }
 }
 
-/// The default greatest depth of a k-d tree over `n` primitives or points.
+/// The default limit of the depth of a k-d tree over `n` objects.
 pub(crate) fn usual_depth(n: usize) -> u32 {
     (8 + 13 * (usize::BITS - n.leading_zeros()) / 10).min(DEPTH_LIMIT as u32)
 }

@@ -1,9 +1,9 @@
-//! Telling how far a build is, and stopping it.
+//! Progress and cancellation of a build.
 
 use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// What is called with the done fraction in [0, 1]; `Break` cancels the build.
+/// A callback for the finished fraction in [0, 1]; `Break` cancels the build.
 pub(crate) type Callback<'a> = &'a (dyn Fn(f32) -> ControlFlow<()> + Sync);
 
 /// Fractions are counted in these units, so that sums do not depend on the order.
@@ -12,7 +12,7 @@ const WHOLE: u64 = 1 << 40;
 /// Shared by all threads of a build. It never influences the tree.
 pub(crate) struct Progress<'a> {
     callback: Option<Callback<'a>>,
-    /// Of what this is a part, and which fraction of it.
+    /// The whole that this is a part of, and the fraction.
     whole: Option<(&'a Progress<'a>, f64)>,
     done: AtomicU64,
     cancelled: AtomicBool,
@@ -35,7 +35,7 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// A subtree that is this fraction of the whole is finished. Calls back at every half percent.
+    /// Reports that this fraction of the whole is finished. Calls back at every half percent.
     pub fn finished(&self, fraction: f64) {
         if let Some((whole, part)) = self.whole {
             return whole.finished(part * fraction);

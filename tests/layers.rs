@@ -2,12 +2,12 @@
 //!
 //! The order of the layers is the table in the documentation of the crate, top row lowest. Imports are the paths that
 //! begin with `crate` or `super`, or with the name of a module beside them, outside of tests, comments and strings.
-//! What a module passes on from another (`pub use`) counts as an import of that other module by those who use it.
+//! An item that a module re-exports from another (`pub use`) counts as an import of that other module by its users.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
 
-/// A module, as the names on the way to it from the root of the crate.
+/// A module, as its path from the root of the crate.
 type Module = Vec<String>;
 
 /// The modules of a crate, and what each imports.
@@ -16,11 +16,11 @@ struct Crate {
     layers: Vec<String>,
 }
 
-/// A path as it stands in the code.
+/// A path in the code.
 struct Import {
     path: Vec<String>,
-    /// Whether it is passed on (`pub use`), and under which name.
-    passed_on_as: Option<String>,
+    /// The name under which it is re-exported (`pub use`), if it is.
+    reexported_as: Option<String>,
 }
 
 #[test]
@@ -50,7 +50,7 @@ fn read(folder: &Path, names: &mut Vec<String>, files: &mut Vec<(String, String)
 }
 
 impl Crate {
-    /// Of files as paths below `src` and their text.
+    /// Parses files, given as paths below `src` and their text.
     fn new(files: &[(&str, &str)]) -> Crate {
         let row = |line: &str| Some(line.strip_prefix("//! | `")?.split('`').next()?.to_string());
         let root = files.iter().find(|(path, _)| *path == "lib.rs").map_or("", |file| file.1);
@@ -75,7 +75,7 @@ impl Crate {
         Crate { imports, layers }
     }
 
-    /// All that is wrong.
+    /// All violations.
     fn complaints(&self) -> Vec<String> {
         let mut complaints = Vec::new();
         let layer = |module: &[String]| self.layers.iter().position(|layer| *layer == module[0]);
@@ -86,8 +86,8 @@ impl Crate {
                 continue;
             };
             for import in &self.imports[module] {
-                // Both where a path leads and the module that it begins with, which may pass the thing on only.
-                let leads_to = self.home(&import.path, 0).unwrap_or_default();
+                // Both the module that defines the item, and the module at the begin of the path, which may only re-export it.
+                let leads_to = self.definition(&import.path, 0).unwrap_or_default();
                 let layers = [&leads_to, &import.path].map(|path| path.first().and_then(|_| layer(path)));
                 if layers.into_iter().flatten().any(|of| of > own) {
                     let path = import.path.join("::");
@@ -108,24 +108,24 @@ impl Crate {
         complaints
     }
 
-    /// The modules in which things are that a module uses.
+    /// The modules that define the items that a module uses.
     fn used_by(&self, module: &Module) -> BTreeSet<Module> {
-        let imports = self.imports[module].iter().filter(|import| import.passed_on_as.is_none());
-        let mut used: BTreeSet<Module> = imports.filter_map(|import| self.home(&import.path, 0)).collect();
+        let imports = self.imports[module].iter().filter(|import| import.reexported_as.is_none());
+        let mut used: BTreeSet<Module> = imports.filter_map(|import| self.definition(&import.path, 0)).collect();
         used.remove(module);
         used.remove(&Vec::new());
         used
     }
 
-    /// The module in which the thing at a path is, followed through those that pass it on.
-    fn home(&self, path: &[String], followed: usize) -> Option<Module> {
+    /// The module that defines the item at a path, followed through re-exports.
+    fn definition(&self, path: &[String], followed: usize) -> Option<Module> {
         let known = (0..=path.len()).rev().find(|&n| self.imports.contains_key(&path[..n]))?;
         let module = path[..known].to_vec();
         let Some(name) = path.get(known) else { return Some(module) };
-        let from = self.imports[&module].iter().find(|import| import.passed_on_as.as_ref() == Some(name));
+        let from = self.imports[&module].iter().find(|import| import.reexported_as.as_ref() == Some(name));
         match from {
             Some(from) if followed < 8 && from.path != path => {
-                self.home(&[&from.path[..], &path[known + 1..]].concat(), followed + 1)
+                self.definition(&[&from.path[..], &path[known + 1..]].concat(), followed + 1)
             }
             _ => Some(module),
         }
@@ -146,7 +146,7 @@ fn imports(module: &Module, code: &BTreeMap<Module, String>) -> Vec<Import> {
         if !begins || !starts {
             continue;
         }
-        let passed_on = i > 0 && tokens[i - 1] == "use" && is_public(&tokens[..i - 1]);
+        let reexported = i > 0 && tokens[i - 1] == "use" && is_public(&tokens[..i - 1]);
         for (path, name) in expand(&tokens[i..]) {
             let mut absolute = match path[0].as_str() {
                 "crate" | "super" => Vec::new(),
@@ -160,14 +160,14 @@ fn imports(module: &Module, code: &BTreeMap<Module, String>) -> Vec<Import> {
             let rest = path.iter().skip(ups).filter(|name| *name != "crate" && *name != "self");
             absolute.extend(rest.cloned());
             if !absolute.is_empty() {
-                imports.push(Import { path: absolute, passed_on_as: passed_on.then_some(name) });
+                imports.push(Import { path: absolute, reexported_as: reexported.then_some(name) });
             }
         }
     }
     imports
 }
 
-/// Whether `pub` or `pub(...)` stands at the end.
+/// Whether the tokens end with `pub` or `pub(...)`.
 fn is_public(tokens: &[String]) -> bool {
     match tokens.last().map(String::as_str) {
         Some("pub") => true,
@@ -176,7 +176,7 @@ fn is_public(tokens: &[String]) -> bool {
     }
 }
 
-/// The paths of a tree like `a::{b, c::d as e}`, each with the name that its end goes by.
+/// The paths of a use tree like `a::{b, c::d as e}`, each with the name of its last segment.
 fn expand(tokens: &[String]) -> Vec<(Vec<String>, String)> {
     fn tree(tokens: &[String], at: &mut usize, before: &[String], out: &mut Vec<(Vec<String>, String)>) {
         let mut path = before.to_vec();
@@ -197,7 +197,7 @@ fn expand(tokens: &[String]) -> Vec<(Vec<String>, String)> {
                     path.push(name.to_string());
                     *at += 1;
                 }
-                // Nothing that a path can go on with, as in `Vec::<u32>`.
+                // A token that cannot continue a path, as in `Vec::<u32>`.
                 _ => break,
             }
             if tokens.get(*at).is_none_or(|t| t != "::") {
@@ -213,7 +213,7 @@ fn expand(tokens: &[String]) -> Vec<(Vec<String>, String)> {
         if path.len() > before.len() {
             out.push((path, name));
         } else {
-            // Not a path after all: on, or this would not end.
+            // Not a path after all: skip the token, or this would not terminate.
             *at += 1;
         }
     }
@@ -226,7 +226,7 @@ fn is_name(token: &str) -> bool {
     token.starts_with(|c: char| c.is_alphabetic() || c == '_')
 }
 
-/// Names, `::`, and every other character that is not white by itself.
+/// Tokens: names, `::`, and every other character that is not whitespace.
 fn tokens(code: &str) -> Vec<String> {
     let mut tokens: Vec<String> = Vec::new();
     let mut chars = code.chars().peekable();
@@ -262,7 +262,7 @@ fn without_comments(text: &str) -> String {
             3
         } else if c == '"' {
             let mut at = end("\"");
-            // A quotation mark behind an odd number of backslashes belongs to the string.
+            // A quotation mark after an odd number of backslashes belongs to the string.
             while at < rest.len() && rest[..at - 1].chars().rev().take_while(|c| *c == '\\').count() % 2 == 1 {
                 at = rest[at..].find('"').map_or(rest.len(), |more| at + more + 1);
             }
@@ -277,7 +277,7 @@ fn without_comments(text: &str) -> String {
     code
 }
 
-/// The code without what is compiled for tests only.
+/// The code without items that are compiled for tests only.
 fn without_tests(code: &str) -> String {
     let mut out = String::new();
     let mut rest = code;
@@ -317,7 +317,7 @@ fn shortest_way_back(begin: &Module, used: &BTreeMap<&Module, BTreeSet<Module>>)
     None
 }
 
-/// What is wrong with made-up files in which `low` lies below `high`.
+/// The violations in made-up files in which `low` is below `high`.
 fn wrong(files: &[(&str, &str)]) -> Vec<String> {
     let root = "//! | `low` | this |\n//! | `high` | that |\nmod high;\nmod low;\npub use high::High;";
     Crate::new(&[&[("lib.rs", root)], files].concat()).complaints()
@@ -363,15 +363,15 @@ fn circles_within_a_layer_are_found() {
     let a = ("low/a.rs", "use super::b::B;\npub struct A(B);");
     assert_eq!(wrong(&[facade, a, ("low/b.rs", "pub struct B;")]), [""; 0]);
     assert_eq!(wrong(&[facade, a, ("low/b.rs", "use super::a::A;\npub struct B;")]), circle);
-    // Through the module that passes them on as well.
+    // Through a re-exporting module as well.
     assert_eq!(wrong(&[facade, a, ("low/b.rs", "use super::A;\npub struct B;")]), circle);
     let renamed = ("low/a.rs", "use crate::low::Bee;\npub struct A;");
     assert_eq!(wrong(&[facade, renamed, ("low/b.rs", "fn f(_: super::A) {}\npub struct B;")]), circle);
-    // Of three.
+    // A circle of three.
     let three = [("low/a.rs", "use super::b::B;"), ("low/b.rs", "use super::c::C;"), ("low/c.rs", "use super::a::A;")];
     let found = wrong(&[&[("low/mod.rs", "mod a;\nmod b;\nmod c;")][..], &three].concat());
     assert_eq!(found, ["a circle of imports: low::a -> low::b -> low::c"]);
-    // What a module has of its own, and those below it use, may not come from them.
+    // A module may not import from submodules that use its own items.
     let own = ("low/mod.rs", "mod a;\npub struct Own(a::A);");
     let found = wrong(&[own, ("low/a.rs", "use super::Own;\npub struct A;")]);
     assert_eq!(found, ["a circle of imports: low -> low::a"]);

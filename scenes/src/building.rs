@@ -17,13 +17,13 @@ const WALL: f32 = 0.15;
 /// Chairs, in two crowded rooms on each storey.
 const CHAIRS: usize = 48;
 const RAILS: usize = 26;
-/// Triangles of walls, slabs, windows and steps, of which no budget takes any away.
+/// Triangles of walls, slabs, windows and steps, whatever the budget.
 const FIXED: usize = 3000;
-/// Round things: the legs of chairs, rails, and lamps that count as eight of them.
+/// Round objects: the legs of chairs, rails, and lamps, which count as eight.
 const ROUND: usize = 4 * CHAIRS + RAILS + 8 * LAMPS;
 const LAMPS: usize = 12;
 
-/// The building, empty and still, about as many triangles.
+/// The empty static building, with about this many triangles.
 ///
 /// ```
 /// let scene = mbkd_scenes::building(20_000);

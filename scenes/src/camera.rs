@@ -3,14 +3,14 @@
 use engine::Ray;
 use glam::Vec3;
 
-/// Where a camera stands and looks at one key.
+/// The pose of a camera at one key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// The eye.
     pub position: Vec3,
-    /// What lies in the middle of the picture.
+    /// The point in the middle of the picture.
     pub target: Vec3,
-    /// What is up in the picture; need not be at right angles to the line of sight.
+    /// The up vector; it need not be at right angles to the line of sight.
     pub up: Vec3,
     /// Height of the picture at distance 1 from the eye: twice the tangent of half the vertical angle.
     pub height: f32,
@@ -40,15 +40,15 @@ impl View {
     }
 }
 
-/// A camera: one [`View`] that stands still, or several spaced evenly over the shutter, linear between.
+/// A camera: one static [`View`], or several spaced evenly over the shutter, linear between.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// The views. Without any, the camera stands at the origin and looks along -z.
+    /// The views. Without any, the camera is at the origin and looks along -z.
     pub keys: Vec<View>,
 }
 
 impl Camera {
-    /// A camera that stands still.
+    /// A static camera.
     pub fn fixed(view: View) -> Camera {
         Camera { keys: vec![view] }
     }

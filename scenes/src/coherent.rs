@@ -1,7 +1,7 @@
 //! One rock in flight: a finely displaced sphere that moves as a rigid body.
 //!
-//! Everything moves, but neighbours move alike. Structures that follow the motion see it standing still;
-//! a tree with fixed planes sees every triangle swept across many cells.
+//! Everything moves, but coherently. For structures that follow the motion it is static;
+//! in a tree with fixed planes every triangle sweeps across many cells.
 
 use super::random::Random;
 use super::shape::{Shape, animate};
@@ -10,7 +10,7 @@ use super::{Camera, Look, Scene, View};
 use engine::TriangleMesh;
 use glam::{IVec3, Mat3, Vec3};
 
-/// The rock of about as many triangles.
+/// The rock, with about this many triangles.
 ///
 /// ```
 /// let scene = mbkd_scenes::coherent(5_000);
@@ -23,7 +23,7 @@ pub fn coherent(triangles: usize) -> Scene {
     scene("coherent", mesh)
 }
 
-/// The same rock, turning by a quarter in place, at so many keys: motion that bends.
+/// The same rock, rotating by a quarter turn in place, with this many keys: nonlinear motion.
 ///
 /// ```
 /// assert_eq!(mbkd_scenes::turning(2_000, 17).meshes[0].keys.len(), 17);
@@ -42,7 +42,7 @@ fn scene(name: &str, mesh: TriangleMesh) -> Scene {
     }
 }
 
-/// The rock of about as many triangles, and where it is at a time: its centre and how it is turned.
+/// The rock with about this many triangles, and its pose at a time: centre and rotation.
 fn rock(triangles: usize, keys: usize, at: impl Fn(f32) -> (Vec3, Mat3)) -> TriangleMesh {
     // Twice as many around as from pole to pole: 2 * 2r * r triangles.
     let rings = ((triangles as f32 / 4.0).sqrt() as usize).max(3);

@@ -12,10 +12,10 @@ use glam::Vec3;
 const AROUND: usize = 8;
 const RINGS: usize = 4;
 const PER_STONE: usize = AROUND * 2 * RINGS;
-/// Two keys: corners move straight, as in the paper, and a spinning stone shrinks a little at mid-shutter.
+/// Two keys: corners move linearly, as in the paper, and a spinning stone shrinks a little at mid-shutter.
 const KEYS: usize = 2;
 
-/// Debris of about as many triangles; 3000 stones are 192 000.
+/// Debris with about this many triangles; 3000 stones are 192 000.
 ///
 /// ```
 /// let scene = mbkd_scenes::debris(640);

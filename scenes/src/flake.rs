@@ -1,7 +1,7 @@
 //! The recursive sphere flake (Haines, "A Proposal for Standard Graphics Environments", 1987) in motion:
 //! every sphere carries nine of a third its size, and each crown of nine turns about its parent.
 //!
-//! A sphere's way adds up the turns of all its ancestors, so small spheres move far and in curls.
+//! A sphere's motion combines the rotations of all its ancestors, so small spheres move far along curls.
 
 use super::turn::{cos_sin, frame, rotation};
 use super::{Camera, View};
@@ -14,7 +14,7 @@ pub struct FlakeSphere {
     pub centers: [Vec3; 3],
     /// Its radius, the same throughout.
     pub radius: f32,
-    /// How many parents it has; 0 is the middle.
+    /// Its level; 0 is the root.
     pub level: u32,
 }
 

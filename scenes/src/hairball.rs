@@ -1,7 +1,7 @@
 //! Hair on a small ball, each strand moving its own way by 2 to 5 % of the ball's diameter.
 //!
 //! The hardest kind of scene for any hierarchy: long, thin, curved, everywhere overlapping, and with
-//! neighbours that part. Every vertex of a strand moves alike, so only the strands are incoherent.
+//! neighbours that part. All vertices of a strand move identically, so only the strands are incoherent.
 
 use super::random::Random;
 use super::shape::{Shape, animate};
@@ -13,7 +13,7 @@ const SEGMENTS: usize = 24;
 /// Three-sided tubes with a tip at the end.
 const PER_STRAND: usize = SEGMENTS * 6 - 3;
 
-/// The hairball of about as many triangles; 2.5 million are 17 730 strands.
+/// The hairball, with about this many triangles; 2.5 million are 17 730 strands.
 ///
 /// ```
 /// let scene = mbkd_scenes::hairball(14_100);

@@ -1,7 +1,7 @@
 //! A colonnade of very uneven triangles, with or without a figure running through it.
 //!
 //! Slabs and beams of two triangles a side stand beside fluted shafts of slivers five units long and capitals
-//! whose ornament is a thousandth of that. All of it stands still; the figure is a sixth of the triangles.
+//! whose ornament is a thousandth of that. All of it is static; the figure is a sixth of the triangles.
 
 use super::runner::{Part, runner};
 use super::shape::{Shape, animate};
@@ -17,7 +17,7 @@ const SPACING: f32 = 2.6;
 const AISLE: f32 = 2.7;
 const STONE: Vec3 = Vec3::new(0.74, 0.66, 0.53);
 
-/// The hall with its runner, about as many triangles; a sixth of them move.
+/// The hall with its runner, with about this many triangles, a sixth of which move.
 ///
 /// ```
 /// let scene = mbkd_scenes::hall(20_000);
@@ -27,7 +27,7 @@ pub fn hall(triangles: usize) -> Scene {
     walking(triangles, 2)
 }
 
-/// The hall with its runner at so many keys: motion that bends beside what stands still.
+/// The hall with its runner at this many keys: nonlinear motion next to static geometry.
 ///
 /// ```
 /// let scene = mbkd_scenes::walking(20_000, 17);
@@ -37,7 +37,7 @@ pub fn walking(triangles: usize, keys: usize) -> Scene {
     walking_from(triangles, keys, 0.0)
 }
 
-/// The same when the figure has been running for so many shutters: the frames of an animation.
+/// The same after the figure has been running for a number of shutters: the frames of an animation.
 ///
 /// ```
 /// let frame = |i: usize| mbkd_scenes::walking_from(20_000, 2, 0.5 * i as f32);
@@ -100,7 +100,7 @@ fn still(triangles: usize) -> Scene {
     }
 }
 
-/// Where the columns stand.
+/// The positions of the columns.
 fn places() -> impl Iterator<Item = Vec3> {
     (0..2 * COLUMNS).map(|i| {
         let side = if i % 2 == 0 { -1.0 } else { 1.0 };

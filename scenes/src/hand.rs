@@ -8,7 +8,7 @@ use super::turn::cos_sin;
 use super::{Camera, Look, Scene, View};
 use glam::Vec3;
 
-/// The hand of about as many triangles.
+/// The hand, with about this many triangles.
 ///
 /// ```
 /// let scene = mbkd_scenes::hand(12_000);

@@ -1,9 +1,9 @@
-//! Deterministic procedural scenes: what the examples, the benches and the tests look at.
+//! Deterministic procedural scenes for the examples, the benches and the tests.
 //!
-//! Each scene is one function of a triangle budget, in a file of its own, and exercises one thing: hair
-//! whose strands part, loose triangles, a big still room with a small moving figure, long needles, flying
+//! Each scene is one function of a triangle budget, in a file of its own, and exercises one property: hair
+//! whose strands separate, loose triangles, a large static room with a small moving figure, long needles, flying
 //! debris, one rigid body, moving spheres. All have the same bits on every machine: integer random numbers,
-//! polynomials for sine and cosine (`turn.rs`), and arithmetic that IEEE 754 fixes. [`CATALOGUE`] lists them.
+//! polynomials for sine and cosine (`turn.rs`), and arithmetic that IEEE 754 defines exactly. [`CATALOGUE`] lists them.
 //!
 //! Lengths are in scene units, y is up, and the shutter is [0, 1].
 
@@ -41,14 +41,14 @@ pub use tornado::tornado;
 use engine::TriangleMesh;
 use glam::Vec3;
 
-/// How a mesh of a scene would like to look. The tree knows nothing of it.
+/// The material of a mesh. The tree does not use it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
     /// Diffuse reflectance in linear light.
     pub color: Vec3,
     /// A second reflectance; each group of triangles lies somewhere between the two.
     pub other: Vec3,
-    /// How many successive triangles make a group (a strand, a stone); 0: the whole mesh is one.
+    /// Number of successive triangles of a group (a strand, a stone); 0: the whole mesh is one group.
     pub group: u32,
 }
 
@@ -58,22 +58,22 @@ impl Look {
         Look { color, other: color, group: 0 }
     }
 
-    /// Every `group` triangles somewhere between two colours.
+    /// A colour between the two for every `group` triangles.
     pub fn varied(color: Vec3, other: Vec3, group: u32) -> Look {
         Look { color, other, group }
     }
 }
 
-/// Meshes, how they look, and where to look from.
+/// Meshes, materials and a camera.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// The name it has in [`CATALOGUE`], or the caller's own.
+    /// The name in [`CATALOGUE`], or a custom one.
     pub name: String,
-    /// What there is to hit.
+    /// The geometry.
     pub meshes: Vec<TriangleMesh>,
     /// One for each mesh.
     pub looks: Vec<Look>,
-    /// A place that shows it well.
+    /// A camera that shows the scene well.
     pub camera: Camera,
 }
 
@@ -87,13 +87,13 @@ impl Scene {
 /// A scene that can be made at any size.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipe {
-    /// Its name on command lines and in tables.
+    /// The name on command lines and in tables.
     pub name: &'static str,
-    /// What it shows, in a line.
+    /// A description in one line.
     pub about: &'static str,
     /// Triangles at full size, the size that benchmarks use.
     pub full: usize,
-    /// Makes it with about as many triangles as asked, but never fewer than one piece of each kind.
+    /// Makes the scene with about the given number of triangles, but at least one object of each kind.
     pub make: fn(usize) -> Scene,
 }
 

@@ -1,12 +1,12 @@
-//! Three kinds of motion in one place: the still hall with its runner, the rock in flight, and the tornado in the aisle.
+//! Three kinds of motion in one scene: the static hall with its runner, the rock in flight, and the tornado in the aisle.
 //!
-//! What divides the shutter well for one of them is wasted on the others, so a tree has to choose for each part.
+//! A good temporal split for one of them is wasted on the others, so a tree has to choose for each region.
 
 use super::{Scene, coherent, hall, tornado};
 use engine::Keys;
 use glam::Vec3;
 
-/// About as many triangles: two fifths the hall, the rest rock and tornado in equal parts.
+/// The scene with about this many triangles: two fifths the hall, the rest rock and tornado in equal parts.
 ///
 /// ```
 /// let scene = mbkd_scenes::mixed(20_000);
@@ -21,7 +21,7 @@ pub fn mixed(triangles: usize) -> Scene {
     scene
 }
 
-/// Puts another scene's meshes at a place of this one.
+/// Adds another scene's meshes at a position of this one.
 fn add(scene: &mut Scene, other: Scene, scale: f32, at: Vec3) {
     for mut mesh in other.meshes {
         if let Keys::F32(keys) = &mut mesh.keys {

@@ -1,7 +1,7 @@
 //! Long needles in every direction, every second of them moving.
 //!
 //! One triangle each, a hundred times longer than wide: their boxes are almost empty, so that splitting
-//! space pays, and their motion decides how much of it one can afford.
+//! space pays, and their motion determines how much of it is affordable.
 
 use super::random::Random;
 use super::shape::{Shape, animate};

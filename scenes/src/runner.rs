@@ -1,13 +1,13 @@
 //! A running figure of limbs and joints, at any moment of its stride.
 //!
 //! Two bones a leg, two an arm, a trunk and a head; joint angles are sines of the stride's phase, roughly as
-//! textbooks plot them for a jog. Feet are on the ground at y = 0 now and then, and the figure runs along +z.
+//! textbooks plot them for a jog. Feet touch the ground at y = 0, and the figure runs along +z.
 
 use super::shape::Shape;
 use super::turn::{cos_sin, rotation};
 use glam::{Mat3, Vec3};
 
-/// Which part of the figure a mesh holds; they look different.
+/// The part of the figure that a mesh holds, with its own material.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Part {
     /// Head, arms below the elbow and legs.

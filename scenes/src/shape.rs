@@ -1,4 +1,4 @@
-//! The brick of every scene: tubes, closed or open, and boxes, collected into a mesh.
+//! The building blocks of all scenes: tubes, closed or open, and boxes, collected into a mesh.
 //!
 //! Picture a stack of rings of points around some curve, neighbouring rings joined by triangles, and the
 //! ends closed by a fan to a tip. A sphere, a hair, a column, a finger are all such tubes.
@@ -6,7 +6,7 @@
 use engine::TriangleMesh;
 use glam::{Mat3, Vec3};
 
-/// Triangles in the making, at one instant.
+/// Triangles under construction, at one instant.
 #[derive(Default)]
 pub struct Shape {
     indices: Vec<[u32; 3]>,
@@ -73,7 +73,7 @@ impl Shape {
         self.indices.push([first, first + 1, first + 2]);
     }
 
-    /// Turns, then shifts, all that is there so far.
+    /// Rotates, then translates, all triangles so far.
     pub fn place(&mut self, turn: Mat3, shift: Vec3) {
         for p in &mut self.positions {
             *p = turn * *p + shift;
@@ -85,13 +85,13 @@ impl Shape {
         self.positions.len() as u32 - 1
     }
 
-    /// The shape as a mesh that stands still.
+    /// The shape as a static mesh.
     pub fn fixed(self) -> TriangleMesh {
         TriangleMesh::fixed(self.indices, self.positions)
     }
 }
 
-/// A mesh from what it looks like at `keys` times spaced evenly over the shutter.
+/// A mesh from its poses at `keys` times spaced evenly over the shutter.
 ///
 /// `pose` must build the same triangles in the same order at every time.
 pub(super) fn animate(keys: usize, pose: impl Fn(f32) -> Shape) -> TriangleMesh {

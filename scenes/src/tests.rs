@@ -1,4 +1,4 @@
-//! What each scene is, to the bit: anyone who changes one changes every golden count that rests on it.
+//! The exact bits of each scene: changing one changes every golden count that depends on it.
 
 use super::*;
 use engine::{BuildParams, Keys, RayTree};
@@ -63,7 +63,7 @@ fn sizes_are_about_what_was_asked() {
         assert!((0.75..1.2).contains(&share), "{}: {share}", recipe.name);
         assert_eq!(scene.looks.len(), scene.meshes.len());
         assert!(scene.name == recipe.name && !scene.camera.keys.is_empty());
-        // The smallest is not empty, and asking for nothing is no panic.
+        // The smallest scene is not empty, and a budget of zero does not panic.
         assert!((recipe.make)(0).triangles() > 0);
     }
 }

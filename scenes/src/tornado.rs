@@ -1,7 +1,7 @@
 //! Loose triangles in a funnel, each in its own random motion of 10 % of the funnel's height.
 //!
-//! No two neighbours agree on anything: bounds of any group sweep wide, and time is the only axis along
-//! which they can be told apart.
+//! The motion is incoherent: the bounds of any group are wide, and time is the only axis along
+//! which triangles can be separated.
 
 use super::random::Random;
 use super::shape::{Shape, animate};
@@ -11,7 +11,7 @@ use glam::Vec3;
 
 const HEIGHT: f32 = 4.0;
 
-/// The tornado of exactly as many triangles (at least one).
+/// The tornado, with exactly this many triangles (at least one).
 ///
 /// ```
 /// let scene = mbkd_scenes::tornado(500);
@@ -25,7 +25,7 @@ pub fn tornado(triangles: usize) -> Scene {
         let mut shape = Shape::default();
         for _ in 0..triangles {
             let centre = in_funnel(&mut random) + random.direction() * (0.1 * HEIGHT * time);
-            // The corners turn a little around their centre, each its own way.
+            // The corners rotate a little around their centre, each triangle differently.
             let mut corner = || centre + (random.direction() + random.in_ball() * (0.3 * time)) * size;
             shape.triangle([corner(), corner(), corner()]);
         }

@@ -1,7 +1,7 @@
 //! Angles without the platform's sine: scenes must have the same bits on every machine.
 //!
 //! Angles are counted in whole turns. Sine and cosine are polynomials in f64, which need only additions
-//! and products, so IEEE arithmetic fixes every bit.
+//! and products, so IEEE arithmetic defines every bit.
 
 use glam::{Mat3, Vec3};
 use std::f64::consts::FRAC_PI_2;

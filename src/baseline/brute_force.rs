@@ -1,4 +1,4 @@
-//! The oracle: every primitive, one after the other, through the same kernel.
+//! The oracle of the tests: every primitive, one after the other, with the same kernel.
 
 use super::spheres::Spheres;
 use crate::error::BuildError;
@@ -10,9 +10,9 @@ use crate::ray::{
 
 /// Answers ray queries by testing every primitive.
 ///
-/// Any other way to answer must agree with this one bit for bit. It has its own copy of what it tests and knows
-/// nothing of trees. O(n) per ray: it looks at every primitive, and passes by those whose bounding spheres over the whole shutter the
-/// ray's line clearly misses.
+/// All trees must agree with it bit for bit. It has its own copy of the primitives and uses no
+/// tree. O(n) per ray: it visits every primitive, and skips those whose bounding spheres over the whole shutter are
+/// clearly missed by the ray's line.
 ///
 /// ```
 /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, baseline::BruteForce, glam::Vec3};
@@ -28,15 +28,15 @@ pub struct BruteForce<G = Scene> {
 }
 
 impl BruteForce {
-    /// Takes triangle meshes.
+    /// Brute force over triangle meshes.
     ///
     /// # Errors
-    /// What is wrong with a mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
+    /// An invalid mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
     pub fn new(meshes: &[TriangleMesh]) -> Result<BruteForce, BuildError> {
         BruteForce::of_scene(meshes, Vec::new())
     }
 
-    /// Takes meshes and other shapes.
+    /// Brute force over meshes and other shapes.
     ///
     /// # Errors
     /// As [`RayTree::of_scene`](crate::RayTree::of_scene) reports them.
@@ -46,7 +46,7 @@ impl BruteForce {
 }
 
 impl<P: Primitive> BruteForce<Shapes<P>> {
-    /// Takes the caller's own primitives.
+    /// Brute force over caller-defined primitives.
     ///
     /// # Errors
     /// As [`RayTree::of_primitives`](crate::RayTree::of_primitives) reports them.
@@ -112,7 +112,7 @@ impl<G: Geometry> BruteForce<G> {
         self.closest_point_placed(&(*query).into(), &Everything)
     }
 
-    /// The same where everything is placed in another space.
+    /// The same with all primitives placed in another space.
     pub(crate) fn closest_point_placed(
         &self,
         query: &PlacedQuery,

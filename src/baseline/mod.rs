@@ -1,4 +1,4 @@
-//! References to compare the trees with: brute force, and the triangle test for other structures.
+//! Baselines that the trees are compared with.
 
 mod brute_force;
 mod spheres;

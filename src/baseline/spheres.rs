@@ -1,4 +1,4 @@
-//! Bounding spheres of primitives, one after the other.
+//! A linear pass over bounding spheres of primitives.
 
 use crate::geometry::{Box3, ULP};
 use crate::ray::TreeRay;
@@ -13,7 +13,7 @@ struct Block {
     radius: Lanes<f32>,
 }
 
-/// Spheres around everything that primitives ever occupy, in tree space.
+/// Spheres around the swept boxes of primitives, in tree space.
 #[derive(Default)]
 pub(super) struct Spheres {
     blocks: Vec<Block>,
@@ -42,17 +42,17 @@ impl FromIterator<Box3> for Spheres {
 }
 
 impl Spheres {
-    /// Calls `visit` with the numbers of all that the ray's line may meet, in order.
+    /// Calls `visit` with the indices of all spheres that the ray's line may intersect, in order.
     ///
     /// The distance of a centre from the line is off by a few 2^-24 of its distance from the origin. A thousandth of that, the
-    /// ray's own slack, and radii larger than need be by an eighth and 4 ULP, leave room for all rounding here and in the tests
+    /// ray's own slack, and radii larger than necessary by an eighth and 4 ULP, cover all rounding here and in the tests
     /// of primitives.
     pub fn near(&self, ray: &TreeRay, visit: impl FnMut(u32)) {
         dispatch(SimdLevel::best(), Near { spheres: self, ray, visit });
     }
 }
 
-/// A ray's way past all spheres, for an instruction set.
+/// The test of one ray against all spheres, to be dispatched to an instruction set.
 struct Near<'a, V> {
     spheres: &'a Spheres,
     ray: &'a TreeRay<'a>,

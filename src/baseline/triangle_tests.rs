@@ -1,4 +1,4 @@
-//! The triangle test by itself, for structures that others build.
+//! The triangle test by itself, for custom acceleration structures.
 
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, KERNEL_ULPS, LinearBounds, TimeInterval, ULP};
@@ -8,10 +8,11 @@ use glam::{Vec3, Vec3A};
 
 /// Tests triangles one by one, exactly as [`RayTree`](crate::RayTree) and [`BruteForce`](super::BruteForce) do.
 ///
-/// For structures of one's own that are to be compared with the library's: any of them that culls conservatively, tests all
-/// that is left here and prefers the lowest index of several hits at the least `t`, answers as brute force does, bit for bit.
+/// For custom structures that are to be compared with the library's: any structure that culls conservatively, tests all
+/// remaining triangles here and prefers the lowest index of several hits at the least `t`, gives the answers of brute force,
+/// bit for bit.
 ///
-/// Everything is in *tree space*, which the library keeps its coordinates in: world space moved and scaled by a power of two such
+/// All coordinates are in *tree space*, as in the library's trees: world space translated and scaled by a power of two such
 /// that no coordinate is much larger than 1. A triangle's index counts through the meshes in their order.
 ///
 /// ```
@@ -39,10 +40,10 @@ pub struct TriangleTests {
 }
 
 impl TriangleTests {
-    /// Takes triangle meshes.
+    /// Tests of triangle meshes.
     ///
     /// # Errors
-    /// What is wrong with a mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
+    /// An invalid mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
     pub fn new(meshes: &[TriangleMesh]) -> Result<TriangleTests, BuildError> {
         Ok(TriangleTests { scene: Scene::new(meshes, Vec::new())? })
     }
@@ -57,12 +58,12 @@ impl TriangleTests {
         self.len() == 0
     }
 
-    /// Bytes of the vertices and what else tests look at.
+    /// Bytes of the vertices and of the other data of the tests.
     pub fn bytes(&self) -> usize {
         self.scene.bytes()
     }
 
-    /// How many keys of a triangle's motion are kept, at least 1; they are spaced evenly over the shutter.
+    /// The number of kept keys of a triangle's motion, at least 1; they are spaced evenly over the shutter.
     pub fn keys(&self, index: u32) -> usize {
         self.scene.triangles.keys(index)
     }
@@ -79,21 +80,21 @@ impl TriangleTests {
         LinearBounds { begin: wide(bounds.begin), end: wide(bounds.end) }
     }
 
-    /// How much larger, on every side, a box must be than the triangles in it, if none of its coordinates is
+    /// The padding, on every side, of a box around triangles, if none of its coordinates is
     /// larger than `magnitude`: then a slab test, done in f32 with the ray's [`slack`](PreparedRay::slack), finds the box
-    /// wherever [`hit`](TriangleTests::hit) hits one of these triangles. It includes the rounding of the slab test, not that of
+    /// whenever [`hit`](TriangleTests::hit) hits one of these triangles. It includes the rounding of the slab test, not that of
     /// a box that is interpolated.
     pub fn padding(magnitude: f32) -> f32 {
         KERNEL_ULPS * ULP * magnitude
     }
 
-    /// Makes a ray ready to be tested; nothing for one that hits nothing anyway (see [`Ray`]).
+    /// Prepares a ray for tests; `None` for one that cannot hit anything (see [`Ray`]).
     #[inline]
     pub fn prepare<'a>(&self, ray: &'a Ray) -> Option<PreparedRay<'a>> {
         TreeRay::new(ray, self.scene.frame()).map(|ray| PreparedRay { sheared: Sheared::new(&ray), ray })
     }
 
-    /// What the ray hits of a triangle, in its range and no farther than `limit`.
+    /// The hit of a ray and a triangle, in the ray's range and no farther than `limit`.
     #[inline]
     pub fn hit(&self, ray: &PreparedRay, index: u32, limit: f32) -> Option<Hit> {
         if !self.scene.always_active() && !self.scene.active(index).contains(ray.time()) {
@@ -117,7 +118,7 @@ pub struct PreparedRay<'a> {
 }
 
 impl PreparedRay<'_> {
-    /// Where the ray begins; rays that begin far away were led to the scene.
+    /// The origin of the ray; for rays that begin far away it was moved near the scene.
     #[inline]
     pub fn origin(&self) -> Vec3A {
         let [x, y, z, _] = self.ray.origin;
@@ -130,13 +131,13 @@ impl PreparedRay<'_> {
         self.ray.slabs.inverse
     }
 
-    /// By how much slab tests must take boxes to be larger than they are, on every side.
+    /// How much slab tests must enlarge boxes, on every side.
     #[inline]
     pub fn slack(&self) -> f32 {
         self.ray.slack
     }
 
-    /// The first and last distance that count.
+    /// The range of distances.
     #[inline]
     pub fn range(&self) -> (f32, f32) {
         (self.ray.begin, self.ray.end)
@@ -148,7 +149,7 @@ impl PreparedRay<'_> {
         self.ray.reach(t)
     }
 
-    /// When the ray looks.
+    /// The time of the ray.
     #[inline]
     pub fn time(&self) -> f32 {
         self.ray.time()

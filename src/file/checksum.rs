@@ -1,10 +1,10 @@
 //! The checksum of files: XXH64, by Yann Collet.
 //!
-//! It has to find damage (bits lost on a disk, files cut off or mixed up), at the speed of memory, in a few lines of plain
-//! code. CRC-32 is as well known, but takes a table lookup for each byte or instructions that not every machine has,
-//! and misses one damage in four billion; XXH64 reads eight bytes in each of four independent lanes, has 64 bits, and a
-//! public description with test values. A cryptographic hash would be ten times slower and of no use: whoever makes a
-//! file up also computes its checksum, and so contents are checked whatever it is.
+//! It has to detect damage (bit errors on a disk, truncated or mixed-up files), at the speed of memory, in a few lines of
+//! plain code. CRC-32 is as well known, but takes a table lookup per byte or instructions that not every machine has,
+//! and misses one error in four billion; XXH64 reads eight bytes in each of four independent lanes, has 64 bits, and a
+//! public description with test values. A cryptographic hash would be ten times slower and of no use: whoever forges a
+//! file also computes its checksum, and so contents are validated in any case.
 //!
 //! Source: "xxHash fast digest algorithm", version 0.1.1, of the project xxHash.
 
@@ -14,25 +14,25 @@ const PRIME_3: u64 = 0x1656_67B1_9E37_79F9;
 const PRIME_4: u64 = 0x85EB_CA77_C2B2_AE63;
 const PRIME_5: u64 = 0x27D4_EB2F_1656_67C5;
 
-/// Bytes that are taken in at once: eight for each lane.
+/// Bytes that are processed at once: eight for each lane.
 const STRIPE: usize = 32;
 
-/// The checksum of bytes that come piece by piece, with seed 0.
+/// The checksum of a stream of bytes, with seed 0.
 pub(crate) struct Checksum {
     lanes: [u64; 4],
-    /// Bytes that do not fill a stripe yet.
+    /// Buffered bytes of an incomplete stripe.
     rest: [u8; STRIPE],
     total: u64,
 }
 
 impl Checksum {
-    /// Of no bytes.
+    /// The checksum of no bytes.
     pub fn new() -> Checksum {
         let lanes = [PRIME_1.wrapping_add(PRIME_2), PRIME_2, 0, 0u64.wrapping_sub(PRIME_1)];
         Checksum { lanes, rest: [0; STRIPE], total: 0 }
     }
 
-    /// Takes in what comes next.
+    /// Appends bytes.
     pub fn add(&mut self, mut bytes: &[u8]) {
         let waiting = (self.total % STRIPE as u64) as usize;
         self.total += bytes.len() as u64;

@@ -11,39 +11,39 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Bytes that are read at once, few enough to stay in the nearest caches until they are made into numbers.
+/// Bytes that are read at once, few enough to stay in the nearest caches until they are decoded.
 const CHUNK: usize = 1 << 16;
 
-/// Bytes that an array may take before any of its own have come.
+/// The largest allocation for an array before its bytes have been read.
 const AT_FIRST: usize = 1 << 24;
 
-/// Gives numbers and arrays of what it reads.
+/// Reads numbers and arrays.
 pub(crate) struct Decoder<'a> {
     source: &'a mut dyn Read,
     header: Header,
-    /// What the checksum should be.
+    /// The checksum according to the header.
     expected: u64,
-    /// Whether the file is known to be as long as it says.
+    /// Whether the length in the header is known to be true.
     whole: bool,
-    /// Bytes of the file so far.
+    /// Number of bytes read so far.
     read: u64,
     checksum: Checksum,
     chunk: Vec<u8>,
 }
 
-/// Reads a file by its name; `read` is given the bytes and how many they are.
+/// Reads a file by its path; `read` gets the bytes and their number.
 pub(crate) fn load<T>(
     path: &Path,
     read: impl FnOnce(&mut dyn Read, Option<u64>) -> Result<T, FileError>,
 ) -> Result<T, FileError> {
     let mut file = File::open(path)?;
     let about = file.metadata()?;
-    // Only of real files: others have no length.
+    // Only for regular files: others have no length.
     read(&mut file, about.is_file().then_some(about.len()))
 }
 
 impl<'a> Decoder<'a> {
-    /// Reads the header of a file that should be of a kind; `length` is that of the whole file, where it is known.
+    /// Reads the header of a file of the expected kind; `length` is that of the whole file, if it is known.
     pub fn begin(source: &'a mut dyn Read, kind: FileKind, length: Option<u64>) -> Result<Decoder<'a>, FileError> {
         let mut bytes = [0; HEADER];
         let found = fill(source, &mut bytes)?;
@@ -64,8 +64,8 @@ impl<'a> Decoder<'a> {
         Ok(Decoder { source, header, expected, whole: length.is_some(), read, checksum, chunk })
     }
 
-    /// Reads a whole file: `raw` everything behind the header, without looking at what it says; `checked` makes a tree of it
-    /// once it is known that the bytes are those that were written.
+    /// Reads a whole file: `raw` decodes everything after the header without validating it; `checked` makes a tree of it
+    /// once the checksum has shown that the bytes are those that were written.
     pub fn whole<R, T>(
         mut self,
         raw: impl FnOnce(&mut Decoder<'_>) -> Result<R, FileError>,
@@ -74,13 +74,13 @@ impl<'a> Decoder<'a> {
         let raw = raw(&mut self);
         match raw {
             Err(FileError::Io(_) | FileError::Length { .. }) => {}
-            // Damage shows as something else where a length is damaged. What is left is read for its checksum.
+            // A damaged length shows up as another error. So the rest is read and the checksum is compared first.
             _ => self.finish()?,
         }
         checked(raw?)
     }
 
-    /// Reads what is left and compares the checksum.
+    /// Reads the rest and compares the checksum.
     fn finish(&mut self) -> Result<(), FileError> {
         let left = self.left();
         while self.left() > 0 {
@@ -92,15 +92,15 @@ impl<'a> Decoder<'a> {
         if found != expected {
             return Err(FileError::Checksum { found, expected });
         }
-        require(left == 0, "there is more in it than a tree")
+        require(left == 0, "it contains more than a tree")
     }
 
-    /// Bytes of the file that were not read yet.
+    /// Number of bytes not read yet.
     fn left(&self) -> u64 {
         self.header.length - self.read
     }
 
-    /// Reads the next few bytes, at most as many as fit.
+    /// Reads the next bytes, at most as many as fit into a chunk.
     fn chunk(&mut self, bytes: usize) -> Result<&[u8], FileError> {
         require(bytes as u64 <= self.left(), "something in it is longer than the whole")?;
         let chunk = &mut self.chunk[..bytes];
@@ -113,12 +113,12 @@ impl<'a> Decoder<'a> {
         Ok(chunk)
     }
 
-    /// Reads one thing.
+    /// Reads one record.
     pub fn get<T: Record>(&mut self) -> Result<T, FileError> {
         Ok(T::get(self.chunk(T::BYTES)?))
     }
 
-    /// Begins an array: the number of its items, for which there are bytes if the file is as long as it says.
+    /// Begins an array: returns the number of its items, which the rest of the file is long enough for.
     pub fn count<T: Record>(&mut self) -> Result<usize, FileError> {
         let count = self.get::<u64>()?;
         let padding = self.read.next_multiple_of(ALIGNMENT) - self.read;
@@ -128,13 +128,13 @@ impl<'a> Decoder<'a> {
         usize::try_from(count).map_err(|_| FileError::Broken { what: "an array is too long for this machine" })
     }
 
-    /// For how many of the items of an array there should be room before they come: all of them where the bytes are known
-    /// to be there, at most a few megabytes otherwise.
+    /// The number of items of an array to allocate room for before they are read: all of them if the bytes are known
+    /// to exist, at most a few megabytes otherwise.
     pub fn room<T: Record>(&self, count: usize) -> usize {
         if self.whole { count } else { count.min(AT_FIRST / T::BYTES) }
     }
 
-    /// Reads so many items of an array and appends them.
+    /// Reads `count` items of an array and appends them.
     pub fn items<T: Record>(&mut self, count: usize, to: &mut impl Extend<T>) -> Result<(), FileError> {
         let mut left = count;
         while left > 0 {
@@ -154,14 +154,14 @@ impl<'a> Decoder<'a> {
     }
 }
 
-/// Reads until a buffer is full or there is no more, and says how much there was.
+/// Reads until a buffer is full or the source ends, and returns the number of bytes read.
 fn fill(source: &mut dyn Read, mut buffer: &mut [u8]) -> Result<usize, FileError> {
     let mut found = 0;
     while !buffer.is_empty() {
         match source.read(buffer) {
             Ok(0) => break,
             Ok(n) => {
-                // Never more than there is room for, whatever a reader of the caller's own says.
+                // Not more than the buffer holds, whatever a custom reader returns.
                 let n = n.min(buffer.len());
                 found += n;
                 buffer = &mut buffer[n..];

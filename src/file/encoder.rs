@@ -11,21 +11,21 @@ use std::path::Path;
 /// Arrays begin at multiples of this in a file: a cache line, so that a file can be used where it is mapped.
 pub(super) const ALIGNMENT: u64 = 64;
 
-/// Bytes that are made at once, few enough to stay in the nearest caches.
+/// Bytes that are encoded at once, few enough to stay in the nearest caches.
 const CHUNK: usize = 1 << 15;
 
-/// Takes numbers and arrays, and passes them on as bytes.
+/// Writes numbers and arrays.
 pub(crate) struct Encoder<'a> {
-    /// Where the bytes go; nothing where they are only counted.
+    /// The destination of the bytes; `None` if they are only counted.
     sink: Option<&'a mut dyn Write>,
     checksum: Checksum,
-    /// Bytes of the file so far.
+    /// Number of bytes written so far.
     length: u64,
     chunk: Vec<u8>,
 }
 
-/// Writes a file; `contents` writes everything behind the header, the same whenever it is called. It is called twice: first to
-/// know length and checksum, which stand in front, without a copy of the whole in memory.
+/// Writes a file; `contents` writes everything after the header, and the same at each call. It is called twice: first to
+/// compute the length and the checksum, which are in the header, without a copy of the whole file in memory.
 pub(crate) fn write(
     sink: &mut dyn Write,
     kind: FileKind,
@@ -43,8 +43,8 @@ pub(crate) fn write(
     Ok(())
 }
 
-/// Writes a file by `write` under a name of its own beside `path`, and then gives it that name: whoever loads from there
-/// finds the file that was there before or the whole new one.
+/// Writes a temporary file by `write` next to `path`, and then renames it: a reader of `path` finds either the previous
+/// file or the complete new one.
 pub(crate) fn save(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileError>) -> Result<(), FileError> {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(format!(".{}.part", std::process::id()));
@@ -52,7 +52,7 @@ pub(crate) fn save(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(),
     let mut file = File::create(&part)?;
     let written = write(&mut file).and_then(|()| Ok(std::fs::rename(&part, path)?));
     if written.is_err() {
-        // What is left of it is of no use; that it stays there matters less than why it is.
+        // An error of the removal matters less than the error of the write.
         let _ = std::fs::remove_file(&part);
     }
     written
@@ -68,7 +68,7 @@ impl Encoder<'_> {
         Ok(())
     }
 
-    /// Writes one thing.
+    /// Writes one record.
     pub fn put<T: Record>(&mut self, item: T) -> Result<(), FileError> {
         let mut chunk = core::mem::take(&mut self.chunk);
         item.put(&mut chunk[..T::BYTES]);
@@ -77,7 +77,7 @@ impl Encoder<'_> {
         written
     }
 
-    /// Writes how many items there are, zeros up to the next cache line, and the items.
+    /// Writes the number of items, zeros up to the next cache line, and the items.
     pub fn array<T: Record>(&mut self, items: &[T]) -> Result<(), FileError> {
         self.put(items.len() as u64)?;
         let padding = self.length.next_multiple_of(ALIGNMENT) - self.length;

@@ -1,10 +1,10 @@
-//! Why a tree could not be written to a file or read from one.
+//! Errors of saving and loading trees.
 
 use crate::error::BuildError;
 use core::fmt;
 use std::io;
 
-/// Why saving or loading a tree failed. Nothing that is in a file makes the crate panic: it is one of these.
+/// Why saving or loading a tree failed. No contents of a file make the crate panic; it returns this error.
 ///
 /// ```
 /// use mbkd::{FileError, RayTree};
@@ -16,7 +16,7 @@ use std::io;
 pub enum FileError {
     /// Reading or writing itself failed.
     Io(io::Error),
-    /// The file does not begin as files of this crate do.
+    /// The file does not begin like files of this crate.
     NotATree,
     /// The file is of another version of the format.
     Version {
@@ -32,39 +32,39 @@ pub enum FileError {
         /// What was to be read.
         expected: &'static str,
     },
-    /// The file is shorter or longer than it says.
+    /// The file is shorter or longer than its header says.
     Length {
         /// Bytes that it should have.
         expected: u64,
         /// Bytes that it has.
         found: u64,
     },
-    /// The bytes are not those that were written.
+    /// The bytes differ from those that were written.
     Checksum {
-        /// Of the bytes that are there.
+        /// The checksum of the bytes in the file.
         found: u64,
-        /// Of those that were written.
+        /// The checksum of the bytes that were written.
         expected: u64,
     },
-    /// The checksum is right, but the contents are not a tree: the file was made by something else than this crate.
+    /// The checksum is right, but the contents are not a valid tree: the file was not made by this crate.
     Broken {
-        /// What does not hold.
+        /// The condition that does not hold.
         what: &'static str,
     },
-    /// A file can not hold one of the caller's own shapes in a scene.
+    /// A file cannot hold a caller-defined shape of a scene.
     OwnShape {
         /// Its index among the shapes.
         shape: usize,
     },
-    /// A lazy tree ([`Policy::Lazy`](crate::Policy::Lazy)) is not written: most of it is not there. A tree of another policy over
-    /// the same scene answers alike.
+    /// A lazy tree ([`Policy::Lazy`](crate::Policy::Lazy)) cannot be written: most of it is not built yet. A tree of another policy over
+    /// the same scene gives the same answers.
     Lazy,
-    /// The primitives handed in at loading are not those that the tree was built of.
+    /// The primitives passed to loading are not those that the tree was built of.
     OtherPrimitives {
         /// What differs.
         what: &'static str,
     },
-    /// The primitives handed in at loading would be refused by a build.
+    /// The primitives passed to loading would be rejected by a build.
     Primitives(BuildError),
 }
 
@@ -93,7 +93,7 @@ impl fmt::Display for FileError {
             FileError::OwnShape { shape } => {
                 write!(
                     f,
-                    "shape {shape} is of the caller's own type, which files cannot store; only spheres can be stored"
+                    "shape {shape} has a caller-defined type, which a file cannot hold; only spheres can be saved"
                 )
             }
             FileError::Lazy => {
@@ -102,7 +102,7 @@ impl fmt::Display for FileError {
             FileError::OtherPrimitives { what } => {
                 write!(f, "these are not the primitives that the tree was built of: {what}")
             }
-            FileError::Primitives(error) => write!(f, "a given primitive is refused: {error}"),
+            FileError::Primitives(error) => write!(f, "a primitive is rejected: {error}"),
         }
     }
 }

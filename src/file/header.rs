@@ -1,23 +1,23 @@
-//! What a file begins with.
+//! The header of a file.
 
 use super::checksum::Checksum;
 use super::error::FileError;
 use super::record::Record;
 
-/// The first bytes of every file. Like those of PNG they show what a transfer as text has done to them: the line ends and the
-/// end-of-file mark of two systems are among them.
+/// The first bytes of every file. Like those of PNG they reveal a transfer in text mode: they contain the line ends and the
+/// end-of-file mark of two systems.
 const MAGIC: [u8; 8] = *b"mbkd\r\n\x1a\n";
 
-/// The version of the format that is written, and the only one that is read.
-const VERSION: u32 = 1;
+/// The version of the format that is written, and the only one that can be read.
+const VERSION: u32 = 2;
 
 /// Bytes of the header.
 pub(super) const HEADER: usize = 32;
 
-/// Where the checksum is, which is not of itself.
+/// The offset of the checksum, which does not cover itself.
 const CHECKSUM_AT: usize = 24;
 
-/// What kind of tree a file holds.
+/// The kind of tree in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileKind {
     /// A `RayTree` over meshes and spheres.
@@ -42,7 +42,7 @@ impl FileKind {
     }
 }
 
-/// What a header says, but for the checksum.
+/// A header without its checksum.
 pub(super) struct Header {
     pub kind: FileKind,
     /// Bytes of the whole file.
@@ -50,7 +50,7 @@ pub(super) struct Header {
 }
 
 impl Header {
-    /// Everything in front of the checksum.
+    /// The bytes before the checksum.
     fn front(&self) -> [u8; CHECKSUM_AT] {
         let mut bytes = [0; CHECKSUM_AT];
         bytes[..8].copy_from_slice(&MAGIC);
@@ -60,13 +60,13 @@ impl Header {
         bytes
     }
 
-    /// The checksum of a file: of what is behind the header, which is given, and then of what is in front of the checksum.
+    /// The checksum of a file: of the bytes after the header, which is given, and then of those before the checksum.
     pub fn checksum(&self, mut behind: Checksum) -> u64 {
         behind.add(&self.front());
         behind.value()
     }
 
-    /// The header of a file, given the checksum of what is behind it.
+    /// The bytes of the header, given the checksum of the bytes after it.
     pub fn to_bytes(&self, behind: Checksum) -> [u8; HEADER] {
         let mut bytes = [0; HEADER];
         bytes[..CHECKSUM_AT].copy_from_slice(&self.front());
@@ -74,7 +74,7 @@ impl Header {
         bytes
     }
 
-    /// Reads the header of a file that should be of a kind, and the checksum in it.
+    /// Decodes the header of a file of the expected kind, and the checksum in it.
     pub fn of_bytes(bytes: &[u8; HEADER], expected: FileKind) -> Result<(Header, u64), FileError> {
         if bytes[..8] != MAGIC {
             return Err(FileError::NotATree);

@@ -1,15 +1,15 @@
-//! Trees in files: what all of them share.
+//! Saving and loading trees: the parts that all file formats share.
 //!
-//! A file is a header, then plain numbers and arrays of them, one behind the other, the low byte of each first on every
-//! machine. Each structure writes and reads itself beside its own code (`layout::wide_file`, `point::…_file`); here are
-//! the header ([`header`]), the checksum ([`checksum`]), how numbers become bytes ([`record`]), and the two ends of it:
-//! [`Encoder`] and [`Decoder`]. docs/files.md has the table of everything that is in a file.
+//! A file is a header, then plain numbers and arrays of them without gaps, little-endian on every
+//! machine. Each structure encodes and decodes itself next to its own code (`layout::wide_file`, `point::…_file`); this
+//! module has the header ([`header`]), the checksum ([`checksum`]), the conversion of numbers to bytes ([`record`]), and
+//! [`Encoder`] and [`Decoder`]. docs/files.md has the table of all contents of a file.
 //!
-//! **What is believed when.** A length is believed as far as there are bytes behind it. After the last byte the checksum
-//! is compared; a file that was damaged ends there. What is right by its checksum may still say anything, since anybody
-//! can compute one: so every structure is then checked for all that queries rely on, before the first of them is
-//! answered. A file made to deceive may hold other answers than a build would give, but none that ends in a panic, in an
-//! endless loop or in memory that is out of proportion.
+//! **Validation.** A length is trusted only as far as the file has bytes for it. After the last byte the checksum
+//! is compared, which rejects damaged files. Contents with a valid checksum may still be arbitrary, since anybody
+//! can compute one: so every structure is then validated for all invariants that queries rely on, before the first query.
+//! A forged file may give other answers than a build would, but no panic, no endless loop and no allocation out of
+//! proportion to its size.
 
 mod checksum;
 mod decoder;
@@ -22,14 +22,14 @@ pub(crate) use decoder::{Decoder, load};
 pub(crate) use encoder::{Encoder, save, write};
 pub use error::FileError;
 pub(crate) use header::FileKind;
-pub(crate) use record::Record;
+pub(crate) use record::{Record, record_fields};
 
-/// Shorthand for what is wrong with contents.
+/// An error for invalid contents.
 pub(crate) fn broken<T>(what: &'static str) -> Result<T, FileError> {
     Err(FileError::Broken { what })
 }
 
-/// Refuses contents of which something does not hold.
+/// Returns an error for contents unless a condition holds.
 pub(crate) fn require(holds: bool, what: &'static str) -> Result<(), FileError> {
     if holds { Ok(()) } else { broken(what) }
 }

@@ -1,18 +1,18 @@
-//! How numbers, and what is made of them, become bytes: the low byte of each number first.
+//! Little-endian encoding of numbers and of structs of numbers.
 
 use glam::{DVec3, Vec3};
 
-/// Something of a fixed number of bytes. Any bytes are one: what they mean is checked later.
+/// A value of a fixed number of bytes. Any bytes decode to a value; validation comes later.
 pub(crate) trait Record: Sized {
-    /// How many bytes.
+    /// Number of bytes.
     const BYTES: usize;
-    /// Writes it into as many bytes.
+    /// Encodes the value into [`Record::BYTES`] bytes.
     fn put(&self, to: &mut [u8]);
-    /// Reads it from as many bytes.
+    /// Decodes a value from [`Record::BYTES`] bytes.
     fn get(from: &[u8]) -> Self;
 }
 
-/// Numbers whose own methods say how.
+/// Numbers, by their own methods.
 macro_rules! number {
     ($($number:ty),*) => {$(
         impl Record for $number {
@@ -46,6 +46,40 @@ impl<T: Record, const N: usize> Record for [T; N] {
         core::array::from_fn(|i| T::get(&from[i * T::BYTES..(i + 1) * T::BYTES]))
     }
 }
+
+/// A struct whose fields follow each other in a file in the given order.
+macro_rules! record_fields {
+    ($of:ident { $($field:tt: $type:ty),* $(,)? }) => {
+        impl $crate::file::Record for $of {
+            const BYTES: usize = 0 $(+ <$type as $crate::file::Record>::BYTES)*;
+            #[inline(always)]
+            fn put(&self, to: &mut [u8]) {
+                let mut rest = to;
+                $(
+                    let (bytes, more) = rest.split_at_mut(<$type as $crate::file::Record>::BYTES);
+                    <$type as $crate::file::Record>::put(&self.$field, bytes);
+                    rest = more;
+                )*
+                debug_assert!(rest.is_empty());
+            }
+            #[inline(always)]
+            fn get(from: &[u8]) -> $of {
+                let mut rest = from;
+                let record = $of {
+                    $($field: {
+                        let (bytes, more) = rest.split_at(<$type as $crate::file::Record>::BYTES);
+                        rest = more;
+                        <$type as $crate::file::Record>::get(bytes)
+                    }),*
+                };
+                debug_assert!(rest.is_empty());
+                record
+            }
+        }
+    };
+}
+
+pub(crate) use record_fields;
 
 impl Record for Vec3 {
     const BYTES: usize = 12;

@@ -1,4 +1,4 @@
-//! Boxes, and boxes that move linearly: what a build knows of a primitive.
+//! Boxes, and boxes that move linearly: the bounds of primitives.
 
 use glam::DVec3;
 
@@ -12,7 +12,7 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The box of nothing: any union with it is the other box.
+    /// The empty box: its union with any box is the other box.
     pub const EMPTY: Aabb = Aabb { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
     /// The box of some points; [`Aabb::EMPTY`] for none.
@@ -50,7 +50,7 @@ pub struct LinearBounds {
 }
 
 impl LinearBounds {
-    /// A box that stands still.
+    /// A static box.
     pub fn fixed(at: Aabb) -> LinearBounds {
         LinearBounds { begin: at, end: at }
     }
@@ -65,7 +65,7 @@ impl LinearBounds {
         LinearBounds { begin: self.begin.union(other.begin), end: self.end.union(other.end) }
     }
 
-    /// The box of everything between begin and end.
+    /// The box that the motion sweeps between begin and end.
     pub fn swept(self) -> Aabb {
         self.begin.union(self.end)
     }

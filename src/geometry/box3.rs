@@ -1,4 +1,4 @@
-//! Boxes in tree space: what the builders compute with.
+//! Boxes in tree space, as the builders use them.
 
 use super::interval::TimeInterval;
 use glam::Vec3;
@@ -6,9 +6,9 @@ use glam::Vec3;
 /// Half the spacing of f32 numbers just below 1: the unit all rounding bounds of this crate count in.
 pub(crate) const ULP: f32 = f32::EPSILON * 0.5;
 
-/// How far, per axis, an accepted hit may lie from its primitive as the kernel interpolates it, and a slab test that
-/// looks for it err besides: so many ULP of the primitive's largest coordinate and of the origin's, whichever the
-/// unit is. The first part is in the boxes of a tree, the second in each ray.
+/// How far, per axis, an accepted hit may lie from its primitive as the kernel interpolates it, plus the error of the
+/// slab test that finds it: in ULP of the primitive's largest coordinate and of the origin's, whatever the
+/// unit. The first part is in the boxes of a tree, the second in each ray.
 ///
 /// With slopes of at most 1, counted in ULP of the sum of both coordinates, which bounds every translated corner:
 ///
@@ -20,7 +20,7 @@ pub(crate) const ULP: f32 = f32::EPSILON * 0.5;
 /// | the distance, rounded to f32 | 1 |
 /// | directions smaller than 2^-24 taken as that | 1 |
 /// | the slab test: the reciprocal, two products, two sums (one of them fused or not) | 6 |
-/// | primitives of the caller's see the origin unrounded | 1 |
+/// | caller-defined primitives see the origin unrounded | 1 |
 ///
 /// These are 18; two more cover that boxes are padded by a rounded number.
 pub(crate) const KERNEL_ULPS: f32 = 20.0;
@@ -95,8 +95,8 @@ impl LinearBox3 {
         LinearBox3 { begin: self.begin.union(other.begin), end: self.end.union(other.end) }
     }
 
-    /// Bounds of what both hold: of each pair of faces the one that is tighter on average. (The tighter of two
-    /// lines at every time is no line.) Empty boxes stay empty.
+    /// Bounds of the intersection: of each pair of faces the one that is tighter on average. (The pointwise tighter of two
+    /// lines is not a line.) Empty boxes stay empty.
     pub fn tighter(self, other: LinearBox3) -> LinearBox3 {
         let mut out = self;
         for axis in 0..3 {
@@ -110,7 +110,7 @@ impl LinearBox3 {
         out
     }
 
-    /// The box of everything between begin and end.
+    /// The box that the motion sweeps between begin and end.
     #[inline]
     pub fn swept(self) -> Box3 {
         self.begin.union(self.end)
@@ -144,7 +144,7 @@ pub(crate) struct Line {
     pub end: f64,
 }
 
-/// What something occupies along one axis during a time interval.
+/// The extent of an object along one axis during a time interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Extent {
     pub interval: TimeInterval,

@@ -3,10 +3,10 @@
 use super::box3::{Box3, ULP};
 use glam::Vec3;
 
-/// Bounds of the part of a triangle inside `cell`; empty where they do not meet.
+/// Bounds of the part of a triangle inside `cell`; empty if they are disjoint.
 ///
 /// Sutherland and Hodgman's clipping against the six faces in turn: at most nine corners. New corners
-/// are put exactly on their face; their other coordinates carry the rounding of one interpolation
+/// are exactly on their face; their other coordinates carry the rounding of one interpolation
 /// (three operations at sizes of at most twice the triangle's largest coordinate), so the result is padded by 8 ULP of
 /// that inside the cell.
 pub(crate) fn clip_triangle(corners: [Vec3; 3], cell: Box3) -> Box3 {

@@ -1,4 +1,4 @@
-//! The point of a triangle that is nearest to a given point.
+//! The closest point on a triangle to a given point.
 
 use glam::DVec3;
 
@@ -12,21 +12,21 @@ pub(crate) struct OnTriangle {
     pub distance_squared: f64,
 }
 
-/// The nearest point of a triangle, in f64.
+/// The closest point on a triangle, in f64.
 ///
 /// The regions are those of Ericson, *Real-Time Collision Detection*, section 5.1.5: the nearest point lies on an edge
 /// (or at a corner, its end), or it is the foot of the perpendicular where that is inside. Ericson finds the region first, by
 /// signs of differences that cancel in thin triangles, and a wrong region gives a wrong point. Here the nearest
-/// point of each edge is computed always, and so is the foot; whichever is nearest is taken. Triangles without area
-/// need no case of their own: they are their edges.
+/// point of each edge is always computed, and so is the foot, and the nearest of these is taken. Degenerate triangles
+/// need no special case: they are their edges.
 ///
 /// Every candidate is a point of the triangle up to the rounding of f64, and the distance is that of the candidate itself, so
 /// the distance is never too small. It is too large by less than 2e-8 of the longest edge: with edges below `l` and the
 /// height `h` above the longest, the cross products put the foot wrong by less than `8 e l² / h`, where `e` = 2^-53, and
 /// where that is more than `h` the longest edge is nearer; the worst is where both are equal, `h² = 8 e l²`.
 ///
-/// The point is moved into the box of the corners, so that a box that holds the corners holds it exactly, which queries rely
-/// on; it moves by a rounding of f64 at most.
+/// The point is clamped to the box of the corners, so that a box that holds the corners holds it exactly, which queries
+/// rely on; this moves it by at most one f64 rounding.
 #[inline(always)]
 pub(crate) fn closest_on_triangle(q: DVec3, [a, b, c]: [DVec3; 3]) -> OnTriangle {
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
@@ -61,7 +61,7 @@ pub(crate) fn closest_on_triangle(q: DVec3, [a, b, c]: [DVec3; 3]) -> OnTriangle
 fn closest_on_segment(q: DVec3, a: DVec3, b: DVec3) -> (DVec3, f64) {
     let ab = b - a;
     let (along, length) = ((q - a).dot(ab), ab.length_squared());
-    // Also where both are 0.
+    // Also if both are 0.
     if along <= 0.0 || length == 0.0 {
         (a, 0.0)
     } else if along >= length {

@@ -1,8 +1,8 @@
-//! Numbers as sums of two f64: 106 bits, for the few answers that f64 can't give.
+//! Double-double arithmetic: numbers as sums of two f64, with 106 bits, for the few results that need more than f64.
 //!
 //! Sums and products are exact up to 2^-102 of the result (T. J. Dekker, "A floating-point technique for extending the
 //! available precision", 1971; D. E. Knuth's sum of two numbers). Products are split by multiplication, not by a fused
-//! operation, so every CPU takes the same steps.
+//! operation, so the results are the same on every CPU.
 
 use core::ops::{Add, Mul, Sub};
 
@@ -13,27 +13,27 @@ pub(crate) struct Double {
     low: f64,
 }
 
-/// The sum, and what its rounding lost.
+/// The sum and its rounding error.
 fn sum(a: f64, b: f64) -> Double {
     let high = a + b;
     let of_b = high - a;
     Double { high, low: (a - (high - of_b)) + (b - of_b) }
 }
 
-/// The same where `a` is not the smaller one.
+/// The same if `a` is not the smaller magnitude.
 fn sum_in_order(a: f64, b: f64) -> Double {
     let high = a + b;
     Double { high, low: b - (high - a) }
 }
 
-/// The upper 26 bits, and the rest.
+/// The upper 26 bits and the rest.
 fn split(a: f64) -> [f64; 2] {
     let scaled = a * 134_217_729.0;
     let upper = scaled - (scaled - a);
     [upper, a - upper]
 }
 
-/// The product, and what its rounding lost.
+/// The product and its rounding error.
 fn product(a: f64, b: f64) -> Double {
     let high = a * b;
     let ([a, a_rest], [b, b_rest]) = (split(a), split(b));

@@ -1,10 +1,10 @@
-//! Time intervals, boxes and frames in files.
+//! Time intervals, boxes and local spaces in files.
 
 use super::aabb::Aabb;
 use super::box3::{Box3, ULP};
 use super::interval::TimeInterval;
 use super::local_space::Frame;
-use crate::file::{Decoder, Encoder, FileError, broken, require};
+use crate::file::{Decoder, Encoder, FileError, broken, record_fields, require};
 use crate::limits::MAX_COORDINATE;
 use glam::{DVec3, Vec3};
 
@@ -14,26 +14,16 @@ impl TimeInterval {
         [self.begin(), self.end_bound()]
     }
 
-    /// The interval with these bounds, if there is such an interval.
+    /// The interval with these bounds, or an error if there is none.
     pub(crate) fn of_bounds(bounds: [f32; 2]) -> Result<TimeInterval, FileError> {
         match TimeInterval::half_open(bounds[0], bounds[1]) {
             Some(interval) if interval.to_bounds() == bounds => Ok(interval),
-            _ => broken("a time interval is none"),
+            _ => broken("a time interval is invalid"),
         }
     }
 }
 
-impl Box3 {
-    pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        to.put([self.min, self.max])
-    }
-
-    /// Any numbers.
-    pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<Box3, FileError> {
-        let [min, max] = from.get::<[Vec3; 2]>()?;
-        Ok(Box3 { min, max })
-    }
-}
+record_fields!(Box3 { min: Vec3, max: Vec3 });
 
 impl Frame {
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
@@ -42,12 +32,12 @@ impl Frame {
         to.put(self.reach)
     }
 
-    /// A frame that is like those that are made of coordinates.
+    /// Reads a frame; an error unless it could have been computed from coordinates.
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<Frame, FileError> {
         let [origin, min, max] = from.get::<[DVec3; 3]>()?;
         let (scale, reach) = (from.get::<f64>()?, from.get::<f32>()?);
         let within = |p: DVec3| p.abs().cmple(DVec3::splat(MAX_COORDINATE)).all();
-        require(within(origin) && within(min) && within(max) && min.cmple(max).all(), "its bounds are no box")?;
+        require(within(origin) && within(min) && within(max) && min.cmple(max).all(), "its bounds are not a box")?;
         // A power of two between those of the largest and of the smallest scenes.
         let power = scale.to_bits() << 12 == 0 && SCALES.contains(&scale);
         require(power && (1.0..=1.0 + 4.0 * ULP).contains(&reach), "its scale is not that of its bounds")?;

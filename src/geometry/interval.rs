@@ -1,4 +1,4 @@
-//! Intervals of the shutter: half-open, so that neighbours share a boundary without sharing a time,
+//! Intervals of the shutter: half-open, so that adjacent ones share a boundary without sharing a time,
 //! and closed where the shutter itself ends.
 
 use crate::error::IntervalError;
@@ -36,7 +36,7 @@ impl TimeInterval {
         }
     }
 
-    /// `begin <= t < end` with a bound that may lie beyond the shutter; nothing where that is empty.
+    /// `begin <= t < end` with a bound that may lie beyond the shutter; `None` if that is empty.
     pub(crate) fn half_open(begin: f32, end: f32) -> Option<TimeInterval> {
         let (begin, end) = (begin.max(0.0), end.min(BEYOND));
         (begin < end).then_some(TimeInterval { begin, end })
@@ -48,14 +48,14 @@ impl TimeInterval {
         self.begin
     }
 
-    /// Where the interval ends: at most 1.
+    /// The end of the interval: at most 1.
     #[inline]
     pub fn end(self) -> f32 {
         self.end.min(1.0)
     }
 
-    /// The bound `b` for which `t < b` is exactly "not over yet": [`TimeInterval::end`], but the next
-    /// float above 1 where the interval reaches the end of the shutter.
+    /// The bound `b` such that all times of the interval have `t < b`: [`TimeInterval::end`], but the next
+    /// float above 1 if the interval reaches the end of the shutter.
     #[inline]
     pub(crate) fn end_bound(self) -> f32 {
         self.end
@@ -66,7 +66,7 @@ impl TimeInterval {
         self.end() - self.begin
     }
 
-    /// Half-way between begin and end.
+    /// The middle of the interval.
     pub(crate) fn middle(self) -> f32 {
         self.begin + 0.5 * self.duration()
     }
@@ -77,7 +77,7 @@ impl TimeInterval {
         self.begin <= t && t < self.end
     }
 
-    /// What both have in common, if anything.
+    /// The intersection, unless it is empty.
     pub fn intersect(self, other: TimeInterval) -> Option<TimeInterval> {
         TimeInterval::half_open(self.begin.max(other.begin), self.end.min(other.end))
     }

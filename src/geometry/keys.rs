@@ -1,13 +1,13 @@
-//! Positions between keys.
+//! Interpolation between keys.
 //!
 //! A position is interpolated from the nearer key: `base + s * (b - a)`, with `base = a` and the
 //! fraction `s` in the first half of a segment, `base = b` and `s - 1` in the second. This gives the
 //! key itself at both keys and wherever `a == b`, which `(1 - t) * a + t * b` does not, and so moving
-//! and still geometry agree where they touch. Nothing is fused, so every CPU gets the same bits.
+//! and static geometry agree where they touch. Nothing is fused, so the results have the same bits on every CPU.
 
 use glam::{DVec3, Vec3};
 
-/// A ray's time as a place between two keys, the same for every vertex of a mesh.
+/// The time of a query relative to the keys, the same for every vertex of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct KeyTime {
     /// The segment: between key `segment` and `segment + 1`.
@@ -19,14 +19,14 @@ pub(crate) struct KeyTime {
 }
 
 impl KeyTime {
-    /// Where time `t` in [0, 1] lies among `keys` keys (at least one).
+    /// Locates time `t` in [0, 1] among `keys` keys (at least one).
     #[inline]
     pub fn new(t: f32, keys: usize) -> KeyTime {
         if keys < 2 {
             return KeyTime { segment: 0, s: 0.0, from_end: false };
         }
         if keys == 2 {
-            // What follows comes to the same, and takes longer.
+            // The general case gives the same result, but takes longer.
             return KeyTime::in_segment(t, 0);
         }
         let segments = keys - 1;
@@ -35,7 +35,7 @@ impl KeyTime {
         KeyTime::in_segment(at - segment as f32, segment)
     }
 
-    /// The first time that [`KeyTime::new`] finds in a segment: the key, or a float or two beside it, since the product
+    /// The first time that [`KeyTime::new`] locates in a segment: the key, or a float or two next to it, since the product
     /// with the number of segments is rounded.
     pub fn first_time(segment: usize, keys: usize) -> f32 {
         let mut t = (segment as f64 / (keys.max(2) - 1) as f64) as f32;
@@ -59,7 +59,7 @@ impl KeyTime {
         (if self.from_end { b } else { a }) + (b - a) * self.s
     }
 
-    /// The same place in f64, 2^29 times as near to the exact one.
+    /// The same position in f64, with 2^-29 of the rounding error.
     #[inline(always)]
     pub fn fine_position(self, a: DVec3, b: DVec3) -> DVec3 {
         (if self.from_end { b } else { a }) + (b - a) * f64::from(self.s)

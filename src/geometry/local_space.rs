@@ -1,10 +1,10 @@
 //! Tree space: world coordinates scaled by a power of two so that the farthest vertex has coordinates of about 1,
-//! and moved where that costs nothing.
+//! and translated if that is exact.
 //!
-//! Coordinates given in f32 keep every bit, if they are at least 2^-126 of the largest. They are moved along an axis only
-//! where all of them lie within a factor of two of each other: then the difference of any two is exact (Sterbenz,
-//! "Floating-point computation", 1974). So it is with coordinates in f64 that are kept; others given in f64 are moved to the centre
-//! of what they span and rounded there.
+//! Coordinates given in f32 keep every bit, if they are at least 2^-126 of the largest. They are translated along an axis
+//! only if all of them lie within a factor of two of each other: then the difference of any two is exact (Sterbenz,
+//! "Floating-point computation", 1974). The same holds for f64 coordinates that are kept exactly; other f64 coordinates
+//! are translated relative to the centre of their bounds and rounded there.
 
 use super::aabb::Aabb;
 use crate::limits::MAX_COORDINATE;
@@ -13,13 +13,13 @@ use glam::{DVec3, Vec3};
 /// The map from world to tree space: `(x - origin) * scale`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Frame {
-    /// World position of the tree's zero.
+    /// World position of the origin of tree space.
     pub origin: DVec3,
     /// A power of two.
     pub scale: f64,
-    /// No coordinate of a vertex is larger in tree space: 1, but for rounding.
+    /// The largest coordinate of a vertex in tree space: 1, up to rounding.
     pub reach: f32,
-    /// Everything at every time, in world space.
+    /// The bounds of all primitives at all times, in world space.
     pub bounds: Aabb,
 }
 
@@ -33,7 +33,7 @@ impl Frame {
         if swept.min.cmpgt(swept.max).any() {
             return Frame::WORLD;
         }
-        // Rounded to f32 where that moves it little, so that coordinates on a coarse grid stay on it.
+        // Rounded to f32 if that moves it little, so that coordinates on a coarse grid stay on it.
         let centre = swept.min * 0.5 + swept.max * 0.5;
         let rounded = centre.as_vec3().as_dvec3();
         let size = (swept.max - swept.min).max_element();
@@ -41,8 +41,8 @@ impl Frame {
         Frame::scaled(swept, origin)
     }
 
-    /// The frame of coordinates in f32 with these bounds. Maps all of them exactly that are zero or at least 2^-126 of the
-    /// largest.
+    /// The frame of coordinates in f32 with these bounds. Maps all coordinates exactly that are zero or at least
+    /// 2^-126 of the largest.
     pub fn exact(swept: Aabb) -> Frame {
         Frame::moved_exactly(swept, |middle| f64::from(middle as f32))
     }
@@ -52,7 +52,7 @@ impl Frame {
         Frame::moved_exactly(swept, |middle| middle)
     }
 
-    /// Moved to the middle, rounded to what coordinates have, along the axes where that is exact.
+    /// Translated to the centre, rounded to the precision of the coordinates, along the axes where that is exact.
     fn moved_exactly(swept: Aabb, rounded: impl Fn(f64) -> f64) -> Frame {
         if swept.min.cmpgt(swept.max).any() {
             return Frame::WORLD;
@@ -68,7 +68,7 @@ impl Frame {
         Frame::scaled(swept, origin)
     }
 
-    /// Scaled by the power of two that makes the farthest coordinate at most 1, made of its bits.
+    /// Scaled by the power of two that makes the farthest coordinate at most 1, computed from its bits.
     fn scaled(swept: Aabb, origin: DVec3) -> Frame {
         let reach = (swept.max - origin).max(origin - swept.min).max_element();
         debug_assert!(reach <= 4.0 * MAX_COORDINATE);
@@ -78,7 +78,7 @@ impl Frame {
         Frame { origin, scale, reach: ((reach * scale) as f32).next_up().max(1.0), bounds: swept }
     }
 
-    /// Whether points have the same coordinates in another frame.
+    /// Whether another frame maps points to the same coordinates.
     pub fn maps_as(&self, other: &Frame) -> bool {
         self.origin == other.origin && self.scale == other.scale
     }
@@ -101,7 +101,7 @@ impl Frame {
         self.fine_to_world(p.as_dvec3())
     }
 
-    /// The same of a point in f64.
+    /// The same for a point in f64.
     #[inline]
     pub fn fine_to_world(self, p: DVec3) -> DVec3 {
         p / self.scale + self.origin

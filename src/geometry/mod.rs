@@ -1,8 +1,8 @@
-//! Shapes of space and time that everything above shares: boxes, boxes that move linearly, time intervals, keys,
+//! Geometry in space and time for all layers above: boxes, boxes that move linearly, time intervals, keys,
 //! the local space of a tree, clipping, separating axes, Morton codes.
 //!
 //! The shutter is the normalized time range `[0, 1]` of one build. Positions are given at `n` keys
-//! spaced evenly over it (one key: nothing moves) and are linear between keys.
+//! spaced evenly over it (one key: static) and are linear between keys.
 
 mod aabb;
 mod box3;
@@ -33,4 +33,4 @@ pub(crate) use morton::morton_code;
 pub(crate) use placement::Placement;
 pub(crate) use plane::Plane;
 pub use ray::Ray;
-pub(crate) use separating_axes::{INSTANTS, Instant, stays_clear};
+pub(crate) use separating_axes::{INSTANTS, Instant, are_disjoint};

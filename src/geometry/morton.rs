@@ -1,6 +1,6 @@
-//! The Morton curve: a way through cells of space on which neighbours mostly follow each other.
+//! Morton codes: the order of cells along a space-filling curve that preserves locality.
 
-/// The place of a cell on the curve, from the low 21 bits of its coordinates.
+/// The position of a cell on the curve, from the low 21 bits of its coordinates.
 #[inline]
 pub(crate) fn morton_code([x, y, z]: [u32; 3]) -> u64 {
     spread(x) | spread(y) << 1 | spread(z) << 2
@@ -21,7 +21,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bits_of_the_coordinates_take_turns() {
+    fn bits_of_the_coordinates_are_interleaved() {
         assert_eq!(morton_code([0b101, 0b010, 0b011]), 0b001_110_101);
         assert_eq!(morton_code([u32::MAX; 3]), (1 << 63) - 1);
     }

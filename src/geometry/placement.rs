@@ -1,9 +1,9 @@
-//! A space placed in another by an affine map, for questions about distances.
+//! A space placed in another by an affine map, for distance queries.
 
 use super::Aabb;
 use glam::{DAffine3, DMat3, DVec3};
 
-/// A map from a space to the one in which distances are measured, and what is known of it.
+/// A map from a placed space to the one in which distances are measured, with a bound of its inverse.
 ///
 /// **Distances.** For any matrix `X` with `|I - X M| <= e < 1`, the inverse of `M` is no longer than `|X| / (1 - e)`. So
 /// distances in the placed space are at most that many times those of their images. The norm `|X|` is at most the root of
@@ -12,20 +12,20 @@ use glam::{DAffine3, DMat3, DVec3};
 pub(crate) struct Placement {
     pub matrix: DAffine3,
     inverse: DMat3,
-    /// Distances in the placed space per distance of the images, at most; infinite where nothing is known.
+    /// Bound of the distances in the placed space per distance of the images; infinite if there is none.
     grows: f64,
 }
 
-/// A point brought into a placed space.
+/// A point mapped into a placed space.
 pub(crate) struct Brought {
     pub point: DVec3,
-    /// Distances in the placed space per distance of the images, at most.
+    /// Bound of the distances in the placed space per distance of the images.
     pub grows: f64,
-    /// By how much a computed distance of an image may fall short of what `grows` is meant for.
+    /// How much a computed distance of images may be less than the distance that `grows` applies to.
     pub stray: f64,
 }
 
-/// Far more than f64 rounds in a few steps, relative to the magnitudes that take part.
+/// Far more than the f64 rounding of a few steps, relative to the magnitudes involved.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl Placement {
@@ -38,15 +38,15 @@ impl Placement {
         Placement { matrix, inverse, grows: if known { longest } else { f64::INFINITY } }
     }
 
-    /// Of a space placed in the space that is placed by this.
+    /// The placement of a space in a space that is itself placed, if `placed` is given.
     pub fn then(placed: Option<&Placement>, inner: DAffine3) -> Placement {
         Placement::new(placed.map_or(inner, |outer| outer.matrix * inner))
     }
 
-    /// A point as the placed space sees it, for what lies within `bounds` there.
+    /// Maps a point into the placed space, for distances to objects within `bounds` there.
     ///
-    /// What computing the inverse image is off by shows in how far its own image lies from the point: `stray` has that, and
-    /// what rounds where images of things in `bounds` are computed.
+    /// The error of the inverse image is measured by the distance of its own image from the point: `stray` includes that, and
+    /// the rounding of the images of objects in `bounds`.
     pub fn bring(&self, point: DVec3, bounds: Aabb) -> Brought {
         let there = self.inverse * (point - self.matrix.translation);
         if !there.is_finite() || self.grows.is_infinite() {
@@ -61,12 +61,12 @@ impl Placement {
     }
 }
 
-/// The sum of all magnitudes of entries: no norm is greater.
+/// The sum of the magnitudes of all entries: a bound of every norm.
 fn sum(m: DMat3) -> f64 {
     [m.x_axis, m.y_axis, m.z_axis].map(|column| column.abs().element_sum()).iter().sum()
 }
 
-/// At least how far a matrix stretches anything.
+/// An upper bound of the spectral norm.
 fn norm(m: DMat3) -> f64 {
     let most = |m: DMat3| {
         let rows = m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs();

@@ -4,12 +4,12 @@ use glam::{DVec3, Vec3};
 
 /// A ray with a time: `origin + t * dir` for `t` in `[t_min, t_max]`, seeing the scene as it is at `time`.
 ///
-/// The direction may have any length but zero; `t` counts in that length. A ray that means nothing (a zero,
+/// The direction may have any length but zero, which is the unit of `t`. An invalid ray (a zero,
 /// infinite or NaN direction, a NaN anywhere, `t_min > t_max`, a time outside `[0, 1]`, an origin more
-/// than 2^32 scene sizes away) hits nothing. The range holds for `t` as it is returned: rounded to f32 once. Where the
+/// than 2^32 scene sizes away) hits nothing. The range applies to `t` as it is returned: rounded to f32 once. If the
 /// direction is so small that `t` would be infinite, nothing is hit.
 ///
-/// A ray may begin far away: it is led to the scene in f64 first, and takes the same steps as one that begins
+/// A ray may begin far away: its origin is moved near the scene in f64 first, and then it is traced like one that begins
 /// there. Its hits lie where those of the exact ray do up to 2^-50 of its distance from the scene (and `t` itself is rounded
 /// to f32, so [`Ray::point`] is as coarse as 2^-24 of that distance).
 ///
@@ -20,7 +20,7 @@ use glam::{DVec3, Vec3};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where the ray begins, in double precision.
+    /// The origin, in double precision.
     pub origin: DVec3,
     /// Its direction, of any length but zero.
     pub dir: Vec3,
@@ -28,7 +28,7 @@ pub struct Ray {
     pub t_min: f32,
     /// Hits farther than this do not count; infinity is fine.
     pub t_max: f32,
-    /// When the ray looks, in the shutter `[0, 1]`.
+    /// The time of the ray, in the shutter `[0, 1]`.
     pub time: f32,
 }
 

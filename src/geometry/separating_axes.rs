@@ -1,19 +1,19 @@
-//! Whether a moving triangle stays clear of a cell that its box reaches into: separating directions.
+//! The separating axis test of a moving triangle and a cell that its box overlaps.
 //!
-//! A diagonal triangle has a large box and touches few of the cells that the box overlaps. Clipping says so at one
-//! instant; a direction that separates triangle and cell at both ends of a linear motion says so for all times
-//! between: seen along a fixed direction `n` every corner moves linearly, and so does the farthest point of the
+//! A diagonal triangle has a large box and touches few of the cells that the box overlaps. Clipping proves that at one
+//! instant; an axis that separates triangle and cell at both ends of a linear motion proves it for all times
+//! between: projected on a fixed axis `n` every corner moves linearly, and so does the farthest point of the
 //! cell, because which of its corners that is depends on the signs of `n` alone. Their difference is linear, and
 //! positive in between if it is at both ends.
 //!
-//! The directions tried are those of the separating axis theorem for a triangle and a box, taken half way:
+//! The axes tried are those of the separating axis theorem for a triangle and a box, at the middle instant:
 //! the triangle's normal and the products of its edges with the axes (the axes themselves are the
-//! bounding box). Any direction proves what it proves, so its own rounding does not matter.
+//! bounding box). The proof holds for any axis, so the rounding of the axis does not matter.
 
 use super::box3::{Box3, ULP};
 use glam::Vec3;
 
-/// Instants that can be looked at; motion with more keys in the interval is not looked at.
+/// The largest number of instants; motion with more keys in the interval is not tested.
 pub(crate) const INSTANTS: usize = 6;
 
 /// A triangle and a cell at one instant.
@@ -23,21 +23,21 @@ pub(crate) struct Instant {
     pub cell: Box3,
 }
 
-/// Whether the triangle stays clear of the cell at the instants and at all times between successive
+/// Whether triangle and cell are proved disjoint at the instants and at all times between successive
 /// ones, if both move linearly there up to `slack` per coordinate.
 ///
-/// Where no coordinate is larger than `m`, an inner product of differences errs by less than 16 ULP of `m` times the sum of
-/// the direction's components; the margin of 64 covers the two that are compared, the rounding of a moving cell, and the
+/// If no coordinate is larger than `m`, an inner product of differences errs by less than 16 ULP of `m` times the sum of
+/// the axis's components; the margin of 64 covers the two that are compared, the rounding of a moving cell, and the
 /// kernel's own rounding that grows with the triangle ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)).
-pub(crate) fn stays_clear(instants: &[Instant], slack: f32) -> bool {
-    clear_by(instants, slack, 64.0)
+pub(crate) fn are_disjoint(instants: &[Instant], slack: f32) -> bool {
+    disjoint_by(instants, slack, 64.0)
 }
 
 /// The same with another margin.
 #[inline(always)]
-fn clear_by(instants: &[Instant], slack: f32, margin: f32) -> bool {
+fn disjoint_by(instants: &[Instant], slack: f32, margin: f32) -> bool {
     let Some(middle) = instants.get(instants.len() / 2) else { return false };
-    // No direction separates a cell from a corner that is in it, and most triangles that are asked about have one there.
+    // No axis separates a cell from a corner that is in it, and most triangles that are tested have one there.
     if instants.iter().any(|i| i.corners.into_iter().any(|p| i.cell.holds(p))) {
         return false;
     }
@@ -84,7 +84,7 @@ mod tests {
             let at = a + e + f;
             let instants = [Instant { corners, cell: Box3 { min: at, max: at } }; 2];
             for (lost, margin) in lost.iter_mut().zip([64.0, 0.0]) {
-                *lost += usize::from(clear_by(&instants, 0.0, margin));
+                *lost += usize::from(disjoint_by(&instants, 0.0, margin));
             }
         }
         assert!(lost[0] == 0 && lost[1] > 100, "{lost:?}");
@@ -111,7 +111,7 @@ mod tests {
             });
             let overlap =
                 |i: Instant| !i.corners.into_iter().fold(Box3::EMPTY, Box3::include).intersection(i.cell).is_empty();
-            let found = stays_clear(&instants, 0.0);
+            let found = are_disjoint(&instants, 0.0);
             assert!(!(found && sampled), "{a} {b} {c} {cell:?}");
             if instants.into_iter().any(overlap) && !sampled {
                 boxes += 1;

@@ -1,12 +1,12 @@
-//! Building the paper's tree, top down.
+//! Top-down construction of the paper's tree.
 //!
 //! One recursion for primitives and points ([`Moving`] is what differs). A node's plane is chosen by its Normal
 //! references at mid-shutter; they are duplicated, its BP references propagated ([`Children`]), and the children built
-//! in turn, in parallel where they are large. What a node does depends on its own references and budgets only, so the
+//! in turn, in parallel where they are large. The result of a node depends on its own references and budgets only, so the
 //! tree is the same for any number of threads.
 //!
-//! Budgets: a node may produce so many references in its leaves altogether. A plane that needs more is refused
-//! (the node becomes a leaf); what the plane leaves over is divided between the children by the number of their
+//! Budgets: the leaves below a node may have a limited number of references altogether. A plane that needs more is
+//! rejected (the node becomes a leaf); the rest of the budget is divided between the children by the number of their
 //! references.
 
 use super::kd_tree::{KdNode, KdReference, KdTree};
@@ -21,30 +21,30 @@ use std::time::Instant;
 
 /// Subtrees with fewer references are built on the thread that split them off.
 const PARALLEL_FROM: usize = 4096;
-/// Below this depth nothing is handed to other threads: merging costs a copy of the subtree per level.
+/// Below this depth no subtree is given to other threads: merging costs a copy of the subtree per level.
 const PARALLEL_DEPTH: u32 = 8;
 
-/// What a build may use. Reaching a limit makes a leaf.
+/// The limits of a build. Reaching a limit makes a leaf.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Budget {
     /// The greatest depth, at most [`DEPTH_LIMIT`](crate::limits::DEPTH_LIMIT).
     pub depth: u32,
     /// The greatest number of references in all leaves.
     pub references: f64,
-    /// Whether a reference that was BP and lies on one side of a plane again takes part in choosing planes again.
+    /// Whether a BP reference that lies on one side of a plane contributes to the choice of planes again.
     pub propagated_vote: bool,
 }
 
-/// Builds a k-d tree over things, of which these are the references, and `root` holds all at every time. What is built
-/// means nothing after the caller has cancelled the build, or where it exceeds the limits of the layout.
+/// Builds a k-d tree over objects with these references, within `root`, which holds all of them at all times. The tree
+/// is invalid if the build was cancelled, or if it exceeds the limits of the layout.
 pub(crate) fn build<M: Moving>(
-    things: &M,
+    objects: &M,
     references: Vec<Reference<M::Bounds>>,
     root: Box3,
     budget: Budget,
     progress: &Progress,
 ) -> (KdTree, BuildTimes) {
-    let builder = Builder { things, budget, progress };
+    let builder = Builder { objects, budget, progress };
     let node = Node {
         cell: LinearBox3 { begin: root, end: root },
         references: References { normal: references, bp: Vec::new() },
@@ -59,7 +59,7 @@ pub(crate) fn build<M: Moving>(
     (KdTree { root, nodes: out.nodes, references: out.references, depth: out.depth }, out.times)
 }
 
-/// A node about to be split or made a leaf.
+/// A node under construction.
 struct Node<B> {
     /// The cell at shutter open and close.
     cell: LinearBox3,
@@ -71,7 +71,7 @@ struct Node<B> {
     fraction: f64,
 }
 
-/// A finished subtree; indices count from its own begin.
+/// A finished subtree; indices are relative to its begin.
 #[derive(Default)]
 struct Output {
     nodes: Vec<KdNode>,
@@ -92,7 +92,7 @@ impl Output {
 }
 
 struct Builder<'a, M> {
-    things: &'a M,
+    objects: &'a M,
     budget: Budget,
     progress: &'a Progress<'a>,
 }
@@ -132,7 +132,7 @@ impl<M: Moving> Builder<'_, M> {
         }
     }
 
-    /// A node index; where it does not fit the build is about to fail with an error.
+    /// A node index; if it is out of range, the build is about to fail with an error.
     fn checked(&self, index: usize) -> u32 {
         index.min(MAX_NODES - 1) as u32
     }
@@ -140,25 +140,25 @@ impl<M: Moving> Builder<'_, M> {
     fn leaf(&self, node: &Node<M::Bounds>, out: &mut Output) {
         let first = out.references.len() as u32;
         out.references.extend(node.references.iter().map(|r| KdReference::new(r.id, r.interval)));
-        // In the order of ids: neighbours in memory, and independent of how the references came here.
+        // In the order of ids: better locality, and independent of the order of the partition.
         out.references[first as usize..].sort_unstable_by_key(|r| (r.id, r.begin.to_bits()));
         out.nodes.push(KdNode::leaf(first, node.references.len() as u32));
         self.progress.finished(node.fraction);
     }
 
-    /// The plane and the children; `None` where the node becomes a leaf.
+    /// The plane and the children; `None` if the node becomes a leaf.
     fn split(&self, node: &Node<M::Bounds>, times: &mut BuildTimes) -> Option<(Plane, [Node<M::Bounds>; 2])> {
         let references = &node.references;
         if node.depth >= self.budget.depth || references.len() < 2 || self.progress.cancelled() {
             return None;
         }
         let start = Instant::now();
-        let plane = self.things.choose(&references.normal, &references.bp, node.cell);
+        let plane = self.objects.choose(&references.normal, &references.bp, node.cell);
         let chosen = Instant::now();
         times.planes += chosen - start;
         let plane = plane?;
 
-        let mut children = Children::new(self.things, plane, node.cell);
+        let mut children = Children::new(self.objects, plane, node.cell);
         for r in &references.normal {
             children.duplicate(r);
         }
@@ -171,7 +171,7 @@ impl<M: Moving> Builder<'_, M> {
 
         let [l, r] = [0, 1].map(|side| children.references[side].len());
         let sum = (l + r) as u64;
-        if sum > node.budget || !self.things.worthwhile(references.len(), [l, r]) {
+        if sum > node.budget || !self.objects.worthwhile(references.len(), [l, r]) {
             return None;
         }
         let spare = (node.budget - sum) as f64;

@@ -1,31 +1,31 @@
-//! On which side of a split plane something is, and when.
+//! Classification of references against split planes: on which side an object is, and when.
 //!
-//! This is the heart of the paper (section 3.1): a thing that crosses the plane during the shutter counts on
-//! each side for the time interval it spends there. It is one piece of code for triangles, spheres, the
-//! caller's primitives and points: all of them come as a linear [`Extent`] along the plane's axis, and differ
-//! in how the crossing times are rounded ([`Rounding`]).
+//! This is the core of the paper (section 3.1): an object that crosses the plane during the shutter is referenced on
+//! each side for the time interval it spends there. The code is the same for triangles, spheres, caller-defined
+//! primitives and points: all of them have a linear [`Extent`] along the plane's axis, and differ
+//! in the rounding of the crossing times ([`Rounding`]).
 //! Repeated at every plane on the way down, with the interval that came out of the plane above, it is
 //! the paper's duplication (section 3.1.1) and propagation (section 3.1.2) alike.
 
 use crate::geometry::{Extent, Line, Plane, TimeInterval};
 
-/// When a thing is on which side of a plane; at least one of the two is there.
+/// The intervals during which an object is on each side of a plane; at least one is not `None`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sides {
     pub left: Option<TimeInterval>,
     pub right: Option<TimeInterval>,
 }
 
-/// How the times are rounded at which a thing crosses a plane.
+/// The rounding of the times at which an object crosses a plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rounding {
-    /// Both intervals outward: for things with an extent, which count on both sides for a while anyway.
+    /// Both intervals outward: for objects with an extent, which are on both sides for a while anyway.
     Outward,
-    /// To the nearest float, which both intervals share: for points, which count on one side at every time.
+    /// To the nearest float, which both intervals share: for points, which are on exactly one side at every time.
     ExactlyOnce,
 }
 
-/// When an extent is below the plane and when above it.
+/// Computes when an extent is below the plane and when above it.
 #[inline]
 pub(crate) fn classify(extent: Extent, plane: Plane, rounding: Rounding) -> Sides {
     match rounding {
@@ -39,7 +39,7 @@ fn distance(line: Line, interval: TimeInterval, plane: Plane) -> (f64, f64) {
     (line.begin - plane.at(interval.begin()), line.end - plane.at(interval.end()))
 }
 
-/// The time at which a linear distance passes zero, strictly between two different signs.
+/// The time at which a linear distance is zero, given two different signs.
 fn crossing(interval: TimeInterval, (d0, d1): (f64, f64)) -> f64 {
     f64::from(interval.begin()) + f64::from(interval.duration()) * (d0 / (d0 - d1))
 }
@@ -47,13 +47,13 @@ fn crossing(interval: TimeInterval, (d0, d1): (f64, f64)) -> f64 {
 /// The part of the interval in which a linear distance is negative, rounded outward.
 ///
 /// The computed crossing is within 4 * 2^-53 of the true one relative to the shutter, and a step of f32 is at
-/// least 2^-24 of the value it is taken at (denormals near 0 are covered by the next smaller float being
-/// at or below the crossing all the same): one step outward after rounding to nearest contains it.
+/// least 2^-24 of the value it is taken at (denormals near 0 are covered because the next smaller float
+/// is at or below the crossing as well): one step outward after rounding to nearest contains it.
 fn negative(interval: TimeInterval, d: (f64, f64)) -> Option<TimeInterval> {
     negative_by(interval, d, |t| t.next_down(), |t| t.next_up().next_up())
 }
 
-/// The same with other steps down to a begin and up to an end.
+/// The same with given rounding functions for the begin and the end.
 #[inline(always)]
 fn negative_by(
     interval: TimeInterval,
@@ -78,7 +78,7 @@ fn negative_by(
 /// When an extent reaches below the plane and when above it, both rounded outward.
 ///
 /// The left interval is {lower < plane}, the right one {upper > plane}; each is one interval because
-/// the bounds are linear. What only touches the plane belongs to the other side alone, and what lies in the
+/// the bounds are linear. An object that only touches the plane belongs to the other side alone, and one that lies in the
 /// plane throughout to the left: a ray that crosses the plane visits both sides with slack.
 fn outward(extent: Extent, plane: Plane) -> Sides {
     let interval = extent.interval;
@@ -90,13 +90,13 @@ fn outward(extent: Extent, plane: Plane) -> Sides {
         return Sides { left: Some(interval), right: None };
     }
     // Between touching the plane from one side and from the other there may be instants that are on
-    // neither side strictly: flat things that cross, or hulls that shrink onto the plane. The intervals
-    // then meet in a time that both round outward over, except where one side is missing altogether.
+    // neither side strictly: flat objects that cross, or bounds that shrink onto the plane. The intervals
+    // then meet at a time that both include by outward rounding, except if one side is missing altogether.
     match (left, right) {
         (Some(l), None) if l != interval => Sides { left: Some(interval), right: None },
         (None, Some(r)) if r != interval => Sides { left: None, right: Some(interval) },
         (Some(l), Some(r)) => {
-            // Close a gap in the middle, if any, from the left.
+            // Close a gap in the middle, if any, by extending the left interval.
             let gap_between = l.end_bound() < r.begin();
             let gap_behind = r.end_bound() < l.begin();
             let left = if gap_between {
@@ -116,7 +116,7 @@ fn outward(extent: Extent, plane: Plane) -> Sides {
 /// every time the point is on exactly one side.
 ///
 /// A point in the plane is on the right. The crossing is one float, rounded to nearest: near it the point
-/// may be an ulp on the wrong side, for which queries that prune by planes keep slack.
+/// may be an ulp on the wrong side, for which queries that cull by planes keep slack.
 fn exactly_once(position: Line, interval: TimeInterval, plane: Plane) -> Sides {
     let d = distance(position, interval, plane);
     if (d.0 < 0.0) == (d.1 < 0.0) {

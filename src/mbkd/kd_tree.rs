@@ -3,6 +3,7 @@
 //! Two flat arrays: nodes of 12 bytes in depth-first order (the left child of a node is the next one), and
 //! leaf references of 12 bytes. A split plane may move; at any one time it is an ordinary plane.
 
+use crate::file::record_fields;
 use crate::geometry::{Box3, Plane, TimeInterval};
 use crate::limits::MAX_NODES;
 
@@ -17,6 +18,8 @@ pub(crate) struct KdNode {
     /// The low two bits are the axis, 3 for a leaf; above them, in an inner node, the right child.
     link: u32,
 }
+
+record_fields!(KdNode { a: u32, b: u32, link: u32 });
 
 /// A node, decoded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,22 +38,12 @@ impl KdNode {
         KdNode { a: first, b: count, link: 3 }
     }
 
-    /// The node in a tree that was moved behind another one.
+    /// The node of a subtree that was appended to another one.
     pub fn shifted(self, nodes: u32, references: u32) -> KdNode {
         match self.view() {
             KdView::Leaf { first, count } => KdNode::leaf(first.wrapping_add(references), count),
             KdView::Inner { .. } => KdNode { link: self.link.wrapping_add(nodes << 2), ..self },
         }
-    }
-
-    /// The node as it is in files.
-    pub fn to_words(self) -> [u32; 3] {
-        [self.a, self.b, self.link]
-    }
-
-    /// The node of its words.
-    pub fn of_words([a, b, link]: [u32; 3]) -> KdNode {
-        KdNode { a, b, link }
     }
 
     #[inline(always)]
@@ -65,15 +58,17 @@ impl KdNode {
     }
 }
 
-/// A primitive in a leaf and when it counts there: `begin <= t < end`.
+/// A primitive in a leaf and its active interval there: `begin <= t < end`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub(crate) struct KdReference {
     pub id: u32,
     pub begin: f32,
-    /// Beyond 1 where the reference lives to the end of the shutter.
+    /// Beyond 1 if the reference is active until the end of the shutter.
     pub end: f32,
 }
+
+record_fields!(KdReference { id: u32, begin: f32, end: f32 });
 
 impl KdReference {
     pub fn new(id: u32, interval: TimeInterval) -> KdReference {
@@ -86,10 +81,10 @@ impl KdReference {
     }
 }
 
-/// The finished tree. It knows no primitives, only their ids.
+/// The finished tree. It contains only the ids of primitives.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct KdTree {
-    /// Everything, at every time.
+    /// The bounds of all primitives at all times.
     pub root: Box3,
     pub nodes: Vec<KdNode>,
     pub references: Vec<KdReference>,

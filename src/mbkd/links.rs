@@ -1,19 +1,19 @@
-//! Whether the nodes of a k-d tree are linked so that a traversal can follow them, whatever their leaves hold.
+//! Validating that the nodes of a k-d tree form a tree, whatever its leaves hold.
 
 use super::kd_tree::{KdNode, KdView};
 use crate::limits::DEPTH_LIMIT;
 
-/// Where a traversal would stumble.
+/// An invalid link.
 pub(crate) enum BadLink {
-    /// At a node that is reached twice, never, or from outside of the tree, or whose plane is nowhere.
+    /// A node that is reached twice or never, an index outside of the tree, or a plane that is not finite.
     Node(usize),
-    /// At a leaf that does not have what it names for itself.
+    /// A leaf whose range is out of bounds or overlaps another leaf's.
     Leaf(usize),
-    /// At this depth.
+    /// A leaf at this depth, which is too deep.
     Depth(usize),
 }
 
-/// Checks nodes whose leaves share out `items` things among them; the depth of the deepest leaf.
+/// Validates nodes whose leaves have disjoint ranges of `items` items; returns the depth of the deepest leaf.
 pub(crate) fn check_links(nodes: &[KdNode], items: usize) -> Result<usize, BadLink> {
     let (mut reached, mut owned) = (vec![false; nodes.len()], vec![false; items]);
     let (mut stack, mut deepest) = (vec![(0usize, 0usize)], 0);

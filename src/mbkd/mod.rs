@@ -1,10 +1,10 @@
-//! The paper's build, for primitives and points alike: references are classified against split planes over time intervals,
-//! duplicated and propagated.
+//! The paper's k-d tree construction, for primitives and points alike: references are classified against split planes over
+//! time intervals, duplicated and propagated.
 //!
-//! `classify` says when something is on which side of a plane, `partition` hands references to the children, `builder` is
-//! the recursion with its budgets, and every build ends in a [`KdTree`]. What differs is behind
-//! `reference::Moving`: `primitives` takes planes by the surface area heuristic (`sah`) and rounds intervals outward,
-//! `trajectories` takes the median and has each point on one side of a plane at every time.
+//! `classify` computes when an object is on which side of a plane, `partition` distributes references to the children,
+//! `builder` is the recursion with its budgets, and every build results in a [`KdTree`]. The differences are behind
+//! `reference::Moving`: `primitives` chooses planes by the surface area heuristic (`sah`) and rounds intervals outward,
+//! `trajectories` splits at the median and has each point on exactly one side of a plane at every time.
 //!
 //! Source: X. Yang et al., "k-d Tree Construction Designed for Motion Blur".
 

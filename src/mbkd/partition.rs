@@ -1,9 +1,9 @@
-//! Handing references to the children of a split plane: the paper's duplication (section 3.1.1) and
+//! Distributing references to the children of a split plane: the paper's duplication (section 3.1.1) and
 //! propagation (section 3.1.2).
 //!
-//! A node under construction has Normal references, which lie in its cell at mid-shutter and choose its plane,
-//! and BP references, which come into the cell at another time only. Both are classified against the plane
-//! with the same code ([`classify`]); what is called duplication for the first is called propagation
+//! A node under construction has Normal references, which are in its cell at mid-shutter and choose its plane,
+//! and BP references, which enter the cell at another time only. Both are classified against the plane
+//! with the same code ([`classify`]); this is called duplication for the first and propagation
 //! for the second.
 
 use super::classify::classify;
@@ -31,9 +31,9 @@ impl<B> References<B> {
     }
 }
 
-/// The two children of a node while references are handed to them.
+/// The two children of a node while references are distributed to them.
 pub(crate) struct Children<'a, M: Moving> {
-    things: &'a M,
+    objects: &'a M,
     plane: Plane,
     /// Cells at shutter open and close: left, right.
     pub cells: [LinearBox3; 2],
@@ -41,16 +41,16 @@ pub(crate) struct Children<'a, M: Moving> {
 }
 
 impl<'a, M: Moving> Children<'a, M> {
-    pub fn new(things: &'a M, plane: Plane, cell: LinearBox3) -> Children<'a, M> {
-        // A moving plane may leave the parent's cell at other times. Taking the plane for the child's face all
-        // the same keeps the cell a superset of the true one, which is all that is asked of it.
+    pub fn new(objects: &'a M, plane: Plane, cell: LinearBox3) -> Children<'a, M> {
+        // A moving plane may leave the parent's cell at other times. Using the plane as the child's face anyway
+        // keeps the cell a superset of the true one, which is sufficient.
         let (open, close) = (plane.position, plane.position + plane.velocity);
         let (mut left, mut right) = (cell, cell);
         left.begin.max[plane.axis] = open;
         left.end.max[plane.axis] = close;
         right.begin.min[plane.axis] = open;
         right.end.min[plane.axis] = close;
-        Children { things, plane, cells: [left, right], references: [References::NONE, References::NONE] }
+        Children { objects, plane, cells: [left, right], references: [References::NONE, References::NONE] }
     }
 
     /// Duplication: a Normal reference that crosses the plane goes to the Normal node of the side where it is at
@@ -58,7 +58,7 @@ impl<'a, M: Moving> Children<'a, M> {
     /// from the right). One that lies across the plane at mid-shutter goes to both Normal nodes, one that never
     /// crosses to one.
     pub fn duplicate(&mut self, reference: &Reference<M::Bounds>) {
-        self.assign(reference, reference.votes);
+        self.assign(reference, reference.in_sah);
     }
 
     /// Propagation: a BP reference that does not cross this plane becomes a Normal reference of the one child, or
@@ -69,15 +69,15 @@ impl<'a, M: Moving> Children<'a, M> {
         self.assign(reference, propagated_vote);
     }
 
-    fn assign(&mut self, reference: &Reference<M::Bounds>, votes: bool) {
-        let sides = classify(self.things.extent(reference, self.plane.axis), self.plane, M::ROUNDING);
+    fn assign(&mut self, reference: &Reference<M::Bounds>, in_sah: bool) {
+        let sides = classify(self.objects.extent(reference, self.plane.axis), self.plane, M::ROUNDING);
         let both = sides.left.is_some() && sides.right.is_some();
-        let home = reference.home(self.things.plane_time());
+        let time = reference.representative_time(self.objects.plane_time());
         for (side, interval) in [sides.left, sides.right].into_iter().enumerate() {
             let Some(interval) = interval else { continue };
-            let normal = !both || interval.contains(home);
-            let child = Reference { interval, votes: normal && votes, ..*reference };
-            let Some(child) = self.things.fitted(child, reference, self.cells[side], both) else { continue };
+            let normal = !both || interval.contains(time);
+            let child = Reference { interval, in_sah: normal && in_sah, ..*reference };
+            let Some(child) = self.objects.fitted(child, reference, self.cells[side], both) else { continue };
             let lists = &mut self.references[side];
             if normal { lists.normal.push(child) } else { lists.bp.push(child) }
         }

@@ -1,9 +1,9 @@
-//! The build over primitives: planes by the surface area heuristic, intervals rounded outward.
+//! The k-d build over primitives: planes by the surface area heuristic, intervals rounded outward.
 
 use super::builder::{Budget, build};
 use super::classify::Rounding;
 use super::kd_tree::KdTree;
-use super::reference::{Moving, Reference, home};
+use super::reference::{Moving, Reference, representative_time};
 use super::sah::{Bounds, BoxReference, Split, best_split, leaf_cost, weight};
 use super::times::BuildTimes;
 use crate::error::BuildError;
@@ -20,23 +20,24 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     params: &KdParams,
     progress: &Progress,
 ) -> Result<(KdTree, BuildTimes), BuildError> {
-    let things = Primitives { set, params };
-    let mut references: Vec<_> = (0..set.len() as u32).map(|id| things.reference(id)).collect();
-    // The swept root: everything at every time. Padded, so that flat scenes have a volume.
+    let objects = Primitives { set, params };
+    let mut references: Vec<_> = (0..set.len() as u32).map(|id| objects.reference(id)).collect();
+    // The swept root: all primitives at all times. Padded, so that flat scenes have a volume.
     let mut root = references.iter().fold(Box3::EMPTY, |b, r| b.union(r.bounds.whole.swept()));
     if references.is_empty() {
         root = Box3 { min: Vec3::ZERO, max: Vec3::ZERO };
     }
     let root = root.pad(1e-5 * root.magnitude());
     for r in &mut references {
-        r.bounds.part = things.part(r, LinearBox3 { begin: root, end: root }, r.home(params.plane_time));
+        r.bounds.part =
+            objects.part(r, LinearBox3 { begin: root, end: root }, r.representative_time(params.plane_time));
     }
     let budget = Budget {
         depth: params.depth_for(set.len()),
         references: set.len() as f64 * f64::from(params.max_references),
         propagated_vote: params.propagated_vote,
     };
-    let (tree, times) = build(&things, references, root, budget, progress);
+    let (tree, times) = build(&objects, references, root, budget, progress);
     if progress.cancelled() {
         return Err(BuildError::Cancelled);
     }
@@ -46,7 +47,7 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     Ok((tree, times))
 }
 
-/// Primitives and how planes are chosen among them.
+/// Primitives, with the parameters of the choice of planes.
 pub(crate) struct Primitives<'a, S> {
     pub set: &'a S,
     pub params: &'a KdParams,
@@ -57,10 +58,10 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
     pub fn reference(&self, id: u32) -> BoxReference {
         let interval = self.set.active(id);
         let whole = self.bounds(id, interval);
-        Reference { id, interval, bounds: Bounds { whole, part: whole.swept() }, votes: true }
+        Reference { id, interval, bounds: Bounds { whole, part: whole.swept() }, in_sah: true }
     }
 
-    /// The classic tree knows no intervals: it sees boxes swept over the shutter, which stand still.
+    /// The classic tree has no intervals: it uses boxes swept over the shutter, which are static.
     fn swept(&self) -> bool {
         !self.params.intervals
     }
@@ -75,13 +76,13 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
         LinearBox3 { begin: swept, end: swept }
     }
 
-    /// Whether moving bounds stand for the primitive itself, so that its shape may be looked at.
+    /// Whether bounds follow the primitive itself, so that its shape may be used for clipping.
     fn exact(&self, bounds: &LinearBox3) -> bool {
         !self.swept() || bounds.begin == bounds.end
     }
 
-    /// Bounds of the part of a reference in a cell at a time of its interval. Where nothing of it is in the cell
-    /// then, a place on the cell's surface.
+    /// Bounds of the part of a reference in a cell at a time of its interval. If nothing of it is in the cell
+    /// then, the nearest place on the cell's surface.
     fn part(&self, reference: &BoxReference, cell: LinearBox3, time: f32) -> Box3 {
         let cell = cell.at(time);
         let whole = reference.bounds.whole;
@@ -117,27 +118,28 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
     fn choose(&self, normal: &[BoxReference], bp: &[BoxReference], cell: LinearBox3) -> Option<Plane> {
         let at_plane_time = cell.at(self.params.plane_time);
         let cheapest = |voters: &[BoxReference], split: Option<Split>| {
-            let total: f64 = voters.iter().filter(|r| r.votes).map(|r| weight(r, self.params)).sum();
+            let total: f64 = voters.iter().filter(|r| r.in_sah).map(|r| weight(r, self.params)).sum();
             split.filter(|split| split.cost < leaf_cost(total, self.params)).map(|split| split.plane)
         };
         let plane_time = self.params.plane_time;
-        let split = best_split(normal, at_plane_time, self.params, |interval| home(interval, plane_time));
+        let split =
+            best_split(normal, at_plane_time, self.params, |interval| representative_time(interval, plane_time));
         let plane = cheapest(normal, split);
         if plane.is_some() || bp.len() <= normal.len() {
             return plane;
         }
-        // The paper lets Normal references alone choose. Where the cell is mostly visited, by what crosses it at some
-        // other time, that would make a leaf of hundreds. So all vote, each for where it is half-way through its
+        // In the paper only Normal references choose the plane. If most references of the cell only cross it at some
+        // other time, that would make a leaf of hundreds. So all contribute to the SAH, each at the middle of its
         // interval: at the time that is nearest to mid-shutter most are just entering, on the face of the cell.
         let voter = |r: &BoxReference| {
             let part = self.part(r, cell, r.interval.middle());
-            Reference { votes: true, bounds: Bounds { part, ..r.bounds }, ..*r }
+            Reference { in_sah: true, bounds: Bounds { part, ..r.bounds }, ..*r }
         };
         let all: Vec<BoxReference> = normal.iter().chain(bp).map(voter).collect();
         cheapest(&all, best_split(&all, at_plane_time, self.params, |interval| interval.middle()))
     }
 
-    /// The costs have decided.
+    /// Always: the SAH has compared the costs.
     fn worthwhile(&self, _before: usize, _children: [usize; 2]) -> bool {
         true
     }
@@ -153,13 +155,13 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         if interval != parent.interval {
             child.bounds.whole = self.bounds(id, interval);
         }
-        if crosses && self.exact(&child.bounds.whole) && self.set.misses(id, interval, over(cell, interval)) {
+        if crosses && self.exact(&child.bounds.whole) && self.set.is_disjoint(id, interval, over(cell, interval)) {
             return None;
         }
-        // The part changes where the plane cuts it, when it is looked at at another time, and when the reference
-        // begins to vote.
-        let at = |i| home(i, self.params.plane_time);
-        if child.votes && (crosses || !parent.votes || at(interval) != at(parent.interval)) {
+        // The part changes if the plane cuts it, if its representative time changes, and if the reference
+        // begins to contribute to the SAH.
+        let at = |i| representative_time(i, self.params.plane_time);
+        if child.in_sah && (crosses || !parent.in_sah || at(interval) != at(parent.interval)) {
             child.bounds.part = self.part(&child, cell, at(interval));
         }
         Some(child)

@@ -2,11 +2,11 @@
 //! (section 3.1.1 of the paper).
 //!
 //! The cost of a plane is `K_T + K_I / SA(N) * (L * SA(left) + R * SA(right))`, the areas being those of the
-//! cells at plane time. `L` is the sum, over the voting references, of the time each spends left of the plane
+//! cells at plane time. `L` is the sum, over the contributing references, of the time each spends left of the plane
 //! (`t_c2 - t_0` in the paper). Take one reference with the lower bound moving from `l0` to `l1`: as a
 //! function of the plane's position `s` this time is a ramp, 0 up to `min(l0, l1)`, the whole duration from
 //! `max(l0, l1)` on, linear between. A sum of ramps is kept as steps and slopes per bin, so that all
-//! planes of all axes are priced in two passes over the references: O(n) per node, O(n log n) for the tree.
+//! planes of all axes are evaluated in two passes over the references: O(n) per node, O(n log n) for the tree.
 //! Binning was preferred to sorted events because ramps make twice the events and because
 //! references that move do not keep one sorted order during the shutter.
 
@@ -15,31 +15,31 @@ use crate::geometry::{Box3, LinearBox3, Plane, TimeInterval};
 use crate::params::KdParams;
 use glam::{DVec3, Vec3};
 
-/// Where a primitive is.
+/// The bounds of a primitive.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     /// During the interval (the whole primitive, not only its part in the cell).
     pub whole: LinearBox3,
-    /// Its part in the node's cell at its voting time (of a Normal reference: [`Reference::home`]).
+    /// Its part in the node's cell at its representative time (see [`Reference::representative_time`]).
     pub part: Box3,
 }
 
 /// A reference of a primitive.
 pub(crate) type BoxReference = Reference<Bounds>;
 
-/// Keeps it small: it is copied at every level.
+/// It must stay small: it is copied at every level.
 const _: () = assert!(size_of::<BoxReference>() <= 88);
 
 /// Bins per axis, fewer than 256.
 const BINS: usize = 32;
 /// Candidate planes per axis: the bins' edges.
 const EDGES: usize = BINS + 1;
-/// How far beyond the outermost part a plane that cuts off empty space stands, in tree space: rays
+/// The distance of a plane that cuts off empty space from the outermost part, in tree space: rays
 /// that graze the parts then need not visit the empty side.
 const MARGIN: f32 = 1e-5;
-/// It stands no farther than this part of what all parts cover, or rays would find small things in large cells.
+/// The distance is at most this fraction of the extent of all parts, or small objects would have large cells.
 const MARGIN_OF_SIZE: f32 = 0.01;
-/// And no nearer than this part of the largest coordinate, so that no part lies in the plane.
+/// And at least this fraction of the largest coordinate, so that no part lies in the plane.
 const LEAST_MARGIN: f32 = 1e-6;
 
 /// A plane and its cost.
@@ -49,7 +49,7 @@ pub(crate) struct Split {
     pub cost: f64,
 }
 
-/// How much a reference counts.
+/// The weight of a reference.
 pub(crate) fn weight(reference: &BoxReference, params: &KdParams) -> f64 {
     if params.time_weighted { f64::from(reference.interval.duration()) } else { 1.0 }
 }
@@ -59,13 +59,13 @@ pub(crate) fn leaf_cost(weight: f64, params: &KdParams) -> f64 {
     f64::from(params.intersection_cost) * weight
 }
 
-/// The cheapest plane through a cell (given at plane time), if there is any candidate. The parts of the voters are those
-/// at the time of their interval that `voting_time` names.
+/// The cheapest plane through a cell (given at plane time), if there is any candidate. The parts of the contributing
+/// references are those at their `representative` time.
 pub(crate) fn best_split(
     references: &[BoxReference],
     cell: Box3,
     params: &KdParams,
-    voting_time: impl Fn(TimeInterval) -> f32,
+    representative: impl Fn(TimeInterval) -> f32,
 ) -> Option<Split> {
     let span = Span::of(references);
     let (low, high) = (span.low.max(cell.min), span.high.min(cell.max));
@@ -76,10 +76,10 @@ pub(crate) fn best_split(
     let mut still = [0, 1, 2].map(sweep);
     let mut moving = [0, 1, 2].map(|axis| (velocity[axis] != 0.0).then(|| sweep(axis)));
     let mut total = 0.0;
-    for r in references.iter().filter(|r| r.votes) {
+    for r in references.iter().filter(|r| r.in_sah) {
         let weight = weight(r, params);
         total += weight;
-        let Lines { lower, upper } = lines(r, voting_time(r.interval));
+        let Lines { lower, upper } = lines(r, representative(r.interval));
         let since = [r.interval.begin(), r.interval.end()].map(|t| t - params.plane_time);
         for axis in 0..3 {
             let (lower, upper) = (lower.map(|p| p[axis]), upper.map(|p| p[axis]));
@@ -105,11 +105,11 @@ pub(crate) fn best_split(
     best
 }
 
-/// What the parts of the voters cover, and how the voters move.
+/// The extent of the parts of the contributing references, and their motion.
 struct Span {
     low: Vec3,
     high: Vec3,
-    /// The sums of the ways of their middles, and of the time they live.
+    /// The sums of the displacements of their centres, and of their durations.
     way: DVec3,
     time: f64,
 }
@@ -117,7 +117,7 @@ struct Span {
 impl Span {
     fn of(references: &[BoxReference]) -> Span {
         let mut span = Span { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, way: DVec3::ZERO, time: 0.0 };
-        for r in references.iter().filter(|r| r.votes) {
+        for r in references.iter().filter(|r| r.in_sah) {
             span.low = span.low.min(r.bounds.part.min);
             span.high = span.high.max(r.bounds.part.max);
             let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
@@ -127,7 +127,7 @@ impl Span {
         span
     }
 
-    /// The mean velocity of the voters, weighted by the time they live.
+    /// The mean velocity of the references, weighted by duration.
     fn mean_velocity(&self) -> Vec3 {
         if self.time > 0.0 {
             (self.way / self.time).as_vec3().clamp(Vec3::splat(-4.0), Vec3::splat(4.0))
@@ -137,12 +137,12 @@ impl Span {
     }
 }
 
-/// The candidate planes of one axis, evenly spaced over what the parts of the references cover.
+/// The candidate planes of one axis, evenly spaced over the extent of the parts of the references.
 struct Edges {
     low: f32,
     width: f32,
     scale: f32,
-    /// How far outside the first and the last stand.
+    /// The distance of the first and the last from the extent.
     margin: f32,
 }
 
@@ -160,7 +160,7 @@ impl Edges {
         }
     }
 
-    /// The first edge beyond `x`; [`BINS`] where there is none.
+    /// The first edge beyond `x`; [`BINS`] if there is none.
     #[inline(always)]
     fn beyond(&self, x: f32) -> usize {
         // Saturates, in few instructions for a type this small: NaN is 0.
@@ -168,15 +168,15 @@ impl Edges {
     }
 }
 
-/// What changes at an edge: from there on a sum is larger by a step, and rises by a slope per unit of position. Both of
-/// the sum of times left of a plane, and of those not right of it.
+/// The change of the sums at an edge: from there on a sum is larger by a step, and rises by a slope per unit of position.
+/// There are two sums: of the times left of a plane, and of those not right of it.
 type Change = [f64; 4];
 
-/// Of which sum, as places in a [`Change`].
+/// The indices of the two sums in a [`Change`].
 const LEFT: usize = 0;
 const RIGHT: usize = 2;
 
-/// Sums over the references that planes of one axis part, all planes moving with the same velocity.
+/// Sums over the references for all planes of one axis that move with the same velocity.
 struct Sweep {
     edges: Edges,
     changes: [Change; EDGES],
@@ -218,7 +218,7 @@ impl Sweep {
         self.changes[full][SUM] += slope * from + height;
     }
 
-    /// Where the cheapest plane within a cell stands at plane time, and its cost; `total` is the weight of all references.
+    /// The position of the cheapest plane within a cell at plane time, and its cost; `total` is the weight of all references.
     fn cheapest(&self, axis: usize, cell: Box3, total: f64, params: &KdParams) -> Option<(f32, f64)> {
         match axis {
             0 => self.cheapest_along::<0>(cell, total, params),
@@ -227,7 +227,7 @@ impl Sweep {
         }
     }
 
-    /// The same for an axis known to the compiler: it does several planes at a time.
+    /// The same for an axis known at compile time, which is vectorized over planes.
     fn cheapest_along<const AXIS: usize>(&self, cell: Box3, total: f64, params: &KdParams) -> Option<(f32, f64)> {
         let mut at = [0.0f32; EDGES];
         let (mut left, mut right) = ([0.0f64; EDGES], [0.0f64; EDGES]);
@@ -274,13 +274,13 @@ struct Lines {
     upper: [Vec3; 2],
 }
 
-/// The bounds of a reference, shrunk to its part in the cell at time `voted`.
+/// The bounds of a reference, shrunk to its part in the cell at its representative time `voted`.
 #[inline(always)]
 fn lines(r: &BoxReference, voted: f32) -> Lines {
     let (begin, end) = (r.interval.begin(), r.interval.end());
     let w = if end > begin { (voted - begin) / (end - begin) } else { 0.0 };
     let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
-    // How far the part in the cell stays behind the whole primitive, at the voting time.
+    // The difference between the part in the cell and the whole primitive, at the representative time.
     let raise = r.bounds.part.min - (b.min + (e.min - b.min) * w);
     let lower = r.bounds.part.max - (b.max + (e.max - b.max) * w);
     Lines { lower: [b.min + raise, e.min + raise], upper: [b.max + lower, e.max + lower] }

@@ -1,4 +1,4 @@
-//! The same moving set once as points and once as spheres of radius zero.
+//! Comparing the same moving set as points and as spheres of radius zero.
 
 use super::kd_tree::{KdTree, KdView};
 use super::partition::{Children, References};
@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 
 const POINTS: Trajectories = Trajectories { segments: 1, segment: 0, middle: 0.5 };
 
-/// Points on their ways within the cube, every third alive for a part of the shutter, and as spheres.
+/// Points that move within the cube, every third active for a part of the shutter only, and the same as spheres.
 fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
     let mut random = Random(17);
     let ways: Vec<[Vec3; 2]> = (0..count)
@@ -37,19 +37,19 @@ fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
     let frame = spheres.frame();
     let point = |(i, way): (usize, &[Vec3; 2])| {
         let [open, close] = way.map(|p| frame.point(p.as_dvec3()).to_array());
-        PointReference { id: i as u32, interval: active(i), bounds: Trajectory { open, close }, votes: true }
+        PointReference { id: i as u32, interval: active(i), bounds: Trajectory { open, close }, in_sah: true }
     };
     (ways.iter().enumerate().map(point).collect(), spheres)
 }
 
-/// What a plane does to references: those of both children.
+/// The children of a plane, with the references distributed to them.
 fn parted<'a, M: Moving>(
-    things: &'a M,
+    objects: &'a M,
     plane: Plane,
     cell: LinearBox3,
     all: &References<M::Bounds>,
 ) -> Children<'a, M> {
-    let mut children = Children::new(things, plane, cell);
+    let mut children = Children::new(objects, plane, cell);
     all.normal.iter().for_each(|r| children.duplicate(r));
     all.bp.iter().for_each(|r| children.propagate(r, true));
     children
@@ -68,7 +68,7 @@ struct Compared {
 }
 
 impl Compared {
-    /// Hands the references of both kinds down a finished tree and compares them behind every plane.
+    /// Distributes the references of both kinds down a finished tree and compares them below every plane.
     fn descend(
         &mut self,
         tree: &KdTree,

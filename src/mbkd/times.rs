@@ -1,8 +1,8 @@
-//! Where the time of a build goes.
+//! Timing of the phases of a build.
 
 use std::time::Duration;
 
-/// Where the time of a build went, summed over threads.
+/// The times of the phases of a build, summed over threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct BuildTimes {
     pub planes: Duration,

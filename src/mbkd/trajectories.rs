@@ -1,4 +1,4 @@
-//! The build over points: planes through the median, and each point on one side of a plane at every time.
+//! The k-d build over points: planes through the median, with each point on exactly one side of a plane at every time.
 
 use super::builder::{Budget, build};
 use super::classify::Rounding;
@@ -10,7 +10,7 @@ use crate::params::usual_depth;
 use crate::progress::Progress;
 use glam::Vec3;
 
-/// Where a point is: on a straight line from one key to the next.
+/// The trajectory of a point: a straight line from one key to the next.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Trajectory {
     pub open: [f32; 3],
@@ -27,17 +27,17 @@ pub(crate) struct Trajectories {
     pub segments: usize,
     /// The segment that all trajectories belong to.
     pub segment: usize,
-    /// The time at which a point that crosses a plane decides where it is a Normal reference.
+    /// The time at which the side of a point decides where it is a Normal reference.
     pub middle: f32,
 }
 
-/// A node with at most so many references becomes a leaf: one block of lanes.
+/// A node with at most this many references becomes a leaf: one block of lanes.
 const LEAF: usize = 16;
 
 /// Builds a k-d tree with at most `references` references, from one reference for each point.
 ///
 /// It never exceeds the limits of the layout: both children of a node have references ([`Moving::worthwhile`]), so there
-/// are fewer than two nodes for each reference. Once `progress` is cancelled, what is not divided yet becomes leaves.
+/// are fewer than two nodes for each reference. Once `progress` is cancelled, the remaining nodes become leaves.
 pub(crate) fn build_kd_over_points(
     points: Trajectories,
     all: Vec<PointReference>,
@@ -63,7 +63,7 @@ impl Trajectories {
         open + (close - open) * phase
     }
 
-    /// Median velocity of the references along an axis: one that is very fast has no say in how a plane moves.
+    /// Median velocity of the references along an axis: a very fast one does not affect the velocity of a plane.
     fn median_velocity<'a>(&self, references: impl Iterator<Item = &'a PointReference>, axis: usize) -> f32 {
         let velocity = |r: &PointReference| {
             let Line { begin, end } = self.extent(r, axis).lower;
@@ -75,10 +75,10 @@ impl Trajectories {
     }
 }
 
-/// How references spread along an axis, seen from a plane that moves with them.
+/// The spread of references along an axis, relative to a plane that moves with them.
 struct Spread {
     velocity: f32,
-    /// Where each is in the middle of its interval.
+    /// The position of each in the middle of its interval.
     places: Vec<f32>,
     /// Greatest difference of places.
     width: f64,
@@ -87,12 +87,12 @@ struct Spread {
 }
 
 impl Spread {
-    /// How far apart a plane brings the references, less where it is crossed by many.
+    /// A score of a split along the axis: the width, reduced if many references cross.
     fn score(&self) -> f64 {
         if self.width > 0.0 { self.width * (self.width / (self.width + self.motion)) } else { 0.0 }
     }
 
-    /// The median; where nothing is below it, the least place above. `None` where all places are equal.
+    /// The median; if no place is below it, the least place above. `None` if all places are equal.
     fn divide(mut self) -> Option<f32> {
         let rank = self.places.len() / 2;
         let (below, &mut median, above) = self.places.select_nth_unstable_by(rank, f32::total_cmp);
@@ -155,8 +155,8 @@ impl Moving for Trajectories {
         Some(Plane { axis, position: best.divide()?, velocity })
     }
 
-    /// What crosses a plane nearly all together is better left in one leaf. What bursts from one place is not: half of it
-    /// is on the first side of a plane for a moment only.
+    /// References that nearly all cross a plane are better left in one leaf. Those of a burst from one place are not: half
+    /// of them are on the first side of a plane for a moment only.
     fn worthwhile(&self, before: usize, [left, right]: [usize; 2]) -> bool {
         left > 0 && right > 0 && 4 * (left + right) <= 7 * before
     }

@@ -1,15 +1,15 @@
 //! Closest approach: the point that comes nearest to a query that itself moves, and when.
 //!
-//! The picture to have in mind: seen from the query every point flies past on a straight line ([`super::flyby`]); a box
-//! has a lower bound of distance over the whole interval. Boxes are visited in the order of these bounds until none can
-//! beat the best point.
+//! The picture to have in mind: relative to the query every point moves along a straight line
+//! ([`super::pair_approach`]); a box has a lower bound of distance over the whole interval. Boxes are visited in the
+//! order of these bounds until none can beat the best point.
 //!
-//! A point is looked at for each segment between keys and its whole life, never for a piece of it, and so is one that stands
-//! still in a structure without keys; so the answer does not depend on the structure. Bounds are lowered by more than all
+//! A point is evaluated for each segment between keys over its whole interval, never for a part of it, and so is a static
+//! point in a structure without keys; so the answer does not depend on the structure. Bounds are lowered by more than all
 //! rounding before they cull.
 
-use super::flyby::{Together, Way};
 use super::over_interval::{Boxed, Flight};
+use super::pair_approach::{Overlap, QueryPath};
 use super::partition::Layer;
 use super::plane_tree::PlaneTree;
 use super::tree::PointTree;
@@ -28,9 +28,9 @@ use std::collections::BinaryHeap;
 pub struct Approach {
     /// The point's id.
     pub id: u32,
-    /// When it is nearest; the first such time.
+    /// The time at which it is nearest; the first such time.
     pub time: f32,
-    /// The distance at that time (not squared: the square of what passes very near is no f32 number).
+    /// The distance at that time (not squared: the square of a very small distance underflows in f32).
     pub distance: f32,
 }
 
@@ -41,43 +41,43 @@ impl Approach {
     }
 }
 
-/// A point that may be the answer, as told from distances in f64.
-struct Contender {
-    /// It comes no nearer than this.
+/// A point that may be the answer, judging by its distance in f64.
+struct Pending {
+    /// A lower bound of its distance.
     least: f64,
     flight: Flight,
-    together: Together,
+    overlap: Overlap,
 }
 
-/// What is known so far.
-struct Contest {
-    /// What comes no nearer than this is no answer.
+/// The state of a search.
+struct Search {
+    /// Points that come no nearer than this are no answers.
     most: f64,
-    /// Exact distances take long, and few of these need one in the end.
-    contenders: Vec<Contender>,
+    /// Exact distances are expensive, and few of these points need one in the end.
+    pending: Vec<Pending>,
     best: Option<Approach>,
 }
 
-/// Contenders that wait for exact distances at most.
-const WAITING: usize = 64;
+/// The largest number of points that wait for exact distances.
+const MAX_PENDING: usize = 64;
 
-impl Contest {
-    /// Takes note of a point that comes about so near, up to the slack.
-    fn enter(&mut self, way: &Way, (about, slack): (f64, f64), flight: Flight, together: Together) {
-        // What is farther by less than an ulp of f32 may be as near when rounded, and have the lower id.
+impl Search {
+    /// Adds a point whose distance is known up to the slack.
+    fn add(&mut self, path: &QueryPath, (about, slack): (f64, f64), flight: Flight, overlap: Overlap) {
+        // A point that is farther by less than an f32 ulp may be equally near when rounded, and have the lower id.
         self.most =
             self.most.min((about + slack) * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1)));
-        self.contenders.push(Contender { least: about - slack, flight, together });
-        if self.contenders.len() == WAITING {
-            self.settle(way);
+        self.pending.push(Pending { least: about - slack, flight, overlap });
+        if self.pending.len() == MAX_PENDING {
+            self.resolve(path);
         }
     }
 
-    /// Exact distances for those that may still be the answer.
-    fn settle(&mut self, way: &Way) {
-        for Contender { least, flight, together } in self.contenders.drain(..) {
+    /// Computes exact distances for the pending points that may still be the answer.
+    fn resolve(&mut self, path: &QueryPath) {
+        for Pending { least, flight, overlap } in self.pending.drain(..) {
             if least <= self.most {
-                let (time, distance) = together.closest(way, &flight);
+                let (time, distance) = overlap.closest(path, &flight);
                 let found = Approach { id: flight.id, time, distance };
                 if self.best.is_none_or(|best| found.key() < best.key()) {
                     self.best = Some(found);
@@ -87,9 +87,9 @@ impl Contest {
     }
 }
 
-/// [`Way::bounds`] of a node, compiled for an instruction set.
+/// [`QueryPath::bounds`] of a node, compiled for an instruction set.
 struct Bounds<'a, T> {
-    way: &'a Way,
+    path: &'a QueryPath,
     tree: &'a T,
     node: usize,
 }
@@ -98,44 +98,45 @@ impl<T: Boxed> Kernel for Bounds<'_, T> {
     type Output = Lanes<f64>;
     #[inline(always)]
     fn run<S: Simd>(self, _: S) -> Lanes<f64> {
-        self.way.bounds(self.tree, self.node)
+        self.path.bounds(self.tree, self.node)
     }
 }
 
-/// The greater; one instruction, which takes no care of NaN.
+/// The maximum, in one instruction, without regard to NaN.
 #[inline(always)]
-fn greater(a: f64, b: f64) -> f64 {
+fn max(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
-/// The lesser, likewise.
+/// The minimum, likewise.
 #[inline(always)]
-fn lesser(a: f64, b: f64) -> f64 {
+fn min(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
-/// Whether a lower bound of squared distances, which has slack for its own rounding, rules out anything better.
+/// Whether a lower bound of squared distances, which has slack for its own rounding, excludes better answers.
 #[inline(always)]
-fn worse(bound: f64, contest: &Contest) -> bool {
-    bound > contest.most * contest.most
+fn is_beyond(bound: f64, search: &Search) -> bool {
+    bound > search.most * search.most
 }
 
-/// Equal parts of an interval over which a box is bounded one by one.
+/// Number of equal steps of an interval over which a box is bounded separately.
 const STEPS: usize = 4;
 
-impl Way {
-    /// Where the query is at a time.
+impl QueryPath {
+    /// The position of the query at a time.
     fn at(&self, time: f64) -> DVec3 {
         let length = self.times[1] - self.times[0];
         let w = if length > 0.0 { (time - self.times[0]) / length } else { 0.0 };
         self.from + (self.to - self.from) * w
     }
 
-    /// Squared distances that no point of each lane's box falls below during the interval; NaN where nothing counts.
+    /// Lower bounds of the squared distances to the points in each lane's box during the interval; NaN if nothing is
+    /// active.
     ///
     /// Over each step both the box and the query move linearly, so the gap along an axis is least at an
     /// end of the step. The slack covers f64 rounding and that of f32 phases (2^-23 of all segments).
-    /// (Plain loops over lanes, which the compiler makes vectors of, with the same bits on every instruction set.)
+    /// (Plain loops over lanes, which the compiler vectorizes, with the same bits on every instruction set.)
     #[inline(always)]
     fn bounds<T: Boxed>(&self, tree: &T, node: usize) -> Lanes<f64> {
         let (keys, segment, part) = tree.part();
@@ -145,8 +146,8 @@ impl Way {
         let first = self.times[0].max(part[0]);
         let last = self.times[1].min(part[1]);
         for lane in 0..LANES {
-            begin[lane] = greater(begin[lane], first);
-            end[lane] = lesser(end[lane], last);
+            begin[lane] = max(begin[lane], first);
+            end[lane] = min(end[lane], last);
         }
         let length = self.times[1] - self.times[0];
         let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
@@ -160,15 +161,15 @@ impl Way {
             for lane in 0..LANES {
                 let time = begin[lane] + (end[lane] - begin[lane]) * fraction;
                 passed[lane] = (time - self.times[0]) * rate;
-                phase[lane] = lesser(greater(time * segments - segment as f64, 0.0), 1.0);
+                phase[lane] = min(max(time * segments - segment as f64, 0.0), 1.0);
             }
             let [lo, hi] = tree.faces(node, &phase);
             let (mut at, mut size) = ([[0.0; LANES]; 3], [0.0; LANES]);
             for axis in 0..3 {
                 for lane in 0..LANES {
                     at[axis][lane] = from[axis] + way[axis] * passed[lane];
-                    let faces = greater(lo[axis][lane].abs(), hi[axis][lane].abs());
-                    size[lane] = greater(size[lane], greater(faces, at[axis][lane].abs()));
+                    let faces = max(lo[axis][lane].abs(), hi[axis][lane].abs());
+                    size[lane] = max(size[lane], max(faces, at[axis][lane].abs()));
                 }
             }
             let mut square = [0.0; LANES];
@@ -177,42 +178,42 @@ impl Way {
                     let slack = size[lane] * (segments * of_segment + of_size) + most * of_size;
                     let low = lo[axis][lane] - at[axis][lane] - slack;
                     let high = at[axis][lane] - hi[axis][lane] - slack;
-                    let below = lesser(low_before[axis][lane], low);
-                    let above = lesser(high_before[axis][lane], high);
-                    let outside = greater(greater(below, above), 0.0);
+                    let below = min(low_before[axis][lane], low);
+                    let above = min(high_before[axis][lane], high);
+                    let outside = max(max(below, above), 0.0);
                     square[lane] += outside * outside;
                     (low_before[axis][lane], high_before[axis][lane]) = (low, high);
                 }
             }
             if step > 0 {
                 for lane in 0..LANES {
-                    least[lane] = lesser(square[lane], least[lane]);
+                    least[lane] = min(square[lane], least[lane]);
                 }
             }
         }
         core::array::from_fn(|lane| if begin[lane] <= end[lane] { least[lane] } else { f64::NAN })
     }
 
-    /// Enters the points of a tree into the contest.
-    fn search<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+    /// Searches a tree of boxes.
+    fn search_boxes<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let (keys, segment, _) = tree.part();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
         let (top, root) = tree.top();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
         while let Some(Reverse((bits, level, node))) = open.pop() {
-            if worse(f64::from_bits(bits), contest) {
+            if is_beyond(f64::from_bits(bits), search) {
                 return;
             }
             let (first, stride) = tree.behind(level, node);
-            let bounds = dispatch(simd, Bounds { way: self, tree, node });
-            // Nearest leaves first: the others then seldom need a look.
+            let bounds = dispatch(simd, Bounds { path: self, tree, node });
+            // Nearest leaves first: the others are then seldom visited.
             let mut lanes: [usize; LANES] = core::array::from_fn(|lane| lane);
             if level == 0 {
                 lanes.sort_unstable_by_key(|&lane| bounds[lane].to_bits());
             }
             for lane in lanes {
                 let bound = bounds[lane];
-                if bound.is_nan() || worse(bound, contest) {
+                if bound.is_nan() || is_beyond(bound, search) {
                     continue;
                 }
                 let child = first + lane * stride;
@@ -222,21 +223,21 @@ impl Way {
                 }
                 for flight in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
                     let Some(flight) = tree.flight(flight.0, flight.1) else { continue };
-                    self.enter(flight, segments.clone(), keep, contest);
+                    self.visit_point(flight, segments.clone(), keep, search);
                 }
             }
         }
     }
 
-    /// The segments between keys that the interval meets, if only in an end.
+    /// The segments between keys that the interval overlaps, if only at an end.
     fn segments(&self) -> Range<usize> {
         let segments = self.keys.max(2) - 1;
         let [first, last] = self.times.map(|time| time * segments as f64);
         (first.ceil() as usize).saturating_sub(1)..(last as usize + 1).min(segments)
     }
 
-    /// Enters the points of a k-d tree: both sides of each plane, the nearer one first.
-    fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+    /// Searches a k-d tree: both sides of each plane, the nearer one first.
+    fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let part = tree.part();
         let first = self.times[0].max(part.interval.begin().into());
         let last = self.times[1].min(part.interval.end().into());
@@ -245,9 +246,9 @@ impl Way {
         }
         let times: [f64; STEPS + 1] = core::array::from_fn(|i| first + (last - first) * (i as f64 / STEPS as f64));
         let query = times.map(|time| self.at(time).to_array());
-        let mut open = vec![Beyond { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
-        while let Some(Beyond { node, distance, gaps }) = open.pop() {
-            if worse(distance, contest) {
+        let mut open = vec![Entry { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
+        while let Some(Entry { node, distance, gaps }) = open.pop() {
+            if is_beyond(distance, search) {
                 continue;
             }
             match tree.node(node) {
@@ -255,7 +256,7 @@ impl Way {
                     let blocks = first as usize..(first + count) as usize;
                     for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
                         let Some(flight) = tree.flight(block, lane) else { continue };
-                        self.enter(flight, part.segment..part.segment + 1, keep, contest);
+                        self.visit_point(flight, part.segment..part.segment + 1, keep, search);
                     }
                 }
                 KdView::Inner { plane, right } => {
@@ -268,11 +269,11 @@ impl Way {
                         let gap = |i: usize| sign * (at[i] - query[i][axis]) - slack;
                         for (step, least) in gaps[axis].iter_mut().enumerate() {
                             // Linear over the step, so it is least at an end.
-                            *least = greater(*least, lesser(gap(step), gap(step + 1)));
+                            *least = max(*least, min(gap(step), gap(step + 1)));
                         }
                         let square = |step: usize| gaps.iter().map(|g| g[step] * g[step]).sum::<f64>();
                         let least = (0..STEPS).map(square).fold(f64::INFINITY, f64::min);
-                        Beyond { node, distance: least * (1.0 - 1e-12), gaps }
+                        Entry { node, distance: least * (1.0 - 1e-12), gaps }
                     };
                     let (below, above) = (child(node + 1, -1.0), child(right, 1.0));
                     let above_first = above.distance < below.distance;
@@ -282,37 +283,37 @@ impl Way {
         }
     }
 
-    /// Enters a point that may be the answer, in some segments between keys.
-    fn enter(&self, flight: Flight, segments: Range<usize>, keep: &impl Fn(u32) -> bool, contest: &mut Contest) {
+    /// Evaluates a point in some segments between keys.
+    fn visit_point(&self, flight: Flight, segments: Range<usize>, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         for segment in segments {
-            let Some(together) = Together::new(self, &flight, segment) else { continue };
-            let (about, slack) = together.about(self, &flight);
-            if about - slack <= contest.most && keep(flight.id) {
-                contest.enter(self, (about, slack), flight, together);
+            let Some(overlap) = Overlap::new(self, &flight, segment) else { continue };
+            let (about, slack) = overlap.estimate(self, &flight);
+            if about - slack <= search.most && keep(flight.id) {
+                search.add(self, (about, slack), flight, overlap);
             }
         }
     }
 }
 
-/// A subtree of a k-d tree still to be visited.
+/// A subtree of a k-d tree on the stack.
 #[derive(Clone, Copy)]
-struct Beyond {
+struct Entry {
     node: u32,
-    /// Squared distance that no point in it falls below.
+    /// A lower bound of the squared distances of its points.
     distance: f64,
-    /// How far the query is outside of it over each step, per axis, at least.
+    /// Lower bounds of the distances of the query from the subtree over each step, per axis.
     gaps: [[f64; STEPS]; 3],
 }
 
 impl PointTree {
-    /// The point that comes nearest to a query moving on a straight way from `from` at the begin of
+    /// The point that comes nearest to a query that moves on a straight line from `from` at the begin of
     /// `interval` to `to` at its end, and when.
     ///
-    /// Times are continuous here and lives count with both ends, because the nearest moment may be the
-    /// last. (A life that ends with the float beside a key which is none ends with the key.) Each point has a nearest moment in each
+    /// Times are continuous here and active intervals include both ends, because the nearest moment may be the
+    /// last. (An interval that ends with the float next to a key which is no float ends with the key.) Each point has a nearest moment in each
     /// segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the lower id. The distance is the
     /// exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the largest coordinate; so is the time. Finds nothing
-    /// for ways that are not finite or farther from the origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16
+    /// for positions that are not finite or farther from the origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16
     /// microseconds among points that move little, some dozen where they cross far.
     ///
     /// ```
@@ -344,22 +345,24 @@ impl PointTree {
         }
         let times = [interval.begin().into(), interval.end().into()];
         let keys = self.keys();
-        let exact = Way { from: from.wide(), to: to.wide(), times, keys };
-        let way = Way { from: relative[0], to: relative[1], times, keys };
+        let exact = QueryPath { from: from.wide(), to: to.wide(), times, keys };
+        let path = QueryPath { from: relative[0], to: relative[1], times, keys };
         // All positions are f64 ones, or all are f32 ones.
-        let way = if self.precise.is_empty() { way } else { exact };
-        let mut contest = Contest { most: f64::INFINITY, contenders: Vec::new(), best: None };
+        let path = if self.precise.is_empty() { path } else { exact };
+        let mut search = Search { most: f64::INFINITY, pending: Vec::new(), best: None };
         for layer in &self.layers {
             match layer {
-                Layer::Still(tree) => way.search(self.simd, tree, &keep, &mut contest),
-                Layer::Moving(parts) => parts.iter().for_each(|tree| way.search(self.simd, tree, &keep, &mut contest)),
-                Layer::Planes(parts) => parts.iter().for_each(|tree| way.search_planes(tree, &keep, &mut contest)),
+                Layer::Still(tree) => path.search_boxes(self.simd, tree, &keep, &mut search),
+                Layer::Moving(parts) => {
+                    parts.iter().for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search))
+                }
+                Layer::Planes(parts) => parts.iter().for_each(|tree| path.search_planes(tree, &keep, &mut search)),
             }
         }
         for tree in self.precise.iter().flat_map(|layer| &layer.parts) {
-            way.search(self.simd, tree, &keep, &mut contest);
+            path.search_boxes(self.simd, tree, &keep, &mut search);
         }
-        contest.settle(&way);
-        contest.best
+        search.resolve(&path);
+        search.best
     }
 }

@@ -1,8 +1,9 @@
-//! Building what costs least.
+//! The automatic choice of a structure, and its build.
 //!
-//! Samples say which structure that is ([`super::choose`]), as far as they can: of what comes from far they see little, so a structure
-//! may turn out to cost more. So the tree over one part of the shutter is built, searches in it are counted, and if parts half as long
-//! promise to cost less, one of those is built, too. What is built of the structure that remains is used.
+//! Samples give a first choice ([`super::choose`]), but they hardly see points that come from far away, so a structure
+//! may turn out to cost more. So the tree over one part of the shutter is built, and the work of searches in it is
+//! counted; if parts half as long promise to cost less, one of those is built as well. The trees of the structure that
+//! is finally chosen are reused.
 
 use super::build::{Plan, Source, middle_segment, parts};
 use super::choose::{Trial, Trials, references_of};
@@ -14,7 +15,7 @@ use crate::progress::Progress;
 use crate::simd::SimdLevel;
 use crate::tuning::points::{GAIN, PROMISE};
 
-/// A layer, and why it is as it is.
+/// A layer, and the reason for its plan.
 pub(super) struct Chosen {
     pub(super) layer: Layer,
     pub(super) plan: Plan,
@@ -23,7 +24,7 @@ pub(super) struct Chosen {
     pub(super) why: String,
 }
 
-/// The layers of some points of a set, at least one, with at most so many references for each point.
+/// The layers of some points of a set, at least one, with at most `max_references` per point.
 pub(super) fn moving_layers(
     source: &Source,
     points: &[u32],
@@ -34,24 +35,27 @@ pub(super) fn moving_layers(
     let mut trials = Trials::new(source, points, max_references, simd);
     let best = trials.best(true);
     let why = explain(&trials.all, &best);
-    let (fast, slow) = if best.fast.is_some() { divided(source, points) } else { (Vec::new(), Vec::new()) };
-    let apart = best.fast.map(|plan| Apart::new(source, (&slow, best.plan), (&fast, plan), &trials, progress));
-    let apart = match apart {
-        Some(apart) if apart.cost * PROMISE <= trials.best(false).cost => return apart.finish(why, progress),
+    let (fast, slow) = if best.fast.is_some() { split_fast(source, points) } else { (Vec::new(), Vec::new()) };
+    let separated = best.fast.map(|plan| Separated::new(source, (&slow, best.plan), (&fast, plan), &trials, progress));
+    let separated = match separated {
+        Some(separated) if separated.cost * PROMISE <= trials.best(false).cost => {
+            return separated.finish(why, progress);
+        }
         other => other,
     };
-    let (whole, cost, measured) = for_all(source, points, &mut trials, progress);
-    match apart {
-        Some(apart) if apart.cost * GAIN <= cost => apart.finish(why, progress),
-        Some(apart) => {
-            let why = format!("{why}; {measured}, fast points apart in {} {:.1}", name(apart.fast.plan), apart.cost);
+    let (whole, cost, measured) = one_layer(source, points, &mut trials, progress);
+    match separated {
+        Some(separated) if separated.cost * GAIN <= cost => separated.finish(why, progress),
+        Some(separated) => {
+            let why =
+                format!("{why}; {measured}, fast points apart in {} {:.1}", name(separated.fast.plan), separated.cost);
             vec![whole.finish(why, progress)]
         }
         None => vec![whole.finish(format!("{why}; {measured}"), progress)],
     }
 }
 
-/// The plan of a layer for all of some points, at least one, and why it is that.
+/// The plan of one layer for some points, at least one, and the reason for it.
 pub(super) fn plan_for_all(
     source: &Source,
     points: &[u32],
@@ -61,34 +65,34 @@ pub(super) fn plan_for_all(
 ) -> (Plan, String) {
     let mut trials = Trials::new(source, points, max_references, simd);
     let why = explain(&trials.all, &trials.best(false));
-    let (whole, _, measured) = for_all(source, points, &mut trials, progress);
+    let (whole, _, measured) = one_layer(source, points, &mut trials, progress);
     (whole.plan, format!("{why}; {measured}"))
 }
 
-/// Begins the layer for all that costs least; what that is, and what was measured.
-fn for_all<'a>(
+/// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements.
+fn one_layer<'a>(
     source: &'a Source,
     points: &'a [u32],
     trials: &mut Trials,
     progress: &Progress,
-) -> (Begun<'a>, f64, String) {
-    let mut begun = Begun::new(source, points, trials.best(false).plan, progress);
-    let mut cost = begun.cost(trials);
-    let mut measured = vec![format!("in the set itself {} {cost:.1}", name(begun.plan))];
-    while !progress.cancelled() && trials.finer(begun.plan).is_some_and(|finer| finer < cost * PROMISE) {
-        let next = Begun::new(source, points, Plan::Boxes(2 * begun.plan.parts()), progress);
+) -> (PartialLayer<'a>, f64, String) {
+    let mut layer = PartialLayer::new(source, points, trials.best(false).plan, progress);
+    let mut cost = layer.cost(trials);
+    let mut measured = vec![format!("in the set itself {} {cost:.1}", name(layer.plan))];
+    while !progress.cancelled() && trials.finer(layer.plan).is_some_and(|finer| finer < cost * PROMISE) {
+        let next = PartialLayer::new(source, points, Plan::Boxes(2 * layer.plan.parts()), progress);
         let of_next = next.cost(trials);
         measured.push(format!("{} {of_next:.1}", name(next.plan)));
         if of_next >= cost * GAIN {
             break;
         }
-        (begun, cost) = (next, of_next);
+        (layer, cost) = (next, of_next);
     }
-    (begun, cost, measured.join(", "))
+    (layer, cost, measured.join(", "))
 }
 
-/// The points that move fast, and the others.
-fn divided(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
+/// The fast points, and the others.
+fn split_fast(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let part = parts(source.keys, 1)[middle_segment(source.keys)];
     let mut movers = source.movers(&part, points.iter().map(|&i| i as usize), |i| i as u32);
     mark_fast(&mut movers, &part, part.middle_phase());
@@ -98,29 +102,29 @@ fn divided(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
 }
 
 /// Two layers, one of them for the fast points.
-struct Apart<'a> {
-    slow: Begun<'a>,
-    fast: Begun<'a>,
+struct Separated<'a> {
+    slow: PartialLayer<'a>,
+    fast: PartialLayer<'a>,
     cost: f64,
 }
 
-impl<'a> Apart<'a> {
+impl<'a> Separated<'a> {
     fn new(
         source: &'a Source,
         (slow, of_slow): (&'a [u32], Plan),
         (fast, of_fast): (&'a [u32], Plan),
         trials: &Trials,
         progress: &Progress,
-    ) -> Apart<'a> {
-        let slow = Begun::new(source, slow, of_slow, progress);
+    ) -> Separated<'a> {
+        let slow = PartialLayer::new(source, slow, of_slow, progress);
         let begin = |plan: Plan| {
-            let fast = Begun::new(source, fast, plan, progress);
+            let fast = PartialLayer::new(source, fast, plan, progress);
             let references = slow.references() + fast.references();
             let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.part());
             (fast, cost)
         };
         let (mut fast, mut cost) = begin(of_fast);
-        // Trees over the few are soon built.
+        // Trees over a few points are built quickly.
         while !progress.cancelled() && trials.affordable(2 * fast.plan.parts()) {
             let finer = begin(Plan::Boxes(2 * fast.plan.parts()));
             if finer.1 >= cost * GAIN {
@@ -128,13 +132,13 @@ impl<'a> Apart<'a> {
             }
             (fast, cost) = finer;
         }
-        Apart { slow, fast, cost }
+        Separated { slow, fast, cost }
     }
 
     fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {
-        let Apart { slow, fast, cost } = self;
+        let Separated { slow, fast, cost } = self;
         let all = (slow.points.len() + fast.points.len()) as f64;
-        let share = |of: &Begun| progress.part(of.points.len() as f64 / all);
+        let share = |of: &PartialLayer| progress.part(of.points.len() as f64 / all);
         let (of_slow, of_fast) = (share(&slow), share(&fast));
         let why = format!("{why}; in the set itself fast points apart in {} {cost:.1}", name(fast.plan));
         let slow = slow.finish(why, &of_slow);
@@ -142,25 +146,25 @@ impl<'a> Apart<'a> {
     }
 }
 
-/// A layer of which there is one tree.
-struct Begun<'a> {
+/// A layer of which one tree is built.
+struct PartialLayer<'a> {
     source: &'a Source,
     points: &'a [u32],
     plan: Plan,
     parts: Vec<Part>,
-    /// The part that the tree is for.
+    /// The part of the shutter of that tree.
     at: usize,
     tree: Layer,
 }
 
-impl<'a> Begun<'a> {
+impl<'a> PartialLayer<'a> {
     /// Builds the tree for a part in the middle.
-    fn new(source: &'a Source, points: &'a [u32], plan: Plan, progress: &Progress) -> Begun<'a> {
+    fn new(source: &'a Source, points: &'a [u32], plan: Plan, progress: &Progress) -> PartialLayer<'a> {
         let parts = parts(source.keys, plan.parts());
         let at = parts.len() / 2;
-        // It counts once it is known whether it is used.
+        // Counted as progress once it is known whether it is used.
         let tree = Layer::Moving(vec![tree(source, points, &parts[at], &progress.part(0.0))]);
-        Begun { source, points, plan, parts, at, tree }
+        PartialLayer { source, points, plan, parts, at, tree }
     }
 
     fn part(&self) -> &Part {
@@ -206,7 +210,7 @@ fn name(plan: Plan) -> String {
     }
 }
 
-/// What was tried, in words.
+/// A description of the trials.
 fn explain(trials: &[Trial], best: &Trial) -> String {
     let name = |trial: &Trial| match trial.fast {
         Some(fast) => format!("fast points apart in {}", name(fast)),

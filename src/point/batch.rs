@@ -1,8 +1,7 @@
-//! Many queries at once: in parallel, neighbours in space one after the other, results in the caller's
-//! order.
+//! Batches of queries: in parallel, in an order that is coherent in space, results in the caller's order.
 //!
-//! Queries are sorted along a Morton curve, so that one finds in the cache what the last one read (not where the
-//! cache holds the whole tree anyway), and cut into runs for the threads. Each query is answered on its own, so
+//! Queries are sorted along a Morton curve, so that each finds in the cache what the one before has read (unless the
+//! cache holds the whole tree anyway), and divided into runs for the threads. Each query is answered on its own, so
 //! neither the order nor the number of threads can change an answer.
 
 use super::neighbor::Neighbor;
@@ -43,7 +42,7 @@ impl NeighborLists {
         self.len() == 0
     }
 
-    /// The neighbours of a query. Panics where `query` is not less than [`NeighborLists::len`].
+    /// The neighbours of a query. Panics if `query` is not less than [`NeighborLists::len`].
     pub fn get(&self, query: usize) -> &[Neighbor] {
         &self.neighbors[self.begin[query]..self.begin[query + 1]]
     }
@@ -54,7 +53,7 @@ impl NeighborLists {
     }
 }
 
-/// Queries that one thread answers in a row.
+/// Number of queries that one thread answers in a row.
 pub(super) const RUN: usize = 512;
 
 impl PointTree {
@@ -64,7 +63,7 @@ impl PointTree {
     }
 
     /// The nearest point of each query among those whose id the predicate accepts for it, as
-    /// [`NeighborQuery::filter`] gives it. `accept` gets the place of the query in `queries` and an id; it must be pure, and is
+    /// [`NeighborQuery::filter`] gives it. `accept` gets the index of the query in `queries` and an id; it must be pure, and is
     /// called from any thread.
     ///
     /// ```
@@ -157,7 +156,7 @@ impl PointTree {
             }
             run
         });
-        // Where each query's list is: its run, and its place there.
+        // Where each query's list is: its run, and its offset in it.
         let mut begin = vec![0; queries.len() + 1];
         let mut source = vec![(0u32, 0usize); queries.len()];
         for (number, (places, run)) in order.chunks(RUN).zip(&runs).enumerate() {
@@ -178,7 +177,7 @@ impl PointTree {
         NeighborLists { begin, neighbors }
     }
 
-    /// The order in which queries are answered. In a tree that fits a near cache any order will do.
+    /// The order in which queries are answered. For a tree that fits a near cache any order will do.
     fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
         if self.statistics().bytes() <= NEAR {
             return (0..queries.len()).collect();
@@ -188,7 +187,7 @@ impl PointTree {
     }
 }
 
-/// Answers runs of the order, in parallel; the results in the order of the runs.
+/// Answers the runs of an order in parallel; returns the results in the order of the runs.
 pub(super) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
     #[cfg(feature = "rayon")]
     {
@@ -199,7 +198,7 @@ pub(super) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Se
     order.chunks(RUN).map(one).collect()
 }
 
-/// What is done with one query of a batch, told by its place: its results are appended.
+/// Answers one query of a batch, given its index, and appends the results.
 trait Answer: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync {}
 impl<F: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync> Answer for F {}
 
@@ -210,19 +209,19 @@ struct Run {
     ends: Vec<usize>,
 }
 
-/// The indices of places along a Morton curve.
+/// The indices of positions in the order of a Morton curve.
 pub(super) fn morton_order(places: &[Vec3]) -> Vec<usize> {
     let finite = places.iter().copied().filter(|p| p.is_finite());
     let (lo, hi) = finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
     let cells = (1u32 << 21) as f32;
     let scale = (cells - 1.0) / (hi - lo).max(Vec3::splat(f32::MIN_POSITIVE));
     let code = |p: Vec3| {
-        // Casts saturate, and NaN becomes 0: any place has a code.
+        // Casts saturate, and NaN becomes 0: every position has a code.
         let cell = (p - lo) * scale;
         morton_code([cell.x as u32, cell.y as u32, cell.z as u32])
     };
-    // Index and code in one integer, which is sorted in a third of the time of a pair: the index takes the place of the
-    // lowest bits of the code, as many as it needs.
+    // Index and code in one integer, which sorts in a third of the time of a pair: the index replaces as many of the
+    // lowest bits of the code as it needs.
     let low = (1u64 << (usize::BITS - places.len().leading_zeros())) - 1;
     let mut order: Vec<u64> = (0..).zip(places).map(|(index, &p)| (code(p) & !low) | index).collect();
     order.sort_unstable();

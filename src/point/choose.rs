@@ -1,8 +1,8 @@
 //! Choosing a structure by its cost: small builds, sample queries, counted work.
 //!
-//! What pays depends on how far points move relative to their neighbours, on how many do, and on how
-//! long they live; no formula over these was as good as trying. So samples of the set are built
-//! in each structure that comes into question, and a few hundred searches among them are counted in
+//! The best structure depends on how far points move relative to their neighbours, on how many do, and on how
+//! long they exist; no formula over these was as good as trials. So samples of the set are built
+//! in each candidate structure, and the work of a few hundred searches among them is counted in
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
 use super::build::{Plan, Source, parts_of};
@@ -20,34 +20,34 @@ use crate::simd::{Item, Lanes, Mask, SimdLevel};
 use crate::tuning::points::{BLOCK_PRICE, COLD, GAIN, HALF_COLD, REFERENCE_BYTES, SEARCHED, SEARCHES};
 use glam::Vec3;
 
-/// What was tried and what it costs per search, in node visits of a small tree.
+/// A structure that was tried, and its cost per search, in node visits of a small tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Trial {
     pub(super) plan: Plan,
-    /// Plan of the fast points where they have a layer of their own.
+    /// Plan of the fast points if they have a layer of their own.
     pub(super) fast: Option<Plan>,
     pub(super) cost: f64,
-    /// References of the sampled points: what it takes in memory.
+    /// References of the sampled points: a measure of its memory.
     references: usize,
 }
 
-/// Structures for some points of a set, tried in samples.
+/// Trials of structures for some points of a set, on samples.
 pub(super) struct Trials<'a> {
     source: &'a Source,
     points: &'a [u32],
-    /// References that are allowed for each point.
+    /// The allowed number of references per point.
     most: f32,
     simd: SimdLevel,
     sampler: Sampler<'a>,
     pub(super) all: Vec<Trial>,
 }
 
-/// Most parts of a segment.
+/// The largest number of parts of a segment.
 const FINEST: usize = 32;
 
 impl<'a> Trials<'a> {
-    /// Tries finer and finer parts for all of at least one point, and for the fast ones if they are few, until twice finer does not
-    /// help any more.
+    /// Tries finer and finer parts for all points (at least one), and for the fast ones alone if they are few, until
+    /// halving the parts does not help any more.
     pub(super) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
         let mut trials = Trials { source, points, most, simd, sampler: Sampler::new(source, points), all: Vec::new() };
         let simple = Plan::Boxes(1);
@@ -71,8 +71,8 @@ impl<'a> Trials<'a> {
         trials
     }
 
-    /// Of those that cost about the least, the smallest; of equally small ones the first, the simplest. If fast points are not to
-    /// have a layer of their own, of those with one for all.
+    /// The smallest structure among those of about the least cost; of equally small ones the first, which is the
+    /// simplest. Unless `apart`, only structures with one layer for all points are considered.
     pub(super) fn best(&self, apart: bool) -> Trial {
         let all = || self.all.iter().filter(|trial| apart || trial.fast.is_none());
         let least = all().map(|trial| trial.cost).fold(f64::INFINITY, f64::min);
@@ -80,7 +80,7 @@ impl<'a> Trials<'a> {
         *cheap.min_by_key(|trial| trial.references).unwrap_or(&self.all[0])
     }
 
-    /// What parts half as long cost, if they may be made.
+    /// The cost with parts half as long, if these are affordable.
     pub(super) fn finer(&mut self, plan: Plan) -> Option<f64> {
         let plan = Plan::Boxes(2 * plan.parts());
         if let Some(trial) = self.all.iter().find(|trial| (trial.plan, trial.fast) == (plan, None)) {
@@ -89,7 +89,8 @@ impl<'a> Trials<'a> {
         self.affordable(plan.parts()).then(|| self.add(&self.sampler.samples(plan.parts(), false), plan, None))
     }
 
-    /// What layers over all points cost, of which there is the tree for a part of the shutter, and which have so many references in all.
+    /// The cost of layers over all points with this many references in all, measured in their trees for one part of the
+    /// shutter.
     pub(super) fn measured(&self, layers: &[&Layer], references: usize, part: &Part) -> f64 {
         let later = (part.segment + 1).min(part.keys - 1);
         let ends = |i: usize| {
@@ -100,25 +101,25 @@ impl<'a> Trials<'a> {
         priced(visited(layers, part, &points, self.simd), references)
     }
 
-    /// Tries a structure; what it costs. Where nobody lives during a sample's part of the shutter, it says nothing.
+    /// Tries a structure and returns its cost. Samples without active points in their part of the shutter are skipped.
     fn add(&mut self, samples: &[Sample], plan: Plan, fast: Option<Plan>) -> f64 {
-        let lively = samples.iter().filter(|sample| !sample.movers.is_empty());
-        let count = lively.clone().count().max(1);
+        let non_empty = samples.iter().filter(|sample| !sample.movers.is_empty());
+        let count = non_empty.clone().count().max(1);
         let searches = self.searches().div_ceil(count);
-        let all = lively.map(|s| work(s, searches, (plan, fast), self.simd));
+        let all = non_empty.map(|s| work(s, searches, (plan, fast), self.simd));
         let (cost, references) = all.fold((0.0, 0), |sum, (cost, n)| (sum.0 + cost, sum.1 + n));
         let cost = cost / count as f64;
         self.all.push(Trial { plan, fast, cost, references });
         cost
     }
 
-    /// Searches by which a structure is tried.
+    /// The number of searches of a trial.
     fn searches(&self) -> usize {
         let [least, most] = SEARCHES;
         (self.points.len() / SEARCHED).clamp(least, most)
     }
 
-    /// Whether there may be so many parts in a segment.
+    /// Whether a segment may have this many parts.
     pub(super) fn affordable(&self, parts: usize) -> bool {
         let all = || references_of(self.source, self.points, parts) as f64;
         let within = || all() <= f64::from(self.most) * self.points.len() as f64;
@@ -126,12 +127,12 @@ impl<'a> Trials<'a> {
     }
 }
 
-/// References of points in so many parts.
+/// The number of references of points with this many parts.
 pub(super) fn references_of(source: &Source, points: &[u32], parts: usize) -> usize {
     points.iter().map(|&i| references(source.alive(i as usize), parts, source.keys)).sum()
 }
 
-/// In how many trees of a segment a point counts.
+/// The number of trees of a segment in which a point is active.
 fn references(life: TimeInterval, parts: usize, keys: usize) -> usize {
     if keys > 2 {
         return parts;
@@ -140,13 +141,13 @@ fn references(life: TimeInterval, parts: usize, keys: usize) -> usize {
     at(life.end()) - at(life.begin()) + 1
 }
 
-/// What a search costs that visits so many nodes, blocks priced as such, where there are so many references.
+/// The cost of a search from the weighted number of visited nodes and blocks, and the number of references.
 fn priced(visited: f64, references: usize) -> f64 {
     let bytes = references as f64 * REFERENCE_BYTES;
     COLD * bytes / (bytes + HALF_COLD) + visited
 }
 
-/// Counted and priced work of searches during the part of the shutter that a sample stands for, and the references it takes.
+/// The weighted work of searches during the part of the shutter that a sample represents, and its references.
 fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> (f64, usize) {
     let Sample { movers, part, scale } = sample;
     let Part { keys, segment, interval, .. } = part;
@@ -168,22 +169,22 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
         None => vec![group(plan, &|_| true)],
     };
     let layers: Vec<&Layer> = groups.iter().map(|(layer, _)| layer).collect();
-    let points: Vec<_> = core(movers, part, searches).into_iter().map(|m| [m.open, m.close]).collect();
+    let points: Vec<_> = central(movers, part, searches).into_iter().map(|m| [m.open, m.close]).collect();
     let references: usize = groups.iter().map(|(_, references)| references).sum();
     let all = (references as f64 * scale) as usize;
-    // The whole set takes a higher tree, of which searches visit a node more on each level.
+    // The tree of the whole set is higher, and searches visit one more node on each further level.
     let higher = [movers.len(), (movers.len() as f64 * scale) as usize].map(|count| Shape::with_leaf(count, 1).levels);
     let higher = higher[1].saturating_sub(higher[0]) as f64;
     (priced(visited(&layers, part, &points, simd) + higher, all), references)
 }
 
-/// Nodes, and blocks priced as such, that a search for eight neighbours visits in layers; of searches from points between their keys, at
-/// times in a part of the shutter.
+/// The weighted number of nodes and blocks that a search for eight neighbours visits in layers, averaged over searches
+/// at points between their keys, at times in a part of the shutter.
 fn visited(layers: &[&Layer], part: &Part, points: &[[[f32; 3]; 2]], simd: SimdLevel) -> f64 {
     let mut candidates = Candidates::default();
     let mut total = 0.0;
     for (i, ends) in points.iter().enumerate() {
-        // Times in an order that has nothing to do with the places.
+        // Times in an order that is independent of the positions.
         let fraction = ((i * 89) % points.len()) as f32 / points.len() as f32;
         let time = part.interval.begin() + part.interval.duration() * fraction;
         let layers: Vec<_> = layers.iter().map(|layer| (core::slice::from_ref(*layer), time)).collect();
@@ -198,9 +199,9 @@ fn visited(layers: &[&Layer], part: &Part, points: &[[[f32; 3]; 2]], simd: SimdL
     total / points.len() as f64
 }
 
-/// The movers nearest to the middle of a sample in the middle of its part of the shutter. What comes among them at other times is in the
-/// sample, too, unless it comes from far.
-fn core<'a>(movers: &'a [Mover], part: &Part, count: usize) -> Vec<&'a Mover> {
+/// The references nearest to the middle of a sample in the middle of its part of the shutter. Points that come among
+/// them at other times are in the sample as well, unless they come from far away.
+fn central<'a>(movers: &'a [Mover], part: &Part, count: usize) -> Vec<&'a Mover> {
     let places = places(movers, part.middle_phase());
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     places.iter().for_each(|item| include(&mut lo, &mut hi, item.at));

@@ -1,91 +1,91 @@
 //! The queries as plain functions, compiled once in this crate.
 //!
-//! A search is compiled for each instruction set and each kind of tree. If callers instantiated it, every crate that asks
-//! a tree would compile all of that again, once for each of its filters. So a caller's filter is called through `dyn`, once
-//! for each block with something near, and what is compiled are two forms of each query: without and with a filter. For SSE2 it is the
-//! latter alone, with a filter that lets everything through.
+//! A search is compiled for each instruction set and each kind of tree. If callers instantiated it, every crate that
+//! queries a tree would compile all of that again, once for each of its filters. So a caller's filter is called through
+//! `dyn`, once for each block with a point that is near enough, and each query is compiled in two forms: without and with
+//! a filter. For SSE2 only the latter is compiled; queries without a filter pass one that accepts everything.
 
 use super::counted::{CountedSearch, search_counted};
 use super::neighbor::Neighbor;
-use super::partition::{nearest_in_all, walk_all, within_all};
-use super::precise::{Allowed, Asked};
+use super::partition::QueriedLayers;
+use super::precise::{Allowed, QueriedPreciseLayers};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::sinks::{Count, Gather, Visit, VisitSome};
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
-use super::search::{Keep, KeepAll, KeepLanes, NeighborWork};
+use super::search::trees::Trees;
+use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
 use super::tree::PointTree;
 use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch, dispatch_or};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// What is asked of a tree.
+/// A query of a tree: where, when, how far and for which points.
 #[derive(Clone, Copy)]
-pub(super) struct Search<'a, K> {
+pub(super) struct Query<'a, K> {
     pub tree: &'a PointTree,
-    /// Where, relative to the tree's origin.
+    /// The point, relative to the tree's origin.
     pub point: Vec3,
-    /// Where, as the caller gave it.
+    /// The point as the caller gave it.
     pub exact: DVec3,
     pub time: f32,
-    /// Squared distance up to which points count; not negative.
+    /// Squared distance up to which points count; negative if none do.
     pub bound: f32,
-    /// Factor on the bound for boxes: 1, or less where answers may be approximate.
+    /// Factor on the bound for boxes: 1, or less if answers may be approximate.
     pub shrink: f32,
     pub keep: K,
 }
 
-impl<'a, K> Search<'a, K> {
-    /// The same with another filter.
-    fn keeping<L>(&self, keep: L) -> Search<'a, L> {
-        let Search { tree, point, exact, time, bound, shrink, keep: _ } = *self;
-        Search { tree, point, exact, time, bound, shrink, keep }
+impl<'a, K> Query<'a, K> {
+    /// The same query with another filter.
+    #[inline(always)]
+    pub(super) fn keeping<L>(&self, keep: L) -> Query<'a, L> {
+        let Query { tree, point, exact, time, bound, shrink, keep: _ } = *self;
+        Query { tree, point, exact, time, bound, shrink, keep }
     }
-}
 
-impl<K: Keep> Search<'_, K> {
     /// Whether the points are kept in f64.
     #[inline(always)]
     pub(super) fn is_precise(&self) -> bool {
         !self.tree.precise.is_empty()
     }
 
-    /// Asks the same of points in f64.
-    #[cold]
-    #[inline(never)]
-    pub(super) fn asked<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
-        let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
-        let PointTree { precise, simd, .. } = self.tree;
-        run(&Asked {
-            layers: precise,
-            simd: *simd,
-            point: self.exact,
-            time: self.time,
-            bound: self.bound,
-            shrink: self.shrink,
-            keep: Allowed(K::ASKS.then_some(&kept)),
-        })
+    /// The trees over points in f32.
+    #[inline(always)]
+    fn trees(&self) -> QueriedLayers<'a> {
+        QueriedLayers { layers: &self.tree.layers, point: self.point, time: self.time }
     }
 }
 
-/// A filter that lets everything through.
+impl<K: Keep> Query<'_, K> {
+    /// Passes the trees over points in f64 to `run`, and the query with a filter that is compiled once.
+    #[cold]
+    #[inline(never)]
+    fn precise<R>(&self, run: impl FnOnce(QueriedPreciseLayers<'_>, &Query<'_, Allowed<'_>>) -> R) -> R {
+        let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
+        let trees = QueriedPreciseLayers { layers: &self.tree.precise, point: self.exact, time: self.time };
+        run(trees, &self.keeping(Allowed(K::FILTERS.then_some(&kept))))
+    }
+}
+
+/// A filter that accepts everything.
 const ALL: KeepLanes<'static> = KeepLanes(&|_, mask| mask);
 
 /// A query without or with a filter.
 #[derive(Clone, Copy)]
 pub(super) enum Either<'q, 'a> {
-    All(&'q Search<'a, KeepAll>),
-    Some(&'q Search<'a, KeepLanes<'q>>),
+    All(&'q Query<'a, KeepAll>),
+    Some(&'q Query<'a, KeepLanes<'q>>),
 }
 
 impl Either<'_, '_> {
-    /// Asks points that are kept in f64, if they are.
+    /// [`Query::precise`], if the points are kept in f64.
     #[inline(always)]
-    fn precise<R>(self, run: impl FnOnce(&Asked<'_>) -> R) -> Option<R> {
+    fn precise<R>(self, run: impl FnOnce(QueriedPreciseLayers<'_>, &Query<'_, Allowed<'_>>) -> R) -> Option<R> {
         match self {
-            Either::All(query) => query.is_precise().then(|| query.asked(run)),
-            Either::Some(query) => query.is_precise().then(|| query.asked(run)),
+            Either::All(query) => query.is_precise().then(|| query.precise(run)),
+            Either::Some(query) => query.is_precise().then(|| query.precise(run)),
         }
     }
 
@@ -100,36 +100,38 @@ impl Either<'_, '_> {
 
 /// The nearest point.
 pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
-    let found = match query.precise(|asked| asked.nearest()) {
-        Some(found) => found,
-        None => match query {
-            Either::All(query) => dispatch_or(query.tree.simd, Nearest(query), |_| {
-                dispatch(query.tree.simd, Nearest(&query.keeping(ALL)))
-            }),
-            Either::Some(query) => dispatch(query.tree.simd, Nearest(query)),
-        },
+    let precise = query.precise(|trees, query| match query.keep.0 {
+        // This search waits for what it finds, so that even testing whether there is a filter would be noticed.
+        None => dispatch(query.tree.simd, Nearest { trees, query: &query.keeping(KeepAll) }),
+        Some(_) => dispatch(query.tree.simd, Nearest { trees, query }),
+    });
+    let found = match (precise, query) {
+        (Some(found), _) => found,
+        (None, Either::All(query)) => {
+            dispatch_or(query.tree.simd, Nearest { trees: query.trees(), query }, |Nearest { trees, .. }| {
+                dispatch(query.tree.simd, Nearest { trees, query: &query.keeping(ALL) })
+            })
+        }
+        (None, Either::Some(query)) => dispatch(query.tree.simd, Nearest { trees: query.trees(), query }),
     };
     found.map(|(id, distance_squared)| Neighbor { id, distance_squared })
 }
 
 /// The `k` nearest points in order, into an empty list.
 pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
-    let precise = query.precise(|asked| asked.nearest_n(k, candidates, found, &mut NeighborWork::default()));
-    if let Some(in_order) = precise {
-        if !in_order {
-            nearest_in_order(query.simd(), k, candidates, found);
-        }
-        return;
-    }
-    let in_order = match query {
-        Either::All(query) => {
-            let search = NearestN { query, k, candidates: &mut *candidates, found };
+    let work = &mut NeighborWork::default();
+    let precise = query.precise(|trees, query| nearest_n_precise(trees, query, k, candidates, found, work));
+    let in_order = match (precise, query) {
+        (Some(in_order), _) => in_order,
+        (None, Either::All(query)) => {
+            let (trees, observe) = (query.trees(), &mut ());
+            let search = NearestN { trees, query, k, candidates: &mut *candidates, found, observe };
             dispatch_or(query.tree.simd, search, |search| {
                 filtered(&query.keeping(ALL), k, search.candidates);
                 false
             })
         }
-        Either::Some(query) => {
+        (None, Either::Some(query)) => {
             filtered(query, k, candidates);
             false
         }
@@ -139,9 +141,21 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
     }
 }
 
+/// The same over points in f64; returns whether they are in order.
+fn nearest_n_precise(
+    trees: QueriedPreciseLayers<'_>,
+    query: &Query<'_, Allowed<'_>>,
+    k: usize,
+    candidates: &mut Candidates,
+    found: &mut Vec<Neighbor>,
+    observe: &mut NeighborWork,
+) -> bool {
+    dispatch(query.tree.simd, NearestN { trees, query, k, candidates, found, observe })
+}
+
 /// The same with a filter, not yet in order.
-fn filtered(query: &Search<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candidates) -> NeighborWork {
-    let &Search { tree, point, time, bound, shrink, keep, .. } = query;
+fn filtered(query: &Query<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candidates) -> NeighborWork {
+    let &Query { tree, point, time, bound, shrink, keep, .. } = query;
     let search = CountedSearch { layers: &[(&tree.layers, time)], point, k, bound, shrink, keep };
     search_counted(tree.simd, &search, candidates)
 }
@@ -149,7 +163,9 @@ fn filtered(query: &Search<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candid
 /// The work of finding the `k` nearest.
 pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
-    if query.precise(|asked| asked.nearest_n(k, &mut candidates, &mut found, &mut work)).is_some() {
+    let precise =
+        query.precise(|trees, query| nearest_n_precise(trees, query, k, &mut candidates, &mut found, &mut work));
+    if precise.is_some() {
         return work;
     }
     let query = match query {
@@ -160,22 +176,25 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
 }
 
 /// Gathers all points within the radius.
-fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
-    if query.precise(|asked| asked.collect(candidates)).is_some() {
-        return;
-    }
+pub(super) fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
     candidates.count = 0;
-    match query {
-        Either::All(query) => dispatch_or(query.tree.simd, Collecting { query, candidates }, |collecting| {
-            append(&query.keeping(ALL), collecting.candidates);
-        }),
-        Either::Some(query) => append(query, candidates),
+    let precise = query.precise(|trees, query| {
+        dispatch(query.tree.simd, Collecting { trees, query, candidates: &mut *candidates });
+    });
+    match (precise, query) {
+        (Some(()), _) => {}
+        (None, Either::All(query)) => {
+            dispatch_or(query.tree.simd, Collecting { trees: query.trees(), query, candidates }, |collecting| {
+                append(&query.keeping(ALL), collecting.candidates);
+            })
+        }
+        (None, Either::Some(query)) => append(query, candidates),
     }
 }
 
 /// Appends all points within the radius that pass a filter to candidates, from a tree of points in f32.
-pub(super) fn append(query: &Search<'_, KeepLanes<'_>>, candidates: &mut Candidates) {
-    dispatch(query.tree.simd, Collecting { query, candidates });
+pub(super) fn append(query: &Query<'_, KeepLanes<'_>>, candidates: &mut Candidates) {
+    dispatch(query.tree.simd, Collecting { trees: query.trees(), query, candidates });
 }
 
 /// All points within the radius in any order, into an empty list.
@@ -193,58 +212,63 @@ pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates,
 
 /// The number of points within the radius.
 pub(super) fn count(query: Either<'_, '_>) -> usize {
-    let mut candidates = Candidates::default();
-    if query.precise(|asked| asked.collect(&mut candidates)).is_some() {
-        return candidates.count;
-    }
-    match query {
-        Either::All(query) => {
+    let precise = query.precise(|trees, query| {
+        let mut candidates = Candidates::default();
+        dispatch(query.tree.simd, Collecting { trees, query, candidates: &mut candidates });
+        candidates.count
+    });
+    match (precise, query) {
+        (Some(count), _) => count,
+        (None, Either::All(query)) => {
             dispatch_or(query.tree.simd, Counting(query), |_| dispatch(query.tree.simd, Counting(&query.keeping(ALL))))
         }
-        Either::Some(query) => dispatch(query.tree.simd, Counting(query)),
+        (None, Either::Some(query)) => dispatch(query.tree.simd, Counting(query)),
     }
 }
 
 /// Calls `visit` with all points within the radius, some at a time, until it breaks.
-pub(super) fn for_some(query: &Search<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
+pub(super) fn for_some(query: &Query<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
+    let (simd, bound) = (query.tree.simd, query.bound);
     if query.is_precise() {
-        return query.asked(|asked| asked.for_some(visit));
+        return query.precise(|trees, _| dispatch(simd, Visiting { trees, bound, visit }));
     }
-    dispatch(query.tree.simd, Visiting { query, visit })
+    dispatch(simd, Visiting { trees: query.trees(), bound, visit })
 }
 
-struct Nearest<'q, 'a, K>(&'q Search<'a, K>);
+struct Nearest<'q, 'a, T, K> {
+    trees: T,
+    query: &'q Query<'a, K>,
+}
 
-impl<K: Keep> Kernel for Nearest<'_, '_, K> {
+impl<T: Trees, K: Keep> Kernel for Nearest<'_, '_, T, K> {
     type Output = Option<(u32, f32)>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
-        let q = self.0;
-        let observe = &mut ();
-        let mut best = Best::within(s, q.bound, q.shrink, &q.keep, observe);
-        nearest_in_all(s, &q.tree.layers, (q.point, q.time), &mut best);
+        let mut best = Best::within(s, self.query.bound, self.query.shrink, &self.query.keep);
+        self.trees.nearest(s, &mut best);
         best.finish(s)
     }
 }
 
-struct NearestN<'q, 'a, 'b> {
-    query: &'q Search<'a, KeepAll>,
+struct NearestN<'q, 'a, 'b, T, K, O> {
+    trees: T,
+    query: &'q Query<'a, K>,
     k: usize,
     candidates: &'b mut Candidates,
     found: &'b mut Vec<Neighbor>,
+    observe: &'b mut O,
 }
 
-impl Kernel for NearestN<'_, '_, '_> {
-    /// Whether what was found is in order already.
+impl<T: Trees, K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, T, K, O> {
+    /// Whether the points found are in order already.
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
-        let NearestN { query: q, k, candidates, found } = self;
-        let observe = &mut ();
-        let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &KeepAll, observe);
+        let NearestN { trees, query: q, k, candidates, found, observe } = self;
+        let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
         loop {
-            walk_all(s, &q.tree.layers, (q.point, q.time), &mut search);
-            if !search.again() {
+            trees.walk(s, &mut search);
+            if !search.retry() {
                 break;
             }
         }
@@ -252,48 +276,47 @@ impl Kernel for NearestN<'_, '_, '_> {
     }
 }
 
-struct Collecting<'q, 'a, 'b, K> {
-    query: &'q Search<'a, K>,
+struct Collecting<'q, 'a, 'b, T, K> {
+    trees: T,
+    query: &'q Query<'a, K>,
     candidates: &'b mut Candidates,
 }
 
-impl<K: Keep> Kernel for Collecting<'_, '_, '_, K> {
+impl<T: Trees, K: Keep> Kernel for Collecting<'_, '_, '_, T, K> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Collecting { query: q, candidates } = self;
-        let mut sink = Gather { candidates, keep: &q.keep };
+        let Collecting { trees, query, candidates } = self;
         // A sink that never breaks.
-        let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
+        let _ = trees.within(s, query.bound, &mut Gather { candidates, keep: &query.keep });
     }
 }
 
-struct Counting<'q, 'a, K>(&'q Search<'a, K>);
+struct Counting<'q, 'a, K>(&'q Query<'a, K>);
 
 impl<K: Keep> Kernel for Counting<'_, '_, K> {
     type Output = usize;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> usize {
-        let q = self.0;
-        let mut sink = Count { count: 0, keep: &q.keep };
+        let mut sink = Count { count: 0, keep: &self.0.keep };
         // A sink that never breaks.
-        let _ = within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ());
+        let _ = self.0.trees().within(s, self.0.bound, &mut sink);
         sink.count
     }
 }
 
-struct Visiting<'q, 'a, 'v> {
-    query: &'q Search<'a, KeepAll>,
+struct Visiting<'v, T> {
+    trees: T,
+    bound: f32,
     visit: VisitSome<'v>,
 }
 
-impl Kernel for Visiting<'_, '_, '_> {
+impl<T: Trees> Kernel for Visiting<'_, T> {
     type Output = ControlFlow<()>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
-        let q = self.query;
         let mut sink = Visit::new(self.visit);
-        within_all(s, &q.tree.layers, (q.point, q.time), q.bound, &mut sink, &mut ())?;
+        self.trees.within(s, self.bound, &mut sink)?;
         sink.finish()
     }
 }

@@ -1,18 +1,19 @@
-//! The search for the k nearest with a filter, its work counted.
+//! The k-nearest search with a filter and counted work.
 //!
-//! Counting costs next to nothing beside a filter that is called for each block. So this one form serves whoever asks with a
-//! filter and whoever only wants the work; without a filter there is a form that does not count ([`super::compiled`]).
+//! Counting costs next to nothing beside a filter that is called for each block. So this one form serves queries with a
+//! filter and those for the work alone; queries without a filter have a form that does not count ([`super::compiled`]).
 
-use super::partition::{Layer, walk_all};
+use super::partition::{Layer, QueriedLayers};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
+use super::search::trees::Trees;
 use super::search::{KeepLanes, NeighborWork};
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use glam::Vec3;
 
-/// What is searched for, and where.
+/// A search, and the layers to be searched.
 pub(super) struct CountedSearch<'a> {
-    /// Layers, each at a time of its own.
+    /// Layers, each at its own time.
     pub layers: &'a [(&'a [Layer], f32)],
     pub point: Vec3,
     pub k: usize,
@@ -22,34 +23,32 @@ pub(super) struct CountedSearch<'a> {
     pub keep: KeepLanes<'a>,
 }
 
-/// Searches, and counts the work. What was found is among the candidates, in no order.
+/// Searches, and counts the work. The points found are among the candidates, in no particular order.
 pub(super) fn search_counted(simd: SimdLevel, search: &CountedSearch<'_>, candidates: &mut Candidates) -> NeighborWork {
     let CountedSearch { layers, point, k, bound, shrink, keep } = search;
     let mut work = NeighborWork::default();
     let mut search = KNearest::within(*k, *bound, *shrink, candidates, keep, &mut work);
     loop {
         for &(layers, time) in *layers {
-            walk_counted(simd, layers, (*point, time), &mut search);
+            walk_counted(simd, QueriedLayers { layers, point: *point, time }, &mut search);
         }
-        if !search.again() {
+        if !search.retry() {
             return work;
         }
     }
 }
 
-/// Walks through all layers, nearest boxes first: a part of a search.
+/// Traverses all layers once, nearest boxes first: a part of a search.
 pub(super) fn walk_counted(
     simd: SimdLevel,
-    layers: &[Layer],
-    at: (Vec3, f32),
+    trees: QueriedLayers<'_>,
     search: &mut KNearest<'_, KeepLanes<'_>, NeighborWork>,
 ) {
-    dispatch(simd, Walk { layers, at, search });
+    dispatch(simd, Walk { trees, search });
 }
 
 struct Walk<'a, 'b, 'c, 'k> {
-    layers: &'a [Layer],
-    at: (Vec3, f32),
+    trees: QueriedLayers<'a>,
     search: &'b mut KNearest<'c, KeepLanes<'k>, NeighborWork>,
 }
 
@@ -57,6 +56,6 @@ impl Kernel for Walk<'_, '_, '_, '_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        walk_all(s, self.layers, self.at, self.search);
+        self.trees.walk(s, self.search);
     }
 }

@@ -1,9 +1,9 @@
-//! What can be wrong with a set of points.
+//! Errors of building a point tree.
 
 use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use core::fmt;
 
-/// Why a point tree could not be built. Nothing here panics on bad input: it returns this.
+/// Why a point tree could not be built. Bad input never panics; it returns this error.
 ///
 /// ```
 /// use mbkd::{PointError, PointParams, PointTree};
@@ -40,7 +40,7 @@ pub enum PointError {
     },
     /// There are points but no positions: no key was given.
     NoKeys,
-    /// More keys than a tree can tell apart.
+    /// More keys than a tree can distinguish.
     TooManyKeys {
         /// How many there were.
         found: usize,
@@ -55,13 +55,13 @@ pub enum PointError {
         /// How many there were.
         found: usize,
     },
-    /// The callback of [`PointTree::build_with_progress`](crate::PointTree::build_with_progress) said to stop.
+    /// The callback of [`PointTree::build_with_progress`](crate::PointTree::build_with_progress) returned `Break`.
     Cancelled,
     /// A parameter is outside its range.
     Parameter {
         /// The field of [`PointParams`](crate::PointParams).
         name: &'static str,
-        /// What it has to be.
+        /// Its valid range.
         expected: &'static str,
     },
 }
@@ -70,7 +70,7 @@ impl fmt::Display for PointError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             PointError::NonFinite { point, key } => {
-                write!(f, "point {point} has a coordinate that is not finite at key {key}; remove or fix it")
+                write!(f, "point {point} has a coordinate that is not finite at key {key}; remove or correct it")
             }
             PointError::TooLarge { point, key } => {
                 let most = MAX_POINT_COORDINATE;

@@ -1,4 +1,4 @@
-//! Points that move far relative to their neighbours.
+//! Detecting points that move far relative to their neighbours.
 
 use super::moving_reference::{Mover, Part, places};
 use super::order::{Item, include, order};
@@ -6,7 +6,7 @@ use crate::progress::Progress;
 use crate::simd::LANES;
 use crate::tuning::points::FAST;
 
-/// Marks the movers that move far, during a part of the shutter, relative to their neighbours at a phase of it.
+/// Marks the references that move far, during a part of the shutter, relative to their neighbours at a phase of it.
 pub(super) fn mark_fast(movers: &mut [Mover], part: &Part, phase: f64) {
     let mut items = places(movers, phase);
     order(&mut items, LANES, &Progress::new(None));
@@ -33,7 +33,7 @@ pub(super) fn mark_fast(movers: &mut [Mover], part: &Part, phase: f64) {
     }
 }
 
-/// The longest side of the box around some places.
+/// The longest side of the box around some positions.
 fn size(leaf: &[Item]) -> f32 {
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for item in leaf {

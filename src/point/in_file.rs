@@ -18,13 +18,13 @@ use glam::DVec3;
 use std::io::{Read, Write};
 use std::path::Path;
 
-/// The numbers that layers have in files.
+/// The numbers of layer kinds in files.
 const STILL: u32 = 0;
 const MOVING: u32 = 1;
 const PLANES: u32 = 2;
 const PRECISE: u32 = 3;
 
-/// What a file says of the trees of a layer.
+/// The contents of a file for the trees of a layer.
 enum Trees {
     Still(StaticRecord),
     Moving(Vec<MovingRecord>),
@@ -32,7 +32,7 @@ enum Trees {
     Precise(Vec<PreciseRecord>),
 }
 
-/// What a file says of a layer.
+/// The contents of a file for a layer, not validated yet.
 struct LayerRecord {
     /// Number of keys, and of trees for each segment between them.
     keys: usize,
@@ -73,9 +73,9 @@ impl PointTree {
         })
     }
 
-    /// Writes the tree, whatever its structure, with lives and ids of its points: about as many bytes as
-    /// [`statistics`](PointTree::statistics) says. They are the same on every machine and for any number of threads of the
-    /// build. `docs/files.md` describes them.
+    /// Writes the tree, whatever its structure, with active intervals and ids of its points: about as many bytes as
+    /// [`statistics`](PointTree::statistics) reports. They are the same on every machine and for any number of threads of
+    /// the build. `docs/files.md` describes the format.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, glam::Vec3};
@@ -89,25 +89,25 @@ impl PointTree {
     /// ```
     ///
     /// # Errors
-    /// What writing gives.
+    /// Errors of the writer.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)
     }
 
-    /// [`PointTree::write_to`] a file, which is there under this name once it is complete, and not before.
+    /// [`PointTree::write_to`] a file, which appears under this name once it is complete, and not before.
     ///
     /// # Errors
-    /// What writing gives.
+    /// Errors of writing.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }
 
-    /// Reads a tree that [`PointTree::write_to`] wrote, and no byte more. It answers every query as the tree did that was
-    /// written, bit for bit, on any machine; queries run on the widest instruction set of this one.
+    /// Reads a tree that [`PointTree::write_to`] wrote, and not a byte more. It answers every query as the written tree
+    /// did, bit for bit, on any machine; queries run on the widest instruction set of this one.
     ///
     /// # Errors
-    /// Whatever is wrong: see [`FileError`]. Damage is found by the checksum. A file that was made to deceive is refused
-    /// where a search could stumble over it; its answers may be any.
+    /// See [`FileError`]. Damage is found by the checksum. A file that was forged on purpose is rejected
+    /// if it could break a search; its answers may be arbitrary.
     pub fn read_from(source: &mut impl Read) -> Result<PointTree, FileError> {
         PointTree::decode(source, None)
     }
@@ -137,7 +137,7 @@ impl PointTree {
             .whole(raw, |(origin, len, layers)| PointTree::checked(origin, len, layers))
     }
 
-    /// The tree, if searches can walk it.
+    /// The tree, or an error if searches cannot traverse it.
     fn checked(origin: DVec3, len: u64, layers: Vec<LayerRecord>) -> Result<PointTree, FileError> {
         require(origin.is_finite(), "its origin is nowhere")?;
         let all = layers.iter().try_fold(0u64, |sum, layer| sum.checked_add(layer.points));
@@ -154,7 +154,7 @@ impl PointTree {
     }
 }
 
-/// Writes what stands in front of the trees of a layer.
+/// Writes the header of a layer, in front of its trees.
 fn begin(
     to: &mut Encoder<'_>,
     number: u32,
@@ -172,7 +172,7 @@ fn begin(
 }
 
 impl LayerRecord {
-    /// Reads what was written; only what says how to read on is looked at.
+    /// Reads a layer; validates only the fields that are needed to continue reading.
     fn decode(from: &mut Decoder<'_>) -> Result<LayerRecord, FileError> {
         let [number, keys, per_segment, trees] = from.get::<[u32; 4]>()?;
         let (points, why) = (from.get()?, from.array()?);
@@ -193,13 +193,13 @@ impl LayerRecord {
         Ok(LayerRecord { keys: keys as usize, per_segment: per_segment as usize, points, why, trees })
     }
 
-    /// Adds the layer to a tree, if searches can walk it.
+    /// Adds the layer to a tree, or returns an error if searches cannot traverse it.
     fn checked(self, tree: &mut PointTree) -> Result<(), FileError> {
         let LayerRecord { keys, per_segment, points, why, trees } = self;
         let points = points as usize;
         let Ok(why) = String::from_utf8(why) else { return broken("the reason for it is no text") };
         let parts = |trees: usize| parts_of(keys, per_segment, trees);
-        // In each of the trees there are at most all points, and in all together at least once each.
+        // Each tree has at most all points, and all trees together have each point at least once.
         let enough = |counts: &[usize]| {
             let most = counts.iter().copied().max().unwrap_or(0);
             require((most..=counts.iter().sum()).contains(&points), "it has not as many points as its trees")
@@ -239,10 +239,10 @@ impl LayerRecord {
     }
 }
 
-/// The parts of the shutter that so many trees are for.
+/// The parts of the shutter of a layer with this many trees.
 fn parts_of(keys: usize, per_segment: usize, trees: usize) -> Result<Vec<Part>, FileError> {
     let known = (1..=MAX_KEYS).contains(&keys) && (1..=MAX_SLABS).contains(&per_segment);
-    // Some parts are so short that no time is in them.
+    // Some parts are so short that they contain no time.
     let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;
     let parts = if few { parts(keys, per_segment) } else { Vec::new() };
     require(few && parts.len() == trees, "it has not a tree for each part of the shutter")?;

@@ -1,22 +1,23 @@
-//! Points within a radius as an iterator, which searches a few bottom nodes at a time.
+//! Points within a radius as an iterator that searches a few bottom nodes at a time.
 
+use super::compiled::{self, Either, Query};
 use super::neighbor::Neighbor;
 use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneView;
 use super::query::NeighborQuery;
 use super::search::candidates::Candidates;
-use super::search::planes::{self, PlaneFront};
-use super::search::radius::{Front, leaves};
+use super::search::planes::PlaneFront;
+use super::search::radius::{Front, search_blocks};
 use super::search::sinks::Gather;
 use super::search::{Keep, KeepAll};
-use super::snapshot::View;
+use super::snapshot::{Leaves, View};
 use crate::simd::{Kernel, Simd, dispatch};
 
-/// Points from which on a search waits until they are handed out: each time it goes on costs more than a node.
-const TOGETHER: usize = 64;
+/// The search pauses once it has found this many points, until they are consumed: resuming it costs more than a node.
+const BATCH: usize = 64;
 
-/// Where the search of a layer stands.
-#[allow(clippy::large_enum_variant)] // in place, so that iterating allocates nothing for it
+/// The traversal state of a layer.
+#[allow(clippy::large_enum_variant)] // stored in place, so that iterating does not allocate
 enum Progress {
     Boxes(Front),
     Planes(PlaneFront),
@@ -28,19 +29,19 @@ pub struct WithinIter<'a, K> {
     keep: K,
 }
 
-/// A search on its way, whatever the filter.
+/// A search in progress, independent of the filter.
 struct Search<'a> {
-    query: NeighborQuery<'a, KeepAll>,
+    query: Query<'a, KeepAll>,
     layer: usize,
     front: Option<Progress>,
-    /// Found in the last bottom nodes and not yet handed out.
+    /// The points found in the last bottom nodes, and how many of them were consumed.
     candidates: Candidates,
     next: usize,
 }
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
-    /// An iterator over the points within the radius, in no particular order. It searches as it goes, but among
-    /// points that are kept in f64 all at once.
+    /// An iterator over the points within the radius, in no particular order. It searches lazily, except among
+    /// points that are kept in f64, which are searched all at once.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -50,16 +51,15 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn iter(self) -> WithinIter<'a, K> {
-        let query = self.keeping(KeepAll);
+        let query = self.query.keeping(KeepAll);
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
         let mut candidates = Candidates::default();
-        candidates.reserve(TOGETHER);
-        let search = query.search(KeepAll);
-        if query.bound >= 0.0 && search.is_precise() {
-            search.asked(|asked| asked.collect(&mut candidates));
+        candidates.reserve(BATCH);
+        if query.bound >= 0.0 && query.is_precise() {
+            compiled::gather(Either::All(&query), &mut candidates);
         }
         let search = Search { query, layer, front: None, candidates, next: 0 };
-        WithinIter { search, keep: self.keep }
+        WithinIter { search, keep: self.query.keep }
     }
 }
 
@@ -85,7 +85,7 @@ impl<K: Keep> Iterator for WithinIter<'_, K> {
 }
 
 impl Search<'_> {
-    /// Searches on until there are candidates; false at the end.
+    /// Continues the search until there are candidates; false at the end.
     fn refill(&mut self) -> bool {
         (self.next, self.candidates.count) = (0, 0);
         while self.candidates.count == 0 {
@@ -120,7 +120,7 @@ impl Kernel for Step<'_, '_, '_> {
 
 #[inline(always)]
 fn steps<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
-    while search.candidates.count < TOGETHER {
+    while search.candidates.count < BATCH {
         if !step(s, search, view) {
             return false;
         }
@@ -136,23 +136,27 @@ fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
         Progress::Boxes(front) => front,
         Progress::Planes(_) => return false,
     };
-    let Some(found) = front.next(s, view, &target, bound, &mut ()) else { return false };
+    let Some((node, mut lanes)) = front.next(s, view, &target, bound) else { return false };
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
-    // A sink that never breaks.
-    let _ = leaves(s, view, &target, bound, found, &mut sink, &mut ());
+    while lanes != 0 {
+        let leaf = view.first_block(node) + lanes.trailing_zeros() as usize * view.leaf_blocks();
+        lanes &= lanes - 1;
+        // A sink that never breaks.
+        let _ = search_blocks(s, view, &target, bound, leaf..leaf + view.leaf_blocks(), &mut sink);
+    }
     true
 }
 
 #[inline(always)]
 fn step_planes<S: Simd>(s: S, search: &mut Search<'_>, view: &PlaneView<'_>) -> bool {
-    let NeighborQuery { bound, point, .. } = search.query;
+    let Query { bound, point, .. } = search.query;
     let front = match search.front.get_or_insert_with(|| Progress::Planes(PlaneFront::begin())) {
         Progress::Planes(front) => front,
         Progress::Boxes(_) => return false,
     };
-    let Some(found) = front.next(view, point, bound, || ()) else { return false };
+    let Some(blocks) = front.next(view, point, bound, || ()) else { return false };
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
     // A sink that never breaks.
-    let _ = planes::leaf(s, view, point, bound, found, &mut sink, &mut ());
+    let _ = search_blocks(s, view, &view.target(s, point), s.splat(bound), blocks, &mut sink);
     true
 }

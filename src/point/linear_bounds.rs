@@ -1,4 +1,4 @@
-//! Boxes that move linearly, bounded so that rounding can never let a point out.
+//! Boxes that move linearly, padded so that rounding never puts a point outside.
 //!
 //! A face of a moving box is a line over the phase s in [0, 1] between two keys. For a lower face a
 //! slope is chosen first and rounded to f32; then the line is lowered until it is below every point
@@ -6,14 +6,14 @@
 //! Two slopes are tried and the tighter line at mid-range is taken: the mean of what is inside, and the
 //! slope between the extremes at both ends.
 //!
-//! **Padding.** Let u = 2^-24. A point on its way from a to b is computed as `base + (b − a)·s` with |s| ≤ 1/2: the
+//! **Padding.** Let u = 2^-24. A point that moves from a to b is computed as `base + (b − a)·s` with |s| ≤ 1/2: the
 //! difference is rounded by at most |b − a|u and then halved at least, the product by |b − a|u/2, the sum, which lies
 //! between a and b, by max(|a|, |b|)u: together e = (|b − a| + max(|a|, |b|))u ([`AroundPoints`]). A face is computed
 //! as `a + b·s` with s in [0, 1]: the product is rounded by |b|u, the sum by (|a| + |b|)u: together f = (|a| + 2|b|)u.
 //! A lower face stays below its points by e of each and below that by its own f; around other faces, by its own f
-//! only: it is below their exact lines. Both bounds are raised by 2^-10 of themselves, which covers the f64 rounding on
-//! the way, and by 2^-148 for products that underflow. They hold per axis, and follow what is in the box: a point
-//! far away pads the boxes that hold it and no others.
+//! only: it is below their exact lines. Both bounds are raised by 2^-10 of themselves, which covers the f64 rounding of
+//! the build, and by 2^-148 for products that underflow. They hold per axis, and depend on the contents of the box: a
+//! distant point pads the boxes that hold it and no others.
 
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use core::iter::repeat;
@@ -52,12 +52,12 @@ impl LinearBoxes {
     }
 
     /// Sets one lane.
-    pub(super) fn set(&mut self, lane: usize, hull: &Hull) {
+    pub(super) fn set(&mut self, lane: usize, linear_box: &LinearBox) {
         for axis in 0..3 {
-            self.lo[axis][lane] = hull.lo[axis].at_zero;
-            self.lo_slope[axis][lane] = hull.lo[axis].slope;
-            self.hi[axis][lane] = hull.hi[axis].at_zero;
-            self.hi_slope[axis][lane] = hull.hi[axis].slope;
+            self.lo[axis][lane] = linear_box.lo[axis].at_zero;
+            self.lo_slope[axis][lane] = linear_box.lo[axis].slope;
+            self.hi[axis][lane] = linear_box.hi[axis].at_zero;
+            self.hi_slope[axis][lane] = linear_box.hi[axis].slope;
         }
     }
 }
@@ -75,9 +75,9 @@ impl Face {
     }
 }
 
-/// A box that moves linearly over a range of phases, and the times at which anything in it is alive.
+/// A box that moves linearly over a range of phases, and its active interval.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hull {
+pub(super) struct LinearBox {
     lo: [Face; 3],
     hi: [Face; 3],
     /// First and last phase for which the faces hold.
@@ -86,9 +86,9 @@ pub(super) struct Hull {
     pub(super) times: [f32; 2],
 }
 
-/// Sixteen points on their ways between two keys, in rows. A lane without a point repeats another one.
+/// Trajectories of sixteen points between two keys, in rows. A lane without a point repeats another one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ways {
+pub(super) struct TrajectoryRows {
     pub(super) open: [Lanes<f32>; 3],
     pub(super) close: [Lanes<f32>; 3],
     /// First and last phase of each.
@@ -97,8 +97,8 @@ pub(super) struct Ways {
     pub(super) times: [Lanes<f32>; 2],
 }
 
-impl Ways {
-    /// Sets where a lane begins and ends.
+impl TrajectoryRows {
+    /// Sets the positions of a lane at both keys.
     #[inline(always)]
     pub(super) fn set_ends(&mut self, lane: usize, [open, close]: [[f32; 3]; 2]) {
         for axis in 0..3 {
@@ -117,13 +117,13 @@ impl Ways {
     }
 }
 
-/// Bound of the relative rounding of one operation, with room for that of f64 on the way.
+/// Bound of the relative rounding of one operation, with room for f64 rounding in the build.
 const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
 
 /// Bound of what underflow adds: twice the least f32.
 const TINY: f64 = 2.0 * f32::from_bits(1) as f64;
 
-/// Multiples of the paddings that are applied: 1, except where a test shows that less loses points.
+/// Multiples of the paddings that are applied: 1, except in tests that show that less loses points.
 #[derive(Clone, Copy)]
 struct Padding {
     point: f64,
@@ -132,23 +132,24 @@ struct Padding {
 
 const FULL: Padding = Padding { point: 1.0, face: 1.0 };
 
-impl Hull {
-    /// The hull of points.
-    pub(super) fn of_points(ways: &Ways) -> Hull {
-        dispatch(SimdLevel::best(), AroundPoints { ways, padding: FULL })
+impl LinearBox {
+    /// The box around points.
+    pub(super) fn of_points(trajectories: &TrajectoryRows) -> LinearBox {
+        dispatch(SimdLevel::best(), AroundPoints { trajectories, padding: FULL })
     }
 
-    /// The hull of one to sixteen hulls.
-    pub(super) fn of_hulls(hulls: &[Hull]) -> Hull {
+    /// The box around one to sixteen boxes.
+    pub(super) fn of_boxes(boxes: &[LinearBox]) -> LinearBox {
         let mut spans = Spans::default();
-        // Lanes without a hull repeat the last one.
-        for (lane, hull) in (0..LANES).zip(hulls.iter().chain(repeat(hulls.last().expect("a node has a child")))) {
+        // Lanes without a box repeat the last one.
+        for (lane, linear_box) in (0..LANES).zip(boxes.iter().chain(repeat(boxes.last().expect("a node has a child"))))
+        {
             for end in 0..2 {
-                spans.range[end][lane] = hull.range[end];
-                spans.times[end][lane] = hull.times[end];
+                spans.range[end][lane] = linear_box.range[end];
+                spans.times[end][lane] = linear_box.times[end];
                 for axis in 0..3 {
-                    spans.lo[axis][end][lane] = hull.lo[axis].at(hull.range[end]);
-                    spans.hi[axis][end][lane] = hull.hi[axis].at(hull.range[end]);
+                    spans.lo[axis][end][lane] = linear_box.lo[axis].at(linear_box.range[end]);
+                    spans.hi[axis][end][lane] = linear_box.hi[axis].at(linear_box.range[end]);
                 }
             }
         }
@@ -156,7 +157,8 @@ impl Hull {
     }
 }
 
-/// Sixteen spans in rows: where lower and upper faces have to be at both ends of ranges of phases. A lane without one repeats another.
+/// Sixteen spans in rows: limits of the lower and upper faces at both ends of ranges of phases. A lane without one
+/// repeats another.
 #[derive(Default)]
 struct Spans {
     lo: [[Lanes<f64>; 2]; 3],
@@ -165,68 +167,69 @@ struct Spans {
     times: [Lanes<f32>; 2],
 }
 
-/// Puts a hull around points.
+/// Computes a box around points.
 struct AroundPoints<'a> {
-    ways: &'a Ways,
+    trajectories: &'a TrajectoryRows,
     padding: Padding,
 }
 
 impl Kernel for AroundPoints<'_> {
-    type Output = Hull;
+    type Output = LinearBox;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Hull {
-        let Ways { open, close, range, times } = self.ways;
+    fn run<S: Simd>(self, s: S) -> LinearBox {
+        let TrajectoryRows { open, close, range, times } = self.trajectories;
         let mut spans = Spans { range: *range, times: *times, ..Spans::default() };
         let [unit, tiny] = [UNIT, TINY].map(|e| s.splat_d(e * self.padding.point));
         for axis in 0..3 {
-            for four in 0..FOURS {
+            for four in 0..VECTORS {
                 let open = s.widen_four(&open[axis].as_chunks().0[four]);
                 let close = s.widen_four(&close[axis].as_chunks().0[four]);
-                let way = close - open;
-                let error = unit * (magnitude(s, way) + s.max_d(magnitude(s, open), magnitude(s, close))) + tiny;
+                let motion = close - open;
+                let error = unit * (magnitude(s, motion) + s.max_d(magnitude(s, open), magnitude(s, close))) + tiny;
                 for (end, phases) in range.iter().enumerate() {
-                    let at = open + way * s.load_d(&phases.as_chunks().0[four]);
+                    let at = open + motion * s.load_d(&phases.as_chunks().0[four]);
                     spans.lo[axis][end].as_chunks_mut().0[four] = s.lanes_d(at - error);
                     spans.hi[axis][end].as_chunks_mut().0[four] = s.lanes_d(at + error);
                 }
             }
         }
-        spans.hull(s, self.padding.face)
+        spans.linear_box(s, self.padding.face)
     }
 }
 
-/// Puts a hull around others.
+/// Computes a box around other boxes.
 struct Around<'a> {
     spans: &'a Spans,
 }
 
 impl Kernel for Around<'_> {
-    type Output = Hull;
+    type Output = LinearBox;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Hull {
-        self.spans.hull(s, FULL.face)
+    fn run<S: Simd>(self, s: S) -> LinearBox {
+        self.spans.linear_box(s, FULL.face)
     }
 }
 
-/// Vectors of four f64 in a row.
-const FOURS: usize = LANES / 4;
+/// Number of vectors of four f64 in a row.
+const VECTORS: usize = LANES / 4;
 
 impl Spans {
     #[inline(always)]
-    fn hull<S: Simd>(&self, s: S, pad: f64) -> Hull {
-        let (begins, ends) = (fours(s, &self.range[0]), fours(s, &self.range[1]));
+    fn linear_box<S: Simd>(&self, s: S, pad: f64) -> LinearBox {
+        let (begins, ends) = (load_row(s, &self.range[0]), load_row(s, &self.range[1]));
         let range = [least(s, begins), -least(s, negated(s, ends))];
         let whole = (0..LANES).all(|lane| self.range[0][lane] == range[0] && self.range[1][lane] == range[1]);
-        let around = Faces { begins, ends, range, whole, duration: sum(s, ends, begins), pad };
-        let mut hull = Hull { lo: [Face::default(); 3], hi: [Face::default(); 3], range, times: self.times() };
+        let around = FaceFit { begins, ends, range, whole, duration: sum(s, ends, begins), pad };
+        let mut linear_box =
+            LinearBox { lo: [Face::default(); 3], hi: [Face::default(); 3], range, times: self.times() };
         for axis in 0..3 {
             let [at_begin, at_end] = &self.lo[axis];
-            hull.lo[axis] = around.below(s, fours(s, at_begin), fours(s, at_end));
+            linear_box.lo[axis] = around.below(s, load_row(s, at_begin), load_row(s, at_end));
             let [at_begin, at_end] = &self.hi[axis];
-            let above = around.below(s, negated(s, fours(s, at_begin)), negated(s, fours(s, at_end)));
-            hull.hi[axis] = Face { at_zero: -above.at_zero, slope: -above.slope };
+            let above = around.below(s, negated(s, load_row(s, at_begin)), negated(s, load_row(s, at_end)));
+            linear_box.hi[axis] = Face { at_zero: -above.at_zero, slope: -above.slope };
         }
-        hull
+        linear_box
     }
 
     #[inline(always)]
@@ -240,16 +243,16 @@ impl Spans {
 }
 
 /// Sixteen f64.
-type Fours<S> = [<S as Simd>::D; FOURS];
+type Row<S> = [<S as Simd>::D; VECTORS];
 
 #[inline(always)]
-fn fours<S: Simd>(s: S, row: &Lanes<f64>) -> Fours<S> {
+fn load_row<S: Simd>(s: S, row: &Lanes<f64>) -> Row<S> {
     let row = row.as_chunks().0;
     [s.load_d(&row[0]), s.load_d(&row[1]), s.load_d(&row[2]), s.load_d(&row[3])]
 }
 
 #[inline(always)]
-fn negated<S: Simd>(s: S, [a, b, c, d]: Fours<S>) -> Fours<S> {
+fn negated<S: Simd>(s: S, [a, b, c, d]: Row<S>) -> Row<S> {
     let zero = s.splat_d(0.0);
     [zero - a, zero - b, zero - c, zero - d]
 }
@@ -261,7 +264,7 @@ fn magnitude<S: Simd>(s: S, a: S::D) -> S::D {
 
 /// The least of sixteen.
 #[inline(always)]
-fn least<S: Simd>(s: S, [a, b, c, d]: Fours<S>) -> f64 {
+fn least<S: Simd>(s: S, [a, b, c, d]: Row<S>) -> f64 {
     let [a, b, c, d] = s.lanes_d(s.min_d(s.min_d(a, b), s.min_d(c, d)));
     let [ab, cd] = [if a < b { a } else { b }, if c < d { c } else { d }];
     if ab < cd { ab } else { cd }
@@ -269,30 +272,30 @@ fn least<S: Simd>(s: S, [a, b, c, d]: Fours<S>) -> f64 {
 
 /// The sum of sixteen differences.
 #[inline(always)]
-fn sum<S: Simd>(s: S, [a, b, c, d]: Fours<S>, [e, f, g, h]: Fours<S>) -> f64 {
+fn sum<S: Simd>(s: S, [a, b, c, d]: Row<S>, [e, f, g, h]: Row<S>) -> f64 {
     let [a, b, c, d] = s.lanes_d(((a - e) + (b - f)) + ((c - g) + (d - h)));
     (a + b) + (c + d)
 }
 
-/// What the faces of a hull have in common.
-struct Faces<S: Simd> {
-    /// First and last phase of each of what it is put around.
-    begins: Fours<S>,
-    ends: Fours<S>,
-    /// First and last phase of all.
+/// The inputs that the faces of a box have in common.
+struct FaceFit<S: Simd> {
+    /// First and last phase of each span.
+    begins: Row<S>,
+    ends: Row<S>,
+    /// First and last phase of all spans.
     range: [f64; 2],
-    /// Whether all have the same phases.
+    /// Whether all spans have the same phases.
     whole: bool,
-    /// Lengths of the ranges, added up.
+    /// The sum of the lengths of the ranges.
     duration: f64,
     /// The multiple of the padding.
     pad: f64,
 }
 
-impl<S: Simd> Faces<S> {
+impl<S: Simd> FaceFit<S> {
     /// A line that is computed below all the given ones.
     #[inline(always)]
-    fn below(&self, s: S, at_begin: Fours<S>, at_end: Fours<S>) -> Face {
+    fn below(&self, s: S, at_begin: Row<S>, at_end: Row<S>) -> Face {
         let rise = sum(s, at_end, at_begin);
         let mean = if self.duration > 0.0 { rise / self.duration } else { 0.0 };
         let mean = self.lowered(s, at_begin, at_end, mean);
@@ -307,11 +310,11 @@ impl<S: Simd> Faces<S> {
 
     /// The highest line of about this slope that is computed below all the given ones.
     #[inline(always)]
-    fn lowered(&self, s: S, at_begin: Fours<S>, at_end: Fours<S>, slope: f64) -> Face {
+    fn lowered(&self, s: S, at_begin: Row<S>, at_end: Row<S>, slope: f64) -> Face {
         let slope = slope as f32;
         let wide = f64::from(slope);
         let (by, mut all) = (s.splat_d(wide), at_begin);
-        for four in 0..FOURS {
+        for four in 0..VECTORS {
             let begin = at_begin[four] - by * self.begins[four];
             all[four] = s.min_d(begin, at_end[four] - by * self.ends[four]);
         }
@@ -334,82 +337,85 @@ mod tests {
     use crate::random::Random;
     use glam::Vec3;
 
-    /// Points on their ways: far from zero, tiny, fast and slow by turns, some of them with one that is far away.
-    fn ways(round: usize, random: &mut Random) -> Vec<[Vec3; 2]> {
+    /// Trajectories far from zero, tiny, fast or slow, depending on the round; in some rounds with one distant point.
+    fn trajectories(round: usize, random: &mut Random) -> Vec<[Vec3; 2]> {
         let offset = [0.0, 1000.0, -3.0e7, 1e-20, 1e-42][round % 5];
         let size = [1.0, 1e-3, 1e3, 1e-22, 1e-43][round % 5];
         let speed = [0.0, 1e-4, 1.0, 50.0][round / 5 % 4] * size;
         let mut place = |by: f32| random.vec() * by;
-        let mut ways: Vec<[Vec3; 2]> = (0..64)
+        let mut trajectories: Vec<[Vec3; 2]> = (0..64)
             .map(|_| {
                 let a = place(size) + offset;
                 [a, a + place(speed)]
             })
             .collect();
         if round.is_multiple_of(7) {
-            ways[13] = [place(1e9 * size), place(1e9 * size)];
+            trajectories[13] = [place(1e9 * size), place(1e9 * size)];
         }
-        ways
+        trajectories
     }
 
-    /// A way from place to place, and its phases.
-    type Way = ([[f32; 3]; 2], [f64; 2]);
+    /// A trajectory from place to place, and its phases.
+    type Trajectory = ([[f32; 3]; 2], [f64; 2]);
 
-    /// One to sixteen ways in rows.
-    fn in_rows(ways: &[Way]) -> Ways {
-        let way = |lane: usize| &ways[lane.min(ways.len() - 1)];
-        Ways {
-            open: core::array::from_fn(|axis| core::array::from_fn(|lane| way(lane).0[0][axis])),
-            close: core::array::from_fn(|axis| core::array::from_fn(|lane| way(lane).0[1][axis])),
-            range: core::array::from_fn(|end| core::array::from_fn(|lane| way(lane).1[end])),
+    /// One to sixteen trajectories in rows.
+    fn in_rows(trajectories: &[Trajectory]) -> TrajectoryRows {
+        let trajectory = |lane: usize| &trajectories[lane.min(trajectories.len() - 1)];
+        TrajectoryRows {
+            open: core::array::from_fn(|axis| core::array::from_fn(|lane| trajectory(lane).0[0][axis])),
+            close: core::array::from_fn(|axis| core::array::from_fn(|lane| trajectory(lane).0[1][axis])),
+            range: core::array::from_fn(|end| core::array::from_fn(|lane| trajectory(lane).1[end])),
             times: [[0.0; LANES], [2.0; LANES]],
         }
     }
 
-    fn hull(ways: &[Way]) -> Hull {
-        Hull::of_points(&in_rows(ways))
+    fn linear_box(trajectories: &[Trajectory]) -> LinearBox {
+        LinearBox::of_points(&in_rows(trajectories))
     }
 
     #[test]
     fn hulls_do_not_depend_on_the_instruction_set() {
         let mut random = Random(7);
         for round in 0..60 {
-            let ways = ways(round, &mut random);
-            let way = |(i, way): (usize, &[Vec3; 2])| (way.map(|p| p.to_array()), [0.125 * (i % 4) as f64, 1.0]);
-            let ways = in_rows(&ways.iter().enumerate().map(way).take(1 + round % LANES).collect::<Vec<_>>());
+            let trajectories = trajectories(round, &mut random);
+            let trajectory = |(i, trajectory): (usize, &[Vec3; 2])| {
+                (trajectory.map(|p| p.to_array()), [0.125 * (i % 4) as f64, 1.0])
+            };
+            let trajectories =
+                in_rows(&trajectories.iter().enumerate().map(trajectory).take(1 + round % LANES).collect::<Vec<_>>());
             let faces = SimdLevel::available().into_iter().map(|level| {
-                let hull = dispatch(level, AroundPoints { ways: &ways, padding: FULL });
-                [hull.lo, hull.hi].map(|faces| faces.map(|f| [f.at_zero.to_bits(), f.slope.to_bits()]))
+                let linear_box = dispatch(level, AroundPoints { trajectories: &trajectories, padding: FULL });
+                [linear_box.lo, linear_box.hi].map(|faces| faces.map(|f| [f.at_zero.to_bits(), f.slope.to_bits()]))
             });
             let faces: Vec<_> = faces.collect();
             assert!(faces.iter().all(|other| *other == faces[0]), "round {round}");
         }
     }
 
-    /// Faces of three levels of hulls and points, both as queries compute them.
+    /// Faces of three levels of boxes and points, both as queries compute them.
     #[test]
     fn no_rounding_lets_a_point_out() {
         let mut random = Random(3);
         for round in 0..300 {
-            let ways = ways(round, &mut random);
+            let trajectories = trajectories(round, &mut random);
             let range = |i: usize| if round % 3 == 0 { [0.0, 1.0] } else { [0.25 * (i % 3) as f64, 1.0] };
-            let way = |(i, way): (usize, &[Vec3; 2])| (way.map(|p| p.to_array()), range(i));
-            let spans: Vec<Way> = ways.iter().enumerate().map(way).collect();
-            let leaves: Vec<Hull> = spans.chunks(8).map(hull).collect();
-            let nodes: Vec<Hull> = leaves.chunks(4).map(Hull::of_hulls).collect();
-            let root = Hull::of_hulls(&nodes);
+            let trajectory = |(i, trajectory): (usize, &[Vec3; 2])| (trajectory.map(|p| p.to_array()), range(i));
+            let spans: Vec<Trajectory> = trajectories.iter().enumerate().map(trajectory).collect();
+            let leaves: Vec<LinearBox> = spans.chunks(8).map(linear_box).collect();
+            let nodes: Vec<LinearBox> = leaves.chunks(4).map(LinearBox::of_boxes).collect();
+            let root = LinearBox::of_boxes(&nodes);
             for step in 0..=40 {
                 let at = KeyTime::new(step as f32 / 40.0, 2);
                 let phase = if at.from_end { at.s + 1.0 } else { at.s };
-                for (i, way) in ways.iter().enumerate() {
+                for (i, trajectory) in trajectories.iter().enumerate() {
                     if f64::from(phase) < range(i)[0] {
                         continue;
                     }
-                    let p = at.position(way[0], way[1]);
-                    for hull in [&leaves[i / 8], &nodes[i / 32], &root] {
+                    let p = at.position(trajectory[0], trajectory[1]);
+                    for linear_box in [&leaves[i / 8], &nodes[i / 32], &root] {
                         for axis in 0..3 {
                             let face = |f: Face| f.at_zero + f.slope * phase;
-                            let (lo, hi) = (face(hull.lo[axis]), face(hull.hi[axis]));
+                            let (lo, hi) = (face(linear_box.lo[axis]), face(linear_box.hi[axis]));
                             assert!(lo <= p[axis] && p[axis] <= hi, "round {round}, point {i}: {lo} {p} {hi}");
                         }
                     }
@@ -418,20 +424,21 @@ mod tests {
         }
     }
 
-    /// How often a point is computed outside of a box that touches it at one end of the range of phases for which it
-    /// counts. The other points of the box hold the slope of the face far from its own. Either it is fast and passes zero
-    /// there, and they stand; or it stands near zero, and they are fast.
+    /// How often a point is computed outside of a box that touches it at one end of its range of phases. The other points
+    /// of the box give the face a slope that is far from that of the point. Either the point is fast and passes zero
+    /// there, and the others are static; or it is static near zero, and they are fast.
     fn lost_where_faces_touch(fast: bool, padding: Padding) -> usize {
         let (mut random, mut lost) = (Random(3), 0);
         for _ in 0..2000 {
             let [r, w, o] = [(); 3].map(|()| 0.5 + 0.45 * random.signed());
-            let (way, range) = if fast { ([-w * r, w * (1.0 - r)], [r, 1.0]) } else { ([1e-3 * w; 2], [0.0, r]) };
+            let (trajectory, range) =
+                if fast { ([-w * r, w * (1.0 - r)], [r, 1.0]) } else { ([1e-3 * w; 2], [0.0, r]) };
             let other = if fast { [3.0; 2] } else { [0.5 + o, 0.5 + o + w] };
-            let span = |way: [f32; 2], range: [f32; 2]| (way.map(|x| [x; 3]), range.map(f64::from));
+            let span = |trajectory: [f32; 2], range: [f32; 2]| (trajectory.map(|x| [x; 3]), range.map(f64::from));
             let mut spans = [span(other, [0.0, 1.0]); LANES];
-            spans[0] = span(way, range);
-            let face = dispatch(SimdLevel::best(), AroundPoints { ways: &in_rows(&spans), padding }).lo[0];
-            let [a, b] = way;
+            spans[0] = span(trajectory, range);
+            let face = dispatch(SimdLevel::best(), AroundPoints { trajectories: &in_rows(&spans), padding }).lo[0];
+            let [a, b] = trajectory;
             let p = if r < 0.5 { a + (b - a) * r } else { b + (b - a) * (r - 1.0) };
             lost += usize::from(face.at_zero + face.slope * r > p);
         }
@@ -451,11 +458,11 @@ mod tests {
     fn padding_follows_what_is_in_the_box() {
         let mut random = Random(5);
         let mut place = || [random.signed(), random.signed(), random.signed()];
-        let mut spans: Vec<Way> = (0..16).map(|_| ([place(), place()], [0.0, 1.0])).collect();
-        let width = |hull: &Hull, axis: usize| hull.hi[axis].at(0.5) - hull.lo[axis].at(0.5);
-        let before = hull(&spans);
+        let mut spans: Vec<Trajectory> = (0..16).map(|_| ([place(), place()], [0.0, 1.0])).collect();
+        let width = |linear_box: &LinearBox, axis: usize| linear_box.hi[axis].at(0.5) - linear_box.lo[axis].at(0.5);
+        let before = linear_box(&spans);
         spans[3].0 = [[1e6, 0.1, 0.2], [-1e6, 0.2, 0.1]];
-        let after = hull(&spans);
+        let after = linear_box(&spans);
         for axis in 1..3 {
             assert!(width(&after, axis) < width(&before, axis) + 1e-6, "axis {axis}");
         }
@@ -463,15 +470,15 @@ mod tests {
 
     #[test]
     fn coherent_motion_keeps_hulls_tight() {
-        let spans: Vec<Way> = (0..16)
+        let spans: Vec<Trajectory> = (0..16)
             .map(|i| {
                 let x = i as f32 / 16.0;
                 ([[x; 3], [x + 5.0; 3]], [0.0, 1.0])
             })
             .collect();
-        let hull = hull(&spans);
+        let linear_box = linear_box(&spans);
         for s in [0.0, 0.5, 1.0] {
-            let width = hull.hi[0].at(s) - hull.lo[0].at(s);
+            let width = linear_box.hi[0].at(s) - linear_box.lo[0].at(s);
             assert!((0.9375..0.938).contains(&width), "{width} at {s}");
         }
     }

@@ -1,15 +1,15 @@
-//! Point trees: exact neighbour queries at a given time, among points that move or exist for part of the shutter.
+//! Exact neighbour queries at a time, among points that may move and may exist for a part of the shutter only.
 //!
-//! A tree has sixteen-way nodes over leaves of sixteen points. One vector instruction tests sixteen boxes or
-//! sixteen points. Boxes of moving points move linearly in time; where points cross each other's cells, splits of the
-//! shutter keep the boxes tight. The tree of a static set has no time data. The alternative is the paper's k-d tree, in
-//! whose leaves points have time intervals.
+//! The picture to have in mind: a pyramid of 16-wide nodes over leaves of sixteen points. One vector
+//! instruction tests sixteen boxes or sixteen points. If points move, boxes move with them, linearly
+//! in time; if points cross each other's cells, splitting the shutter keeps the boxes tight. A static set
+//! has a tree without any of that. The alternative is the paper's k-d tree, in whose leaves points have time intervals.
 //!
-//! Data flows `primitive` (input) → `order` and `select` (the points of each leaf) → `static_tree` or `moving_tree`, or
-//! `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at a given time) → `search` (the searches) →
-//! `query` (the public interface).
+//! Data flows `primitive` (input) → `order` and `select` (assigning points to leaves) → `static_tree`
+//! or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at a time) → `search`
+//! (the searches) → `query` (the interface).
 //!
-//! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is ours and
+//! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is new here and
 //! measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
 
 mod approach;
@@ -17,14 +17,12 @@ mod automatic;
 mod batch;
 mod bottom;
 mod build;
-mod byte_boxes;
 mod choose;
 mod compiled;
 mod complete_tree;
 mod counted;
 mod error;
 mod fast;
-mod flyby;
 mod gather;
 mod in_file;
 mod iter;
@@ -38,6 +36,7 @@ mod moving_view;
 mod neighbor;
 mod order;
 mod over_interval;
+mod pair_approach;
 mod partition;
 mod plane_file;
 mod plane_tree;

@@ -1,54 +1,23 @@
-//! Trees of boxes over points that move or live for a while, in files.
+//! Moving point trees in files.
 
 use super::linear_bounds::LinearBoxes;
 use super::moving_leaf::{Block, MovingLeaves, Times};
 use super::moving_reference::Part;
 use super::moving_tree::{MovingTree, first_children};
 use super::static_tree::Shape;
-use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::simd::{LANES, Lanes};
 
-impl Record for Block {
-    const BYTES: usize = 448;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        [self.open, self.close].put(&mut to[..384]);
-        self.id.put(&mut to[384..]);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> Block {
-        let [open, close] = Record::get(&from[..384]);
-        Block { open, close, id: Record::get(&from[384..]) }
-    }
-}
-
-impl Record for Times {
-    const BYTES: usize = 128;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        [self.begin, self.end].put(to);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> Times {
-        let [begin, end] = Record::get(from);
-        Times { begin, end }
-    }
-}
-
-impl Record for LinearBoxes {
-    const BYTES: usize = 768;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        [self.lo, self.lo_slope, self.hi, self.hi_slope].put(to);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> LinearBoxes {
-        let [lo, lo_slope, hi, hi_slope] = Record::get(from);
-        LinearBoxes { lo, lo_slope, hi, hi_slope }
-    }
-}
+record_fields!(Block { open: [Lanes<f32>; 3], close: [Lanes<f32>; 3], id: Lanes<u32> });
+record_fields!(Times { begin: Lanes<f32>, end: Lanes<f32> });
+record_fields!(LinearBoxes {
+    lo: [Lanes<f32>; 3],
+    lo_slope: [Lanes<f32>; 3],
+    hi: [Lanes<f32>; 3],
+    hi_slope: [Lanes<f32>; 3],
+});
 
 impl MovingLeaves {
     /// Number of points in all leaves.
@@ -63,13 +32,13 @@ impl MovingLeaves {
         to.array(&self.lives)
     }
 
-    /// Reads what was written; nothing of it is checked.
+    /// Reads leaves that [`MovingLeaves::encode`] wrote, without validating them.
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<MovingLeaves, FileError> {
         Ok(MovingLeaves { blocks: from.array()?, times: from.array()?, lives: from.array()? })
     }
 
-    /// Checks that points are places and other lanes nothing, and that there are times for all or for none. `counts` says
-    /// how many points are in a block, if that is known.
+    /// Validates that points have valid positions and other lanes are absent, and that there are times for all or for
+    /// none. `counts` is the number of points, if the first lanes must hold them.
     pub(super) fn check(&self, timed: bool, counts: Option<usize>) -> Result<(), FileError> {
         let blocks = self.blocks.len();
         let fits = self.times.len() == if timed { blocks } else { 0 };
@@ -84,8 +53,8 @@ impl MovingLeaves {
     }
 }
 
-/// Whether the lanes of a block are points or nothing; points are the first so many, if that is known. Row by row, without branches: there are
-/// many blocks.
+/// Whether each lane of a block is a point or absent; if `count` is given, exactly the first lanes are points. Row by
+/// row, without branches: there are many blocks.
 fn is_fine(block: &Block, count: Option<usize>) -> bool {
     const MOST: f32 = MAX_POINT_COORDINATE as f32;
     let there = block.id.map(|id| id != u32::MAX);
@@ -100,7 +69,7 @@ fn is_fine(block: &Block, count: Option<usize>) -> bool {
     counted && fine == [true; LANES]
 }
 
-/// What a file says of a tree.
+/// The contents of a file for one tree, not validated yet.
 pub(super) struct MovingRecord {
     count: u64,
     nodes: Vec<LinearBoxes>,
@@ -109,7 +78,7 @@ pub(super) struct MovingRecord {
 }
 
 impl MovingTree {
-    /// Writes everything but which part of the shutter it is for.
+    /// Writes everything except the part of the shutter.
     pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.put(self.references as u64)?;
         to.array(&self.nodes)?;
@@ -119,13 +88,13 @@ impl MovingTree {
 }
 
 impl MovingRecord {
-    /// Reads what was written.
+    /// Reads a tree that [`MovingTree::encode`] wrote.
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<MovingRecord, FileError> {
         let (count, nodes, node_times) = (from.get()?, from.array()?, from.array()?);
         Ok(MovingRecord { count, nodes, node_times, leaves: MovingLeaves::decode(from)? })
     }
 
-    /// The tree of a part of the shutter, if searches can walk it.
+    /// The tree of a part of the shutter, or an error if searches cannot traverse it.
     pub(super) fn checked(self, part: Part) -> Result<MovingTree, FileError> {
         let MovingRecord { count, nodes, node_times, leaves } = self;
         let blocks = leaves.blocks.len();
@@ -147,7 +116,7 @@ impl MovingRecord {
     }
 }
 
-/// Whether a lane of a node is a box with a child, or nothing.
+/// Whether a lane of a node is a box with a child, or absent.
 fn is_child(boxes: &LinearBoxes, times: Option<&Times>, lane: usize, there: bool) -> bool {
     let at = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);
     let (lo, hi) = (at(&boxes.lo), at(&boxes.hi));
@@ -157,7 +126,7 @@ fn is_child(boxes: &LinearBoxes, times: Option<&Times>, lane: usize, there: bool
     numbers && there || absent && times.is_none_or(|times| never(times, lane))
 }
 
-/// Whether a lane never counts.
+/// Whether a lane is never active.
 pub(super) fn never(times: &Times, lane: usize) -> bool {
     times.begin[lane] == f32::INFINITY && times.end[lane] == f32::NEG_INFINITY
 }

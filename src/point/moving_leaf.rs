@@ -1,4 +1,4 @@
-//! Leaves of moving points: blocks of sixteen in rows, and when each of them counts.
+//! Leaves of moving points: blocks of sixteen in rows, with active intervals.
 
 use super::moving_reference::Mover;
 use super::over_interval::{Flight, FlightRows};
@@ -7,7 +7,7 @@ use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 
-/// Sixteen moving points in rows; absent ones stand where every squared distance is infinite.
+/// Sixteen moving points in rows; absent ones have coordinates for which every squared distance is infinite.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Block {
@@ -16,7 +16,7 @@ pub(super) struct Block {
     pub(super) id: Lanes<u32>,
 }
 
-/// When each of sixteen lanes counts: `begin <= t < end`.
+/// The active intervals of sixteen lanes: `begin <= t < end`.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Times {
@@ -25,7 +25,7 @@ pub(super) struct Times {
 }
 
 impl Times {
-    /// Sixteen lanes that never count.
+    /// Sixteen lanes that are never active.
     pub(super) const NEVER: Times = Times { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
 
     /// Sets one lane.
@@ -33,14 +33,14 @@ impl Times {
         (self.begin[lane], self.end[lane]) = (begin, end);
     }
 
-    /// Lanes that count at a time.
+    /// The lanes that are active at a time.
     #[inline(always)]
     pub(super) fn counting<S: Simd>(&self, s: S, time: S::F) -> Mask {
         s.le(s.load(&self.begin), time) & s.lt(time, s.load(&self.end))
     }
 }
 
-/// A block in the making: its rows, when its lanes count, and when the points in them are alive altogether.
+/// A block under construction: its rows, the active intervals of its lanes, and the whole intervals of the points.
 #[derive(Clone, Copy)]
 pub(super) struct Leaf {
     block: Block,
@@ -49,7 +49,7 @@ pub(super) struct Leaf {
 }
 
 impl Leaf {
-    /// Nothing in any lane.
+    /// A block without points.
     pub(super) const EMPTY: Leaf = Leaf {
         block: Block { open: [[f32::MAX; LANES]; 3], close: [[f32::MAX; LANES]; 3], id: [u32::MAX; LANES] },
         times: Times::NEVER,
@@ -65,7 +65,8 @@ impl Leaf {
         self.block.id[lane] = mover.id;
     }
 
-    /// Sets when it counts, and its life. Leaves in which everything counts throughout have neither.
+    /// Sets the active interval of a lane, and the whole interval of its point. Leaves whose points are active throughout
+    /// have neither.
     pub(super) fn set_times(&mut self, lane: usize, times: [f32; 2], life: TimeInterval) {
         self.times.set(lane, times);
         self.lives.set(lane, [life.begin(), life.end_bound()]);
@@ -76,15 +77,15 @@ impl Leaf {
 #[derive(Clone)]
 pub(super) struct MovingLeaves {
     pub(super) blocks: Vec<Block>,
-    /// When lanes count; empty where everything counts throughout.
+    /// Active intervals of the lanes; empty if all are active throughout.
     pub(super) times: Vec<Times>,
-    /// Whole lives; empty where all points live throughout.
+    /// Whole intervals of the points; empty if all points exist throughout the shutter.
     pub(super) lives: Vec<Times>,
 }
 
 impl MovingLeaves {
-    /// So many empty leaves; `timed` where not everything counts throughout, `mortal` where not all points live
-    /// throughout.
+    /// `count` empty leaves; `timed` if not all lanes are active throughout, `mortal` if not all points exist
+    /// throughout the shutter.
     pub(super) fn empty(count: usize, timed: bool, mortal: bool) -> MovingLeaves {
         MovingLeaves {
             blocks: huge_vec_of(Leaf::EMPTY.block, count),
@@ -93,7 +94,7 @@ impl MovingLeaves {
         }
     }
 
-    /// All of them, to be filled.
+    /// All leaves, to be filled.
     pub(super) fn rows(&mut self) -> LeafRows<'_> {
         LeafRows { blocks: &mut self.blocks, times: &mut self.times, lives: &mut self.lives }
     }
@@ -121,7 +122,7 @@ impl MovingLeaves {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
-    /// Asks for a block that will soon be tested, probably.
+    /// Prefetches a block that will probably be tested soon.
     #[inline(always)]
     pub(super) fn prefetch(&self, block: usize) {
         if let Some(block) = self.blocks.get(block) {
@@ -129,7 +130,7 @@ impl MovingLeaves {
         }
     }
 
-    /// Where the points of a block are, whether they count at this time or not.
+    /// Positions of the points of a block, whether they are active at this time or not.
     #[inline(always)]
     fn interpolated<S: Simd>(&self, s: S, at: KeyTime, target: &Target<S>, block: usize) -> [S::F; 3] {
         let Block { open, close, .. } = &self.blocks[block];
@@ -138,7 +139,7 @@ impl MovingLeaves {
         [base[0] + (bx - ax) * target.step, base[1] + (by - ay) * target.step, base[2] + (bz - az) * target.step]
     }
 
-    /// Where the points of a block are at a time; the first coordinate is infinite where there is no point then.
+    /// Positions of the points of a block at a time; the first coordinate is infinite if a point is not active then.
     #[inline(always)]
     pub(super) fn positions<S: Simd, const TIMED: bool>(
         &self,
@@ -155,12 +156,12 @@ impl MovingLeaves {
         places
     }
 
-    /// Whether a lane of a block counts at a time.
+    /// Whether a lane of a block is active at a time.
     pub(super) fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
         self.times.get(block).is_none_or(|t| t.begin[lane] <= time && time < t.end[lane])
     }
 
-    /// The points that count at a time, with their ids.
+    /// The points that are active at a time, with their ids.
     pub(super) fn counting(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
         let lanes = (0..self.blocks.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
         lanes.filter_map(move |(block, lane)| {
@@ -170,7 +171,7 @@ impl MovingLeaves {
         })
     }
 
-    /// Squared distances to the points of a block at a time; infinite where there is no point then.
+    /// Squared distances to the points of a block at a time; infinite if a point is not active then.
     #[inline(always)]
     pub(super) fn distances<S: Simd, const TIMED: bool>(
         &self,
@@ -193,13 +194,13 @@ impl MovingLeaves {
         self.blocks.len()
     }
 
-    /// When a lane of a block counts.
+    /// The active interval of a lane of a block.
     pub(super) fn times(&self, block: usize, lane: usize) -> [f32; 2] {
         let times = &self.times[block];
         [times.begin[lane], times.end[lane]]
     }
 
-    /// Whether the life of any point begins at a time.
+    /// Whether the interval of any point begins at a time.
     pub(super) fn begins_at(&self, time: f32) -> bool {
         self.lives.iter().any(|life| life.begin.contains(&time))
     }
@@ -238,12 +239,12 @@ impl<'a> LeafRows<'a> {
         self.blocks.len()
     }
 
-    /// Whether they say when their points count, or live.
+    /// Whether they have intervals of lanes or of points.
     pub(super) fn timed(&self) -> bool {
         !(self.times.is_empty() && self.lives.is_empty())
     }
 
-    /// The first `count` of them and the rest.
+    /// The first `count` leaves and the rest.
     pub(super) fn split_at(self, count: usize) -> [LeafRows<'a>; 2] {
         let (blocks, more_blocks) = self.blocks.split_at_mut(count);
         let (times, more_times) = self.times.split_at_mut(count.min(self.times.len()));
@@ -251,7 +252,7 @@ impl<'a> LeafRows<'a> {
         [LeafRows { blocks, times, lives }, LeafRows { blocks: more_blocks, times: more_times, lives: more_lives }]
     }
 
-    /// Fills one of them.
+    /// Fills a leaf.
     pub(super) fn set(&mut self, i: usize, leaf: &Leaf) {
         self.blocks[i] = leaf.block;
         if let Some(times) = self.times.get_mut(i) {

@@ -1,37 +1,38 @@
-//! Points between two keys, and the part of the shutter a tree covers.
+//! Moving references: points between two keys, and the part of the shutter that a tree covers.
 
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{Item, huge_vec};
 
-/// A point on a straight way between two keys, counting during `alive`.
+/// A reference to a point that moves linearly between two keys, active during `alive`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Mover {
     pub(super) open: [f32; 3],
     pub(super) close: [f32; 3],
     pub(super) alive: TimeInterval,
-    /// The whole life of the point, of which `alive` is what falls into a part of the shutter.
+    /// The whole interval of the point, of which `alive` is the intersection with a part of the shutter.
     pub(super) life: TimeInterval,
     pub(super) id: u32,
     /// Whether it moves far relative to its neighbours.
     pub(super) fast: bool,
 }
 
-/// The part of the shutter that a moving tree answers for: within one segment between two keys.
+/// The part of the shutter that a moving tree covers: within one segment between two keys.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Part {
     /// Number of keys of the set.
     pub(super) keys: usize,
     /// Index of the earlier key.
     pub(super) segment: usize,
-    /// When.
+    /// The times of the part.
     pub(super) interval: TimeInterval,
-    /// Its begin and end between the keys, exact: parts that share an end have the same number there.
+    /// Its begin and end as phases between the keys, exact: parts that share an end have the same phase there.
     pub(super) phases: [f64; 2],
 }
 
 impl Part {
-    /// Where time `t` lies in the part, between the keys, without rounding. (Times have 24 bits and there are at most
-    /// 2^16 keys.) At the ends of the part it is that of the part, which at a key is not that of the nearest float.
+    /// The phase of time `t` between the keys, without rounding. (Times have 24 bits and there are at most
+    /// 2^16 keys.) At the ends of the part it is the phase of the part, which at a key differs from that of the nearest
+    /// float.
     pub(super) fn exact_phase(&self, t: f32) -> f64 {
         if t <= self.interval.begin() {
             return self.phases[0];
@@ -42,8 +43,8 @@ impl Part {
         exact_phase(t, self.keys, self.segment).clamp(self.phases[0], self.phases[1])
     }
 
-    /// Where time `t` lies in the segment, in [0, 1], in the very rounding that queries use. It never
-    /// decreases as `t` grows, so what holds between the phases of two times holds at all times between.
+    /// The phase of time `t` in the segment, in [0, 1], with the same rounding as in queries. It is monotone in `t`, so
+    /// bounds that hold between the phases of two times hold at all times between.
     pub(super) fn phase(&self, t: f32) -> f32 {
         phase(KeyTime::new(t.min(1.0), self.keys), self.segment)
     }
@@ -54,23 +55,23 @@ impl Part {
         [begin.min(self.exact_phase(times[0])), end.max(self.exact_phase(times[1]))]
     }
 
-    /// The middle.
+    /// The middle of the part.
     pub(super) fn middle(&self) -> f32 {
         0.5 * (self.interval.begin() + self.interval.end())
     }
 
-    /// Where that lies in the segment.
+    /// The phase of the middle in the segment.
     pub(super) fn middle_phase(&self) -> f64 {
         self.phase(self.middle()).into()
     }
 }
 
-/// Where a time lies between the keys of a segment, outside of [0, 1] where it lies outside; exact.
+/// The phase of a time between the keys of a segment, outside of [0, 1] if it lies outside; exact.
 pub(super) fn exact_phase(t: f32, keys: usize, segment: usize) -> f64 {
     f64::from(t) * (keys.max(2) - 1) as f64 - segment as f64
 }
 
-/// Phase within `segment` of a time that lies in it, or at its ends.
+/// The phase within `segment` of a time that lies in it, or at its ends.
 pub(super) fn phase(at: KeyTime, segment: usize) -> f32 {
     match at.segment.cmp(&segment) {
         core::cmp::Ordering::Less => 0.0,
@@ -92,13 +93,13 @@ impl Mover {
         open + (close - open) * phase
     }
 
-    /// The phases while it counts, as [`Part::range`] has them.
+    /// The phases of its active interval, as given by [`Part::range`].
     pub(super) fn range(&self, part: &Part) -> [f64; 2] {
         part.range([self.alive.begin(), self.alive.end_bound()])
     }
 }
 
-/// Where movers are at a phase between their keys.
+/// Positions of references at a phase between their keys.
 pub(super) fn places(movers: &[Mover], phase: f64) -> Vec<Item> {
     let place = |(index, m): (usize, &Mover)| Item {
         at: core::array::from_fn(|axis| m.at(axis, phase) as f32),

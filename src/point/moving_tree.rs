@@ -1,9 +1,9 @@
-//! The tree over points that move or live for a while, for one part of the shutter.
+//! The tree over points that move or exist for a while, for one part of the shutter.
 //!
 //! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
-//! from two keys, and where points live for a while only, nodes and leaves say when.
+//! from two keys, and if points exist for a while only, nodes and leaves have active intervals.
 
-use super::linear_bounds::{Hull, LinearBoxes, Ways};
+use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
 use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
 use super::moving_reference::{Mover, Part, places};
 use super::moving_view::{AtTime, HasLeaves};
@@ -16,22 +16,22 @@ use crate::parallel;
 use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 
-/// Points that move or live for a while, in a 16-ary tree for one part of the shutter.
+/// Points that move or exist for a while, in a 16-ary tree for one part of the shutter.
 #[derive(Clone)]
 pub(super) struct MovingTree {
     pub(super) part: Part,
     pub(super) nodes: Vec<LinearBoxes>,
-    /// Number of each node's first child (node, or block on level 0).
+    /// Index of each node's first child (node, or block on level 0).
     pub(super) first: Vec<u32>,
     pub(super) leaves: MovingLeaves,
-    /// When the children of nodes count; empty where everything counts throughout.
+    /// Active intervals of the children of nodes; empty if all are active throughout.
     pub(super) node_times: Vec<Times>,
     pub(super) levels: usize,
     pub(super) references: usize,
 }
 
 /// Writes the rows of a node.
-fn set(node: &mut LinearBoxes, times: &mut Times, children: &[Hull]) {
+fn set(node: &mut LinearBoxes, times: &mut Times, children: &[LinearBox]) {
     for (lane, child) in children.iter().enumerate() {
         node.set(lane, child);
         times.set(lane, child.times);
@@ -39,7 +39,7 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[Hull]) {
 }
 
 impl MovingTree {
-    /// The complete tree: each mover is in one leaf.
+    /// Builds the complete tree: each reference is in one leaf.
     pub(super) fn build(movers: &[Mover], part: Part, progress: &Progress) -> MovingTree {
         let mut items = places(movers, part.middle_phase());
         order(&mut items, LANES, &progress.part(ORDERING));
@@ -48,28 +48,28 @@ impl MovingTree {
         let shape = Shape::with_leaf(movers.len(), 1);
         let count = movers.len().div_ceil(LANES);
         let mut leaves = MovingLeaves::empty(count, timed, mortal);
-        let mut hulls: Vec<Option<Hull>> = vec![None; count];
-        Fill { movers, part: &part }.leaves(&items, leaves.rows(), &mut hulls);
+        let mut boxes: Vec<Option<LinearBox>> = vec![None; count];
+        Fill { movers, part: &part }.leaves(&items, leaves.rows(), &mut boxes);
         drop(items);
         let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
         let mut node_times = vec![Times::NEVER; if timed { shape.nodes() } else { 0 }];
-        let mut hulls: Vec<Hull> = hulls.into_iter().flatten().collect();
+        let mut boxes: Vec<LinearBox> = boxes.into_iter().flatten().collect();
         for level in 0..shape.levels {
             let begin = shape.begin[level];
-            let mut above = Vec::with_capacity(hulls.len().div_ceil(LANES));
-            // Even a tree without references has its root.
+            let mut above = Vec::with_capacity(boxes.len().div_ceil(LANES));
+            // Even a tree without references has a root.
             for i in 0..shape.begin[level + 1] - begin {
-                let children = &hulls[(i * LANES).min(hulls.len())..((i + 1) * LANES).min(hulls.len())];
+                let children = &boxes[(i * LANES).min(boxes.len())..((i + 1) * LANES).min(boxes.len())];
                 let mut times = Times::NEVER;
                 set(&mut nodes[begin + i], &mut times, children);
                 if timed {
                     node_times[begin + i] = times;
                 }
                 if !children.is_empty() {
-                    above.push(Hull::of_hulls(children));
+                    above.push(LinearBox::of_boxes(children));
                 }
             }
-            hulls = above;
+            boxes = above;
         }
         let first = first_children(&shape);
         progress.finished(1.0 - ORDERING);
@@ -109,7 +109,7 @@ impl MovingTree {
         !self.node_times.is_empty()
     }
 
-    /// The part of the shutter it answers for.
+    /// The part of the shutter that the tree covers.
     pub(super) fn part(&self) -> &Part {
         &self.part
     }
@@ -121,7 +121,7 @@ impl MovingTree {
     }
 }
 
-/// Number of each node's first child (node, or block on level 0).
+/// Index of each node's first child (node, or block on level 0).
 pub(super) fn first_children(shape: &Shape) -> Vec<u32> {
     let mut first = Vec::with_capacity(shape.nodes());
     for level in 0..shape.levels {
@@ -131,7 +131,7 @@ pub(super) fn first_children(shape: &Shape) -> Vec<u32> {
     first
 }
 
-/// What filling blocks needs to know.
+/// The inputs of filling leaves.
 #[derive(Clone, Copy)]
 struct Fill<'a> {
     movers: &'a [Mover],
@@ -139,19 +139,19 @@ struct Fill<'a> {
 }
 
 impl Fill<'_> {
-    /// Fills leaves from ordered items, halves in parallel.
-    fn leaves(self, items: &[Item], mut leaves: LeafRows<'_>, hulls: &mut [Option<Hull>]) {
+    /// Fills leaves from ordered items, recursively in parallel.
+    fn leaves(self, items: &[Item], mut leaves: LeafRows<'_>, boxes: &mut [Option<LinearBox>]) {
         if leaves.len() > 1024 {
             let half = leaves.len() / 2;
             let (items, more_items) = items.split_at(half * LANES);
-            let (hulls, more_hulls) = hulls.split_at_mut(half);
+            let (boxes, more_boxes) = boxes.split_at_mut(half);
             let [leaves, more_leaves] = leaves.split_at(half);
-            parallel::both(|| self.leaves(items, leaves, hulls), || self.leaves(more_items, more_leaves, more_hulls));
+            parallel::both(|| self.leaves(items, leaves, boxes), || self.leaves(more_items, more_leaves, more_boxes));
             return;
         }
         let throughout = [self.part.interval.begin(), self.part.interval.end_bound()];
         let whole = self.part.range(throughout);
-        let mut ways = Ways {
+        let mut rows = TrajectoryRows {
             open: [[0.0; LANES]; 3],
             close: [[0.0; LANES]; 3],
             range: whole.map(|phase| [phase; LANES]),
@@ -161,7 +161,7 @@ impl Fill<'_> {
         // A full leaf overwrites every lane of the one before.
         let mut leaf = Leaf::EMPTY;
         for (i, of_leaf) in items.chunks(LANES).enumerate() {
-            // Where each of them lies in memory is as good as random: begins in one cache line, and may end in another.
+            // The accesses are practically random, and each reference may span two cache lines.
             for item in items.iter().skip((i + 2) * LANES).take(LANES) {
                 let mover = &self.movers[item.index as usize];
                 prefetch(mover);
@@ -173,7 +173,7 @@ impl Fill<'_> {
             for lane in 0..LANES {
                 let item = of_leaf.get(lane).or(of_leaf.last()).expect("a leaf has a point");
                 let mover = &self.movers[item.index as usize];
-                ways.set_ends(lane, [mover.open, mover.close]);
+                rows.set_ends(lane, [mover.open, mover.close]);
                 if lane < of_leaf.len() {
                     leaf.set(lane, mover);
                 }
@@ -181,14 +181,14 @@ impl Fill<'_> {
                     let counts_throughout = mover.alive == self.part.interval;
                     let range = if counts_throughout { whole } else { mover.range(self.part) };
                     let times = [mover.alive.begin(), mover.alive.end_bound()];
-                    ways.set_times(lane, range, times);
+                    rows.set_times(lane, range, times);
                     if lane < of_leaf.len() {
                         leaf.set_times(lane, times, mover.life);
                     }
                 }
             }
             leaves.set(i, &leaf);
-            hulls[i] = Some(Hull::of_points(&ways));
+            boxes[i] = Some(LinearBox::of_points(&rows));
         }
     }
 }
@@ -228,7 +228,7 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
         let boxes = &self.tree.nodes[node];
-        // Not fused: then every instruction set visits the same nodes, and approximate answers agree too.
+        // Not fused: then every instruction set visits the same nodes, and approximate answers agree as well.
         let lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
         let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
         let (distances, holding) = outside(s, &target.point, lo, hi);
@@ -245,7 +245,7 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         diagonal::<S>(lo, line(s, &boxes.hi, &boxes.hi_slope, target.phase))
     }
     #[inline(always)]
-    fn expect_node(&self, node: usize) {
+    fn prefetch_node(&self, node: usize) {
         prefetch(&self.tree.nodes[node]);
     }
 }

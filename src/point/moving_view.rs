@@ -1,4 +1,4 @@
-//! A tree of moving points at a time: its leaves, whatever is above them.
+//! A tree of moving points at a time: the view of its leaves, for boxes and planes alike.
 
 use super::moving_leaf::MovingLeaves;
 use super::moving_reference::{Part, phase};
@@ -13,7 +13,7 @@ pub(super) trait HasLeaves {
     fn leaves(&self) -> &MovingLeaves;
 }
 
-/// A tree of moving points at a time; `TIMED` where not everything counts throughout.
+/// A tree of moving points at a time; `TIMED` if not all references are active throughout.
 pub(super) struct AtTime<'a, T, const TIMED: bool> {
     pub(super) tree: &'a T,
     at: KeyTime,
@@ -30,14 +30,14 @@ impl<T, const TIMED: bool> Clone for AtTime<'_, T, TIMED> {
 impl<T, const TIMED: bool> Copy for AtTime<'_, T, TIMED> {}
 
 impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
-    /// The tree of a part of the shutter, in which the time lies.
+    /// A view of a tree whose part of the shutter contains the time.
     #[inline(always)]
     pub(super) fn new(tree: &'a T, part: &Part, time: f32) -> Self {
         let at = KeyTime::new(time, part.keys);
         AtTime { tree, at, phase: phase(at, part.segment), time }
     }
 
-    /// Where the points of a block are; the first coordinate is infinite where there is no point at the time.
+    /// Positions of the points of a block; the first coordinate is infinite if a point is not active at the time.
     #[inline(always)]
     pub(super) fn places<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
         self.tree.leaves().positions::<S, TIMED>(s, self.at, target, block)
@@ -59,7 +59,7 @@ impl<T: HasLeaves, const TIMED: bool> Leaves for AtTime<'_, T, TIMED> {
         self.tree.leaves().distances::<S, TIMED>(s, self.at, target, block)
     }
     #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
+    fn prefetch_leaf(&self, block: usize) {
         self.tree.leaves().prefetch(block);
     }
     #[inline(always)]

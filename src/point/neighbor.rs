@@ -1,4 +1,4 @@
-//! What a query finds.
+//! The result of a neighbour query.
 
 /// A point that a query found.
 #[derive(Clone, Copy, PartialEq, Debug)]

@@ -1,6 +1,6 @@
-//! Layers: a tree that stands still, or moving trees side by side in time.
+//! Layers: a static tree, or moving trees for successive parts of the shutter.
 //!
-//! A set may be divided among layers, what stands still apart from what moves; a search goes through
+//! A set may be divided among layers, static points separate from moving ones; a search goes through
 //! them one after the other with the same candidates and the same bound.
 
 use super::moving_reference::Part;
@@ -9,6 +9,7 @@ use super::plane_tree::{PlaneTree, PlaneView};
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
+use super::search::trees::Trees;
 use super::search::walk::walk;
 use super::search::{Keep, Observe, planes};
 use super::snapshot::Leaves;
@@ -20,7 +21,7 @@ use glam::Vec3;
 /// Points that one structure holds.
 #[derive(Clone)]
 pub(super) enum Layer {
-    /// Nothing moves, everything lives throughout.
+    /// Static points that exist throughout the shutter.
     Still(StaticTree),
     /// One tree for each part of the shutter, in order, without a gap.
     Moving(Vec<MovingTree>),
@@ -31,9 +32,9 @@ pub(super) enum Layer {
 /// A layer at a time.
 pub(super) enum LayerView<'a> {
     Still(&'a StaticTree),
-    /// Everything counts throughout the part.
+    /// All references are active throughout the part.
     Moving(MovingView<'a, false>),
-    /// References have intervals.
+    /// References have active intervals.
     Timed(MovingView<'a, true>),
     /// A k-d tree.
     Planes(PlaneView<'a>),
@@ -53,7 +54,7 @@ impl Layer {
         }
     }
 
-    /// Which of the trees side by side in time answers at a time in [0, 1].
+    /// The index of the tree that is responsible for a time in [0, 1].
     #[inline(always)]
     pub(super) fn part_at(&self, time: f32) -> usize {
         match self {
@@ -73,65 +74,55 @@ impl Layer {
     }
 }
 
-/// The tree that answers for a time.
+/// The index of the tree that is responsible for a time.
 #[inline(always)]
 fn at_time<T>(trees: &[T], part: impl Fn(&T) -> &Part, time: f32) -> usize {
     trees.partition_point(|tree| part(tree).interval.end_bound() <= time).min(trees.len() - 1)
 }
 
-/// Walks through all layers, nearest boxes first.
-#[inline(always)]
-pub(super) fn walk_all<S: Simd, K: Keep, O: Observe>(
-    s: S,
-    layers: &[Layer],
-    (point, time): (Vec3, f32),
-    search: &mut KNearest<'_, K, O>,
-) {
-    for layer in layers {
-        match layer.at(time) {
-            LayerView::Still(view) => walk(s, &view, &view.target(s, point), search),
-            LayerView::Moving(view) => walk(s, &view, &view.target(s, point), search),
-            LayerView::Timed(view) => walk(s, &view, &view.target(s, point), search),
-            LayerView::Planes(view) => planes::walk(s, &view, point, search),
-        }
-    }
+/// Layers at the time of a query, seen from its point.
+#[derive(Clone, Copy)]
+pub(super) struct QueriedLayers<'a> {
+    pub(super) layers: &'a [Layer],
+    pub(super) point: Vec3,
+    pub(super) time: f32,
 }
 
-/// Looks for the nearest point in all layers.
-#[inline(always)]
-pub(super) fn nearest_in_all<S: Simd, K: Keep, O: Observe>(
-    s: S,
-    layers: &[Layer],
-    (point, time): (Vec3, f32),
-    best: &mut Best<'_, S, K, O>,
-) {
-    for layer in layers {
-        match layer.at(time) {
-            LayerView::Still(view) => best.search(s, &view, &view.target(s, point)),
-            LayerView::Moving(view) => best.search(s, &view, &view.target(s, point)),
-            LayerView::Timed(view) => best.search(s, &view, &view.target(s, point)),
-            LayerView::Planes(view) => best.search_planes(s, &view, point),
+impl Trees for QueriedLayers<'_> {
+    #[inline(always)]
+    fn walk<S: Simd, K: Keep, O: Observe>(self, s: S, search: &mut KNearest<'_, K, O>) {
+        for layer in self.layers {
+            match layer.at(self.time) {
+                LayerView::Still(view) => walk(s, &view, &view.target(s, self.point), search),
+                LayerView::Moving(view) => walk(s, &view, &view.target(s, self.point), search),
+                LayerView::Timed(view) => walk(s, &view, &view.target(s, self.point), search),
+                LayerView::Planes(view) => planes::walk(s, &view, self.point, search),
+            }
         }
     }
-}
 
-/// Hands every point of all layers within the bound to the sink.
-#[inline(always)]
-pub(super) fn within_all<S: Simd, T: Sink<S>, O: Observe>(
-    s: S,
-    layers: &[Layer],
-    (point, time): (Vec3, f32),
-    bound: f32,
-    sink: &mut T,
-    observe: &mut O,
-) -> ControlFlow<()> {
-    for layer in layers {
-        match layer.at(time) {
-            LayerView::Still(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
-            LayerView::Moving(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
-            LayerView::Timed(view) => within(s, &view, &view.target(s, point), bound, sink, observe)?,
-            LayerView::Planes(view) => planes::within(s, &view, point, bound, sink, observe)?,
+    #[inline(always)]
+    fn nearest<S: Simd, K: Keep>(self, s: S, best: &mut Best<'_, S, K>) {
+        for layer in self.layers {
+            match layer.at(self.time) {
+                LayerView::Still(view) => best.search(s, &view, &view.target(s, self.point)),
+                LayerView::Moving(view) => best.search(s, &view, &view.target(s, self.point)),
+                LayerView::Timed(view) => best.search(s, &view, &view.target(s, self.point)),
+                LayerView::Planes(view) => best.search_planes(s, &view, self.point),
+            }
         }
     }
-    ControlFlow::Continue(())
+
+    #[inline(always)]
+    fn within<S: Simd>(self, s: S, bound: f32, sink: &mut impl Sink<S>) -> ControlFlow<()> {
+        for layer in self.layers {
+            match layer.at(self.time) {
+                LayerView::Still(view) => within(s, &view, &view.target(s, self.point), bound, sink)?,
+                LayerView::Moving(view) => within(s, &view, &view.target(s, self.point), bound, sink)?,
+                LayerView::Timed(view) => within(s, &view, &view.target(s, self.point), bound, sink)?,
+                LayerView::Planes(view) => planes::within(s, &view, self.point, bound, sink)?,
+            }
+        }
+        ControlFlow::Continue(())
+    }
 }

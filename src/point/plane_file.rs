@@ -7,7 +7,7 @@ use crate::file::{Decoder, Encoder, FileError, broken, require};
 use crate::geometry::Box3;
 use crate::mbkd::{KdNode, check_links};
 
-/// What a file says of a tree.
+/// The contents of a file for one tree, not validated yet.
 pub(super) struct PlaneRecord {
     root: Box3,
     nodes: Vec<KdNode>,
@@ -16,9 +16,9 @@ pub(super) struct PlaneRecord {
 }
 
 impl PlaneTree {
-    /// Writes everything but which part of the shutter it is for.
+    /// Writes everything except the part of the shutter.
     pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        self.root.encode(to)?;
+        to.put(self.root)?;
         to.array(&self.nodes)?;
         to.array(&self.slack)?;
         self.leaves.encode(to)
@@ -26,13 +26,13 @@ impl PlaneTree {
 }
 
 impl PlaneRecord {
-    /// Reads what was written.
+    /// Reads a tree that [`PlaneTree::encode`] wrote.
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<PlaneRecord, FileError> {
-        let root = Box3::decode(from)?;
-        Ok(PlaneRecord { root, nodes: from.array()?, slack: from.array()?, leaves: MovingLeaves::decode(from)? })
+        let (root, nodes, slack) = (from.get()?, from.array()?, from.array()?);
+        Ok(PlaneRecord { root, nodes, slack, leaves: MovingLeaves::decode(from)? })
     }
 
-    /// The tree of a part of the shutter, if searches can walk it.
+    /// The tree of a part of the shutter, or an error if searches cannot traverse it.
     pub(super) fn checked(self, part: Part) -> Result<PlaneTree, FileError> {
         let PlaneRecord { root, nodes, slack, leaves } = self;
         require(!root.min.is_nan() && !root.max.is_nan(), "its bounds are no box")?;

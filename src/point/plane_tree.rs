@@ -1,11 +1,11 @@
 //! The k-d layout over points: the paper's tree for one part of the shutter.
 //!
-//! Inner nodes are planes that may move, the very nodes that rays walk through. A point that crosses a plane is in
-//! several leaves, in each for the time it spends there; at every time it is in exactly one of them, so nothing is
+//! Inner nodes are planes that may move, the same nodes as in the k-d tree for rays. A point that crosses a plane is in
+//! several leaves, in each for the time it spends there; at every time it is in exactly one of them, so no point is
 //! found twice. Leaves are blocks of sixteen references with their intervals. Sections 3.1.1 and 3.1.2 of the paper;
-//! built by [`build_kd_over_points`], walked by [`PlaneFront`](super::search::planes::PlaneFront).
+//! built by [`build_kd_over_points`], traversed by [`PlaneFront`](super::search::planes::PlaneFront).
 //!
-//! **Slack.** A search passes by the far side of a plane where everything in it is too far away. A point that counts
+//! **Slack.** A search culls the far side of a plane if everything in it is too far away. A point that is active
 //! there at time t may be computed on the wrong side of the plane, by no more than the slack of the subtree. Let
 //! u = 2^-24 and a point go from a to b in a segment of 1/n of the shutter.
 //! - The computed position is off by at most (|b − a| + max(|a|, |b|))u: see [`super::linear_bounds`].
@@ -15,7 +15,7 @@
 //!
 //! All of this is raised by 2^-10 of itself, which covers the f64 rounding of the build, and by 2^-140 for what
 //! underflows. The first terms depend on the point: the slack of a subtree is that of the worst reference in it, so one
-//! point far away costs those searches that come near its own leaves. The last depends on the plane.
+//! distant point affects only those searches that come near its own leaves. The last depends on the plane.
 
 use super::moving_leaf::{Leaf, MovingLeaves};
 use super::moving_reference::{Mover, Part};
@@ -34,9 +34,9 @@ use glam::Vec3;
 #[derive(Clone)]
 pub(super) struct PlaneTree {
     pub(super) part: Part,
-    /// Everything at every time, up to the slack.
+    /// The bounds of all points at all times, up to the slack.
     pub(super) root: Box3,
-    /// A leaf says its first block and how many blocks it has.
+    /// A leaf has its first block and its number of blocks.
     pub(super) nodes: Vec<KdNode>,
     /// How far a point below a node may be computed outside of the half-space of the plane above the node.
     pub(super) slack: Vec<f32>,
@@ -46,13 +46,13 @@ pub(super) struct PlaneTree {
 }
 
 impl PlaneTree {
-    /// Builds the tree of one part of the shutter with at most `references` for each mover.
+    /// Builds the tree of one part of the shutter with at most `references` per point.
     pub(super) fn build(movers: &[Mover], part: Part, references: f32, progress: &Progress) -> PlaneTree {
         let reference = |(id, m): (usize, &Mover)| PointReference {
             id: id as u32,
             interval: m.alive,
             bounds: Trajectory { open: m.open, close: m.close },
-            votes: true,
+            in_sah: true,
         };
         let all: Vec<_> = movers.iter().enumerate().map(reference).collect();
         let segments = part.keys.max(2) - 1;
@@ -84,7 +84,7 @@ impl PlaneTree {
             *slack = own.iter().map(|r| error(&movers[r.id as usize], segments)).fold(0.0, f32::max);
             *node = KdNode::leaf(begin as u32, (next - begin) as u32);
         }
-        // Children come behind their parents.
+        // Children follow their parents.
         for i in (0..nodes.len()).rev() {
             if let KdView::Inner { plane, right } = nodes[i].view() {
                 let (left, right) = (i + 1, right as usize);
@@ -125,12 +125,12 @@ impl PlaneTree {
         self.depth
     }
 
-    /// The part of the shutter it answers for.
+    /// The part of the shutter that the tree covers.
     pub(super) fn part(&self) -> &Part {
         &self.part
     }
 
-    /// Everything at every time, up to the slack of the root.
+    /// The bounds of all points at all times, up to the slack of the root.
     pub(super) fn root(&self) -> Box3 {
         self.root
     }
@@ -147,7 +147,7 @@ impl PlaneTree {
         f64::from(self.slack[node as usize])
     }
 
-    /// Whether a lane of a block counts at a time.
+    /// Whether a lane of a block is active at a time.
     pub(super) fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
         self.leaves.counts(block, lane, time)
     }
@@ -162,7 +162,7 @@ impl PlaneTree {
         self.leaves.ids_in_order()
     }
 
-    /// The points that exist at a time, which lies in its part, where they are then, and their ids.
+    /// A static tree over the points that are active at a time of its part, at their positions then.
     pub(super) fn still_at(&self, time: f32) -> StaticTree {
         let (ids, places): (Vec<u32>, Vec<Vec3>) =
             self.leaves.counting(KeyTime::new(time, self.part.keys), time).unzip();
@@ -175,14 +175,14 @@ impl PlaneTree {
         )
     }
 
-    /// The same points under boxes that move.
+    /// A tree of moving boxes over the same points.
     pub(super) fn boxed(&self) -> MovingTree {
         let lanes = (0..self.leaves.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
         let movers = lanes.filter_map(|(block, lane)| {
             let flight = self.leaves.flight(block, lane)?;
             let (Flight { id, life, .. }, [open, close]) = (flight, flight.ends());
             let alive = life.intersect(self.part.interval)?;
-            // A point has a reference in each leaf that it comes through, and one begins when it does.
+            // A point has a reference in each leaf that it passes through; the first one begins when the point does.
             let first = self.leaves.times(block, lane)[0] == alive.begin();
             first.then_some(Mover { open, close, alive, life, id, fast: false })
         });
@@ -205,13 +205,13 @@ fn raised(x: f64) -> f32 {
     ((x + TINY) as f32).next_up()
 }
 
-/// How far a plane is from where the build saw it at the time at which a point crosses it.
+/// How far a plane is from where the build computed it, at the time at which a point crosses it.
 #[inline(always)]
 pub(super) fn plane_error(plane: &Plane) -> f64 {
     0.5 * UNIT * f64::from(plane.velocity).abs()
 }
 
-/// How far a point may be computed from where the build saw it, planes that stand still given.
+/// How far a point may be computed from where the build computed it, given static planes.
 fn error(m: &Mover, segments: usize) -> f32 {
     let axis = |i: usize| {
         let (a, b) = (f64::from(m.open[i]), f64::from(m.close[i]));
@@ -257,8 +257,8 @@ mod tests {
         }
     }
 
-    /// How far points are computed on the wrong side of planes, at the first and last times at which they count there:
-    /// the most as a fraction of the slack.
+    /// How far points are computed on the wrong side of planes, at the first and last times at which they are active
+    /// there: the maximum, as a fraction of the slack.
     fn worst(keys: usize, offset: f32, size: f32, speed: f32) -> f64 {
         let mut random = Random(11);
         let mut place = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random.signed() * by);

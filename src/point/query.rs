@@ -1,6 +1,6 @@
-//! Queries as callers see them: where, when, how far, which points, and then what to do with them.
+//! The interface of neighbour queries: point, time, radius and filter, and then one of several runs.
 
-use super::compiled::{self, Either, Search};
+use super::compiled::{self, Either, Query};
 use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
@@ -9,7 +9,7 @@ use crate::limits::MAX_POINT_COORDINATE;
 use crate::primitive::Position;
 use crate::simd::{Lanes, Mask};
 use core::ops::ControlFlow;
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 /// Memory for results and candidates. Reused from query to query, a loop allocates nothing once the
 /// buffer has grown to what its queries need.
@@ -50,16 +50,7 @@ impl NeighborBuffer {
 #[derive(Clone, Copy)]
 #[must_use = "a query does nothing until one of its runs is called"]
 pub struct NeighborQuery<'a, K = KeepAll> {
-    pub(super) tree: &'a PointTree,
-    pub(super) point: Vec3,
-    /// The same as it was given.
-    exact: DVec3,
-    pub(super) time: f32,
-    /// Squared distance up to which points count; negative where nothing does.
-    pub(super) bound: f32,
-    /// Factor on the bound for boxes: 1, or less where answers may be approximate.
-    pub(super) shrink: f32,
-    pub(super) keep: K,
+    pub(super) query: Query<'a, K>,
 }
 
 impl<'a> NeighborQuery<'a> {
@@ -69,19 +60,12 @@ impl<'a> NeighborQuery<'a> {
         let most = Vec3::splat(MAX_POINT_COORDINATE as f32);
         // Also false for NaN.
         let valid = point.abs().cmple(most).all() && (0.0..=1.0).contains(&time);
-        NeighborQuery {
-            tree,
-            point,
-            exact,
-            time,
-            bound: if valid { f32::MAX } else { -1.0 },
-            shrink: 1.0,
-            keep: KeepAll,
-        }
+        let bound = if valid { f32::MAX } else { -1.0 };
+        NeighborQuery { query: Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepAll } }
     }
 
-    /// Only points whose id the predicate returns true for. It must be pure: it may be asked more than
-    /// once about a point, and is asked only about points that are near enough to matter.
+    /// Only points whose id the predicate returns true for. It must be pure: it may be called more than
+    /// once for a point, and is called only for points that are near enough to matter.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -92,26 +76,26 @@ impl<'a> NeighborQuery<'a> {
     /// ```
     #[inline(always)]
     pub fn filter<F: Fn(u32) -> bool>(self, predicate: F) -> NeighborQuery<'a, KeepIf<F>> {
-        self.keeping(KeepIf(predicate))
+        NeighborQuery { query: self.query.keeping(KeepIf(predicate)) }
     }
 }
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// Only points whose squared distance is at most `radius * radius` (computed in f32). Infinity is no
-    /// restriction; with a negative or NaN radius nothing is found.
+    /// restriction; a negative or NaN radius finds nothing.
     #[inline(always)]
     pub fn radius(self, radius: f32) -> Self {
-        let bound = if radius >= 0.0 { (radius * radius).min(self.bound) } else { -1.0 };
-        NeighborQuery { bound, ..self }
+        let bound = if radius >= 0.0 { (radius * radius).min(self.query.bound) } else { -1.0 };
+        NeighborQuery { query: Query { bound, ..self.query } }
     }
 
     /// Allows answers whose distance is up to 1 + `epsilon` times that of the exact answer: of `nearest`, and of
-    /// each place of `nearest_n`. As many points are found as without it, all of them within the radius. Runs that
-    /// want all points in a radius stay exact. A negative or NaN `epsilon` counts as 0; an infinite one takes the
-    /// first points that the search comes to.
+    /// each place of `nearest_n`. The number of points found is the same, all of them within the radius. Runs that
+    /// return all points in a radius stay exact. A negative or NaN `epsilon` counts as 0; an infinite one takes the
+    /// first points that the search reaches.
     ///
     /// As soon as k points are known to lie within a squared distance d², boxes farther away than `d² / (1 + epsilon)²`
-    /// are passed by. The factor is rounded up, so the guarantee holds for the distances as computed.
+    /// are culled. The factor is rounded up, so the guarantee holds for the distances as computed.
     #[inline(always)]
     pub fn approximate(self, epsilon: f32) -> Self {
         let shrink = if epsilon > 0.0 {
@@ -120,36 +104,22 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         } else {
             1.0
         };
-        NeighborQuery { shrink, ..self }
+        NeighborQuery { query: Query { shrink, ..self.query } }
     }
 
     #[inline(always)]
     fn finds_something(&self) -> bool {
-        self.bound >= 0.0
+        self.query.bound >= 0.0
     }
 
-    /// The same query with another filter.
-    #[inline(always)]
-    pub(super) fn keeping<L>(&self, keep: L) -> NeighborQuery<'a, L> {
-        let NeighborQuery { tree, point, exact, time, bound, shrink, keep: _ } = *self;
-        NeighborQuery { tree, point, exact, time, bound, shrink, keep }
-    }
-
-    /// What is asked of the tree, with another filter.
-    #[inline(always)]
-    pub(super) fn search<L>(&self, keep: L) -> Search<'a, L> {
-        let NeighborQuery { tree, point, exact, time, bound, shrink, keep: _ } = *self;
-        Search { tree, point, exact, time, bound, shrink, keep }
-    }
-
-    /// Runs the query as one of those that are compiled in this crate.
+    /// Runs the query by one of the functions that are compiled in this crate.
     #[inline(always)]
     fn run<R>(&self, run: impl FnOnce(Either<'_, 'a>) -> R) -> R {
-        if K::ASKS {
-            let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
-            run(Either::Some(&self.search(KeepLanes(&kept))))
+        if K::FILTERS {
+            let kept = |ids: &Lanes<u32>, mask: Mask| self.query.keep.kept(ids, mask);
+            run(Either::Some(&self.query.keeping(KeepLanes(&kept))))
         } else {
-            run(Either::All(&self.search(KeepAll)))
+            run(Either::All(&self.query.keeping(KeepAll)))
         }
     }
 
@@ -162,7 +132,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         self.run(compiled::nearest)
     }
 
-    /// The `k` nearest points in order of (distance, id); all where there are fewer.
+    /// The `k` nearest points in order of (distance, id); all if there are fewer.
     pub fn nearest_n(self, k: usize) -> Vec<Neighbor> {
         let mut buffer = NeighborBuffer::new();
         self.nearest_n_into(k, &mut buffer);
@@ -247,9 +217,9 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if !self.finds_something() {
             return ControlFlow::Continue(());
         }
-        compiled::for_some(&self.search(KeepAll), &mut |ids, distances| {
+        compiled::for_some(&self.query.keeping(KeepAll), &mut |ids, distances| {
             for (&id, &distance_squared) in ids.iter().zip(distances) {
-                if self.keep.keep(id) {
+                if self.query.keep.keep(id) {
                     visit(Neighbor { id, distance_squared })?;
                 }
             }

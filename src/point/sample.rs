@@ -1,11 +1,11 @@
-//! Compact parts of a set that stand for all of it.
+//! Compact samples that represent a whole set of points.
 //!
-//! A tree over a part of the shutter is ordered by where points are in the middle of it. So a structure is tried on some thousand points
-//! that are close together then: their leaves are those that they have in the whole set. There are some such samples, in
-//! different places and parts of the shutter.
+//! A tree over a part of the shutter is ordered by the positions of points in the middle of the part. So a structure is
+//! tried on some thousand points that are close together at that time: their leaves are those of the whole set. There
+//! are a few such samples, in different places and parts of the shutter.
 //!
-//! Where such points are is told by a few points of the whole set, drawn evenly: cut in two again and again, across the widest
-//! axis, they leave a box that holds its share of all. One look at every point then finds who is inside.
+//! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
+//! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
 use super::build::{Source, middle_segment, parts, parts_of};
 use super::fast::mark_fast;
@@ -15,13 +15,13 @@ use super::select::select;
 use crate::simd::Item;
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
 
-/// What samples are taken of: some points of a set, between the keys in the middle.
+/// Takes samples of some points of a set, between the keys in the middle.
 pub(super) struct Sampler<'a> {
     source: &'a Source,
     points: &'a [u32],
-    /// Some of them.
+    /// A subset of the points.
     drawn: Vec<u32>,
-    /// Points wanted in a sample.
+    /// The wanted number of points in a sample.
     wanted: f32,
 }
 
@@ -29,35 +29,35 @@ pub(super) struct Sampler<'a> {
 pub(super) struct Sample {
     pub(super) movers: Vec<Mover>,
     pub(super) part: Part,
-    /// Points of the set for each of the sample.
+    /// Number of points of the set per point of the sample.
     pub(super) scale: f64,
 }
 
-/// Points drawn to find out where the others are, at most.
+/// The largest number of points that are drawn to locate samples.
 const DRAWN: usize = 1 << 12;
 
-/// Steps that fill an interval evenly, however many there are: the fraction of the golden ratio, of 2^64.
+/// The step of a low-discrepancy sequence: the fractional part of the golden ratio, times 2^64.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// The `i`-th of numbers below `count` that are spread evenly.
+/// The `i`-th number of a sequence below `count` that is spread evenly.
 pub(super) fn spread(i: usize, count: usize) -> usize {
     let fraction = (i as u64).wrapping_mul(GOLDEN).wrapping_add(1 << 63);
     ((u128::from(fraction) * count as u128) >> 64) as usize
 }
 
 impl<'a> Sampler<'a> {
-    /// Takes points, at least one.
+    /// A sampler of at least one point.
     pub(super) fn new(source: &'a Source, points: &'a [u32]) -> Sampler<'a> {
         let count = (points.len() / 16).clamp(1, DRAWN);
         let drawn: Vec<u32> = (0..count).map(|i| points[spread(i, points.len())]).collect();
         let lives: f32 = drawn.iter().map(|&i| source.alive(i as usize).duration()).sum();
         let [least, most] = SAMPLE;
-        // Of short lives only some fall into a part of the shutter.
+        // Only some of the short intervals intersect a part of the shutter.
         let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (lives / drawn.len() as f32).max(0.125);
         Sampler { source, points, drawn, wanted }
     }
 
-    /// Samples for trees over so many parts of the time between two keys. Points that move fast are marked if wanted.
+    /// Samples for trees over `per_segment` parts of a segment between two keys. Fast points are marked if `marked`.
     pub(super) fn samples(&self, per_segment: usize, marked: bool) -> Vec<Sample> {
         let (source, points) = (self.source, self.points);
         let [segment, later] = self.segment();
@@ -71,7 +71,7 @@ impl<'a> Sampler<'a> {
             let holding = cells.holding(source.at(point as usize, segment), source.at(point as usize, later));
             if holding != [false; SAMPLES] {
                 for (inside, _) in inside.iter_mut().zip(holding).filter(|(_, holds)| *holds) {
-                    // Where many points are in one place, some of them will do.
+                    // If many points coincide, some of them suffice.
                     if inside.len() < 2 * self.wanted as usize {
                         inside.push(point);
                     }
@@ -89,13 +89,13 @@ impl<'a> Sampler<'a> {
         parts.into_iter().zip(inside).map(sample).collect()
     }
 
-    /// The segment that stands for all, and its later key.
+    /// The segment that represents all, and its later key.
     fn segment(&self) -> [usize; 2] {
         let segment = middle_segment(self.source.keys);
         [segment, (segment + 1).min(self.source.keys - 1)]
     }
 
-    /// Makes a cell one of those that result if space is divided into such that hold as many points as are wanted.
+    /// Shrinks a cell to one of those that result from dividing space into cells with the wanted number of points.
     fn narrow(&self, cells: &mut Cells, cell: usize) {
         let [segment, later] = self.segment();
         let place = |&index: &u32| {
@@ -133,13 +133,13 @@ impl Cells {
     const EVERYWHERE: Cells =
         Cells { phases: [0.0; SAMPLES], lo: [[f32::NEG_INFINITY; SAMPLES]; 3], hi: [[f32::INFINITY; SAMPLES]; 3] };
 
-    /// Where a point is at the phases, about.
+    /// The approximate coordinates of a point at the phases.
     #[inline(always)]
     fn places(&self, axis: usize, open: [f32; 3], close: [f32; 3]) -> [f32; SAMPLES] {
         self.phases.map(|phase| open[axis] + (close[axis] - open[axis]) * phase)
     }
 
-    /// In which boxes a point is. Those that lie side by side share the points on their border.
+    /// Which boxes hold a point. Adjacent boxes share the points on their border.
     #[inline(always)]
     fn holding(&self, open: [f32; 3], close: [f32; 3]) -> [bool; SAMPLES] {
         let mut holding = [true; SAMPLES];

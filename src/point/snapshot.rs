@@ -1,8 +1,8 @@
-//! What a search needs to know of a tree: boxes and points as they are at the query's time.
+//! The interface between searches and trees: boxes and points as they are at the query's time.
 //!
 //! The picture to have in mind: a pyramid of 16-wide nodes, all leaves on the same level. A search
-//! asks a node for the squared distances to its sixteen child boxes, and a block for those to its
-//! sixteen points; whether anything moves or is alive only for a while is settled inside.
+//! gets from a node the squared distances to its sixteen child boxes, and from a block those to its
+//! sixteen points; motion and active intervals are handled inside.
 //!
 //! **Why no search ever loses a neighbour.** The squared distance of a point is computed as
 //! `(dx·dx + dy·dy) + dz·dz` with `d = p − q`, each step rounded once, and that of a box in the same
@@ -14,7 +14,7 @@
 use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
 
-/// Coordinates of the query point in all lanes, and the query's time as the tree wants it.
+/// Coordinates of the query point in all lanes, and the query's time in the forms that trees need.
 #[derive(Clone, Copy)]
 pub(super) struct Target<S: Simd> {
     pub(super) point: [S::F; 3],
@@ -27,7 +27,7 @@ pub(super) struct Target<S: Simd> {
 }
 
 impl<S: Simd> Target<S> {
-    /// A target for trees in which nothing depends on the time.
+    /// A target for static trees.
     #[inline(always)]
     pub(super) fn still(s: S, q: Vec3) -> Target<S> {
         let zero = s.splat(0.0);
@@ -41,11 +41,11 @@ pub(super) trait Leaves: Copy {
     fn leaf_blocks(&self) -> usize;
     /// The query in all lanes.
     fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S>;
-    /// Squared distances to the points; infinite where there is no point at this time.
+    /// Squared distances to the points; infinite if there is no point at this time.
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F;
-    /// A leaf that will soon be tested, probably.
-    fn expect_leaf(&self, block: usize);
-    /// Bytes of all leaves: tells how far away most of them are, and so whether it pays to ask for them early.
+    /// Prefetches a leaf that will probably be visited soon.
+    fn prefetch_leaf(&self, block: usize);
+    /// Bytes of all leaves: tells in which cache most of them are, and so whether prefetching pays.
     fn leaf_bytes(&self) -> usize;
     /// Ids of a block's points.
     fn ids(&self, block: usize) -> &Lanes<u32>;
@@ -56,18 +56,18 @@ pub(super) trait Leaves: Copy {
 /// Nodes are numbered over the whole tree. Level 0 holds the bottom nodes, whose lanes
 /// are leaves; a leaf is [`Leaves::leaf_blocks`] consecutive blocks of sixteen points.
 pub(super) trait View: Leaves {
-    /// Squared radius of a ball that holds as many points as a leaf does, in squared diagonals of the leaf's box: a
-    /// guess. It is about a fifth in space and on surfaces alike; boxes that have to hold moving points the whole time
-    /// are larger than what is in them, and leaves in which few points exist at a time hold less.
+    /// Squared radius of a ball that holds as many points as a leaf does, in squared diagonals of the leaf's box: an
+    /// estimate. It is about a fifth in space and on surfaces alike; boxes that hold moving points the whole time
+    /// are larger than their contents, and leaves in which few points are active at a time hold less.
     const BALL: f32;
     /// Level and number of the root node.
     fn root(&self) -> (usize, usize);
-    /// Node behind lane 0 of a node above level 0; lane i leads to the i-th after it.
+    /// The child of lane 0 of a node above level 0; lane i has the i-th node after it.
     fn first_child(&self, level: usize, node: usize) -> usize;
-    /// First block behind lane 0 of a bottom node; lane i leads `i * leaf_blocks` further.
+    /// The first block of lane 0 of a bottom node; lane i begins `i * leaf_blocks` later.
     fn first_block(&self, node: usize) -> usize;
-    /// Squared distances to the child boxes, infinite where there is no child at this time; and which of them hold the
-    /// point, which is known much sooner.
+    /// Squared distances to the child boxes, infinite if there is no child at this time; and which of them hold the
+    /// point, which is known much earlier.
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask);
     /// The distances alone.
     #[inline(always)]
@@ -76,16 +76,16 @@ pub(super) trait View: Leaves {
     }
     /// Squared diagonals of the child boxes.
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
-    /// A node that will soon be tested, probably.
-    fn expect_node(&self, node: usize);
+    /// Prefetches a node that will probably be visited soon.
+    fn prefetch_node(&self, node: usize);
 }
 
-/// A tree at a time, all of whose positions are f32 ones in one place: what neighbour lists need.
+/// A tree at a time, all of whose positions are f32 numbers relative to one origin: what neighbour lists need.
 pub(super) trait Placed: View {
-    /// Lower and upper faces of the child boxes; the lower ones are above the upper where there is no child at this
+    /// Lower and upper faces of the child boxes; the lower ones are above the upper if there is no child at this
     /// time.
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]);
-    /// Where the points are; the first coordinate is at least [`f32::MAX`] where there is no point at this time.
+    /// Positions of the points; the first coordinate is at least [`f32::MAX`] if there is no point at this time.
     fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3];
     /// Lanes with a child at this time.
     #[inline(always)]
@@ -117,8 +117,8 @@ pub(super) fn diagonal<S: Simd>(lo: [S::F; 3], hi: [S::F; 3]) -> S::F {
     squared::<S>(hi[0] - lo[0], hi[1] - lo[1], hi[2] - lo[2])
 }
 
-/// How far a coordinate is outside intervals. (No closure, here and in the trees: a closure can not be told to
-/// be inlined always, and where it is not, each of its operations becomes a call.)
+/// How far a coordinate is outside intervals. (Not a closure, here and in the trees: a closure cannot be marked
+/// `inline(always)`, and if it is not inlined, each of its operations becomes a call.)
 #[inline(always)]
 fn gap<S: Simd>(s: S, at: S::F, lo: S::F, hi: S::F) -> S::F {
     s.max_with_zero(lo - at, at - hi)
@@ -130,7 +130,7 @@ pub(super) fn rows<S: Simd>(s: S, rows: &[Lanes<f32>; 3]) -> [S::F; 3] {
     [s.load(&rows[0]), s.load(&rows[1]), s.load(&rows[2])]
 }
 
-/// Sixteen boxes in rows; where there is no box, `lo` is infinite and `hi` is negative infinite.
+/// Sixteen boxes in rows; of absent boxes `lo` is infinite and `hi` is negative infinite.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Boxes {

@@ -1,62 +1,23 @@
-//! Trees of points that stand still, in files.
+//! Static point trees in files.
 
-use super::byte_boxes::ByteBoxes;
 use super::snapshot::Boxes;
 use super::static_tree::{Ordered, Shape, StaticTree};
-use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::simd::{LANES, Lanes, PointBlock};
 
-impl Record for PointBlock {
-    const BYTES: usize = 256;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        self.at.put(&mut to[..192]);
-        self.id.put(&mut to[192..]);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> PointBlock {
-        PointBlock { at: Record::get(&from[..192]), id: Record::get(&from[192..]) }
-    }
-}
+record_fields!(PointBlock { at: [Lanes<f32>; 3], id: Lanes<u32> });
+record_fields!(Boxes { lo: [Lanes<f32>; 3], hi: [Lanes<f32>; 3] });
 
-impl Record for Boxes {
-    const BYTES: usize = 384;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        self.lo.put(&mut to[..192]);
-        self.hi.put(&mut to[192..]);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> Boxes {
-        Boxes { lo: Record::get(&from[..192]), hi: Record::get(&from[192..]) }
-    }
-}
-
-impl Record for ByteBoxes {
-    const BYTES: usize = 120;
-    #[inline(always)]
-    fn put(&self, to: &mut [u8]) {
-        [self.corner, self.step].put(&mut to[..24]);
-        [self.lo, self.hi].put(&mut to[24..]);
-    }
-    #[inline(always)]
-    fn get(from: &[u8]) -> ByteBoxes {
-        let ([corner, step], [lo, hi]) = (Record::get(&from[..24]), Record::get(&from[24..]));
-        ByteBoxes { corner, step, lo, hi }
-    }
-}
-
-/// Faces of boxes that hold points are nearer to zero than this: some times as far as points may be.
+/// Faces of boxes that hold points are nearer to zero than this, several times the limit of coordinates.
 pub(super) const FARTHEST_FACE: f32 = 1e19;
 
-/// What a file says of a tree.
+/// The contents of a file for one tree, not validated yet.
 pub(super) struct StaticRecord {
     count: u64,
     ordered: Vec<[f64; 2]>,
-    lower: Vec<ByteBoxes>,
-    upper: Vec<Boxes>,
+    nodes: Vec<Boxes>,
     blocks: Vec<PointBlock>,
 }
 
@@ -71,51 +32,41 @@ impl StaticTree {
         to.put(self.count() as u64)?;
         let ordered = self.ordered.map(|ordered| [ordered.spread, ordered.excess]);
         to.array(ordered.as_slice())?;
-        to.array(&self.lower)?;
-        to.array(&self.upper)?;
+        to.array(&self.nodes)?;
         to.array(&self.blocks)
     }
 }
 
 impl StaticRecord {
-    /// Reads what was written.
+    /// Reads a tree that [`StaticTree::encode`] wrote.
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<StaticRecord, FileError> {
         let (count, ordered) = (from.get()?, from.array()?);
-        Ok(StaticRecord { count, ordered, lower: from.array()?, upper: from.array()?, blocks: from.array()? })
+        Ok(StaticRecord { count, ordered, nodes: from.array()?, blocks: from.array()? })
     }
 
-    /// The tree, if searches can walk it, and the number of its points.
+    /// The tree and the number of its points, or an error if searches cannot traverse it.
     pub(super) fn checked(self) -> Result<(StaticTree, usize), FileError> {
-        let StaticRecord { count, ordered, lower, upper, blocks } = self;
+        let StaticRecord { count, ordered, nodes, blocks } = self;
         require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;
         let count = count as usize;
-        let shape = Shape::of(count);
+        let shape = Shape::flattest(count);
         let leaves = shape.begin[1] * LANES;
-        let (nodes, plain) = (shape.nodes(), shape.plain());
-        let fits = lower.len() == plain && upper.len() >= nodes - plain && blocks.len() == leaves * shape.leaf_blocks;
+        let fits = nodes.len() == shape.nodes() && blocks.len() == leaves * shape.leaf_blocks;
         require(fits, "it has not as many nodes and leaves as its points need")?;
         let blocks_fine = parallel::chunks(blocks.len(), |range| {
             range.into_iter().all(|block| is_fine(&blocks[block], count.saturating_sub(block * LANES)))
         });
         require(blocks_fine.into_iter().all(|fine| fine), "a leaf holds something else than points")?;
-        for (node, lanes) in shape.lanes(leaves) {
-            let fine = match lower.get(node) {
-                None => are_fine(&upper[node - plain], lanes),
-                Some(bytes) => match bytes.number_elsewhere() {
-                    Some(number) => upper.get(number).is_some_and(|boxes| are_fine(boxes, lanes)),
-                    None => lanes == LANES && is_grid(bytes),
-                },
-            };
-            require(fine, "a node has a box that is none, or nothing in it")?;
-        }
+        let fine = shape.lanes(leaves).all(|(node, lanes)| are_fine(&nodes[node], lanes));
+        require(fine, "a node has a box that is none, or nothing in it")?;
         let ordered = ordered.first().map(|&[spread, excess]| Ordered { spread, excess });
-        Ok((StaticTree { lower, upper, blocks, shape, ordered }, count))
+        Ok((StaticTree { nodes, blocks, shape, ordered }, count))
     }
 }
 
-/// Whether the first so many lanes of a block are points, and the others nothing.
+/// Whether the first `count` lanes of a block are points, and the others absent.
 fn is_fine(block: &PointBlock, count: usize) -> bool {
-    // Without branches, so that lanes are compared side by side.
+    // Without branches, so that the comparisons are vectorized.
     let mut fine = true;
     for lane in 0..LANES {
         let [x, y, z] = block.at.map(|row| row[lane]);
@@ -126,14 +77,14 @@ fn is_fine(block: &PointBlock, count: usize) -> bool {
     fine
 }
 
-/// Whether a point may be here.
+/// Whether a point may have this position.
 #[inline(always)]
 fn is_place([x, y, z]: [f32; 3]) -> bool {
     const MOST: f32 = MAX_POINT_COORDINATE as f32;
     (x.abs() <= MOST) & (y.abs() <= MOST) & (z.abs() <= MOST)
 }
 
-/// Whether boxes are numbers, and absent where there is no child.
+/// Whether boxes are finite and in range, and absent if there is no child.
 pub(super) fn are_fine(boxes: &Boxes, lanes: usize) -> bool {
     (0..LANES).all(|lane| {
         let at = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);
@@ -142,10 +93,4 @@ pub(super) fn are_fine(boxes: &Boxes, lanes: usize) -> bool {
         let near = lo.into_iter().chain(hi).all(|face| face.abs() <= FARTHEST_FACE);
         absent || near && lane < lanes
     })
-}
-
-/// Whether the lines of a grid are numbers.
-fn is_grid(bytes: &ByteBoxes) -> bool {
-    let near = |face: &f32| face.abs() <= FARTHEST_FACE;
-    bytes.corner.iter().all(near) && bytes.step.iter().all(|step| near(step) && *step >= 0.0)
 }

@@ -5,7 +5,6 @@
 //! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
 //! fills the levels better.
 
-use super::byte_boxes::ByteBoxes;
 use super::order::{Item, ORDERING, include, order};
 use super::over_interval::{Boxed, Flight, FlightRows, InRows};
 use super::snapshot::{Boxes, Leaves, Placed, Target, View, diagonal, outside, rows, squared};
@@ -15,19 +14,11 @@ use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 
-/// The boxes of a node as they are stored.
-enum Node<'a> {
-    Bytes(&'a ByteBoxes),
-    Floats(&'a Boxes),
-}
-
 /// Points that stand still, in a complete 16-ary tree.
 #[derive(Clone)]
 pub(super) struct StaticTree {
-    /// The lower levels, which have many nodes.
-    pub(super) lower: Vec<ByteBoxes>,
-    /// The other levels, and behind them nodes of the lower ones for whose boxes bytes are too coarse.
-    pub(super) upper: Vec<Boxes>,
+    /// The boxes of all nodes, level by level from the bottom.
+    pub(super) nodes: Vec<Boxes>,
     /// As many as all bottom nodes have lanes for.
     pub(super) blocks: Vec<PointBlock>,
     pub(super) shape: Shape,
@@ -56,11 +47,6 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// The shape of the tree over `count` points whose boxes may be bytes.
-    pub(super) fn of(count: usize) -> Shape {
-        Shape::flattest(count).filled()
-    }
-
     /// The shape with leaves of two blocks where that saves a level, otherwise of one.
     pub(super) fn flattest(count: usize) -> Shape {
         let (one, two) = (Shape::with_leaf(count, 1), Shape::with_leaf(count, 2));
@@ -79,36 +65,9 @@ impl Shape {
         shape
     }
 
-    /// The same with all sixteen children below each node of boxes in bytes, which can not say that a child is absent,
-    /// only that it is far away: a search without a bound goes there, and has to find an empty node.
-    fn filled(self) -> Shape {
-        let mut wide: Lanes<usize> = core::array::from_fn(|level| self.wide(level));
-        for level in (1..self.levels).rev() {
-            if wide[level] > MOST_PLAIN {
-                wide[level - 1] = wide[level] * LANES;
-            }
-        }
-        let mut begin = [0; MAX_LEVELS + 1];
-        for level in 0..self.levels {
-            begin[level + 1] = begin[level] + wide[level];
-        }
-        Shape { begin, ..self }
-    }
-
-    /// Number of nodes of a level; 0 above the last.
-    fn wide(&self, level: usize) -> usize {
-        if level < self.levels { self.begin[level + 1] - self.begin[level] } else { 0 }
-    }
-
     /// Points per leaf.
     pub(super) fn leaf(&self) -> usize {
         self.leaf_blocks * LANES
-    }
-
-    /// Number of nodes of the lower levels, whose boxes are in bytes.
-    pub(super) fn plain(&self) -> usize {
-        let small = (0..self.levels).find(|&level| self.wide(level) <= MOST_PLAIN);
-        self.begin[small.unwrap_or(self.levels)]
     }
 
     /// All nodes with their levels, and how many of the lanes of each have a child, where there are so many leaves.
@@ -137,7 +96,7 @@ impl StaticTree {
         id_of: impl Fn(u32) -> u32 + Sync,
         progress: &Progress,
     ) -> StaticTree {
-        let shape = Shape::of(count);
+        let shape = Shape::flattest(count);
         let mut blocks = huge_vec_of(PointBlock::EMPTY, shape.begin[1] * LANES * shape.leaf_blocks);
         let memory = &mut PointBlock::items(&mut blocks)[..count];
         for (to, item) in memory.iter_mut().zip(items) {
@@ -151,40 +110,18 @@ impl StaticTree {
 
     /// The tree over items that are in order, in the memory of its blocks.
     fn around(count: usize, blocks: Vec<PointBlock>, shape: Shape, id_of: &(impl Fn(u32) -> u32 + Sync)) -> StaticTree {
-        let plain = shape.plain();
-        let mut tree = StaticTree {
-            lower: huge_vec_of(ByteBoxes::NONE, plain),
-            upper: huge_vec_of(Boxes::NONE, shape.nodes() - plain),
-            blocks,
-            shape,
-            ordered: None,
-        };
-        if plain > 0 {
-            fill(count, &mut tree.blocks, &mut tree.lower[..shape.begin[1]], shape.leaf_blocks, id_of);
-        } else {
-            fill(count, &mut tree.blocks, &mut tree.upper[..shape.begin[1]], shape.leaf_blocks, id_of);
-        }
-        for node in 0..shape.begin[1].min(plain) {
-            if tree.lower[node].number_elsewhere().is_some() {
-                let share = LANES * shape.leaf_blocks;
-                let boxes = boxes_of(&tree.blocks[node * share..(node + 1) * share], shape.leaf_blocks);
-                tree.lower[node] = tree.elsewhere(boxes);
-            }
-        }
+        let nodes = huge_vec_of(Boxes::NONE, shape.nodes());
+        let mut tree = StaticTree { nodes, blocks, shape, ordered: None };
+        fill(count, &mut tree.blocks, &mut tree.nodes[..shape.begin[1]], shape.leaf_blocks, id_of);
         for level in 1..shape.levels {
             for node in shape.begin[level]..shape.begin[level + 1] {
                 let first = View::first_child(&&tree, level, node);
                 let mut boxes = Boxes::NONE;
                 for (lane, child) in (first..shape.begin[level]).take(LANES).enumerate() {
-                    let (lo, hi) = tree.hull(child);
+                    let (lo, hi) = tree.nodes[child].hull();
                     boxes.include(lane, lo, hi);
                 }
-                if node >= plain {
-                    tree.upper[node - plain] = boxes;
-                } else {
-                    let coarse = ByteBoxes::coarse(&boxes);
-                    tree.lower[node] = if coarse { tree.elsewhere(boxes) } else { ByteBoxes::around(&boxes) };
-                }
+                tree.nodes[node] = boxes;
             }
         }
         tree
@@ -229,37 +166,9 @@ impl StaticTree {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
-    /// Keeps boxes apart from the lower levels, and returns the node that refers to them.
-    fn elsewhere(&mut self, boxes: Boxes) -> ByteBoxes {
-        self.upper.push(boxes);
-        ByteBoxes::elsewhere(self.upper.len() - 1)
-    }
-
-    /// The boxes of a node.
-    #[inline(always)]
-    fn node(&self, node: usize) -> Node<'_> {
-        match self.lower.get(node) {
-            Some(bytes) => match bytes.number_elsewhere() {
-                None => Node::Bytes(bytes),
-                Some(number) => Node::Floats(&self.upper[number]),
-            },
-            None => Node::Floats(&self.upper[node - self.lower.len()]),
-        }
-    }
-
-    /// The box around all children of a node.
-    fn hull(&self, node: usize) -> ([f32; 3], [f32; 3]) {
-        match self.node(node) {
-            Node::Bytes(node) => node.hull(),
-            Node::Floats(node) => node.hull(),
-        }
-    }
-
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
-        self.lower.capacity() * size_of::<ByteBoxes>()
-            + self.upper.capacity() * size_of::<Boxes>()
-            + self.blocks.capacity() * size_of::<PointBlock>()
+        self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<PointBlock>()
     }
 
     /// Number of nodes.
@@ -271,40 +180,6 @@ impl StaticTree {
     pub(super) fn levels(&self) -> usize {
         self.shape.levels
     }
-}
-
-/// A level of more nodes than this has its boxes in bytes. Fewer stay in the nearest caches anyway, where a third of
-/// the size is worth less than the few cycles that it takes to read bytes.
-const MOST_PLAIN: usize = 1024;
-
-/// A node that can be made of sixteen boxes.
-trait FromBoxes: Send {
-    fn of(boxes: Boxes) -> Self;
-}
-
-impl FromBoxes for Boxes {
-    fn of(boxes: Boxes) -> Boxes {
-        boxes
-    }
-}
-
-impl FromBoxes for ByteBoxes {
-    /// Where bytes are too coarse: a mark, in whose place the boxes are made again when they can be kept.
-    fn of(boxes: Boxes) -> ByteBoxes {
-        if ByteBoxes::coarse(&boxes) { ByteBoxes::elsewhere(0) } else { ByteBoxes::around(&boxes) }
-    }
-}
-
-/// The boxes of the leaves in these blocks.
-fn boxes_of(blocks: &[PointBlock], leaf_blocks: usize) -> Boxes {
-    let mut boxes = Boxes::NONE;
-    for (number, block) in blocks.iter().enumerate() {
-        for lane in (0..LANES).filter(|&lane| block.id[lane] != u32::MAX) {
-            let at = block.at.map(|row| row[lane]);
-            boxes.include(number / leaf_blocks, at, at);
-        }
-    }
-    boxes
 }
 
 /// Turns blocks back into items, at new places, and puts those of each bottom node in order.
@@ -336,10 +211,10 @@ fn move_items(count: usize, blocks: &mut [PointBlock], shape: Shape, at: &(impl 
 const SHARE: usize = 64;
 
 /// Turns the first `count` items in the memory of blocks into rows, and writes bottom nodes.
-fn fill<N: FromBoxes>(
+fn fill(
     count: usize,
     blocks: &mut [PointBlock],
-    nodes: &mut [N],
+    nodes: &mut [Boxes],
     leaf_blocks: usize,
     id_of: &(impl Fn(u32) -> u32 + Sync),
 ) {
@@ -372,7 +247,7 @@ fn fill<N: FromBoxes>(
             }
             boxes.include(number / leaf_blocks, lo, hi);
         }
-        *node = N::of(boxes);
+        *node = boxes;
     }
 }
 
@@ -391,7 +266,7 @@ impl Leaves for &StaticTree {
         squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
     }
     #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
+    fn prefetch_leaf(&self, block: usize) {
         if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
             blocks.iter().for_each(prefetch);
         }
@@ -423,34 +298,25 @@ impl View for &StaticTree {
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
-        match self.node(node) {
-            Node::Bytes(node) => node.outside(s, &target.point),
-            Node::Floats(node) => outside(s, &target.point, rows(s, &node.lo), rows(s, &node.hi)),
-        }
+        let Boxes { lo, hi } = &self.nodes[node];
+        outside(s, &target.point, rows(s, lo), rows(s, hi))
     }
     #[inline(always)]
     fn box_sizes<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> S::F {
-        match self.node(node) {
-            Node::Bytes(node) => node.sizes(s),
-            Node::Floats(node) => diagonal::<S>(rows(s, &node.lo), rows(s, &node.hi)),
-        }
+        let Boxes { lo, hi } = &self.nodes[node];
+        diagonal::<S>(rows(s, lo), rows(s, hi))
     }
     #[inline(always)]
-    fn expect_node(&self, node: usize) {
-        match self.lower.get(node) {
-            Some(node) => prefetch(node),
-            None => prefetch(&self.upper[node - self.lower.len()]),
-        }
+    fn prefetch_node(&self, node: usize) {
+        prefetch(&self.nodes[node]);
     }
 }
 
 impl Placed for &StaticTree {
     #[inline(always)]
     fn faces<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
-        match self.node(node) {
-            Node::Bytes(node) => node.face_rows(s),
-            Node::Floats(node) => (rows(s, &node.lo), rows(s, &node.hi)),
-        }
+        let Boxes { lo, hi } = &self.nodes[node];
+        (rows(s, lo), rows(s, hi))
     }
     #[inline(always)]
     fn positions<S: Simd>(&self, s: S, _target: &Target<S>, block: usize) -> [S::F; 3] {
@@ -470,19 +336,12 @@ impl Boxed for StaticTree {
     }
     #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {
-        let begin = match self.node(node) {
-            Node::Bytes(node) => node.present().map(|there| if there { 0.0 } else { f64::INFINITY }),
-            Node::Floats(node) => node.lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY }),
-        };
-        [begin, [1.0; LANES]]
+        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY }), [1.0; LANES]]
     }
     #[inline(always)]
     fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let faces = match self.node(node) {
-            Node::Bytes(node) => node.all_faces(),
-            Node::Floats(node) => [node.lo, node.hi],
-        };
-        faces.map(|face| face.map(|row| row.map(f64::from)))
+        let Boxes { lo, hi } = &self.nodes[node];
+        [lo, hi].map(|face| face.map(|row| row.map(f64::from)))
     }
     fn counts(&self, _block: usize, _lane: usize, _time: f32) -> bool {
         true
@@ -503,24 +362,5 @@ impl InRows for StaticTree {
     }
     fn mortal(&self) -> bool {
         false
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn children_of_bytes_are_all_there() {
-        for count in [0, 16, 70_000, 4_194_304, 4_194_305, 5_000_000, 10_000_000, 70_000_000, 300_000_001] {
-            let shape = Shape::of(count);
-            assert!(shape.wide(0) * LANES * shape.leaf() >= count);
-            for level in 1..shape.levels {
-                let (children, lanes) = (shape.wide(level - 1), shape.wide(level) * LANES);
-                assert!(children <= lanes && lanes < children + LANES, "{count} points, level {level}");
-                assert!(shape.wide(level) <= MOST_PLAIN || children == lanes, "{count} points, level {level}");
-            }
-            assert_eq!(shape.wide(shape.levels - 1), 1);
-        }
     }
 }

@@ -1,8 +1,8 @@
-//! What a tree consists of, and why.
+//! Statistics of a point tree: its layers, their sizes, and why they were chosen.
 
 use core::fmt;
 
-/// Which structure holds a part of the points.
+/// The structure of a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum PointLayerKind {
@@ -10,10 +10,10 @@ pub enum PointLayerKind {
     Static,
     /// Moving trees with linear boxes, `parts` of them for each segment between keys.
     Linear {
-        /// Trees side by side in time.
+        /// Number of trees per segment, one for each part of it.
         parts: usize,
     },
-    /// The paper's k-d tree, one for each segment between keys: what crosses a plane is on both sides of it.
+    /// The paper's k-d tree, one for each segment between keys: points that cross a plane are on both sides of it.
     Mbkd,
 }
 
@@ -24,21 +24,21 @@ pub struct PointLayerStatistics {
     pub kind: PointLayerKind,
     /// Points in it.
     pub points: usize,
-    /// References to them: more than points where they cross planes or are in several trees.
+    /// References to them: more than points if points cross planes or are in several trees.
     pub references: usize,
     /// Nodes: of sixteen boxes each, or planes in a k-d tree.
     pub nodes: usize,
     /// Levels of nodes of the deepest tree.
     pub levels: usize,
-    /// Keys that are kept: keys on the straight lines between others are not, nor keys of what stands still.
+    /// Keys that are kept: not those on straight lines between others, and one key for static points.
     pub keys: usize,
     /// Bytes allocated.
     pub bytes: usize,
-    /// Why this structure, in a sentence.
+    /// Why this structure was chosen, in a sentence.
     pub why: String,
 }
 
-/// What a point tree consists of.
+/// The layers of a point tree.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct PointStatistics {
     /// The layers, in the order in which they are searched.
@@ -51,7 +51,7 @@ impl PointStatistics {
         self.layers.iter().map(|layer| layer.bytes).sum()
     }
 
-    /// References per point; 1 where nothing is duplicated, 0 without points.
+    /// References per point; 1 if nothing is duplicated, 0 without points.
     pub fn references_per_point(&self) -> f64 {
         let points: usize = self.layers.iter().map(|layer| layer.points).sum();
         let references: usize = self.layers.iter().map(|layer| layer.references).sum();

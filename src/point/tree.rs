@@ -1,4 +1,4 @@
-//! The tree that callers build and ask.
+//! The point tree as callers build and query it, and its parameters.
 
 use super::automatic::{moving_layers, plan_for_all};
 use super::build::{Plan, Source, moving_layer, parts};
@@ -20,12 +20,12 @@ use glam::DVec3;
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 #[non_exhaustive]
 pub enum PointStructure {
-    /// Whatever costs least, by small builds and counted work.
+    /// The structure of the least cost, estimated from small builds and counted work.
     #[default]
     Automatic,
-    /// Linear boxes over the whole shutter, nothing cut: best for coherent or small motion.
+    /// Linear boxes over the whole shutter, without splits: best for coherent or small motion.
     Linear,
-    /// Linear boxes in this many trees side by side in time (at least 1): best for far incoherent motion.
+    /// Linear boxes in this many trees, one per part of the shutter (at least 1): best for far incoherent motion.
     Slabs(usize),
     /// The paper's k-d tree: a point that crosses a plane is on both sides, on each for the time it spends there.
     Mbkd,
@@ -40,15 +40,15 @@ pub enum PointStructure {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointParams {
-    /// The structure of what moves. Default: automatic. What stands still throughout has the static
-    /// structure in any case where the whole set does.
+    /// The structure of moving points. Default: automatic. A set that is static as a whole has the static
+    /// structure in any case.
     pub structure: PointStructure,
     /// Most references per point, in the k-d tree and for parts of the shutter; at least 1, default 8. A
-    /// reference takes 32 to 48 bytes. Forced slabs are built as asked.
+    /// reference takes 32 to 48 bytes. Slabs that are requested explicitly are not limited.
     pub max_references: f32,
     /// Whether positions given in f64 are rounded to f32, relative to the middle of the set: off by up to 2^-25 of its
-    /// size, but as small and as fast as f32 positions. Default: no, answers are exact in f64. (A set around zero whose numbers are all
-    /// f32 ones is kept in f32 in any case, and asked with query points rounded to f32; [`PointStatistics`] says which it is.)
+    /// size, but as small and as fast as f32 positions. Default: no, answers are exact in f64. (A set around zero all of whose coordinates
+    /// are f32 numbers is kept in f32 in any case, and query points are rounded to f32; [`PointStatistics`] tells which.)
     pub round_to_f32: bool,
     /// Instruction set of the queries; answers do not depend on it. Default: the widest of this CPU.
     pub simd: SimdLevel,
@@ -104,16 +104,16 @@ pub struct PointTree {
     pub(super) origin: DVec3,
     pub(super) simd: SimdLevel,
     pub(super) layers: Vec<Layer>,
-    /// Layers of points in f64; then there are no others.
+    /// Layers of points in f64; if there are any, `layers` is empty.
     pub(super) precise: Vec<PreciseLayer>,
     pub(super) statistics: PointStatistics,
     pub(super) len: usize,
 }
 
-/// The fraction of a build that reading takes, about.
+/// The approximate fraction of a build that reading the input takes.
 const READING: f64 = 0.1;
 
-/// The plan of what nothing was tried for.
+/// The plan if no trials were made.
 const SIMPLE: Plan = Plan::Boxes(1);
 
 impl PointTree {
@@ -121,15 +121,15 @@ impl PointTree {
     /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
     ///
-    /// O(n log n) time; 17 bytes per point that stands still, from 32 per point that moves (in f64 30 and 55), and about
-    /// twice that while building. The set is read once, before anything else: one whose answers change from call to call
-    /// gives a tree of the answers that it gave. Errors: coordinates that are not finite or too large, arrays of
-    /// different length, parameters out of range. An empty set is a tree that finds nothing.
+    /// O(n log n) time; 17 or 18 bytes per static point, from 32 per moving point (in f64 30 and 55), and about
+    /// twice that while building. The set is read once, at the beginning: if its answers change from call to call, the tree
+    /// is that of the answers it gave then. Errors: coordinates that are not finite or too large, arrays of
+    /// different length, parameters out of range. The tree of an empty set finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
-        PointTree::heard(points, params, &Progress::new(None))
+        PointTree::build_reporting(points, params, &Progress::new(None))
     }
 
-    /// [`PointTree::build`] that calls `progress` with the finished fraction (0 to 1) now and then, from any of its threads.
+    /// [`PointTree::build`] that calls `progress` with the finished fraction (0 to 1) from time to time, from any of its threads.
     /// `Break` cancels the build, which then returns [`PointError::Cancelled`].
     ///
     /// ```
@@ -145,10 +145,10 @@ impl PointTree {
         params: &PointParams,
         progress: Callback<'_>,
     ) -> Result<PointTree, PointError> {
-        PointTree::heard(points, params, &Progress::new(Some(progress)))
+        PointTree::build_reporting(points, params, &Progress::new(Some(progress)))
     }
 
-    fn heard<P: PointSet + ?Sized>(
+    fn build_reporting<P: PointSet + ?Sized>(
         points: &P,
         params: &PointParams,
         progress: &Progress,
@@ -159,12 +159,12 @@ impl PointTree {
         if progress.cancelled() {
             return Err(PointError::Cancelled);
         }
-        // What is cancelled ends with a tree of less, or out of order.
+        // A cancelled build ends early, with an incomplete tree.
         let tree = PointTree::of(&source, params, &progress.part(1.0 - READING))?;
         if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(tree) }
     }
 
-    /// Builds the tree of what was read.
+    /// Builds the tree of a set that was read.
     fn of(source: &Source, params: &PointParams, progress: &Progress) -> Result<PointTree, PointError> {
         let (len, origin) = (source.len, source.origin);
         let statistics = PointStatistics::default();
@@ -182,34 +182,34 @@ impl PointTree {
         let count = if source.is_still() { len } else { still.iter().filter(|&&s| s).count() };
         if count == len {
             let layer = Layer::Still(source.still_tree(len, 0..len, progress));
-            tree.add(layer, PointLayerKind::Static, len, "nothing moves".into());
+            tree.add(layer, PointLayerKind::Static, len, "all points are static".into());
             return Ok(tree);
         }
-        let apart = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
-        if apart {
-            let why = format!("{count} of {len} points stand still throughout");
+        let separate = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
+        if separate {
+            let why = format!("{count} of {len} points are static");
             let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i]), &share(count)));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         if let Some(plan) = forced(params) {
-            tree.add(moving_layer(source, 0..len, plan, progress), kind(plan), len, "asked for".into());
+            tree.add(moving_layer(source, 0..len, plan, progress), kind(plan), len, "as requested".into());
             return Ok(tree);
         }
-        let moving: Vec<u32> = (0..len as u32).filter(|&i| !(apart && still[i as usize])).collect();
+        let moving: Vec<u32> = (0..len as u32).filter(|&i| !(separate && still[i as usize])).collect();
         for chosen in moving_layers(source, &moving, params.max_references, params.simd, &share(moving.len())) {
             tree.add(chosen.layer, kind(chosen.plan), chosen.points, chosen.why);
         }
         Ok(tree)
     }
 
-    /// Takes what is in the tree out, to be filled again.
+    /// Removes all layers, so that the tree can be filled again.
     pub(super) fn renew(&mut self, origin: DVec3, simd: SimdLevel) {
         (self.origin, self.simd, self.statistics) = (origin, simd, PointStatistics::default());
         self.layers.clear();
         self.precise.clear();
     }
 
-    /// Layers of points in f64: what stands still, and what does not.
+    /// Adds layers of points in f64: static ones, and moving ones.
     fn add_precise(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
         let (len, keys) = (source.len, source.keys);
         let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
@@ -219,24 +219,24 @@ impl PointTree {
                 let expected = "one without planes where positions are kept in f64 (or set `round_to_f32`)";
                 return Err(PointError::Parameter { name: "structure", expected });
             }
-            Some(plan) => (plan, "asked for; positions in f64".to_string()),
+            Some(plan) => (plan, "as requested; positions in f64".to_string()),
             None if count == len => (SIMPLE, String::new()),
             None => {
                 let points: Vec<u32> = (0..len as u32).filter(|&i| !still[i as usize]).collect();
                 let (plan, why) = plan_for_all(source, &points, params.max_references, params.simd, progress);
-                (plan, format!("{why}; tried with positions rounded to f32"))
+                (plan, format!("{why}; trials used positions rounded to f32"))
             }
         };
-        let apart = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
-        if apart {
+        let separate = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
+        if separate {
             let whole = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.part(count as f64 / len as f64);
             let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), false, &progress);
-            let why = format!("{count} of {len} points stand still throughout; positions in f64");
+            let why = format!("{count} of {len} points are static; positions in f64");
             self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
         }
         if count < len {
-            let moving = (0..len).filter(|&i| !(apart && still[i]));
+            let moving = (0..len).filter(|&i| !(separate && still[i]));
             let (count, parts) = (moving.clone().count(), parts(keys, plan.parts()));
             let progress = progress.part(count as f64 / (len * parts.len()) as f64);
             let tree = |part: Part| {
@@ -288,7 +288,7 @@ impl PointTree {
         self.layers.push(layer);
     }
 
-    /// The tree with moving boxes over what k-d trees hold between two times; `None` where it has boxes everywhere.
+    /// The tree with moving boxes in place of k-d trees between two times; `None` if it has no k-d trees.
     pub(super) fn boxed(&self, [begin, end]: [f32; 2]) -> Option<PointTree> {
         let between = |tree: &&PlaneTree| {
             let interval = tree.part().interval;
@@ -300,7 +300,7 @@ impl PointTree {
         })
     }
 
-    /// The tree with boxes over what k-d trees hold at a time; `None` where it has boxes everywhere.
+    /// The tree with static boxes in place of k-d trees at a time; `None` if it has no k-d trees.
     pub(super) fn boxed_at(&self, time: f32) -> Option<PointTree> {
         self.replaced(|layer| match layer.at(time) {
             LayerView::Planes(view) => Layer::Still(view.tree.still_at(time)),
@@ -308,7 +308,7 @@ impl PointTree {
         })
     }
 
-    /// The tree with other layers in the place of k-d trees, if there are any.
+    /// The tree with its k-d trees replaced; `None` if it has none.
     fn replaced(&self, boxed: impl Fn(&Layer) -> Layer) -> Option<PointTree> {
         if !self.layers.iter().any(|layer| matches!(layer, Layer::Planes(_))) {
             return None;
@@ -317,7 +317,7 @@ impl PointTree {
         Some(PointTree { layers, precise: self.precise.clone(), statistics: self.statistics.clone(), ..*self })
     }
 
-    /// Number of keys of what moves, at least 1.
+    /// The largest number of keys of a layer, at least 1.
     pub(super) fn keys(&self) -> usize {
         self.statistics.layers.iter().map(|layer| layer.keys).max().unwrap_or(1)
     }
@@ -332,13 +332,13 @@ impl PointTree {
         self.len == 0
     }
 
-    /// What the tree consists of, and why.
+    /// The layers of the tree, their sizes, and why they were chosen.
     pub fn statistics(&self) -> &PointStatistics {
         &self.statistics
     }
 
     /// The position in the caller's coordinates that limits of magnitude and f32 positions are relative to: zero for
-    /// f32 input, the middle of the set for f64 input.
+    /// f32 input, the centre of the set for f64 input.
     pub fn origin(&self) -> DVec3 {
         self.origin
     }
@@ -353,7 +353,7 @@ impl core::fmt::Debug for PointTree {
     }
 }
 
-/// The layer that a plan makes.
+/// The kind of layer that a plan makes.
 fn kind(plan: Plan) -> PointLayerKind {
     match plan {
         Plan::Boxes(parts) => PointLayerKind::Linear { parts },
@@ -361,7 +361,7 @@ fn kind(plan: Plan) -> PointLayerKind {
     }
 }
 
-/// The plan that was asked for; nothing where the choice is automatic.
+/// The plan that the caller requested; `None` if the choice is automatic.
 fn forced(params: &PointParams) -> Option<Plan> {
     match params.structure {
         PointStructure::Automatic => None,

@@ -1,4 +1,4 @@
-//! The queries of a point tree.
+//! Shorthands for the common queries of a point tree.
 
 use super::neighbor::Neighbor;
 use super::query::NeighborQuery;
@@ -24,7 +24,7 @@ impl PointTree {
         self.query(point, time).nearest()
     }
 
-    /// The `k` nearest points at a time, in order of (distance, id); all where there are fewer.
+    /// The `k` nearest points at a time, in order of (distance, id); all if there are fewer.
     ///
     /// Allocates the result; in a loop use [`NeighborQuery::nearest_n_into`].
     pub fn nearest_n<Q: Position>(&self, point: Q, time: f32, k: usize) -> Vec<Neighbor> {

@@ -1,4 +1,4 @@
-//! Traversals of the caller's own through a [`PointTree`].
+//! Custom traversals of a [`PointTree`].
 
 use super::over_interval::{Boxed, Flight};
 use super::partition::Layer;
@@ -11,26 +11,26 @@ use crate::traverse::{Hierarchy, Visitor, traverse};
 use core::ops::{ControlFlow, Range};
 use glam::{DVec3, Vec3};
 
-/// A point in a leaf of a [`PointTree`], as a [`Visitor`] meets it.
+/// A point in a leaf of a [`PointTree`], as a [`Visitor`] gets it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TreePoint {
     /// The point's id.
     pub id: u32,
-    /// Where it is at the time of the traversal, as queries see it.
+    /// Its position at the time of the traversal, as queries see it.
     pub position: DVec3,
 }
 
 /// A node of one of the trees, or a leaf.
 #[derive(Clone, Copy)]
-struct Place {
+struct Entry {
     layer: usize,
-    /// Which of the trees side by side in time.
+    /// Which of the trees of the layer, by part of the shutter.
     part: usize,
     /// `None` for a leaf: then `at` is its first block, and `blocks` their number.
     level: Option<usize>,
     at: usize,
     blocks: usize,
-    /// What holds it, in a k-d tree, where `at` is a node in any case.
+    /// Its cell, in a k-d tree, where `at` is a node in any case.
     cell: Aabb,
 }
 
@@ -49,17 +49,17 @@ impl LayersAt<'_> {
         Vec3::from(p).as_dvec3() + self.tree.origin
     }
 
-    /// Children or points of a place in a tree whose positions are relative to `origin`.
+    /// Children or points of a entry in a tree whose positions are relative to `origin`.
     fn expand_in(
         &self,
         tree: &impl Boxed,
         origin: DVec3,
-        place: Place,
-        children: &mut Vec<(Aabb, Place)>,
+        entry: Entry,
+        children: &mut Vec<(Aabb, Entry)>,
         items: &mut Vec<TreePoint>,
     ) {
-        let Some(level) = place.level else {
-            for (block, lane) in lanes(place.at..place.at + place.blocks) {
+        let Some(level) = entry.level else {
+            for (block, lane) in lanes(entry.at..entry.at + entry.blocks) {
                 if tree.counts(block, lane, self.time) {
                     let at = |flight: &Flight| tree.position(flight, self.time) + origin;
                     items.extend(tree.flight(block, lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
@@ -67,15 +67,15 @@ impl LayersAt<'_> {
             }
             return;
         };
-        let (first, stride) = tree.behind(level, place.at);
-        let [begin, end] = tree.times(place.at);
-        let [min, max] = tree.faces(place.at, &[tree.phase(self.time); LANES]);
-        // The tree answers for its time, which may be a float beside a key, and so beside the exact times of the tree.
+        let (first, stride) = tree.behind(level, entry.at);
+        let [begin, end] = tree.times(entry.at);
+        let [min, max] = tree.faces(entry.at, &[tree.phase(self.time); LANES]);
+        // The time may be a float next to a key, and so just outside the exact interval of the tree.
         let ((_, _, part), time) = (tree.part(), f64::from(self.time));
         let (early, late) = (time.min(part[1]), time.max(part[0]));
         for lane in (0..LANES).filter(|&lane| begin[lane] <= late && early <= end[lane]) {
             let (level, blocks) = (level.checked_sub(1), if level == 0 { stride } else { 0 });
-            let child = Place { level, at: first + lane * stride, blocks, ..place };
+            let child = Entry { level, at: first + lane * stride, blocks, ..entry };
             let corner = |faces: [[f64; LANES]; 3]| DVec3::from_array(faces.map(|row| row[lane])) + origin;
             children.push((Aabb { min: corner(min), max: corner(max) }, child));
         }
@@ -91,11 +91,11 @@ impl LayersAt<'_> {
     fn expand_planes(
         &self,
         tree: &PlaneTree,
-        place: Place,
-        children: &mut Vec<(Aabb, Place)>,
+        entry: Entry,
+        children: &mut Vec<(Aabb, Entry)>,
         items: &mut Vec<TreePoint>,
     ) {
-        match tree.node(place.at as u32) {
+        match tree.node(entry.at as u32) {
             KdView::Leaf { first, count } => {
                 let at = KeyTime::new(self.time, tree.part().keys);
                 for (block, lane) in lanes(first as usize..(first + count) as usize) {
@@ -105,13 +105,13 @@ impl LayersAt<'_> {
                 }
             }
             KdView::Inner { plane, right } => {
-                let (axis, left, right) = (plane.axis, place.at as u32 + 1, right);
+                let (axis, left, right) = (plane.axis, entry.at as u32 + 1, right);
                 let face = |by: f64| plane.at(self.time) + by + self.tree.origin[axis];
-                let (mut below, mut above) = (place.cell, place.cell);
+                let (mut below, mut above) = (entry.cell, entry.cell);
                 below.max[axis] = below.max[axis].min(face(tree.slack(left)));
                 above.min[axis] = above.min[axis].max(face(-tree.slack(right)));
                 for (node, cell) in [(left, below), (right, above)] {
-                    children.push((cell, Place { at: node as usize, cell, ..place }));
+                    children.push((cell, Entry { at: node as usize, cell, ..entry }));
                 }
             }
         }
@@ -124,51 +124,51 @@ fn lanes(blocks: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
 }
 
 impl Hierarchy for LayersAt<'_> {
-    type Node = Place;
+    type Node = Entry;
     type Item = TreePoint;
 
-    fn roots(&self, roots: &mut Vec<Place>) {
+    fn roots(&self, roots: &mut Vec<Entry>) {
         for (layer, of) in self.tree.layers.iter().enumerate() {
             let part = of.part_at(self.time);
-            let place = Place { layer, part, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
-            let top = |(level, at)| Place { level: Some(level), at, ..place };
+            let entry = Entry { layer, part, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
+            let top = |(level, at)| Entry { level: Some(level), at, ..entry };
             roots.push(match of {
                 Layer::Still(tree) => top(tree.top()),
                 Layer::Moving(parts) => top(parts[part].top()),
                 Layer::Planes(parts) => {
                     let (root, slack) = (parts[part].root(), parts[part].slack(0));
-                    Place { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..place }
+                    Entry { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..entry }
                 }
             });
         }
         for (number, of) in self.tree.precise.iter().enumerate() {
             let (layer, part) = (self.tree.layers.len() + number, of.part_at(self.time));
             let (level, at) = of.parts[part].top();
-            roots.push(Place { layer, part, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
+            roots.push(Entry { layer, part, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
         }
     }
 
-    fn expand(&self, place: Place, children: &mut Vec<(Aabb, Place)>, items: &mut Vec<TreePoint>) {
+    fn expand(&self, entry: Entry, children: &mut Vec<(Aabb, Entry)>, items: &mut Vec<TreePoint>) {
         let origin = self.tree.origin;
-        match self.tree.layers.get(place.layer) {
-            Some(Layer::Still(tree)) => self.expand_in(tree, origin, place, children, items),
-            Some(Layer::Moving(parts)) => self.expand_in(&parts[place.part], origin, place, children, items),
-            Some(Layer::Planes(parts)) => self.expand_planes(&parts[place.part], place, children, items),
+        match self.tree.layers.get(entry.layer) {
+            Some(Layer::Still(tree)) => self.expand_in(tree, origin, entry, children, items),
+            Some(Layer::Moving(parts)) => self.expand_in(&parts[entry.part], origin, entry, children, items),
+            Some(Layer::Planes(parts)) => self.expand_planes(&parts[entry.part], entry, children, items),
             None => {
-                let layer = &self.tree.precise[place.layer - self.tree.layers.len()];
-                self.expand_in(&layer.parts[place.part], DVec3::ZERO, place, children, items);
+                let layer = &self.tree.precise[entry.layer - self.tree.layers.len()];
+                self.expand_in(&layer.parts[entry.part], DVec3::ZERO, entry, children, items);
             }
         }
     }
 }
 
 impl PointTree {
-    /// Leads a [`Visitor`] through the tree as it is at a time of the shutter: a traversal of the caller's own, for
-    /// questions that no other query answers. Returns what the visitor said last; at a time outside `[0, 1]` it sees
-    /// nothing.
+    /// Traverses the tree as it is at a time of the shutter with a [`Visitor`]: a custom traversal, for
+    /// queries that the library does not have. Returns what the visitor returned last; at a time outside `[0, 1]` it
+    /// visits nothing.
     ///
-    /// Each point that exists at the time is met in one leaf. A visitor is shown sixteen boxes per node, one after the
-    /// other: this is for questions asked now and then rather than a million times.
+    /// Each point that exists at the time is in exactly one leaf. A visitor gets the sixteen boxes of a node one after the
+    /// other, which is much slower than the queries of the library: it is meant for occasional use.
     ///
     /// ```
     /// use core::ops::{ControlFlow, Range};

@@ -1,16 +1,17 @@
 //! Linear bounds of triangles whose motion has more than two keys.
 //!
-//! Every vertex stays in a tube: the line between its places at both ends of the interval, moved down and up per axis until it
-//! has all keys between on one side. A face of the box is the line through the least (greatest) of the three tubes at either end.
+//! Every vertex stays in a tube: the line between its positions at both ends of the interval, shifted down and up per axis
+//! until all keys between are on one side. A face of the box is the line through the least (greatest) of the three tubes at
+//! either end.
 //!
-//! Proof. Between keys a vertex moves linearly, so its distance from its line is greatest at a key or an end of the interval; what
-//! is moved by the least and the greatest distance there bounds it at all times. The least of several lines is concave
-//! in time, so the line through its values at both ends lies below them all in between. (Of upper faces likewise.)
+//! Proof. Between keys a vertex moves linearly, so its distance from its line is greatest at a key or an end of the interval;
+//! the line shifted by the least and the greatest distance there bounds it at all times. The least of several lines is
+//! concave in time, so the line through its values at both ends lies below them all in between. (Likewise for upper faces.)
 //!
-//! Rounding, in ULP of the largest coordinate M at the keys that are looked at. A computed vertex of the kernel and the computed place at an
-//! end of the interval stray from the exact ones by [`Triangles::slack`] each. A distance from the line is computed with a
+//! Rounding, in ULP of the largest coordinate M at the keys that are used. A vertex as computed by the kernel and the computed position at an
+//! end of the interval differ from the exact ones by [`Triangles::slack`] each. A distance from the line is computed with a
 //! difference (2), its product with a fraction that is rounded itself (1 + 2), a sum (3: the line may leave M by that of others) and
-//! a difference (4): 12. The tube's end is a sum (3). So twice the slack and 16 ULP are kept.
+//! a difference (4): 12. The tube's end is a sum (3). So the padding is twice the slack and 16 ULP.
 
 use super::triangles::Triangles;
 use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval, ULP};
@@ -27,22 +28,22 @@ impl Triangles {
         let pad = 2.0 * Triangles::slack(keys, magnitude) + 16.0 * ULP * magnitude;
         let mut bounds = LinearBox3 { begin: bounds.begin.pad(pad), end: bounds.end.pad(pad) };
         if bounds.begin == bounds.end {
-            // What comes back to where it began moves all the same, and dividing the shutter may pay.
+            // A motion that returns to its begin is a motion nevertheless, and dividing the shutter may pay.
             bounds.end.max.x = bounds.end.max.x.next_up();
         }
         bounds
     }
 }
 
-/// The keys at and around which a motion is during an interval.
+/// The keys within and around an interval.
 struct Window {
     begin: KeyTime,
     end: KeyTime,
     /// The keys strictly inside.
     inner: Range<usize>,
-    /// The keys of the segments that are met, and of those next to them: the times of queries are rounded.
+    /// The keys of the overlapped segments, and of those next to them: the times of queries are rounded.
     around: RangeInclusive<usize>,
-    /// Where the interval begins, in segments, and what part of it a segment is.
+    /// The begin of the interval in segments, and the fraction of the interval per segment.
     first: f64,
     per_segment: f64,
 }
@@ -74,7 +75,7 @@ impl Window {
             tubes[1].include(b, w);
             tubes[2].include(c, w);
         }
-        // The keys between were looked at.
+        // The keys between are included already.
         let mut size = tubes[0].size.max(tubes[1].size).max(tubes[2].size);
         for key in self.around.clone().filter(|key| !self.inner.contains(key)) {
             size = size.max(a[key].abs().max(b[key].abs()).max(c[key].abs()).into());
@@ -84,7 +85,7 @@ impl Window {
     }
 }
 
-/// What holds a vertex: the line between its places at both ends, moved down and up.
+/// The bounds of a vertex: the line between its positions at both ends, shifted down and up.
 struct Tube {
     begin: Vec3A,
     way: Vec3A,
@@ -104,7 +105,7 @@ impl Tube {
         Tube { begin, way: end - begin, end, below: Vec3A::ZERO, above: Vec3A::ZERO, size: Vec3A::ZERO }
     }
 
-    /// Includes the place at a key, at a fraction of the interval.
+    /// Includes the position at a key, at a fraction of the interval.
     #[inline(always)]
     fn include(&mut self, place: Vec3, w: f32) {
         let place = Vec3A::from(place);

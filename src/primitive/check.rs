@@ -1,4 +1,4 @@
-//! A test helper for those who implement [`Primitive`]: does it keep the trait's contract?
+//! A test helper for implementations of [`Primitive`]: it tests the trait's contract on samples.
 
 use super::custom::{Primitive, SurfacePoint};
 use crate::geometry::{Aabb, Ray, TimeInterval};
@@ -6,7 +6,7 @@ use crate::limits::MAX_COORDINATE;
 use core::fmt;
 use glam::{DVec3, Vec3};
 
-/// How a primitive breaks the contract of [`Primitive`].
+/// A violation of the contract of [`Primitive`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum PrimitiveError {
@@ -33,12 +33,12 @@ pub enum PrimitiveError {
         /// The hit's distance.
         t: f32,
     },
-    /// The same ray got two different answers.
+    /// Two calls with the same ray gave different answers.
     Impure {
         /// The ray.
         ray: Ray,
     },
-    /// A point asked for its nearest point got two different answers.
+    /// Two calls for the nearest point to the same point gave different answers.
     ImpurePoint {
         /// The point that was asked for.
         point: DVec3,
@@ -56,7 +56,7 @@ pub enum PrimitiveError {
         /// How far outside the answer is.
         by: f64,
     },
-    /// A ray hits the primitive nearer to a point than what was said to be nearest.
+    /// A ray hits the primitive nearer to a point than the reported nearest point.
     NotNearest {
         /// The point that was asked for.
         point: DVec3,
@@ -103,8 +103,8 @@ impl std::error::Error for PrimitiveError {}
 /// farther than where rays hit.
 ///
 /// Rays are drawn from a fixed sequence around the primitive's swept box, many of them aimed at its faces and edges,
-/// where padding matters. Passing is no proof, failing is one: the error says which ray. The rounding of `t` to f32 is
-/// the tree's business and allowed for.
+/// where padding matters. Passing is no proof; a failure is one, and the error contains the ray. The rounding of `t` to f32
+/// is handled by the tree and allowed for.
 ///
 /// ```
 /// use mbkd::{MovingSphere, check_primitive, glam::DVec3};
@@ -162,8 +162,8 @@ pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(),
     Ok(())
 }
 
-/// Tests what the primitive says is nearest to the origin of a ray that may hit it at `hit`. Its bounds over an interval
-/// are `now` at the ray's time, and it is about as large as `size`.
+/// Tests the reported nearest point to the origin of a ray that may hit the primitive at `hit`. The bounds over an
+/// interval are `now` at the ray's time, and `size` is about the size of the primitive.
 fn check_nearest(
     primitive: &impl Primitive,
     ray: &Ray,
@@ -201,7 +201,7 @@ fn check_bounds(b: Aabb, over: TimeInterval) -> Result<(), PrimitiveError> {
     if fine { Ok(()) } else { Err(PrimitiveError::BadBounds { over }) }
 }
 
-/// A small fixed sequence (splitmix64).
+/// A small deterministic generator (splitmix64).
 struct Random(u64);
 
 impl Random {
@@ -226,7 +226,7 @@ impl Random {
         DVec3::new(self.next(), self.next(), self.next()) * 2.0 - 1.0
     }
 
-    /// A point of the box, half of the time on a face or near it.
+    /// A point of the box, in half of the cases on a face or near it.
     fn in_box(&mut self, b: Aabb) -> DVec3 {
         let mut w = self.in_cube() * 0.5 + 0.5;
         if self.next() < 0.5 {

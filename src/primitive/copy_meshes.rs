@@ -1,8 +1,8 @@
-//! Copying meshes into tree space: for a build, and for the next frame of a tree that stays.
+//! Copying meshes into tree space: for a build, and for refitting a tree to the next frame.
 
 use super::mesh::{Keys, TriangleMesh};
 use super::precise_vertices::PreciseVertices;
-use super::triangles::{BLOCK, Rebased, Triangles, Vertices, segments};
+use super::triangles::{BLOCK, MeshInfo, Triangles, Vertices, segments};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
@@ -13,19 +13,19 @@ impl Triangles {
     /// Checks the meshes and copies them into tree space.
     #[cfg(test)]
     pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
-        Triangles::beside(meshes, Aabb::EMPTY)
+        Triangles::with_bounds(meshes, Aabb::EMPTY)
     }
 
-    /// Checks the meshes and copies them into a tree space that holds what else there is, too.
-    pub(crate) fn beside(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
+    /// Checks the meshes and copies them into a tree space that also holds the bounds of other primitives.
+    pub(crate) fn with_bounds(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
         let frame = checked(meshes, others)?;
-        // Keys that say nothing are left out: what stands still or moves straight pays nothing for them.
+        // Redundant keys are dropped: static meshes and linear motion have no cost for them.
         let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
         Triangles::copied(meshes, frame, &kept)
     }
 
-    /// The same meshes with other positions, which keep as many keys as before.
-    pub(crate) fn again(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
+    /// The same meshes with other positions and the same numbers of kept keys.
+    pub(crate) fn with_positions(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
         if meshes.len() != self.meshes.len() {
             return Err(RefitError::Count { expected: self.meshes.len(), found: meshes.len() });
         }
@@ -53,7 +53,7 @@ impl Triangles {
         }
     }
 
-    /// Copies meshes that were checked, so many keys of each: one of successive ones after the same number of segments.
+    /// Copies meshes that were checked, with `kept` evenly spaced keys of each.
     fn copied(meshes: &[TriangleMesh], frame: Frame, kept: &[usize]) -> Result<Triangles, BuildError> {
         let total = meshes.iter().map(TriangleMesh::len).sum();
         let positions_of = |mesh: &TriangleMesh, keys: usize| keys * mesh.keys.vertices(0);
@@ -64,8 +64,8 @@ impl Triangles {
         }
         let mut positions = huge_vec(found);
         let mut corners = huge_vec(total);
-        let (mut rebased, mut bent, mut precise) = (Vec::with_capacity(meshes.len()), 0, 0);
-        // Where all keys are equal there may be fewer than are kept.
+        let (mut infos, mut bent, mut precise) = (Vec::with_capacity(meshes.len()), 0, 0);
+        // If all keys are equal there may be fewer than are kept.
         let given_key = |mesh: usize, key: usize| {
             let given = meshes[mesh].keys.len();
             (key * (segments(given) / segments(kept[mesh]))).min(given - 1)
@@ -74,7 +74,7 @@ impl Triangles {
             let (first, place) = (corners.len() as u32, positions.len());
             let vertices = mesh.keys.vertices(0);
             let given = |key: usize| given_key(m, key);
-            // How far apart the keys of a vertex are, and successive vertices.
+            // The strides of the keys of a vertex, and of successive vertices.
             let [stride, apart] = match keys {
                 ..=1 => [0, 1],
                 2 => [vertices, 1],
@@ -93,7 +93,7 @@ impl Triangles {
             let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
             let in_f64 = mesh.is_precise().then_some(precise);
             precise += if mesh.is_precise() { mesh.len() as u32 } else { 0 };
-            rebased.push(Rebased { first, bent_before: bent, keys, stride, active, mask, indices, precise: in_f64 });
+            infos.push(MeshInfo { first, bent_before: bent, keys, stride, active, mask, indices, precise: in_f64 });
             bent += if keys > 2 { mesh.len() } else { 0 };
         }
         let mesh_at = mesh_at(meshes.iter().map(TriangleMesh::len), total);
@@ -101,7 +101,7 @@ impl Triangles {
         let vertices = Vertices { positions, corners };
         let counts = [given, found];
         let precise = PreciseVertices::of(meshes, kept, frame, given_key);
-        Ok(Triangles { frame, meshes: rebased, len: total, mesh_at, always_active, bent, counts, vertices, precise })
+        Ok(Triangles { frame, meshes: infos, len: total, mesh_at, always_active, bent, counts, vertices, precise })
     }
 
     /// Number of triangles of a mesh.
@@ -111,7 +111,7 @@ impl Triangles {
     }
 }
 
-/// The frame of meshes, all of which are fine, and of what else there is.
+/// Checks meshes, and returns the frame of them and of the other primitives.
 fn checked(meshes: &[TriangleMesh], others: Aabb) -> Result<Frame, BuildError> {
     let mut swept = others;
     for (i, mesh) in meshes.iter().enumerate() {
@@ -128,8 +128,8 @@ fn checked(meshes: &[TriangleMesh], others: Aabb) -> Result<Frame, BuildError> {
     Ok(if given().any(TriangleMesh::is_precise) { Frame::exact_in_f64(swept) } else { Frame::around(swept) })
 }
 
-/// A number that other triangles between the vertices of a mesh hardly ever have: the sum of their indices, each mixed
-/// with its place (as in splitmix64), so that the order of additions does not matter.
+/// A hash of the vertex indices: the sum of the indices of all triangles, each mixed with its position
+/// (as in splitmix64), so that the order of additions does not matter.
 fn digest(indices: &[[u32; 3]]) -> u64 {
     let mixed = |place: usize, [a, b, c]: [u32; 3]| {
         let place = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -142,7 +142,7 @@ fn digest(indices: &[[u32; 3]]) -> u64 {
     parallel::chunks(indices.len(), of).into_iter().fold(0, u64::wrapping_add)
 }
 
-/// The mesh of every [`BLOCK`]-th triangle, and of the last, for meshes of so many triangles.
+/// The mesh of every [`BLOCK`]-th triangle, and of the last, given the number of triangles of each mesh.
 pub(super) fn mesh_at(lengths: impl Iterator<Item = usize>, total: usize) -> Vec<u32> {
     let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
     let (mut end, mut last) = (0usize, 0);

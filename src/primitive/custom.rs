@@ -1,7 +1,7 @@
-//! What a tree asks of the things in it.
+//! The traits of primitives in a tree.
 //!
-//! [`Primitive`] is what a caller implements for a moving shape of his own. Inside the crate a tree sees
-//! a whole set of primitives through [`PrimitiveSet`], in tree space: rebased triangle meshes are one,
+//! [`Primitive`] is the trait that a caller implements for a custom moving shape. Inside the crate a tree accesses
+//! a whole set of primitives through [`PrimitiveSet`], in tree space: triangle meshes are one such set,
 //! a list of [`Primitive`]s is another.
 
 use crate::error::BuildError;
@@ -20,12 +20,12 @@ use glam::DVec3;
 /// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`], over every part of the
 ///   shutter, down to a single instant.
 /// - They hold every point that [`closest_point`](Primitive::closest_point) reports at that time, exactly.
-/// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same question gets
-///   the same answer, however often and on whichever thread it is asked.
+/// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same arguments give
+///   the same answer, however often and on whichever thread they are called.
 ///
-/// A primitive that breaks the contract does no harm to others. Bounds that are no boxes end the build with
-/// [`BuildError::BadBounds`]. Bounds that do not hold what is hit, or that change from one call to the next, lose hits of
-/// this primitive. [`active`](Primitive::active) is asked once.
+/// A primitive that breaks the contract does not affect others. Invalid bounds make the build fail with
+/// [`BuildError::BadBounds`]. Bounds that do not hold all hits, or that change from one call to the next, lose hits of
+/// this primitive. [`active`](Primitive::active) is called once.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -54,7 +54,7 @@ use glam::DVec3;
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
 pub trait Primitive: Send + Sync {
-    /// Linear bounds over a part of the shutter, in world coordinates. The primitive need not exist all of that time.
+    /// Linear bounds over a part of the shutter, in world coordinates. The primitive need not exist during all of that time.
     fn bounds(&self, over: TimeInterval) -> LinearBounds;
 
     /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`.
@@ -65,20 +65,20 @@ pub trait Primitive: Send + Sync {
     /// The point of the primitive at `time` that is nearest to `point`, for
     /// [`RayTree::closest_point`](crate::RayTree::closest_point).
     ///
-    /// The default is `None`, for all points: then the primitive takes no part in such queries, as if it were not there.
+    /// The default is `None`, for all points: then such queries ignore the primitive.
     /// A point with a NaN counts as none.
     fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
         let _ = (point, time);
         None
     }
 
-    /// When the primitive exists. The default is the whole shutter.
+    /// The active interval of the primitive. The default is the whole shutter.
     fn active(&self) -> TimeInterval {
         TimeInterval::FULL
     }
 }
 
-/// Where a ray meets a primitive, as a [`Primitive`] reports it.
+/// The intersection of a ray and a primitive, as a [`Primitive`] reports it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intersection {
     /// Distance in units of the ray's direction: the point is `origin + t * dir`.
@@ -106,26 +106,26 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     const PER_LEAF: usize = LANES;
     /// Number of primitives; ids run from 0.
     fn len(&self) -> usize;
-    /// When a primitive exists.
+    /// The active interval of a primitive.
     fn active(&self, id: u32) -> TimeInterval;
     /// Whether all primitives exist throughout the shutter.
     fn always_active(&self) -> bool;
-    /// Linear bounds over an interval, holding whatever a ray is found to hit before the rounding that
+    /// Linear bounds over an interval, which hold all hits of the kernel up to the rounding that
     /// grows with the ray's distance, for which every traversal keeps slack.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
-    /// Bounds of the part inside `cell` at one instant, for choosing planes; empty where there is none.
+    /// Bounds of the part inside `cell` at one instant, for choosing planes; empty if there is none.
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
-    /// Primitives of different kinds do not lie in one leaf block: each number of keys above two is one.
+    /// Primitives of different kinds are not put into one leaf block: each number of keys above two is a kind.
     fn leaf_kind(&self, id: u32) -> u32 {
         let _ = id;
         0
     }
-    /// Whether primitives of one kind may share a leaf block, as far as memory is concerned.
+    /// Whether the memory of a leaf block for these primitives of one kind is reasonable.
     fn fits_block(&self, ids: &[u32]) -> bool {
         let _ = ids;
         true
     }
-    /// The most bytes that keys beyond the second take in leaf blocks which have each of them once.
+    /// A bound of the bytes of keys beyond the second in leaf blocks, if each key is stored once.
     fn further_key_bytes(&self) -> usize {
         0
     }
@@ -137,16 +137,16 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn positions(&self) -> [usize; 2] {
         [0, 0]
     }
-    /// Whether the primitive certainly stays clear of a cell during the whole interval, by more than the kernel's
-    /// rounding, although its bounds do not: `cell` is the cell at the begin and end of the interval,
-    /// linear in between. `false` is always right.
-    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+    /// Whether the primitive is proved disjoint from a cell during the whole interval, by more than the kernel's
+    /// rounding, although its bounds overlap: `cell` is the cell at the begin and end of the interval,
+    /// linear in between. `false` is always valid.
+    fn is_disjoint(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
         let _ = (id, over, cell);
         false
     }
-    /// The corners at both ends of an interval in which they move linearly, of a primitive that may be cut.
+    /// The corners at both ends of an interval in which they move linearly, of a primitive that may be clipped.
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
-    /// Prefetches where the vertices of a primitive are; the vertices themselves follow with
+    /// Prefetches the vertex indices of a primitive; the vertices themselves follow with
     /// [`PrimitiveSet::prefetch_vertices`]. A hint.
     fn prefetch(&self, _: u32) {}
     /// Prefetches the vertices of a primitive whose corners were prefetched some time ago.
@@ -156,11 +156,11 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = id;
         u32::MAX
     }
-    /// Mesh and primitive as the caller numbers them.
+    /// Mesh and primitive in the caller's numbering.
     fn name(&self, id: u32) -> (u32, u32);
     /// The map between world and tree space.
     fn frame(&self) -> &Frame;
-    /// What has been wrong with the answers of a caller's primitive since the set was made.
+    /// An error if a caller-defined primitive has returned invalid bounds since the set was made.
     fn complaint(&self) -> Result<(), BuildError> {
         Ok(())
     }
@@ -168,21 +168,21 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn bytes(&self) -> usize;
 }
 
-/// The caller's own primitives, as a [`RayTree`](crate::RayTree) holds them.
+/// Caller-defined primitives, as a [`RayTree`](crate::RayTree) holds them.
 pub struct Shapes<P> {
     shapes: Vec<P>,
-    /// When each exists; empty where all do throughout the shutter.
+    /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
     frame: Frame,
-    /// The lowest primitive that gave bad bounds over a part of its time, or [`NONE`].
+    /// The lowest primitive that returned invalid bounds over a part of its interval, or [`NONE`].
     bad: AtomicU32,
 }
 
 /// No primitive has this id.
 const NONE: u32 = u32::MAX;
 
-/// Bounds over a part of the time are used if they reach at most so many times as far from tree space's zero as those over
-/// the whole time. A chord shifted to hold the keys between reaches twice as far from where it began.
+/// Bounds over a part of the interval are used if they reach at most this many times as far from the origin of tree space
+/// as those over the whole interval. A chord shifted to hold the keys between reaches twice as far from its begin.
 const FARTHEST: f32 = 4.0;
 
 /// Whether bounds are boxes within [`MAX_COORDINATE`]: not NaN, infinite or inverted.
@@ -193,16 +193,16 @@ fn are_boxes(bounds: LinearBounds) -> bool {
     })
 }
 
-/// When and where shapes are. Each is asked once when it exists.
+/// The intervals and bounds of shapes. Each shape is asked for its interval once.
 pub(crate) struct ShapesExtent {
-    /// When each exists; empty where all do throughout the shutter.
+    /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
-    /// The box that holds all, always.
+    /// The box that holds all shapes at all times.
     pub swept: Aabb,
 }
 
 impl ShapesExtent {
-    /// Of shapes whose bounds over the whole time they exist are boxes.
+    /// Checks that the bounds of shapes over their whole intervals are valid boxes.
     pub fn of<P: Primitive>(shapes: &[P]) -> Result<ShapesExtent, BuildError> {
         if shapes.len() >= NONE as usize {
             return Err(BuildError::TooManyPrimitives { found: shapes.len() });
@@ -224,7 +224,7 @@ impl ShapesExtent {
 }
 
 impl<P: Primitive> Shapes<P> {
-    /// Takes the shapes after checking their bounds over the whole time they exist.
+    /// A set of shapes, after checking their bounds over their whole intervals.
     pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
         let extent = ShapesExtent::of(&shapes)?;
         let frame = Frame::around(extent.swept);
@@ -236,7 +236,7 @@ impl<P: Primitive> Shapes<P> {
         Shapes { shapes, active: extent.active, frame, bad: AtomicU32::new(NONE) }
     }
 
-    /// When each exists, as bounds; nothing where all do throughout the shutter.
+    /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
     pub(crate) fn lives(&self) -> Vec<[f32; 2]> {
         self.active.iter().map(|active| active.to_bounds()).collect()
     }
@@ -246,7 +246,7 @@ impl<P: Primitive> Shapes<P> {
         &self.shapes
     }
 
-    /// Takes the shapes away, for a set that replaces this one.
+    /// Moves the shapes out, for a set that replaces this one.
     pub(super) fn take(&mut self) -> Vec<P> {
         core::mem::take(&mut self.shapes)
     }
@@ -265,7 +265,7 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         self.active.is_empty()
     }
 
-    /// Of a primitive that contradicts itself the bounds of all: they hold whatever it was first said to be.
+    /// For a primitive with contradictory bounds the bounds of all primitives: these hold its first bounds.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         let outward = |b: Aabb| {
             let (min, max) = self.frame.outward(b);

@@ -1,4 +1,4 @@
-//! Merging keys: where all vertices of a mesh move on straight lines, fewer keys say the same.
+//! Merging keys: if all vertices of a mesh move on straight lines, fewer keys describe the same motion.
 //!
 //! Keys are spaced evenly, so keys are kept on a coarser grid that the given one refines: of 65 keys every second, fourth, …
 //! or the first and the last; one where all of them are equal. The whole mesh keeps the same keys, so that triangles which
@@ -8,7 +8,7 @@
 //! relative to the larger coordinate of these two. This is what rounding does to a straight motion that a program samples in
 //! f32: `a (1 - w) + b w` is off by up to 3u, `a + (b - a) w` by up to 5u if signs differ, mostly less than 2u.
 //!
-//! How far the merged motion is from the given one: both are linear between given keys, so their distance is greatest at one of
+//! The distance of the merged motion from the given one: both are linear between given keys, so their distance is greatest at one of
 //! those: 4u. With n keys interpolation itself may err by (4 + 2 (n - 1))u, and with those that are kept by at least 4u less. So
 //! the bound that `docs/accuracy.md` states for the keys as given holds for the merged motion too.
 
@@ -17,16 +17,16 @@ use crate::parallel;
 use core::ops::Range;
 use glam::Vec3;
 
-/// How many keys remain of `keys` with so many vertices (or points); `at` is a vertex at a key. Of given segments `(keys - 1) / (kept -
-/// 1)` become one.
+/// The number of keys that are kept of `keys`; `at` is the position of a vertex (or point) at a key. `(keys - 1) / (kept -
+/// 1)` given segments become one.
 ///
-/// Takes one pass over all positions where they merge, and mostly much less where they do not.
+/// Takes one pass over all positions if keys are merged, and usually much less otherwise.
 pub(crate) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) -> Vec3 + Sync) -> usize {
     if keys < 2 || all_equal(keys, vertices, &at) {
         return keys.min(1);
     }
     let segments = keys - 1;
-    // A vertex that has shown that some keys are needed mostly shows it of others too.
+    // A vertex that needs some keys usually needs others too.
     let mut bent = 0..0;
     for kept in (1..=segments / 2).filter(|&kept| segments.is_multiple_of(kept)) {
         let grid = Grid { segments, step: segments / kept };
@@ -45,27 +45,27 @@ pub(crate) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) 
 /// Whether all keys are equal.
 pub(super) fn all_equal<P: PartialEq>(keys: usize, vertices: usize, at: &(impl Fn(usize, usize) -> P + Sync)) -> bool {
     let differs = |mut of: Range<usize>| of.any(|v| (1..keys).any(|key| at(key, v) != at(0, v)));
-    // Mostly the first few say it.
+    // Usually the first few vertices differ.
     let few = vertices.min(64);
     !differs(0..few) && !parallel::chunks(vertices, differs).contains(&true)
 }
 
-/// Keys that are kept: one after every `step` segments.
+/// The kept keys: one after every `step` segments.
 #[derive(Clone, Copy)]
 struct Grid {
     segments: usize,
     step: usize,
 }
 
-/// Vertices of which all keys are looked at together: their positions at kept keys stay in the cache.
-const TOGETHER: usize = 256;
+/// Number of vertices that are tested together at all keys: their positions at kept keys stay in the cache.
+const BATCH: usize = 256;
 
 impl Grid {
     /// The first vertex among these that leaves the lines between kept keys.
     fn first_bent(self, vertices: Range<usize>, at: &(impl Fn(usize, usize) -> Vec3 + Sync)) -> Option<usize> {
         let Grid { segments, step } = self;
-        for begin in vertices.clone().step_by(TOGETHER) {
-            let some = begin..vertices.end.min(begin + TOGETHER);
+        for begin in vertices.clone().step_by(BATCH) {
+            let some = begin..vertices.end.min(begin + BATCH);
             for first in (0..segments).step_by(step) {
                 for inner in 1..step {
                     let w = inner as f64 / step as f64;
@@ -123,7 +123,7 @@ mod tests {
             assert_eq!(kept(2, keys, 0.0), 2, "{keys} keys on a line");
         }
         assert_eq!((kept(3, 9, 0.0), kept(3, 65, 0.0), kept(5, 9, 0.0), kept(9, 9, 0.0)), (3, 3, 5, 9));
-        // A grid that the given one does not refine is none.
+        // The given keys must refine the kept ones.
         assert_eq!((kept(4, 10, 0.0), kept(4, 4, 0.0), kept_keys(0, 3, |_, _| Vec3::ZERO)), (4, 4, 0));
     }
 

@@ -13,8 +13,8 @@ use glam::{DVec3, Vec3};
 pub enum Keys {
     /// Single precision.
     F32(Vec<Vec<Vec3>>),
-    /// Double precision, for scenes far from zero; the tree keeps what f32 can hold relative to the
-    /// scene's centre. (Where a tree is built of this and other kinds, relative to zero, so that those
+    /// Double precision, for scenes far from zero; the tree keeps f32 positions relative to the
+    /// scene's centre. (If a tree is built of this and other kinds, relative to zero, so that those
     /// keep their bits.)
     F64(Vec<Vec<DVec3>>),
     /// Double precision, kept to the last bit: see [`TriangleMesh::precise`].
@@ -67,13 +67,13 @@ impl From<Vec<Vec<DVec3>>> for Keys {
 
 /// An indexed triangle mesh with vertex positions at one or more keys, spaced evenly over the shutter.
 ///
-/// One key: nothing moves. Two: every vertex moves on a straight line (the paper's case). More:
-/// piecewise linear. What is wrong with a mesh is reported when a tree is built of it.
+/// One key: a static mesh. Two: every vertex moves on a straight line (the paper's case). More:
+/// piecewise linear motion. Errors in a mesh are reported when a tree is built of it.
 ///
-/// Keys that say nothing cost nothing: where all vertices stay within 4u (u = 2^-24, relative to the coordinate) of the lines
-/// between every second, third, … key, a tree keeps only those, and one where all keys are equal. So a straight motion
+/// Redundant keys cost nothing: if all vertices stay within 4u (u = 2^-24, relative to the coordinate) of the lines
+/// between every second, third, … key, a tree keeps only those, and a single key if all keys are equal. So a straight motion
 /// may be given with any number of keys. A mesh keeps the same keys for all its vertices; two meshes that
-/// share vertices move alike to the last bit if they keep the same number of keys.
+/// share vertices move identically to the last bit if they keep the same number of keys.
 ///
 /// ```
 /// use mbkd::{TimeInterval, TriangleMesh, glam::Vec3};
@@ -90,9 +90,9 @@ pub struct TriangleMesh {
     pub indices: Vec<[u32; 3]>,
     /// Vertex positions at the keys, all keys of equal length.
     pub keys: Keys,
-    /// When the mesh exists; keys span the whole shutter all the same.
+    /// The active interval of the mesh; keys span the whole shutter regardless.
     pub active: TimeInterval,
-    /// Visibility: a masked query sees the mesh where its mask and this one share a bit.
+    /// Visibility: a masked query sees the mesh if its mask and this one share a bit.
     pub mask: u32,
 }
 
@@ -107,7 +107,7 @@ impl TriangleMesh {
         TriangleMesh::new(indices, vec![positions])
     }
 
-    /// The mesh, existing in `active` only.
+    /// The mesh with an active interval.
     pub fn with_active(self, active: TimeInterval) -> TriangleMesh {
         TriangleMesh { active, ..self }
     }
@@ -117,20 +117,20 @@ impl TriangleMesh {
         TriangleMesh { mask, ..self }
     }
 
-    /// The mesh with positions in f64 kept as they are given, instead of rounded to f32 relative to the middle of the scene: for
-    /// maps in coordinates of the earth, for machines whose parts are small for their place. A mesh in f32 stays as it is, for
-    /// it keeps every bit anyway.
+    /// The mesh with f64 positions kept exactly, instead of rounded to f32 relative to the centre of the scene: for
+    /// maps in geocentric coordinates, and for machines with small parts far from the origin. An f32 mesh is unchanged,
+    /// since it keeps every bit anyway.
     ///
     /// Rays, [`closest_point`](crate::RayTree::closest_point), refits, files and [`BruteForce`](crate::baseline::BruteForce) then
-    /// answer for these positions, with every policy. Other meshes of the same tree cost what they cost without it.
+    /// use these positions, with every policy. The cost of other meshes in the same tree does not change.
     ///
-    /// Boxes are f32 all the same: rays are led to what is within some 2^-19 of the largest coordinate of what they hit (relative to
-    /// the middle of all, along axes where all coordinates are within a factor of two of each other; to zero along others), and look
-    /// at each triangle there. So a city of 10 km in coordinates of the earth is told apart to 2 cm, two machines 1e7 m apart only to 20 m:
-    /// there one tree for each of them, placed in an [`InstanceTree`](crate::InstanceTree) without a transform, is as exact and
-    /// far faster.
+    /// Boxes are f32 nevertheless: culling has a resolution of some 2^-19 of the largest coordinate (relative to
+    /// the centre of all meshes, along axes where all coordinates are within a factor of two of each other; to zero along
+    /// others), and rays test every triangle within that distance. So a city of 10 km in geocentric coordinates is resolved
+    /// to 2 cm, two machines 1e7 m apart only to 20 m: for these one tree each, placed in an
+    /// [`InstanceTree`](crate::InstanceTree) without a transform, is as exact and far faster.
     ///
-    /// Triangles are tested one by one. Keys on straight lines between others are kept, unless all keys are equal.
+    /// Triangles are tested one by one. Keys on straight lines between others are not merged, unless all keys are equal.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -144,7 +144,7 @@ impl TriangleMesh {
     /// let hit = tree.closest_hit(&ray).unwrap();
     /// assert_eq!(hit.primitive, 2);
     /// assert!((hit.t - 0.001).abs() < 2e-9);
-    /// // Rounded to f32, this is all one place.
+    /// // Rounded to f32, all of this coincides.
     /// let rounded = RayTree::build(&[mesh], &BuildParams::default())?;
     /// assert!(rounded.closest_hit(&ray).is_none_or(|hit| (hit.t - 0.001).abs() > 1e-4));
     /// # Ok::<(), mbkd::BuildError>(())
@@ -172,7 +172,7 @@ impl TriangleMesh {
         self.indices.is_empty()
     }
 
-    /// Everything a build demands of a mesh; `mesh` is its number in errors. Returns the swept box.
+    /// Checks all that a build requires of a mesh; `mesh` is its index in errors. Returns the swept box.
     pub(crate) fn validate(&self, mesh: usize) -> Result<Aabb, BuildError> {
         if self.keys.is_empty() {
             return Err(BuildError::NoKeys { mesh });
@@ -201,8 +201,8 @@ impl TriangleMesh {
         }
     }
 
-    /// How many keys say what all of them say ([`super::merge_keys`]): of coordinates in f32 as they are given, of those in
-    /// f64 as they are stored. Where f64 is kept, all keys are needed that are not all equal.
+    /// The number of keys after merging ([`super::merge_keys`]): of f32 coordinates as given, of f64 coordinates
+    /// as stored. If f64 is kept, keys are merged only if all are equal.
     pub(super) fn kept_keys(&self, frame: Frame) -> usize {
         let (keys, vertices) = (self.keys.len(), self.keys.vertices(0));
         match &self.keys {
@@ -218,7 +218,7 @@ impl TriangleMesh {
         }
     }
 
-    /// The box of some vertices at one key, if they are fine.
+    /// The box of some vertices at one key, if they are valid.
     fn validate_positions(&self, mesh: usize, key: usize, of: Range<usize>) -> Result<Aabb, BuildError> {
         if let Keys::F32(keys) = &self.keys
             && let Some(swept) = box_of_fine(&keys[key][of.clone()])
@@ -240,12 +240,12 @@ impl TriangleMesh {
     }
 }
 
-/// The box of positions, if they are all fine; which one is not is left to others.
+/// The box of positions if all are valid; the caller finds out which one is not.
 fn box_of_fine(positions: &[Vec3]) -> Option<Aabb> {
     let (mut min, mut max, mut sum) = (Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::ZERO);
     for &p in positions {
         (min, max) = (min.min(p), max.max(p));
-        // Stays zero unless something is not finite, which minima may lose.
+        // Stays zero unless a coordinate is not finite, which minima may miss.
         sum += p * 0.0;
     }
     let swept = Aabb { min: min.as_dvec3(), max: max.as_dvec3() };

@@ -1,4 +1,4 @@
-//! What moves: triangle meshes, spheres, the caller's own primitives, points.
+//! Moving primitives: triangle meshes, spheres, caller-defined primitives, points.
 
 mod bent_bounds;
 mod check;

@@ -1,15 +1,15 @@
-//! Points: what a set of them has to tell, and the common ways to hold one.
+//! Sets of points: the trait, and its implementations for common containers.
 //!
-//! A set has positions at `n` keys spaced evenly over the shutter (one key: nothing moves), moves
-//! linearly between keys, and may say for each point when it is alive. Trees read a set once, in
-//! place; nothing has to be copied into a type of ours first.
+//! A set has positions at `n` keys spaced evenly over the shutter (one key: static), moves
+//! linearly between keys, and may have an active interval for each point. Trees read a set once, in
+//! place; it need not be copied into a type of this crate first.
 
 use crate::geometry::TimeInterval;
 use glam::{DVec3, Vec3};
 
 /// A position in one of the usual forms: `Vec3`, `DVec3`, `[f32; 3]`, `[f64; 3]`.
 ///
-/// f32 positions are used bit for bit. So are f64 positions of points, unless the tree is told to round them
+/// f32 positions are used exactly. So are f64 positions of points, unless the tree rounds them
 /// ([`PointParams::round_to_f32`](crate::PointParams::round_to_f32)), and query points among them. A query point in f64
 /// among f32 positions is rounded to f32, relative to the origin of the tree.
 pub trait Position: Copy + Send + Sync {
@@ -17,7 +17,7 @@ pub trait Position: Copy + Send + Sync {
     const WIDE: bool;
     /// The position in f64, exactly.
     fn wide(self) -> DVec3;
-    /// The position relative to `origin`, rounded to f32 once; exact where the origin is zero and the
+    /// The position relative to `origin`, rounded to f32 once; exact if the origin is zero and the
     /// position is f32.
     #[inline(always)]
     fn relative(self, origin: DVec3) -> Vec3 {
@@ -57,11 +57,11 @@ impl Position for [f64; 3] {
     }
 }
 
-/// A set of points that may move and may live for a while only.
+/// A set of points that may move and may exist for a while only.
 ///
 /// Implemented for slices, arrays and vectors of positions (one key) and of [`MovingPoint`], and for
 /// [`PointArrays`] and [`PointColumns`]. Implement it for your own particle type to build without
-/// copying into a type of ours first. Each position, life and id is asked for once.
+/// copying. Each position, interval and id is read once.
 ///
 /// ```
 /// use mbkd::{PointParams, PointSet, PointTree, glam::DVec3};
@@ -92,9 +92,9 @@ pub trait PointSet: Sync {
     fn keys(&self) -> usize {
         1
     }
-    /// Where a point is at a key.
+    /// The position of a point at a key.
     fn position(&self, point: usize, key: usize) -> DVec3;
-    /// When a point is alive.
+    /// The active interval of a point.
     fn alive(&self, _point: usize) -> TimeInterval {
         TimeInterval::FULL
     }
@@ -102,7 +102,7 @@ pub trait PointSet: Sync {
     fn id(&self, point: usize) -> u32 {
         point as u32
     }
-    /// Name and length of an array whose length does not fit the others, and the length it should have.
+    /// The name of an array whose length differs from the others, the expected length, and its length.
     fn mismatch(&self) -> Option<(&'static str, usize, usize)> {
         None
     }
@@ -119,7 +119,7 @@ impl<P: Position> PointSet for [P] {
     }
 }
 
-/// A point on a straight way from shutter open to shutter close, alive for a part of it.
+/// A point that moves on a straight line from shutter open to shutter close, and may be active for a part of it only.
 ///
 /// ```
 /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -138,22 +138,22 @@ pub struct MovingPoint {
     pub open: Vec3,
     /// Position at time 1.
     pub close: Vec3,
-    /// When the point counts.
+    /// The active interval.
     pub alive: TimeInterval,
 }
 
 impl MovingPoint {
-    /// A point that is alive throughout.
+    /// A point that is active throughout the shutter.
     pub fn new(open: Vec3, close: Vec3) -> MovingPoint {
         MovingPoint { open, close, alive: TimeInterval::FULL }
     }
 
-    /// A point that stands still.
+    /// A static point.
     pub fn fixed(at: Vec3) -> MovingPoint {
         MovingPoint::new(at, at)
     }
 
-    /// The same point, alive during `interval` only.
+    /// The same point, active during `interval` only.
     pub fn alive(self, interval: TimeInterval) -> MovingPoint {
         MovingPoint { alive: interval, ..self }
     }
@@ -178,7 +178,7 @@ impl PointSet for [MovingPoint] {
     }
 }
 
-/// Arrays that run over the points: one of positions per key, and optionally lives and ids.
+/// Arrays over the points: one of positions per key, and optionally intervals and ids.
 ///
 /// ```
 /// use mbkd::{PointArrays, PointParams, PointTree};
@@ -193,7 +193,7 @@ impl PointSet for [MovingPoint] {
 pub struct PointArrays<'a, P> {
     /// Positions at each key, the keys spaced evenly over the shutter.
     pub keys: &'a [&'a [P]],
-    /// When each point is alive; empty: always.
+    /// Active intervals of the points; empty: throughout the shutter.
     pub alive: &'a [TimeInterval],
     /// The points' ids; empty: their indices.
     pub ids: &'a [u32],
@@ -232,7 +232,7 @@ impl<P: Position> PointSet for PointArrays<'_, P> {
     }
 }
 
-/// Points that stand still, coordinates in columns.
+/// Static points, with coordinates in columns.
 ///
 /// ```
 /// use mbkd::{PointColumns, PointParams, PointTree};
@@ -267,7 +267,7 @@ impl PointSet for PointColumns<'_> {
     }
 }
 
-/// What holds a slice is a set where the slice is one.
+/// Containers of a slice that is a set.
 macro_rules! as_slice {
     ($($generics:tt)*) => {
         impl<T: Sync, $($generics)* where [T]: PointSet {

@@ -1,8 +1,8 @@
-//! Triangles whose vertices are kept in f64, of meshes that ask for it ([`Keys::Precise`](super::Keys::Precise)).
+//! Triangles whose vertices are kept in f64, of meshes with [`Keys::Precise`](super::Keys::Precise).
 //!
-//! Trees are built of the same vertices rounded to f32, as of any other mesh, with boxes larger by that rounding. What is hit, and
-//! which point is nearest, is decided by the vertices in f64. Leaf blocks have no room for them, so leaves list such triangles by
-//! their ids, as they do with what is no triangle.
+//! Trees are built of the same vertices rounded to f32, as of any other mesh, with boxes larger by that rounding. Hits and
+//! nearest points are computed from the vertices in f64. Leaf blocks have no room for these, so leaves list such triangles by
+//! their ids, like primitives that are not triangles.
 
 use super::triangles::Triangles;
 use crate::geometry::{KeyTime, TimeInterval, ULP};
@@ -32,10 +32,10 @@ impl Triangles {
         }))
     }
 
-    /// How far the vertices of a triangle are from those rounded to f32, whose bounds are padded by this; 0 where vertices are f32.
+    /// The padding of bounds for the rounding of vertices to f32; 0 if vertices are f32.
     ///
-    /// Rounding takes up to 1 ULP of the coordinate at each key, and no more in between; the other ULP is for
-    /// rounding the box that it is added to.
+    /// Rounding is up to 1 ULP of the coordinate at each key, and no more in between; the other ULP is for
+    /// rounding the box that the padding is added to.
     #[inline(always)]
     pub(super) fn rounding(&self, id: u32, over: TimeInterval) -> f32 {
         if self.is_precise(id) { 2.0 * ULP * self.magnitude(id, over) } else { 0.0 }

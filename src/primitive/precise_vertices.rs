@@ -1,4 +1,4 @@
-//! Vertices of meshes that are kept in f64, all in one place.
+//! Vertices of meshes that are kept in f64.
 
 use super::mesh::TriangleMesh;
 use crate::geometry::Frame;
@@ -12,12 +12,12 @@ use glam::DVec3;
 pub(super) struct PreciseVertices {
     /// Mesh by mesh, vertex by vertex, key by key.
     pub(super) positions: Vec<DVec3>,
-    /// The corners of each triangle of these meshes, as places of their first keys in `positions`.
+    /// The corners of each triangle of these meshes, as indices of their first keys in `positions`.
     pub(super) corners: Vec<[u32; 3]>,
 }
 
 impl PreciseVertices {
-    /// Of meshes of which so many keys are kept, and `key(mesh, i)` is the `i`-th of those that are.
+    /// The vertices of meshes with `kept` keys each, of which `key(mesh, i)` is the `i`-th.
     pub(super) fn of(
         meshes: &[TriangleMesh],
         kept: &[usize],
@@ -49,8 +49,8 @@ impl PreciseVertices {
         self.positions.capacity() * size_of::<DVec3>() + self.corners.capacity() * size_of::<[u32; 3]>()
     }
 
-    /// Whether so many triangles of so many keys each, from one of them on, have all their vertices here.
-    pub(super) fn hold(&self, triangles: Range<usize>, keys: u32) -> bool {
+    /// Whether all vertices of a range of triangles with this many keys exist.
+    pub(super) fn contains(&self, triangles: Range<usize>, keys: u32) -> bool {
         let end = self.positions.len() as u64;
         let there = |&vertex: &u32| u64::from(vertex) + u64::from(keys) <= end;
         self.corners.get(triangles).is_some_and(|corners| corners.iter().flatten().all(there))

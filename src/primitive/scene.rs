@@ -1,4 +1,4 @@
-//! Meshes, spheres and the caller's own primitives together.
+//! Scenes of meshes, spheres and caller-defined primitives.
 
 use super::custom::{Intersection, Primitive, PrimitiveSet, Shapes, ShapesExtent, SurfacePoint};
 use super::mesh::TriangleMesh;
@@ -8,7 +8,7 @@ use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
 use glam::DVec3;
 
-/// Something that shares a tree with meshes ([`RayTree::of_scene`](crate::RayTree::of_scene)).
+/// A shape that shares a tree with meshes ([`RayTree::of_scene`](crate::RayTree::of_scene)).
 ///
 /// ```
 /// use mbkd::{MovingSphere, Shape, glam::DVec3};
@@ -19,12 +19,12 @@ use glam::DVec3;
 pub enum Shape {
     /// A moving sphere.
     Sphere(MovingSphere),
-    /// A primitive of the caller's own.
+    /// A caller-defined primitive.
     Own(Box<dyn Primitive>),
 }
 
 impl Shape {
-    /// A primitive of the caller's own.
+    /// A caller-defined primitive.
     pub fn own(primitive: impl Primitive + 'static) -> Shape {
         Shape::Own(Box::new(primitive))
     }
@@ -74,27 +74,27 @@ pub struct Scene {
     pub(crate) shapes: Shapes<Shape>,
     /// Number of triangles: the id of the first shape.
     first: u32,
-    /// Number of meshes, by which shapes are named.
+    /// Number of meshes: the mesh index of shapes.
     meshes: u32,
     always_active: bool,
 }
 
 impl Scene {
-    /// Checks everything and brings it into one tree space.
+    /// Checks all primitives and maps them to one tree space.
     pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
         let extent = ShapesExtent::of(&shapes)?;
-        let triangles = Triangles::beside(meshes, extent.swept)?;
+        let triangles = Triangles::with_bounds(meshes, extent.swept)?;
         Scene::of(triangles, shapes, extent)
     }
 
-    /// The same scene with meshes that have other positions and, where some are given, other shapes. Where it is an error
-    /// this one stays as it is.
+    /// The same scene with other positions of the meshes and, if given, other shapes. After an error this scene is
+    /// unchanged.
     pub(crate) fn again(&mut self, meshes: &[TriangleMesh], shapes: Option<Vec<Shape>>) -> Result<Scene, RefitError> {
         let extent = ShapesExtent::of(shapes.as_deref().unwrap_or(self.shapes.shapes())).map_err(RefitError::Input)?;
         if let Some(found) = shapes.as_ref().map(Vec::len).filter(|&found| found != self.shapes.len()) {
             return Err(RefitError::Shapes { expected: self.shapes.len(), found });
         }
-        let triangles = self.triangles.again(meshes, extent.swept)?;
+        let triangles = self.triangles.with_positions(meshes, extent.swept)?;
         let shapes = shapes.unwrap_or_else(|| self.shapes.take());
         Scene::of(triangles, shapes, extent).map_err(RefitError::Input)
     }
@@ -104,7 +104,7 @@ impl Scene {
         Scene::of_parts(triangles, shapes)
     }
 
-    /// Triangles and shapes in one tree space already.
+    /// A scene of triangles and shapes that are in one tree space already.
     pub(super) fn of_parts(triangles: Triangles, shapes: Shapes<Shape>) -> Result<Scene, BuildError> {
         let found = triangles.len() + shapes.len();
         if found >= u32::MAX as usize {
@@ -115,7 +115,7 @@ impl Scene {
         Ok(Scene { triangles, shapes, first, meshes, always_active })
     }
 
-    /// The number of the shape with this id; `None` for a triangle.
+    /// The index of the shape with this id; `None` for a triangle.
     #[inline(always)]
     pub(crate) fn shape(&self, id: u32) -> Option<u32> {
         id.checked_sub(self.first)
@@ -154,10 +154,10 @@ impl PrimitiveSet for Scene {
         }
     }
 
-    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+    fn is_disjoint(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
         match self.shape(id) {
-            None => self.triangles.misses(id, over, cell),
-            Some(shape) => self.shapes.misses(shape, over, cell),
+            None => self.triangles.is_disjoint(id, over, cell),
+            Some(shape) => self.shapes.is_disjoint(shape, over, cell),
         }
     }
 

@@ -1,5 +1,5 @@
-//! Scenes in files: triangles and spheres. Of the caller's own primitives a file keeps what tells whether the same are
-//! handed in again.
+//! Scenes in files: triangles and spheres. For caller-defined primitives a file has only their number, bounds and
+//! intervals, to verify that the same ones are passed when the file is loaded.
 
 use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent};
 use super::scene::{Scene, Shape};
@@ -10,10 +10,10 @@ use crate::file::{Decoder, Encoder, FileError, require};
 use crate::geometry::{Frame, TimeInterval};
 use glam::DVec3;
 
-/// What a file says of a scene.
+/// The contents of a file for a scene, not validated yet.
 pub(crate) struct SceneRecord {
     triangles: TrianglesRecord,
-    /// Of each sphere the number of its keys and when it exists; and centers and radii at the keys of all.
+    /// The number of keys and the active interval of each sphere, and the centers and radii at all keys.
     key_counts: Vec<u32>,
     lives: Vec<[f32; 2]>,
     keys: Vec<[f64; 4]>,
@@ -21,7 +21,7 @@ pub(crate) struct SceneRecord {
 }
 
 impl Scene {
-    /// Writes everything; an error where a shape is of the caller's own type.
+    /// Writes everything; an error if a shape has a caller-defined type.
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         let (mut key_counts, mut lives, mut keys) = (Vec::new(), Vec::new(), Vec::new());
         for (i, shape) in self.shapes.shapes().iter().enumerate() {
@@ -38,33 +38,33 @@ impl Scene {
 }
 
 impl SceneRecord {
-    /// Reads what was written.
+    /// Reads a scene that [`Scene::encode`] wrote.
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<SceneRecord, FileError> {
         let triangles = TrianglesRecord::decode(from)?;
         let frame = triangles.frame;
         Ok(SceneRecord { triangles, frame, key_counts: from.array()?, lives: from.array()?, keys: from.array()? })
     }
 
-    /// The scene, with at most so many triangles, whose vertices leaf blocks have or not.
+    /// The scene, with at most `most` triangles, whose vertices are in leaf blocks or here.
     pub(crate) fn checked(self, most: usize, in_leaves: bool) -> Result<Scene, FileError> {
         let triangles = self.triangles.checked(most, in_leaves)?;
         let all: u64 = self.key_counts.iter().map(|&keys| u64::from(keys)).sum();
         let fits = self.lives.len() == self.key_counts.len() && all == self.keys.len() as u64;
-        require(fits, "spheres have not their own keys")?;
+        require(fits, "the numbers of keys of spheres are wrong")?;
         let mut keys = self.keys.iter().map(|&[x, y, z, radius]| (DVec3::new(x, y, z), radius));
         let mut shapes = Vec::with_capacity(self.lives.len());
         for (&count, &life) in self.key_counts.iter().zip(&self.lives) {
             let keys = keys.by_ref().take(count as usize).collect();
             shapes.push(Shape::Sphere(MovingSphere { keys, active: TimeInterval::of_bounds(life)? }));
         }
-        let wrong = |_: BuildError| FileError::Broken { what: "a sphere is nowhere" };
+        let wrong = |_: BuildError| FileError::Broken { what: "a sphere has invalid coordinates" };
         let extent = ShapesExtent::of(&shapes).map_err(wrong)?;
         let wrong = |_: BuildError| FileError::Broken { what: "there are too many primitives" };
         Scene::of_parts(triangles, Shapes::within(shapes, extent, self.frame)).map_err(wrong)
     }
 }
 
-/// What a file says of the caller's own primitives.
+/// The contents of a file for caller-defined primitives, not validated yet.
 pub(crate) struct ShapesRecord {
     frame: Frame,
     len: u64,
@@ -72,7 +72,7 @@ pub(crate) struct ShapesRecord {
 }
 
 impl<P: Primitive> Shapes<P> {
-    /// Writes how many there are, where, and when; not what they are.
+    /// Writes the number, the bounds and the intervals of the primitives, but not the primitives.
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         self.frame().encode(to)?;
         to.put(self.len() as u64)?;
@@ -81,18 +81,18 @@ impl<P: Primitive> Shapes<P> {
 }
 
 impl ShapesRecord {
-    /// Reads what was written.
+    /// Reads a record that [`Shapes::encode`] wrote.
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<ShapesRecord, FileError> {
         Ok(ShapesRecord { frame: Frame::decode(from)?, len: from.get()?, lives: from.array()? })
     }
 
-    /// The primitives, if they are as many as those of the file, in the same places at the same times.
+    /// The primitives, if their number, bounds and intervals are those of the file.
     pub(crate) fn checked<P: Primitive>(self, primitives: Vec<P>) -> Result<Shapes<P>, FileError> {
         let shapes = Shapes::new(primitives).map_err(FileError::Primitives)?;
         let what = match () {
-            () if shapes.len() as u64 != self.len => "how many they are",
-            () if *shapes.frame() != self.frame => "where they are",
-            () if shapes.lives() != self.lives => "when they exist",
+            () if shapes.len() as u64 != self.len => "their number",
+            () if *shapes.frame() != self.frame => "their bounds",
+            () if shapes.lives() != self.lives => "their active intervals",
             () => return Ok(shapes),
         };
         Err(FileError::OtherPrimitives { what })

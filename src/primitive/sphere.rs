@@ -1,4 +1,4 @@
-//! A moving sphere: the second kind of primitive, and a model for the caller's own.
+//! Moving spheres: the second kind of primitive, and an example for caller-defined ones.
 
 use super::custom::{Intersection, Primitive, SurfacePoint};
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
@@ -22,7 +22,7 @@ use glam::DVec3;
 pub struct MovingSphere {
     /// Center and radius at each key.
     pub keys: Vec<(DVec3, f64)>,
-    /// When the sphere exists.
+    /// The active interval of the sphere.
     pub active: TimeInterval,
 }
 
@@ -32,12 +32,12 @@ impl MovingSphere {
         MovingSphere { keys, active: TimeInterval::FULL }
     }
 
-    /// A sphere that does not move.
+    /// A static sphere.
     pub fn fixed(center: DVec3, radius: f64) -> MovingSphere {
         MovingSphere::new(vec![(center, radius)])
     }
 
-    /// The sphere, existing in `active` only.
+    /// The sphere with an active interval.
     pub fn with_active(self, active: TimeInterval) -> MovingSphere {
         MovingSphere { active, ..self }
     }
@@ -84,8 +84,8 @@ impl Primitive for MovingSphere {
     /// Chords of center ± radius, shifted to hold the keys between.
     ///
     /// The pad of 1e-9 of the size of the numbers is millions of times the rounding of the interpolation and
-    /// of the intersection, which are in f64 (2^-53 each, a dozen operations); what grows with the
-    /// ray's distance is the tree's to cover.
+    /// of the intersection, which are in f64 (2^-53 each, a dozen operations); the error that grows with the
+    /// ray's distance is covered by the tree.
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
         self.padded_bounds(over, 1e-9)
     }
@@ -97,7 +97,7 @@ impl Primitive for MovingSphere {
         let d = ray.dir.as_dvec3();
         let dd = d.length_squared();
         let to_center = center - ray.origin;
-        // The foot of the perpendicular from the center: its distance decides without cancellation
+        // The foot of the perpendicular from the center: testing its distance avoids cancellation
         // between large squares, however far away the ray begins.
         let middle = to_center.dot(d) / dd;
         let aside = to_center - d * middle;

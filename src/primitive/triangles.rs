@@ -1,12 +1,12 @@
-//! Triangle meshes in tree space: all vertices of all meshes in one place.
+//! Triangle meshes in tree space, with all vertices in shared arrays.
 //!
-//! What a build needs (where the vertices are) and what answers need (which mesh a triangle is of, when that exists, who
-//! sees it) are apart: leaf blocks of the wide layout hold all corners, and then the vertices go.
+//! The data that a build needs (vertex positions) and the data that answers need (the mesh of a triangle, its active
+//! interval and mask) are separate: leaf blocks of the wide layout hold all corners, and then the vertices are released.
 
 use super::custom::PrimitiveSet;
 use super::precise_vertices::PreciseVertices;
 use crate::geometry::{
-    Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, clip_triangle, stays_clear,
+    Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, are_disjoint, clip_triangle,
 };
 use crate::simd::{LANES, prefetch};
 use core::ops::Range;
@@ -18,7 +18,7 @@ use glam::{DVec3, Vec3};
 /// (mesh, triangle).
 pub struct Triangles {
     pub(super) frame: Frame,
-    pub(super) meshes: Vec<Rebased>,
+    pub(super) meshes: Vec<MeshInfo>,
     /// Number of triangles.
     pub(super) len: usize,
     /// The mesh of every [`BLOCK`]-th triangle, and of the last.
@@ -26,51 +26,51 @@ pub struct Triangles {
     pub(super) always_active: bool,
     /// Number of triangles of meshes with more than two keys.
     pub(super) bent: usize,
-    /// Vertex positions over all keys: as given, and those that are kept.
+    /// Numbers of vertex positions over all keys: given, and kept.
     pub(super) counts: [usize; 2],
     /// Empty once leaf blocks hold them.
     pub(super) vertices: Vertices,
-    /// Those that are kept in f64.
+    /// The vertices that are kept in f64.
     pub(super) precise: PreciseVertices,
 }
 
-/// Which mesh a triangle is of is kept for one in so many; mostly that says it of those up to the next as well.
+/// The mesh of one triangle in this many is stored; usually the triangles up to the next one are of the same mesh.
 pub(super) const BLOCK: usize = 32;
 
 /// The vertices of all triangles.
 #[derive(Default)]
 pub(super) struct Vertices {
-    /// The positions of all meshes: mesh by mesh, in each key by key; of more than two keys vertex by vertex, since whoever asks
-    /// for one of its keys mostly asks for all.
+    /// The positions of all meshes: mesh by mesh, in each key by key; with more than two keys vertex by vertex, since one
+    /// of its keys is usually read together with all others.
     pub(super) positions: Vec<Vec3>,
-    /// The corners of each triangle, as places of their first keys in `positions`.
+    /// The corners of each triangle, as indices of their first keys in `positions`.
     pub(super) corners: Vec<[u32; 3]>,
 }
 
-pub(super) struct Rebased {
+pub(super) struct MeshInfo {
     /// Id of the first triangle.
     pub(super) first: u32,
     /// Number of bent triangles before it, see [`Triangles::entries_of`].
     pub(super) bent_before: usize,
     /// Number of keys.
     pub(super) keys: usize,
-    /// How far apart successive keys of a vertex are in the positions; 0 where there is one only.
+    /// The stride of successive keys of a vertex in the positions; 0 if there is one only.
     pub(super) stride: usize,
     pub(super) active: TimeInterval,
     pub(super) mask: u32,
-    /// What tells the triangles from others between the vertices ([`super::copy_meshes`]).
+    /// A hash of the vertex indices ([`super::copy_meshes`]).
     pub(super) indices: u64,
-    /// The number of its first triangle among those whose vertices are kept in f64, if its own are.
+    /// The index of its first triangle among those whose vertices are kept in f64, if its own are.
     pub(super) precise: Option<u32>,
 }
 
 impl Triangles {
-    /// Drops the vertices in f32: from now on there are names, masks and times, but no corners and no bounds.
+    /// Releases the f32 vertices: from now on there are ids, masks and intervals, but no corners and no bounds.
     pub(crate) fn drop_vertices(&mut self) {
         self.vertices = Vertices::default();
     }
 
-    /// The number of a triangle's mesh.
+    /// The index of a triangle's mesh.
     #[inline(always)]
     fn mesh_of(&self, id: u32) -> usize {
         let block = id as usize / BLOCK;
@@ -83,11 +83,11 @@ impl Triangles {
     }
 
     #[inline(always)]
-    pub(super) fn mesh(&self, id: u32) -> &Rebased {
+    pub(super) fn mesh(&self, id: u32) -> &MeshInfo {
         &self.meshes[self.mesh_of(id)]
     }
 
-    /// Number of keys of the triangle's mesh; 1 where the mesh stands still.
+    /// Number of keys of the triangle's mesh; 1 if the mesh is static.
     #[inline(always)]
     pub(crate) fn keys(&self, id: u32) -> usize {
         self.mesh(id).keys
@@ -100,8 +100,8 @@ impl Triangles {
         first.checked_add(triangle).filter(|&id| id < end)
     }
 
-    /// Where a table that has `slices` entries for each bent triangle (of a mesh with more than two keys) and one for each
-    /// other has those of a triangle: the first, and how many.
+    /// The entries of a triangle in a table with `slices` entries for each bent triangle (of a mesh with more than two keys)
+    /// and one for each other: the first, and their number.
     #[inline]
     pub(crate) fn entries_of(&self, id: u32, slices: usize) -> (usize, usize) {
         let mesh = self.mesh(id);
@@ -115,14 +115,13 @@ impl Triangles {
         self.len + self.bent * (slices - 1)
     }
 
-    /// The vertices of a triangle: numbers that no other vertex of any mesh has.
+    /// The vertices of a triangle: indices that are unique among all meshes.
     #[inline(always)]
     pub(crate) fn vertices(&self, id: u32) -> [u32; 3] {
         self.vertices.corners[id as usize]
     }
 
-    /// How far apart successive keys of a triangle's vertices are, for [`Triangles::position`]; 0 where it stands
-    /// still.
+    /// The stride of successive keys of a triangle's vertices, for [`Triangles::position`]; 0 if it is static.
     #[inline(always)]
     pub(crate) fn stride(&self, id: u32) -> usize {
         self.mesh(id).stride
@@ -147,10 +146,10 @@ impl Triangles {
         self.vertices(id).map(|v| self.position(v, offset))
     }
 
-    /// The corners at both keys of a mesh with two; twice the same of what stands still.
+    /// The corners at both keys of a mesh with two; twice the same for a static mesh.
     #[inline(always)]
     pub(crate) fn corners_at_both(&self, id: u32) -> [[Vec3; 3]; 2] {
-        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let &MeshInfo { keys, stride, .. } = self.mesh(id);
         let [a, b, c] = self.vertices(id);
         // Each by itself: mapped arrays become calls.
         let last = (keys - 1) * stride;
@@ -160,10 +159,10 @@ impl Triangles {
         ]
     }
 
-    /// The corners at time `t`, exactly as queries see them.
+    /// The corners at time `t`, exactly as queries compute them.
     #[inline(always)]
     pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
-        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let &MeshInfo { keys, stride, .. } = self.mesh(id);
         let [a, b, c] = self.vertices(id);
         // Each by itself: mapped arrays become calls.
         if keys == 1 {
@@ -181,7 +180,7 @@ impl Triangles {
     /// The corners at a time in f64 (see [`KeyTime::fine_position`]).
     #[inline(always)]
     pub(crate) fn fine_corners(&self, id: u32, t: f32) -> [DVec3; 3] {
-        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let &MeshInfo { keys, stride, .. } = self.mesh(id);
         let at = KeyTime::new(t, keys);
         let first = at.segment * stride;
         let last = if keys == 1 { first } else { first + stride };
@@ -192,7 +191,7 @@ impl Triangles {
     /// The corners at both ends of an interval, up to the signs of zeros.
     #[inline(always)]
     pub(crate) fn ends(&self, id: u32, over: TimeInterval) -> [[Vec3; 3]; 2] {
-        let &Rebased { keys, stride, .. } = self.mesh(id);
+        let &MeshInfo { keys, stride, .. } = self.mesh(id);
         let [a, b, c] = self.vertices(id);
         let key = |offset: usize| [self.position(a, offset), self.position(b, offset), self.position(c, offset)];
         if keys == 1 {
@@ -209,13 +208,13 @@ impl Triangles {
         [at(over.begin()), at(over.end())]
     }
 
-    /// Asks for the numbers of a triangle's vertices.
+    /// Prefetches the indices of a triangle's vertices.
     #[inline]
     pub(crate) fn prefetch_corners(&self, id: u32) {
         prefetch(&self.vertices.corners[id as usize]);
     }
 
-    /// Asks for the vertices of a triangle at the first two keys.
+    /// Prefetches the vertices of a triangle at the first two keys.
     #[inline]
     pub(crate) fn prefetch_positions(&self, id: u32) {
         let stride = self.stride(id);
@@ -225,13 +224,13 @@ impl Triangles {
         }
     }
 
-    /// How far a kernel's vertex may lie from the exactly interpolated one, where no coordinate of the vertex is larger
+    /// The largest distance of a kernel's vertex from the exactly interpolated one, if no coordinate of the vertex is larger
     /// than `magnitude` at the keys around its time.
     ///
     /// Counted in ULP of the magnitude: `b - a` is rounded at a size of at most 2 (error 2), then scaled
     /// by at most 1/2 (1 ULP) and rounded (1 ULP), then the sum is rounded (1 ULP): 3. With `n - 1 > 1`
     /// segments, `t * (n - 1)` is rounded too: at most (n - 1) ULP of a segment in time, and the vertex moves
-    /// by at most 2 per segment. One ULP more covers the rounding of this bound and of a box that it is added to. (Where
+    /// by at most 2 per segment. One ULP more covers the rounding of this bound and of a box that it is added to. (If
     /// numbers are denormal, sums are exact and a product errs by half the least number: queries keep more than that
     /// whatever the magnitude is.)
     pub(super) fn slack(keys: usize, magnitude: f32) -> f32 {
@@ -261,8 +260,8 @@ impl Triangles {
         LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
     }
 
-    /// How far a kernel's vertex may lie from the line between [`Triangles::ends`], over an interval of one segment that
-    /// may reach 4 ULP of the shutter beyond it. There corners already move differently, by at most twice their
+    /// The largest distance of a kernel's vertex from the line between [`Triangles::ends`], over an interval of one segment
+    /// that may reach 4 ULP of the shutter beyond it. There corners already move differently, by at most twice their
     /// magnitude per segment, at either end.
     #[inline(always)]
     pub(crate) fn slack_of_line(&self, id: u32, over: TimeInterval) -> f32 {
@@ -274,8 +273,8 @@ impl Triangles {
         slack + self.rounding(id, over)
     }
 
-    /// The largest magnitude of a coordinate of a triangle's corners at the keys around every time of an interval, and
-    /// around the times that rounding may take for those.
+    /// The largest magnitude of a coordinate of a triangle's corners at the keys around all times of an interval, and
+    /// around the times that these may be rounded to.
     pub(super) fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
         let keys = self.keys(id);
         let segments = (keys - 1) as f32;
@@ -286,10 +285,10 @@ impl Triangles {
     }
 }
 
-/// Times of the shutter whose products with a number of segments are rounded to the same are nearer than this.
+/// An upper bound of the difference of times whose products with a number of segments are rounded to the same.
 const ROUNDED_TIME: f32 = 4.0 * ULP;
 
-/// Number of linear pieces of a motion of so many keys.
+/// Number of linear segments of a motion with this many keys.
 pub(super) fn segments(keys: usize) -> usize {
     (keys - 1).max(1)
 }
@@ -327,7 +326,7 @@ impl PrimitiveSet for Triangles {
         }
     }
 
-    /// Blocks of many keys are large where their triangles share vertices but have too many for a block that does.
+    /// Blocks of many keys are large if their triangles share vertices but have too many for a block of shared vertices.
     fn fits_block(&self, ids: &[u32]) -> bool {
         if ids.iter().any(|&id| self.is_precise(id)) {
             // A list of ids.
@@ -346,7 +345,7 @@ impl PrimitiveSet for Triangles {
     }
 
     fn further_key_bytes(&self) -> usize {
-        let of = |mesh: &Rebased, end: u32| (end - mesh.first) as usize * mesh.keys.saturating_sub(2);
+        let of = |mesh: &MeshInfo, end: u32| (end - mesh.first) as usize * mesh.keys.saturating_sub(2);
         let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);
         self.meshes.iter().zip(ends).map(|(mesh, end)| of(mesh, end)).sum::<usize>() * size_of::<[Vec3; 3]>()
     }
@@ -373,11 +372,11 @@ impl PrimitiveSet for Triangles {
         clip_triangle(self.corners(id, time), cell)
     }
 
-    fn misses(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
+    fn is_disjoint(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
         let keys = self.keys(id);
         let at = |t: f32, cell: Box3| Instant { corners: self.corners(id, t), cell };
         if keys == 1 && cell.begin == cell.end {
-            return stays_clear(&[at(0.0, cell.begin)], self.rounding(id, over));
+            return are_disjoint(&[at(0.0, cell.begin)], self.rounding(id, over));
         }
         // Both ends and the keys between.
         let mut instants = [at(over.begin(), cell.begin); INSTANTS];
@@ -393,7 +392,7 @@ impl PrimitiveSet for Triangles {
             n += 1;
         }
         instants[n] = at(over.end(), cell.end);
-        stays_clear(&instants[..=n], Triangles::slack(keys, self.magnitude(id, over)) + self.rounding(id, over))
+        are_disjoint(&instants[..=n], Triangles::slack(keys, self.magnitude(id, over)) + self.rounding(id, over))
     }
 
     fn mask(&self, id: u32) -> u32 {
@@ -406,7 +405,7 @@ impl PrimitiveSet for Triangles {
 
     #[inline]
     fn name(&self, id: u32) -> (u32, u32) {
-        // Asked for each hit; of a single mesh nothing has to be fetched.
+        // Called for each hit; for a single mesh no lookup is needed.
         let mesh = if self.meshes.len() == 1 { 0 } else { self.mesh_of(id) };
         (mesh as u32, id - self.meshes[mesh].first)
     }
@@ -419,7 +418,7 @@ impl PrimitiveSet for Triangles {
         self.vertices.positions.capacity() * size_of::<Vec3>()
             + self.vertices.corners.capacity() * size_of::<[u32; 3]>()
             + self.precise.bytes()
-            + self.meshes.capacity() * size_of::<Rebased>()
+            + self.meshes.capacity() * size_of::<MeshInfo>()
             + self.mesh_at.capacity() * size_of::<u32>()
     }
 }
@@ -431,7 +430,7 @@ fn inner_keys(over: TimeInterval, keys: usize) -> Range<usize> {
     first..((over.end() * segments).ceil() as usize).min(keys - 1)
 }
 
-/// Whether no key lies within an interval and farther from its ends than slices of the shutter are widened.
+/// Whether no key lies within an interval and farther from its ends than the widening of time slices.
 fn within_segment(over: TimeInterval, keys: usize) -> bool {
     let segments = (keys - 1) as f64;
     let (begin, end) = (f64::from(over.begin()) + WIDENED, f64::from(over.end()) - WIDENED);
@@ -495,7 +494,7 @@ mod tests {
         assert!(names.eq((0..set.len() as u32).map(|id| set.name(id))));
     }
 
-    /// The largest distance of a kernel's vertex from the exact one, in ULP of the largest coordinate around its time.
+    /// The largest error of a kernel's vertex, in ULP of the largest coordinate around its time.
     /// Products and differences of f32 are exact in f64, or nearly.
     fn largest_error(keys: usize) -> f64 {
         let (mut random, mut worst) = (Random(5), 0.0f64);

@@ -1,18 +1,18 @@
-//! Triangles in files: what each mesh is, and the vertices where leaf blocks do not hold them.
+//! Triangles in files: the meshes, and the vertices unless leaf blocks hold them.
 
 use super::copy_meshes::mesh_at;
 use super::precise_vertices::PreciseVertices;
-use super::triangles::{Rebased, Triangles, Vertices};
+use super::triangles::{MeshInfo, Triangles, Vertices};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
 use crate::geometry::{Frame, TimeInterval};
 
-/// The most keys of a mesh, so that sums of bytes stay numbers of this machine.
+/// The largest number of keys of a mesh, so that sums of bytes do not overflow.
 const MOST_KEYS: u32 = 1 << 24;
 
 /// Added to the number of keys of a mesh whose vertices are kept in f64.
 const PRECISE: u32 = 1 << 31;
 
-/// A mesh as it is in files.
+/// The encoding of a mesh in files.
 struct MeshRecord {
     triangles: u32,
     keys: u32,
@@ -36,7 +36,7 @@ impl Record for MeshRecord {
     }
 }
 
-/// What a file says of triangles.
+/// The contents of a file for triangles, not validated yet.
 pub(crate) struct TrianglesRecord {
     pub(super) frame: Frame,
     counts: [u64; 2],
@@ -51,7 +51,7 @@ impl Triangles {
         self.frame.encode(to)?;
         to.put(self.counts.map(|count| count as u64))?;
         let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);
-        let record = |(mesh, end): (&Rebased, u32)| MeshRecord {
+        let record = |(mesh, end): (&MeshInfo, u32)| MeshRecord {
             triangles: end - mesh.first,
             keys: mesh.keys as u32,
             precise: mesh.precise.is_some(),
@@ -62,7 +62,7 @@ impl Triangles {
         to.array(&self.meshes.iter().zip(ends).map(record).collect::<Vec<_>>())?;
         to.array(&self.vertices.positions)?;
         to.array(&self.vertices.corners)?;
-        // Only where there are such meshes, so that files of others are what they were before there could be any.
+        // Only if there are such meshes, so that other files have the same format as before these existed.
         if self.meshes.iter().any(|mesh| mesh.precise.is_some()) {
             to.array(&self.precise.positions)?;
             to.array(&self.precise.corners)?;
@@ -72,7 +72,7 @@ impl Triangles {
 }
 
 impl TrianglesRecord {
-    /// Reads what was written.
+    /// Reads triangles that [`Triangles::encode`] wrote.
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<TrianglesRecord, FileError> {
         let frame = Frame::decode(from)?;
         let (counts, meshes) = (from.get()?, from.array::<MeshRecord>()?);
@@ -84,8 +84,7 @@ impl TrianglesRecord {
         Ok(TrianglesRecord { frame, counts, meshes, vertices, precise })
     }
 
-    /// The triangles, if they are at most so many, and their vertices are all there, or none of them where leaf blocks have
-    /// them.
+    /// The triangles, if they are at most `most`, and if all vertices exist, or none of them if they are in leaf blocks.
     pub(crate) fn checked(self, most: usize, in_leaves: bool) -> Result<Triangles, FileError> {
         let TrianglesRecord { frame, counts, meshes, vertices, precise } = self;
         let total: u64 = meshes.iter().map(|mesh| u64::from(mesh.triangles)).sum();
@@ -93,15 +92,15 @@ impl TrianglesRecord {
         let len = total as usize;
         require(vertices.corners.len() == if in_leaves { 0 } else { len }, "triangles have no vertices")?;
         require(!in_leaves || vertices.positions.is_empty(), "there are vertices without triangles")?;
-        let (mut rebased, mut first, mut bent, mut in_f64) = (Vec::with_capacity(meshes.len()), 0, 0, 0);
+        let (mut infos, mut first, mut bent, mut in_f64) = (Vec::with_capacity(meshes.len()), 0, 0, 0);
         for mesh in &meshes {
             require((1..=MOST_KEYS).contains(&mesh.keys), "a mesh has no or too many keys")?;
             let (keys, stride) = (mesh.keys as usize, mesh.stride as usize);
             let active = TimeInterval::of_bounds(mesh.active)?;
-            // Not in files: what comes from one is not refitted.
+            // The hash is not in files: trees from files cannot be refitted.
             let (bent_before, mask, indices) = (bent, mesh.mask, 0);
             let of_mesh = mesh.precise.then_some(in_f64 as u32);
-            rebased.push(Rebased {
+            infos.push(MeshInfo {
                 first: first as u32,
                 bent_before,
                 keys,
@@ -113,7 +112,7 @@ impl TrianglesRecord {
             });
             if mesh.precise {
                 let end = in_f64 + mesh.triangles as usize;
-                require(precise.hold(in_f64..end, mesh.keys), "a triangle in f64 has no vertices")?;
+                require(precise.contains(in_f64..end, mesh.keys), "a triangle in f64 has no vertices")?;
                 in_f64 = end;
             }
             let end = first + mesh.triangles as usize;
@@ -124,19 +123,19 @@ impl TrianglesRecord {
                     _ => 1..=1,
                 };
                 require(strides.contains(&mesh.stride), "the keys of a vertex are not where they should be")?;
-                // Where the last key of a vertex lies behind the first.
+                // The offset of the last key of a vertex from its first.
                 let last = u64::from(mesh.keys - 1) * u64::from(mesh.stride);
                 let positions = vertices.positions.len() as u64;
                 let there = vertices.corners[first..end].iter().flatten().all(|&v| u64::from(v) + last < positions);
-                require(there, "a triangle names no vertex")?;
+                require(there, "a triangle has an invalid vertex index")?;
             }
             first = end;
             bent += if keys > 2 { mesh.triangles as usize } else { 0 };
         }
         require(precise.corners.len() == in_f64, "there are vertices in f64 without triangles")?;
         let mesh_at = mesh_at(meshes.iter().map(|mesh| mesh.triangles as usize), len);
-        let always_active = rebased.iter().all(|mesh| mesh.active == TimeInterval::FULL);
+        let always_active = infos.iter().all(|mesh| mesh.active == TimeInterval::FULL);
         let counts = counts.map(|count| usize::try_from(count).unwrap_or(usize::MAX));
-        Ok(Triangles { frame, meshes: rebased, len, mesh_at, always_active, bent, counts, vertices, precise })
+        Ok(Triangles { frame, meshes: infos, len, mesh_at, always_active, bent, counts, vertices, precise })
     }
 }

@@ -201,15 +201,6 @@ impl Simd for Avx2 {
         F(a.0, a.0)
     }
     #[inline(always)]
-    fn load_bytes(self, from: &Lanes<u8>) -> F {
-        let low = intrinsic!(_mm_loadu_si128(from.as_ptr().cast()));
-        let high = intrinsic!(_mm_unpackhi_epi64(low, low));
-        F(
-            intrinsic!(_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(low))),
-            intrinsic!(_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(high))),
-        )
-    }
-    #[inline(always)]
     fn load_row(self, rows: &Rows, i: usize) -> F {
         masked(U::from_mask(rows.mask), rows.row(i))
     }

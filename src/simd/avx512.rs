@@ -129,11 +129,6 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_loadu_ps(from.as_ptr())))
     }
     #[inline(always)]
-    fn load_bytes(self, from: &Lanes<u8>) -> F {
-        let bytes = intrinsic!(_mm_loadu_si128(from.as_ptr().cast()));
-        F(intrinsic!(_mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(bytes))))
-    }
-    #[inline(always)]
     fn load_row(self, rows: &Rows, i: usize) -> F {
         F(intrinsic!(_mm512_maskz_loadu_ps(rows.mask, rows.row(i))))
     }

@@ -29,8 +29,6 @@ pub(crate) trait Simd: Copy {
     fn lower_half(self, a: Self::F) -> Self::F {
         a
     }
-    /// Reads sixteen bytes and converts them to floats.
-    fn load_bytes(self, from: &Lanes<u8>) -> Self::F;
     /// Reads row `i`; the lanes beyond its length are 0. Memory behind the row is not read as numbers (they might be
     /// denormal, which is slow).
     fn load_row(self, rows: &Rows, i: usize) -> Self::F;

@@ -345,17 +345,6 @@ impl Simd for Neon {
         F([a, b, a, b])
     }
     #[inline(always)]
-    fn load_bytes(self, from: &Lanes<u8>) -> F {
-        let all = bytes(from);
-        let (low, high) = (intrinsic!(vmovl_u8(vget_low_u8(all))), intrinsic!(vmovl_high_u8(all)));
-        F([
-            intrinsic!(vcvtq_f32_u32(vmovl_u16(vget_low_u16(low)))),
-            intrinsic!(vcvtq_f32_u32(vmovl_high_u16(low))),
-            intrinsic!(vcvtq_f32_u32(vmovl_u16(vget_low_u16(high)))),
-            intrinsic!(vcvtq_f32_u32(vmovl_high_u16(high))),
-        ])
-    }
-    #[inline(always)]
     fn load_row(self, rows: &Rows, i: usize) -> F {
         row(rows, rows.row(i))
     }

@@ -184,10 +184,6 @@ impl Simd for Portable {
         F(*from)
     }
     #[inline]
-    fn load_bytes(self, from: &Lanes<u8>) -> F {
-        F(each(from, f32::from))
-    }
-    #[inline]
     fn load_row(self, rows: &Rows, i: usize) -> F {
         let mut out = [0.0; LANES];
         out[..rows.n].copy_from_slice(&rows.words[i * rows.n..(i + 1) * rows.n]);

@@ -292,19 +292,6 @@ impl Simd for Sse2 {
         F([four(0), four(1), four(2), four(3)])
     }
     #[inline(always)]
-    fn load_bytes(self, from: &Lanes<u8>) -> F {
-        let zero = intrinsic!(_mm_setzero_si128());
-        // SAFETY: sixteen bytes, at any alignment.
-        let bytes = unsafe { _mm_loadu_si128(from.as_ptr().cast()) };
-        let (low, high) = (intrinsic!(_mm_unpacklo_epi8(bytes, zero)), intrinsic!(_mm_unpackhi_epi8(bytes, zero)));
-        F([
-            intrinsic!(_mm_cvtepi32_ps(_mm_unpacklo_epi16(low, zero))),
-            intrinsic!(_mm_cvtepi32_ps(_mm_unpackhi_epi16(low, zero))),
-            intrinsic!(_mm_cvtepi32_ps(_mm_unpacklo_epi16(high, zero))),
-            intrinsic!(_mm_cvtepi32_ps(_mm_unpackhi_epi16(high, zero))),
-        ])
-    }
-    #[inline(always)]
     fn load_row(self, rows: &Rows, i: usize) -> F {
         let mut lanes = [0.0; LANES];
         row(rows, i, &mut lanes);

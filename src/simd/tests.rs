@@ -62,7 +62,6 @@ impl Kernel for All {
                 out_f(s.splat(self.a[3])),
                 out_f(s.splat(s.lane(a, self.mask as usize % 16))),
                 out_f(s.load_row(&Rows::new(&long, 1 + self.mask as usize % 16, 9), self.mask as usize % 9)),
-                out_f(s.load_bytes(&self.a.map(|x| x.to_bits() as u8))),
                 out_f(s.permute(a, ub)),
                 out_f({
                     let third = |from: [f32; 4]| s.load_d(&from.map(|x| f64::from(x) / 3.0));

@@ -1,4 +1,4 @@
-//! Point trees of every structure come back bit for bit, and hostile ones answer something or are refused.
+//! Point trees of every structure are restored bit for bit, and hostile files are rejected or give arbitrary answers without a panic.
 
 use super::support::{Random, mutate, rounds};
 use core::fmt::Write;
@@ -23,7 +23,7 @@ fn moving(n: usize, random: &mut Random) -> Vec<MovingPoint> {
         .collect()
 }
 
-/// Points that live for a while each.
+/// Points with active intervals.
 fn mortal(n: usize, random: &mut Random) -> Vec<MovingPoint> {
     let mut points = moving(n, random);
     for point in &mut points {
@@ -63,7 +63,7 @@ fn trees() -> Vec<(String, PointTree)> {
         let set = PointArrays { keys: &keys, alive: &[], ids: &ids };
         trees.push((format!("4 keys, {structure:?}"), PointTree::build(&set, &of(structure)).unwrap()));
     }
-    // What stands still apart from what moves.
+    // Static points in a layer of their own.
     let mut some = moving(100, &mut random);
     some.extend(still(600, &mut random).into_iter().map(MovingPoint::fixed));
     trees.push(("some moving".into(), PointTree::build(&some, &PointParams::default()).unwrap()));
@@ -84,7 +84,7 @@ fn trees() -> Vec<(String, PointTree)> {
     trees
 }
 
-/// So many points that the boxes of bottom nodes are in bytes, and some of them too far apart for that.
+/// A large static tree with a few points far from the others.
 fn large() -> PointTree {
     let mut random = Random(5);
     let mut points = still(270_000, &mut random);
@@ -104,7 +104,7 @@ fn read(bytes: &[u8]) -> Result<PointTree, FileError> {
     PointTree::read_from(&mut &bytes[..])
 }
 
-/// Looks at a few hundred points.
+/// Visits a few hundred points.
 struct Few(usize);
 
 impl Visitor<TreePoint> for Few {
@@ -215,7 +215,7 @@ fn trees_go_on_from_step_to_step_after_loading() {
     }
 }
 
-/// Asks a tree everything, and goes on from it.
+/// Runs all queries on a tree, and builds from it.
 fn ask(mut tree: PointTree, seed: u64) {
     answers(&tree, 9, seed);
     let points = vec![Vec3::ZERO; tree.len().min(10_000)];

@@ -1,4 +1,4 @@
-//! Ray trees of every layout come back bit for bit, and hostile ones answer something or are refused.
+//! Ray trees of every layout are restored bit for bit, and hostile files are rejected or give arbitrary answers without a panic.
 
 use super::support::{HEADER, Random, mutate, rounds, seal};
 use core::ops::ControlFlow;
@@ -28,7 +28,7 @@ fn mesh(n: usize, keys: usize, shared: bool, random: &mut Random) -> TriangleMes
     TriangleMesh::new((0..n as u32).map(corners).collect(), positions)
 }
 
-/// A scene with something of everything.
+/// A scene with all kinds of primitives.
 fn everything(random: &mut Random) -> (Vec<TriangleMesh>, Vec<Shape>) {
     let life = TimeInterval::new(0.25, 0.75).unwrap();
     let meshes = vec![
@@ -89,7 +89,7 @@ fn read(bytes: &[u8]) -> Result<RayTree, FileError> {
     RayTree::read_from(&mut &bytes[..])
 }
 
-/// Looks at all there is.
+/// Visits everything.
 struct All(usize);
 
 impl Visitor<TreePrimitive> for All {
@@ -98,7 +98,7 @@ impl Visitor<TreePrimitive> for All {
     }
     fn visit(&mut self, _: TreePrimitive) -> ControlFlow<()> {
         self.0 += 1;
-        // A hostile tree may meet a leaf from every node.
+        // A hostile tree may reach the same leaf from every node.
         if self.0 < 10_000 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     }
 }
@@ -181,7 +181,7 @@ fn files_are_saved_whole_and_loaded() {
     let (_, tree) = trees().pop().unwrap();
     tree.save(&path).unwrap();
     assert_eq!(answers(&RayTree::load(&path).unwrap(), 20, 2), answers(&tree, 20, 2));
-    // Over what is there, and nothing else is left behind.
+    // Overwrites the existing file, and leaves no other file behind.
     tree.save(&path).unwrap();
     assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
     let mut longer = file(&tree);
@@ -207,7 +207,7 @@ fn files_are_the_same_for_any_number_of_threads() {
     for threads in [2, 5] {
         assert!(of(threads) == one, "{threads} threads write another file");
     }
-    // Also whoever reads them.
+    // Errors of the reader as well.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
     pool.install(|| one.iter().for_each(|one| assert!(file(&read(one).unwrap()) == *one)));
 }
@@ -242,7 +242,7 @@ fn own_shapes_in_a_scene_are_refused_and_own_primitives_are_handed_in_again() {
     }
 }
 
-/// Asks a tree everything, on each instruction set.
+/// Runs all queries on a tree, on each instruction set.
 fn ask(tree: RayTree, seed: u64) {
     let _ = tree.validate();
     let mut tree = tree;
@@ -288,17 +288,17 @@ fn hostile_files_are_refused_or_answer_something() {
     assert!(counts.iter().all(|&count| count > 100), "{counts:?}");
 }
 
-/// Lengths that promise more than there is cost no memory.
+/// Lengths beyond the end of the file allocate no memory.
 #[test]
 fn a_lying_length_is_refused_without_memory_for_it() {
     for (_, tree) in trees() {
         let bytes = file(&tree);
-        // Every word in turn says four billion, also where it is half of a length.
+        // Every word in turn is set to four billion, including halves of lengths.
         for at in (HEADER..bytes.len().min(400)).step_by(4) {
             let mut hostile = bytes.clone();
             hostile[at..at + 4].copy_from_slice(&0xffff_fff0u32.to_le_bytes());
             seal(&mut hostile);
-            // Says that it goes on.
+            // A header with a larger length.
             let _ = read(&hostile);
             hostile[16..24].copy_from_slice(&(1u64 << 60).to_le_bytes());
             assert!(read(&hostile).is_err());

@@ -1,11 +1,11 @@
-//! Files and their checksum, written once more and differently from the library's; random numbers.
+//! An independent implementation of the checksum of files, mutations of files, and random numbers.
 
 #[path = "../support/random.rs"]
 mod random;
 
 pub use random::Random;
 
-/// Bytes of the header, and where it says how long the file is and what its checksum is.
+/// Bytes of the header, and the offsets of the length and the checksum in it.
 pub const HEADER: usize = 32;
 pub const LENGTH_AT: usize = 16;
 pub const CHECKSUM_AT: usize = 24;
@@ -46,7 +46,7 @@ pub fn xxh64(bytes: &[u8]) -> u64 {
     h ^ h >> 32
 }
 
-/// Makes length and checksum of a file right.
+/// Corrects the length and the checksum of a file.
 pub fn seal(file: &mut [u8]) {
     let length = file.len() as u64;
     file[LENGTH_AT..CHECKSUM_AT].copy_from_slice(&length.to_le_bytes());
@@ -55,7 +55,7 @@ pub fn seal(file: &mut [u8]) {
     file[CHECKSUM_AT..HEADER].copy_from_slice(&checksum.to_le_bytes());
 }
 
-/// Changes a file here or there, in ways that might mean something, and makes it right again.
+/// Mutates a file in plausible ways, and corrects its length and checksum.
 pub fn mutate(file: &[u8], random: &mut Random) -> Vec<u8> {
     let mut file = file.to_vec();
     for _ in 0..1 + random.below(3) {
@@ -63,7 +63,7 @@ pub fn mutate(file: &[u8], random: &mut Random) -> Vec<u8> {
         if left < 8 {
             break;
         }
-        // What is in front matters more than what is in the middle of long arrays.
+        // Bytes at the begin matter more than those in the middle of long arrays.
         let at = match random.below(3) {
             0 => HEADER + random.below(left.min(512)),
             _ => HEADER + random.below(left),
@@ -93,7 +93,7 @@ pub fn mutate(file: &[u8], random: &mut Random) -> Vec<u8> {
                 file[word..word + 4].copy_from_slice(&value.wrapping_add(by).to_le_bytes());
             }
             6 if file.len() >= 64 => {
-                // A line of an array in the place of another.
+                // Copies one line of an array over another.
                 let lines = file.len() / 64;
                 let (from, to) = (random.below(lines) * 64, random.below(lines) * 64);
                 if to >= HEADER {

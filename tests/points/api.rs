@@ -22,7 +22,7 @@ const STRUCTURES: [PointStructure; 4] =
     [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
 
 #[test]
-fn builds_tell_how_far_they_are_and_can_be_cancelled() {
+fn builds_report_progress_and_can_be_cancelled() {
     let mut rng = Rng(21);
     let cloud = cloud("random", 100_000, &mut rng);
     let wide: Vec<Vec<DVec3>> =
@@ -63,7 +63,7 @@ fn builds_tell_how_far_they_are_and_can_be_cancelled() {
         for stop_at in [0.0, 0.15] {
             let (none, most) = told(&params, keys, precise, stop_at);
             assert_eq!(none.unwrap_err(), PointError::Cancelled, "{what}");
-            // What is left out is not told to be done. The k-d tree makes leaves of what is left.
+            // Skipped work is not reported as finished. The k-d tree makes leaves of the remaining nodes.
             assert!(most < 0.9 || structure == PointStructure::Mbkd, "{what}: went on to {most}");
         }
     }
@@ -122,7 +122,7 @@ fn filtered_batches_are_single_filtered_queries() {
     }
 }
 
-/// The closest approach by looking at every point, in f64, segment by segment.
+/// The closest approach by brute force over all points, in f64, segment by segment.
 fn approach(cloud: &Cloud, from: Vec3, to: Vec3, interval: TimeInterval) -> Option<(f64, u32)> {
     let segments = (cloud.keys.len() - 1).max(1);
     let mut best: Option<(f64, u32)> = None;
@@ -141,7 +141,7 @@ fn approach(cloud: &Cloud, from: Vec3, to: Vec3, interval: TimeInterval) -> Opti
                 let whole = f64::from(interval.end()) - f64::from(interval.begin());
                 p - from.as_dvec3().lerp(to.as_dvec3(), (t - f64::from(interval.begin())) / whole)
             };
-            // Golden section on a convex function: another way than the library's.
+            // Golden section search on a convex function: another method than the library's.
             let (mut a, mut b) = (begin, end);
             for _ in 0..80 {
                 let (c, d) = (b - 0.618_033_988_749_895 * (b - a), a + 0.618_033_988_749_895 * (b - a));
@@ -158,7 +158,7 @@ fn approach(cloud: &Cloud, from: Vec3, to: Vec3, interval: TimeInterval) -> Opti
 }
 
 #[test]
-fn closest_approach_equals_looking_at_every_point() {
+fn closest_approach_equals_brute_force() {
     for kind in KINDS {
         if matches!(kind, "huge" | "denormal") {
             continue; // the plain search above overflows or loses them
@@ -193,10 +193,10 @@ fn closest_approach_equals_looking_at_every_point() {
     }
 }
 
-/// Half of the points stand still, and so lie in a tree without keys where the structure is automatic; near keys the distances
-/// from them differ by less than f32 tells.
+/// Half of the points are static, and so are in a tree without keys if the structure is automatic; near keys the
+/// differences of their distances are below the resolution of f32.
 #[test]
-fn closest_approaches_of_what_stands_still_do_not_depend_on_the_structure() {
+fn closest_approaches_of_static_points_do_not_depend_on_the_structure() {
     let mut rng = Rng(9);
     let mut cloud = cloud("uniform", 200, &mut rng);
     for key in 0..3 {
@@ -210,7 +210,7 @@ fn closest_approaches_of_what_stands_still_do_not_depend_on_the_structure() {
     let mut at_keys = 0;
     for i in (1..200).filter(|i| i % 3 != 0) {
         for key in [0.25, 0.5, 0.75] {
-            // Passes by just before or after a key, or goes right through.
+            // Passes just before or after a key, or exactly through the point.
             let beside = rng.vec() * [0.0, 1.0][i % 2];
             let (time, way) = (key + rng.signed() * 1e-4, rng.vec());
             let [from, to] = [0.0, 1.0].map(|at: f32| cloud.keys[0][i] + beside + way * (at - time));
@@ -228,7 +228,7 @@ fn closest_approaches_of_what_stands_still_do_not_depend_on_the_structure() {
 }
 
 #[test]
-fn closest_approach_with_predicate_and_bad_ways() {
+fn closest_approach_with_predicate_and_invalid_paths() {
     let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y)];
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     let all = TimeInterval::FULL;
@@ -351,7 +351,7 @@ fn bad_queries_find_nothing() {
             assert_eq!(tree.query(Vec3::ZERO, 0.0).radius(radius).nearest(), None);
         }
     }
-    // k beyond anything asks for all, and allocates for what there is.
+    // A huge k returns all points, and allocates only for these.
     assert_eq!(still.nearest_n(Vec3::ZERO, 0.0, usize::MAX).len(), 2);
     assert_eq!(still.query(Vec3::ZERO, 0.0).approximate(f32::NAN).nearest().unwrap().id, 0);
     assert_eq!(still.query(Vec3::ZERO, 0.0).approximate(f32::INFINITY).nearest_n(2).len(), 2);
@@ -404,7 +404,7 @@ const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
 ];
 
 #[test]
-fn automatic_says_what_and_why() {
+fn automatic_reports_its_choice_and_the_reason() {
     let kinds = |kind: &str| {
         let tree = tree_of(&cloud(kind, 40_000, &mut Rng(9)), PointStructure::Automatic);
         println!("{kind}\n{}", tree.statistics());
@@ -418,9 +418,9 @@ fn automatic_says_what_and_why() {
     assert!(kinds("wild speeds").references_per_point() > 1.0);
 }
 
-/// Samples are taken between the keys in the middle, where nobody may be.
+/// Samples are taken between the keys in the middle, where no point may be active.
 #[test]
-fn automatic_where_few_live_or_nobody_does() {
+fn automatic_if_few_or_no_points_are_active() {
     for (begin, end) in [(0.0, 0.3), (0.9, 1.0)] {
         for some in [false, true] {
             let mut cloud = cloud("random", 5000, &mut Rng(12));
@@ -440,10 +440,11 @@ fn automatic_where_few_live_or_nobody_does() {
     }
 }
 
-/// What is compact in the middle of the shutter comes apart differently in each place: samples see their own place only, and one tree looks
-/// good in all of them. In a whirl leaves of all places lie through each other before and after, and clusters cross each other's ways.
+/// Points that are compact in the middle of the shutter separate differently in each place: samples see their own place
+/// only, and one tree looks good in all of them. In a whirl the leaves of all places overlap before and after, and clusters
+/// cross each other's paths.
 #[test]
-fn automatic_sees_what_comes_from_far() {
+fn automatic_accounts_for_points_from_far_away() {
     let count = 200_000;
     let mut rng = Rng(31);
     let place = |rng: &mut Rng| Vec3::new(rng.unit(), rng.unit(), rng.unit());
@@ -463,7 +464,7 @@ fn automatic_sees_what_comes_from_far() {
         ("crossing clusters", (0..count).map(|i| crossing(&mut rng, i)).collect()),
     ];
     for (what, points) in sets {
-        // The same in f64, near a place that f32 does not know.
+        // The same in f64, around a position that f32 cannot represent.
         let wide = |p: Vec3| p.as_dvec3() + 1000.1;
         let keys = [points.iter().map(|p| wide(p.open)).collect(), points.iter().map(|p| wide(p.close)).collect()];
         let keys: [Vec<DVec3>; 2] = keys;

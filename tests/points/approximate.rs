@@ -7,13 +7,13 @@ use proptest::prelude::*;
 
 const EPSILONS: [f32; 9] = [0.0, 1e-3, 0.1, 0.5, 2.0, 30.0, 1e10, f32::MAX, f32::INFINITY];
 
-/// Whether `found` may stand in the place of `exact`.
+/// Whether `found` is a valid approximation of `exact`.
 fn allowed(found: Neighbor, exact: Neighbor, epsilon: f32) -> bool {
     let [found, exact] = [found, exact].map(|n| f64::from(n.distance_squared).sqrt());
     found <= exact * (1.0 + f64::from(epsilon)) || found == exact
 }
 
-/// All approximate searches at one place against the points in order.
+/// Compares all approximate searches at one point with the points in order.
 fn check(tree: &PointTree, all: &[Neighbor], q: Vec3, time: f32, k: usize, radius: f32) -> Result<(), String> {
     let inside = &all[..all.partition_point(|n| n.distance_squared <= radius * radius)];
     for epsilon in EPSILONS {
@@ -73,7 +73,7 @@ fn a_radius_is_never_shrunk_and_any_epsilon_answers() {
 /// Two leaves: the one whose box holds the query has its points at distance 1, the other one a point that is `near`.
 /// An answer of 1 is too far as soon as `near * (1 + epsilon) < 1`.
 #[test]
-fn the_factor_is_taken_once() {
+fn the_factor_is_applied_once() {
     let mut seen = 0;
     for step in 1..40 {
         let near = 0.58 + 0.01 * step as f32;

@@ -1,4 +1,4 @@
-//! Points given in f64: every answer equals that of looking at every point in f64, rounding the squared distance once.
+//! Points given in f64: every answer equals brute force over all points in f64, rounding the squared distance once.
 
 use crate::support::Rng;
 use core::ops::ControlFlow;
@@ -19,7 +19,7 @@ fn vec(rng: &mut Rng) -> DVec3 {
 }
 
 impl Cloud {
-    /// Two clusters of this size, so far apart.
+    /// Two clusters of this size, at this distance.
     fn new(count: usize, keys: usize, (size, apart, speed): (f64, f64, f64), mortal: bool, rng: &mut Rng) -> Cloud {
         let mut cloud = Cloud { keys: vec![Vec::new(); keys], alive: Vec::new() };
         for i in 0..count {
@@ -63,7 +63,7 @@ impl Cloud {
     }
 }
 
-/// Every form of query at one place.
+/// Compares every form of query at one point.
 fn compare(cloud: &Cloud, tree: &PointTree, q: DVec3, time: f32, about: &str) {
     let all = cloud.all(q, time);
     for k in [1, 3, 16, 40] {
@@ -105,7 +105,7 @@ fn compare(cloud: &Cloud, tree: &PointTree, q: DVec3, time: f32, about: &str) {
 const STRUCTURES: [PointStructure; 3] = [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3)];
 
 #[test]
-fn every_query_equals_looking_at_every_point() {
+fn every_query_equals_brute_force() {
     let mut rng = Rng(17);
     for (size, apart, speed) in
         [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-3, 1e7, 1e3), (1e-20, 1e-3, 0.0)]
@@ -150,8 +150,8 @@ fn clusters_far_apart_keep_their_spacing() {
 /// Lists as ids and bits of squared distances.
 type Lists = Vec<Vec<(u32, u32)>>;
 
-/// The squared distances of all points of one cloud from those of another at a time, rounded once; nothing where one of
-/// both does not exist.
+/// The squared distances of all points of one cloud from those of another at a time, rounded once; `None` if one of
+/// both does not exist then.
 fn compare_all(own: &Cloud, among: &Cloud, time: f32) -> Vec<Vec<Option<f32>>> {
     let places = |cloud: &Cloud| -> Vec<Option<DVec3>> {
         let place = |i: usize| cloud.alive[i].contains(time).then(|| cloud.at(i, time));
@@ -165,7 +165,7 @@ fn compare_all(own: &Cloud, among: &Cloud, time: f32) -> Vec<Vec<Option<f32>>> {
     own.iter().map(|q| among.iter().map(|p| squared(*q, p)).collect()).collect()
 }
 
-/// The lists of those within radii that are to be kept, by id.
+/// The filtered lists within the radii, by id.
 fn within(all: &[Vec<Option<f32>>], radii: &[f32], keep: impl Fn(u32, u32) -> bool) -> Lists {
     let list = |(i, (row, radius)): (u32, (&Vec<Option<f32>>, &f32))| {
         let near = (0..).zip(row).filter_map(|(j, squared)| Some((j, (*squared)?)));
@@ -180,7 +180,7 @@ fn found(lists: &NeighborCsr) -> Lists {
     lists.offsets().windows(2).map(|ends| (ends[0]..ends[1]).map(entry).collect()).collect()
 }
 
-/// What comparing all pairs says at a time.
+/// The lists at a time by comparing all pairs.
 struct Expected {
     time: f32,
     all: Vec<Vec<Option<f32>>>,
@@ -253,7 +253,7 @@ fn lists_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn what_f64_points_can_not_do_is_refused() {
+fn queries_that_f64_points_do_not_support_are_rejected() {
     let cloud = Cloud::new(100, 2, (1.0, 1e7, 1.0), false, &mut Rng(1));
     let error = cloud.tree(PointStructure::Mbkd, SimdLevel::best()).unwrap_err();
     assert!(matches!(error, PointError::Parameter { name: "structure", .. }), "{error}");
@@ -272,7 +272,7 @@ fn what_f64_points_can_not_do_is_refused() {
     assert_eq!(tree.within_lists(&[[0.0f64; 3]], 0.0, 1.0).run(&mut lists), Err(ListError::Double));
     assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, 0.1, 1.0, &mut lists), Err(ListError::Double));
     assert!(matches!(tree.neighbor_lists_swept(TimeInterval::FULL, 1.0), Err(ListError::Double)));
-    // Rounded, all of it works.
+    // Rounded to f32, all of it works.
     let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();
     let set = PointArrays { keys: &keys, alive: &[], ids: &[] };
     let params = PointParams { structure: PointStructure::Mbkd, round_to_f32: true, ..PointParams::default() };
@@ -296,7 +296,7 @@ fn f32_numbers_given_in_f64_are_f32_points() {
     assert!(precise.statistics().bytes() > a.statistics().bytes());
 }
 
-/// Sees whether boxes hold what is in them.
+/// Tests whether boxes hold their contents.
 struct Everything {
     depth: Vec<Aabb>,
     found: Vec<TreePoint>,
@@ -317,7 +317,7 @@ impl Visitor<TreePoint> for Everything {
 #[test]
 fn visitors_see_positions_in_f64() {
     visitors_see(&Cloud::new(700, 2, (1e-3, 1e7, 1.0), true, &mut Rng(4)), &[0.0, 0.4, 1.0]);
-    // Eleven segments, at the floats beside their keys.
+    // Eleven segments, at the floats next to their keys.
     let beside = |key: i16| f32::from(key) / 11.0;
     let times: Vec<f32> =
         (1..11).flat_map(|key| [beside(key).next_down(), beside(key), beside(key).next_up()]).collect();

@@ -27,7 +27,7 @@ fn ids(found: &[Neighbor]) -> Vec<Neighbor> {
     all
 }
 
-/// All queries at one place and time.
+/// Compares all queries at one point and time.
 fn check(tree: &PointTree, cloud: &Cloud, q: Vec3, time: f32, buffer: &mut NeighborBuffer, what: &str) {
     let all = cloud.sorted(q, time);
     assert_eq!(tree.nearest(q, time), all.first().copied(), "{what}: nearest");
@@ -146,7 +146,7 @@ fn small_sets_of_every_size() {
 }
 
 #[test]
-fn many_keys_are_met_exactly() {
+fn many_keys_are_interpolated_exactly() {
     let mut rng = Rng(11);
     for keys in [1, 2, 3, 4, 7, 25] {
         let count = 400;
@@ -186,9 +186,10 @@ fn many_keys_are_met_exactly() {
     }
 }
 
-/// Straight ways sampled at many keys are those of two, bit for bit, and cost as little; what bends, and what was given in f64, keeps all.
+/// Linear motion sampled at many keys has the answers of two keys, bit for bit, and their cost; other motion, and motion
+/// given in f64, keeps all keys.
 #[test]
-fn keys_on_straight_ways_cost_nothing() {
+fn keys_of_linear_motion_cost_nothing() {
     let mut rng = Rng(23);
     let open: Vec<Vec3> = (0..3000).map(|_| rng.vec()).collect();
     let close: Vec<Vec3> = open.iter().map(|p| *p + rng.vec() * 0.2).collect();
@@ -220,7 +221,7 @@ fn keys_on_straight_ways_cost_nothing() {
             let bent = of(sampled(keys, 1e-3));
             assert!(bent.statistics().layers.iter().all(|layer| layer.keys == keys), "{structure:?}");
         }
-        // The places of three keys, in nine.
+        // The motion of three keys, sampled at nine.
         let path = [open.clone(), close.clone(), open.iter().map(|p| *p - 0.1).collect()];
         let nine = (0..9).map(|key: usize| {
             let (from, w) = ((key / 4).min(1), (key - 4 * (key / 4).min(1)) as f32 / 4.0);
@@ -258,10 +259,10 @@ fn a_million_points_in_one_place() {
     assert_eq!(tree.count_within(Vec3::ONE, 0.5, 0.0), 1_000_000);
 }
 
-/// Enough points that boxes in bytes have nodes with such boxes below them, the last of which is not full.
+/// Enough points for five levels of nodes, the last of which are not full.
 #[test]
 fn a_search_without_a_bound_finds_every_point_of_a_large_set() {
-    let count = 4_300_000;
+    let count = 1_100_000;
     let mut rng = Rng(5);
     let points: Vec<Vec3> = (0..count).map(|_| Vec3::new(rng.unit(), rng.unit(), rng.unit())).collect();
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
@@ -280,7 +281,7 @@ fn a_search_without_a_bound_finds_every_point_of_a_large_set() {
 }
 
 #[test]
-fn a_set_that_stands_still_has_the_static_structure() {
+fn static_sets_have_the_static_structure() {
     let mut rng = Rng(5);
     let cloud = cloud("uniform", 1000, &mut rng);
     for structure in STRUCTURES {
@@ -290,9 +291,10 @@ fn a_set_that_stands_still_has_the_static_structure() {
     }
 }
 
-/// Still points are in leaves of 32, where a search for eight looks first; moving ones in leaves of 16, where it guesses.
+/// Static points are in leaves of 32, where a search for eight visits the nearest leaf first; moving ones in leaves of 16,
+/// where it estimates a threshold.
 #[test]
-fn a_guess_does_not_count_what_another_layer_has_found() {
+fn an_estimate_does_not_count_points_of_another_layer() {
     let mut rng = Rng(31);
     let mut point = |i: u32| {
         let p = rng.vec();

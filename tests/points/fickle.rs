@@ -1,10 +1,10 @@
-//! Sets of points that contradict themselves: an error or a tree, never a panic.
+//! Sets of points with inconsistent answers: an error or a tree, never a panic.
 
 use mbkd::glam::DVec3;
 use mbkd::{PointError, PointParams, PointSet, PointStructure, PointTree, TimeInterval};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-/// What changes with the number of calls.
+/// The answer that changes with the number of calls.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fickle {
     Length,
@@ -24,7 +24,7 @@ const KINDS: [Fickle; 10] = {
     [Length, Keys, Position, NaN, Infinite, Huge, Alive, Id, ReservedId, SameId]
 };
 
-/// 3000 points, the answers for which change after so many calls.
+/// 3000 points whose answers change after a number of calls.
 struct Set {
     kind: Fickle,
     moves: bool,

@@ -9,7 +9,7 @@ use mbkd::point::{
 use mbkd::{PointStructure, SimdLevel, TimeInterval};
 use proptest::prelude::*;
 
-/// A query with everything in the open.
+/// A query with public fields.
 #[derive(Clone, Copy, Debug)]
 struct Asked {
     at: Vec3,
@@ -101,7 +101,7 @@ impl Asked {
     }
 }
 
-/// Photons at the places of a cloud. `clock`: 0 stamps, 1 lives, 2 carried along, 3 all of them.
+/// Photons at the places of a cloud. `clock`: 0 stamps, 1 intervals, 2 moving with a surface, 3 all of them.
 fn photons(kind: &str, count: usize, clock: u32, rng: &mut Rng) -> Vec<Photon<f32>> {
     let cloud = cloud(kind, count, rng);
     let one = |i: usize| {
@@ -175,7 +175,7 @@ fn gathers_are_those_of_brute_force_for_every_kind_of_photons() {
         for clock in 0..4 {
             let mut rng = Rng(1000 * seed + u64::from(clock));
             let photons = photons(kind, [700, 40, 1500, 300][clock as usize], clock, &mut rng);
-            // What is carried along must stay within the bounds of coordinates.
+            // Photons that move with a surface must stay within the limit of coordinates.
             if kind == "huge" && clock >= 2 {
                 continue;
             }
@@ -202,9 +202,9 @@ fn structures_and_instruction_sets_give_the_same_bits() {
 }
 
 #[test]
-fn what_the_tree_was_built_for_changes_no_answer() {
+fn the_typical_window_and_number_change_no_answer() {
     let mut rng = Rng(8);
-    // With stamps, and of all kinds: a map that takes any window must still tell what is carried along by the query's own.
+    // With stamps, and of all kinds: a map for any window must test moving photons by the window of the query.
     let of_kinds = [photons("surface", 3000, 0, &mut rng), photons("random", 1000, 3, &mut rng)];
     for (window, neighbors, photons) in [
         (0.001, 1, &of_kinds[0]),

@@ -11,7 +11,7 @@ use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Kernel, Photon, Phot
 
 const BEND: f64 = 0.8;
 const SPEED: f64 = 1.5;
-/// Length along z: queries that stand apart are independent.
+/// Length along z: queries that are far enough apart are independent.
 const LENGTH: f32 = 300.0;
 /// Photons per unit of f.
 const PER_UNIT: f64 = 400.0;
@@ -34,7 +34,7 @@ fn sheet(rng: &mut Rng) -> Vec<Photon<f32>> {
     photons
 }
 
-/// Mean and variance that theory gives, by summing over the kernels.
+/// The theoretical mean and variance, by summing over the kernels.
 fn theory(x: f64, t: f64, r: f64, w: f64, [space, clock]: [Kernel; 2]) -> (f64, f64) {
     let n = 60;
     let cell = |i: i32| (f64::from(2 * i + 1) / f64::from(n)) - 1.0;
@@ -87,7 +87,7 @@ fn bias_and_variance_are_those_of_theory() {
             let spread = answers.iter().map(|a| (a - found) * (a - found)).sum::<f64>() / (n - 1.0);
             let error = (variance / n).sqrt();
             let what = format!("x {x}, t {t}, r {r}, w {w}, {kernels:?}, {n} gathers");
-            // Half a percent for the sums of `theory`, whose cells are cut off at the rim of the disc.
+            // Half a percent for the sums of `theory`, whose cells are cut off at the edge of the disc.
             assert!((found - mean).abs() < 4.0 * error + 0.005 * mean, "{what}: mean {found}, theory {mean} ± {error}");
             // The spread of a variance is about √(2 / n) of it, a little more for a Poisson process.
             let loose = 4.5 * (2.0 / n).sqrt() + 0.02;
@@ -121,7 +121,7 @@ fn k_nearest_are_unbiased_where_the_density_is_constant() {
             let n = answers.len() as f64;
             let mean = answers.iter().sum::<f64>() / n;
             let error = (answers.iter().map(|a| (a - mean) * (a - mean)).sum::<f64>() / n / (n - 1.0)).sqrt();
-            // Neighbouring gathers overlap a little, which the error does not know of.
+            // Neighbouring gathers overlap a little, which the error estimate ignores.
             assert!((mean - 1.0).abs() < 6.0 * error, "k {k}, {kernel:?}: {mean} ± {error}");
         }
     }

@@ -15,7 +15,7 @@ pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> Point
     PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()
 }
 
-/// What is asked, written out.
+/// The parameters of a list query.
 #[derive(Clone, Debug)]
 struct Question<'a> {
     time: f32,
@@ -146,7 +146,7 @@ fn lists_equal_comparing_all_pairs() {
                 Question { other: true, radii: both, ..plain.clone() },
             ];
             if size > 1e-30 {
-                // From a period beyond the set to one that many points are several times away from.
+                // From a period beyond the set to one that is many times smaller than the set.
                 let lengths = [2.5 * size, 1.7 * size, 0.9 * size, 0.2 * size];
                 let [a, b, c] = [0, 1, 2].map(|_| lengths[rng.bits() as usize % 4]);
                 let all = [Some(a), Some(b), Some(c)];
@@ -231,7 +231,7 @@ fn points_of_a_lattice_exactly_at_the_radius_count() {
 
 #[test]
 fn a_point_that_leaves_the_box_stays_the_neighbor_of_its_images() {
-    // One walks out of the box of length 1 to the right, the other stays near the left side.
+    // One leaves the box of length 1 to the right, the other stays near the left side.
     let points = [
         mbkd::MovingPoint::new(Vec3::new(0.5, 0.5, 0.5), Vec3::new(1.5, 0.5, 0.5)),
         mbkd::MovingPoint::fixed(Vec3::new(0.1, 0.5, 0.5)),
@@ -280,7 +280,7 @@ fn empty_sets_and_single_points_have_empty_lists() {
 }
 
 #[test]
-fn bad_questions_get_errors() {
+fn bad_queries_get_errors() {
     let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
     let mut lists = NeighborCsr::new();
     tree.neighbor_lists(0.0, 9.0).run(&mut lists).unwrap();
@@ -318,7 +318,7 @@ fn bad_questions_get_errors() {
 }
 
 #[test]
-fn buffers_are_used_again() {
+fn buffers_are_reused() {
     let cloud = cloud("uniform", 5_000, &mut Rng(1));
     let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
     let mut lists = NeighborCsr::new();
@@ -326,7 +326,7 @@ fn buffers_are_used_again() {
     tree.neighbor_lists(0.0, 0.2).with_distances().rows_by_id().run(&mut lists).unwrap();
     let (bytes, address) = (lists.bytes(), [lists.ids().as_ptr(), lists.points().as_ptr()]);
     for radius in [0.1, 0.2, 0.0, 0.2] {
-        // Twice, because rows by id change places with the others.
+        // Twice, because rows by id are swapped with the others.
         for _ in 0..2 {
             tree.neighbor_lists(0.0, radius).with_distances().rows_by_id().run(&mut lists).unwrap();
         }
@@ -334,7 +334,7 @@ fn buffers_are_used_again() {
     }
 }
 
-/// Large sets have boxes in bytes, except in nodes for which bytes are too coarse: those of tight clusters far apart.
+/// A large set whose bottom nodes hold tight clusters far apart.
 #[test]
 fn lists_of_tight_clusters_in_a_large_set() {
     let mut rng = Rng(11);
@@ -348,9 +348,9 @@ fn lists_of_tight_clusters_in_a_large_set() {
     }
 }
 
-/// A tree that begins with the last step's order gives the same answers, and is built afresh where it must be.
+/// A tree that is rebuilt from the order of the last step gives the same answers, and is built from scratch if necessary.
 #[test]
-fn rebuilt_trees_answer_as_new_ones() {
+fn rebuilt_trees_answer_like_new_ones() {
     for count in [0, 1, 16, 17, 300, 5_000] {
         let mut rng = Rng(count as u64);
         let mut points: Vec<Vec3> = (0..count).map(|_| rng.vec()).collect();
@@ -383,7 +383,7 @@ fn rebuilt_trees_answer_as_new_ones() {
         if count >= 5_000 {
             assert!(kept > 20 && afresh >= 1, "{count} points: {kept} kept, {afresh} afresh");
         }
-        // Another set, one that moves, ids of its own, and one that can not be built.
+        // Another set, a moving one, one with ids, and one that cannot be built.
         points.push(Vec3::ONE);
         assert!(!tree.rebuild(&points, &params).unwrap());
         assert_eq!(tree.len(), count + 1);

@@ -1,4 +1,4 @@
-//! Lists over an interval and lists with a skin against comparing all pairs, at every time at which anything changes.
+//! Lists over an interval and lists with a skin against comparing all pairs, at all times at which they change.
 
 use crate::lists::{STRUCTURES, build};
 use crate::support::{Cloud, KINDS, Rng, cloud};
@@ -117,10 +117,10 @@ fn swept_lists_equal_comparing_all_pairs() {
     }
 }
 
-/// More points near a leaf than are gathered at once; some rows are compared with all pairs, and the lists are made again in
-/// memory that held others.
+/// More points near a leaf than are gathered at once; some rows are compared with all pairs, and the lists are computed
+/// again in memory that held others.
 #[test]
-fn lists_longer_than_what_is_gathered_at_once() {
+fn lists_longer_than_one_gather() {
     let mut lists = EncounterLists::new();
     for (kind, radius) in [("random", 9.0), ("fast few", 0.6), ("short lives", 0.9)] {
         let cloud = cloud(kind, 2500, &mut Rng(11));
@@ -163,9 +163,9 @@ fn larger_sets_swept_on_all_numbers_of_threads() {
     }
 }
 
-/// Sets that keep several threads busy for several rounds, into memory that held other lists.
+/// Sets with work for several threads in several rounds, in memory that held other lists.
 #[test]
-fn many_points_on_two_threads_have_the_lists_that_one_makes() {
+fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
     let [one, two] = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap());
     let interval = TimeInterval::new(0.2, 0.7).unwrap();
     let (mut swept, mut lists) =
@@ -187,17 +187,18 @@ fn many_points_on_two_threads_have_the_lists_that_one_makes() {
     }
 }
 
-/// Lives and parts of the shutter hold their begin and not their end: points of which one begins to exist where the other ends do not
-/// meet there, those that begin together do, also where the shutter is divided, at keys, and at the end of what is looked at.
+/// Active intervals and parts of the shutter include their begin and exclude their end: two points of which one begins when
+/// the other ends have no encounter then, those that begin together do, also at splits of the shutter, at keys, and at the
+/// end of the query.
 #[test]
-fn lives_that_touch_where_the_shutter_is_divided() {
+fn intervals_that_touch_at_splits_of_the_shutter() {
     let mut rng = Rng(77);
     let mut cloud = cloud("random", 160, &mut rng);
     for (i, life) in cloud.alive.iter_mut().enumerate() {
         let (begin, end) = [(0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.625), (0.0, 1.0), (0.375, 0.875)][i % 6];
         *life = TimeInterval::new(begin, end).unwrap();
     }
-    // Some stand still throughout, so that there may be layers; a few are fast.
+    // Some are static, so that there may be layers; a few are fast.
     for i in (0..160).filter(|i| i % 6 == 4) {
         cloud.keys[1][i] = if i % 4 == 0 { cloud.keys[0][i] } else { cloud.keys[1][i] * 4.0 };
     }
@@ -235,15 +236,15 @@ fn lives_that_touch_where_the_shutter_is_divided() {
     }
 }
 
-/// Of three, six and ten segments some keys are no f32 numbers. An interval that ends or begins with the float beside such a key goes on
-/// into the next segment, or begins in the one before, for a part of the shutter less than one of f32's steps.
+/// Of three, six and ten segments some keys are no f32 numbers. An interval that ends or begins with the float next to such a key
+/// extends into the next segment, or begins in the previous one, by less than one f32 step of time.
 #[test]
-fn intervals_that_end_beside_keys_that_are_no_floats() {
+fn intervals_that_end_next_to_keys_that_are_no_floats() {
     let mut rng = Rng(78);
     for keys in [4, 7, 11] {
         let mut cloud = Cloud::still((0..60).map(|_| rng.vec()).collect());
         for key in 1..keys {
-            // So fast that a step of time can be seen in the distance.
+            // So fast that a step of time changes the distance.
             let next = cloud.keys[key - 1].iter().map(|p| *p + rng.vec() * 1e3).collect();
             cloud.keys.push(next);
         }
@@ -268,8 +269,8 @@ fn intervals_that_end_beside_keys_that_are_no_floats() {
     }
 }
 
-/// At all times before the returned one, lists at the time hold nothing that is not in the lists with a skin; and the
-/// time is the last of which that can be said.
+/// At all times before the returned one, the lists with a skin contain the lists at that time; and the returned time is
+/// the last one with this property.
 #[test]
 fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
     let (mut cut_short, mut complete) = (0, 0);
@@ -295,7 +296,7 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
                 for (id, row) in lists.iter() {
                     row.iter().for_each(|&other| listed[id as usize][other as usize] = true);
                 }
-                // When a pair that is missing comes within the radius, and within one that is larger by rounding.
+                // When a missing pair comes within the radius, and within one that is larger by rounding.
                 let (mut first, mut at_the_earliest) = (f64::INFINITY, f64::INFINITY);
                 let mut events =
                     vec![time, good.next_down(), time + (good - time) * 0.5, time + (good - time) * rng.unit()];
@@ -365,7 +366,7 @@ fn a_pair_that_just_touches_the_radius_and_points_in_the_same_place() {
 }
 
 #[test]
-fn bad_questions_get_errors_and_empty_sets_empty_lists() {
+fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
     let mut lists = NeighborCsr::new();
     for bad in [-1.0, f32::NAN] {

@@ -1,4 +1,4 @@
-//! One point far away must not make searches among the others slower: counted work with and without it.
+//! A distant point must not make searches among the others slower: counted work with and without it.
 
 use crate::support::Rng;
 use mbkd::glam::Vec3;
@@ -17,8 +17,8 @@ fn work(tree: &PointTree) -> [NeighborWork; 2] {
     })
 }
 
-/// The work with outliers may be that without them, half as much again, and a way down to each of their references: one,
-/// or up to nine where what is fast is cut.
+/// The work with outliers may be that without them, half as much again, and a descent to each of their references: one,
+/// or up to nine if fast points are split.
 fn compare(points: &[MovingPoint], structure: PointStructure) {
     let params = PointParams { structure, ..PointParams::default() };
     let alone = work(&PointTree::build(points, &params).unwrap());
@@ -56,7 +56,7 @@ fn moving_points() {
     }
 }
 
-/// Enough of them that boxes are in bytes, counted from the corner of their node.
+/// A set with leaves of two blocks, and a larger one with leaves of one.
 #[test]
 fn still_points() {
     let mut rng = Rng(2);

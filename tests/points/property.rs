@@ -1,5 +1,5 @@
-//! Properties with shrinking: against comparing all points, and against the tree itself under moves that must not
-//! matter. (Against kiddo: `evidence/tests/all/kiddo.rs`.)
+//! Property tests with shrinking: against comparing all points, and against the tree itself under transformations that
+//! must not matter. (Against kiddo: `evidence/tests/all/kiddo.rs`.)
 
 use crate::support::Cloud;
 use mbkd::glam::Vec3;
@@ -66,7 +66,7 @@ proptest! {
     }
 
     #[test]
-    fn what_must_not_matter_does_not(
+    fn invariant_under_mirroring_scaling_and_farther_points(
         points in prop::collection::vec(moving_point(), 1..300),
         q in place(),
         t in time(),
@@ -87,7 +87,7 @@ proptest! {
         let other = PointTree::build(&scaled, &params).unwrap();
         let expected: Vec<Neighbor> = found.iter().map(|n| Neighbor { distance_squared: n.distance_squared * scale * scale, ..*n }).collect();
         prop_assert_eq!(other.nearest_n(q * scale, t, 10), expected);
-        // Later points cannot displace what is nearer.
+        // Farther points do not change the nearest ones.
         let half = PointTree::build(&points[..points.len().div_ceil(2)], &PointParams::default()).unwrap();
         if let (Some(a), Some(b)) = (tree.nearest(q, t), half.nearest(q, t)) {
             prop_assert!(a.distance_squared <= b.distance_squared);

@@ -1,4 +1,4 @@
-//! Comparing all points, written out plainly: what every query has to equal.
+//! Brute force over all points, in plain code: the reference for every query.
 #![allow(dead_code)] // each test file uses its part
 
 use mbkd::{MovingPoint, Neighbor, TimeInterval, glam::Vec3};
@@ -27,7 +27,7 @@ impl Cloud {
         self.alive.len()
     }
 
-    /// Where a point is at a time: interpolated in f32 from the nearer key.
+    /// The position of a point at a time: interpolated in f32 from the nearer key.
     pub fn at(&self, point: usize, time: f32) -> Vec3 {
         let segments = self.keys.len() - 1;
         if segments == 0 {
@@ -79,7 +79,7 @@ impl Rng {
     }
 }
 
-/// The kinds of sets that searches are tried on.
+/// The kinds of sets that searches are tested on.
 pub const KINDS: [&str; 16] = [
     "uniform",
     "surface",
@@ -125,7 +125,7 @@ pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
                 let end = (begin + 0.02 + 0.08 * rng.unit()).min(1.0);
                 MovingPoint::new(p, p + rng.vec() * spacing).alive(TimeInterval::new(begin, end).unwrap())
             }
-            // Everything meets in one place at mid-shutter, and stands on a grid before.
+            // All points coincide at mid-shutter, and are on a grid before.
             "converging" => {
                 let p = Vec3::new(grid(p.x), grid(p.y), grid(p.z));
                 MovingPoint::new(p, -p)

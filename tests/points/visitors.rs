@@ -1,10 +1,10 @@
-//! Traversals of the caller's own through point trees: every point once, where it is, inside the boxes above it.
+//! Custom traversals of point trees: every point is visited once, at its position, inside the boxes above it.
 
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Aabb, MovingPoint, PointParams, PointStructure, PointTree, TimeInterval, TreePoint, Visitor};
 
-/// Meets all points of a region.
+/// Visits all points of a region.
 struct Region {
     region: Aabb,
     found: Vec<TreePoint>,
@@ -35,7 +35,7 @@ impl Region {
 }
 
 #[test]
-fn every_point_is_met_once_where_it_is() {
+fn every_point_is_visited_once_at_its_position() {
     let mut state = 5u64;
     let mut next = || {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);

@@ -1,4 +1,4 @@
-//! Do trees keep what the caller said? Small things in large scenes, outliers, far origins, ranges, all magnitudes.
+//! Accuracy of trees: small objects in large scenes, outliers, far origins, ranges, all magnitudes.
 
 use crate::common::{Random, closed_sphere, difference, random_ray, soup, variants};
 use core::ops::ControlFlow;
@@ -56,7 +56,7 @@ fn a_small_thing_in_a_large_scene_is_hit_as_if_it_were_alone() {
     }
 }
 
-/// Meets what has a box with a point in it.
+/// Visits the primitives whose boxes hold a point.
 struct AtPoint<'a> {
     point: DVec3,
     counters: &'a mut Counters,
@@ -97,7 +97,7 @@ fn work(tree: &RayTree) -> [(f64, f64); 3] {
 
 #[test]
 fn one_vertex_far_away_makes_no_other_box_larger() {
-    // A k-d tree takes some planes more, each of them two boxes, to cut the cell of the cube out of all that is empty.
+    // A k-d tree needs some more planes, with two boxes each, to separate the cell of the cube from empty space.
     let trees =
         [(BuildParams::default(), 2.0), (BuildParams::paper(), 24.0), (BuildParams::kd(KdParams::classic()), 24.0)];
     for (keys, (params, more)) in [1, 2, 3].into_iter().flat_map(|keys| trees.map(|tree| (keys, tree))) {
@@ -150,7 +150,7 @@ fn rays_from_far_away_take_the_steps_of_near_ones_and_miss_nothing() {
             if i % 10 == 0 {
                 assert_eq!(difference(&tree, &oracle, &far), None);
             }
-            // Half a step of f32 there, and what the origin is off by.
+            // Half an f32 step there, plus the error of the origin.
             let t = f64::from(near_hit.t) + (distance - 2.0);
             let allowed = distance * f64::from(f32::EPSILON) * 0.5 + 1e-6 + distance * 1e-14;
             assert!((f64::from(far_hit.t) - t).abs() <= allowed, "{distance}: {} instead of {t}", far_hit.t);
@@ -161,7 +161,7 @@ fn rays_from_far_away_take_the_steps_of_near_ones_and_miss_nothing() {
             assert!((f64::from(line.t) + distance).abs() < 3.0 + 2.0 * allowed, "{}", line.t);
             assert!(ball.any_hit(&far) && ball.any_hit(&behind.between(f32::NEG_INFINITY, 0.0)));
         }
-        // From farther away `t` is too coarse to tell the near side from the far one, so both are visited.
+        // From farther away `t` is too coarse to distinguish the near side from the far one, so both are visited.
         let (nodes, leaves) = if power <= 20 { (1.5, 1.5) } else { (3.0, 3.0) };
         assert!(far_count.nodes as f64 <= nodes * near_count.nodes as f64, "{power}: {far_count:?} {near_count:?}");
         assert!(far_count.leaves as f64 <= leaves * near_count.leaves as f64, "{power}: {far_count:?} {near_count:?}");
@@ -213,7 +213,7 @@ fn neither_minus_zero_nor_infinity_is_an_answer() {
             assert_eq!(tree.closest_hit(&ray.between(-1.0, -1e-45)), None);
             assert_eq!(tree.closest_hit(&ray.between(-1.0, -0.0)).unwrap().t.to_bits(), 0);
         }
-        // It takes more than f32 can hold to get there.
+        // The distance overflows in f32.
         let slow = Ray::new(Vec3::Y, Vec3::NEG_Y * 1e-45);
         assert_eq!((tree.closest_hit(&slow), tree.any_hit(&slow), oracle.closest_hit(&slow)), (None, false, None));
         let line = |ray: Ray| ray.between(f32::NEG_INFINITY, f32::INFINITY);
@@ -236,7 +236,7 @@ fn any_magnitude_gives_the_answers_of_the_unit_cube() {
     for power in [-100, -60, 0, 60, 97] {
         let scale = 2f32.powi(power);
         let scaled = mapped(&mesh, |p| p * scale);
-        // Alone, and beside something much larger or smaller.
+        // Alone, and next to a much larger or smaller object.
         let beside = if power <= 0 { scale * 2f32.powi(60) } else { scale * 2f32.powi(-90) };
         let other = TriangleMesh::fixed(vec![[0, 1, 2]], [Vec3::X, Vec3::Y, Vec3::ONE].map(|p| p * beside).to_vec());
         for meshes in [vec![scaled.clone()], vec![scaled, other]] {

@@ -1,4 +1,4 @@
-//! Bad and hostile input: a typed error that names what and where, or a documented harmless answer.
+//! Bad and hostile input: a typed error with the cause and the place, or a documented harmless answer.
 
 use crate::common::{Random, difference, grid, random_ray, soup, variants};
 use core::ops::ControlFlow;
@@ -113,14 +113,14 @@ fn hits_of_another_tree_have_no_corners() {
     }
 }
 
-/// Whatever the scene, the tree is whole and a few rays agree with brute force.
+/// Checks that the tree of a scene is valid and a few rays agree with brute force.
 fn survives(mesh: TriangleMesh, reach: f32) {
     let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
     for params in variants() {
         let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
         let s = tree.statistics();
         let most = match params.policy {
-            // Splits beforehand, and several trees for parts of the shutter.
+            // With early split clipping, and with several trees for parts of the shutter.
             Policy::Wide(_) | Policy::Lazy(_) => 8.0,
             Policy::Kd(kd) => kd.max_references,
             _ => unreachable!("{params:?}"),
@@ -229,7 +229,7 @@ fn origins_far_outside() {
     }
 }
 
-/// A primitive that breaks its contract: its bounds are made of those that are right and of how often they were asked for.
+/// A primitive that breaks its contract: its bounds depend on the correct ones and on the number of calls.
 struct Broken {
     bounds: fn(TimeInterval, u32) -> LinearBounds,
     active: fn(u32) -> TimeInterval,
@@ -320,7 +320,7 @@ fn bounds_that_are_no_boxes_are_refused() {
     let inverted = |_, _| LinearBounds::fixed(Aabb::EMPTY);
     let infinite = |_, _| LinearBounds::fixed(Aabb { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY });
     let too_large = |_, _| LinearBounds::fixed(Aabb { min: DVec3::ZERO, max: DVec3::splat(2e30) });
-    // Good the first time, over the whole shutter, and bad later: over parts of it, or whatever is asked for.
+    // Valid at the first call, over the whole shutter, and invalid later: over parts of it, or over any interval.
     let nan_later = |over, call: u32| {
         if call > 1 { LinearBounds::fixed(Aabb { min: DVec3::NAN, ..Aabb::EMPTY }) } else { riser(over) }
     };
@@ -340,7 +340,7 @@ fn bounds_that_are_no_boxes_are_refused() {
             let error = RayTree::of_primitives(shapes, &params).unwrap_err();
             assert_eq!(error, BuildError::BadBounds { primitive: 1 }, "{params:?}");
         }
-        // Not every build asks for parts.
+        // Not every build calls for bounds over parts.
         match RayTree::of_primitives(mixed(|| Broken::new(infinite_parts)), &params) {
             Ok(tree) => assert_spheres_are_hit(&tree),
             Err(error) => assert!(matches!(error, BuildError::BadBounds { primitive } if primitive % 2 == 0)),
@@ -350,7 +350,7 @@ fn bounds_that_are_no_boxes_are_refused() {
 
 #[test]
 fn primitives_that_contradict_themselves_do_no_harm_to_others() {
-    // Somewhere else at every call; far outside of where it was first said to be; a part of the time larger than the whole.
+    // Elsewhere at every call; far outside of its first bounds; larger over a part of the shutter than over the whole.
     let jumping = |_, call: u32| {
         let mut random = Random(u64::from(call) * 7919 + 1);
         let mut place = |size: f64| {

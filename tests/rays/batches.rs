@@ -1,4 +1,4 @@
-//! Batches of rays that look the same way, which are led in packets, answer as single rays do.
+//! Batches of coherent rays, which are traversed in packets, give the answers of single rays.
 
 use crate::brute_force::Brick;
 use crate::common::{Random, soup};
@@ -7,7 +7,8 @@ use mbkd::{
     BuildParams, Division, MovingSphere, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh, WideParams,
 };
 
-/// All kinds of leaves: triangles that stand still, move, bend, live for a while and are kept in f64, spheres and bricks.
+/// All kinds of leaves: triangles that are static, move, have many keys, exist for a while and are kept in f64, spheres
+/// and bricks.
 fn tree(division: Division, level: SimdLevel) -> RayTree {
     let some_time = TimeInterval::new(0.2, 0.8).unwrap();
     let meshes = [
@@ -28,7 +29,7 @@ fn tree(division: Division, level: SimdLevel) -> RayTree {
     RayTree::of_scene(&meshes, shapes.collect(), &params).unwrap().with_simd(level)
 }
 
-/// Rays that look nearly the same way from nearly the same place, some of them of another kind than the others.
+/// Rays in nearly the same direction from nearly the same origin, some of them of another kind than the others.
 fn pencil(random: &mut Random, count: usize) -> Vec<Ray> {
     // From nearby and from far away; also along axes, where some components are zero or nearly so.
     let from = random.vec() * [0.5, 3.0, 300.0][random.below(3)];
@@ -92,7 +93,7 @@ fn order_changes_nothing_nor_does_time_where_all_stands_still() {
     assert_eq!(hits, reversed);
     let still: Vec<TriangleMesh> = vec![soup(300, 1, 0.3, 0.0, 5)];
     let tree = RayTree::build(&still, &BuildParams::default()).unwrap();
-    // A tree that stands still answers alike at every time.
+    // A static tree gives the same answers at every time.
     let at_once: Vec<Ray> = rays.iter().map(|ray| ray.at_time(0.5)).collect();
     tree.closest_hits(&rays, &mut hits);
     tree.closest_hits(&at_once, &mut reversed);

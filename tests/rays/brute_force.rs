@@ -1,5 +1,5 @@
 //! Every query equals brute force over the same kernel, bit for bit: property tests with shrinking on
-//! soups on a grid, where flat, touching and coincident things are the rule.
+//! soups on a grid, where flat, touching and coincident triangles are the rule.
 
 use crate::common::{Random, assert_equal, difference, grid, random_ray, soup, trees, variants};
 use mbkd::baseline::BruteForce;
@@ -29,7 +29,7 @@ fn grid_mesh() -> impl Strategy<Value = TriangleMesh> {
     })
 }
 
-/// Rays on the same grid, often along an axis, at times where things happen.
+/// Rays on the same grid, often along an axis, at critical times.
 fn grid_ray() -> impl Strategy<Value = Ray> {
     let point = (-5i8..=5, -5i8..=5, -5i8..=5).prop_map(|(x, y, z)| grid(x, y, z));
     let half = prop_oneof![Just(0.0f32), Just(0.5)];
@@ -164,7 +164,7 @@ fn moving_spheres() {
     assert!(trees.iter().all(|(_, tree)| tree.primitives().len() == balls.len()));
 }
 
-/// A caller's own primitive: an axis-aligned box that rises, hit on its near face.
+/// A caller-defined primitive: an axis-aligned box that rises, hit on its near face.
 #[derive(Clone)]
 pub struct Brick {
     low: DVec3,
@@ -300,7 +300,7 @@ fn filtered_batches_are_single_filtered_queries() {
     for params in variants() {
         let tree = RayTree::build(&meshes, &params).unwrap();
         for mask in [u32::MAX, 0b101, 0] {
-            // Every ray has a filter of its own.
+            // Every ray has its own filter.
             let accept = |i: usize, hit: &mbkd::Hit| hit.primitive as usize % 7 != i % 7;
             let (mut hits, mut shadows) = (vec![None; 3], vec![true; 5]);
             tree.closest_hits_filtered(&rays, mask, accept, &mut hits);

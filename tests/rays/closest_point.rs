@@ -44,7 +44,7 @@ fn trees(meshes: &[TriangleMesh]) -> Vec<RayTree> {
     trees
 }
 
-/// Queries among things about the origin of half-size `reach`, some of them far away or with a greatest distance.
+/// Queries among objects around the origin of half-size `reach`, some of them far away or with a greatest distance.
 fn random_query(random: &mut Random, reach: f32) -> ClosestPointQuery {
     let near = random.vec() * reach;
     let point = if random.below(8) == 0 { near * 1e6 } else { near };
@@ -116,7 +116,7 @@ fn long_triangles_that_are_cut_and_large_trees() {
     for _ in 0..400 {
         agree(&trees, &oracle, random_query(&mut random, 1.5));
     }
-    // Far fewer are looked at than there are.
+    // Far fewer triangles are tested than there are.
     let mut work = Counters::default();
     for _ in 0..100 {
         trees[0].closest_point_observed(&ClosestPointQuery::new(random.vec(), random.unit()), &mut work);

@@ -1,4 +1,4 @@
-//! What several test files share: random numbers, soups, rays that ask where it hurts, and the comparison with
+//! Helpers of several test files: random numbers, triangle soups, critical rays, and the comparison with
 //! brute force.
 #![allow(dead_code)] // each test file uses its part
 
@@ -29,7 +29,7 @@ pub fn variants() -> Vec<BuildParams> {
     ]
 }
 
-/// Loose triangles of about `size`, each moving its own way by up to `motion`, at `keys` keys.
+/// Loose triangles of about `size`, each moving independently by up to `motion`, at `keys` keys.
 pub fn soup(n: usize, keys: usize, size: f32, motion: f32, seed: u64) -> TriangleMesh {
     let mut random = Random(seed);
     let mut positions = vec![Vec::new(); keys];
@@ -69,7 +69,7 @@ pub fn trees<G: Geometry>(build: impl Fn(&BuildParams) -> RayTree<G>) -> Vec<(Bu
     variants().into_iter().map(|params| (params, build(&params))).collect()
 }
 
-/// Compares the answers of all trees to a ray with brute force, which is asked once.
+/// Compares the answers of all trees to a ray with brute force, which is computed once.
 pub fn assert_equal<G: Geometry>(trees: &[(BuildParams, RayTree<G>)], oracle: &BruteForce<G>, ray: &Ray) {
     let expected = oracle.all_hits(ray);
     for (params, tree) in trees {
@@ -77,12 +77,12 @@ pub fn assert_equal<G: Geometry>(trees: &[(BuildParams, RayTree<G>)], oracle: &B
     }
 }
 
-/// What differs between the tree's answers to a ray and brute force, if anything.
+/// The difference between the tree's answers to a ray and brute force, if any.
 pub fn difference<G: Geometry>(tree: &RayTree<G>, oracle: &BruteForce<G>, ray: &Ray) -> Option<String> {
     difference_from(tree, &oracle.all_hits(ray), ray)
 }
 
-/// What differs between the tree's answers to a ray and all hits there are, in order of (mesh, primitive).
+/// The difference between the tree's answers to a ray and the list of all hits, in order of (mesh, primitive).
 fn difference_from<G: Geometry>(tree: &RayTree<G>, oracle: &[Hit], ray: &Ray) -> Option<String> {
     let closest = oracle.iter().copied().reduce(|a, b| if b.t < a.t { b } else { a });
     let same = |a: &Option<Hit>, b: &Option<Hit>| a.map(bits) == b.map(bits);

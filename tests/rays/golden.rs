@@ -19,7 +19,7 @@ fn counts(name: &str, params: &BuildParams) -> [u64; 4] {
     [counters.nodes, counters.leaves, counters.time_skips, counters.primitive_tests]
 }
 
-/// Scene, which tree, and its counts.
+/// Scene, tree, and its counts.
 const GOLDEN: &[(&str, &str, [u64; 4])] = &[
     ("tornado", "paper", [42372, 12215, 80737, 35402]),
     ("hall", "paper", [71690, 17478, 15984, 14499]),
@@ -55,7 +55,7 @@ fn nodes_leaves_time_skips_and_tests() {
     assert!(wrong.is_empty(), "different counts:\n{}", wrong.join("\n"));
 }
 
-/// Watching changes neither answers nor work. (That not watching costs nothing is the pair `closest` and
+/// Observers change neither answers nor work. (That unobserved queries cost nothing extra is measured by the pair `closest` and
 /// `closest observed by ()` in `evidence/benches/rays.rs`: the plain query is the observed one with `()`.)
 #[test]
 fn observing_changes_nothing() {

@@ -39,7 +39,7 @@ fn full_size_equals_brute_force() {
     });
     assert!(hits > 300, "{hits} of 1000 rays hit");
 
-    // Batches on so large a tree sort rays that come scattered, and lead some of them by turns.
+    // Batches on a tree of this size sort scattered rays, and interleave some of them.
     let wide = &trees[1];
     assert!(wide.statistics().bytes > 64 << 20, "{}", wide.statistics().bytes);
     let scattered: Vec<Ray> = (0..5000)

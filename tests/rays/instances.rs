@@ -1,4 +1,4 @@
-//! Trees of instances against brute force over the rays that the instances see.
+//! Trees of instances against brute force with the rays transformed into the spaces of the instances.
 
 use super::common::{Random, bits, soup, variants};
 use core::ops::ControlFlow;
@@ -10,14 +10,14 @@ use mbkd::{
 };
 use std::sync::Arc;
 
-/// What is placed, and brute force over it.
+/// A placed tree, and brute force over its primitives.
 #[derive(Clone)]
 enum Brute {
     Tree(Arc<BruteForce>),
     Instances(Arc<Placed>),
 }
 
-/// A tree of instances with what brute force has to know of them.
+/// A tree of instances with the data that brute force needs.
 struct Placed {
     tree: Arc<InstanceTree>,
     instances: Vec<(Brute, u32, TimeInterval)>,
@@ -118,7 +118,7 @@ fn pose(random: &mut Random, scale: f64, apart: f64) -> Pose {
     }
 }
 
-/// Still, on lines, and on arcs; upright, mirrored and sheared.
+/// Static, moving on lines, and on arcs; upright, mirrored and sheared.
 fn transform(random: &mut Random, scale: f64, apart: f64) -> Transform {
     let first = pose(random, scale, apart);
     match random.below(5) {
@@ -371,7 +371,7 @@ fn near_instances_end_the_search_in_far_ones() {
     let mesh = [soup(3000, 2, 0.1, 0.05, 3)];
     let of = Arc::new(RayTree::build(&mesh, &BuildParams::default()).unwrap());
     let row = |n: usize| {
-        // Turned, so that what passes one of them does not pass all.
+        // Rotated, so that a ray that passes one of them does not pass all.
         let at =
             |i: usize| DAffine3::from_rotation_translation(DQuat::from_rotation_z(i as f64), DVec3::Z * 2.0 * i as f64);
         let instance = |i: usize| Instance::new(of.clone(), at(i));
@@ -410,7 +410,7 @@ fn rays_that_pass_by_what_is_placed_do_not_enter_it() {
             let origin = Vec3::new(0.3, 0.2, -5.0);
             tree.closest_hit_observed(&Ray::new(origin, target - origin), &mut seen);
         }
-        // Both instances are met by most rays, and the rod by few.
+        // Most rays enter both instances, and few hit the rod.
         assert!(seen.leaves > 1000 && seen.primitive_tests < 200, "{seen:?}");
     }
 }

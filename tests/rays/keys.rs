@@ -1,4 +1,4 @@
-//! Meshes with many keys: what merges away, and that answers stay those of brute force.
+//! Meshes with many keys: merging of keys, and answers against brute force.
 
 use super::common::{Random, closed_sphere, difference, soup};
 use mbkd::baseline::BruteForce;
@@ -23,7 +23,7 @@ fn sampled(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
     TriangleMesh { keys: positions.into(), ..mesh.clone() }
 }
 
-/// Times at which something may go wrong: keys, times beside them, and any.
+/// Critical times: keys, times next to them, and random ones.
 fn times(keys: usize, random: &mut Random) -> f32 {
     let key = random.below(keys) as f32 / (keys - 1).max(1) as f32;
     match random.below(4) {
@@ -122,7 +122,7 @@ fn straight_motion_in_f64_merges_as_well() {
     assert_eq!(tree.statistics().kept_positions, 2 * at[0].len());
 }
 
-/// What stands still, moves straight and bends with two numbers of keys, in one place.
+/// Static meshes, linear motion, and motion with two numbers of keys, in one place.
 fn mixed(seed: u64) -> Vec<TriangleMesh> {
     let mut sphere = closed_sphere(6, 1, 0.2, seed);
     sphere.mask = 2;

@@ -1,4 +1,4 @@
-//! Lazy trees: nothing is built that no query enters, nothing twice, and no answer tells.
+//! Lazy trees: only subtrees that queries enter are built, each once, and answers do not depend on it.
 
 use crate::common::{Random, all_hits, difference, random_ray, soup};
 use core::ops::ControlFlow;
@@ -11,7 +11,7 @@ use mbkd::{
 };
 use std::sync::Arc;
 
-/// Subtrees of so many primitives at most.
+/// Parameters with at most this many primitives per subtree.
 fn lazy(subtree: usize) -> BuildParams {
     BuildParams::lazy(LazyParams { subtree, ..LazyParams::default() })
 }
@@ -52,7 +52,7 @@ fn every_query_has_the_answer_of_a_whole_tree_whoever_comes_first() {
         LazyParams { wide: WideParams { division: Division::Whole, ..WideParams::default() }, subtree: 500 };
     let others = [divided, whole_shutter].map(BuildParams::lazy);
     for params in [lazy(1), lazy(64), lazy(2048), lazy(65536)].into_iter().chain(others) {
-        // Each question to a tree of its own, of which nothing is built yet.
+        // Each query uses a tree of its own, of which nothing is built yet.
         let trees: Vec<RayTree> = (0..5).map(|_| build(&params)).collect();
         for ray in &rays {
             assert_eq!(trees[0].closest_hit(ray), whole.closest_hit(ray), "{params:?}, {ray:?}");
@@ -145,7 +145,7 @@ fn rays_into_a_corner_build_what_is_there() {
     assert!(!tree.any_hit(&all) && tree.statistics() == after);
 }
 
-/// A ball that counts how often it is asked where it is.
+/// A ball that counts the calls for its bounds.
 struct Counted<'a>(MovingSphere, &'a AtomicUsize);
 
 impl Primitive for Counted<'_> {

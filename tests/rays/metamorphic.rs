@@ -1,4 +1,4 @@
-//! What must not change when the question is asked differently.
+//! Metamorphic relations: transformations that must not change answers.
 
 use crate::common::{Random, all_hits, random_ray, soup, variants};
 use mbkd::glam::{DVec3, Vec3};

@@ -1,4 +1,4 @@
-//! Meshes, spheres and the caller's own primitives in one tree equal brute force over the same kernels.
+//! Meshes, spheres and caller-defined primitives in one tree equal brute force over the same kernels.
 
 use crate::brute_force::Brick;
 use crate::common::{Random, difference, random_ray, soup, variants};
@@ -11,7 +11,7 @@ use mbkd::{
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// Meshes that stand still, move, and move with three keys, one of them for a part of the shutter.
+/// Meshes that are static, move, and move with three keys, one of them active for a part of the shutter.
 fn meshes() -> Vec<TriangleMesh> {
     let some_time = TimeInterval::new(0.2, 0.8).unwrap();
     vec![
@@ -89,7 +89,7 @@ fn nearest_points_equal_brute_force() {
     }
 }
 
-/// Notes everything.
+/// Records all calls.
 struct All(BTreeSet<(u32, u32)>);
 
 impl Visitor<mbkd::TreePrimitive> for All {

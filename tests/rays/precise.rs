@@ -1,4 +1,4 @@
-//! Meshes whose f64 positions are kept: every answer is that of brute force over them, and what f32 loses is found.
+//! Meshes with f64 positions: every answer is that of brute force over them, and hits that f32 would lose are found.
 
 use crate::common::{Random, difference, soup, variants};
 use mbkd::baseline::BruteForce;
@@ -13,7 +13,7 @@ fn vec(random: &mut Random) -> DVec3 {
     random.vec().as_dvec3() + random.vec().as_dvec3() * 2f64.powi(-24)
 }
 
-/// Triangles of one size around some places, at so many keys, as a mesh in f64.
+/// Triangles of one size around some positions, with a number of keys, as an f64 mesh.
 fn around(places: &[DVec3], n: usize, size: f64, keys: usize, seed: u64) -> TriangleMesh {
     let mut random = Random(seed);
     let mut positions = vec![Vec::new(); keys];
@@ -31,10 +31,10 @@ fn around(places: &[DVec3], n: usize, size: f64, keys: usize, seed: u64) -> Tria
 /// Two machines of 1 mm parts, 1e7 m apart.
 const MACHINES: [DVec3; 2] = [DVec3::ZERO, DVec3::new(1e7, 2.0, -3e6)];
 
-/// A place in coordinates of the earth.
+/// A position in geocentric coordinates.
 const CITY: DVec3 = DVec3::new(4.5e5, 5.4e6, 210.0);
 
-/// Scenes, and how large their parts are.
+/// Scenes, and the sizes of their triangles.
 fn scenes() -> Vec<(&'static str, f64, Vec<TriangleMesh>)> {
     let some_time = TimeInterval::new(0.2, 0.8).unwrap();
     let long = |mesh: TriangleMesh| {
@@ -78,7 +78,7 @@ fn params() -> Vec<BuildParams> {
     variants().into_iter().chain(divided).chain([cut]).collect()
 }
 
-/// A place on a triangle of a scene at a time, or beside it.
+/// A position on a triangle of a scene at a time, or next to it.
 fn target(tree: &RayTree, meshes: &[TriangleMesh], random: &mut Random, time: f32) -> DVec3 {
     let mesh = loop {
         let mesh = random.below(meshes.len());
@@ -96,7 +96,7 @@ fn target(tree: &RayTree, meshes: &[TriangleMesh], random: &mut Random, time: f3
     }
 }
 
-/// A ray at such a place, from near or far.
+/// A ray at such a position, from near or far.
 fn ray(tree: &RayTree, meshes: &[TriangleMesh], random: &mut Random, size: f64) -> Ray {
     let time = [0.0, 0.5, 1.0, random.unit()][random.below(4)];
     let target = target(tree, meshes, random, time);
@@ -161,7 +161,7 @@ fn nearest_points_equal_brute_force_and_are_where_they_should_be() {
     }
 }
 
-/// Rays at parts a millimetre large, and how many of them are answered wrongly: nothing is hit, or not where it is.
+/// Rays at triangles of a millimetre, and the number of wrong answers: a miss, or a hit at the wrong place.
 fn wrong(kept: bool) -> usize {
     let mesh = around(&MACHINES, 400, 1e-3, 2, 2);
     let exact = RayTree::build(&[mesh.clone().precise()], &BuildParams::default()).unwrap();

@@ -10,7 +10,7 @@ use mbkd::{
 };
 use mbkd_scenes as scene;
 
-/// Every way to divide the shutter.
+/// All divisions of the shutter.
 fn params() -> Vec<BuildParams> {
     let divisions = [Division::Automatic, Division::Whole, Division::Segments(3), Division::Copies(2)];
     divisions.map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() })).into()
@@ -24,7 +24,7 @@ fn moved(mesh: &TriangleMesh, jitter: f32, by: Vec3, grown: f32, random: &mut Ra
     TriangleMesh { keys: keys.into(), ..mesh.clone() }
 }
 
-/// That a tree is whole and answers as brute force over these meshes.
+/// Checks that a tree is valid and answers like brute force over these meshes.
 fn agrees(tree: &RayTree, meshes: &[TriangleMesh], rays: &[Ray], what: &str) {
     assert_eq!(tree.validate(), Ok(()), "{what}");
     let oracle = BruteForce::new(meshes).unwrap();
@@ -46,7 +46,7 @@ fn rays(count: usize, reach: f32, seed: u64) -> Vec<Ray> {
     (0..count).map(|_| random_ray(&mut random, reach)).collect()
 }
 
-/// Meshes of all kinds of leaf blocks: still and moving, with corners of their own and shared ones, of two keys and more.
+/// Meshes of all kinds of leaf blocks: static and moving, with separate and shared vertices, of two keys and more.
 fn meshes() -> Vec<TriangleMesh> {
     vec![
         soup(200, 1, 0.2, 0.0, 1),
@@ -60,14 +60,14 @@ fn meshes() -> Vec<TriangleMesh> {
 }
 
 #[test]
-fn all_kinds_of_blocks_and_divisions_follow_and_answer_as_brute_force() {
+fn all_kinds_of_blocks_and_divisions_are_refitted_and_equal_brute_force() {
     for params in params() {
         let mut random = Random(3);
         let mut now = meshes();
         let mut tree = RayTree::build(&now, &params).unwrap();
         for frame in 0..12 {
             let what = format!("{params:?}, frame {frame}");
-            // Some stay; some frames grow beyond tree space, or shrink, or leave zero; some return.
+            // Some meshes are unchanged; some frames grow beyond tree space, shrink, or leave the origin; some return.
             for (i, mesh) in now.iter_mut().enumerate() {
                 let (by, grown) = match frame % 6 {
                     2 => (Vec3::X * 0.5, 1.7),
@@ -97,7 +97,7 @@ fn a_hundred_frames_of_a_running_figure_equal_brute_force() {
         let mut random = Random(11);
         for i in 1..=100 {
             let now = frame(i);
-            // By turns all meshes, and those that move.
+            // Alternately all meshes, and those that move.
             let refit = if i % 2 == 0 { tree.refit(&now.meshes) } else { tree.refit_moved(&now.meshes, &figure) };
             let refit = refit.unwrap();
             assert_eq!(refit.skipped > 0, i % 2 == 1, "frame {i}: {refit:?}");
@@ -121,7 +121,7 @@ fn a_hundred_frames_of_a_running_figure_equal_brute_force() {
 }
 
 #[test]
-fn spheres_and_bricks_go_along() {
+fn spheres_and_bricks_are_refitted() {
     let shapes = |frame: usize| -> Vec<Shape> {
         let mut random = Random(9);
         let off = DVec3::new(0.1, -0.05, 0.2) * frame as f64;
@@ -129,7 +129,7 @@ fn spheres_and_bricks_go_along() {
         (0..60)
             .map(|i| match i % 6 {
                 3 => Shape::own(Brick::new(place(), 0.3)),
-                // Some roll in some frames only.
+                // Some move in some frames only.
                 4 if frame.is_multiple_of(2) => MovingSphere::fixed(place(), 0.1).into(),
                 _ => MovingSphere::new(vec![(place(), 0.1), (place(), 0.05)]).into(),
             })
@@ -150,7 +150,7 @@ fn spheres_and_bricks_go_along() {
             now[2] = moved(&now[2], 0.05, Vec3::ZERO, 1.0, &mut random);
             tree.refit_with_shapes(&now, shapes(frame)).unwrap();
             now[4] = moved(&now[4], 0.05, Vec3::ZERO, 1.0, &mut random);
-            // The shapes stay.
+            // The shapes are unchanged.
             let refit = tree.refit_moved(&now, &[4]).unwrap();
             assert!(refit.leaves > 0 && refit.leaves < tree.statistics().leaves / 2, "{params:?}: {refit:?}");
             assert_eq!(tree.validate(), Ok(()));
@@ -170,7 +170,7 @@ fn spheres_and_bricks_go_along() {
 }
 
 #[test]
-fn triangles_cut_before_the_build_stay_cut_until_they_move() {
+fn presplit_triangles_stay_split_until_they_move() {
     let needles = scene::find("needles").unwrap();
     let first = (needles.make)(5000);
     let mut tree = RayTree::build(&first.meshes, &BuildParams::default()).unwrap();
@@ -180,7 +180,7 @@ fn triangles_cut_before_the_build_stay_cut_until_they_move() {
     let mut random = Random(2);
     let now: Vec<TriangleMesh> = first.meshes.iter().map(|m| moved(m, 1e-4, Vec3::ZERO, 1.0, &mut random)).collect();
     let refit = tree.refit(&now).unwrap();
-    // Whole ones have several times as large boxes.
+    // Boxes of whole triangles are several times as large.
     assert!(refit.cost > 1.1, "{refit:?}");
     let oracle = BruteForce::new(&now).unwrap();
     for _ in 0..200 {
@@ -194,7 +194,7 @@ fn now_ray(camera: &scene::Camera, random: &mut Random) -> Ray {
 }
 
 #[test]
-fn what_stands_still_is_not_written_and_what_is_known_to_stand_still_not_looked_at() {
+fn static_blocks_are_not_written_and_blocks_known_to_be_static_not_visited() {
     let asset = closed_sphere(60, 1, 0.001, 1);
     let cube = |x: f32| {
         let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 0.1;
@@ -222,17 +222,17 @@ fn what_stands_still_is_not_written_and_what_is_known_to_stand_still_not_looked_
         agrees(&tree, &meshes, &rays(100, 1.5, frame), "told");
         agrees(&again, &meshes, &rays(100, 1.5, frame), "found");
     }
-    // The meshes that are said to have moved count, and nothing else.
+    // Only the meshes that are marked as moved are visited.
     meshes[2] = soup(5, 1, 0.1, 0.0, 8);
     let nothing = tree.refit_moved(&meshes, &[]).unwrap();
-    // All that is looked at are the nodes above the subtrees.
+    // Only the nodes above the subtrees are visited.
     assert!(nothing.nodes + nothing.leaves == 0 && nothing.kept < blocks / 50, "{nothing:?} of {blocks}");
     assert!(tree.refit_moved(&meshes, &[2]).unwrap().leaves > 0);
     agrees(&tree, &meshes, &rays(100, 1.5, 9), "told later");
 }
 
 #[test]
-fn cost_says_what_became_of_the_tree() {
+fn cost_measures_the_quality_of_the_tree() {
     let first = vec![soup(4000, 2, 0.03, 0.02, 1)];
     let mut tree = RayTree::build(&first, &BuildParams::default()).unwrap();
     assert_eq!(tree.statistics().cost, 1.0);
@@ -247,13 +247,13 @@ fn cost_says_what_became_of_the_tree() {
     let refit = tree.refit(&mixed).unwrap();
     assert!(refit.cost > 5.0 && refit.is_worn(), "mixed up: {refit:?}");
     assert_eq!(tree.statistics().cost, refit.cost);
-    // Back where it was, it is what it was.
+    // Back at the original positions, the cost is the original one.
     let refit: Refit = tree.refit(&first).unwrap();
     assert!((refit.cost - 1.0).abs() < 1e-4, "back: {refit:?}");
 }
 
 #[test]
-fn what_does_not_fit_is_refused_and_changes_nothing() {
+fn incompatible_meshes_are_rejected_and_change_nothing() {
     let before = meshes();
     let mut tree = RayTree::build(&before, &BuildParams::default()).unwrap();
     let with = |i: usize, mesh: TriangleMesh| {
@@ -273,7 +273,7 @@ fn what_does_not_fit_is_refused_and_changes_nothing() {
         (before[1..].to_vec(), RefitError::Count { expected: 7, found: 6 }),
         (with(0, turned), RefitError::Topology { mesh: 0 }),
         (with(1, soup(199, 2, 0.2, 0.2, 2)), RefitError::Topology { mesh: 1 }),
-        // Still meshes have no room for motion, moving ones none for more keys, or others.
+        // Static meshes have no room for motion, moving ones none for more or other keys.
         (with(0, soup(200, 2, 0.2, 0.2, 2)), RefitError::Keys { mesh: 0, expected: 1, found: 2 }),
         (with(1, soup(200, 3, 0.2, 0.2, 2)), RefitError::Keys { mesh: 1, expected: 2, found: 3 }),
         (with(2, soup(100, 2, 0.2, 0.2, 2)), RefitError::Keys { mesh: 2, expected: 4, found: 2 }),
@@ -287,7 +287,7 @@ fn what_does_not_fit_is_refused_and_changes_nothing() {
         assert!(!expected.to_string().is_empty());
     }
     agrees(&tree, &before, &rays(200, 1.5, 1), "unchanged");
-    // What stands still for a while fits, and moves again; straight motion may have more keys.
+    // A mesh that is static for a while fits, and moves again; linear motion may have more keys.
     let still = with(2, TriangleMesh { keys: vec![at(2)[0].clone()].into(), ..before[2].clone() });
     tree.refit(&still).unwrap();
     agrees(&tree, &still, &rays(200, 1.5, 2), "still");
@@ -314,7 +314,7 @@ fn what_does_not_fit_is_refused_and_changes_nothing() {
 }
 
 #[test]
-fn masks_and_times_of_existence_follow() {
+fn masks_and_active_intervals_are_updated() {
     use mbkd::TimeInterval;
     let mesh = soup(300, 2, 0.3, 0.1, 1);
     let mut tree = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::default()).unwrap();

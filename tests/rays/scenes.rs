@@ -174,7 +174,7 @@ fn flake() {
 }
 
 #[test]
-fn every_scene_of_the_catalogue_is_here() {
+fn every_scene_of_the_catalogue_is_tested() {
     let here = [
         "hairball",
         "tornado",

@@ -1,17 +1,17 @@
-//! Traversals of the caller's own see everything, where it is, and only what they want.
+//! Custom traversals visit all primitives of a region, inside their boxes, and can prune and stop.
 
 use crate::common::{Random, soup, variants};
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{Aabb, BuildParams, Division, RayTree, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams};
 
-/// Meets everything in a region; everything at all where there is none.
+/// Visits all primitives in a region, or all if there is no region.
 struct Region {
     region: Option<Aabb>,
     found: Vec<TreePrimitive>,
     /// Boxes that were offered.
     boxes: usize,
-    /// Things to be met before it breaks.
+    /// Number of primitives to be visited before it breaks.
     most: usize,
 }
 
@@ -20,7 +20,7 @@ impl Region {
         Region { region, found: Vec::new(), boxes: 0, most: usize::MAX }
     }
 
-    /// What it met, each once.
+    /// The visited primitives, each once.
     fn sorted(mut self) -> Vec<TreePrimitive> {
         self.found.sort();
         self.found.dedup();
@@ -54,7 +54,7 @@ fn trees(meshes: &[TriangleMesh]) -> Vec<RayTree> {
 }
 
 #[test]
-fn everything_with_a_point_in_a_region_is_met() {
+fn all_primitives_with_a_point_in_a_region_are_visited() {
     let meshes = meshes();
     let exists = |mesh: u32, time: f32| meshes[mesh as usize].active.contains(time);
     let mut random = Random(5);
@@ -84,13 +84,13 @@ fn everything_with_a_point_in_a_region_is_met() {
                 let met = query.sorted();
                 assert!(met.contains(&TreePrimitive { mesh, primitive }), "{tree:?} {time} {at}");
             }
-            // Much is left out, though a point of a wide triangle may be in many boxes.
+            // Most primitives are culled, though a point of a wide triangle may be in many boxes.
             assert!(offered < 25 * boxes, "{offered} of {}", 30 * boxes);
         }
     }
 }
 
-/// Counts what is in boxes nearer to a point than some distance, which it knows only after it has entered them.
+/// Counts primitives in boxes nearer to a point than a distance that is known only after entering them.
 struct Nearest {
     to: DVec3,
     best: f64,
@@ -113,7 +113,7 @@ impl Visitor<TreePrimitive> for Nearest {
 }
 
 #[test]
-fn visitors_stop_when_they_say_so_and_see_nothing_outside_the_shutter() {
+fn visitors_can_stop_and_visit_nothing_outside_the_shutter() {
     let meshes = meshes();
     for tree in trees(&meshes) {
         let mut three = Region { most: 3, ..Region::new(None) };
@@ -124,7 +124,7 @@ fn visitors_stop_when_they_say_so_and_see_nothing_outside_the_shutter() {
             assert!(tree.traverse(time, &mut nothing).is_continue());
             assert_eq!((nothing.boxes, nothing.found.len()), (0, 0));
         }
-        // Nothing within a distance that nothing has: boxes are put off and then not wanted any more.
+        // With a distance that no primitive has: boxes are deferred and then culled.
         let mut far = Nearest { to: DVec3::splat(50.0), best: 1.0, visited: 0 };
         assert!(tree.traverse(0.5, &mut far).is_continue());
         assert!(far.visited == 0);

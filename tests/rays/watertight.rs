@@ -42,8 +42,8 @@ fn a_million_rays_at_edges_and_vertices_from_inside() {
 }
 
 #[test]
-fn leaving_through_a_hole_is_noticed() {
-    // The check can fail: one triangle taken out.
+fn leaks_through_a_hole_are_detected() {
+    // The check can fail: one triangle is removed.
     let mut mesh = closed_sphere(12, 2, 0.1, 1);
     mesh.indices.remove(40);
     let tree = RayTree::build(&[mesh], &variants()[0]).unwrap();

@@ -1,4 +1,4 @@
-//! What can be wrong with photons and with gathers.
+//! Errors of photon maps and of gathers.
 
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::error::PointError;
@@ -39,7 +39,7 @@ pub enum GatherError {
     Parameter {
         /// The field of [`GatherParams`](crate::point::GatherParams).
         name: &'static str,
-        /// What it has to be.
+        /// Its valid range.
         expected: &'static str,
     },
     /// The position of a query is not finite or too large.
@@ -50,24 +50,24 @@ pub enum GatherError {
     Time,
     /// The window of a query is not greater than 0, or so short (some 10^-38 of the shutter) that photons in it have no finite weight.
     Window,
-    /// The window of a query is wider than the map was built for, and some of its photons are carried along.
+    /// The window of a query is wider than the map was built for, and some photons move with their surface.
     WindowTooWide {
         /// [`GatherParams::window`](crate::point::GatherParams::window).
         most: f32,
     },
     /// A radius is negative, NaN or too large.
     Radius,
-    /// A query wants 0 photons.
+    /// A query for 0 photons.
     NoNeighbors,
     /// A query has neither a number of photons nor a finite radius.
     Unbounded,
     /// The cosine or the thickness of a query is NaN, or the thickness is negative.
     Cutoff,
-    /// The k nearest photons all lie exactly at the query, so that they cover no area.
+    /// The k nearest photons all lie exactly at the query point, so that they cover no area.
     NoArea,
     /// The speed of a space-time metric is negative, not finite or too large.
     Speed,
-    /// Space-time neighbours are asked of photons without a time stamp of their own.
+    /// A space-time query of a map with photons that have no time stamp of their own.
     NotStamped,
     /// Arrays that belong together differ in length.
     Length {
@@ -109,7 +109,7 @@ impl fmt::Display for GatherError {
             GatherError::NoNeighbors => f.write_str("a query for 0 photons has no density; ask for at least 1"),
             GatherError::Unbounded => f.write_str("give a query a number of photons, a radius or both"),
             GatherError::Cutoff => f.write_str("a cosine must not be NaN, and a thickness must be at least 0"),
-            GatherError::NoArea => f.write_str("the nearest photons all lie at the query; give it a radius alone"),
+            GatherError::NoArea => f.write_str("the nearest photons all lie at the query point; use a radius alone"),
             GatherError::Speed => write!(f, "a speed must be from 0 to {MAX_POINT_COORDINATE:e}"),
             GatherError::NotStamped => f.write_str("space-time neighbours need photons with a time stamp only"),
             GatherError::Length { expected, found } => write!(f, "{found} elements where {expected} are needed"),

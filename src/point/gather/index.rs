@@ -1,9 +1,9 @@
-//! Where photons are, whatever they carry: the trees and what the tests of a query need.
+//! The index of a photon map: the trees over photon positions, and the data that the tests of a query need.
 //!
-//! Photons with a time stamp lie in a tree over space and time, the others in a [`PointTree`]: those that live for a
-//! while, and those that are carried along, which live in it for as long as a window can see them. Each photon has a
-//! *place*: its number in the order of the first tree, or behind all of that one its number among the others. What
-//! belongs to photons is kept by place, so that what is near in space and time is near in memory.
+//! Photons with a time stamp are in a tree over space and time, the others in a [`PointTree`]: those that exist for a
+//! while, and those that move with their surface, which are active in it for as long as a window can reach them. Each
+//! photon has a *place*: its index in the order of the first tree, or, after all photons of that one, its index among the
+//! others. Photon data are stored by place, so that photons that are near in space and time are near in memory.
 
 use super::error::GatherError;
 use super::params::GatherParams;
@@ -22,54 +22,54 @@ use glam::{DVec3, Vec3};
 #[derive(Clone)]
 pub(super) struct Index {
     pub(super) stamped: StampedTree,
-    /// Photons that live for a while or are carried along.
+    /// Photons that exist for a while or move with their surface.
     pub(super) others: Option<PointTree>,
-    riders: Vec<Rider>,
+    unstamped: Vec<UnstampedPhoton>,
     normals: Vec<Vec3>,
     /// The caller's index of each photon.
     pub(super) ids: Vec<u32>,
-    /// Whether some photons are carried along.
+    /// Whether some photons move with their surface.
     pub(super) carried: bool,
-    /// The widest window for photons that are carried along; infinite where there are none.
+    /// The widest window for photons that move with their surface; infinite if there are none.
     pub(super) most_window: f32,
     pub(super) simd: SimdLevel,
 }
 
-/// A photon that lives for a while or is carried along.
+/// A photon that exists for a while or moves with its surface.
 #[derive(Clone, Copy)]
-struct Rider {
+struct UnstampedPhoton {
     open: Vec3,
     close: Vec3,
-    clock: Clock,
+    time_weight: TimeWeight,
 }
 
-/// How the time of a photon is weighed.
+/// How a photon is weighted in time.
 #[derive(Clone, Copy)]
-pub(super) enum Clock {
+pub(super) enum TimeWeight {
     /// By the difference to its stamp.
     Stamp(f32),
-    /// Evenly: with 1 / duration.
+    /// Uniformly: by 1 / duration.
     Even(f32),
 }
 
-/// The riders as a set of points.
-struct Riders<'a> {
-    riders: &'a [Rider],
+/// The unstamped photons as a set of points.
+struct UnstampedPhotons<'a> {
+    unstamped: &'a [UnstampedPhoton],
     alive: &'a [TimeInterval],
     first: u32,
 }
 
-impl PointSet for Riders<'_> {
+impl PointSet for UnstampedPhotons<'_> {
     const WIDE: bool = false;
     fn len(&self) -> usize {
-        self.riders.len()
+        self.unstamped.len()
     }
     fn keys(&self) -> usize {
         2
     }
     fn position(&self, point: usize, key: usize) -> DVec3 {
-        let rider = &self.riders[point];
-        (if key == 0 { rider.open } else { rider.close }).as_dvec3()
+        let photon_at = &self.unstamped[point];
+        (if key == 0 { photon_at.open } else { photon_at.close }).as_dvec3()
     }
     fn alive(&self, point: usize) -> TimeInterval {
         self.alive[point]
@@ -86,7 +86,7 @@ impl Index {
         if photons.len() >= u32::MAX as usize {
             return Err(PointError::TooManyPoints { found: photons.len() }.into());
         }
-        let (mut items, mut riders, mut alive, mut rider_ids) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (mut items, mut unstamped, mut alive, mut unstamped_ids) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut carried = false;
         for (number, photon) in photons.iter().enumerate() {
             if !photon.normal.is_finite() {
@@ -98,16 +98,16 @@ impl Index {
             {
                 return Err(GatherError::PhotonTime { photon: number });
             }
-            let rider = match photon.time {
+            let photon_at = match photon.time {
                 PhotonTime::At(time) => {
                     items.push(Item { at: [at.x, at.y, at.z, time, 0.0], index: number as u32 });
                     continue;
                 }
                 PhotonTime::During(life) => {
                     alive.push(life);
-                    // Lives may be so short that 1 / duration is no f32 number.
+                    // Intervals may be so short that 1 / duration overflows in f32.
                     let even = 1.0 / life.duration().max(f32::MIN_POSITIVE);
-                    Rider { open: at, close: at, clock: Clock::Even(even) }
+                    UnstampedPhoton { open: at, close: at, time_weight: TimeWeight::Even(even) }
                 }
                 PhotonTime::Carried { time, velocity } => {
                     carried = true;
@@ -116,11 +116,11 @@ impl Index {
                     alive.push(TimeInterval::half_open(time - reach, time + reach).unwrap_or(TimeInterval::FULL));
                     let open = checked(at - velocity * time, number, 0)?;
                     let close = checked(at + velocity * (1.0 - time), number, 1)?;
-                    Rider { open, close, clock: Clock::Stamp(time) }
+                    UnstampedPhoton { open, close, time_weight: TimeWeight::Stamp(time) }
                 }
             };
-            riders.push(rider);
-            rider_ids.push(number as u32);
+            unstamped.push(photon_at);
+            unstamped_ids.push(number as u32);
         }
         let first = items.len() as u32;
         let queries = Queries { window: params.window.min(1.0), neighbors: Some(params.neighbors as f32) };
@@ -128,17 +128,17 @@ impl Index {
             let [x, y, z, time, _] = item.at;
             block.set(lane, Vec3::new(x, y, z), time, place);
         });
-        let ids: Vec<u32> = items.iter().map(|item| item.index).chain(rider_ids).collect();
-        let others = if riders.is_empty() {
+        let ids: Vec<u32> = items.iter().map(|item| item.index).chain(unstamped_ids).collect();
+        let others = if unstamped.is_empty() {
             None
         } else {
             let structure = PointParams { structure: params.structure, simd: params.simd, ..PointParams::default() };
-            Some(PointTree::build(&Riders { riders: &riders, alive: &alive, first }, &structure)?)
+            Some(PointTree::build(&UnstampedPhotons { unstamped: &unstamped, alive: &alive, first }, &structure)?)
         };
         Ok(Index {
             stamped,
             others,
-            riders,
+            unstamped,
             normals: ids.iter().map(|&id| photons[id as usize].normal).collect(),
             ids,
             carried,
@@ -147,30 +147,30 @@ impl Index {
         })
     }
 
-    /// How the time of the photon at a place is weighed.
+    /// How the photon at a place is weighted in time.
     #[inline(always)]
-    pub(super) fn clock(&self, place: u32) -> Clock {
+    pub(super) fn time_weight(&self, place: u32) -> TimeWeight {
         match (place as usize).checked_sub(self.stamped.len()) {
-            None => Clock::Stamp(self.stamped.stamp(place)),
-            Some(rider) => self.riders[rider].clock,
+            None => TimeWeight::Stamp(self.stamped.stamp(place)),
+            Some(photon_at) => self.unstamped[photon_at].time_weight,
         }
     }
 
-    /// Whether a window reaches the time of the photon at a place. Of photons in the tree of stamps the search has seen
-    /// to that already, and those that live for a while do not depend on it.
+    /// Whether a window reaches the time of the photon at a place. The search of the tree of stamps has tested that
+    /// already, and photons that exist for a while do not depend on it.
     #[inline(always)]
     pub(super) fn in_window(&self, place: u32, time: f32, window: f32) -> bool {
-        match (place as usize).checked_sub(self.stamped.len()).map(|rider| self.riders[rider].clock) {
-            Some(Clock::Stamp(stamp)) => (stamp - time).abs() <= window,
+        match (place as usize).checked_sub(self.stamped.len()).map(|photon_at| self.unstamped[photon_at].time_weight) {
+            Some(TimeWeight::Stamp(stamp)) => (stamp - time).abs() <= window,
             _ => true,
         }
     }
 
-    /// Where the photon at a place is at a time.
+    /// The position of the photon at a place, at a time.
     pub(super) fn position(&self, place: u32, at: KeyTime) -> Vec3 {
         match (place as usize).checked_sub(self.stamped.len()) {
             None => self.stamped.position(place),
-            Some(rider) => at.position(self.riders[rider].open, self.riders[rider].close),
+            Some(photon_at) => at.position(self.unstamped[photon_at].open, self.unstamped[photon_at].close),
         }
     }
 
@@ -184,7 +184,7 @@ impl Index {
     pub(super) fn bytes(&self) -> usize {
         self.stamped.bytes()
             + self.others.as_ref().map_or(0, |tree| tree.statistics().bytes())
-            + self.riders.capacity() * size_of::<Rider>()
+            + self.unstamped.capacity() * size_of::<UnstampedPhoton>()
             + self.normals.capacity() * size_of::<Vec3>()
             + self.ids.capacity() * size_of::<u32>()
     }

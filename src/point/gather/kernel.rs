@@ -4,12 +4,13 @@
 //! is largest at 0 and nothing beyond 1. An estimate divides by the integral of the weight over the disc (or over the
 //! part of the window that is inside the shutter), so weights need no normalization of their own.
 //!
-//! Nothing here calls a function of the platform but the square root, which IEEE 754 fixes: the same bits everywhere.
+//! The only platform function used is the square root, which IEEE 754 defines exactly: the results have the same bits
+//! everywhere.
 //!
 //! Sources: H. W. Jensen, "Realistic Image Synthesis Using Photon Mapping" (2001), chapter 7.2, for cone and Gaussian;
 //! B. W. Silverman, "Density Estimation for Statistics and Data Analysis" (1986), for Epanechnikov's kernel.
 
-/// How the weight of a photon falls off with its distance in space or time.
+/// The falloff of the weight of a photon with its distance in space or time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Kernel {
     /// 1 inside: least variance, edges are blurred most.
@@ -30,7 +31,7 @@ impl Kernel {
     /// All kernels.
     pub const ALL: [Kernel; 4] = [Kernel::Box, Kernel::Cone, Kernel::Epanechnikov, Kernel::Gaussian];
 
-    /// The weight at `x`, given x² from 0 to 1; what is above counts as 1.
+    /// The weight at `x`, given x² from 0 to 1; larger values count as 1.
     #[inline(always)]
     pub fn weight(self, x_squared: f32) -> f32 {
         let x2 = if x_squared < 1.0 { x_squared } else { 1.0 };
@@ -61,8 +62,8 @@ impl Kernel {
 
     /// The integral of the weight over the times from `begin` to `end`, of a window of this half width around `time`.
     ///
-    /// Dividing by it renormalizes an estimate near the ends of the shutter, where a part of the window has no photons
-    /// because none were traced.
+    /// Dividing by it renormalizes an estimate near the ends of the shutter, where a part of the window is outside of it
+    /// and has no photons.
     ///
     /// ```
     /// use mbkd::point::Kernel;

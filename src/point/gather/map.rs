@@ -1,7 +1,7 @@
-//! The photon map: photons by place, and the density estimate.
+//! The photon map: flux by place, and the density estimate.
 
 use super::error::GatherError;
-use super::index::{Clock, Index};
+use super::index::{Index, TimeWeight};
 use super::params::GatherParams;
 use super::photon::{Flux, Photon};
 use super::query::{GatherQuery, check_place};
@@ -28,7 +28,7 @@ pub struct Gathered<F> {
     pub duration: f32,
     /// How many photons were summed.
     pub count: usize,
-    /// Whether that is as many as were wanted; false for a query by radius alone.
+    /// Whether the wanted number was found; false for a query by radius alone.
     pub reached: bool,
 }
 
@@ -36,16 +36,16 @@ pub struct Gathered<F> {
 ///
 /// The density at (x, t) is estimated as in Cammarano and Jensen, "Time Dependent Photon Mapping" (2002), section 4:
 /// Σ flux · k_s(|p − x| / r) · k_t(|s − t| / w) / (A · D), where A is the integral of the space kernel over the disc of
-/// radius r, and D that of the time kernel over the part of the window that is inside the shutter. A photon that lives
+/// radius r, and D that of the time kernel over the part of the window that is inside the shutter. A photon that exists
 /// for a while has the weight 1 / duration in place of k_t / D.
 ///
 /// With a number k of photons, r is the distance of the (k+1)-th nearest, which is not counted itself: for a locally
-/// constant density the estimate is then unbiased (Loftsgaarden and Quesenberry, 1965). Where a radius is given and
-/// no more than k photons lie within it, r is that radius. Where none is given and the map has no more than k photons that
-/// pass, the farthest of them takes the part of the (k+1)-th. A gather that finds nothing gives no light.
+/// constant density the estimate is then unbiased (Loftsgaarden and Quesenberry, 1965). If a radius is given and
+/// no more than k photons lie within it, r is that radius. If none is given and the map has no more than k photons that
+/// pass, the farthest of them takes the role of the (k+1)-th. A gather that finds no photons returns zero density.
 ///
 /// Sums are taken in order of (distance, index): they have the same bits for any structure, number of threads and
-/// instruction set. Distances are those of [`PointTree`](crate::PointTree); a photon that is carried along from
+/// instruction set. Distances are those of [`PointTree`](crate::PointTree); a photon that moves with its surface from
 /// `position` at `time` with `velocity` moves as the point with the ends `position - velocity * time` and
 /// `position + velocity * (1 - time)`.
 ///
@@ -79,7 +79,7 @@ struct Accept<'a> {
 }
 
 impl Keep for Accept<'_> {
-    const ASKS: bool = true;
+    const FILTERS: bool = true;
     #[inline]
     fn keep(&self, place: u32) -> bool {
         let Accept { index, query, at } = *self;
@@ -91,7 +91,7 @@ impl Keep for Accept<'_> {
     }
 }
 
-/// What a search has to know besides the photons it found.
+/// The disc of a density estimate.
 struct Disc {
     radius: f32,
     squared: f32,
@@ -103,7 +103,7 @@ impl<F: Flux> PhotonMap<F> {
     /// Builds the map of photons: O(n log n) time; about 50 bytes per photon with a time stamp and a flux of 12 bytes.
     ///
     /// Errors: coordinates, normals and fluxes that are not finite, coordinates that are too large, times outside the
-    /// shutter, parameters out of range. An empty map gives no light.
+    /// shutter, parameters out of range. An empty map gives zero density.
     pub fn build(photons: &[Photon<F>], params: &GatherParams) -> Result<PhotonMap<F>, GatherError> {
         if let Some(photon) = photons.iter().position(|photon| !photon.flux.is_finite()) {
             return Err(GatherError::Flux { photon });
@@ -118,7 +118,7 @@ impl<F: Flux> PhotonMap<F> {
         self.flux.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no photons.
     pub fn is_empty(&self) -> bool {
         self.flux.is_empty()
     }
@@ -130,7 +130,7 @@ impl<F: Flux> PhotonMap<F> {
 
     /// The density of light at a place and time.
     ///
-    /// Errors: see [`GatherError`]; a query that finds nothing is none.
+    /// Errors: see [`GatherError`]; it is no error if a query finds no photons.
     pub fn gather(&self, query: &GatherQuery, scratch: &mut GatherScratch) -> Result<Gathered<F>, GatherError> {
         let mut density = F::default();
         let gathered = self.weigh(query, scratch, |place, weight| {
@@ -139,10 +139,10 @@ impl<F: Flux> PhotonMap<F> {
         Ok(Gathered { density, ..gathered })
     }
 
-    /// Hands over the photons of a gather, nearest first, ties by index: `visit(index, weight)`, where the density is
-    /// the sum of what the photons carry, times their weights. For reflectances that depend on more than the flux.
+    /// Visits the photons of a gather, nearest first, ties by index: `visit(index, weight)`, where the density is
+    /// the sum of the fluxes times the weights. For reflectances that depend on more than the flux.
     ///
-    /// The density of the answer is left at no light.
+    /// The density of the answer is zero.
     pub fn gather_each(
         &self,
         query: &GatherQuery,
@@ -152,9 +152,9 @@ impl<F: Flux> PhotonMap<F> {
         self.weigh(query, scratch, |place, weight| visit(self.index.ids[place as usize], weight))
     }
 
-    /// Many gathers, on several threads, the answers in their order: what [`PhotonMap::gather`] gives for each of them.
+    /// A batch of gathers, on several threads: the answers of [`PhotonMap::gather`], in the order of the queries.
     ///
-    /// Allocates the answers and a scratch for each 512 of them. The error is that of the first query that has one.
+    /// Allocates the answers and a scratch for each 512 of them. The error is that of the first query with an error.
     pub fn gather_batch(&self, queries: &[GatherQuery]) -> Result<Vec<Gathered<F>>, GatherError> {
         queries.iter().try_for_each(|query| query.check())?;
         let places: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
@@ -171,7 +171,7 @@ impl<F: Flux> PhotonMap<F> {
     }
 
     /// The `k` photons nearest in a metric of space and time, `|p − position|² + (speed · (s − time))²`, in order of
-    /// (distance, index); all where there are fewer. For windows that adapt to what is there.
+    /// (distance, index); all if there are fewer. For windows that adapt to the photons.
     ///
     /// The squared distance is computed in f32 as `((dx·dx + dy·dy) + dz·dz) + dt·dt` with `dt = |s − time| · speed`.
     /// Errors: bad input, and photons without a stamp of their own in the map.
@@ -213,7 +213,7 @@ impl<F: Flux> PhotonMap<F> {
         Ok(&scratch.buffer.found)
     }
 
-    /// Finds the photons of a query and hands over their places and weights.
+    /// Finds the photons of a query and visits their places and weights.
     fn weigh(
         &self,
         query: &GatherQuery,
@@ -226,7 +226,7 @@ impl<F: Flux> PhotonMap<F> {
             return Err(GatherError::WindowTooWide { most: index.most_window });
         }
         let disc = find(index, query, &mut scratch.buffer);
-        let duration = query.clock.over_time(query.time.into(), query.window.into(), 0.0, 1.0) as f32;
+        let duration = query.time_weight.over_time(query.time.into(), query.window.into(), 0.0, 1.0) as f32;
         let per_duration = 1.0 / duration;
         let gathered = |count| Gathered {
             density: F::default(),
@@ -247,12 +247,12 @@ impl<F: Flux> PhotonMap<F> {
             return Err(GatherError::NoArea);
         }
         for near in &scratch.buffer.found[..disc.count] {
-            let in_time = match index.clock(near.id) {
-                Clock::Stamp(stamp) => {
+            let in_time = match index.time_weight(near.id) {
+                TimeWeight::Stamp(stamp) => {
                     let x = (stamp - query.time) / query.window;
-                    query.clock.weight(x * x) * per_duration
+                    query.time_weight.weight(x * x) * per_duration
                 }
-                Clock::Even(even) => even,
+                TimeWeight::Even(even) => even,
             };
             let in_space = query.space.weight(near.distance_squared / disc.squared);
             visit(near.id, in_space * in_time * per_area);
@@ -267,10 +267,10 @@ impl<F> core::fmt::Debug for PhotonMap<F> {
     }
 }
 
-/// The photons of a query, in order, in the buffer; and the disc they lie in.
+/// Finds the photons of a query, in order, into the buffer; returns the disc of the estimate.
 fn find(index: &Index, query: &GatherQuery, buffer: &mut NeighborBuffer) -> Disc {
-    // Whether the window reaches photons that are carried along is told by the test only.
-    if query.asks() || index.carried {
+    // The window of photons that move with their surface is tested by the filter only.
+    if query.has_filter() || index.carried {
         let accept = Accept { index, query, at: KeyTime::new(query.time, 2) };
         find_kept(index, query, &accept, buffer)
     } else {
@@ -288,10 +288,10 @@ fn find_kept(index: &Index, query: &GatherQuery, keep: &impl Keep, buffer: &mut 
     };
     search.nearest(k.saturating_add(1), bound, buffer);
     let found = &buffer.found;
-    let rim = if found.len() > k || radius == f32::INFINITY { found.last() } else { None };
-    match rim {
-        Some(rim) => {
-            let (squared, count) = (rim.distance_squared, found.len() - 1);
+    let outermost = if found.len() > k || radius == f32::INFINITY { found.last() } else { None };
+    match outermost {
+        Some(outermost) => {
+            let (squared, count) = (outermost.distance_squared, found.len() - 1);
             Disc { radius: squared.sqrt(), squared, count, reached: count >= k }
         }
         None => Disc { radius, squared: bound, count: found.len(), reached: found.len() >= k },

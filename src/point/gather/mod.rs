@@ -1,12 +1,12 @@
 //! Gathering photons at a time: density estimates over photons that have a time of their own.
 //!
-//! A photon map answers how much light arrives at a place *at a time*: photons are weighed by their distance in space
-//! and by how far their own time is from the query's ([`PhotonMap`]). The other way round, for progressive photon
-//! mapping, visible points wait for photons ([`VisiblePoints`]).
+//! A photon map estimates how much light arrives at a place *at a time*: photons are weighted by their distance in space
+//! and by the difference of their time to the query's ([`PhotonMap`]). The inverse, for progressive photon
+//! mapping, finds the visible points that each photon contributes to ([`VisiblePoints`]).
 //!
-//! Data flows `photon` (input) → `span_order` (who is whose neighbour in space and time) → `span_tree` (boxes) →
-//! `span_view`, `stamped` (the tree as the searches of this crate see it) → `index` and `search` (finding) → `map` (summing).
-//! docs/gather.md says when to use which form.
+//! Data flows `photon` (input) → `span_order` (ordering in space and time) → `span_tree` (boxes) →
+//! `span_view`, `stamped` (the views that the searches of this crate use) → `index` and `search` (finding) → `map`
+//! (summing). docs/gather.md tells when to use which form.
 //!
 //! Sources: M. Cammarano and H. W. Jensen, "Time Dependent Photon Mapping" (2002); T. Hachisuka, S. Ogaki and H. W.
 //! Jensen, "Progressive Photon Mapping" (2008); T. Hachisuka and H. W. Jensen, "Stochastic Progressive Photon Mapping"

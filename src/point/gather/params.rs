@@ -1,19 +1,19 @@
-//! How a photon map is built.
+//! Parameters of photon maps.
 
 use super::error::GatherError;
 use crate::point::tree::PointStructure;
 use crate::simd::SimdLevel;
 
-/// How a photon map, or a set of visible points, is built. Answers do not depend on it, but for the limit that
-/// `window` is for photons that are carried along.
+/// How a photon map, or a set of visible points, is built. Answers do not depend on it, except that
+/// `window` is a limit for photons that move with their surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GatherParams {
-    /// Half width of the window that queries will mostly have; default 0.05. The tree is built for it. Photons that
-    /// are carried along take part in gathers with a window up to this only.
+    /// The typical half width of the window of queries; default 0.05. The tree is optimized for it. Photons that
+    /// move with their surface take part in gathers with a window up to this only.
     pub window: f32,
-    /// Photons that queries will mostly want, or find within their radius; default 50. The tree is built for it.
+    /// The typical number of photons of a query; default 50. The tree is optimized for it.
     pub neighbors: u32,
-    /// Structure of photons that live for a while or are carried along; default: automatic.
+    /// Structure of photons that exist for a while or move with their surface; default: automatic.
     pub structure: PointStructure,
     /// Instruction set of the queries. Default: the widest of this CPU.
     pub simd: SimdLevel,

@@ -1,10 +1,10 @@
-//! Photons as callers give them: where, on which surface, how much light, and when.
+//! Photons as callers give them: position, normal, flux and time.
 
 use crate::geometry::TimeInterval;
 use core::ops::{Add, Mul};
 use glam::{Vec3, Vec4};
 
-/// What photons carry: light in as many channels as the caller wants. `Default` is no light.
+/// The flux of photons: light in any number of channels. `Default` is no light.
 ///
 /// Implemented for `f32`, [`Vec3`] and [`Vec4`]; for spectra of your own implement the sum, the product with a weight,
 /// and the check.
@@ -31,18 +31,18 @@ impl Flux for Vec4 {
     }
 }
 
-/// When a photon counts, and whether it moves.
+/// The time of a photon, and whether it moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PhotonTime {
-    /// It arrived at this time and stays where it arrived. A gather weighs it by how far its own time is from that.
+    /// It arrived at this time and stays where it arrived. A gather weights it by the difference of the times.
     At(f32),
-    /// It stands for light that arrives evenly during this interval. A gather at a time in it counts the photon with
-    /// the weight 1 / duration (at most 2^126); the gather's window has no part in it.
+    /// It represents light that arrives uniformly during this interval. A gather at a time in it counts the photon with
+    /// the weight 1 / duration (at most 2^126), whatever the gather's window is.
     During(TimeInterval),
-    /// It arrived at `time` on something that moves: at another time t it is at `position + velocity * (t - time)`. A
-    /// gather weighs it like [`PhotonTime::At`].
+    /// It arrived at `time` on a moving surface: at another time t it is at `position + velocity * (t - time)`. A
+    /// gather weights it like [`PhotonTime::At`].
     Carried {
-        /// When it arrived.
+        /// The time of its arrival.
         time: f32,
         /// Velocity in units of space per shutter.
         velocity: Vec3,
@@ -58,7 +58,7 @@ pub struct Photon<F> {
     pub normal: Vec3,
     /// The light that it carries: energy over the whole shutter.
     pub flux: F,
-    /// When.
+    /// Its time.
     pub time: PhotonTime,
 }
 

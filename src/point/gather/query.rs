@@ -1,4 +1,4 @@
-//! What a gather is asked.
+//! The query of a gather.
 
 use super::error::GatherError;
 use super::kernel::Kernel;
@@ -6,8 +6,7 @@ use crate::limits::MAX_POINT_COORDINATE;
 use core::fmt;
 use glam::Vec3;
 
-/// A gather in preparation: where, on which surface, when; how many photons, how far, which of them, and how they are
-/// weighed. Give it a number of photons ([`GatherQuery::nearest`]), a radius, or both.
+/// A gather in preparation: position, normal, time; number of photons, radius, filters, and kernels. Give it a number of photons ([`GatherQuery::nearest`]), a radius, or both.
 ///
 /// ```
 /// use mbkd::glam::Vec3;
@@ -22,7 +21,7 @@ use glam::Vec3;
 /// # let _ = query;
 /// ```
 #[derive(Clone, Copy)]
-#[must_use = "a query does nothing until a map is asked"]
+#[must_use = "a query does nothing until it is passed to a map"]
 pub struct GatherQuery<'f> {
     pub(super) position: Vec3,
     pub(super) normal: Vec3,
@@ -33,13 +32,13 @@ pub struct GatherQuery<'f> {
     pub(super) cosine: Option<f32>,
     pub(super) thickness: Option<f32>,
     pub(super) space: Kernel,
-    pub(super) clock: Kernel,
+    pub(super) time_weight: Kernel,
     pub(super) filter: Option<&'f (dyn Fn(u32) -> bool + Sync)>,
 }
 
 impl<'f> GatherQuery<'f> {
-    /// A gather at a place with a unit normal, at a time of the shutter. Unless refined it takes photons of all times,
-    /// of all normals, and weighs them equally.
+    /// A gather at a place with a unit normal, at a time of the shutter. By default it takes photons of all times and
+    /// all normals, and weights them equally.
     pub fn new(position: Vec3, normal: Vec3, time: f32) -> GatherQuery<'f> {
         GatherQuery {
             position,
@@ -51,7 +50,7 @@ impl<'f> GatherQuery<'f> {
             cosine: None,
             thickness: None,
             space: Kernel::Box,
-            clock: Kernel::Box,
+            time_weight: Kernel::Box,
             filter: None,
         }
     }
@@ -67,8 +66,8 @@ impl<'f> GatherQuery<'f> {
         GatherQuery { radius, ..self }
     }
 
-    /// Half width of the window in time: photons stamped at s count where `|s - time| <= window` (in f32). Infinite
-    /// means that time is ignored.
+    /// Half width of the window in time: photons stamped at s count where `|s - time| <= window` (in f32). If it is
+    /// infinite, time is ignored.
     pub fn window(self, window: f32) -> Self {
         GatherQuery { window, ..self }
     }
@@ -83,13 +82,13 @@ impl<'f> GatherQuery<'f> {
         GatherQuery { thickness: Some(most), ..self }
     }
 
-    /// How photons are weighed by distance in space and in time.
+    /// The kernels that weight photons by distance in space and in time.
     pub fn kernels(self, space: Kernel, time: Kernel) -> Self {
-        GatherQuery { space, clock: time, ..self }
+        GatherQuery { space, time_weight: time, ..self }
     }
 
     /// Only photons whose index among those that the map was built from the predicate returns true for. It must be
-    /// pure: it may be asked more than once, or never.
+    /// pure: it may be called more than once, or never.
     pub fn filter(self, predicate: &'f (dyn Fn(u32) -> bool + Sync)) -> Self {
         GatherQuery { filter: Some(predicate), ..self }
     }
@@ -108,12 +107,12 @@ impl<'f> GatherQuery<'f> {
         fine(!used || (self.normal.length_squared() - 1.0).abs() < 0.01, GatherError::Normal)
     }
 
-    /// Whether photons have to be looked at one by one.
-    pub(super) fn asks(&self) -> bool {
+    /// Whether photons have to be tested one by one.
+    pub(super) fn has_filter(&self) -> bool {
         self.cosine.is_some() || self.thickness.is_some() || self.filter.is_some()
     }
 
-    /// Whether a photon with this normal and at this place passes.
+    /// Whether a photon with this normal and position passes.
     #[inline(always)]
     pub(super) fn accepts(&self, normal: impl FnOnce() -> Vec3, position: impl FnOnce() -> Vec3) -> bool {
         self.cosine.is_none_or(|least| normal().dot(self.normal) >= least)

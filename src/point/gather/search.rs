@@ -1,15 +1,16 @@
-//! Finding the photons of a gather: the searches of this module's siblings over both trees of an index.
+//! Finding the photons of a gather: the searches of [`crate::point::search`] over both trees of an index.
 //!
-//! Searches know photons by place, and places depend on the tree. What callers get must not: among photons at the
-//! same distance the one with the lower index comes first. Ties are rare, so they are put right afterwards: inside the
-//! answer by sorting runs of equal distances, and where they reach beyond its end by a search for all of them.
+//! Searches identify photons by place, and places depend on the tree. Answers must not: among photons at the
+//! same distance the one with the lower index comes first. Ties are rare, so they are resolved afterwards: inside the
+//! answer by sorting runs of equal distances, and beyond its end by a search for all photons at that distance.
 
 use super::index::Index;
 use super::span_view::SpanView;
 use super::stamped::{Scale, StampedView};
-use crate::point::compiled::{Search, append};
+use crate::point::compiled::{Query, append};
 use crate::point::counted::walk_counted;
 use crate::point::neighbor::Neighbor;
+use crate::point::partition::QueriedLayers;
 use crate::point::query::NeighborBuffer;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::k_nearest::KNearest;
@@ -58,13 +59,13 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         if let Some(tree) = self.others() {
             let (point, exact, time) = (self.point, self.point.as_dvec3(), self.time);
             let kept = |places: &_, mask| self.keep.kept(places, mask);
-            append(&Search { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
+            append(&Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
         }
         all_in_order(self.index.simd, candidates, found);
         self.settle_ties(found);
     }
 
-    /// Puts photons at the same distance into the order of their indices.
+    /// Sorts photons at the same distance by their indices.
     fn settle_ties(&self, found: &mut [Neighbor]) {
         let tied = |pair: &[Neighbor]| pair[0].distance_squared == pair[1].distance_squared;
         if found.windows(2).any(tied) {
@@ -74,7 +75,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         }
     }
 
-    /// Photons without a stamp, which a metric knows nothing of.
+    /// Photons without a stamp, which do not take part in a metric.
     #[inline(always)]
     fn others(&self) -> Option<&PointTree> {
         if METRIC { None } else { self.index.others.as_ref() }
@@ -82,7 +83,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
 
     #[inline(always)]
     fn view(&self) -> StampedView<'_, METRIC> {
-        SpanView { tree: &self.index.stamped, time: self.time, look: Scale(self.scale) }
+        SpanView { tree: &self.index.stamped, time: self.time, measure: Scale(self.scale) }
     }
 }
 
@@ -108,11 +109,12 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
             if let Some(tree) = of.others() {
                 // Compiled for searches with any filter.
                 let kept = |places: &_, mask| of.keep.kept(places, mask);
-                search.lend(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
-                    walk_counted(of.index.simd, &tree.layers, (of.point, of.time), search);
+                search.with_filter(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
+                    let trees = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
+                    walk_counted(of.index.simd, trees, search);
                 });
             }
-            if !search.again() {
+            if !search.retry() {
                 break;
             }
         }
@@ -133,7 +135,7 @@ impl<K: Keep, const METRIC: bool> Kernel for Within<'_, '_, K, METRIC> {
         let view = of.view();
         let mut sink = Gather { candidates, keep: of.keep };
         // A sink that never breaks.
-        let _ = within(s, &view, &view.target(s, of.point), bound, &mut sink, &mut ());
+        let _ = within(s, &view, &view.target(s, of.point), bound, &mut sink);
     }
 }
 

@@ -1,9 +1,9 @@
-//! Bringing things that have a place, a time and perhaps a reach into the order of a complete tree.
+//! Ordering items with a position, a time and perhaps a radius for a complete tree.
 //!
-//! The picture to have in mind: boxes in space and time, grown by what a query can reach. The larger the grown boxes of
-//! two halves are, the more queries go into both. So a range is divided along the axis (x, y, z, time, or the reach
-//! itself) for which the grown boxes of the halves are least: a surface area heuristic for balls. Where the reach
-//! of queries is unknown because they want a number of neighbours, it is the radius that should hold them.
+//! The picture to have in mind: boxes in space and time, expanded by the radius and the window of a query. The larger the
+//! expanded boxes of two halves are, the more queries enter both. So a range is divided along the axis (x, y, z, time, or
+//! the radius itself) for which the expanded boxes of the halves are smallest: a surface area heuristic for balls. If the
+//! radius of queries is unknown because they have a number of neighbours, it is the radius that should hold these.
 //!
 //! The tree is that of [`Shape`](crate::point::static_tree::Shape): all subtrees full but the last of each level.
 
@@ -11,35 +11,35 @@ use crate::point::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::order::join;
 use crate::simd::LANES;
 
-/// Channels of an item: x, y, z, time, reach.
+/// Channels of an item: x, y, z, time, radius.
 pub(super) const CHANNELS: usize = 5;
 
 /// The channel of the time.
 pub(super) const TIME: usize = 3;
 
-/// The channel of the reach.
-pub(super) const REACH: usize = 4;
+/// The channel of the radius.
+pub(super) const RADIUS: usize = 4;
 
-/// Something to be ordered.
+/// An item to be ordered.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Item {
     pub(super) at: [f32; CHANNELS],
     pub(super) index: u32,
 }
 
-/// What queries reach.
+/// The extent of queries.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Queries {
     /// Half width of their window.
     pub(super) window: f32,
-    /// How many neighbours they want; `None` where the items' own reach says how far they look.
+    /// Their number of neighbours; `None` if the items have radii of their own.
     pub(super) neighbors: Option<f32>,
 }
 
-/// Ranges shorter than this are not shared between threads.
+/// Ranges shorter than this are not divided among threads.
 const SHARE: usize = 1 << 14;
 
-/// Most items that are looked at to choose an axis.
+/// The largest number of items that are sampled to choose an axis.
 const SAMPLE: usize = 128;
 
 /// Orders items so that leaf i holds the i-th run of sixteen.
@@ -63,18 +63,18 @@ fn divide(items: &mut [Item], block: usize, queries: &Queries) {
     }
 }
 
-/// The channel along which halves are best apart.
+/// The channel along which the halves overlap least.
 fn best_channel(items: &[Item], queries: &Queries) -> usize {
     let step = (items.len() / SAMPLE).max(1);
     let (mut lo, mut hi) = ([f32::INFINITY; CHANNELS], [f32::NEG_INFINITY; CHANNELS]);
-    let mut reaches = [0.0; 2 * SAMPLE];
+    let mut radii = [0.0; 2 * SAMPLE];
     let mut count = 0;
     for item in items.iter().step_by(step) {
         for channel in 0..CHANNELS {
             lo[channel] = lo[channel].min(item.at[channel]);
             hi[channel] = hi[channel].max(item.at[channel]);
         }
-        reaches[count] = item.at[REACH];
+        radii[count] = item.at[RADIUS];
         count += 1;
     }
     let extent: [f64; CHANNELS] = core::array::from_fn(|c| f64::from(hi[c]) - f64::from(lo[c]));
@@ -87,7 +87,7 @@ fn best_channel(items: &[Item], queries: &Queries) -> usize {
             let area = sides[2] * sides[1].max(1e-3 * sides[2]);
             (f64::from(k) * area / (core::f64::consts::PI * items.len() as f64 * share)).sqrt()
         }
-        None => f64::from(hi[REACH]),
+        None => f64::from(hi[RADIUS]),
     };
     let grown = |extent: &[f64; CHANNELS], reach: f64| -> f64 {
         extent[..TIME].iter().map(|side| side + 2.0 * reach).product::<f64>() * (extent[TIME] + window)
@@ -98,16 +98,16 @@ fn best_channel(items: &[Item], queries: &Queries) -> usize {
         2.0 * grown(&half, reach)
     };
     let mut best = (halved(0), 0);
-    for channel in 1..REACH {
+    for channel in 1..RADIUS {
         let cost = halved(channel);
         if cost < best.0 {
             best = (cost, channel);
         }
     }
-    if queries.neighbors.is_none() && lo[REACH] < hi[REACH] {
-        let (_, median, _) = reaches[..count].select_nth_unstable_by(count / 2, f32::total_cmp);
+    if queries.neighbors.is_none() && lo[RADIUS] < hi[RADIUS] {
+        let (_, median, _) = radii[..count].select_nth_unstable_by(count / 2, f32::total_cmp);
         if grown(&extent, f64::from(*median)) + grown(&extent, reach) < best.0 {
-            return REACH;
+            return RADIUS;
         }
     }
     best.1

@@ -1,9 +1,9 @@
 //! The complete tree over boxes in space and time.
 //!
-//! Sixteen things in a block, sixteen blocks below a bottom node, sixteen nodes below each node above; no pointers. A
-//! node has the boxes of its children in x, y, z and time. What a block holds, and so which box is around it, is its
-//! own affair ([`SpanBlock`]): points with a time stamp, or balls of visible points. Boxes can be fitted anew when
-//! what is in the blocks has changed.
+//! Sixteen items in a block, sixteen blocks below a bottom node, sixteen nodes below each node above; no pointers. A
+//! node has the boxes of its children in x, y, z and time. The contents of a block, and so its box, are generic
+//! ([`SpanBlock`]): points with a time stamp, or balls of visible points. Boxes can be refitted when the contents of the
+//! blocks have changed.
 
 use super::span_order::{Item, Queries, order};
 use crate::parallel;
@@ -13,18 +13,18 @@ use crate::simd::{LANES, Lanes, Simd, huge_vec_of};
 /// A box in space and time: lower and upper ends in x, y, z, time.
 pub(super) type Span = [[f32; 4]; 2];
 
-/// A block of sixteen things.
+/// A block of sixteen items.
 pub(super) trait SpanBlock: Copy + Send + Sync {
-    /// A block without anything.
+    /// A block without items.
     const EMPTY: Self;
-    /// The box around what is in it.
+    /// The box around its items.
     fn span(&self) -> Span;
-    /// What its things are called in answers.
-    fn names(&self) -> &Lanes<u32>;
+    /// The ids of its items in answers.
+    fn ids(&self) -> &Lanes<u32>;
 }
 
-/// Sixteen boxes in rows. Where there is none, the lower ends are above the upper ones; times stay finite, so that their
-/// products with 0 do.
+/// Sixteen boxes in rows. Absent boxes have lower ends above the upper ones; their times are finite, so that products
+/// with 0 are finite too.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct SpanNode {
@@ -32,7 +32,7 @@ pub(super) struct SpanNode {
     hi: [Lanes<f32>; 4],
 }
 
-/// Nothing, to be grown.
+/// The empty box.
 const NOTHING: Span = [
     [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::MAX],
     [f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, -f32::MAX],
@@ -79,7 +79,7 @@ pub(super) fn join(a: &Span, b: &Span) -> Span {
     [least, core::array::from_fn(|axis| a[1][axis].max(b[1][axis]))]
 }
 
-/// The box around lanes of a block, each of which is given as one; `None` where there is nothing.
+/// The box around some lanes of a block, each given as a box.
 pub(super) fn around(lanes: impl Iterator<Item = Span>) -> Span {
     lanes.fold(NOTHING, |all, lane| join(&all, &lane))
 }
@@ -93,12 +93,12 @@ pub(super) struct SpanTree<B> {
     count: usize,
 }
 
-/// Bottom nodes that one thread fits at a time.
+/// Number of bottom nodes that one thread fits at a time.
 const SHARE: usize = 32;
 
 impl<B: SpanBlock> SpanTree<B> {
-    /// Orders items and builds the tree. `put` writes an item into a lane of a block; things get
-    /// places in the order of the tree: sixteen times the number of the block, plus the lane.
+    /// Orders items and builds the tree. `put` writes an item into a lane of a block; items get
+    /// places in the order of the tree: sixteen times the index of the block, plus the lane.
     pub(super) fn build(items: &mut [Item], queries: &Queries, put: impl Fn(&mut B, usize, &Item, u32) + Sync) -> Self {
         order(items, queries);
         let shape = Shape::with_leaf(items.len(), 1);
@@ -119,12 +119,12 @@ impl<B: SpanBlock> SpanTree<B> {
         tree
     }
 
-    /// Fits the boxes to what is in the blocks: O(n), without ordering anything.
+    /// Fits the boxes to the blocks: O(n), without reordering.
     pub(super) fn fit(&mut self) {
         self.change(|_| ());
     }
 
-    /// Changes blocks, and fits the boxes to them.
+    /// Changes blocks, and refits the boxes.
     pub(super) fn change(&mut self, change: impl Fn(&mut B) + Sync) {
         let SpanTree { nodes, blocks, shape, .. } = self;
         let bottom = &mut nodes[..shape.begin[1]];
@@ -151,7 +151,7 @@ impl<B: SpanBlock> SpanTree<B> {
 }
 
 impl<B> SpanTree<B> {
-    /// Number of things.
+    /// Number of items.
     pub(super) fn len(&self) -> usize {
         self.count
     }

@@ -1,31 +1,31 @@
-//! A tree over space and time as a search sees it: the descent is the same whatever is looked for.
+//! The view of a tree over space and time: one traversal for all distance measures.
 
 use super::span_tree::{SpanBlock, SpanNode, SpanTree};
 use crate::point::snapshot::{Leaves, Target, View, diagonal};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::Vec3;
 
-/// How far things and boxes are from a query: infinitely, where they do not count.
-pub(super) trait Look<B>: Copy {
+/// Distances of items and boxes from a query: infinite if they do not count.
+pub(super) trait Measure<B>: Copy {
     /// See [`View::BALL`].
     const BALL: f32;
-    /// Squared distances to what is in a block.
+    /// Squared distances to the items of a block.
     fn distances<S: Simd>(&self, s: S, target: &Target<S>, block: &B) -> S::F;
     /// Squared distances to boxes, and which of them hold the query.
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: &SpanNode) -> (S::F, Mask);
-    /// What counts as the squared diagonals of boxes, given those in space.
+    /// The effective squared diagonals of boxes, given those in space.
     fn sizes<S: Simd>(&self, s: S, target: &Target<S>, node: &SpanNode, in_space: S::F) -> S::F;
 }
 
-/// The tree at a time, looked at in a certain way.
+/// The tree at a time, with a distance measure.
 #[derive(Clone, Copy)]
 pub(super) struct SpanView<'a, B, L> {
     pub(super) tree: &'a SpanTree<B>,
     pub(super) time: f32,
-    pub(super) look: L,
+    pub(super) measure: L,
 }
 
-impl<B: SpanBlock, L: Look<B>> Leaves for SpanView<'_, B, L> {
+impl<B: SpanBlock, L: Measure<B>> Leaves for SpanView<'_, B, L> {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
         1
@@ -36,10 +36,10 @@ impl<B: SpanBlock, L: Look<B>> Leaves for SpanView<'_, B, L> {
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        self.look.distances(s, target, &self.tree.blocks()[block])
+        self.measure.distances(s, target, &self.tree.blocks()[block])
     }
     #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
+    fn prefetch_leaf(&self, block: usize) {
         if let Some(block) = self.tree.blocks().get(block) {
             prefetch(block);
         }
@@ -50,11 +50,11 @@ impl<B: SpanBlock, L: Look<B>> Leaves for SpanView<'_, B, L> {
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
-        self.tree.blocks()[block].names()
+        self.tree.blocks()[block].ids()
     }
 }
 
-impl<B: SpanBlock, L: Look<B>> View for SpanView<'_, B, L> {
+impl<B: SpanBlock, L: Measure<B>> View for SpanView<'_, B, L> {
     const BALL: f32 = L::BALL;
 
     #[inline(always)]
@@ -71,16 +71,16 @@ impl<B: SpanBlock, L: Look<B>> View for SpanView<'_, B, L> {
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
-        self.look.boxes(s, target, self.tree.node(node))
+        self.measure.boxes(s, target, self.tree.node(node))
     }
     #[inline(always)]
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
         let node = self.tree.node(node);
         let (lo, hi) = node.in_space(s);
-        self.look.sizes(s, target, node, diagonal::<S>(lo, hi))
+        self.measure.sizes(s, target, node, diagonal::<S>(lo, hi))
     }
     #[inline(always)]
-    fn expect_node(&self, node: usize) {
+    fn prefetch_node(&self, node: usize) {
         prefetch(self.tree.node(node));
     }
 }

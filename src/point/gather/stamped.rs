@@ -1,12 +1,12 @@
-//! Photons with a time stamp: a tree over space and time, looked at through a window or through a metric.
+//! Photons with a time stamp: a tree over space and time, searched with a window or with a metric.
 //!
-//! The searches of this crate ask a view for squared distances to boxes and points. Here there are two of them:
-//! through a *window* what lies outside is infinitely far away and the rest as far as it is in space; through a
+//! The searches of this crate need squared distances to boxes and points. There are two measures:
+//! with a *window*, photons outside of it are infinitely far away and the others have their distance in space; with a
 //! *metric* the time difference, multiplied by a speed, is a fourth coordinate. Both are monotone in each coordinate
-//! after rounding, so a box is never farther than what is in it (the proof in [`crate::point::snapshot`] holds word for word).
+//! after rounding, so a box is never farther than its photons (the proof in [`crate::point::snapshot`] applies unchanged).
 
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
-use super::span_view::{Look, SpanView};
+use super::span_view::{Measure, SpanView};
 use crate::point::snapshot::{Target, outside, rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
@@ -42,7 +42,7 @@ impl SpanBlock for StampedBlock {
     }
 
     #[inline(always)]
-    fn names(&self) -> &Lanes<u32> {
+    fn ids(&self) -> &Lanes<u32> {
         &self.place
     }
 }
@@ -51,7 +51,7 @@ impl SpanBlock for StampedBlock {
 pub(super) type StampedTree = SpanTree<StampedBlock>;
 
 impl StampedTree {
-    /// Where the photon at a place is.
+    /// The position of the photon at a place.
     pub(super) fn position(&self, place: u32) -> Vec3 {
         let (block, lane) = (&self.blocks()[place as usize / LANES], place as usize % LANES);
         Vec3::new(block.at[0][lane], block.at[1][lane], block.at[2][lane])
@@ -64,16 +64,16 @@ impl StampedTree {
     }
 }
 
-/// The tree through a window, or with `METRIC` through a metric of space and time.
+/// The tree with a window, or with `METRIC` with a metric of space and time.
 pub(super) type StampedView<'a, const METRIC: bool> = SpanView<'a, StampedBlock, Scale<METRIC>>;
 
-/// Half the width of the window: what was stamped within it of the time counts. With `METRIC` the speed of the metric:
-/// everything counts, and a time difference is as long as the way at that speed in it.
+/// Half the width of the window: photons stamped within it of the time count. With `METRIC` the speed of the metric:
+/// all photons count, and a time difference is as long as the distance covered in it at that speed.
 #[derive(Clone, Copy)]
 pub(super) struct Scale<const METRIC: bool>(pub(super) f32);
 
 impl<const METRIC: bool> Scale<METRIC> {
-    /// Squared distances in space, and what the difference in time makes of them.
+    /// Squared distances from those in space and the differences in time.
     #[inline(always)]
     fn far<S: Simd>(&self, s: S, in_space: S::F, in_time: S::F) -> S::F {
         let scale = s.splat(self.0);
@@ -86,7 +86,7 @@ impl<const METRIC: bool> Scale<METRIC> {
     }
 }
 
-impl<const METRIC: bool> Look<StampedBlock> for Scale<METRIC> {
+impl<const METRIC: bool> Measure<StampedBlock> for Scale<METRIC> {
     const BALL: f32 = 0.18;
 
     #[inline(always)]
@@ -105,7 +105,7 @@ impl<const METRIC: bool> Look<StampedBlock> for Scale<METRIC> {
         let near = if METRIC { s.splat(0.0) } else { s.splat(self.0) };
         (self.far(s, in_space, in_time), holding & s.le(in_time, near))
     }
-    /// Through a window only a part of a leaf is there, and a ball has to be larger to hold as many.
+    /// With a window only a part of a leaf counts, and a ball has to be larger to hold as many.
     #[inline(always)]
     fn sizes<S: Simd>(&self, s: S, target: &Target<S>, node: &SpanNode, in_space: S::F) -> S::F {
         let (lo, hi) = node.in_time(s);

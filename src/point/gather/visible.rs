@@ -1,8 +1,8 @@
-//! The inverse of a gather: visible points wait, photons come and find the points they contribute to.
+//! The inverse of a gather: a tree over visible points, in which photons find the points they contribute to.
 //!
 //! The picture to have in mind: each visible point is a ball in space at a time, with a radius of its own. The boxes of
-//! the tree are around the balls, so a photon goes into a box only if it lies in it, and its window reaches the times in
-//! it. When radii shrink between passes the order of the tree stays and its boxes are fitted anew.
+//! the tree are around the balls, so a photon enters a box only if it lies in it, and its window reaches the times in
+//! it. When radii shrink between passes the order of the tree is kept and its boxes are refitted.
 //!
 //! **Why no point is missed.** A photon contributes where `(dx·dx + dy·dy) + dz·dz <= r·r`, each step rounded once.
 //! Rounding is monotone, so each rounded square alone is at most the rounded r·r: with u = 2^-24, |dx| is at most
@@ -14,9 +14,9 @@ use super::index::checked;
 use super::params::GatherParams;
 use super::query::check_place;
 use super::scratch::GatherScratch;
-use super::span_order::{Item, Queries, REACH, TIME};
+use super::span_order::{Item, Queries, RADIUS, TIME};
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
-use super::span_view::{Look, SpanView};
+use super::span_view::{Measure, SpanView};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::batch::morton_order;
@@ -30,10 +30,10 @@ use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::Vec3;
 
-/// A point that a camera sees at a time, and how far photons may be from it.
+/// A point that a camera sees at a time, and the radius within which photons contribute to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisiblePoint {
-    /// Where it is.
+    /// Its position.
     pub position: Vec3,
     /// The time of the camera's ray, in the shutter.
     pub time: f32,
@@ -70,15 +70,15 @@ impl SpanBlock for VisibleBlock {
     }
 
     #[inline(always)]
-    fn names(&self) -> &Lanes<u32> {
+    fn ids(&self) -> &Lanes<u32> {
         &self.id
     }
 }
 
-/// What balls are grown by, relative to their radius: 2^-21.
+/// The padding of balls relative to their radius: 2^-21.
 const GROWN: f32 = 1.0 / 2_097_152.0;
 
-/// And absolutely: a little more than 2^-73.
+/// The absolute padding: a little more than 2^-73.
 const TINY: f32 = 1.1e-22;
 
 /// Visible points, to be found by photons.
@@ -104,7 +104,7 @@ pub struct VisiblePoints {
     simd: SimdLevel,
 }
 
-/// Photons that one thread leads through the tree at a time.
+/// Number of photons that one thread processes at a time.
 const CHUNK: usize = 4096;
 
 /// A photon that found a point.
@@ -136,7 +136,7 @@ impl VisiblePoints {
             for axis in 0..3 {
                 block.at[axis][lane] = item.at[axis];
             }
-            (block.time[lane], block.radius[lane], block.id[lane]) = (item.at[TIME], item.at[REACH], item.index);
+            (block.time[lane], block.radius[lane], block.id[lane]) = (item.at[TIME], item.at[RADIUS], item.index);
         });
         Ok(VisiblePoints { tree, simd: params.simd })
     }
@@ -146,7 +146,7 @@ impl VisiblePoints {
         self.tree.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.tree.len() == 0
     }
@@ -156,7 +156,7 @@ impl VisiblePoints {
         self.tree.bytes()
     }
 
-    /// Gives all points new radii, by their index, and fits the tree to them: O(n), a small part of a build.
+    /// Sets new radii of all points, by their index, and refits the tree: O(n), a small part of a build.
     ///
     /// The order of the tree stays that of the build, so searches are fast as long as radii shrink about alike. After an
     /// error nothing has changed.
@@ -195,8 +195,8 @@ impl VisiblePoints {
         Ok(())
     }
 
-    /// Leads photons to the points they contribute to: `deposit(state of the point, photon, squared distance)`, on several
-    /// threads. `at` says where and when a photon arrived; `states` has one state for each point.
+    /// Distributes photons to the points they contribute to: `deposit(state of the point, photon, squared distance)`, on
+    /// several threads. `at` gives the position and the time of a photon; `states` has one state for each point.
     ///
     /// Each point gets its photons in an order that depends on the photons alone, so sums have the same bits for any
     /// number of threads and instruction set. After an error nothing was deposited.
@@ -240,7 +240,7 @@ impl VisiblePoints {
             parallel::each(&mut shares, |(number, states)| {
                 let begin = (*number * share) as u32;
                 for hit in lists.iter().flatten() {
-                    // Of points before this share the difference wraps around to a large number.
+                    // For points before this share the difference wraps around to a large number.
                     if let Some(state) = states.get_mut(hit.point.wrapping_sub(begin) as usize) {
                         deposit(state, &photons[hit.photon as usize], hit.distance_squared);
                     }
@@ -250,7 +250,7 @@ impl VisiblePoints {
         Ok(())
     }
 
-    /// What some photons find.
+    /// The points that some photons contribute to.
     fn hits<P>(&self, photons: &[P], at: &impl Fn(&P) -> (Vec3, f32), window: f32, some: &[usize]) -> Vec<Hit> {
         let (mut hits, candidates) = (Vec::new(), &mut Candidates::default());
         for &photon in some {
@@ -269,7 +269,7 @@ impl VisiblePoints {
     fn find(&self, position: Vec3, time: f32, window: f32, candidates: &mut Candidates) {
         candidates.count = 0;
         if !self.is_empty() {
-            let view = SpanView { tree: &self.tree, time, look: Reached { window } };
+            let view = SpanView { tree: &self.tree, time, measure: Contribution { window } };
             dispatch(self.simd, Found { view, position, candidates });
         }
     }
@@ -303,21 +303,22 @@ impl Kernel for Found<'_, '_> {
         let Found { view, position, candidates } = self;
         let mut sink = Gather { candidates, keep: &KeepAll };
         // A sink that never breaks.
-        let _: ControlFlow<()> = within(s, &view, &view.target(s, position), f32::MAX, &mut sink, &mut ());
+        let _: ControlFlow<()> = within(s, &view, &view.target(s, position), f32::MAX, &mut sink);
     }
 }
 
-/// The tree as a photon sees it.
-type VisibleView<'a> = SpanView<'a, VisibleBlock, Reached>;
+/// The view of the tree for a photon.
+type VisibleView<'a> = SpanView<'a, VisibleBlock, Contribution>;
 
-/// A photon with half the width of its window: what it does not contribute to is infinitely far away.
+/// The measure of a photon with half the width of its window: points that it does not contribute to are infinitely far
+/// away.
 #[derive(Clone, Copy)]
-struct Reached {
+struct Contribution {
     window: f32,
 }
 
-impl Look<VisibleBlock> for Reached {
-    /// No search that counts neighbours goes through this.
+impl Measure<VisibleBlock> for Contribution {
+    /// Not used: there is no k-nearest search with this measure.
     const BALL: f32 = 1.0;
 
     #[inline(always)]

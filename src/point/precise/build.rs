@@ -1,6 +1,6 @@
-//! From f64 points to a tree.
+//! Building a tree over f64 points.
 
-use super::hull::{FULL, Hull, Made, Node};
+use super::linear_box::{FULL, LinearBox, Node, NodeRows};
 use super::order::{Place, order};
 use super::tree::{Block, PreciseTree, Rows, between};
 use crate::geometry::TimeInterval;
@@ -12,8 +12,8 @@ use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 
 impl PreciseTree {
-    /// The tree over some points of a set for a part of the shutter. If nothing of it `moves`, all points have to stand still
-    /// and live throughout.
+    /// The tree over some points of a set for a part of the shutter. Unless it `moves`, all points must be static
+    /// and exist throughout the shutter.
     pub(in crate::point) fn build(
         source: &Source,
         part: Part,
@@ -48,9 +48,9 @@ impl PreciseTree {
             lives: vec![Times::NEVER; if mortal { blocks } else { 0 }],
             references: places.len(),
         };
-        let mut hulls = Vec::with_capacity(leaves);
+        let mut boxes_below = Vec::with_capacity(leaves);
         for (leaf, places) in places.chunks(shape.leaf()).enumerate() {
-            let mut hull = Hull::NONE;
+            let mut bounds = LinearBox::NONE;
             for (i, place) in places.iter().enumerate() {
                 let (block, lane) = (leaf * shape.leaf_blocks + i / LANES, i % LANES);
                 let point = place.point as usize;
@@ -72,17 +72,18 @@ impl PreciseTree {
                 set(&mut tree.block_times, alive);
                 set(&mut tree.lives, life);
                 let ends = part.phases.map(|phase| between(keys, phase));
-                hull = hull.union(&Hull::of_point(ends, keys, [alive.begin(), alive.end_bound()]));
+                bounds = bounds.union(&LinearBox::of_point(ends, keys, [alive.begin(), alive.end_bound()]));
             }
-            hulls.push(hull);
+            boxes_below.push(bounds);
         }
         drop(places);
         for level in 0..shape.levels {
-            let mut above = Vec::with_capacity(hulls.len().div_ceil(LANES));
-            // Even a tree without points has its root.
+            let mut above = Vec::with_capacity(boxes_below.len().div_ceil(LANES));
+            // Even a tree without points has a root.
             for i in 0..shape.begin[level + 1] - shape.begin[level] {
-                let children = &hulls[(i * LANES).min(hulls.len())..((i + 1) * LANES).min(hulls.len())];
-                let (Made { node, slopes, times }, hull) = Node::over(children, moves, FULL);
+                let children =
+                    &boxes_below[(i * LANES).min(boxes_below.len())..((i + 1) * LANES).min(boxes_below.len())];
+                let (NodeRows { node, slopes, times }, bounds) = Node::over(children, moves, FULL);
                 let number = shape.begin[level] + i;
                 tree.nodes[number] = node;
                 if moves {
@@ -91,9 +92,9 @@ impl PreciseTree {
                 if timed {
                     tree.node_times.push(times);
                 }
-                above.push(hull);
+                above.push(bounds);
             }
-            hulls = above;
+            boxes_below = above;
         }
         progress.finished(1.0 - ORDERING);
         tree

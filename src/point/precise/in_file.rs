@@ -1,51 +1,22 @@
-//! Trees of f64 points in files.
+//! Trees over f64 points in files.
 
-use super::hull::Node;
+use super::linear_box::Node;
 use super::tree::{ABSENT, Block, PreciseTree, Rows};
-use crate::file::{Decoder, Encoder, FileError, Record, require};
+use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::parallel;
 use crate::point::moving_file::never;
 use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::Part;
 use crate::point::snapshot::Boxes;
 use crate::point::static_file::{FARTHEST_FACE, are_fine};
-use crate::simd::LANES;
+use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 
-impl Record for Node {
-    const BYTES: usize = 432;
-    fn put(&self, to: &mut [u8]) {
-        [self.middle, self.way].put(&mut to[..48]);
-        self.boxes.put(&mut to[48..]);
-    }
-    fn get(from: &[u8]) -> Node {
-        let [middle, way] = Record::get(&from[..48]);
-        Node { middle, way, boxes: Record::get(&from[48..]) }
-    }
-}
+record_fields!(Node { middle: [f64; 3], way: [f64; 3], boxes: Boxes });
+record_fields!(Rows { 0: [Lanes<f64>; 3] });
+record_fields!(Block { begin: Rows, id: Lanes<u32> });
 
-impl Record for Rows {
-    const BYTES: usize = 384;
-    fn put(&self, to: &mut [u8]) {
-        self.0.put(to);
-    }
-    fn get(from: &[u8]) -> Rows {
-        Rows(Record::get(from))
-    }
-}
-
-impl Record for Block {
-    const BYTES: usize = 448;
-    fn put(&self, to: &mut [u8]) {
-        self.begin.put(&mut to[..384]);
-        self.id.put(&mut to[384..]);
-    }
-    fn get(from: &[u8]) -> Block {
-        Block { begin: Record::get(&from[..384]), id: Record::get(&from[384..]) }
-    }
-}
-
-/// What a file says of a tree.
+/// The contents of a file for one tree, not validated yet.
 pub(in crate::point) struct PreciseRecord {
     count: u64,
     nodes: Vec<Node>,
@@ -58,7 +29,7 @@ pub(in crate::point) struct PreciseRecord {
 }
 
 impl PreciseTree {
-    /// Writes everything but which part of the shutter it is for.
+    /// Writes everything except the part of the shutter.
     pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.put(self.references as u64)?;
         to.array(&self.nodes)?;
@@ -72,7 +43,7 @@ impl PreciseTree {
 }
 
 impl PreciseRecord {
-    /// Reads what was written.
+    /// Reads a tree that [`PreciseTree::encode`] wrote.
     pub(in crate::point) fn decode(from: &mut Decoder<'_>) -> Result<PreciseRecord, FileError> {
         Ok(PreciseRecord {
             count: from.get()?,
@@ -86,12 +57,12 @@ impl PreciseRecord {
         })
     }
 
-    /// Whether it is of points that move or live for a while.
+    /// Whether its points may move or exist for a while only.
     pub(in crate::point) fn moves(&self) -> bool {
         !self.slopes.is_empty()
     }
 
-    /// The tree of a part of the shutter around an origin, if searches can walk it.
+    /// The tree of a part of the shutter around an origin, or an error if searches cannot traverse it.
     pub(in crate::point) fn checked(self, part: Part, origin: DVec3) -> Result<PreciseTree, FileError> {
         let (moves, timed) = (self.moves(), !self.node_times.is_empty());
         let PreciseRecord { count, nodes, slopes, blocks, ends, node_times, block_times, lives } = self;
@@ -120,7 +91,7 @@ impl PreciseRecord {
 }
 
 impl PreciseTree {
-    /// Whether the first lanes of a block are points and the others nothing.
+    /// Whether the first lanes of a block are points and the others absent.
     fn block_is_fine(&self, block: usize) -> bool {
         let Block { begin, id } = &self.blocks[block];
         let end = self.ends.get(block).unwrap_or(begin);
@@ -129,14 +100,14 @@ impl PreciseTree {
             let there = id[lane] != u32::MAX;
             let fine = (0..3).all(|axis| {
                 let (a, b) = (begin.0[axis][lane], end.0[axis][lane]);
-                // Also their difference is a number.
+                // Their difference must be finite as well.
                 if there { (b - a).is_finite() && a.is_finite() } else { a == ABSENT && b == ABSENT }
             });
             fine && there == (lane < count)
         })
     }
 
-    /// Whether boxes and what they are relative to are numbers, and absent where there is no child.
+    /// Whether boxes and their centre are finite and in range, and absent if there is no child.
     fn node_is_fine(&self, node: usize, lanes: usize, origin: DVec3) -> bool {
         let Node { middle, way, boxes } = &self.nodes[node];
         let near = |x: f64| x.abs() <= f64::from(FARTHEST_FACE);

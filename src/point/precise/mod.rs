@@ -1,54 +1,51 @@
-//! Points given in f64, exactly.
+//! Point trees that keep positions in f64.
 //!
-//! The picture to have in mind: the same pyramid of sixteen-wide nodes, but each node has a middle of its own in f64, and
-//! boxes in f32 relative to it; so boxes are as fine as what is in them, wherever that is. Leaves hold f64 positions. A
-//! search needs no more of a tree than lower bounds of distances to boxes, and distances to points: [`tree`] gives both,
-//! and the searches are the same as those of f32 points.
+//! The picture to have in mind: the same pyramid of sixteen-wide nodes, but each node has a centre of its own in f64, and
+//! boxes in f32 relative to it; so boxes are as fine as their contents, wherever these are. Leaves hold f64 positions. A
+//! search needs only lower bounds of distances to boxes, and distances to points: [`tree`] provides both, and the
+//! searches are the same as those of f32 points.
 //!
-//! The distance of a point is computed in f64 and rounded to f32 once; order, ties and radii go by that number.
+//! The distance of a point is computed in f64 and rounded to f32 once; order, ties and radii use that number.
 
 mod build;
-mod hull;
 mod in_file;
+mod linear_box;
 mod order;
 mod tree;
 
 pub(super) use in_file::PreciseRecord;
 pub(super) use tree::{PreciseTree, PreciseView};
 
-use super::neighbor::Neighbor;
-use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
-use super::search::sinks::{Gather, Visit, VisitSome};
-use super::search::sort::few_in_order;
+use super::search::trees::Trees;
 use super::search::walk::walk;
-use super::search::{Keep, KeepAll, KeptLanes, NeighborWork};
+use super::search::{Keep, KeptLanes, Observe};
 use super::snapshot::Leaves;
-use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
+use crate::simd::{LANES, Lanes, Mask, Simd};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// Trees side by side in time, in order, without a gap; one where nothing moves.
+/// Trees for successive parts of the shutter, without a gap; a single one if all points are static.
 #[derive(Clone)]
 pub(super) struct PreciseLayer {
     pub(super) parts: Vec<PreciseTree>,
 }
 
-/// A layer at a time, asked from a place.
+/// A layer at a time, seen from a query point.
 enum AtTime<'a> {
     Still(PreciseView<'a, false>),
     Moving(PreciseView<'a, true>),
 }
 
 impl PreciseLayer {
-    /// Which of the trees answers at a time in [0, 1].
+    /// The index of the tree that is responsible for a time in [0, 1].
     pub(super) fn part_at(&self, time: f32) -> usize {
         self.parts.partition_point(|tree| tree.part().interval.end_bound() <= time).min(self.parts.len() - 1)
     }
 
-    /// The tree that answers at a time in [0, 1].
+    /// The tree that is responsible for a time in [0, 1].
     pub(super) fn tree_at(&self, time: f32) -> &PreciseTree {
         &self.parts[self.part_at(time)]
     }
@@ -58,21 +55,6 @@ impl PreciseLayer {
         let tree = self.tree_at(time);
         if tree.moves() { AtTime::Moving(tree.at(point, time)) } else { AtTime::Still(tree.at(point, time)) }
     }
-
-    /// Hands every point within the bound of a place at a time to the sink.
-    #[inline(always)]
-    pub(super) fn within<S: Simd>(
-        &self,
-        s: S,
-        (point, time): (DVec3, f32),
-        bound: f32,
-        sink: &mut impl Sink<S>,
-    ) -> ControlFlow<()> {
-        match self.at(point, time) {
-            AtTime::Still(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink, &mut ()),
-            AtTime::Moving(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink, &mut ()),
-        }
-    }
 }
 
 /// A predicate on ids, if there is one. (Searches among f64 points are compiled once, here, not for each predicate.)
@@ -80,7 +62,7 @@ impl PreciseLayer {
 pub(super) struct Allowed<'a>(pub(super) Option<KeptLanes<'a>>);
 
 impl Keep for Allowed<'_> {
-    const ASKS: bool = true;
+    const FILTERS: bool = true;
     fn keep(&self, id: u32) -> bool {
         self.kept(&[id; LANES], 1) != 0
     }
@@ -93,136 +75,43 @@ impl Keep for Allowed<'_> {
     }
 }
 
-/// A query among f64 points.
+/// Layers at the time of a query, seen from its point.
 #[derive(Clone, Copy)]
-pub(super) struct Asked<'a> {
+pub(super) struct QueriedPreciseLayers<'a> {
     pub(super) layers: &'a [PreciseLayer],
-    pub(super) simd: SimdLevel,
     pub(super) point: DVec3,
     pub(super) time: f32,
-    /// Squared distance up to which points count.
-    pub(super) bound: f32,
-    /// Factor on the bound for boxes.
-    pub(super) shrink: f32,
-    pub(super) keep: Allowed<'a>,
 }
 
-/// Runs the same on each layer.
-macro_rules! for_each_layer {
-    ($asked:expr, $view:ident => $do:expr) => {
-        for layer in $asked.layers {
-            match layer.at($asked.point, $asked.time) {
-                AtTime::Still($view) => $do,
-                AtTime::Moving($view) => $do,
+impl Trees for QueriedPreciseLayers<'_> {
+    #[inline(always)]
+    fn walk<S: Simd, K: Keep, O: Observe>(self, s: S, search: &mut KNearest<'_, K, O>) {
+        for layer in self.layers {
+            match layer.at(self.point, self.time) {
+                AtTime::Still(view) => walk(s, &view, &view.target(s, Vec3::ZERO), search),
+                AtTime::Moving(view) => walk(s, &view, &view.target(s, Vec3::ZERO), search),
             }
         }
-    };
-}
-
-impl Asked<'_> {
-    /// Id and squared distance of the nearest point.
-    pub(super) fn nearest(&self) -> Option<(u32, f32)> {
-        dispatch(self.simd, Nearest(self))
     }
 
-    /// Collects the k nearest points; whether they are in order.
-    pub(super) fn nearest_n(
-        &self,
-        k: usize,
-        candidates: &mut Candidates,
-        found: &mut Vec<Neighbor>,
-        work: &mut NeighborWork,
-    ) -> bool {
-        dispatch(self.simd, NearestN { asked: self, k, candidates, found, work })
-    }
-
-    /// Collects the points within the bound.
-    pub(super) fn collect(&self, candidates: &mut Candidates) {
-        dispatch(self.simd, Collecting { asked: self, candidates });
-    }
-
-    /// Shows the points within the bound to a visitor, whatever is kept.
-    pub(super) fn for_some(&self, visit: VisitSome<'_>) -> ControlFlow<()> {
-        dispatch(self.simd, Visiting { asked: self, visit })
-    }
-}
-
-struct Nearest<'a>(&'a Asked<'a>);
-
-impl Kernel for Nearest<'_> {
-    type Output = Option<(u32, f32)>;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
-        // What was found is waited for here, so that even asking whether there is a predicate would be noticed.
-        if self.0.keep.0.is_none() { nearest(s, self.0, &KeepAll) } else { nearest(s, self.0, &self.0.keep) }
-    }
-}
-
-#[inline(always)]
-fn nearest<S: Simd>(s: S, asked: &Asked<'_>, keep: &impl Keep) -> Option<(u32, f32)> {
-    let observe = &mut ();
-    let mut best = Best::within(s, asked.bound, asked.shrink, keep, observe);
-    for_each_layer!(asked, view => best.search(s, &view, &view.target(s, Vec3::ZERO)));
-    best.finish(s)
-}
-
-struct NearestN<'a, 'b> {
-    asked: &'a Asked<'a>,
-    k: usize,
-    candidates: &'b mut Candidates,
-    found: &'b mut Vec<Neighbor>,
-    work: &'b mut NeighborWork,
-}
-
-impl Kernel for NearestN<'_, '_> {
-    type Output = bool;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> bool {
-        let NearestN { asked, k, candidates, found, work } = self;
-        let mut search = KNearest::within(k, asked.bound, asked.shrink, candidates, &asked.keep, work);
-        loop {
-            for_each_layer!(asked, view => walk(s, &view, &view.target(s, Vec3::ZERO), &mut search));
-            if !search.again() {
-                break;
+    fn nearest<S: Simd, K: Keep>(self, s: S, best: &mut Best<'_, S, K>) {
+        for layer in self.layers {
+            match layer.at(self.point, self.time) {
+                AtTime::Still(view) => best.search(s, &view, &view.target(s, Vec3::ZERO)),
+                AtTime::Moving(view) => best.search(s, &view, &view.target(s, Vec3::ZERO)),
             }
         }
-        few_in_order(s, k, candidates, found)
     }
-}
 
-struct Collecting<'a, 'b> {
-    asked: &'a Asked<'a>,
-    candidates: &'b mut Candidates,
-}
-
-impl Kernel for Collecting<'_, '_> {
-    type Output = ();
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Collecting { asked, candidates } = self;
-        candidates.count = 0;
-        let mut sink = Gather { candidates, keep: &asked.keep };
-        for layer in asked.layers {
-            // A sink that never breaks.
-            let _ = layer.within(s, (asked.point, asked.time), asked.bound, &mut sink);
+    fn within<S: Simd>(self, s: S, bound: f32, sink: &mut impl Sink<S>) -> ControlFlow<()> {
+        for layer in self.layers {
+            match layer.at(self.point, self.time) {
+                AtTime::Still(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink)?,
+                AtTime::Moving(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink)?,
+            }
         }
-    }
-}
-
-struct Visiting<'a, 'b> {
-    asked: &'a Asked<'a>,
-    visit: VisitSome<'b>,
-}
-
-impl Kernel for Visiting<'_, '_> {
-    type Output = ControlFlow<()>;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
-        let Visiting { asked, visit } = self;
-        let mut sink = Visit::new(visit);
-        for layer in asked.layers {
-            layer.within(s, (asked.point, asked.time), asked.bound, &mut sink)?;
-        }
-        sink.finish()
+        ControlFlow::Continue(())
     }
 }

@@ -1,23 +1,23 @@
-//! Bringing f64 points into the order of a complete tree: [`crate::point::order`] in f64.
+//! Ordering f64 points for a complete tree: [`crate::point::order`] in f64.
 
 use crate::point::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::order::{SAMPLE, join};
 use crate::progress::Progress;
 use glam::DVec3;
 
-/// A point to be put in order.
+/// A point to be ordered.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     pub(super) at: DVec3,
-    /// Its number in the set.
+    /// Its index in the set.
     pub(super) point: u32,
 }
 
-/// Ranges shorter than this are not shared between threads.
+/// Ranges shorter than this are not divided among threads.
 const SHARE: usize = 1 << 14;
 
-/// Orders places so that leaf i holds the i-th run of `leaf` of them. Once `progress` is cancelled, large ranges stay as they
-/// are.
+/// Orders places so that leaf i holds the i-th run of `leaf` of them. Once `progress` is cancelled, large ranges are left
+/// unordered.
 pub(super) fn order(places: &mut [Place], leaf: usize, progress: &Progress) {
     let progress = progress.part(1.0 / places.len() as f64);
     blocks(places, subtree(places.len(), leaf), leaf, &progress);
@@ -40,7 +40,7 @@ fn blocks(places: &mut [Place], block: usize, leaf: usize, progress: &Progress) 
     }
 }
 
-/// The axis along which the points spread most, judged by a sample where there are many.
+/// The axis of the largest extent, estimated from a sample if there are many points.
 fn widest_axis(places: &[Place]) -> usize {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let sample = places.iter().step_by((places.len() / SAMPLE).max(1));

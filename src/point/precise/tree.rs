@@ -1,16 +1,16 @@
-//! The tree over f64 points for a part of the shutter, as searches see it.
+//! The tree over f64 points for a part of the shutter, and its view at a time.
 //!
-//! **Why no search ever loses a neighbour.** Let `q` be the query and `m` the middle of a node at the query's time, both
+//! **Why no search ever loses a neighbour.** Let `q` be the query and `m` the centre of a node at the query's time, both
 //! in f64. The boxes of the node are relative to `m`, and so is the query: `p = q − m`, rounded to f32, is off by u = 2^-24 of
-//! itself. With `h` a face of what is in a box, the query on its outer side at a distance `g`, |p| is at most |h| + g. Faces
-//! as computed are farther out than `h` by more than u|h| and by 1e-22 (`super::hull` has the sum), so the gap is at most
+//! itself. With `h` an exact face of the contents of a box, the query on its outer side at a distance `g`, |p| is at most |h| + g. Faces
+//! as computed are farther out than `h` by more than u|h| and by 1e-22 (`super::linear_box` has the sum), so the gap is at most
 //! g (1 + u) before it is rounded; and where the query is not on the outer side, there is no gap. Rounding the gap, squaring
 //! it, and adding squares makes at most seven roundings of u in the square of the distance, with those of p. It is
 //! multiplied by 1 − 2^-20 (16 u): then it is below the exact squared distance of any point in the box by more than f64
 //! rounds that (where squares underflow, the 1e-22 make up for it). And rounding to f32 is monotone. So the distance of the box
 //! is never above that of a point in it.
 
-use super::hull::Node;
+use super::linear_box::Node;
 use crate::geometry::TimeInterval;
 use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::{Part, exact_phase};
@@ -25,7 +25,7 @@ use glam::{DVec3, Vec3};
 #[repr(C, align(64))]
 pub(super) struct Rows(pub(super) [Lanes<f64>; 3]);
 
-/// Sixteen points in rows, where they are at the earlier key of the segment.
+/// Positions of sixteen points at the earlier key of the segment, in rows.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Block {
@@ -43,11 +43,11 @@ impl Block {
     pub(super) const EMPTY: Block = Block { begin: Rows::ABSENT, id: [u32::MAX; LANES] };
 }
 
-/// Where absent points are: every squared distance to there is infinite in f32.
+/// The coordinates of absent points: every squared distance to them is infinite in f32.
 pub(super) const ABSENT: f64 = 1e150;
 
-/// What squared distances of boxes are multiplied by.
-const LESS: f32 = 1.0 - 1.0 / 1_048_576.0;
+/// The factor on squared distances of boxes.
+const SHRINK: f32 = 1.0 - 1.0 / 1_048_576.0;
 
 /// Points given in f64, in a complete 16-ary tree for one part of the shutter.
 #[derive(Clone)]
@@ -55,15 +55,15 @@ pub(in crate::point) struct PreciseTree {
     pub(super) part: Part,
     pub(super) shape: Shape,
     pub(super) nodes: Vec<Node>,
-    /// How far boxes move until the end of the part; empty where nothing moves.
+    /// Displacements of the faces until the end of the part; empty if all points are static.
     pub(super) slopes: Vec<Boxes>,
     pub(super) blocks: Vec<Block>,
-    /// Positions at the later key; empty where nothing moves.
+    /// Positions at the later key; empty if all points are static.
     pub(super) ends: Vec<Rows>,
-    /// When nodes and points count; empty where all count throughout.
+    /// Active intervals of nodes and points; empty if all are active throughout.
     pub(super) node_times: Vec<Times>,
     pub(super) block_times: Vec<Times>,
-    /// Whole lives of the points; empty where all live throughout.
+    /// Whole intervals of the points; empty if all exist throughout the shutter.
     pub(super) lives: Vec<Times>,
     pub(super) references: usize,
 }
@@ -82,17 +82,17 @@ fn nearer(phase: f64) -> (f64, bool) {
 }
 
 impl PreciseTree {
-    /// The shape of the tree over so many points.
+    /// The shape of a tree over `count` points.
     pub(super) fn shape(count: usize, moves: bool) -> Shape {
         if moves { Shape::with_leaf(count, 1) } else { Shape::flattest(count) }
     }
 
-    /// The part of the shutter it answers for.
+    /// The part of the shutter that the tree covers.
     pub(in crate::point) fn part(&self) -> &Part {
         &self.part
     }
 
-    /// Whether it is for points that move or live for a while.
+    /// Whether its points may move or exist for a while only.
     pub(in crate::point) fn moves(&self) -> bool {
         !self.slopes.is_empty()
     }
@@ -126,7 +126,7 @@ impl PreciseTree {
         self.shape.begin[1]
     }
 
-    /// The points behind one of these nodes that count at a time, with their ids.
+    /// The points below one of these nodes that are active at a time, with their ids.
     pub(in crate::point) fn points_behind(&self, node: usize, time: f32) -> impl Iterator<Item = (u32, DVec3)> {
         let (first, blocks) = (node * LANES * self.shape.leaf_blocks, LANES * self.shape.leaf_blocks);
         let lanes = (first..first + blocks).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
@@ -146,21 +146,21 @@ impl PreciseTree {
         self.shape.levels
     }
 
-    /// Where a time lies between the keys; exact.
+    /// The phase of a time between the keys; exact.
     #[inline(always)]
     fn phase_at(&self, time: f32) -> f64 {
         let Part { keys, segment, phases: [begin, end], .. } = self.part;
         exact_phase(time, keys, segment).clamp(begin, end)
     }
 
-    /// Where a phase between the keys lies in the part, in [0, 1].
+    /// The fraction of the part at a phase between the keys, in [0, 1].
     #[inline(always)]
     fn within(&self, phase: f64) -> f64 {
         let [begin, end] = self.part.phases;
         if end > begin { ((phase - begin) / (end - begin)).clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// The tree at a time, which lies in its part, asked from a place.
+    /// The tree at a time of its part, seen from a query point.
     #[inline(always)]
     pub(in crate::point) fn at<const MOVING: bool>(&self, query: DVec3, time: f32) -> PreciseView<'_, MOVING> {
         let phase = if MOVING { self.phase_at(time) } else { 0.0 };
@@ -170,13 +170,13 @@ impl PreciseTree {
     }
 }
 
-/// A tree at a time, asked from a place.
+/// A tree at a time, seen from a query point.
 #[derive(Clone, Copy)]
 pub(in crate::point) struct PreciseView<'a, const MOVING: bool> {
     tree: &'a PreciseTree,
     query: [f64; 3],
     time: f32,
-    /// Where the time lies in the part.
+    /// The fraction of the part at the time.
     within: f64,
     /// Step from the nearer key.
     step: f64,
@@ -184,7 +184,7 @@ pub(in crate::point) struct PreciseView<'a, const MOVING: bool> {
 }
 
 impl<const MOVING: bool> PreciseView<'_, MOVING> {
-    /// Faces relative to the middle.
+    /// Faces relative to the centre.
     #[inline(always)]
     fn relative_faces<S: Simd>(&self, s: S, node: usize) -> ([S::F; 3], [S::F; 3]) {
         let boxes = &self.tree.nodes[node].boxes;
@@ -197,7 +197,7 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
         ([lo[0] + ax * w, lo[1] + ay * w, lo[2] + az * w], [hi[0] + bx * w, hi[1] + by * w, hi[2] + bz * w])
     }
 
-    /// The query relative to the middle of a node.
+    /// The query relative to the centre of a node.
     #[inline(always)]
     fn relative_query<S: Simd>(&self, s: S, node: usize) -> [S::F; 3] {
         let node = &self.tree.nodes[node];
@@ -206,13 +206,13 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
         [s.splat((qx - x) as f32), s.splat((qy - y) as f32), s.splat((qz - z) as f32)]
     }
 
-    /// Lanes of a row of times that count.
+    /// The lanes that are active at the time.
     #[inline(always)]
     fn counting<S: Simd>(&self, s: S, times: &[Times], at: usize) -> Mask {
         if times.is_empty() { Mask::MAX } else { times[at].counting(s, s.splat(self.time)) }
     }
 
-    /// How far four moving points of a block are from the query along an axis.
+    /// Offsets of four moving points of a block from the query along an axis.
     #[inline(always)]
     fn apart<S: Simd>(&self, s: S, block: usize, axis: usize, four: usize) -> S::D {
         let begin = s.load_d(&self.tree.blocks[block].begin.0[axis].as_chunks().0[four]);
@@ -236,7 +236,7 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     fn leaf_blocks(&self) -> usize {
         if MOVING { 1 } else { self.tree.shape.leaf_blocks }
     }
-    /// The place of the query is known to the view, in f64.
+    /// The view holds the query point, in f64.
     #[inline(always)]
     fn target<S: Simd>(&self, s: S, _: Vec3) -> Target<S> {
         Target::still(s, Vec3::ZERO)
@@ -258,7 +258,7 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
         s.select(self.counting(s, &self.tree.block_times, block), distances, s.splat(f32::INFINITY))
     }
     #[inline(always)]
-    fn expect_leaf(&self, block: usize) {
+    fn prefetch_leaf(&self, block: usize) {
         if let Some(blocks) = self.tree.blocks.get(block..block + self.leaf_blocks()) {
             blocks.iter().for_each(prefetch);
             if MOVING {
@@ -296,7 +296,7 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     fn boxes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> (S::F, Mask) {
         let (lo, hi) = self.relative_faces(s, node);
         let (distances, holding) = outside(s, &self.relative_query(s, node), lo, hi);
-        let distances = distances * s.splat(LESS);
+        let distances = distances * s.splat(SHRINK);
         if !MOVING || self.tree.node_times.is_empty() {
             return (distances, holding);
         }
@@ -309,7 +309,7 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
         diagonal::<S>(lo, hi)
     }
     #[inline(always)]
-    fn expect_node(&self, node: usize) {
+    fn prefetch_node(&self, node: usize) {
         prefetch(&self.tree.nodes[node]);
         if MOVING {
             prefetch(&self.tree.slopes[node]);
@@ -318,7 +318,7 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
 }
 
 impl Boxed for PreciseTree {
-    /// Times are off by 2^-53 of the shutter at most.
+    /// Times are off by at most 2^-53 of the shutter.
     const SLACK: [f64; 2] = [1e-14, 1e-14];
 
     fn part(&self) -> (usize, usize, [f64; 2]) {
@@ -338,7 +338,7 @@ impl Boxed for PreciseTree {
         }
     }
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {
-        // What counts from the begin of the part does so from its exact begin on, likewise at the end.
+        // An interval that begins with the part begins at its exact begin, and likewise at the end.
         let (_, _, [first, last]) = Boxed::part(self);
         let interval = self.part.interval;
         let Some(times) = self.node_times.get(node) else {
@@ -395,8 +395,8 @@ mod tests {
     use crate::random::Random;
     use crate::simd::{Kernel, SimdLevel, dispatch};
 
-    /// Counts boxes of leaves that are farther from the query than a point in them, their squared distances multiplied by
-    /// `less`.
+    /// Counts boxes of leaves that are farther from the query than one of their points, with squared distances multiplied
+    /// by `less`.
     struct Lost<'a> {
         view: PreciseView<'a, false>,
         less: f32,
@@ -439,7 +439,7 @@ mod tests {
             let tree = PreciseTree::build(&source, part, 0..points.len(), false, &Progress::new(None));
             let view = tree.at::<false>(points[0] + place(size * far), 0.0);
             for simd in SimdLevel::available() {
-                lost += dispatch(simd, Lost { view, less: LESS });
+                lost += dispatch(simd, Lost { view, less: SHRINK });
                 lost_without += dispatch(simd, Lost { view, less: 1.0 });
             }
         }

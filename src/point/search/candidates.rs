@@ -1,9 +1,9 @@
-//! Candidates of a search in rows, so that sixteen are appended or dropped at a time.
+//! The candidates of a search, as a structure of arrays, so that sixteen are appended or removed at a time.
 
 use crate::point::neighbor::Neighbor;
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 
-/// Memory for candidates: distances and ids apart, with a vector of room at the end.
+/// Memory for candidates: separate arrays of distances and ids, with room for one vector at the end.
 #[derive(Clone, Debug, Default)]
 pub(in crate::point) struct Candidates {
     pub(in crate::point) distances: Vec<f32>,
@@ -15,7 +15,7 @@ pub(in crate::point) struct Candidates {
 }
 
 impl Candidates {
-    /// Makes room for `more` candidates and a vector.
+    /// Reserves room for `more` candidates and one vector.
     #[inline(always)]
     pub(in crate::point) fn reserve(&mut self, more: usize) {
         if self.count + more + LANES > self.distances.len() {
@@ -31,7 +31,7 @@ impl Candidates {
         self.raw.resize(size, 0.0);
     }
 
-    /// Appends the lanes of a mask; there must be room.
+    /// Appends the lanes of a mask; the room must have been reserved.
     #[inline(always)]
     pub(in crate::point) fn push<S: Simd>(&mut self, s: S, distance: S::F, id: S::U, mask: u16) {
         self.count = append(s, &mut self.distances, &mut self.ids, self.count, (distance, id), mask);
@@ -44,7 +44,7 @@ impl Candidates {
         s.store(distance, to);
     }
 
-    /// Drops everything above the threshold. What follows the last candidate up to a whole vector is above it.
+    /// Removes all candidates above the threshold. The rest of the last vector must be above it.
     #[inline(always)]
     pub(super) fn retain<S: Simd>(&mut self, s: S, threshold: f32) {
         let count = core::mem::take(&mut self.count);
@@ -56,7 +56,7 @@ impl Candidates {
     }
 
     /// Keeps the k least pairs and returns the greatest distance among them. For sets with so many
-    /// equal distances that no threshold tells them apart.
+    /// equal distances that no threshold separates them.
     #[cold]
     #[inline(never)]
     pub(super) fn retain_exactly(&mut self, k: usize) -> f32 {
@@ -73,7 +73,7 @@ impl Candidates {
     }
 }
 
-/// Writes the lanes of a mask from place `end` on and returns the new end. (With the end apart from the buffers it
+/// Writes the lanes of a mask at offset `end` and returns the new end. (As a value of its own, the end
 /// stays in a register.)
 #[inline(always)]
 pub(in crate::point) fn append<S: Simd>(
@@ -91,9 +91,9 @@ pub(in crate::point) fn append<S: Simd>(
     end + mask.count_ones() as usize
 }
 
-/// The first `count` lanes; all where there are more than that many.
+/// A mask of the first `count` lanes; all lanes if `count` is larger.
 #[inline(always)]
-pub(in crate::point) fn there(count: usize) -> Mask {
+pub(in crate::point) fn first_lanes(count: usize) -> Mask {
     if count < LANES { (1 << count) - 1 } else { Mask::MAX }
 }
 
@@ -103,7 +103,7 @@ pub(in crate::point) fn pack(distance: f32, id: u32) -> u64 {
     u64::from(distance.to_bits()) << 32 | u64::from(id)
 }
 
-/// The pair behind such a number.
+/// The pair that was packed.
 #[inline(always)]
 pub(in crate::point) fn unpack(key: u64) -> Neighbor {
     Neighbor { id: key as u32, distance_squared: f32::from_bits((key >> 32) as u32) }

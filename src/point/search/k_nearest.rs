@@ -1,69 +1,69 @@
-//! The k nearest points: collect first, select at the end.
+//! The k-nearest search: collect first, select at the end.
 //!
 //! A sorted list of the k best costs a search more than the distances do. So candidates under a
 //! threshold are only appended, sixteen at a time; whenever there are more than about 2k, the threshold
 //! is lowered until between k and 1.5k remain, by counting. The threshold never falls below the k-th
-//! least distance seen, so what is dropped can not be an answer. One sort at the end puts them in order.
+//! least distance seen, so no candidate that is dropped can be an answer. One sort at the end puts them in order.
 //!
-//! The first threshold is guessed from the size of the leaf at the query: a ball that should hold a few more than k
-//! points. All leaves that it touches are known before the first of them has come from memory, and nothing has to
-//! wait for a distance. Where the ball turns out to hold fewer than k points, the search begins anew with a larger
-//! one. Where k is much less than a leaf holds, a look at the nearest leaves tells more than a guess.
+//! The first threshold is estimated from the size of the leaf at the query: a ball that should hold a few more than k
+//! points. All leaves that it touches are known before the first of them has arrived from memory, and nothing has to
+//! wait for a distance. If the ball turns out to hold fewer than k points, the search restarts with a larger
+//! one. If k is much less than a leaf holds, the distances in the nearest leaves give a better threshold than an estimate.
 
 use super::candidates::{Candidates, append};
 use super::keys::{LANE_BITS, keys, smallest, unpack};
-use super::waiting::Waiting;
+use super::leaf_queue::LeafQueue;
 use super::{Keep, Observe};
 use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 use core::ops::Range;
 
-/// How often a threshold is guessed before the search goes on without.
+/// How often a threshold is estimated before the search continues without.
 const GUESSES: u32 = 3;
 
-/// The largest k for which it is guessed: beyond, there may well be fewer points than are wanted, and a guess too small
-/// costs much.
+/// The largest k for which it is estimated: beyond, there may well be fewer than k points, and an estimate that is too
+/// small costs much.
 const MOST_GUESSED: usize = 1 << 12;
 
-/// The largest k for which a threshold comes from the minima of sixteen columns: it is tight where k is well below
+/// The largest k for which a threshold comes from the minima of sixteen columns: it is tight if k is well below
 /// their number.
 const MOST_COLUMNS: usize = 10;
 
-/// Where a threshold comes from.
+/// The origin of a threshold.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Origin {
-    /// From the caller, and it may be far away.
+    /// Given by the caller; it may be far too large.
     Caller,
-    /// It is a guess: fewer than k points may lie within it.
+    /// Estimated: fewer than k points may lie within it.
     Guess,
-    /// From k points that lie within it, or from the caller and nearer than the guess.
+    /// Confirmed by k points that lie within it, or given by the caller and less than the estimate.
     Known,
 }
 
-/// The search for k nearest.
+/// The state of a search for the k nearest points.
 pub(in crate::point) struct KNearest<'a, K, O> {
     k: usize,
-    /// What is farther than this is no answer.
+    /// Points farther than this are no answers.
     threshold: f32,
-    /// Where the threshold comes from.
+    /// The origin of the threshold.
     origin: Origin,
-    /// Boxes beyond this are passed by: the threshold, or less where answers may be approximate and k points are
+    /// Boxes beyond this are culled: the threshold, or less if answers may be approximate and k points are
     /// within it.
     cull: f32,
     /// The caller's bound.
     bound: f32,
     shrink: f32,
-    /// How often a threshold may still be guessed, and a factor on the next guess.
+    /// How often a threshold may still be estimated, and a factor on the next estimate.
     guesses: u32,
     scale: f32,
     candidates: &'a mut Candidates,
-    waiting: Waiting,
+    queue: LeafQueue,
     keep: &'a K,
     observe: &'a mut O,
 }
 
 impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
-    /// Nothing found yet; what lies at `bound` itself still counts. `k` must not be 0.
+    /// A search that has found nothing yet; points exactly at `bound` count. `k` must not be 0.
     #[inline(always)]
     pub(in crate::point) fn within(
         k: usize,
@@ -74,7 +74,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         observe: &'a mut O,
     ) -> Self {
         candidates.count = 0;
-        let waiting = Waiting::new();
+        let queue = LeafQueue::new();
         KNearest {
             k,
             threshold: bound,
@@ -85,72 +85,77 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             guesses: if k <= MOST_GUESSED { GUESSES } else { 0 },
             scale: 1.0,
             candidates,
-            waiting,
+            queue,
             keep,
             observe,
         }
     }
 
-    /// The same search through another filter and before other eyes, between two walks.
+    /// Continues the search with another filter and another observer, between two traversals.
     #[inline(always)]
-    pub(in crate::point) fn lend<L, P>(&mut self, keep: &L, observe: &mut P, go: impl FnOnce(&mut KNearest<'_, L, P>)) {
+    pub(in crate::point) fn with_filter<L, P>(
+        &mut self,
+        keep: &L,
+        observe: &mut P,
+        go: impl FnOnce(&mut KNearest<'_, L, P>),
+    ) {
         let KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, .. } = *self;
-        let (candidates, waiting) = (&mut *self.candidates, Waiting::new());
+        let (candidates, queue) = (&mut *self.candidates, LeafQueue::new());
         let mut lent =
-            KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, candidates, waiting, keep, observe };
+            KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, candidates, queue, keep, observe };
         go(&mut lent);
         let KNearest { threshold, origin, cull, guesses, scale, .. } = lent;
         (self.threshold, self.origin, self.cull, self.guesses, self.scale) = (threshold, origin, cull, guesses, scale);
     }
 
-    /// Whether the guess was too small: then the walk through all layers has to be repeated.
+    /// Whether the estimate was too small: then the traversal of all layers has to be repeated.
     #[inline(always)]
-    pub(in crate::point) fn again(&mut self) -> bool {
-        let again = self.origin == Origin::Guess && self.candidates.count < self.k;
-        if again {
+    pub(in crate::point) fn retry(&mut self) -> bool {
+        let retry = self.origin == Origin::Guess && self.candidates.count < self.k;
+        if retry {
             self.guesses -= 1;
-            self.scale = scaled(self.scale, 1.5 * self.wanted(), self.candidates.count as f32);
+            self.scale = scaled(self.scale, 1.5 * self.expected_in_ball(), self.candidates.count as f32);
             self.candidates.count = 0;
             self.origin = Origin::Caller;
             (self.threshold, self.cull) = (self.bound, self.bound);
         }
-        again
+        retry
     }
 
-    /// Sets the threshold to one that k points are within, or are hoped to be. The bound of the caller is never made
-    /// less: boxes within it may hold one of the first k points.
+    /// Sets the threshold to one that k points are within, or are expected to be. The caller's bound is not shrunk:
+    /// boxes within it may hold one of the first k points.
     #[inline(always)]
-    fn lower_to(&mut self, threshold: f32) {
+    fn set_threshold(&mut self, threshold: f32) {
         self.threshold = threshold;
         self.cull = threshold * self.shrink;
     }
 
-    /// Points that a ball should hold: so many that fewer than k are seldom in it.
+    /// The number of points that the estimated ball should hold, such that it seldom holds fewer than k.
     #[inline(always)]
-    fn wanted(&self) -> f32 {
+    fn expected_in_ball(&self) -> f32 {
         let k = self.k as f32;
         k + 1.5 * k.sqrt()
     }
 
-    /// Candidates above which the threshold is lowered.
+    /// The number of candidates above which the threshold is lowered.
     #[inline(always)]
     fn limit(&self) -> usize {
         self.k.saturating_mul(2).saturating_add(8)
     }
 
-    /// Candidates that a new threshold should have under it.
+    /// The number of candidates that a new threshold should have below it.
     #[inline(always)]
     fn aim(&self) -> f32 {
         (self.k + self.k / 4 + 2) as f32
     }
 
-    /// A threshold that has between k and about 1.5k of the distances under it, found by counting from a
-    /// guess; nothing where equal distances prevent it. There are a multiple of [`LANES`] distances.
+    /// A threshold that has between k and about 1.5k of the distances below it, found by counting from an initial
+    /// guess; `None` if equal distances prevent it. The number of distances is a multiple of [`LANES`].
     #[inline(always)]
-    fn lower<S: Simd>(&self, s: S, distances: &[f32], guess: f32) -> Option<f32> {
+    fn find_threshold<S: Simd>(&self, s: S, distances: &[f32], guess: f32) -> Option<f32> {
         let most = self.k + self.k / 2 + 4;
         let aim = self.aim();
-        // `low` has fewer than k under it, `high` too many.
+        // `low` has fewer than k below it, `high` too many.
         let (mut low, mut high) = (-1.0f32, self.threshold);
         let mut threshold = guess;
         let mut found = None;
@@ -176,23 +181,24 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         found
     }
 
-    /// Lowers the threshold until at most about 1.5k candidates are under it.
+    /// Lowers the threshold until at most about 1.5k candidates are below it.
     #[inline(always)]
     fn tighten<S: Simd>(&mut self, s: S, guess: f32) {
         let count = self.candidates.count;
         self.candidates.distances[count..count + LANES].fill(f32::INFINITY);
-        let threshold = match self.lower(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess) {
+        let threshold = match self.find_threshold(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess)
+        {
             Some(threshold) => {
                 self.candidates.retain(s, threshold);
                 threshold
             }
             None => self.candidates.retain_exactly(self.k),
         };
-        self.lower_to(threshold);
+        self.set_threshold(threshold);
         self.origin = Origin::Known;
     }
 
-    /// What the first threshold may be where none was guessed, from at least k candidates.
+    /// An initial guess for the first threshold if none was estimated, from at least k candidates.
     #[inline(always)]
     fn first_threshold<S: Simd>(&self, s: S) -> f32 {
         let whole = self.candidates.count / LANES * LANES;
@@ -207,10 +213,10 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         scaled(mean, self.aim(), 0.6 * whole as f32)
     }
 
-    /// Looks at the leaves on the list.
+    /// Tests the points of the queued leaves.
     #[inline(always)]
-    pub(super) fn look<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
-        let leaves = self.waiting.take();
+    pub(super) fn visit_leaves<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
+        let leaves = self.queue.drain();
         let blocks = view.leaf_blocks();
         self.candidates.reserve(leaves.len() * blocks * LANES);
         let limit = s.splat(self.threshold);
@@ -220,9 +226,9 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             for block in leaf as usize..leaf as usize + blocks {
                 self.observe.block();
                 let distance = view.point_distances(s, target, block);
-                let names = view.ids(block);
-                let under = self.keep.kept(names, s.le(distance, limit));
-                end = append(s, distances, ids, end, (distance, s.load_u(names)), under);
+                let ids_of_block = view.ids(block);
+                let under = self.keep.kept(ids_of_block, s.le(distance, limit));
+                end = append(s, distances, ids, end, (distance, s.load_u(ids_of_block)), under);
             }
         }
         *count = end;
@@ -234,8 +240,8 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
     }
 
-    /// A threshold from the size of the nearest leaf. Points grow with its 3/2th power in space and with the threshold
-    /// itself on a surface; the exponent lies in between.
+    /// Estimates a threshold from the size of the nearest leaf. The number of points grows with the 3/2th power of the
+    /// squared radius in space and with its first power on a surface; the exponent lies in between.
     #[inline(always)]
     fn guess<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let (mut lane, near) = unpack(s.reduce_min_u(keys(s, boxes)));
@@ -243,17 +249,17 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         if holding & holding.wrapping_sub(1) != 0 {
             lane = smallest(s, view, target, node, holding) as usize;
         }
-        let share = self.wanted() / (LANES * view.leaf_blocks()) as f32;
+        let share = self.expected_in_ball() / (LANES * view.leaf_blocks()) as f32;
         let ball = V::BALL * (share * share.sqrt()).sqrt() * self.scale * s.lane(view.box_sizes(s, target, node), lane);
         let threshold = near + ball;
         if near == f32::INFINITY {
-            // Nothing is here at this time; another layer may have more.
+            // The node is empty at this time; another layer may have points.
         } else if near > 4.0 * ball {
-            // Only the edge of the ball would be among the points.
+            // Only the edge of the ball would reach the points.
             self.guesses = 0;
         } else if threshold < self.threshold {
-            self.lower_to(threshold);
-            // The nearest leaf is looked at in any case: however large epsilon is, something is found.
+            self.set_threshold(threshold);
+            // The nearest leaf is visited in any case: however large epsilon is, the search finds points.
             let near = f32::from_bits(near.to_bits() | LANE_BITS);
             self.cull = if self.cull > near { self.cull } else { near };
             self.origin = Origin::Guess;
@@ -262,11 +268,11 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
     }
 
-    /// Looks at the nearest leaves first: their distances, a threshold from them, and only then ids.
+    /// Visits the nearest leaves first: computes their distances, a threshold from these, and only then appends ids.
     #[inline(always)]
     fn seed<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, boxes: S::F) -> Mask {
         let blocks = view.leaf_blocks();
-        // As many leaves as hold three times what is wanted, and one more: with a threshold from them few of the others
+        // As many leaves as hold three times k points, and one more: with a threshold from them few of the others
         // are needed.
         let (mut lanes, mut left) = (0, keys(s, boxes));
         for _ in 0..(3 * self.k).div_ceil(LANES * blocks) + 1 {
@@ -291,12 +297,12 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                 end += LANES;
             }
         }
-        // As many points as columns are at or below the k-th least of the columns' minima.
+        // At least k points are at or below the k-th least of the columns' minima.
         let mut columns = [0; LANES];
         s.store_u(s.sort_u(s.to_bits(least)), &mut columns);
         let kth = f32::from_bits(columns[self.k - 1]);
         let threshold = if kth < self.threshold { kth } else { self.threshold };
-        // In place: what is written never overtakes what is read.
+        // In place: writing never overtakes reading.
         let limit = s.splat(threshold);
         let (mut rest, mut from) = (lanes, 0);
         let Candidates { distances, ids, raw, count, .. } = &mut *self.candidates;
@@ -314,34 +320,34 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         if self.candidates.count > self.limit() {
             self.tighten(s, middle(0.0, threshold));
         } else if self.candidates.count >= self.k {
-            self.lower_to(threshold);
+            self.set_threshold(threshold);
             self.origin = Origin::Known;
         }
         lanes
     }
 
-    /// The squared distance above which boxes need not be visited (strictly).
+    /// The squared distance above which boxes are culled (strictly).
     #[inline(always)]
     pub(super) fn cull(&self) -> f32 {
         self.cull
     }
 
-    /// A node is about to be tested.
+    /// Counts a node that is about to be tested.
     #[inline(always)]
-    pub(super) fn node(&mut self) {
+    pub(super) fn count_node(&mut self) {
         self.observe.node();
     }
 
-    /// Whether nothing was looked at yet: the way down to the first bottom node.
+    /// Whether no leaf was visited yet: the descent to the first bottom node.
     #[inline(always)]
-    pub(super) fn fresh(&self) -> bool {
+    pub(super) fn at_start(&self) -> bool {
         self.origin == Origin::Caller && self.candidates.count == 0
     }
 
-    /// Puts the leaves of a bottom node, whose squared distances are `boxes`, on the list. Returns whether it is time to
-    /// [look](Self::look) at them.
+    /// Queues the leaves of a bottom node, whose squared distances are `boxes`. Returns whether it is time to
+    /// [visit](Self::visit_leaves) them.
     #[inline(always)]
-    pub(super) fn bottom<S: Simd, V: View>(
+    pub(super) fn push_leaves<S: Simd, V: View>(
         &mut self,
         s: S,
         view: &V,
@@ -354,7 +360,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         if self.origin == Origin::Caller {
             let few = self.k <= MOST_COLUMNS;
             let much_less_than_leaf = few && self.k < LANES * view.leaf_blocks() / 2;
-            // What was found before may lie beyond the ball and must not count as found within it.
+            // Earlier candidates may lie beyond the ball and must not count as found within it.
             if self.guesses > 0 && self.candidates.count == 0 && !much_less_than_leaf {
                 self.guess(s, view, target, node, boxes);
             }
@@ -362,25 +368,25 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                 found = self.seed(s, view, target, first, boxes);
             }
         }
-        self.waiting.add(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);
-        self.waiting.many() || self.origin == Origin::Caller
+        self.queue.push_lanes(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);
+        self.queue.is_ready() || self.origin == Origin::Caller
     }
 
-    /// Looks at a leaf of a tree without boxes.
+    /// Visits a leaf of a tree without boxes.
     #[inline(always)]
     pub(super) fn leaf<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, mut blocks: Range<usize>) {
         while !blocks.is_empty() {
-            while !self.waiting.many() {
+            while !self.queue.is_ready() {
                 let Some(block) = blocks.next() else { break };
-                self.waiting.add_leaf(block);
+                self.queue.push(block);
             }
-            // What comes next depends on the threshold.
-            self.look(s, view, target);
+            // The next leaf depends on the threshold.
+            self.visit_leaves(s, view, target);
         }
     }
 }
 
-/// Sum by halves, so that it needs no chain of additions.
+/// Pairwise sum, without a long chain of dependent additions.
 #[inline(always)]
 fn sum(x: &[f32; LANES]) -> f32 {
     let eight: [f32; 8] = core::array::from_fn(|i| x[i] + x[i + 8]);
@@ -388,18 +394,18 @@ fn sum(x: &[f32; LANES]) -> f32 {
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// `threshold · (wanted / found)^(3/4)`, roughly, within factors of eight: points grow with the cube of the
-/// distance, which gives 2/3, but what was counted lies more to one side of the query than to the other. Bits
-/// of floats stand in for logarithms; it is only a guess anyway.
+/// `threshold · (wanted / found)^(3/4)`, roughly, within factors of eight: the number of points grows with the cube of
+/// the distance, which gives 2/3, but the points counted lie more to one side of the query than to the other. Bits
+/// of floats replace logarithms; the result is only an estimate anyway.
 #[inline(always)]
 fn scaled(threshold: f32, wanted: f32, found: f32) -> f32 {
     let more = wanted.to_bits() as i32 - found.max(0.125).to_bits() as i32;
     let by = (more / 4 * 3).clamp(-3 << 23, 3 << 23);
-    // Thresholds whose bits leave the range of floats are refused by whoever asks.
+    // The caller rejects thresholds whose bits leave the range of floats.
     f32::from_bits(threshold.to_bits().saturating_add_signed(by))
 }
 
-/// Half-way between two floats, counted in floats.
+/// The float half-way between two floats in the order of their bits.
 #[inline(always)]
 fn middle(low: f32, high: f32) -> f32 {
     let low = low.max(0.0).to_bits();

@@ -1,13 +1,13 @@
-//! Distances of sixteen boxes as integer keys that say their lane.
+//! Distances of sixteen boxes as integer keys that contain their lane.
 //!
 //! A key is the bits of a squared distance (order-preserving for floats that are not negative), the low four replaced by
-//! the lane: the least of sixteen keys is the nearest box and where it is. Replacing bits can raise a key by up to
-//! fifteen ulps above the distance, so [`unpack`] masks them away; what is left never exceeds the distance.
+//! the lane: the least of sixteen keys gives the nearest box and its lane. Replacing bits can raise a key by up to
+//! fifteen ulps above the distance, so [`unpack`] masks them away; the rest never exceeds the distance.
 
 use crate::point::snapshot::{Target, View};
 use crate::simd::{LANES, Mask, Simd};
 
-/// The bits of a key that say the lane.
+/// The bits of a key that hold the lane.
 pub(super) const LANE_BITS: u32 = LANES as u32 - 1;
 
 /// The lane indices.
@@ -19,18 +19,18 @@ pub(super) fn keys<S: Simd>(s: S, distances: S::F) -> S::U {
     (s.to_bits(distances) & s.splat_u(!LANE_BITS)) | s.load_u(&LANE)
 }
 
-/// Lane of a key, and a lower bound of its distance.
+/// The lane of a key, and a lower bound of its distance.
 #[inline(always)]
 pub(super) fn unpack(key: u32) -> (usize, f32) {
     ((key & LANE_BITS) as usize, f32::from_bits(key & !LANE_BITS))
 }
 
-/// The smallest of several boxes. What surrounds the point most tightly tells most about its neighbours; a box that is
-/// large because it also holds a point far away tells nothing.
+/// The smallest of several boxes that hold the point. The tightest box predicts its neighbours best; a box that is
+/// large because it also holds a distant point predicts nothing.
 #[inline(always)]
 pub(super) fn smallest<S: Simd, V: View>(s: S, view: &V, target: &Target<S>, node: usize, boxes: Mask) -> u32 {
     let sizes = s.select(boxes, view.box_sizes(s, target, node), s.splat(f32::INFINITY));
     let lane = s.reduce_min_u(keys(s, sizes)) & LANE_BITS;
-    // Sizes that are too large for numbers may name any lane.
+    // Sizes that overflow may give any lane.
     if boxes >> lane & 1 != 0 { lane } else { boxes.trailing_zeros() }
 }

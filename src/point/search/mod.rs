@@ -1,34 +1,35 @@
-//! The searches, each written once for every tree that can be viewed at a time.
+//! The searches, each written once for every tree that has a view at a time.
 //!
-//! [`k_nearest`] walks best-first through [`walk`], [`nearest`] does so in a loop of its own; [`radius`] needs no order
-//! and goes by masks alone. None of them allocates; results go to buffers of the caller.
+//! [`k_nearest`] traverses best-first by [`walk`], [`nearest`] does so in a loop of its own; [`radius`] needs no order
+//! and uses masks alone. None of them allocates; results go to buffers of the caller.
 
 pub(super) mod candidates;
 pub(super) mod k_nearest;
 mod keys;
+mod leaf_queue;
 pub(super) mod nearest;
 pub(super) mod planes;
 pub(super) mod radius;
 pub(super) mod sinks;
 pub(super) mod sort;
-mod waiting;
+pub(super) mod trees;
 pub(super) mod walk;
 
 use crate::simd::{LANES, Lanes, Mask};
 
 /// A caller's predicate on ids, or none at all: [`KeepAll`] or [`KeepIf`].
 ///
-/// Predicates must be pure: they may be asked about the same id more than once, or never.
+/// Predicates must be pure: they may be called for the same id more than once, or never.
 pub trait Keep {
-    /// False where every id passes and nothing needs to be asked.
-    const ASKS: bool;
+    /// False if every id passes and the predicate need not be called.
+    const FILTERS: bool;
     /// Whether this id may be an answer.
     fn keep(&self, id: u32) -> bool;
-    /// The mask without the lanes whose ids are refused.
+    /// The mask without the lanes whose ids are rejected.
     #[doc(hidden)]
     #[inline(always)]
     fn kept(&self, ids: &[u32; LANES], mask: Mask) -> Mask {
-        if !Self::ASKS {
+        if !Self::FILTERS {
             return mask;
         }
         let (mut rest, mut out) = (mask, 0);
@@ -46,34 +47,35 @@ pub trait Keep {
 pub struct KeepAll;
 
 impl Keep for KeepAll {
-    const ASKS: bool = false;
+    const FILTERS: bool = false;
     #[inline(always)]
     fn keep(&self, _: u32) -> bool {
         true
     }
 }
 
-/// Keeps what a closure returns true for.
+/// Keeps the ids that a closure returns true for.
 #[derive(Clone, Copy, Debug)]
 pub struct KeepIf<F>(pub(super) F);
 
 impl<F: Fn(u32) -> bool> Keep for KeepIf<F> {
-    const ASKS: bool = true;
+    const FILTERS: bool = true;
     #[inline(always)]
     fn keep(&self, id: u32) -> bool {
         (self.0)(id)
     }
 }
 
-/// What [`Keep::kept`] of a caller's predicate is.
+/// [`Keep::kept`] of a caller's predicate.
 pub(super) type KeptLanes<'a> = &'a dyn Fn(&Lanes<u32>, Mask) -> Mask;
 
-/// A caller's predicate behind one call for each block with something near: the searches need not be compiled for it.
+/// A caller's predicate behind one `dyn` call for each block with a point that is near enough: the searches need not be
+/// compiled for it.
 #[derive(Clone, Copy)]
 pub(super) struct KeepLanes<'a>(pub KeptLanes<'a>);
 
 impl Keep for KeepLanes<'_> {
-    const ASKS: bool = true;
+    const FILTERS: bool = true;
     fn keep(&self, id: u32) -> bool {
         self.kept(&[id; LANES], 1) != 0
     }

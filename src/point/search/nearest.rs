@@ -1,14 +1,14 @@
-//! The nearest point.
+//! The search for the nearest point.
 //!
-//! Down to the nearest leaf first; its bound leaves few others. They are known by masks: the rest of the bottom node,
-//! then what is left of the nodes above it.
+//! It descends to the nearest leaf first; the bound from there leaves few other candidates. These are kept as masks: the
+//! rest of the bottom node, then the remaining children of the nodes above it.
 //!
-//! What comes next hangs on the bound, so it is what the search waits for: it is kept apart from the ids, which are
-//! needed at the end only, and in all lanes, where it is compared with boxes.
+//! Every further step depends on the bound, so the bound is the critical path: it is kept separate from the ids, which
+//! are needed at the end only, and in all lanes, so that it can be compared with boxes.
 
+use super::Keep;
 use super::keys::{keys, smallest, unpack};
 use super::planes::PlaneFront;
-use super::{Keep, Observe};
 use crate::limits::MAX_LEVELS;
 use crate::point::plane_tree::PlaneView;
 use crate::point::snapshot::{Leaves, Target, View};
@@ -17,26 +17,25 @@ use crate::tuning::points::NEAR;
 use glam::Vec3;
 
 /// The best so far, lane by lane.
-pub(in crate::point) struct Best<'a, S: Simd, K, O> {
+pub(in crate::point) struct Best<'a, S: Simd, K> {
     distance: S::F,
     id: S::U,
     /// The least distance, in all lanes.
     least: S::F,
-    /// The same, made less where answers may be approximate: boxes farther away than this hold nothing of interest.
+    /// The same, or less if answers may be approximate: boxes farther away than this are culled.
     cull: S::F,
     /// The caller's bound, and the factor of approximate answers.
     bound: f32,
     shrink: f32,
     keep: &'a K,
-    observe: &'a mut O,
 }
 
-impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
-    /// Nothing found yet; what lies at `bound` itself still counts.
+impl<'a, S: Simd, K: Keep> Best<'a, S, K> {
+    /// A search that has found nothing yet; points exactly at `bound` count.
     #[inline(always)]
-    pub(in crate::point) fn within(s: S, bound: f32, shrink: f32, keep: &'a K, observe: &'a mut O) -> Self {
+    pub(in crate::point) fn within(s: S, bound: f32, shrink: f32, keep: &'a K) -> Self {
         let (least, id) = (s.splat(bound), s.splat_u(u32::MAX));
-        Best { distance: least, id, least, cull: least, bound, shrink, keep, observe }
+        Best { distance: least, id, least, cull: least, bound, shrink, keep }
     }
 
     /// Id and squared distance of the nearest, lowest id first.
@@ -47,26 +46,25 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         (id != u32::MAX).then_some((id, s.lane(self.least, 0)))
     }
 
-    /// Looks at the points of a leaf; their distances go into `least` at once, into the best with their ids later.
+    /// Tests the points of a leaf; updates `least` at once, and the best distances with their ids.
     #[inline(always)]
     fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, least: &mut S::U, leaf: usize) {
         for block in leaf..leaf + view.leaf_blocks() {
-            self.observe.block();
             let distance = view.point_distances(s, target, block);
             let ids = view.ids(block);
             let id = s.load_u(ids);
             let nearer = s.lt(distance, self.distance);
             let tied = s.eq(distance, self.distance) & s.lt_u(id, self.id);
             let take = self.keep.kept(ids, nearer | tied);
-            let near = if K::ASKS { s.select(take, distance, s.splat(f32::INFINITY)) } else { distance };
-            // The bits of distances are in their order, and NaN, where there is no point, is above all of them.
+            let near = if K::FILTERS { s.select(take, distance, s.splat(f32::INFINITY)) } else { distance };
+            // The bits of distances are ordered like distances, and NaN, of absent points, is above all of them.
             *least = s.min_u(*least, s.to_bits(near));
             self.distance = s.select(take, distance, self.distance);
             self.id = s.select_u(take, id, self.id);
         }
     }
 
-    /// Brings the least distance into all lanes.
+    /// Broadcasts the least distance to all lanes.
     #[inline(always)]
     fn tighten(&mut self, s: S, least: S::U) {
         let least = s.min_u(least, s.swap_lanes_u::<8>(least));
@@ -76,14 +74,14 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         self.least = s.from_bits(least);
         self.cull = self.least;
         if self.shrink < 1.0 {
-            // Only what was found may stand for something nearer, not the caller's bound.
+            // Only a distance that was found may be shrunk, not the caller's bound.
             let found = s.lt(self.least, s.splat(self.bound));
             self.cull = s.select(found, self.least * s.splat(self.shrink), self.least);
         }
     }
 
-    /// Looks at the nearest leaf of a bottom node; returns its lane. Where leaves are not in a near cache the next two
-    /// are asked for, while this one is waited for.
+    /// Visits the nearest leaf of a bottom node; returns its lane. If leaves are not in a near cache, the next two
+    /// are prefetched meanwhile.
     #[inline(always)]
     fn nearest_leaf<V: View>(
         &mut self,
@@ -98,9 +96,9 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         if view.leaf_bytes() > NEAR {
             let others = s.select(1 << nearest, s.splat(f32::INFINITY), boxes);
             let second = nearest_lane(s, others, 0);
-            view.expect_leaf(first + (second << shift));
+            view.prefetch_leaf(first + (second << shift));
             let third = nearest_lane(s, s.select(1 << second, s.splat(f32::INFINITY), others), 0);
-            view.expect_leaf(first + (third << shift));
+            view.prefetch_leaf(first + (third << shift));
         }
         let mut least = s.to_bits(self.least);
         self.leaf(s, view, target, &mut least, first + (nearest << shift));
@@ -108,7 +106,7 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         nearest
     }
 
-    /// Looks at some leaves of a bottom node.
+    /// Visits some leaves of a bottom node.
     #[inline(always)]
     fn leaves<V: View>(&mut self, s: S, view: &V, target: &Target<S>, first: usize, lanes: Mask) {
         let mut least = s.to_bits(self.least);
@@ -121,17 +119,16 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
         self.tighten(s, least);
     }
 
-    /// Looks at all points of a tree that may be nearer than the best so far.
+    /// Searches a tree for points nearer than the best so far.
     #[inline(always)]
     pub(in crate::point) fn search<V: View>(&mut self, s: S, view: &V, target: &Target<S>) {
         let (top, root) = view.root();
-        // Distances of children not visited yet, infinite for the others, and the node behind lane 0.
+        // Per level the distances of children not visited yet, infinite for the others, and the child of lane 0.
         let mut open = [[f32::INFINITY; LANES]; MAX_LEVELS];
         let mut first = [0; MAX_LEVELS];
         let (mut level, mut node) = (top, root);
         let mut found_leaf = false;
         loop {
-            self.observe.node();
             let (mut left, mut holding) = view.boxes(s, target, node);
             if level == 0 {
                 let first = view.first_block(node);
@@ -172,18 +169,18 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
             s.store(left, &mut open[level]);
             node = first[level] + lane;
             if level == 1 && view.leaf_bytes() > NEAR {
-                view.expect_node(first[level] + nearest_lane(s, left, 0));
+                view.prefetch_node(first[level] + nearest_lane(s, left, 0));
             }
             level -= 1;
         }
     }
 
-    /// Looks at all points of a k-d tree that may be nearer than the best so far.
+    /// Searches a k-d tree for points nearer than the best so far.
     #[inline(always)]
     pub(in crate::point) fn search_planes(&mut self, s: S, view: &PlaneView<'_>, point: Vec3) {
         let target = view.target(s, point);
         let mut front = PlaneFront::begin();
-        while let Some(blocks) = front.next(view, point, s.lane(self.cull, 0), || self.observe.node()) {
+        while let Some(blocks) = front.next(view, point, s.lane(self.cull, 0), || ()) {
             let mut least = s.to_bits(self.least);
             for block in blocks {
                 self.leaf(s, view, &target, &mut least, block);
@@ -193,8 +190,8 @@ impl<'a, S: Simd, K: Keep, O: Observe> Best<'a, S, K, O> {
     }
 }
 
-/// A box that holds the point, or where there is none the nearest one. A mask is known long before the least of sixteen
-/// numbers is, and few points lie between the boxes of nodes.
+/// A box that holds the point, or the nearest one if there is none. A mask is known long before the least of sixteen
+/// numbers, and few points lie between the boxes of nodes.
 #[inline(always)]
 fn nearest_lane<S: Simd>(s: S, boxes: S::F, holding: Mask) -> usize {
     if holding != 0 { holding.trailing_zeros() as usize } else { unpack(s.reduce_min_u(keys(s, boxes))).0 }

@@ -1,18 +1,18 @@
-//! The walk through the k-d layout: down to the leaf at the query first, then the far sides of planes, nearest planes
-//! last passed first.
+//! Traversal of the k-d layout: down to the leaf at the query first, then the far sides of planes, in the reverse order
+//! of the descent.
 //!
-//! **Why no search loses a neighbour.** For each subtree the walk keeps, per axis, how far the query is from the planes
-//! that it has passed: `g = |s − q|` for a plane that stands at s at the query's time, less what the plane is rounded by.
+//! **Why no search loses a neighbour.** For each subtree the traversal keeps, per axis, how far the query is from the
+//! planes that it has passed: `g = |s − q|` for a plane that is at s at the query's time, less the rounding of the plane.
 //! A point below is computed at p with `p ≥ s − slack` (or `≤`, mirrored), so `|p − q| ≥ g − slack`, with the slack of any
-//! subtree that the point is in: the deeper, the less it is where one point far away makes it large. The difference is
-//! taken in f64 from a `g` lowered by 2^-50 of itself, more than f64 rounds on the way, so it is below the exact
+//! subtree that the point is in: deeper subtrees have less slack if one distant point makes it large. The difference is
+//! taken in f64 from a `g` lowered by 2^-50 of itself, more than f64 rounds in these steps, so it is below the exact
 //! `|p − q|`; rounded to f32 it is at most the `|d|` that the point's distance is computed from, since rounding to
 //! nearest is monotone. Squares and sums are taken in the order of [`squared`](crate::point::snapshot::squared), which is
 //! monotone too: the subtree's distance is never above that of a point in it, and culling what is *strictly* farther
 //! than the bound keeps ties.
 
 use super::k_nearest::KNearest;
-use super::radius::Sink;
+use super::radius::{Sink, search_blocks};
 use super::{Keep, Observe};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::KdView;
@@ -22,13 +22,13 @@ use crate::simd::Simd;
 use core::ops::{ControlFlow, Range};
 use glam::Vec3;
 
-/// A subtree still to be visited.
+/// A subtree on the stack.
 #[derive(Clone, Copy)]
 struct Entry {
     node: u32,
     /// Lower bound of the squared distances in it.
     distance: f32,
-    /// How far the query is outside of it, per axis, at least, if nothing in it were rounded.
+    /// Lower bounds of the distances from the query to the subtree, per axis, without rounding of its points.
     gaps: [f64; 3],
 }
 
@@ -39,14 +39,14 @@ fn distance(gaps: &[f64; 3], slack: f64) -> f32 {
     (x * x + y * y) + z * z
 }
 
-/// Where a walk stands. Below each plane on the way down at most one side waits.
+/// The state of a traversal. For each plane on the path at most one side is on the stack.
 pub(in crate::point) struct PlaneFront {
     waiting: [Entry; DEPTH_LIMIT + 1],
     count: usize,
 }
 
 impl PlaneFront {
-    /// Before the root.
+    /// A traversal that begins at the root.
     #[inline(always)]
     pub(in crate::point) fn begin() -> PlaneFront {
         let root = Entry { node: 0, distance: 0.0, gaps: [0.0; 3] };
@@ -87,7 +87,7 @@ impl PlaneFront {
                             self.waiting[self.count] = Entry { node: far, distance: far_distance, gaps: far_gaps };
                             self.count += 1;
                         }
-                        // What is far away may be left behind: then the planes above say more.
+                        // If the near side has much less slack, the planes above may cull it.
                         let slack = view.tree.slack(near);
                         if 2.0 * slack < view.tree.slack(node) && distance(&gaps, slack) > bound {
                             break;
@@ -103,7 +103,7 @@ impl PlaneFront {
 /// 1 − 2^-50.
 const BELOW_ONE: f64 = 1.0 - 4.0 * f64::EPSILON;
 
-/// Visits leaves, nearest sides of planes first, until nothing within the bound is left.
+/// Visits leaves, near sides of planes first, until no subtree within the bound is left.
 #[inline(always)]
 pub(in crate::point) fn walk<S: Simd, K: Keep, O: Observe>(
     s: S,
@@ -113,47 +113,24 @@ pub(in crate::point) fn walk<S: Simd, K: Keep, O: Observe>(
 ) {
     let target = view.target(s, point);
     let mut front = PlaneFront::begin();
-    while let Some(blocks) = front.next(view, point, search.cull(), || search.node()) {
+    while let Some(blocks) = front.next(view, point, search.cull(), || search.count_node()) {
         search.leaf(s, view, &target, blocks);
     }
 }
 
 /// Hands every point within the bound to the sink.
 #[inline(always)]
-pub(in crate::point) fn within<S: Simd, T: Sink<S>, O: Observe>(
+pub(in crate::point) fn within<S: Simd, T: Sink<S>>(
     s: S,
     view: &PlaneView<'_>,
     point: Vec3,
     bound: f32,
     sink: &mut T,
-    observe: &mut O,
 ) -> ControlFlow<()> {
+    let (target, wide_bound) = (view.target(s, point), s.splat(bound));
     let mut front = PlaneFront::begin();
-    while let Some(blocks) = front.next(view, point, bound, || observe.node()) {
-        leaf(s, view, point, bound, blocks, sink, observe)?;
-    }
-    ControlFlow::Continue(())
-}
-
-/// Hands the points of a leaf that are within the bound to the sink.
-#[inline(always)]
-pub(in crate::point) fn leaf<S: Simd, T: Sink<S>, O: Observe>(
-    s: S,
-    view: &PlaneView<'_>,
-    point: Vec3,
-    bound: f32,
-    blocks: Range<usize>,
-    sink: &mut T,
-    observe: &mut O,
-) -> ControlFlow<()> {
-    let target = view.target(s, point);
-    for block in blocks {
-        observe.block();
-        let distance = view.point_distances(s, &target, block);
-        let hits = s.le(distance, s.splat(bound));
-        if T::TAKES_NONE || hits != 0 {
-            sink.take(s, view, block, distance, hits)?;
-        }
+    while let Some(blocks) = front.next(view, point, bound, || ()) {
+        search_blocks(s, view, &target, wide_bound, blocks, sink)?;
     }
     ControlFlow::Continue(())
 }

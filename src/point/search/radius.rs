@@ -1,22 +1,20 @@
-//! Everything within a radius: masks all the way down, in no particular order.
+//! The radius search: traversal by masks, in no particular order.
 
-use super::Observe;
-use super::waiting::Waiting;
+use super::leaf_queue::LeafQueue;
 use crate::limits::MAX_LEVELS;
 use crate::point::snapshot::{Leaves, Target, View};
 use crate::simd::{Mask, Simd};
+use core::ops::{ControlFlow, Range};
 
-use core::ops::ControlFlow;
-
-/// What is done with the points of a block that lie within the radius.
+/// Consumes the points of a block that lie within the radius.
 pub(in crate::point) trait Sink<S: Simd> {
-    /// Whether it takes blocks without hits too: where that costs little, it costs less than a branch.
+    /// Whether it takes blocks without hits too: if that costs less than a branch.
     const TAKES_NONE: bool;
     /// Takes the lanes of `hits`.
     fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
 }
 
-/// Where a search stands: the children still to be visited, level by level.
+/// The state of a traversal: the children still to be visited, level by level.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::point) struct Front {
     first: [usize; MAX_LEVELS],
@@ -27,28 +25,26 @@ pub(in crate::point) struct Front {
 }
 
 impl Front {
-    /// Before the root.
+    /// A traversal that begins at the root.
     #[inline(always)]
     pub(in crate::point) fn begin<V: View>(view: &V) -> Front {
         let (level, node) = view.root();
         Front { first: [0; MAX_LEVELS], rest: [0; MAX_LEVELS], level, node, fresh: true }
     }
 
-    /// The next bottom node with leaves within the radius, and the mask of these; nothing at the end.
+    /// The next bottom node with leaves within the radius, and the mask of these; `None` at the end.
     #[inline(always)]
-    pub(in crate::point) fn next<S: Simd, V: View, O: Observe>(
+    pub(in crate::point) fn next<S: Simd, V: View>(
         &mut self,
         s: S,
         view: &V,
         target: &Target<S>,
         bound: S::F,
-        observe: &mut O,
     ) -> Option<(usize, Mask)> {
         let top = view.root().0;
         let mut fresh = core::mem::replace(&mut self.fresh, false);
         loop {
             if fresh {
-                observe.node();
                 if self.level == 0 {
                     let within = s.le(view.box_distances(s, target, self.node), bound);
                     self.level = 1;
@@ -75,29 +71,21 @@ impl Front {
     }
 }
 
-/// Tests the leaves of a mask and hands what is within the bound to the sink.
+/// Hands the points of some blocks that are within the bound to the sink.
 #[inline(always)]
-pub(in crate::point) fn leaves<S: Simd, V: View, T: Sink<S>, O: Observe>(
+pub(in crate::point) fn search_blocks<S: Simd, V: Leaves, T: Sink<S>>(
     s: S,
     view: &V,
     target: &Target<S>,
     bound: S::F,
-    (node, lanes): (usize, Mask),
+    blocks: Range<usize>,
     sink: &mut T,
-    observe: &mut O,
 ) -> ControlFlow<()> {
-    let first = view.first_block(node);
-    let mut rest = lanes;
-    while rest != 0 {
-        let leaf = first + rest.trailing_zeros() as usize * view.leaf_blocks();
-        rest &= rest - 1;
-        for block in leaf..leaf + view.leaf_blocks() {
-            observe.block();
-            let distance = view.point_distances(s, target, block);
-            let hits = s.le(distance, bound);
-            if hits != 0 {
-                sink.take(s, view, block, distance, hits)?;
-            }
+    for block in blocks {
+        let distance = view.point_distances(s, target, block);
+        let hits = s.le(distance, bound);
+        if T::TAKES_NONE || hits != 0 {
+            sink.take(s, view, block, distance, hits)?;
         }
     }
     ControlFlow::Continue(())
@@ -105,34 +93,26 @@ pub(in crate::point) fn leaves<S: Simd, V: View, T: Sink<S>, O: Observe>(
 
 /// Hands every point within the bound to the sink.
 #[inline(always)]
-pub(in crate::point) fn within<S: Simd, V: View, T: Sink<S>, O: Observe>(
+pub(in crate::point) fn within<S: Simd, V: View, T: Sink<S>>(
     s: S,
     view: &V,
     target: &Target<S>,
     bound: f32,
     sink: &mut T,
-    observe: &mut O,
 ) -> ControlFlow<()> {
     let bound = s.splat(bound);
     let mut front = Front::begin(view);
-    let mut waiting = Waiting::new();
+    let mut queue = LeafQueue::new();
     loop {
-        while !waiting.many() {
-            let Some((node, lanes)) = front.next(s, view, target, bound, observe) else { break };
-            waiting.add(s, view, view.first_block(node), lanes);
+        while !queue.is_ready() {
+            let Some((node, lanes)) = front.next(s, view, target, bound) else { break };
+            queue.push_lanes(s, view, view.first_block(node), lanes);
         }
-        if waiting.is_empty() {
+        if queue.is_empty() {
             return ControlFlow::Continue(());
         }
-        for &leaf in waiting.take() {
-            for block in leaf as usize..leaf as usize + view.leaf_blocks() {
-                observe.block();
-                let distance = view.point_distances(s, target, block);
-                let hits = s.le(distance, bound);
-                if T::TAKES_NONE || hits != 0 {
-                    sink.take(s, view, block, distance, hits)?;
-                }
-            }
+        for &leaf in queue.drain() {
+            search_blocks(s, view, target, bound, leaf as usize..leaf as usize + view.leaf_blocks(), sink)?;
         }
     }
 }

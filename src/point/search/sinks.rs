@@ -1,4 +1,4 @@
-//! What is done with the points of a block that lie within a radius: gathered, counted, or shown to a visitor.
+//! Sinks of a radius search: points are collected, counted, or passed to a visitor.
 
 use super::Keep;
 use super::candidates::{Candidates, append};
@@ -7,7 +7,7 @@ use crate::point::snapshot::Leaves;
 use crate::simd::{LANES, Mask, Simd};
 use core::ops::ControlFlow;
 
-/// Appends what is found to candidates.
+/// Appends the points found to candidates.
 pub(in crate::point) struct Gather<'a, K> {
     pub(in crate::point) candidates: &'a mut Candidates,
     pub(in crate::point) keep: &'a K,
@@ -24,27 +24,27 @@ impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
     }
 }
 
-/// What is called with the ids and squared distances of some points within the radius.
+/// A callback for the ids and squared distances of some points within the radius.
 pub(in crate::point) type VisitSome<'a> = &'a mut dyn FnMut(&[u32], &[f32]) -> ControlFlow<()>;
 
-/// Points that are found before they are handed on.
-const TOGETHER: usize = 64;
+/// Number of points that are buffered before they are passed on.
+const BATCH: usize = 64;
 
-/// Hands points on, many at a time: a call for each block would cost more than the block.
+/// Passes points on in batches: a call for each block would cost more than the block.
 pub(in crate::point) struct Visit<'v> {
     visit: VisitSome<'v>,
-    distances: [f32; TOGETHER + LANES],
-    ids: [u32; TOGETHER + LANES],
+    distances: [f32; BATCH + LANES],
+    ids: [u32; BATCH + LANES],
     count: usize,
 }
 
 impl<'v> Visit<'v> {
     #[inline(always)]
     pub(in crate::point) fn new(visit: VisitSome<'v>) -> Visit<'v> {
-        Visit { visit, distances: [0.0; TOGETHER + LANES], ids: [0; TOGETHER + LANES], count: 0 }
+        Visit { visit, distances: [0.0; BATCH + LANES], ids: [0; BATCH + LANES], count: 0 }
     }
 
-    /// Hands on what is left.
+    /// Passes on the rest.
     #[inline(always)]
     pub(in crate::point) fn finish(&mut self) -> ControlFlow<()> {
         let count = core::mem::take(&mut self.count);
@@ -61,11 +61,11 @@ impl<S: Simd> Sink<S> for Visit<'_> {
     fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let id = s.load_u(view.ids(block));
         self.count = append(s, &mut self.distances, &mut self.ids, self.count, (distance, id), hits);
-        if self.count >= TOGETHER { self.finish() } else { ControlFlow::Continue(()) }
+        if self.count >= BATCH { self.finish() } else { ControlFlow::Continue(()) }
     }
 }
 
-/// How many points there are.
+/// Counts points.
 pub(in crate::point) struct Count<'a, K> {
     pub(in crate::point) count: usize,
     pub(in crate::point) keep: &'a K,

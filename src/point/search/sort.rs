@@ -1,21 +1,21 @@
-//! Putting candidates into order: by squared distance, ties by id.
+//! Sorting candidates: by squared distance, ties by id.
 //!
 //! Up to 256 candidates are sorted in registers. A key is a distance whose low eight bits are replaced by
-//! the candidate's place in the buffer; a bitonic network of minima and maxima sorts the keys without a
-//! branch. What the lost bits leave undecided is put right in the one pass that fetches the ids, by
-//! insertion, which seldom has anything to do.
+//! the candidate's index in the buffer; a bitonic network of minima and maxima sorts the keys without a
+//! branch. Pairs that the lost bits leave undecided are corrected in the pass that fetches the ids, by
+//! insertion, which is seldom needed.
 
-use super::candidates::{Candidates, pack, there, unpack};
+use super::candidates::{Candidates, first_lanes, pack, unpack};
 use crate::point::neighbor::Neighbor;
 use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch, lanes_at, merge_lanes};
 
-/// Most candidates that the network sorts.
+/// The largest number of candidates that the network sorts.
 const MOST: usize = 16 * LANES;
 
-/// The bits of a key that say where the candidate is.
+/// The bits of a key that hold the index of the candidate.
 const PLACE: u32 = MOST as u32 - 1;
 
-/// Moves by insertion above which ordinary sorting takes over.
+/// The number of insertion moves above which ordinary sorting takes over.
 const MOST_MOVES: usize = 4 * MOST;
 
 /// Writes the `k` nearest candidates into `found`, in order.
@@ -30,7 +30,7 @@ pub(in crate::point) fn nearest_in_order(
     found.clear();
     if candidates.count <= MOST {
         candidates.reserve(0);
-        // A dispatch of its own: the networks are compiled once and not into every search.
+        // A separate dispatch: the networks are compiled once and not into every search.
         if dispatch(simd, Network { k, candidates, found }) {
             return;
         }
@@ -51,7 +51,7 @@ struct Network<'a> {
 }
 
 impl Kernel for Network<'_> {
-    /// Whether it is done; false where too many distances are nearly equal.
+    /// Whether sorting succeeded; false if too many distances are nearly equal.
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
@@ -72,8 +72,8 @@ impl Kernel for Network<'_> {
     }
 }
 
-/// Writes the `k` nearest of at most sixteen candidates into `found`, in order, without leaving registers. False, and
-/// nothing done, where there are more or where keys leave the order undecided.
+/// Writes the `k` nearest of at most sixteen candidates into `found`, in order, in registers. Does nothing and
+/// returns false if there are more or if keys leave the order undecided.
 #[inline(always)]
 pub(in crate::point) fn few_in_order<S: Simd>(
     s: S,
@@ -88,9 +88,9 @@ pub(in crate::point) fn few_in_order<S: Simd>(
     let (distance, id) = (s.load(lanes_at(&candidates.distances, 0)), s.load_u(lanes_at(&candidates.ids, 0)));
     let place = s.load_u(&PLACES[0]);
     let bits = s.splat_u(!(LANES as u32 - 1));
-    let key = s.select_u(there(count), (s.to_bits(distance) & bits) | place, s.splat_u(u32::MAX));
+    let key = s.select_u(first_lanes(count), (s.to_bits(distance) & bits) | place, s.splat_u(u32::MAX));
     let key = s.sort_u(key);
-    // Each beside the next one; those beyond the last count as NaN, which equals nothing.
+    // Each compared with the next one; lanes beyond the last are NaN, which equals nothing.
     let next = s.permute(s.from_bits(key), s.add_u(place, s.splat_u(1)));
     let (this, next) = (s.from_bits(key & bits), s.from_bits(s.to_bits(next) & bits));
     if s.eq(this, next) & !(1 << (LANES - 1)) != 0 {
@@ -141,7 +141,7 @@ fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut 
     true
 }
 
-/// Sorts the keys of `N` vectors of distances and fetches what they stand for.
+/// Sorts the keys of `N` vectors of distances and fetches the neighbours.
 #[inline(always)]
 fn sorted<S: Simd, const N: usize>(
     s: S,
@@ -156,7 +156,7 @@ fn sorted<S: Simd, const N: usize>(
     for (i, lanes) in lanes.iter_mut().enumerate() {
         if i * LANES < count {
             let key = (s.to_bits(s.load(lanes_at(distances, i * LANES))) & s.splat_u(!PLACE)) | s.load_u(&PLACES[i]);
-            *lanes = s.select_u(there(count - i * LANES), key, last);
+            *lanes = s.select_u(first_lanes(count - i * LANES), key, last);
         }
     }
     for x in &mut lanes {
@@ -201,7 +201,7 @@ fn sorted<S: Simd, const N: usize>(
     in_place(k, &keys.as_flattened()[..count], distances, ids, found)
 }
 
-/// Where each lane of each vector is in the buffer.
+/// The index of each lane of each vector in the buffer.
 static PLACES: [[u32; LANES]; MOST / LANES] = {
     let mut places = [[0; LANES]; MOST / LANES];
     let mut i = 0;
@@ -212,7 +212,7 @@ static PLACES: [[u32; LANES]; MOST / LANES] = {
     places
 };
 
-/// Ordinary selection and sorting. A function of its own: it is rare or long.
+/// Ordinary selection and sorting. Not inlined: it is rare or long.
 #[inline(never)]
 fn by_comparison(k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     let Candidates { distances, ids, count, packed, .. } = candidates;

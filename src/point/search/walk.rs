@@ -1,7 +1,7 @@
-//! The best-first walk from the root to the bottom nodes, collecting the k nearest.
+//! Best-first traversal from the root to the bottom nodes, collecting the k nearest.
 //!
-//! Per level one vector of [`keys`]: the least key of a level is the nearest child not yet visited. Leaves are looked at
-//! in one place, after a bottom node or at the end: what is compiled there is large.
+//! Each level has one vector of [`keys`]: the least key of a level is the nearest child not yet visited. Leaves are
+//! visited in one place of the code, after a bottom node or at the end: the code that is inlined there is large.
 
 use super::k_nearest::KNearest;
 use super::keys::{keys, smallest, unpack};
@@ -13,7 +13,7 @@ use crate::simd::{LANES, Simd};
 /// The key of a lane that was visited or is absent.
 const DONE: u32 = u32::MAX;
 
-/// Visits bottom nodes, nearest children first, until nothing within the bound is left.
+/// Visits bottom nodes, nearest children first, until no child within the bound is left.
 #[inline(always)]
 pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
     s: S,
@@ -27,24 +27,24 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
     let mut first = [0; MAX_LEVELS];
     let (mut level, mut node) = (top, root);
     loop {
-        search.node();
+        search.count_node();
         let (mut left, mut key);
         let (mut over, mut look) = (false, false);
         if level == 0 {
             let boxes = view.box_distances(s, target, node);
-            look = search.bottom(s, view, target, node, boxes);
+            look = search.push_leaves(s, view, target, node, boxes);
             over = top == 0;
             level = 1;
             left = s.load_u(&open[1]);
             key = next[1];
         } else {
-            // The keys of a new node stay in a register: a detour through memory would hold up the next load.
+            // The keys of a new node stay in a register: a round trip through memory would delay the next load.
             let (boxes, holding) = view.boxes(s, target, node);
             left = keys(s, boxes);
             // A box that holds the point is at distance 0, and the first of them has the least key.
             key = if holding == 0 {
                 s.reduce_min_u(left)
-            } else if holding & (holding - 1) != 0 && search.fresh() {
+            } else if holding & (holding - 1) != 0 && search.at_start() {
                 smallest(s, view, target, node, holding)
             } else {
                 holding.trailing_zeros()
@@ -53,7 +53,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
         }
         loop {
             if look | over {
-                search.look(s, view, target);
+                search.visit_leaves(s, view, target);
                 look = false;
             }
             if over {
@@ -68,7 +68,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
                 node = first[level] + lane;
                 let (second, distance) = unpack(next[level]);
                 if distance <= search.cull() {
-                    view.expect_node(first[level] + second);
+                    view.prefetch_node(first[level] + second);
                 }
                 level -= 1;
                 break;

@@ -1,23 +1,23 @@
-//! How near a point on its flight comes to a query on its way, and when.
+//! The closest approach of one moving point and one moving query.
 //!
-//! Between two keys both move linearly, so seen from the query the point flies along a segment; nearest is the foot of
-//! the perpendicular or an end. Everything but two quotients is sums and products of the caller's numbers. They are
+//! Between two keys both move linearly, so relative to the query the point moves along a segment; nearest is the foot of
+//! the perpendicular or an end. All but two quotients are sums and products of the caller's numbers. They are
 //! computed twice.
 //!
-//! In f64, to rule points out. Positions are off by less than 16·2^-53 of the largest coordinate of the point and
+//! In f64, to exclude points. Positions are off by less than 16·2^-53 of the largest coordinate of the point and
 //! the query, M, per axis; the foot may slip along the segment by so little that the distance grows by less than that. So
 //! the distance is too great by less than 2^-46 M.
 //!
 //! In 106 bits, for the answer: the same error is 2^-95 M. Times are multiplied by the number of segments and
-//! positions by the length of the query's interval, so that equal moments and parallel ways are told without rounding.
+//! positions by the length of the query's interval, so that equal times and parallel paths are recognized without rounding.
 //! The distance is rounded to f32 once at the end: it is within half an ulp, and 2^-95 M, of the exact one.
 
 use super::over_interval::Flight;
 use crate::geometry::Double;
 use glam::DVec3;
 
-/// A query on its way: positions at the begin and the end of the interval.
-pub(super) struct Way {
+/// The path of a query: positions at the begin and the end of the interval.
+pub(super) struct QueryPath {
     pub(super) from: DVec3,
     pub(super) to: DVec3,
     pub(super) times: [f64; 2],
@@ -32,57 +32,57 @@ fn dot(a: &Vector, b: &Vector) -> Double {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// A part of the shutter in which a point and the query move linearly, counted in segments between keys.
-pub(super) struct Together {
+/// A time range in which a point and the query both move linearly, in units of segments between keys.
+pub(super) struct Overlap {
     begin: f64,
     end: f64,
     segment: f64,
     segments: f64,
 }
 
-impl Together {
-    /// When the query is on its way, the point alive, and its segment the one with this number; nothing if never.
-    pub(super) fn new(way: &Way, flight: &Flight, segment: usize) -> Option<Together> {
-        let (segment, segments) = (segment as f64, (way.keys.max(2) - 1) as f64);
+impl Overlap {
+    /// The overlap of the query's interval, the point's interval, and a segment; `None` if they do not overlap.
+    pub(super) fn new(path: &QueryPath, flight: &Flight, segment: usize) -> Option<Overlap> {
+        let (segment, segments) = (segment as f64, (path.keys.max(2) - 1) as f64);
         // Exact: times have 24 bits and there are at most 2^16 keys.
-        let begin = (way.times[0].max(flight.life.begin().into()) * segments).max(segment);
-        let end = (way.times[1].min(flight.life.end().into()) * segments).min(segment + 1.0);
-        (begin <= end).then_some(Together { begin, end, segment, segments })
+        let begin = (path.times[0].max(flight.life.begin().into()) * segments).max(segment);
+        let end = (path.times[1].min(flight.life.end().into()) * segments).min(segment + 1.0);
+        (begin <= end).then_some(Overlap { begin, end, segment, segments })
     }
 
-    /// The least distance as computed in f64, and how much it may be too great.
-    pub(super) fn about(&self, way: &Way, flight: &Flight) -> (f64, f64) {
+    /// The least distance as computed in f64, and a bound of its excess.
+    pub(super) fn estimate(&self, path: &QueryPath, flight: &Flight) -> (f64, f64) {
         let [open, close] = [flight.open, flight.close].map(DVec3::from_array);
-        let length = (way.times[1] - way.times[0]) * self.segments;
+        let length = (path.times[1] - path.times[0]) * self.segments;
         let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
-        let apart = |at: f64| {
-            let query = way.from + (way.to - way.from) * ((at - way.times[0] * self.segments) * rate);
+        let offset = |at: f64| {
+            let query = path.from + (path.to - path.from) * ((at - path.times[0] * self.segments) * rate);
             open + (close - open) * (at - self.segment) - query
         };
-        let (first, last) = (apart(self.begin), apart(self.end));
+        let (first, last) = (offset(self.begin), offset(self.end));
         let passing = last - first;
         let square = passing.length_squared();
         let w = if square > 0.0 { (-first.dot(passing) / square).clamp(0.0, 1.0) } else { 0.0 };
-        let sizes = open.abs().max(close.abs()).max(way.from.abs()).max(way.to.abs());
+        let sizes = open.abs().max(close.abs()).max(path.from.abs()).max(path.to.abs());
         ((first + passing * w).length(), sizes.max_element() * 1.5e-14)
     }
 
     /// Time and distance of the closest approach.
-    pub(super) fn closest(&self, way: &Way, flight: &Flight) -> (f32, f32) {
+    pub(super) fn closest(&self, path: &QueryPath, flight: &Flight) -> (f32, f32) {
         let number = |x: f64| Double::from(x);
-        let start = number(way.times[0] * self.segments);
-        let duration = number(way.times[1] * self.segments) - start;
-        // Of a query that looks at one moment only, either position is right.
+        let start = number(path.times[0] * self.segments);
+        let duration = number(path.times[1] * self.segments) - start;
+        // For a query at one moment only, either position is right.
         let length = if duration.to_f64() > 0.0 { duration } else { number(1.0) };
-        let apart = |at: f64| -> Vector {
+        let offset = |at: f64| -> Vector {
             core::array::from_fn(|axis| {
                 let (open, close) = (number(flight.open[axis]), number(flight.close[axis]));
-                let (from, to) = (number(way.from[axis]), number(way.to[axis]));
+                let (from, to) = (number(path.from[axis]), number(path.to[axis]));
                 let point = open + (close - open) * (number(at) - number(self.segment));
                 (point - from) * length - (to - from) * (number(at) - start)
             })
         };
-        let (first, last) = (apart(self.begin), apart(self.end));
+        let (first, last) = (offset(self.begin), offset(self.end));
         let passing: Vector = core::array::from_fn(|axis| first[axis] - last[axis]);
         let (along, square) = (dot(&first, &passing), dot(&passing, &passing));
         let (at, nearest) = if along.to_f64() <= 0.0 || square.to_f64() <= 0.0 {

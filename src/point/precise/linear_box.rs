@@ -1,73 +1,73 @@
-//! Boxes around f64 points on their ways, and nodes that hold such boxes in f32 relative to a middle.
+//! Boxes around moving f64 points, and nodes that hold such boxes in f32 relative to a centre.
 //!
-//! **Padding.** A point on its way from a to b is computed with three roundings of at most 2^-52 max(|a|, |b|): its
-//! hull is wider by 2^-49 of that, and by nothing where it stands still ([`Hull::of_point`]). A face is stored relative to
-//! the middle of its node, and computed in f32 as `at + slope·w`, where w is rounded too: by at most (|at| + 3 |slope|)u.
-//! The query is rounded relative to the middle as well: by u of its distance from there, which is at most the distance of the
-//! face from there, |at| + |slope|, and that of the query from the face. The latter changes gaps by a part of themselves
-//! only, which is counted in `super::tree`. For the rest, (2 |at| + 4 |slope|)u, the face is moved outward by
-//! (3 |at| + 6 |slope|)u; the difference covers the f64 rounding on the way. The middle moves along a line; where that is
-//! computed in f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
+//! **Padding.** A point that moves from a to b is computed with three roundings of at most 2^-52 max(|a|, |b|): its
+//! box is wider by 2^-49 of that, and not at all if it is static ([`LinearBox::of_point`]). A face is stored relative to
+//! the centre of its node, and computed in f32 as `at + slope·w`, where w is rounded too: by at most (|at| + 3 |slope|)u.
+//! The query is rounded relative to the centre as well: by u of its distance from there, which is at most the distance of
+//! the face from there, |at| + |slope|, plus that of the query from the face. The latter changes gaps by a fraction of
+//! themselves only, which `super::tree` accounts for. For the rest, (2 |at| + 4 |slope|)u, the face is moved outward by
+//! (3 |at| + 6 |slope|)u; the difference covers the f64 rounding of the build. The centre moves along a line; computed in
+//! f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
 
 use crate::point::moving_leaf::Times;
 use crate::point::snapshot::Boxes;
 use crate::simd::LANES;
 use glam::DVec3;
 
-/// A box at the begin and at the end of a part of the shutter, linear between, and when what is in it lives.
+/// A box at the begin and at the end of a part of the shutter, linear between, and its active interval.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hull {
+pub(super) struct LinearBox {
     lo: [DVec3; 2],
     hi: [DVec3; 2],
     times: [f32; 2],
 }
 
-/// Sixteen boxes relative to a place that moves along a line.
+/// Sixteen boxes relative to a centre that moves along a line.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Node {
-    /// The place at the begin of the part.
+    /// The centre at the begin of the part.
     pub(super) middle: [f64; 3],
-    /// From there to where it is at the end of the part.
+    /// The displacement of the centre until the end of the part.
     pub(super) way: [f64; 3],
     /// The boxes at the begin of the part.
     pub(super) boxes: Boxes,
 }
 
-/// A node, how far its boxes move during the part, and when they count.
-pub(super) struct Made {
+/// A node, the displacements of its faces during the part, and the active intervals of its children.
+pub(super) struct NodeRows {
     pub(super) node: Node,
     pub(super) slopes: Boxes,
     pub(super) times: Times,
 }
 
-/// Relative rounding of one f32 operation, with room for that of f64 on the way.
+/// Relative rounding of one f32 operation, with room for f64 rounding in the build.
 const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
 
 /// Faces are moved outward by at least this, so that squares in f32 may underflow (`super::tree`).
 const TINY: f64 = 1e-22;
 
-/// Multiple of the paddings that is applied: 1, except where a test shows that less loses points.
+/// Multiple of the paddings that is applied: 1, except in a test that shows that less loses points.
 pub(super) const FULL: f64 = 1.0;
 
-impl Hull {
-    pub(super) const NONE: Hull =
-        Hull { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2], times: [f32::INFINITY, f32::NEG_INFINITY] };
+impl LinearBox {
+    pub(super) const NONE: LinearBox =
+        LinearBox { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2], times: [f32::INFINITY, f32::NEG_INFINITY] };
 
-    /// A point at the begin and at the end of a part, on its way between two keys.
-    pub(super) fn of_point(ends: [DVec3; 2], keys: [DVec3; 2], times: [f32; 2]) -> Hull {
+    /// The box around a point at the begin and at the end of a part, given its positions at both keys.
+    pub(super) fn of_point(ends: [DVec3; 2], keys: [DVec3; 2], times: [f32; 2]) -> LinearBox {
         let [a, b] = keys;
         let moves = if a == b { 0.0 } else { 1.0 };
         let error = a.abs().max(b.abs()) * (moves * 2f64.powi(-49));
-        Hull { lo: ends.map(|p| p - error), hi: ends.map(|p| p + error), times }
+        LinearBox { lo: ends.map(|p| p - error), hi: ends.map(|p| p + error), times }
     }
 
-    /// Both.
-    pub(super) fn union(self, other: &Hull) -> Hull {
+    /// The box around both.
+    pub(super) fn union(self, other: &LinearBox) -> LinearBox {
         let both = |i: usize| (self.lo[i].min(other.lo[i]), self.hi[i].max(other.hi[i]));
         let ((lo, hi), (end_lo, end_hi)) = (both(0), both(1));
         let times = [self.times[0].min(other.times[0]), self.times[1].max(other.times[1])];
-        Hull { lo: [lo, end_lo], hi: [hi, end_hi], times }
+        LinearBox { lo: [lo, end_lo], hi: [hi, end_hi], times }
     }
 }
 
@@ -75,13 +75,13 @@ impl Node {
     /// A node without children.
     pub(super) const NONE: Node = Node { middle: [0.0; 3], way: [0.0; 3], boxes: Boxes::NONE };
 
-    /// Boxes that stay where they are.
+    /// The displacements of static boxes.
     pub(super) const STILL: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
 
-    /// The node over at most sixteen children, and its hull.
-    pub(super) fn over(children: &[Hull], moves: bool, padding: f64) -> (Made, Hull) {
-        let hull = children.iter().fold(Hull::NONE, Hull::union);
-        let mut made = Made { node: Node::NONE, slopes: Node::STILL, times: Times::NEVER };
+    /// The node over at most sixteen children, and the box around it.
+    pub(super) fn over(children: &[LinearBox], moves: bool, padding: f64) -> (NodeRows, LinearBox) {
+        let hull = children.iter().fold(LinearBox::NONE, LinearBox::union);
+        let mut made = NodeRows { node: Node::NONE, slopes: Node::STILL, times: Times::NEVER };
         if children.is_empty() {
             return (made, hull);
         }
@@ -106,7 +106,7 @@ impl Node {
         (made, hull)
     }
 
-    /// The place that boxes are relative to, at a fraction of the part.
+    /// The centre at a fraction of the part.
     #[inline(always)]
     pub(super) fn place(&self, within: f64) -> [f64; 3] {
         let ([x, y, z], [by_x, by_y, by_z]) = (self.middle, self.way);
@@ -114,7 +114,7 @@ impl Node {
     }
 }
 
-/// A line in f32 that is computed below the one between two heights, by the slack and so many times its numbers.
+/// A line in f32 that is computed below the line between two heights, by the slack and a multiple of `unit`.
 fn below([begin, end]: [f64; 2], moves: bool, unit: f64, slack: f64) -> (f32, f32) {
     let slope = if moves { (end - begin) as f32 } else { 0.0 };
     let wide = f64::from(slope);
@@ -129,8 +129,8 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// How many points are outside of the faces of their box as queries from where they are compute both: relative to the
-    /// middle of the node, at times of the part.
+    /// The number of points that are outside of the faces of their box, both computed as in a query at the point: relative
+    /// to the centre of the node, at times of the part.
     fn lost(padding: f64) -> usize {
         let (mut random, mut lost) = (Random(3), 0);
         for round in 0..400 {
@@ -144,8 +144,9 @@ mod tests {
                     [a, a + place(speed)]
                 })
                 .collect();
-            let hulls: Vec<Hull> = points.iter().map(|&ends| Hull::of_point(ends, ends, [0.0, 1.0])).collect();
-            let (Made { node, slopes, .. }, _) = Node::over(&hulls, moves, padding);
+            let boxes_below: Vec<LinearBox> =
+                points.iter().map(|&ends| LinearBox::of_point(ends, ends, [0.0, 1.0])).collect();
+            let (NodeRows { node, slopes, .. }, _) = Node::over(&boxes_below, moves, padding);
             for step in 0..=8 {
                 let w = f64::from(step) / 8.0;
                 for (lane, [a, b]) in points.iter().enumerate() {
