@@ -92,7 +92,7 @@ pub enum Upkeep {
         every: usize,
     },
     /// When the two farthest ways since they were made add up to more than the skin, which is looked at in each step.
-    Watched {
+    Monitored {
         /// The skin.
         skin: f32,
     },
@@ -187,7 +187,7 @@ pub fn keep(walk: &Walk, maker: Maker, upkeep: Upkeep) -> Result<Kept, Box<dyn E
                 good_until = Some(step + every - 1);
                 made += 1;
             }
-            Upkeep::Watched { skin } => {
+            Upkeep::Monitored { skin } => {
                 let outrun = made == 0 || two_farthest(&walk.positions[made_at], at) > walk.radius * skin;
                 if outrun {
                     lists.make(at, reach(skin))?;
