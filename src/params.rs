@@ -214,7 +214,7 @@ pub struct KdParams {
     /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 b` for a number of primitives of `b` bits.
     pub max_depth: Option<u32>,
     /// The greatest number of references per primitive, >= 1. It is divided among subtrees by a fixed rule, so that
-    /// the tree does not depend on the number of threads; where it is exhausted, nodes become leaves. Default 8.
+    /// the tree does not depend on the number of threads; when it is exhausted, nodes become leaves. Default 8.
     pub max_references: f32,
 }
 

@@ -26,16 +26,16 @@ pub(crate) mod wide {
     /// If both sides of a split together have this many times the area of the node, further splits are unlikely to be much
     /// better: needles and hair. A single leaf block of sixteen costs a query no more there.
     pub const CROWDED: f32 = 1.4;
-    /// Nodes of few references are split on where they are visited by more than this share of the rays that come to the tree, or of the
-    /// visits to all primitives where those are fewer. There are few such nodes: at most the leaves that a ray visits, divided by this
-    /// share. To do it with every leaf would take longer than a level of the build. Half of it finds little more in rooms of a tenth to
-    /// four times the triangles, twice as much misses some of the floors in them:
+    /// Nodes of few references are split further if they are visited by more than this fraction of the rays that enter the tree,
+    /// or of the visits to all primitives if those are fewer. There are few such nodes: at most the leaves that a ray visits,
+    /// divided by this fraction. Doing this with every leaf would take longer than a level of the build. Half the value finds
+    /// little more in rooms of a tenth to four times the triangles, twice the value misses some of the floors in them:
     /// `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1 --scale 0.1` counts.
     pub const LARGE_LEAF: f32 = 1.0 / 256.0;
     /// Trees up to this many bytes mostly stay in the caches, so that neither the order of rays nor interleaving gains much.
     pub const CACHED: usize = 64 << 20;
     /// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the
-    /// cache, and where they are, a prefetch only costs.
+    /// cache, and if they are, a prefetch only costs.
     pub const AHEAD: usize = 8 << 20;
 }
 
@@ -98,7 +98,7 @@ pub(crate) mod slices {
     pub const LEVELS: usize = 3;
     pub const FEW: usize = 16;
     /// The latency of a ray is mostly that of nodes. So segments, which share leaf blocks, count as this fraction of copies
-    /// in this respect: two cost 7 to 30 % more than their steps and tests say, four 20 to 60 % (coherent, debris, tornado, hairball).
+    /// in this respect: two cost 7 to 30 % more than their counted steps and tests, four 20 to 60 % (coherent, debris, tornado, hairball).
     pub const NODE_LATENCY_SHARE: f32 = 0.8;
     /// A division is used if it costs less than this fraction of the undivided tree: it takes memory and time to build.
     pub const MAX_SPLIT_COST: f32 = 0.87;

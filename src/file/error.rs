@@ -27,9 +27,9 @@ pub enum FileError {
     },
     /// The file holds another kind of tree.
     Kind {
-        /// What it holds.
+        /// The kind in the file.
         found: &'static str,
-        /// What was to be read.
+        /// The expected kind.
         expected: &'static str,
     },
     /// The file is shorter or longer than its header says.
@@ -61,7 +61,7 @@ pub enum FileError {
     Lazy,
     /// The primitives passed to loading are not those that the tree was built of.
     OtherPrimitives {
-        /// What differs.
+        /// The property that differs.
         what: &'static str,
     },
     /// The primitives passed to loading would be rejected by a build.

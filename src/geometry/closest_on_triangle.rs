@@ -15,15 +15,15 @@ pub(crate) struct OnTriangle {
 /// The closest point on a triangle, in f64.
 ///
 /// The regions are those of Ericson, *Real-Time Collision Detection*, section 5.1.5: the nearest point lies on an edge
-/// (or at a corner, its end), or it is the foot of the perpendicular where that is inside. Ericson finds the region first, by
+/// (or at a corner, its end), or it is the foot of the perpendicular if that is inside. Ericson finds the region first, by
 /// signs of differences that cancel in thin triangles, and a wrong region gives a wrong point. Here the nearest
 /// point of each edge is always computed, and so is the foot, and the nearest of these is taken. Degenerate triangles
 /// need no special case: they are their edges.
 ///
 /// Every candidate is a point of the triangle up to the rounding of f64, and the distance is that of the candidate itself, so
 /// the distance is never too small. It is too large by less than 2e-8 of the longest edge: with edges below `l` and the
-/// height `h` above the longest, the cross products put the foot wrong by less than `8 e l² / h`, where `e` = 2^-53, and
-/// where that is more than `h` the longest edge is nearer; the worst is where both are equal, `h² = 8 e l²`.
+/// height `h` above the longest, the error of the foot from the cross products is less than `8 e l² / h`, where `e` = 2^-53, and
+/// if that is more than `h` the longest edge is nearer; the worst case is that both are equal, `h² = 8 e l²`.
 ///
 /// The point is clamped to the box of the corners, so that a box that holds the corners holds it exactly, which queries
 /// rely on; this moves it by at most one f64 rounding.
@@ -125,7 +125,7 @@ mod tests {
         let mut next = |reach: i128| i128::from(random.bits() >> 33) % (2 * reach + 1) - reach;
         let (mut inside, mut thin) = (0, 0);
         for round in 0..200_000 {
-            // Small ones with many flat and coinciding, large ones, and slivers: a corner beside an edge.
+            // Small triangles, many of them flat or coincident, large ones, and slivers: a corner next to an edge.
             let reach = [2, 50, 1 << 20][round % 3];
             let mut point = || [next(reach), next(reach), next(reach)];
             let (a, b, mut c, q) = (point(), point(), point(), point());

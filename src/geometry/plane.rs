@@ -1,6 +1,6 @@
 //! Split planes.
 
-/// A split plane that may move: `position + velocity * t` along `axis`. The paper's planes stand still.
+/// A split plane that may move: `position + velocity * t` along `axis`. The paper's planes are static.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Plane {
     pub axis: usize,

@@ -2,7 +2,7 @@
 //!
 //! One recursion for primitives and points ([`Moving`] is what differs). A node's plane is chosen by its Normal
 //! references at mid-shutter; they are duplicated, its BP references propagated ([`Children`]), and the children built
-//! in turn, in parallel where they are large. The result of a node depends on its own references and budgets only, so the
+//! in turn, in parallel if they are large. The result of a node depends on its own references and budgets only, so the
 //! tree is the same for any number of threads.
 //!
 //! Budgets: the leaves below a node may have a limited number of references altogether. A plane that needs more is
@@ -244,8 +244,7 @@ mod tests {
         }
     }
 
-    /// A swarm flies into a cell where nothing is at mid-shutter: it holds BP references only, and is divided all the
-    /// same.
+    /// A swarm flies into a cell that is empty at mid-shutter: it has BP references only, and is split nevertheless.
     #[test]
     fn a_cell_that_is_only_visited_is_no_single_leaf() {
         let (side, mut open) = (24, Vec::new());

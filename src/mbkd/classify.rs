@@ -4,7 +4,7 @@
 //! each side for the time interval it spends there. The code is the same for triangles, spheres, caller-defined
 //! primitives and points: all of them have a linear [`Extent`] along the plane's axis, and differ
 //! in the rounding of the crossing times ([`Rounding`]).
-//! Repeated at every plane on the way down, with the interval that came out of the plane above, it is
+//! Repeated at every plane of the descent, with the interval that results from the plane above, it is
 //! the paper's duplication (section 3.1.1) and propagation (section 3.1.2) alike.
 
 use crate::geometry::{Extent, Line, Plane, TimeInterval};
@@ -139,7 +139,7 @@ mod tests {
 
     const PLANE: Plane = Plane { axis: 0, position: 0.0, velocity: 0.0 };
 
-    /// Times beside crossings, at which the distance is negative in whole numbers and which the interval does not hold,
+    /// Counts times next to crossings at which the exact distance is negative and which the interval does not contain,
     /// with a begin and an end that were moved down and up.
     fn lost_beside_crossings(down: impl Fn(f32) -> f32 + Copy, up: impl Fn(f32) -> f32 + Copy) -> [usize; 2] {
         let mut random = Random(3);

@@ -92,7 +92,7 @@ mod tests {
     use crate::primitive::{TriangleMesh, Triangles};
     use glam::Vec3;
 
-    /// What became of the reference on each side: Normal or BP, and its interval.
+    /// The result of the reference on each side: Normal or BP, and its interval.
     type Sides = [Option<(&'static str, f32, f32)>; 2];
 
     fn sides(children: &Children<Primitives<Triangles>>) -> Sides {
@@ -124,7 +124,7 @@ mod tests {
                 [Vec3::new(x, -1.0, 0.0), Vec3::new(x + 0.2, 1.0, 0.0), Vec3::new(x, 1.0, 0.5)]
                     .map(|p| Vec3::new(p.x * sign, p.y, p.z))
             };
-            // Two still points keep tree space equal to the world.
+            // Two static points make tree space equal to world space.
             let frame = [Vec3::NEG_ONE, Vec3::ONE];
             let key = |x: f32| at(x).into_iter().chain(frame).collect::<Vec<Vec3>>();
             let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![key(-1.0), key(0.2)]);

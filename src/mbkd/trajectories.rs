@@ -118,8 +118,8 @@ impl Moving for Trajectories {
         Extent { interval, lower: Line { begin, end }, upper: Line { begin, end } }
     }
 
-    /// A plane through the median of where the references are in the middle of their intervals: BP references too, which
-    /// are most of them where points move far. It moves with the median of them.
+    /// A plane through the median of the positions of the references in the middle of their intervals, including BP
+    /// references, which are most of them if points move far. It moves with the median velocity.
     fn choose(&self, normal: &[PointReference], bp: &[PointReference], _cell: LinearBox3) -> Option<Plane> {
         let all = || normal.iter().chain(bp);
         if normal.len() + bp.len() <= LEAF {

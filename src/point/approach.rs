@@ -314,7 +314,7 @@ impl PointTree {
     /// segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the lower id. The distance is the
     /// exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the largest coordinate; so is the time. Finds nothing
     /// for positions that are not finite or farther from the origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16
-    /// microseconds among points that move little, some dozen where they cross far.
+    /// microseconds among points that move little, some dozens if they move far across each other.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};

@@ -21,7 +21,7 @@ use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch, dispatch_or};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// A query of a tree: where, when, how far and for which points.
+/// A query of a tree: point, time, bounds and filter.
 #[derive(Clone, Copy)]
 pub(super) struct Query<'a, K> {
     pub tree: &'a PointTree,

@@ -1,6 +1,6 @@
 //! The k-nearest search with a filter and counted work.
 //!
-//! Counting costs next to nothing beside a filter that is called for each block. So this one form serves queries with a
+//! The cost of counting is negligible compared with a filter that is called for each block. So this one form serves queries with a
 //! filter and those for the work alone; queries without a filter have a form that does not count ([`super::compiled`]).
 
 use super::partition::{Layer, QueriedLayers};

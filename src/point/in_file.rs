@@ -139,9 +139,9 @@ impl PointTree {
 
     /// The tree, or an error if searches cannot traverse it.
     fn checked(origin: DVec3, len: u64, layers: Vec<LayerRecord>) -> Result<PointTree, FileError> {
-        require(origin.is_finite(), "its origin is nowhere")?;
+        require(origin.is_finite(), "its origin is not finite")?;
         let all = layers.iter().try_fold(0u64, |sum, layer| sum.checked_add(layer.points));
-        require(all == Some(len) && len < u64::from(u32::MAX), "it has not as many points as its layers")?;
+        require(all == Some(len) && len < u64::from(u32::MAX), "the number of points does not match its layers")?;
         let precise = layers.iter().filter(|layer| matches!(layer.trees, Trees::Precise(_))).count();
         require(precise == 0 || precise == layers.len(), "it has points in f32 and in f64")?;
         let (layers_read, statistics, simd) = (layers, PointStatistics::default(), SimdLevel::best());
@@ -188,7 +188,7 @@ impl LayerRecord {
             MOVING => Trees::Moving(all(from, trees, MovingRecord::decode)?),
             PLANES => Trees::Planes(all(from, trees, PlaneRecord::decode)?),
             PRECISE => Trees::Precise(all(from, trees, PreciseRecord::decode)?),
-            _ => return broken("it has a structure that is not known"),
+            _ => return broken("it has an unknown structure"),
         };
         Ok(LayerRecord { keys: keys as usize, per_segment: per_segment as usize, points, why, trees })
     }
@@ -197,12 +197,12 @@ impl LayerRecord {
     fn checked(self, tree: &mut PointTree) -> Result<(), FileError> {
         let LayerRecord { keys, per_segment, points, why, trees } = self;
         let points = points as usize;
-        let Ok(why) = String::from_utf8(why) else { return broken("the reason for it is no text") };
+        let Ok(why) = String::from_utf8(why) else { return broken("the reason of a layer is not valid UTF-8") };
         let parts = |trees: usize| parts_of(keys, per_segment, trees);
         // Each tree has at most all points, and all trees together have each point at least once.
         let enough = |counts: &[usize]| {
             let most = counts.iter().copied().max().unwrap_or(0);
-            require((most..=counts.iter().sum()).contains(&points), "it has not as many points as its trees")
+            require((most..=counts.iter().sum()).contains(&points), "the number of points does not match its trees")
         };
         match trees {
             Trees::Still(record) => {
@@ -222,7 +222,7 @@ impl LayerRecord {
                 let trees = records.into_iter().zip(parts).map(|(record, part)| record.checked(part));
                 let trees: Vec<PlaneTree> = trees.collect::<Result<_, _>>()?;
                 let references: usize = trees.iter().map(PlaneTree::references).sum();
-                require(points <= references, "it has not as many points as its trees")?;
+                require(points <= references, "the number of points does not match its trees")?;
                 tree.add(Layer::Planes(trees), PointLayerKind::Mbkd, points, why);
             }
             Trees::Precise(records) => {
@@ -245,6 +245,6 @@ fn parts_of(keys: usize, per_segment: usize, trees: usize) -> Result<Vec<Part>, 
     // Some parts are so short that they contain no time.
     let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;
     let parts = if few { parts(keys, per_segment) } else { Vec::new() };
-    require(few && parts.len() == trees, "it has not a tree for each part of the shutter")?;
+    require(few && parts.len() == trees, "the number of trees does not match the parts of the shutter")?;
     Ok(parts)
 }

@@ -42,14 +42,17 @@ impl MovingLeaves {
     pub(super) fn check(&self, timed: bool, counts: Option<usize>) -> Result<(), FileError> {
         let blocks = self.blocks.len();
         let fits = self.times.len() == if timed { blocks } else { 0 };
-        require(fits && (self.lives.is_empty() || self.lives.len() == blocks), "it has not as many times as leaves")?;
+        require(
+            fits && (self.lives.is_empty() || self.lives.len() == blocks),
+            "the number of active intervals does not match its leaves",
+        )?;
         let fine = parallel::chunks(blocks, |range| {
             range.into_iter().all(|block| {
                 let count = counts.map(|count| count.saturating_sub(block * LANES));
                 is_fine(&self.blocks[block], count)
             })
         });
-        require(fine.into_iter().all(|fine| fine), "a leaf holds something else than points")
+        require(fine.into_iter().all(|fine| fine), "a leaf holds invalid points")
     }
 }
 
@@ -98,17 +101,17 @@ impl MovingRecord {
     pub(super) fn checked(self, part: Part) -> Result<MovingTree, FileError> {
         let MovingRecord { count, nodes, node_times, leaves } = self;
         let blocks = leaves.blocks.len();
-        require(count.div_ceil(LANES as u64) == blocks as u64, "it has not as many leaves as its points need")?;
+        require(count.div_ceil(LANES as u64) == blocks as u64, "the number of leaves does not match its points")?;
         let count = count as usize;
         let shape = Shape::with_leaf(count, 1);
         let timed = !node_times.is_empty();
         let fits = nodes.len() == shape.nodes() && (!timed || node_times.len() == nodes.len());
-        require(fits, "it has not as many nodes as its points need")?;
+        require(fits, "the number of nodes does not match its points")?;
         leaves.check(timed, Some(count))?;
         for (node, lanes) in shape.lanes(blocks) {
             let times = node_times.get(node);
             let fine = (0..LANES).all(|lane| is_child(&nodes[node], times, lane, lane < lanes));
-            require(fine, "a node has a box that is none, or nothing in it")?;
+            require(fine, "a node has an invalid box, or a box without a child")?;
         }
         let first = first_children(&shape);
         let levels = shape.levels;

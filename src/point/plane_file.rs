@@ -35,9 +35,9 @@ impl PlaneRecord {
     /// The tree of a part of the shutter, or an error if searches cannot traverse it.
     pub(super) fn checked(self, part: Part) -> Result<PlaneTree, FileError> {
         let PlaneRecord { root, nodes, slack, leaves } = self;
-        require(!root.min.is_nan() && !root.max.is_nan(), "its bounds are no box")?;
+        require(!root.min.is_nan() && !root.max.is_nan(), "its bounds are not a box")?;
         let fine = slack.len() == nodes.len() && slack.iter().all(|slack| (0.0..=f32::MAX).contains(slack));
-        require(fine, "it has not as many slacks as nodes")?;
+        require(fine, "the number of slacks does not match its nodes")?;
         leaves.check(true, None)?;
         let Ok(depth) = check_links(&nodes, leaves.blocks.len()) else {
             return broken("a node is not linked as it should be");

@@ -196,7 +196,7 @@ impl PlaneTree {
     }
 }
 
-/// Bound of the relative rounding of one operation, with room for that of f64 on the way.
+/// Bound of the relative rounding of one operation, with room for f64 rounding in the build.
 const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
 
 /// Rounded up, with room for what underflows.

@@ -52,13 +52,13 @@ impl StaticRecord {
         let shape = Shape::flattest(count);
         let leaves = shape.begin[1] * LANES;
         let fits = nodes.len() == shape.nodes() && blocks.len() == leaves * shape.leaf_blocks;
-        require(fits, "it has not as many nodes and leaves as its points need")?;
+        require(fits, "the numbers of nodes and leaves do not match its points")?;
         let blocks_fine = parallel::chunks(blocks.len(), |range| {
             range.into_iter().all(|block| is_fine(&blocks[block], count.saturating_sub(block * LANES)))
         });
-        require(blocks_fine.into_iter().all(|fine| fine), "a leaf holds something else than points")?;
+        require(blocks_fine.into_iter().all(|fine| fine), "a leaf holds invalid points")?;
         let fine = shape.lanes(leaves).all(|(node, lanes)| are_fine(&nodes[node], lanes));
-        require(fine, "a node has a box that is none, or nothing in it")?;
+        require(fine, "a node has an invalid box, or a box without a child")?;
         let ordered = ordered.first().map(|&[spread, excess]| Ordered { spread, excess });
         Ok((StaticTree { nodes, blocks, shape, ordered }, count))
     }

@@ -128,7 +128,7 @@ mod tests {
     use crate::primitive::{PrimitiveSet, TriangleMesh};
     use crate::random::Random;
 
-    /// Corners that leave the bounds at times of their interval, among them keys and times beside them, when a part of
+    /// Counts corners outside of the bounds at times of their interval, including keys and times next to them, if a part of
     /// the padding is taken away.
     fn lost(part: f32) -> usize {
         let (mut random, mut lost) = (Random(19), 0);

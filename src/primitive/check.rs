@@ -40,7 +40,7 @@ pub enum PrimitiveError {
     },
     /// Two calls for the nearest point to the same point gave different answers.
     ImpurePoint {
-        /// The point that was asked for.
+        /// The query point.
         point: DVec3,
         /// When.
         time: f32,
@@ -49,7 +49,7 @@ pub enum PrimitiveError {
     PointOutsideBounds {
         /// The interval.
         over: TimeInterval,
-        /// The point that was asked for.
+        /// The query point.
         point: DVec3,
         /// When.
         time: f32,
@@ -58,7 +58,7 @@ pub enum PrimitiveError {
     },
     /// A ray hits the primitive nearer to a point than the reported nearest point.
     NotNearest {
-        /// The point that was asked for.
+        /// The query point.
         point: DVec3,
         /// When.
         time: f32,
@@ -99,8 +99,8 @@ impl fmt::Display for PrimitiveError {
 impl std::error::Error for PrimitiveError {}
 
 /// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths, and with the
-/// rays' origins for [`Primitive::closest_point`], where that is implemented: its answers lie within the bounds and are no
-/// farther than where rays hit.
+/// rays' origins for [`Primitive::closest_point`], if that is implemented: its answers lie within the bounds and are no
+/// farther than hits of rays.
 ///
 /// Rays are drawn from a fixed sequence around the primitive's swept box, many of them aimed at its faces and edges,
 /// where padding matters. Passing is no proof; a failure is one, and the error contains the ray. The rounding of `t` to f32
@@ -309,7 +309,7 @@ mod tests {
         let check = |f| check_primitive(&Wrong(ball.clone(), f, AtomicU32::new(1)), 5000);
         assert_eq!(check(|p| p), Ok(()));
         assert!(matches!(check(|p| p * 1.001), Err(PrimitiveError::PointOutsideBounds { .. })));
-        // Inside a ball that stands still, so within its bounds at every time.
+        // Inside a static ball, so within its bounds at every time.
         let fixed = Wrong(MovingSphere::fixed(DVec3::ZERO, 1.0), |p| p * 0.5, AtomicU32::new(1));
         assert!(matches!(check_primitive(&fixed, 5000), Err(PrimitiveError::NotNearest { .. })));
         assert_eq!(check(|_| DVec3::NAN), Ok(()));

@@ -1,8 +1,8 @@
 //! Merging keys: if all vertices of a mesh move on straight lines, fewer keys describe the same motion.
 //!
 //! Keys are spaced evenly, so keys are kept on a coarser grid that the given one refines: of 65 keys every second, fourth, …
-//! or the first and the last; one where all of them are equal. The whole mesh keeps the same keys, so that triangles which
-//! share a vertex still compute the same numbers for it; so does a whole set of points, whose trees are one for each segment.
+//! or the first and the last; one if all of them are equal. The whole mesh keeps the same keys, so that triangles which
+//! share a vertex still compute the same numbers for it; the same holds for a whole set of points, which has one tree for each segment.
 //!
 //! The rule, with u = 2^-24: every coordinate of a key that is dropped lies within 4u of the line between the kept keys around it,
 //! relative to the larger coordinate of these two. This is what rounding does to a straight motion that a program samples in

@@ -79,7 +79,7 @@ mod tests {
         for keys in [1, 2, 3, 9] {
             let [with, without] = outside(keys);
             assert_eq!(with, 0, "{keys} keys");
-            // What moves is padded for the rounding of its motion in f32 too, which is not done here.
+            // Moving triangles are padded for the f32 rounding of their motion as well, which does not occur here.
             assert!(without > 100 || keys > 1, "{keys} keys: a padding that nothing needs");
         }
     }

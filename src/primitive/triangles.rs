@@ -133,7 +133,7 @@ impl Triangles {
         self.vertices.positions[vertex as usize + offset]
     }
 
-    /// A vertex of a mesh with so many keys, more than two, at all of them.
+    /// The positions of a vertex at all keys, for a mesh with more than two keys.
     #[inline(always)]
     pub(crate) fn keys_of_vertex(&self, vertex: u32, keys: usize) -> &[Vec3] {
         &self.vertices.positions[vertex as usize..][..keys]

@@ -66,7 +66,7 @@ impl<'f> GatherQuery<'f> {
         GatherQuery { radius, ..self }
     }
 
-    /// Half width of the window in time: photons stamped at s count where `|s - time| <= window` (in f32). If it is
+    /// Half width of the window in time: photons stamped at s count if `|s - time| <= window` (in f32). If it is
     /// infinite, time is ignored.
     pub fn window(self, window: f32) -> Self {
         GatherQuery { window, ..self }
@@ -93,7 +93,7 @@ impl<'f> GatherQuery<'f> {
         GatherQuery { filter: Some(predicate), ..self }
     }
 
-    /// An error for the first thing that is out of range.
+    /// An error for the first parameter that is out of range.
     pub(super) fn check(&self) -> Result<(), GatherError> {
         let fine = |fine: bool, error| if fine { Ok(()) } else { Err(error) };
         check_place(self.position, self.time)?;
@@ -125,7 +125,7 @@ pub(super) fn valid_radius(radius: f32) -> bool {
     (0.0..=MAX_POINT_COORDINATE as f32).contains(&radius) || radius == f32::INFINITY
 }
 
-/// An error where a place is too far away or a time outside the shutter.
+/// An error if a position is too far away or a time outside the shutter.
 pub(super) fn check_place(position: Vec3, time: f32) -> Result<(), GatherError> {
     if !position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all() {
         return Err(GatherError::Position);

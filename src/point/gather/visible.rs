@@ -4,7 +4,7 @@
 //! the tree are around the balls, so a photon enters a box only if it lies in it, and its window reaches the times in
 //! it. When radii shrink between passes the order of the tree is kept and its boxes are refitted.
 //!
-//! **Why no point is missed.** A photon contributes where `(dx·dx + dy·dy) + dz·dz <= r·r`, each step rounded once.
+//! **Why no point is missed.** A photon contributes if `(dx·dx + dy·dy) + dz·dz <= r·r`, each step rounded once.
 //! Rounding is monotone, so each rounded square alone is at most the rounded r·r: with u = 2^-24, |dx| is at most
 //! r (1 + 2u) if nothing underflows and p − x at most that times (1 + u). Squares that underflow add less than 2^-74
 //! to it. The boxes are around balls grown by 8u of their radius and 2^-73, each end rounded outward.

@@ -70,22 +70,25 @@ impl PreciseRecord {
         let references = count as usize;
         let shape = PreciseTree::shape(references, moves);
         let leaves = references.div_ceil(shape.leaf());
-        require(blocks.len() == leaves * shape.leaf_blocks, "it has not as many leaves as its points need")?;
+        require(blocks.len() == leaves * shape.leaf_blocks, "the number of leaves does not match its points")?;
         let all = |needed: bool, of: usize| if needed { of } else { 0 };
         let of_nodes = nodes.len() == shape.nodes()
             && slopes.len() == all(moves, nodes.len())
             && node_times.len() == all(timed, nodes.len());
-        require(of_nodes, "it has not as many nodes as its points need")?;
+        require(of_nodes, "the number of nodes does not match its points")?;
         let of_blocks = ends.len() == all(moves, blocks.len())
             && block_times.len() == all(timed, blocks.len())
             && lives.len() == all(!lives.is_empty(), blocks.len());
-        require(of_blocks && (moves || !timed && lives.is_empty()), "it has not as many times as leaves")?;
+        require(
+            of_blocks && (moves || !timed && lives.is_empty()),
+            "the number of active intervals does not match its leaves",
+        )?;
         let tree = PreciseTree { part, shape, nodes, slopes, blocks, ends, node_times, block_times, lives, references };
         let fine =
             parallel::chunks(tree.blocks.len(), |range| range.into_iter().all(|block| tree.block_is_fine(block)));
-        require(fine.into_iter().all(|fine| fine), "a leaf holds something else than points")?;
+        require(fine.into_iter().all(|fine| fine), "a leaf holds invalid points")?;
         let fine = tree.shape.lanes(leaves).all(|(node, lanes)| tree.node_is_fine(node, lanes, origin));
-        require(fine, "a node has a box that is none, or nothing in it")?;
+        require(fine, "a node has an invalid box, or a box without a child")?;
         Ok(tree)
     }
 }
