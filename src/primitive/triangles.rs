@@ -134,6 +134,14 @@ impl Triangles {
         self.vertices.positions[vertex as usize + offset]
     }
 
+    /// The positions of a vertex at some keys of its mesh, `stride` apart; of what stands still at one.
+    #[inline(always)]
+    pub(crate) fn run(&self, vertex: u32, stride: usize, keys: Range<usize>) -> impl Iterator<Item = &Vec3> {
+        let last = keys.end - 1;
+        let of = &self.vertices.positions[vertex as usize + keys.start * stride..=vertex as usize + last * stride];
+        of.iter().step_by(stride.max(1))
+    }
+
     /// A vertex of a mesh with so many keys, more than two, at all of them.
     #[inline(always)]
     pub(crate) fn keys_of_vertex(&self, vertex: u32, keys: usize) -> &[Vec3] {
