@@ -193,3 +193,36 @@ impl Triangles {
         changed != 0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Frame;
+    use crate::layout::WideTree;
+    use crate::params::{Division, WideParams};
+    use crate::primitive::Scene;
+    use crate::progress::Progress;
+    use crate::scene;
+
+    #[test]
+    fn rows_are_asked_for_where_they_are() {
+        let set = Scene::new(&scene::turning(3000, 17).meshes, Vec::new()).expect("a scene");
+        for division in [Division::Automatic, Division::Whole, Division::Segments(4), Division::Copies(4)] {
+            let params = WideParams { division, ..WideParams::default() };
+            let tree = WideTree::build(&set, &params, &Progress::new(None)).expect("a tree");
+            let mut blocks = 0;
+            for time in [0.0, 0.03, 0.249, 0.25, 0.5, 0.77, 1.0] {
+                let key = tree.keyed_rows.at(time).expect("blocks of many keys");
+                tree.boxes(time, Frame::WORLD, 1, &mut |b, leaf| {
+                    let keyed = KeyedLeaf::read(tree.arena.ints(), leaf);
+                    if b.leaf && keyed.shared {
+                        let rows = leaf.at() + keyed.rows(KeyTime::new(time, keyed.segments + 1).segment);
+                        assert_eq!(KeyedRows::begin(leaf, key), rows, "{division:?} at {time}");
+                        blocks += 1;
+                    }
+                });
+            }
+            assert!(blocks > 100, "{blocks}");
+        }
+    }
+}

@@ -38,7 +38,8 @@ impl WideTree {
         self.check(set)?;
         self.arena.settle();
         (self.counts, self.blocks) = self.index_leaves(set);
-        let held: Vec<u32> = (0..set.len() as u32).step_by(set.len() / 1024 + 1).filter(|&id| !set.is_listed(id)).collect();
+        let held: Vec<u32> =
+            (0..set.len() as u32).step_by(set.len() / 1024 + 1).filter(|&id| !set.is_listed(id)).collect();
         self.keyed_rows = KeyedRows::of(set, &held, self.slices);
         Ok(self)
     }
