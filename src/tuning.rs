@@ -37,6 +37,8 @@ pub(crate) mod wide {
     /// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the
     /// cache, and if they are, a prefetch only costs.
     pub const AHEAD: usize = 8 << 20;
+    /// Words of a tree from which on the rows of blocks with many keys are prefetched: `cargo bench --bench keys`.
+    pub const KEYED_AHEAD: usize = 1 << 18;
 }
 
 /// Lazy trees.

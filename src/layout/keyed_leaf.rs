@@ -1,7 +1,8 @@
 //! Leaf blocks of triangles whose motion has more than two keys.
 //!
 //! All keys that queries of the block may need are there once, one behind the other; a query reads the rows of the two
-//! around its time. In front stands what does not depend on time:
+//! around its time. In front stands what does not depend on time. It takes the same room in every block, so that the reference and
+//! the time alone say where those rows are ([`KeyedRows`]), and they are fetched together with the front:
 //!
 //! | words | |
 //! |---|---|
@@ -9,10 +10,12 @@
 //! | n | where vertices are shared: the three vertices of each triangle, as in other blocks |
 //! | 1 | where they are not: the sizes (see [`super::wide_node`]) |
 //! | n | ids |
+//! | | nothing, up to the 35th word |
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
-use super::leaf_block::{Shared, set_sizes, write_corners};
+use super::leaf_block::{Shared, WideSource, set_sizes, write_corners};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
+use crate::geometry::KeyTime;
 use crate::primitive::Triangles;
 use crate::simd::{Arena, LANES};
 
@@ -34,6 +37,9 @@ pub(crate) struct KeyedLeaf {
 
 /// Words of the header.
 const HEADER: usize = 3;
+
+/// Words in front of the rows.
+const FRONT: usize = HEADER + 2 * LANES;
 
 impl KeyedLeaf {
     /// Of a leaf block of an arena with these words.
@@ -73,7 +79,7 @@ impl KeyedLeaf {
     #[inline(always)]
     pub fn rows(&self, segment: usize) -> usize {
         let key = segment.saturating_sub(self.first).min(self.keys.saturating_sub(2));
-        self.ids() + self.count + key * self.key_words()
+        FRONT + key * self.key_words()
     }
 
     /// Words of one key.
@@ -84,12 +90,54 @@ impl KeyedLeaf {
 
     /// Number of words of the whole block.
     pub fn words(&self) -> usize {
-        self.ids() + self.count + self.keys * self.key_words()
+        FRONT + self.keys * self.key_words()
     }
 
     /// Whether the block has the keys around some segments.
     pub fn holds(&self, [first, last]: [usize; 2]) -> bool {
         self.first <= first && last + 1 < self.first + self.keys
+    }
+}
+
+/// How most of a tree's blocks of many keys divide the shutter: enough to ask for the rows that a query will read before anything
+/// of the block is read. Of other blocks it may be wrong, which only costs.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct KeyedRows {
+    /// Segments between keys; 0 where there are no such blocks.
+    segments: u32,
+    /// Slices of the shutter that have blocks of their own.
+    slices: u32,
+}
+
+/// Primitives that are asked for their number of keys.
+const ASKED: usize = 64;
+
+impl KeyedRows {
+    /// Of a tree over some primitives of a set whose leaf blocks hold them.
+    pub fn of<S: WideSource>(set: &S, ids: &[u32], slices: usize) -> KeyedRows {
+        let kinds = ids.iter().step_by(ids.len() / ASKED + 1).map(|&id| set.leaf_kind(id));
+        let mut keys: Vec<u32> = kinds.filter(|&keys| keys > 2).collect();
+        keys.sort_unstable();
+        let most = keys.chunk_by(|a, b| a == b).max_by_key(|same| same.len());
+        KeyedRows { segments: most.map_or(0, |same| same[0] - 1), slices: slices as u32 }
+    }
+
+    /// The key of the blocks from which on rows of a time are read; nothing where there are no such blocks.
+    #[inline(always)]
+    pub fn at(self, time: f32) -> Option<u32> {
+        let KeyedRows { segments, slices } = self;
+        if segments == 0 {
+            return None;
+        }
+        let slice = KeyTime::new(time, slices as usize + 1).segment as u32;
+        let segment = KeyTime::new(time, segments as usize + 1).segment as u32;
+        Some(segment.saturating_sub(slice * segments / slices.max(1)))
+    }
+
+    /// The word of the arena from which on a block with shared vertices has the rows of a key of its own.
+    #[inline(always)]
+    pub fn begin(block: ChildRef, key: u32) -> usize {
+        block.at() + FRONT + key as usize * VERTEX_ROWS * block.len()
     }
 }
 
@@ -132,7 +180,7 @@ impl Triangles {
         // The lower half is that of the first triangle's vertices, or nothing.
         set_sizes(&mut words[leaf.vertices()], self.sizes(ids, keys.clone()));
         let mut changed = 0;
-        for (rows, key) in words[leaf.ids() + leaf.count..].chunks_exact_mut(leaf.key_words()).zip(keys) {
+        for (rows, key) in words[FRONT..].chunks_exact_mut(leaf.key_words()).zip(keys) {
             match shared {
                 Some(shared) => changed |= shared.write_key(self, rows, key),
                 None => {
@@ -143,5 +191,38 @@ impl Triangles {
             }
         }
         changed != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Frame;
+    use crate::layout::WideTree;
+    use crate::params::{Division, WideParams};
+    use crate::primitive::Scene;
+    use crate::progress::Progress;
+    use crate::scene;
+
+    #[test]
+    fn rows_are_asked_for_where_they_are() {
+        let set = Scene::new(&scene::turning(3000, 17).meshes, Vec::new()).expect("a scene");
+        for division in [Division::Automatic, Division::Whole, Division::Segments(4), Division::Copies(4)] {
+            let params = WideParams { division, ..WideParams::default() };
+            let tree = WideTree::build(&set, &params, &Progress::new(None)).expect("a tree");
+            let mut blocks = 0;
+            for time in [0.0, 0.03, 0.249, 0.25, 0.5, 0.77, 1.0] {
+                let key = tree.keyed_rows.at(time).expect("blocks of many keys");
+                tree.boxes(time, Frame::WORLD, 1, &mut |b, leaf| {
+                    let keyed = KeyedLeaf::read(tree.arena.ints(), leaf);
+                    if b.leaf && keyed.shared {
+                        let rows = leaf.at() + keyed.rows(KeyTime::new(time, keyed.segments + 1).segment);
+                        assert_eq!(KeyedRows::begin(leaf, key), rows, "{division:?} at {time}");
+                        blocks += 1;
+                    }
+                });
+            }
+            assert!(blocks > 100, "{blocks}");
+        }
     }
 }

@@ -10,6 +10,7 @@
 //! **Why no two threads wait for each other.** Who builds a subtree does it alone ([`parallel::alone`]) and asks nothing
 //! of the tree; all others who want the same subtree wait for that one build, holding none of their own.
 
+use super::keyed_leaf::KeyedRows;
 use super::leaf_block::{WideSource, write_list};
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
@@ -132,7 +133,8 @@ impl LazyTree {
 /// The tree above the subtrees, which are the leaves of a binary tree.
 fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Result<WideTree, BuildError> {
     let (arena, root, counts) = (Arena::default(), ChildRef::NOTHING, Counts::default());
-    let mut top = WideTree { arena, root, lists: 0, presplit: false, slices: 1, blocks: Vec::new(), counts };
+    let (keyed_rows, blocks) = (KeyedRows::default(), Vec::new());
+    let mut top = WideTree { arena, root, lists: 0, presplit: false, slices: 1, keyed_rows, blocks, counts };
     if binary.is_empty() {
         return Ok(top);
     }

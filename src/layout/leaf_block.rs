@@ -121,8 +121,9 @@ impl Triangles {
         for &id in ids {
             // Looked up once for all keys.
             let (stride, [a, b, c]) = (self.stride(id), self.vertices(id));
-            for offset in keys.clone().map(|key| key * stride) {
-                sizes.include([self.position(a, offset), self.position(b, offset), self.position(c, offset)]);
+            let of = |vertex: u32| self.run(vertex, stride, keys.clone());
+            for ((&a, &b), &c) in of(a).zip(of(b)).zip(of(c)) {
+                sizes.include(a, b, c);
             }
         }
         sizes.word()

@@ -39,7 +39,7 @@ mod wide_validate;
 mod write;
 
 pub use kd_validate::ValidationError;
-pub(crate) use keyed_leaf::KeyedLeaf;
+pub(crate) use keyed_leaf::{KeyedLeaf, KeyedRows};
 pub(crate) use lazy_tree::LazyTree;
 pub(crate) use leaf_block::{WideSource, write_list};
 pub(crate) use leaf_lanes::{Between, CornerLanes};

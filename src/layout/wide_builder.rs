@@ -5,6 +5,7 @@
 //! subtrees that get a temporal split are chosen (`time/choose.rs`). Those are written first, each below a time node of
 //! its own; then the rest of the tree, in which they are children like leaf blocks.
 
+use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
 use super::wide_tree::{Counts, WideTree};
@@ -59,8 +60,9 @@ impl WideTree {
                 Division::Automatic => sampled_division(set, ids, params),
                 given => given,
             };
+            // Several ascending runs, of which a merge sort is made.
             let mut ids = ids.to_vec();
-            ids.sort_unstable();
+            ids.sort();
             WideTree::sorted_part(set, &ids, &WideParams { division, ..*params })
         })
     }
@@ -113,7 +115,8 @@ impl WideTree {
         let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
         let lists = if S::TRIANGLES { usize::MAX } else { 0 };
         let root = ChildRef::NOTHING;
-        let mut tree = WideTree { arena, root, lists, presplit: false, slices: 1, blocks, counts };
+        let keyed_rows = KeyedRows::default();
+        let mut tree = WideTree { arena, root, lists, presplit: false, slices: 1, keyed_rows, blocks, counts };
         let all = ids.iter().map(|ids| ids.len()).sum::<usize>() as f64;
         let mut parts = Vec::new();
         for (group, ids) in ids.into_iter().enumerate().filter(|(_, ids)| !ids.is_empty()) {
@@ -125,6 +128,7 @@ impl WideTree {
             parts.push(tree.group(set, ids, params, &|done| step(progress, share * done))?);
         }
         tree.root = tree.join(parts)?;
+        tree.keyed_rows = KeyedRows::of(set, ids[0], tree.slices);
         tree.arena.align();
         tree.arena.settle();
         Ok(tree)
@@ -300,6 +304,10 @@ const LEAST_BYTES: usize = 8192;
 /// several times as long as building the part.
 fn sampled_division<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Division {
     let count = (ids.len() / SAMPLED).max(LEAST_SAMPLE).min(ids.len());
+    let bounds = |&id: &u32| set.bounds(id, TimeInterval::FULL);
+    if ids[..count].iter().map(bounds).all(|bounds| bounds.begin == bounds.end) {
+        return Division::Whole;
+    }
     let draft = draft_tree(set, &ids[..count], TimeSlice::WHOLE, params, None);
     match regions(set, &draft, params)[..] {
         [Region { node: 0, division, .. }] => division,

@@ -1,5 +1,6 @@
 //! The wide layout in files: its blocks as they are in memory, and the fields that cannot be derived from them.
 
+use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
 use super::wide_tree::{Counts, WideTree};
@@ -28,7 +29,8 @@ impl WideTree {
         arena.reserve_exact((from.room::<Words>(count) + LANES) * LANES);
         from.items::<Words>(count, &mut arena)?;
         let (root, presplit, slices) = (ChildRef(root), presplit != 0, slices as usize);
-        Ok(WideTree { arena, root, lists, presplit, slices, blocks: Vec::new(), counts: Counts::default() })
+        let (keyed_rows, blocks, counts) = (KeyedRows::default(), Vec::new(), Counts::default());
+        Ok(WideTree { arena, root, lists, presplit, slices, keyed_rows, blocks, counts })
     }
 
     /// Returns the tree, indexed, if queries can traverse it safely.
@@ -36,6 +38,9 @@ impl WideTree {
         self.check(set)?;
         self.arena.settle();
         (self.counts, self.blocks) = self.index_leaves(set);
+        let held: Vec<u32> =
+            (0..set.len() as u32).step_by(set.len() / 1024 + 1).filter(|&id| !set.is_listed(id)).collect();
+        self.keyed_rows = KeyedRows::of(set, &held, self.slices);
         Ok(self)
     }
 }

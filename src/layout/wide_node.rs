@@ -20,7 +20,7 @@
 //! larger than the second along an axis.
 
 use crate::simd::{Arena, LANES, Lanes};
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 /// Rows of a node with moving boxes, and of a static one; the last row holds the children.
 pub(crate) const NODE_ROWS: usize = 13;
@@ -68,13 +68,14 @@ pub(crate) fn shared_count(first_corners: u32) -> usize {
 /// Accumulates the sizes of a block over its triangles.
 #[derive(Default)]
 pub(crate) struct Sizes {
-    size: Vec3,
-    extent: Vec3,
+    size: Vec3A,
+    extent: Vec3A,
 }
 
 impl Sizes {
     #[inline(always)]
-    pub fn include(&mut self, [a, b, c]: [Vec3; 3]) {
+    pub fn include(&mut self, a: Vec3, b: Vec3, c: Vec3) {
+        let (a, b, c) = (Vec3A::from(a), Vec3A::from(b), Vec3A::from(c));
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         self.size = self.size.max(low.abs()).max(high.abs());
         self.extent = self.extent.max(high - low);

@@ -1,5 +1,6 @@
 //! A finished wide tree.
 
+use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
@@ -15,6 +16,8 @@ pub(crate) struct WideTree {
     pub(crate) presplit: bool,
     /// The greatest number of time slices that have leaf blocks of their own.
     pub(crate) slices: usize,
+    /// Where blocks of many keys mostly have the rows of a time.
+    pub(crate) keyed_rows: KeyedRows,
     /// A leaf block in which each triangle is; of those with more than two keys one for each of the slices.
     pub(crate) blocks: Vec<u32>,
     pub(crate) counts: Counts,

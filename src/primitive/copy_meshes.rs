@@ -8,6 +8,7 @@ use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
 use crate::simd::huge_vec;
 use core::ops::Range;
+use glam::Vec3;
 
 impl Triangles {
     /// Checks the meshes and copies them into tree space.
@@ -73,20 +74,19 @@ impl Triangles {
         for (m, (mesh, &keys)) in meshes.iter().zip(kept).enumerate() {
             let (first, place) = (corners.len() as u32, positions.len());
             let vertices = mesh.keys.vertices(0);
-            let given = |key: usize| given_key(m, key);
             // The strides of the keys of a vertex, and of successive vertices.
             let [stride, apart] = match keys {
                 ..=1 => [0, 1],
                 2 => [vertices, 1],
                 _ => [1, keys],
             };
-            match keys {
-                ..=2 => (0..keys).for_each(|key| {
-                    parallel::fill(&mut positions, vertices, |v| frame.point(mesh.keys.position(given(key), v)));
-                }),
-                _ => parallel::fill(&mut positions, vertices * keys, |i| {
-                    frame.point(mesh.keys.position(given(i % keys), i / keys))
-                }),
+            let given: Vec<usize> = (0..keys).map(|key| given_key(m, key)).collect();
+            // The kind of positions is asked once for all of them.
+            match &mesh.keys {
+                Keys::F32(at) => append(&mut positions, &given, vertices, &|key, v| frame.point(at[key][v].as_dvec3())),
+                Keys::F64(at) | Keys::Precise(at) => {
+                    append(&mut positions, &given, vertices, &|key, v| frame.point(at[key][v]));
+                }
             }
             let corner = |v: u32| place as u32 + v * apart as u32;
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(corner));
@@ -109,6 +109,29 @@ impl Triangles {
         let end = self.meshes.get(mesh + 1).map_or(self.len, |next| next.first as usize);
         end - self.meshes[mesh].first as usize
     }
+}
+
+/// Vertices whose keys are all written together: a few cache lines of each key are read, and the written block stays in a
+/// cache.
+const TOGETHER: usize = 64;
+
+/// Appends the positions of a mesh at some keys: key by key up to two keys, vertex by vertex beyond.
+fn append(positions: &mut Vec<Vec3>, keys: &[usize], vertices: usize, at: &(impl Fn(usize, usize) -> Vec3 + Sync)) {
+    if keys.len() <= 2 {
+        keys.iter().for_each(|&key| parallel::fill(positions, vertices, |v| at(key, v)));
+        return;
+    }
+    let begin = positions.len();
+    positions.resize(begin + vertices * keys.len(), Vec3::ZERO);
+    let mut blocks: Vec<(usize, &mut [Vec3])> =
+        (0..).step_by(TOGETHER).zip(positions[begin..].chunks_mut(TOGETHER * keys.len())).collect();
+    parallel::each(&mut blocks, |(first, block)| {
+        for (place, &key) in keys.iter().enumerate() {
+            for (vertex, of_vertex) in (*first..).zip(block.chunks_exact_mut(keys.len())) {
+                of_vertex[place] = at(key, vertex);
+            }
+        }
+    });
 }
 
 /// Checks meshes, and returns the frame of them and of the other primitives.

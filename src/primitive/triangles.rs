@@ -133,6 +133,14 @@ impl Triangles {
         self.vertices.positions[vertex as usize + offset]
     }
 
+    /// The positions of a vertex at some keys of its mesh, `stride` apart; a static vertex has one.
+    #[inline(always)]
+    pub(crate) fn run(&self, vertex: u32, stride: usize, keys: Range<usize>) -> impl Iterator<Item = &Vec3> {
+        let last = keys.end - 1;
+        let of = &self.vertices.positions[vertex as usize + keys.start * stride..=vertex as usize + last * stride];
+        of.iter().step_by(stride.max(1))
+    }
+
     /// The positions of a vertex at all keys, for a mesh with more than two keys.
     #[inline(always)]
     pub(crate) fn keys_of_vertex(&self, vertex: u32, keys: usize) -> &[Vec3] {

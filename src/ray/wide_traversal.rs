@@ -40,7 +40,7 @@ impl<S: Simd> Walk for Wide<'_, S> {
         let traverser = Traverser { arena: &self.tree.arena, lists: self.tree.lists, set, filter };
         let mut query = RayQuery { traverser: &traverser, ray, sheared: &mut None, collect, observer };
         let mut cursor = Cursor::new(self.tree.root, self.stack);
-        let traversal = WideTraversal::new(&self.tree.arena);
+        let traversal = WideTraversal::at_time(self.tree, ray.time());
         while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
     }
 }

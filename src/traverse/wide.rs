@@ -9,13 +9,17 @@
 //! early knowledge of the addresses that will be read, and for few branches that depend on the query.
 
 use crate::geometry::KeyTime;
-use crate::layout::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use crate::layout::{ChildRef, KeyedRows, Kind, NODE_ROWS, STILL_NODE_ROWS, WideTree};
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
-use crate::tuning::wide::AHEAD;
+use crate::tuning::wide::{AHEAD, KEYED_AHEAD};
 use core::ops::ControlFlow;
 
 /// Stack entries that need no heap allocation: a page of memory, enough for a tree of fifteen levels.
 const STACK: usize = 512;
+
+/// Cache lines of a block of many keys: of its front, and of the rows of two keys of a dozen vertices, as many as most blocks have.
+const FRONT_LINES: usize = 2;
+const ROW_LINES: usize = 6;
 
 /// Memory for the stack of one query.
 pub(crate) type StackOf = StackMemory<u64, STACK>;
@@ -68,19 +72,28 @@ pub(crate) struct WideTraversal<'a> {
     arena: &'a Arena,
     /// Whether children are prefetched as soon as it is known that they will be visited.
     ahead: bool,
+    /// The key of blocks of many keys from which on the query reads their rows, where these are prefetched.
+    key: Option<u32>,
 }
 
 impl<'a> WideTraversal<'a> {
     /// For a query that is traversed alone.
     #[inline(always)]
     pub fn new(arena: &'a Arena) -> WideTraversal<'a> {
-        WideTraversal { arena, ahead: arena.len() > AHEAD }
+        WideTraversal { arena, ahead: arena.len() > AHEAD, key: None }
+    }
+
+    /// The same of a query of leaf blocks at a time.
+    #[inline(always)]
+    pub fn at_time(tree: &'a WideTree, time: f32) -> WideTraversal<'a> {
+        let large = tree.arena.len() > KEYED_AHEAD;
+        WideTraversal { key: if large { tree.keyed_rows.at(time) } else { None }, ..WideTraversal::new(&tree.arena) }
     }
 
     /// For several interleaved queries, each of which prefetches its next block itself.
     #[inline(always)]
     pub fn by_turns(arena: &'a Arena) -> WideTraversal<'a> {
-        WideTraversal { arena, ahead: false }
+        WideTraversal { arena, ahead: false, key: None }
     }
 
     /// Visits the next block. `Break` when the traversal is complete.
@@ -143,9 +156,7 @@ impl<'a> WideTraversal<'a> {
             let (in_b, _) = query.enter::<ROWS>(s, b);
             for (mask, block) in [(in_b, b), (in_a, a)] {
                 let children = children_of::<ROWS>(block);
-                if self.ahead {
-                    self.prefetch(children, mask);
-                }
+                self.prefetch::<ROWS>(children, mask);
                 stack.push_lanes(s, s.to_bits(s.load(children)), mask);
             }
             return None;
@@ -159,9 +170,7 @@ impl<'a> WideTraversal<'a> {
         let lane = last_lane(mask);
         let first = ChildRef(children[lane as usize % LANES].to_bits());
         let others = mask ^ (1 << lane);
-        if self.ahead {
-            self.prefetch(children, mask);
-        }
+        self.prefetch::<ROWS>(children, mask);
         if !Q::ORDERED {
             stack.push_lanes(s, s.to_bits(s.load(children)), others);
             return Some(first);
@@ -172,13 +181,40 @@ impl<'a> WideTraversal<'a> {
         Some(push_in_order::<S>(s, mask, keys, s.to_bits(s.load(children)), stack))
     }
 
-    /// Prefetches the blocks of some children of a node.
+    /// Prefetches the blocks of some children of a node, where that pays.
     #[inline(always)]
-    fn prefetch(self, children: &Lanes<f32>, mut mask: Mask) {
+    fn prefetch<const ROWS: usize>(self, children: &Lanes<f32>, mask: Mask) {
+        match self.key {
+            // What has many keys moves.
+            Some(key) if ROWS == NODE_ROWS => self.prefetch_keyed(children, mask, key),
+            _ if self.ahead => self.prefetch_all(children, mask),
+            _ => {}
+        }
+    }
+
+    #[inline(always)]
+    fn prefetch_all(self, children: &Lanes<f32>, mut mask: Mask) {
         while mask != 0 {
             let lane = mask.trailing_zeros() as usize % LANES;
             mask &= mask - 1;
             self.arena.prefetch_block(ChildRef(children[lane].to_bits()).at());
+        }
+    }
+
+    /// The same, and of blocks of many keys the front and the rows of one key and the next: a block is as long as a page, and where
+    /// these rows are would otherwise be known only when its front has come.
+    #[inline(always)]
+    fn prefetch_keyed(self, children: &Lanes<f32>, mut mask: Mask, key: u32) {
+        while mask != 0 {
+            let lane = mask.trailing_zeros() as usize % LANES;
+            mask &= mask - 1;
+            let child = ChildRef(children[lane].to_bits());
+            if child.kind() == Kind::OwnLeaf {
+                self.arena.prefetch(child.at(), FRONT_LINES);
+                self.arena.prefetch(KeyedRows::begin(child, key), ROW_LINES);
+            } else if self.ahead {
+                self.arena.prefetch_block(child.at());
+            }
         }
     }
 }
