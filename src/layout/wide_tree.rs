@@ -18,7 +18,7 @@ pub(crate) struct WideTree {
     pub(crate) slices: usize,
     /// Where blocks of many keys mostly have the rows of a time.
     pub(crate) keyed_rows: KeyedRows,
-    /// A leaf block in which each triangle is; of those with more than two keys one for each of the slices.
+    /// A leaf block for each triangle; for triangles with more than two keys one per time slice.
     pub(crate) blocks: Vec<u32>,
     pub(crate) counts: Counts,
 }

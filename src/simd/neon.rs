@@ -17,7 +17,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 #[derive(Clone, Copy)]
 struct Neon;
 
-/// Runs a kernel. A function of its own, so that each is compiled once and not wherever it is dispatched.
+/// Runs a kernel. A function of its own, so that each kernel is compiled once and not wherever it is dispatched.
 #[inline(never)]
 pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Neon)
@@ -46,7 +46,7 @@ macro_rules! intrinsic {
 /// The numbers 0 to 15.
 const BYTES: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// For each mask of four lanes the bytes of those lanes, moved together at the front. The rest is unspecified.
+/// For each mask of four lanes the bytes of those lanes, compressed to the front. The rest is unspecified.
 const COMPRESS: [[u8; 16]; 16] = {
     let mut table = [[0; 16]; 16];
     let mut mask = 0;
@@ -87,7 +87,7 @@ fn mask_of([a, b, c, d]: [uint32x4_t; 4]) -> Mask {
     Mask::from(low) | Mask::from(high) << 8
 }
 
-/// The lanes of a mask of four, moved together at the front.
+/// The lanes of a mask of four, compressed to the front.
 #[inline(always)]
 fn compressed(four: uint32x4_t, mask: Mask) -> uint32x4_t {
     let order = bytes(&COMPRESS[usize::from(mask) % 16]);
@@ -150,11 +150,11 @@ impl F {
     }
 }
 
-/// Four lanes of a table, each chosen by the lowest four bits of its index.
+/// Four lanes of a table, each selected by the lowest four bits of its index.
 #[inline(always)]
 fn look_up(table: uint8x16x4_t, index: uint32x4_t) -> float32x4_t {
     let lane = intrinsic!(vandq_u32(index, vdupq_n_u32(LANES as u32 - 1)));
-    // The four bytes of lane `i` stand at `4i`, `4i + 1`, `4i + 2` and `4i + 3`.
+    // The four bytes of lane `i` are at `4i`, `4i + 1`, `4i + 2` and `4i + 3`.
     let bytes = intrinsic!(vmlaq_u32(vdupq_n_u32(0x0302_0100), lane, vdupq_n_u32(0x0404_0404)));
     intrinsic!(vreinterpretq_f32_u8(vqtbl4q_u8(table, vreinterpretq_u8_u32(bytes))))
 }
@@ -190,7 +190,7 @@ impl U {
     }
 }
 
-/// Row `i`, with zeros behind it.
+/// Row `i`, followed by zeros.
 #[inline(always)]
 fn row(rows: &Rows, at: *const f32) -> F {
     let n = rows.n;
@@ -198,7 +198,7 @@ fn row(rows: &Rows, at: *const f32) -> F {
         return short_row(n, at);
     }
     let four = |first: usize| {
-        // The last four floats of the row, where it ends before the four that are wanted.
+        // The last four floats of the row, if it ends before the requested four.
         let begin = first.min(n - 4);
         // SAFETY: `begin + 4` is at most `n`, and `at` has as many floats.
         let window = unsafe { vld1q_u8(at.add(begin).cast()) };
@@ -209,7 +209,7 @@ fn row(rows: &Rows, at: *const f32) -> F {
     F([four(0), four(4), four(8), four(12)])
 }
 
-/// The same of a row of fewer than four.
+/// Likewise for a row of fewer than four floats.
 #[inline(never)]
 fn short_row(n: usize, at: *const f32) -> F {
     let mut lanes = [0.0f32; LANES];
@@ -220,7 +220,7 @@ fn short_row(n: usize, at: *const f32) -> F {
     Neon.load(&lanes)
 }
 
-/// The lanes in ascending order. A call: it is used in many places, each of which would hold the whole network.
+/// The lanes in ascending order. Not inlined, since each of its many callers would contain the whole network.
 #[inline(never)]
 fn sort(a: &mut U) {
     *a = sort_network(Neon, *a);
@@ -473,7 +473,7 @@ impl Simd for Neon {
     }
     #[inline(always)]
     fn shift_right<const BITS: u32>(self, a: U) -> U {
-        // A shift to the left by less than nothing is one to the right.
+        // A left shift by a negative count is a right shift.
         let by = intrinsic!(vdupq_n_s32(-(BITS as i32)));
         a.map(a, |a, _| intrinsic!(vshlq_u32(a, by)))
     }

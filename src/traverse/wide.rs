@@ -72,7 +72,7 @@ pub(crate) struct WideTraversal<'a> {
     arena: &'a Arena,
     /// Whether children are prefetched as soon as it is known that they will be visited.
     ahead: bool,
-    /// The key of blocks of many keys from which on the query reads their rows, where these are prefetched.
+    /// The first of the two keys whose rows are prefetched in blocks of many keys; `None` for no such prefetching.
     key: Option<u32>,
 }
 
@@ -83,7 +83,7 @@ impl<'a> WideTraversal<'a> {
         WideTraversal { arena, ahead: arena.len() > AHEAD, key: None }
     }
 
-    /// The same of a query of leaf blocks at a time.
+    /// For a query at one time, traversed alone. In large trees the rows of that time are prefetched as well.
     #[inline(always)]
     pub fn at_time(tree: &'a WideTree, time: f32) -> WideTraversal<'a> {
         let large = tree.arena.len() > KEYED_AHEAD;
@@ -185,7 +185,7 @@ impl<'a> WideTraversal<'a> {
     #[inline(always)]
     fn prefetch<const ROWS: usize>(self, children: &Lanes<f32>, mask: Mask) {
         match self.key {
-            // What has many keys moves.
+            // Blocks of many keys are below nodes with moving boxes.
             Some(key) if ROWS == NODE_ROWS => self.prefetch_keyed(children, mask, key),
             _ if self.ahead => self.prefetch_all(children, mask),
             _ => {}
@@ -201,8 +201,9 @@ impl<'a> WideTraversal<'a> {
         }
     }
 
-    /// The same, and of blocks of many keys the front and the rows of one key and the next: a block is as long as a page, and where
-    /// these rows are would otherwise be known only when its front has come.
+    /// As [`WideTraversal::prefetch_all`]; of blocks with many keys it prefetches the front and the rows of a key and the
+    /// next. Such a block is as long as a page, and the position of the rows would otherwise be known only after the
+    /// front has arrived.
     #[inline(always)]
     fn prefetch_keyed(self, children: &Lanes<f32>, mut mask: Mask, key: u32) {
         while mask != 0 {
