@@ -19,7 +19,7 @@ impl<S: Simd> CornerLanes<S> {
     #[inline(always)]
     pub fn of(s: S, arena: &Arena, leaf: ChildRef, time: f32) -> CornerLanes<S> {
         let (at, n) = (leaf.at(), leaf.len());
-        let linear = Between::new(KeyTime::new(time, 2));
+        let linear = Between::of_two(time);
         match leaf.kind() {
             Kind::StillLeaf => CornerLanes::own::<false>(s, arena, (at, n, at + CORNER_ROWS * n + 1), linear),
             Kind::SharedLeaf => CornerLanes::shared::<true>(s, arena, (at, n, at + 2 * VERTEX_ROWS * n), linear),
@@ -111,6 +111,12 @@ impl Between {
     #[inline(always)]
     pub(crate) fn new(keys: KeyTime) -> Between {
         Between { from_end: keys.from_end, fraction: if keys.from_end { -keys.s } else { keys.s } }
+    }
+
+    /// Between the two keys of linear motion.
+    #[inline(always)]
+    pub(crate) fn of_two(time: f32) -> Between {
+        Between::new(KeyTime::new(time, 2))
     }
 
     /// The first row of the nearer key, and of the other, if a key has this many rows.

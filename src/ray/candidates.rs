@@ -16,7 +16,7 @@
 //! certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
-use super::shear::{Sheared, edge_margin, stray};
+use super::shear::stray;
 use super::tree_ray::TreeRay;
 use crate::layout::block_sizes;
 use crate::simd::{LANES, Lanes, Mask, Simd};
@@ -45,15 +45,18 @@ impl<S: Simd> Edges<S> {
     #[inline(always)]
     pub fn may_be_hit(&self, s: S, sizes: u32, slack: f32) -> Mask {
         let (size, extent) = block_sizes(sizes);
-        let stray = stray(size, slack);
-        self.agree(s, s.splat(edge_margin(8.0 * extent + 4.0 * stray, stray)))
+        let stray = stray_of(s, size, slack);
+        // `edge_margin` of corners that add up to that.
+        let margin = s.mul_add_one(1.25 * stray, s.mul_add_one(6.0, stray, 8.0 * extent), f32::MIN_POSITIVE);
+        // Signs agree, up to the margin.
+        !(s.lt(self.least, s.splat(-margin)) & s.lt(s.splat(margin), self.greatest))
     }
+}
 
-    /// Lanes where the signs of the edge functions agree, up to a margin.
-    #[inline(always)]
-    fn agree(&self, s: S, margin: S::F) -> Mask {
-        !(s.lt(self.least, s.splat(0.0) - margin) & s.lt(margin, self.greatest))
-    }
+/// [`stray`] with fewer instructions.
+#[inline(always)]
+fn stray_of<S: Simd>(s: S, size: f32, slack: f32) -> f32 {
+    s.mul_add_one(stray(1.0, 0.0), size, stray(0.0, slack))
 }
 
 /// The triangles of a block that may be hit.
@@ -66,54 +69,63 @@ pub(super) struct Candidates {
 }
 
 impl Candidates {
-    /// Those of some lanes that may be hit within the ray's range and what is still of interest; `depths` are those of the
-    /// corners. Where they are `FEW`, all lie in the lower half of the lanes.
+    /// Those of some lanes that may be hit within the ray's range and what is still of interest; `distances` are those of the
+    /// corners in tree space. Where the lanes are `FEW`, all lie in the lower half.
     #[inline(always)]
     pub fn new<S: Simd, C: Collect, const FEW: bool>(
         s: S,
         edges: &Edges<S>,
-        (lanes, depths, sizes): (Mask, [S::F; 3], u32),
-        (ray, sheared): (&TreeRay, &Sheared),
+        (lanes, distances, sizes): (Mask, [S::F; 3], u32),
+        ray: &TreeRay,
         collect: &C,
     ) -> Candidates {
         let (size, extent) = block_sizes(sizes);
-        let stray = stray(size, ray.slack);
-        // For any number `e` above zero, the sum of six magnitudes is at most half of 6e and the sum of their squares divided by e.
+        let stray = stray_of(s, size, ray.slack);
+        // For any number `e` above zero, the sum of six magnitudes is at most half of 6e and the sum of their squares divided by e. Three
+        // short sums of them are done sooner than one.
         let ([xa, xb, xc], [ya, yb, yc]) = (edges.x, edges.y);
-        let squares = s.mul_add(xa, xa, s.mul_add(xb, xb, xc * xc));
-        let squares = s.mul_add(ya, ya, s.mul_add(yb, yb, s.mul_add(yc, yc, squares)));
-        let scale = s.splat(sheared.inverse);
-        let corner = depths[0] * scale;
-        // By how much they are nearer than that.
-        let second = s.negated_mul_add(depths[1], scale, corner);
-        let third = s.negated_mul_add(depths[2], scale, corner);
-        let differ = magnitude(s, second) + (magnitude(s, third) + s.splat(4.0 * stray));
+        let squares = s.mul_add(xb, xb, xa * xa) + s.mul_add(ya, ya, xc * xc) + s.mul_add(yc, yc, yb * yb);
+        let half = s.mul_add_one(0.5, extent, f32::MIN_POSITIVE);
+        // Twice `edge_margin`, and a quarter more.
+        let most = s.mul_add_one(3.125 * stray, s.mul_add_one(3.0, half, 2.0 * stray), 2.5 * f32::MIN_POSITIVE);
+        let (most, of_squares) = (s.splat(most), s.splat(1.5625 * stray / half));
+        let margin = s.mul_add(squares, of_squares, most);
+        let [da, db, dc] = distances;
+        let differ = magnitude(s, da - db) + (magnitude(s, da - dc) + s.splat(4.0 * stray));
         let [u, v, w] = [magnitude(s, edges.edges[0]), magnitude(s, edges.edges[1]), magnitude(s, edges.edges[2])];
         let weights = u + v + w;
         // The distance times the sum of the weights, and by how much that is off.
-        let distance = s.negated_mul_add(v, second, s.negated_mul_add(w, third, weights * corner));
-        let half = 0.5 * extent + f32::MIN_POSITIVE;
-        let (most, of_squares) = (edge_margin(3.0 * half, stray), 1.25 * stray * 0.5 / half);
-        let margin = s.mul_add(squares, s.splat(2.5 * of_squares), s.splat(2.5 * most));
+        let distance = s.mul_add(w, dc, s.mul_add(v, db, u * da));
         let off = s.mul_add(margin, differ, s.mul_add(weights, s.splat(4.0 * stray), s.splat(f32::MIN_POSITIVE)));
         let (least, greatest) = (distance - off, distance + off);
         let begin = weights * s.splat(ray.begin);
         // Comparisons with NaN are false, which keeps the triangle.
         let mut out = s.lt(greatest, begin);
-        let mut near = [f32::NEG_INFINITY; LANES];
         if C::ORDERED {
             out |= s.lt(weights * s.splat(collect.reach()), least);
-            if several(lanes & !out) {
+        }
+        let left = lanes & !out;
+        let mut candidates = Candidates { lanes, certain: 0, near: [f32::NEG_INFINITY; LANES] };
+        if left == 0 {
+            candidates.lanes = 0;
+            return candidates;
+        }
+        // What is decided about one that was alone in the first place waits for nothing here: that it is left was foretold by a branch.
+        if several(lanes) {
+            candidates.lanes = left;
+            if C::ORDERED {
                 let distances = least / weights;
-                s.store(if FEW { s.lower_half(distances) } else { distances }, &mut near);
+                s.store(if FEW { s.lower_half(distances) } else { distances }, &mut candidates.near);
             }
         }
-        let mut certain = 0;
         if C::ANYWHERE {
-            let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, s.splat(0.0) - margin);
-            certain = lanes & inside & s.le(begin, least) & s.le(greatest, weights * s.splat(collect.certain()));
+            // Not the margin with another sign, which would wait for it.
+            let below = s.negated_mul_add(squares, of_squares, s.splat(0.0) - most);
+            let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, below);
+            candidates.certain =
+                left & inside & s.le(begin, least) & s.le(greatest, weights * s.splat(collect.certain()));
         }
-        Candidates { lanes: lanes & !out, certain, near }
+        candidates
     }
 
     /// One that is hit for sure, if there is any.
@@ -168,6 +180,7 @@ mod tests {
     use crate::geometry::{Frame, Ray};
     use crate::random::Random;
     use crate::ray::collect::{Any, Closest, Found};
+    use crate::ray::shear::Sheared;
     use crate::simd::Portable;
     use glam::{DVec3, Vec3};
 
@@ -203,11 +216,11 @@ mod tests {
             let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
             let edges = Edges::new(s, rows(0), rows(1));
             let first = edges.may_be_hit(s, sizes, ray.slack);
-            let of = (ALL, rows(2), sizes);
+            let of = (ALL, rows(2).map(|depth| depth * s.splat(sheared.inverse)), sizes);
             let closest = Closest::new(ray, |_: &Found| true);
             let any = Any::new(ray, true, |_: &Found| true);
-            let closest = Candidates::new::<_, _, false>(s, &edges, of, (ray, sheared), &closest);
-            let any = Candidates::new::<_, _, false>(s, &edges, of, (ray, sheared), &any);
+            let closest = Candidates::new::<_, _, false>(s, &edges, of, ray, &closest);
+            let any = Candidates::new::<_, _, false>(s, &edges, of, ray, &any);
             assert_eq!(closest.certain, 0);
             [first, closest.lanes, any.lanes, any.certain]
         }
@@ -276,10 +289,10 @@ mod tests {
         let corners = block.triangles.map(|t| t.map(|p| sheared.corner(p, ray.origin)));
         let row = |corner: usize, axis: usize| s.load(&corners.map(|c| c[corner][axis]));
         let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
+        assert_eq!(sheared.inverse, 1.0);
         let edges = Edges::new(s, rows(0), rows(1));
         let mut collect = Closest::new(&ray, |_: &Found| true);
-        let mut candidates =
-            Candidates::new::<_, _, false>(s, &edges, (ALL, rows(2), block.sizes), (&ray, &sheared), &collect);
+        let mut candidates = Candidates::new::<_, _, false>(s, &edges, (ALL, rows(2), block.sizes), &ray, &collect);
         let depth = |lane: usize| block.triangles[lane][0].z;
         assert_eq!(candidates.lanes.count_ones(), 11, "what is behind the begin is not among them");
         assert_eq!(candidates.next(&collect).map(depth), Some(0.0625));

@@ -52,8 +52,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let rows = Rows::new(block, n, count);
         // What the black box hides is not prepared for blocks that may never be met.
         let of = core::hint::black_box(of);
-        let [kx, ky, kz] = of.axes;
-        let (ox, oy, oz) = (ray.origin[kx & 3], ray.origin[ky & 3], ray.origin[kz & 3]);
+        let [kx, ky, kz] = of.axes();
+        let (ox, oy, oz) = (ray.origin[kx], ray.origin[ky], ray.origin[kz]);
         let [za, zb, zc] = corners::<S, MOVING>(s, &rows, between, kz, oz);
         let [xa, xb, xc] = corners::<S, MOVING>(s, &rows, between, kx, ox);
         let [ya, yb, yc] = corners::<S, MOVING>(s, &rows, between, ky, oy);
@@ -66,7 +66,9 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         if lanes == 0 {
             return false;
         }
-        let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, [za, zb, zc], sizes), (ray, of), collect);
+        let scale = s.splat(of.inverse);
+        let distances = [za * scale, zb * scale, zc * scale];
+        let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, distances, sizes), ray, collect);
         if self.is_hit_for_sure(&mut candidates, ids, ray, collect) {
             return true;
         }
@@ -122,8 +124,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         observer.primitive_tests(n);
         // What the black box hides is not prepared for blocks that may never be met.
         let of = core::hint::black_box(of);
-        let [kx, ky, kz] = of.axes;
-        let (ox, oy, oz) = (ray.origin[kx & 3], ray.origin[ky & 3], ray.origin[kz & 3]);
+        let [kx, ky, kz] = of.axes();
+        let (ox, oy, oz) = (ray.origin[kx], ray.origin[ky], ray.origin[kz]);
         let z = vertices::<S, MOVING>(s, &rows, between, kz, oz);
         let x = s.negated_mul_add(s.splat(of.sx), z, vertices::<S, MOVING>(s, &rows, between, kx, ox));
         let y = s.negated_mul_add(s.splat(of.sy), z, vertices::<S, MOVING>(s, &rows, between, ky, oy));
@@ -136,8 +138,9 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         if lanes == 0 {
             return false;
         }
-        let z = [s.permute(z, first), s.permute(z, second), s.permute(z, third)];
-        let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, z, words[0]), (ray, of), collect);
+        let distance = z * s.splat(of.inverse);
+        let distances = [s.permute(distance, first), s.permute(distance, second), s.permute(distance, third)];
+        let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, distances, words[0]), ray, collect);
         if self.is_hit_for_sure(&mut candidates, at + n, ray, collect) {
             return true;
         }

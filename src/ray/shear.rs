@@ -13,16 +13,15 @@
 //! `stray (B + C + 2 stray)`, and the rounding of its two products and their difference by 2u of the products; since a coordinate is at most
 //! 2m, that is less than `2/7 stray B`. Together this is less than [`edge_margin`].
 
-use super::tree_ray::{Direction, TreeRay};
+use super::tree_ray::{Direction, TreeRay, is_moderate};
 use crate::geometry::{KERNEL_ULPS, ULP};
-use core::hint::select_unpredictable;
 use glam::Vec3;
 
 /// A ray as triangles are tested against it: the shear that turns it into an axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sheared {
-    /// `kx`, `ky` and `kz`: the last is the ray's longest axis.
-    pub axes: [usize; 3],
+    /// See [`Sheared::axes`], two bits each.
+    axes: u32,
     /// Slopes of the ray along `kx` and `ky`.
     pub sx: f32,
     pub sy: f32,
@@ -35,28 +34,50 @@ impl Sheared {
     /// The shear of a ray.
     #[inline(always)]
     pub fn new(ray: &TreeRay) -> Sheared {
-        let direction = Direction::of(ray.asked.dir);
-        let dir = direction.dir;
-        let (x, y, z) = (dir.x.to_bits(), dir.y.to_bits(), dir.z.to_bits());
-        let size = |bits: u32| bits & 0x7fff_ffff;
-        let not_x = (size(y) > size(x)) | (size(z) > size(x));
-        let z_not_y = size(z) > size(y);
-        // Chosen among integers: numbers would take a trip through memory.
-        let pick = |of_x: u32, of_y: u32, of_z: u32| {
-            f32::from_bits(select_unpredictable(not_x, select_unpredictable(z_not_y, of_z, of_y), of_x))
-        };
-        let kz = usize::from(not_x) * (1 + usize::from(z_not_y));
-        // 0, 1, 2 cyclically, from a table of bits.
-        let (kx, ky) = (0b00_10_01 >> (2 * kz) & 3, 0b01_00_10 >> (2 * kz) & 3);
-        let dz = pick(x, y, z);
-        let inverse = 1.0 / dz;
-        Sheared {
-            axes: [kx, ky, kz],
-            sx: pick(y, z, x) * inverse,
-            sy: pick(z, x, y) * inverse,
-            dz: dz * direction.shrink(),
-            inverse: inverse * direction.grow(),
+        let (mut of, usual) = Sheared::of(ray);
+        if !usual {
+            of.mend(ray);
         }
+        of
+    }
+
+    /// The shear of a ray, and whether its direction is of the usual kind; any other is to be mended ([`Sheared::mend`]) first, in place,
+    /// as a ray is.
+    #[inline(always)]
+    pub fn of(ray: &TreeRay) -> (Sheared, bool) {
+        let dir: &[f32; 3] = ray.asked.dir.as_ref();
+        let size = |axis: usize| dir[axis].to_bits() & 0x7fff_ffff;
+        let (x, y, z) = (size(0), size(1), size(2));
+        let not_x = (y > x) | (z > x);
+        let kz = usize::from(not_x) * (1 + usize::from(z > y));
+        // `kx` and `ky` follow it cyclically.
+        let axes = 0b10_01_00_01_00_10_00_10_01u32 >> (6 * kz) & 0b11_11_11;
+        let [kx, ky, kz] = unpacked(axes);
+        let dz = dir[kz];
+        let field = dz.to_bits() >> 23 & 0xff;
+        // Products with powers of two are exact, and the reciprocal is there already.
+        let shrink = f32::from_bits(254u32.wrapping_sub(field) << 23);
+        let inverses: &[f32; 3] = ray.slabs.inverse.as_ref();
+        let inverse = inverses[kz];
+        let (sx, sy) = (dir[kx] * shrink * inverse, dir[ky] * shrink * inverse);
+        (Sheared { axes, sx, sy, dz: dz * shrink, inverse }, is_moderate(field))
+    }
+
+    /// Makes the shear what it should be for a direction so long or short that its slopes are not exact enough.
+    #[cold]
+    #[inline(never)]
+    pub fn mend(&mut self, ray: &TreeRay) {
+        let direction = Direction::of(ray.asked.dir);
+        let [dx, dy, dz] = self.axes().map(|axis| direction.dir[axis]);
+        let inverse = 1.0 / dz;
+        (self.sx, self.sy) = (dx * inverse, dy * inverse);
+        (self.dz, self.inverse) = (dz * direction.shrink(), inverse * direction.grow());
+    }
+
+    /// `kx`, `ky` and `kz`: the last is the ray's longest axis.
+    #[inline(always)]
+    pub fn axes(&self) -> [usize; 3] {
+        unpacked(self.axes)
     }
 
     /// A corner relative to the ray: sheared x and y, and the unsheared depth along `kz`.
@@ -64,7 +85,7 @@ impl Sheared {
     pub fn corner(&self, v: Vec3, origin: [f32; 4]) -> [f32; 3] {
         let a = v - Vec3::new(origin[0], origin[1], origin[2]);
         // A branch that always goes the same way for one ray, where an index would go through memory.
-        let (x, y, z) = match self.axes[2] {
+        let (x, y, z) = match self.axes()[2] {
             0 => (a.y, a.z, a.x),
             1 => (a.z, a.x, a.y),
             _ => (a.x, a.y, a.z),
@@ -93,6 +114,12 @@ impl Sheared {
         // A vertex is no farther from zero than this and the origin.
         !some_beyond(edge_margin(4.0 * aside, stray(aside + ahead, 2.0 * slack)))
     }
+}
+
+/// Three axes of two bits each.
+#[inline(always)]
+fn unpacked(axes: u32) -> [usize; 3] {
+    [axes as usize & 3, axes as usize >> 2 & 3, axes as usize >> 4 & 3]
 }
 
 /// ULP of a vertex plus the origin by which corners in f32 are off.

@@ -93,7 +93,7 @@ impl<'a> TreeRay<'a> {
         let away = Vec3A::from(origin).abs();
         // Bits order like numbers, after all numbers come infinity and NaN, and after these what has a sign.
         let (begin, end) = (ray.t_min.to_bits(), ray.t_max.to_bits());
-        let usual = MODERATE.contains(&field)
+        let usual = is_moderate(field)
             & away.cmple(Vec3A::splat(NEAR * frame.reach)).all()
             & (begin <= end)
             & (end <= f32::INFINITY.to_bits())
@@ -304,7 +304,7 @@ impl Direction {
     #[inline(always)]
     pub fn of(dir: Vec3) -> Direction {
         let field = longest(dir) >> 23;
-        if MODERATE.contains(&field) { Direction { dir, field, more: 0 } } else { Direction::immoderate(dir) }
+        if is_moderate(field) { Direction { dir, field, more: 0 } } else { Direction::immoderate(dir) }
     }
 
     #[cold]
@@ -331,6 +331,12 @@ impl Direction {
     pub fn shrink(&self) -> f32 {
         f32::from_bits(254u32.wrapping_sub(self.field) << 23)
     }
+}
+
+/// Whether reciprocals and slopes of a direction neither overflow nor lose bits, by the exponent field of its longest component.
+#[inline(always)]
+pub(super) fn is_moderate(field: u32) -> bool {
+    MODERATE.contains(&field)
 }
 
 /// The bits of the longest component of a direction, without the sign: they order like numbers, and after all

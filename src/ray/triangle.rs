@@ -34,8 +34,8 @@ impl TreeRay<'_> {
     /// Triangles that are degenerate as seen along the ray are not hit.
     #[inline(always)]
     pub(super) fn decide<S: Simd>(&self, s: S, sheared: &Sheared, corners: [S::D; 3], limit: f32) -> Option<SetHit> {
-        let [x, y, z] = sheared.axes;
-        let (ox, oy, oz) = (self.from[x & 3], self.from[y & 3], self.from[z & 3]);
+        let [x, y, z] = sheared.axes();
+        let (ox, oy, oz) = (self.from[x], self.from[y], self.from[z]);
         let dir: &[f32; 3] = self.asked.dir.as_ref();
         let (dx, dy, dz) = (f64::from(dir[x]), f64::from(dir[y]), f64::from(dir[z]));
         let z = corners[2] - s.splat_d(oz);
@@ -71,7 +71,7 @@ impl TreeRay<'_> {
     pub fn decide_one(&self, sheared: &Sheared, [a, b, c]: [DVec3; 3], limit: f32) -> Option<SetHit> {
         let (x, y, z) = ([a.x, b.x, c.x, 0.0], [a.y, b.y, c.y, 0.0], [a.z, b.z, c.z, 0.0]);
         // A branch that is constant for one ray, where an index would go through memory.
-        let [x, y, z] = match sheared.axes[2] {
+        let [x, y, z] = match sheared.axes()[2] {
             0 => [y, z, x],
             1 => [z, x, y],
             _ => [x, y, z],

@@ -83,12 +83,15 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
         let RayQuery { traverser, ray, .. } = *self;
         let (collect, observer) = (&mut *self.collect, &mut *self.observer);
         if self.sheared.is_none() {
-            *self.sheared = Some(Sheared::new(ray));
+            let (of, usual) = Sheared::of(ray);
+            let of = self.sheared.insert(of);
+            if !usual {
+                of.mend(ray);
+            }
         }
         let Some(sheared) = &*self.sheared else { return ControlFlow::Continue(()) };
         // Each kind of test is called from one place: the code of a query must fit the instruction cache.
         let still = (sheared, Between::NEVER);
-        let between = Between::new(KeyTime::new(ray.time(), 2));
         let (shared, rows, between) = match at.kind() {
             _ if !G::TRIANGLES => return ended(traverser.list(at, (ray, sheared), collect, observer)),
             Kind::StillLeaf => {
@@ -99,8 +102,8 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
                 let rows = LeafRows::shared(at, VERTEX_ROWS);
                 return ended(traverser.shared::<S, false>(s, rows, ray, still, collect, observer));
             }
-            Kind::Leaf => (false, LeafRows::loose(at, 2 * CORNER_ROWS), between),
-            Kind::SharedLeaf => (true, LeafRows::shared(at, 2 * VERTEX_ROWS), between),
+            Kind::Leaf => (false, LeafRows::loose(at, 2 * CORNER_ROWS), Between::of_two(ray.time())),
+            Kind::SharedLeaf => (true, LeafRows::shared(at, 2 * VERTEX_ROWS), Between::of_two(ray.time())),
             _ if at.at() >= traverser.lists => {
                 return ended(traverser.list(at, (ray, sheared), collect, observer));
             }

@@ -40,6 +40,11 @@ pub(crate) trait Simd: Copy {
     fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
     /// `c - a * b`, fused or not: for culling only, never for an answer.
     fn negated_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    /// The same of one number.
+    #[inline(always)]
+    fn mul_add_one(self, a: f32, b: f32, c: f32) -> f32 {
+        a * b + c
+    }
     /// `if a < b { a } else { b }`: the second operand where either is NaN.
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
     /// `if a > b { a } else { b }`: the second operand where either is NaN.

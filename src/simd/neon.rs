@@ -373,6 +373,10 @@ impl Simd for Neon {
         let four = |i: usize| intrinsic!(vfmsq_f32(c[i], a[i], b[i]));
         F([four(0), four(1), four(2), four(3)])
     }
+    #[inline(always)]
+    fn mul_add_one(self, a: f32, b: f32, c: f32) -> f32 {
+        a.mul_add(b, c)
+    }
     // Not `fmin` and `fmax`, which differ for NaN and zeros of both signs.
     #[inline(always)]
     fn min(self, a: F, b: F) -> F {
