@@ -70,30 +70,36 @@ impl<'a> Cursor<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct WideTraversal<'a> {
     arena: &'a Arena,
-    /// Whether all blocks that a query will visit are prefetched as soon as they are known.
-    ahead: bool,
-    /// The key of blocks of many keys from which on the query reads their rows, where these are prefetched.
-    key: Option<u32>,
+    /// What a query will visit and is prefetched as soon as it is known: [`NOTHING`], [`ALL`], or from [`KEYS`] on blocks of many keys,
+    /// of which the query reads rows from this key less [`KEYS`] on. One number, which most queries compare once for a node.
+    ahead: u32,
 }
+
+/// What is prefetched.
+const NOTHING: u32 = 0;
+const ALL: u32 = 1;
+const KEYS: u32 = 2;
 
 impl<'a> WideTraversal<'a> {
     /// Of one query at a time.
     #[inline(always)]
     pub fn new(arena: &'a Arena) -> WideTraversal<'a> {
-        WideTraversal { arena, ahead: arena.len() > AHEAD, key: None }
+        WideTraversal { arena, ahead: if arena.len() > AHEAD { ALL } else { NOTHING } }
     }
 
     /// The same of a query of leaf blocks at a time.
     #[inline(always)]
     pub fn at_time(tree: &'a WideTree, time: f32) -> WideTraversal<'a> {
-        let large = tree.arena.len() > KEYED_AHEAD;
-        WideTraversal { key: if large { tree.keyed_rows.at(time) } else { None }, ..WideTraversal::new(&tree.arena) }
+        match tree.keyed_rows.at(time) {
+            Some(key) if tree.arena.len() > KEYED_AHEAD => WideTraversal { arena: &tree.arena, ahead: KEYS + key },
+            _ => WideTraversal::new(&tree.arena),
+        }
     }
 
     /// Of several queries by turns, each of which prefetches its next block itself.
     #[inline(always)]
     pub fn by_turns(arena: &'a Arena) -> WideTraversal<'a> {
-        WideTraversal { arena, ahead: false, key: None }
+        WideTraversal { arena, ahead: NOTHING }
     }
 
     /// Visits the next block. `Break` at the end of the query.
@@ -181,38 +187,28 @@ impl<'a> WideTraversal<'a> {
         Some(push_in_order::<S>(s, mask, keys, s.to_bits(s.load(children)), stack))
     }
 
-    /// Prefetches the blocks of some children of a node, where that pays.
+    /// Prefetches the blocks of some children of a node, where that pays. Of blocks of many keys these are the front and the rows of
+    /// one key and the next: a block is as long as a page, and where these rows are would otherwise be known only when its front
+    /// has come.
     #[inline(always)]
-    fn prefetch<const ROWS: usize>(self, children: &Lanes<f32>, mask: Mask) {
-        match self.key {
-            // What has many keys moves.
-            Some(key) if ROWS == NODE_ROWS => self.prefetch_keyed(children, mask, key),
-            _ if self.ahead => self.prefetch_all(children, mask),
-            _ => {}
+    fn prefetch<const ROWS: usize>(self, children: &Lanes<f32>, mut mask: Mask) {
+        if self.ahead == NOTHING {
+            return;
         }
-    }
-
-    #[inline(always)]
-    fn prefetch_all(self, children: &Lanes<f32>, mut mask: Mask) {
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize % LANES;
-            mask &= mask - 1;
-            self.arena.prefetch_block(ChildRef(children[lane].to_bits()).at());
+        let all = self.arena.len() > AHEAD;
+        // What has many keys moves.
+        let keys = self.ahead >= KEYS && ROWS == NODE_ROWS;
+        if !all && !keys {
+            return;
         }
-    }
-
-    /// The same, and of blocks of many keys the front and the rows of one key and the next: a block is as long as a page, and where
-    /// these rows are would otherwise be known only when its front has come.
-    #[inline(always)]
-    fn prefetch_keyed(self, children: &Lanes<f32>, mut mask: Mask, key: u32) {
         while mask != 0 {
             let lane = mask.trailing_zeros() as usize % LANES;
             mask &= mask - 1;
             let child = ChildRef(children[lane].to_bits());
-            if child.kind() == Kind::OwnLeaf {
+            if keys && child.kind() == Kind::OwnLeaf {
                 self.arena.prefetch(child.at(), FRONT_LINES);
-                self.arena.prefetch(KeyedRows::begin(child, key), ROW_LINES);
-            } else if self.ahead {
+                self.arena.prefetch(KeyedRows::begin(child, self.ahead - KEYS), ROW_LINES);
+            } else if all {
                 self.arena.prefetch_block(child.at());
             }
         }
