@@ -1,8 +1,8 @@
 //! Leaf blocks of triangles whose motion has more than two keys.
 //!
 //! All keys that queries of the block may need are there once, one behind the other; a query reads the rows of the two
-//! around its time. In front stands what does not depend on time. It takes the same room in every block, so that the reference and
-//! the time alone say where those rows are ([`KeyedRows`]), and they are fetched together with the front:
+//! around its time. In front stands what does not depend on time. It takes as much room as the reference says, so that this and the
+//! time alone say where those rows are ([`KeyedRows`]), and they are fetched together with the front:
 //!
 //! | words | |
 //! |---|---|
@@ -10,7 +10,7 @@
 //! | n | where vertices are shared: the three vertices of each triangle, as in other blocks |
 //! | 1 | where they are not: the sizes (see [`super::wide_node`]) |
 //! | n | ids |
-//! | | nothing, up to the 35th word |
+//! | | nothing, up to word 35, or 3 + 4 w where rows have w < 8 numbers and there are no more than 2 w triangles |
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
 use super::leaf_block::{Shared, WideSource, set_sizes, write_corners};
@@ -38,8 +38,11 @@ pub(crate) struct KeyedLeaf {
 /// Words of the header.
 const HEADER: usize = 3;
 
-/// Words in front of the rows.
-const FRONT: usize = HEADER + 2 * LANES;
+/// Words in front of rows of so many numbers, unless there are more than twice as many triangles.
+#[inline(always)]
+fn front(width: usize) -> usize {
+    HEADER + 2 * LANES.min(2 * width)
+}
 
 impl KeyedLeaf {
     /// Of a leaf block of an arena with these words.
@@ -79,7 +82,13 @@ impl KeyedLeaf {
     #[inline(always)]
     pub fn rows(&self, segment: usize) -> usize {
         let key = segment.saturating_sub(self.first).min(self.keys.saturating_sub(2));
-        FRONT + key * self.key_words()
+        self.front() + key * self.key_words()
+    }
+
+    /// Words in front of the rows.
+    #[inline(always)]
+    fn front(&self) -> usize {
+        front(self.width).max(HEADER + 2 * self.count)
     }
 
     /// Words of one key.
@@ -90,7 +99,7 @@ impl KeyedLeaf {
 
     /// Number of words of the whole block.
     pub fn words(&self) -> usize {
-        FRONT + self.keys * self.key_words()
+        self.front() + self.keys * self.key_words()
     }
 
     /// Whether the block has the keys around some segments.
@@ -137,7 +146,7 @@ impl KeyedRows {
     /// The word of the arena from which on a block with shared vertices has the rows of a key of its own.
     #[inline(always)]
     pub fn begin(block: ChildRef, key: u32) -> usize {
-        block.at() + FRONT + key as usize * VERTEX_ROWS * block.len()
+        block.at() + front(block.len()) + key as usize * VERTEX_ROWS * block.len()
     }
 }
 
@@ -180,7 +189,7 @@ impl Triangles {
         // The lower half is that of the first triangle's vertices, or nothing.
         set_sizes(&mut words[leaf.vertices()], self.sizes(ids, keys.clone()));
         let mut changed = 0;
-        for (rows, key) in words[FRONT..].chunks_exact_mut(leaf.key_words()).zip(keys) {
+        for (rows, key) in words[leaf.front()..].chunks_exact_mut(leaf.key_words()).zip(keys) {
             match shared {
                 Some(shared) => changed |= shared.write_key(self, rows, key),
                 None => {
@@ -215,7 +224,7 @@ mod tests {
                 let key = tree.keyed_rows.at(time).expect("blocks of many keys");
                 tree.boxes(time, Frame::WORLD, 1, &mut |b, leaf| {
                     let keyed = KeyedLeaf::read(tree.arena.ints(), leaf);
-                    if b.leaf && keyed.shared {
+                    if b.leaf && keyed.shared && keyed.count <= 2 * leaf.len() {
                         let rows = leaf.at() + keyed.rows(KeyTime::new(time, keyed.segments + 1).segment);
                         assert_eq!(KeyedRows::begin(leaf, key), rows, "{division:?} at {time}");
                         blocks += 1;

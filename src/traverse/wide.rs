@@ -70,30 +70,37 @@ impl<'a> Cursor<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct WideTraversal<'a> {
     arena: &'a Arena,
-    /// Whether children are prefetched as soon as it is known that they will be visited.
-    ahead: bool,
-    /// The first of the two keys whose rows are prefetched in blocks of many keys; `None` for no such prefetching.
-    key: Option<u32>,
+    /// What is prefetched of the blocks that a query will visit: [`NOTHING`], [`ALL`], or, from [`KEYS`] on, blocks of many
+    /// keys as well, of which the query reads the rows of key `ahead - KEYS` and of the next. One number, so that most
+    /// queries make one comparison per node.
+    ahead: u32,
 }
+
+/// What is prefetched.
+const NOTHING: u32 = 0;
+const ALL: u32 = 1;
+const KEYS: u32 = 2;
 
 impl<'a> WideTraversal<'a> {
     /// For a query that is traversed alone.
     #[inline(always)]
     pub fn new(arena: &'a Arena) -> WideTraversal<'a> {
-        WideTraversal { arena, ahead: arena.len() > AHEAD, key: None }
+        WideTraversal { arena, ahead: if arena.len() > AHEAD { ALL } else { NOTHING } }
     }
 
     /// For a query at one time, traversed alone. In large trees the rows of that time are prefetched as well.
     #[inline(always)]
     pub fn at_time(tree: &'a WideTree, time: f32) -> WideTraversal<'a> {
-        let large = tree.arena.len() > KEYED_AHEAD;
-        WideTraversal { key: if large { tree.keyed_rows.at(time) } else { None }, ..WideTraversal::new(&tree.arena) }
+        match tree.keyed_rows.at(time) {
+            Some(key) if tree.arena.len() > KEYED_AHEAD => WideTraversal { arena: &tree.arena, ahead: KEYS + key },
+            _ => WideTraversal::new(&tree.arena),
+        }
     }
 
     /// For several interleaved queries, each of which prefetches its next block itself.
     #[inline(always)]
     pub fn by_turns(arena: &'a Arena) -> WideTraversal<'a> {
-        WideTraversal { arena, ahead: false, key: None }
+        WideTraversal { arena, ahead: NOTHING }
     }
 
     /// Visits the next block. `Break` when the traversal is complete.
@@ -181,39 +188,28 @@ impl<'a> WideTraversal<'a> {
         Some(push_in_order::<S>(s, mask, keys, s.to_bits(s.load(children)), stack))
     }
 
-    /// Prefetches the blocks of some children of a node, where that pays.
+    /// Prefetches the blocks of some children of a node, where that pays. Of a block of many keys these are the front and the
+    /// rows of one key and the next: such a block is as long as a page, and the position of the rows would otherwise be known
+    /// only after the front has arrived.
     #[inline(always)]
-    fn prefetch<const ROWS: usize>(self, children: &Lanes<f32>, mask: Mask) {
-        match self.key {
-            // Blocks of many keys are below nodes with moving boxes.
-            Some(key) if ROWS == NODE_ROWS => self.prefetch_keyed(children, mask, key),
-            _ if self.ahead => self.prefetch_all(children, mask),
-            _ => {}
+    fn prefetch<const ROWS: usize>(self, children: &Lanes<f32>, mut mask: Mask) {
+        if self.ahead == NOTHING {
+            return;
         }
-    }
-
-    #[inline(always)]
-    fn prefetch_all(self, children: &Lanes<f32>, mut mask: Mask) {
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize % LANES;
-            mask &= mask - 1;
-            self.arena.prefetch_block(ChildRef(children[lane].to_bits()).at());
+        let all = self.arena.len() > AHEAD;
+        // Blocks of many keys are below nodes with moving boxes.
+        let keys = self.ahead >= KEYS && ROWS == NODE_ROWS;
+        if !all && !keys {
+            return;
         }
-    }
-
-    /// As [`WideTraversal::prefetch_all`]; of blocks with many keys it prefetches the front and the rows of a key and the
-    /// next. Such a block is as long as a page, and the position of the rows would otherwise be known only after the
-    /// front has arrived.
-    #[inline(always)]
-    fn prefetch_keyed(self, children: &Lanes<f32>, mut mask: Mask, key: u32) {
         while mask != 0 {
             let lane = mask.trailing_zeros() as usize % LANES;
             mask &= mask - 1;
             let child = ChildRef(children[lane].to_bits());
-            if child.kind() == Kind::OwnLeaf {
+            if keys && child.kind() == Kind::OwnLeaf {
                 self.arena.prefetch(child.at(), FRONT_LINES);
-                self.arena.prefetch(KeyedRows::begin(child, key), ROW_LINES);
-            } else if self.ahead {
+                self.arena.prefetch(KeyedRows::begin(child, self.ahead - KEYS), ROW_LINES);
+            } else if all {
                 self.arena.prefetch_block(child.at());
             }
         }
