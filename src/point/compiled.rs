@@ -56,16 +56,28 @@ impl<'a, K> Query<'a, K> {
     fn trees(&self) -> QueriedLayers<'a> {
         QueriedLayers { layers: &self.tree.layers, point: self.point, time: self.time }
     }
+
+    #[inline(always)]
+    fn limits(&self) -> Limits {
+        Limits { bound: self.bound, shrink: self.shrink }
+    }
+}
+
+/// The bounds of a query. (Kernels take these by value: copies of a whole query cost more than small searches can bear.)
+#[derive(Clone, Copy)]
+struct Limits {
+    bound: f32,
+    shrink: f32,
 }
 
 impl<K: Keep> Query<'_, K> {
-    /// Passes the trees over points in f64 to `run`, and the query with a filter that is compiled once.
+    /// Passes the trees over points in f64 to `run`, the limits, and the filter in a form that is compiled once.
     #[cold]
     #[inline(never)]
-    fn precise<R>(&self, run: impl FnOnce(QueriedPreciseLayers<'_>, &Query<'_, Allowed<'_>>) -> R) -> R {
+    fn precise<R>(&self, run: impl FnOnce(QueriedPreciseLayers<'_>, Limits, Allowed<'_>) -> R) -> R {
         let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
         let trees = QueriedPreciseLayers { layers: &self.tree.precise, point: self.exact, time: self.time };
-        run(trees, &self.keeping(Allowed(K::FILTERS.then_some(&kept))))
+        run(trees, self.limits(), Allowed(K::FILTERS.then_some(&kept)))
     }
 }
 
@@ -82,7 +94,7 @@ pub(super) enum Either<'q, 'a> {
 impl Either<'_, '_> {
     /// [`Query::precise`], if the points are kept in f64.
     #[inline(always)]
-    fn precise<R>(self, run: impl FnOnce(QueriedPreciseLayers<'_>, &Query<'_, Allowed<'_>>) -> R) -> Option<R> {
+    fn precise<R>(self, run: impl FnOnce(QueriedPreciseLayers<'_>, Limits, Allowed<'_>) -> R) -> Option<R> {
         match self {
             Either::All(query) => query.is_precise().then(|| query.precise(run)),
             Either::Some(query) => query.is_precise().then(|| query.precise(run)),
@@ -100,33 +112,41 @@ impl Either<'_, '_> {
 
 /// The nearest point.
 pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
-    let precise = query.precise(|trees, query| match query.keep.0 {
+    let simd = query.simd();
+    let precise = query.precise(|trees, limits, keep| match keep.0 {
         // This search waits for what it finds, so that even testing whether there is a filter would be noticed.
-        None => dispatch(query.tree.simd, Nearest { trees, query: &query.keeping(KeepAll) }),
-        Some(_) => dispatch(query.tree.simd, Nearest { trees, query }),
+        None => dispatch(simd, Nearest { trees, limits, keep: KeepAll }),
+        Some(_) => dispatch(simd, Nearest { trees, limits, keep }),
     });
     let found = match (precise, query) {
         (Some(found), _) => found,
         (None, Either::All(query)) => {
-            dispatch_or(query.tree.simd, Nearest { trees: query.trees(), query }, |Nearest { trees, .. }| {
-                dispatch(query.tree.simd, Nearest { trees, query: &query.keeping(ALL) })
+            let search = Nearest { trees: query.trees(), limits: query.limits(), keep: KeepAll };
+            dispatch_or(simd, search, |Nearest { trees, limits, .. }| {
+                dispatch(simd, Nearest { trees, limits, keep: ALL })
             })
         }
-        (None, Either::Some(query)) => dispatch(query.tree.simd, Nearest { trees: query.trees(), query }),
+        (None, Either::Some(query)) => {
+            dispatch(simd, Nearest { trees: query.trees(), limits: query.limits(), keep: query.keep })
+        }
     };
     found.map(|(id, distance_squared)| Neighbor { id, distance_squared })
 }
 
 /// The `k` nearest points in order, into an empty list.
 pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
-    let work = &mut NeighborWork::default();
-    let precise = query.precise(|trees, query| nearest_n_precise(trees, query, k, candidates, found, work));
+    let (simd, work) = (query.simd(), &mut NeighborWork::default());
+    let precise = query.precise(|trees, limits, keep| {
+        let search =
+            NearestN { trees, limits, keep, k, candidates: &mut *candidates, found: &mut *found, observe: work };
+        dispatch(simd, search)
+    });
     let in_order = match (precise, query) {
         (Some(in_order), _) => in_order,
         (None, Either::All(query)) => {
-            let (trees, observe) = (query.trees(), &mut ());
-            let search = NearestN { trees, query, k, candidates: &mut *candidates, found, observe };
-            dispatch_or(query.tree.simd, search, |search| {
+            let (trees, limits, observe) = (query.trees(), query.limits(), &mut ());
+            let search = NearestN { trees, limits, keep: KeepAll, k, candidates: &mut *candidates, found, observe };
+            dispatch_or(simd, search, |search| {
                 filtered(&query.keeping(ALL), k, search.candidates);
                 false
             })
@@ -137,20 +157,8 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
         }
     };
     if !in_order {
-        nearest_in_order(query.simd(), k, candidates, found);
+        nearest_in_order(simd, k, candidates, found);
     }
-}
-
-/// The same over points in f64; returns whether they are in order.
-fn nearest_n_precise(
-    trees: QueriedPreciseLayers<'_>,
-    query: &Query<'_, Allowed<'_>>,
-    k: usize,
-    candidates: &mut Candidates,
-    found: &mut Vec<Neighbor>,
-    observe: &mut NeighborWork,
-) -> bool {
-    dispatch(query.tree.simd, NearestN { trees, query, k, candidates, found, observe })
 }
 
 /// The same with a filter, not yet in order.
@@ -163,8 +171,11 @@ fn filtered(query: &Query<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candida
 /// The work of finding the `k` nearest.
 pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
-    let precise =
-        query.precise(|trees, query| nearest_n_precise(trees, query, k, &mut candidates, &mut found, &mut work));
+    let simd = query.simd();
+    let precise = query.precise(|trees, limits, keep| {
+        let (candidates, found, observe) = (&mut candidates, &mut found, &mut work);
+        dispatch(simd, NearestN { trees, limits, keep, k, candidates, found, observe })
+    });
     if precise.is_some() {
         return work;
     }
@@ -178,15 +189,15 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
 /// Gathers all points within the radius.
 pub(super) fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
     candidates.count = 0;
-    let precise = query.precise(|trees, query| {
-        dispatch(query.tree.simd, Collecting { trees, query, candidates: &mut *candidates });
+    let simd = query.simd();
+    let precise = query.precise(|trees, Limits { bound, .. }, keep| {
+        dispatch(simd, Collecting { trees, bound, keep, candidates: &mut *candidates });
     });
     match (precise, query) {
         (Some(()), _) => {}
         (None, Either::All(query)) => {
-            dispatch_or(query.tree.simd, Collecting { trees: query.trees(), query, candidates }, |collecting| {
-                append(&query.keeping(ALL), collecting.candidates);
-            })
+            let search = Collecting { trees: query.trees(), bound: query.bound, keep: KeepAll, candidates };
+            dispatch_or(simd, search, |search| append(&query.keeping(ALL), search.candidates));
         }
         (None, Either::Some(query)) => append(query, candidates),
     }
@@ -194,7 +205,8 @@ pub(super) fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
 
 /// Appends all points within the radius that pass a filter to candidates, from a tree of points in f32.
 pub(super) fn append(query: &Query<'_, KeepLanes<'_>>, candidates: &mut Candidates) {
-    dispatch(query.tree.simd, Collecting { trees: query.trees(), query, candidates });
+    let search = Collecting { trees: query.trees(), bound: query.bound, keep: query.keep, candidates };
+    dispatch(query.tree.simd, search);
 }
 
 /// All points within the radius in any order, into an empty list.
@@ -212,17 +224,23 @@ pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates,
 
 /// The number of points within the radius.
 pub(super) fn count(query: Either<'_, '_>) -> usize {
-    let precise = query.precise(|trees, query| {
+    let simd = query.simd();
+    let precise = query.precise(|trees, Limits { bound, .. }, keep| {
         let mut candidates = Candidates::default();
-        dispatch(query.tree.simd, Collecting { trees, query, candidates: &mut candidates });
+        dispatch(simd, Collecting { trees, bound, keep, candidates: &mut candidates });
         candidates.count
     });
     match (precise, query) {
         (Some(count), _) => count,
         (None, Either::All(query)) => {
-            dispatch_or(query.tree.simd, Counting(query), |_| dispatch(query.tree.simd, Counting(&query.keeping(ALL))))
+            let search = Counting { trees: query.trees(), bound: query.bound, keep: KeepAll };
+            dispatch_or(simd, search, |Counting { trees, bound, .. }| {
+                dispatch(simd, Counting { trees, bound, keep: ALL })
+            })
         }
-        (None, Either::Some(query)) => dispatch(query.tree.simd, Counting(query)),
+        (None, Either::Some(query)) => {
+            dispatch(simd, Counting { trees: query.trees(), bound: query.bound, keep: query.keep })
+        }
     }
 }
 
@@ -230,42 +248,45 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
 pub(super) fn for_some(query: &Query<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
     let (simd, bound) = (query.tree.simd, query.bound);
     if query.is_precise() {
-        return query.precise(|trees, _| dispatch(simd, Visiting { trees, bound, visit }));
+        return query.precise(|trees, _, _| dispatch(simd, Visiting { trees, bound, visit }));
     }
     dispatch(simd, Visiting { trees: query.trees(), bound, visit })
 }
 
-struct Nearest<'q, 'a, T, K> {
+struct Nearest<T, K> {
     trees: T,
-    query: &'q Query<'a, K>,
+    limits: Limits,
+    keep: K,
 }
 
-impl<T: Trees, K: Keep> Kernel for Nearest<'_, '_, T, K> {
+impl<T: Trees, K: Keep> Kernel for Nearest<T, K> {
     type Output = Option<(u32, f32)>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
-        let mut best = Best::within(s, self.query.bound, self.query.shrink, &self.query.keep);
-        self.trees.nearest(s, &mut best);
+        let Nearest { trees, limits: Limits { bound, shrink }, keep } = self;
+        let mut best = Best::within(s, bound, shrink, &keep);
+        trees.nearest(s, &mut best);
         best.finish(s)
     }
 }
 
-struct NearestN<'q, 'a, 'b, T, K, O> {
+struct NearestN<'b, T, K, O> {
     trees: T,
-    query: &'q Query<'a, K>,
+    limits: Limits,
+    keep: K,
     k: usize,
     candidates: &'b mut Candidates,
     found: &'b mut Vec<Neighbor>,
     observe: &'b mut O,
 }
 
-impl<T: Trees, K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, T, K, O> {
+impl<T: Trees, K: Keep, O: Observe> Kernel for NearestN<'_, T, K, O> {
     /// Whether the points found are in order already.
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
-        let NearestN { trees, query: q, k, candidates, found, observe } = self;
-        let mut search = KNearest::within(k, q.bound, q.shrink, candidates, &q.keep, observe);
+        let NearestN { trees, limits: Limits { bound, shrink }, keep, k, candidates, found, observe } = self;
+        let mut search = KNearest::within(k, bound, shrink, candidates, &keep, observe);
         loop {
             trees.walk(s, &mut search);
             if !search.retry() {
@@ -276,31 +297,37 @@ impl<T: Trees, K: Keep, O: Observe> Kernel for NearestN<'_, '_, '_, T, K, O> {
     }
 }
 
-struct Collecting<'q, 'a, 'b, T, K> {
+struct Collecting<'b, T, K> {
     trees: T,
-    query: &'q Query<'a, K>,
+    bound: f32,
+    keep: K,
     candidates: &'b mut Candidates,
 }
 
-impl<T: Trees, K: Keep> Kernel for Collecting<'_, '_, '_, T, K> {
+impl<T: Trees, K: Keep> Kernel for Collecting<'_, T, K> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Collecting { trees, query, candidates } = self;
+        let Collecting { trees, bound, keep, candidates } = self;
         // A sink that never breaks.
-        let _ = trees.within(s, query.bound, &mut Gather { candidates, keep: &query.keep });
+        let _ = trees.within(s, bound, &mut Gather { candidates, keep: &keep });
     }
 }
 
-struct Counting<'q, 'a, K>(&'q Query<'a, K>);
+struct Counting<T, K> {
+    trees: T,
+    bound: f32,
+    keep: K,
+}
 
-impl<K: Keep> Kernel for Counting<'_, '_, K> {
+impl<T: Trees, K: Keep> Kernel for Counting<T, K> {
     type Output = usize;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> usize {
-        let mut sink = Count { count: 0, keep: &self.0.keep };
+        let Counting { trees, bound, keep } = self;
+        let mut sink = Count { count: 0, keep: &keep };
         // A sink that never breaks.
-        let _ = self.0.trees().within(s, self.0.bound, &mut sink);
+        let _ = trees.within(s, bound, &mut sink);
         sink.count
     }
 }

@@ -68,9 +68,16 @@ impl Keep for Allowed<'_> {
     }
     #[inline(always)]
     fn kept(&self, ids: &Lanes<u32>, mask: Mask) -> Mask {
+        // Whether there is a filter is predicted; whether there is a hit is not, and without a filter it does not matter.
         match self.0 {
-            Some(kept) if mask != 0 => kept(ids, mask),
-            _ => mask,
+            None => mask,
+            Some(kept) => {
+                if mask != 0 {
+                    kept(ids, mask)
+                } else {
+                    0
+                }
+            }
         }
     }
 }
