@@ -10,9 +10,11 @@
 //!
 //! The distance of a hit is the mean of its corners' distances, weighted by the edge functions, so it is between them. Weights that are off
 //! by the margin move it by the margin times what the corners' distances differ from it, divided by the sum of the weights. These differ from
-//! it, in all, by at most twice what those of the second and the third corner differ from that of the first; in f32 the latter are off
-//! by 4 `stray`. Depths, the reciprocal of the direction and the rounding of sums take less than 28um, 2 `stray`, of which there is twice as much.
-//! The range of the ray is rounded by two ULP of itself, which matters only where it is below 4m. Where it is rounded by more, nothing is
+//! it, in all, by at most twice what those of the second and the third corner differ from that of the first. A corner's distance, at most `m`,
+//! is off by 6um: 4um of its depth, and the rounding of the reciprocal and of the product. So both differences are off by 14um, together
+//! 28um or 2 `stray`, of which there is twice as much. The mean is off by 6um as well, and by 3um for the rounding of its sums; that of the
+//! weights, its product with an end of the ray's range and that end are off by 5 ULP of it, which matters only where it is below 2m: less than
+//! 28um, of which there is twice as much again. Where the range is rounded by more, nothing is
 //! certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
