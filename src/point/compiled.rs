@@ -8,7 +8,7 @@
 use super::counted::{CountedSearch, search_counted};
 use super::neighbor::Neighbor;
 use super::partition::QueriedLayers;
-use super::precise::{Allowed, QueriedPreciseLayers};
+use super::precise::{Allowed, Asked};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
@@ -71,13 +71,21 @@ struct Limits {
 }
 
 impl<K: Keep> Query<'_, K> {
-    /// Passes the trees over points in f64 to `run`, the limits, and the filter in a form that is compiled once.
+    /// Runs the query over points in f64.
     #[cold]
     #[inline(never)]
-    fn precise<R>(&self, run: impl FnOnce(QueriedPreciseLayers<'_>, Limits, Allowed<'_>) -> R) -> R {
+    fn precise<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
         let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
-        let trees = QueriedPreciseLayers { layers: &self.tree.precise, point: self.exact, time: self.time };
-        run(trees, self.limits(), Allowed(K::FILTERS.then_some(&kept)))
+        let PointTree { precise, simd, .. } = self.tree;
+        run(&Asked {
+            layers: precise,
+            simd: *simd,
+            point: self.exact,
+            time: self.time,
+            bound: self.bound,
+            shrink: self.shrink,
+            keep: Allowed(K::FILTERS.then_some(&kept)),
+        })
     }
 }
 
@@ -94,7 +102,7 @@ pub(super) enum Either<'q, 'a> {
 impl Either<'_, '_> {
     /// [`Query::precise`], if the points are kept in f64.
     #[inline(always)]
-    fn precise<R>(self, run: impl FnOnce(QueriedPreciseLayers<'_>, Limits, Allowed<'_>) -> R) -> Option<R> {
+    fn precise<R>(self, run: impl FnOnce(&Asked<'_>) -> R) -> Option<R> {
         match self {
             Either::All(query) => query.is_precise().then(|| query.precise(run)),
             Either::Some(query) => query.is_precise().then(|| query.precise(run)),
@@ -113,11 +121,7 @@ impl Either<'_, '_> {
 /// The nearest point.
 pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
     let simd = query.simd();
-    let precise = query.precise(|trees, limits, keep| match keep.0 {
-        // This search waits for what it finds, so that even testing whether there is a filter would be noticed.
-        None => dispatch(simd, Nearest { trees, limits, keep: KeepAll }),
-        Some(_) => dispatch(simd, Nearest { trees, limits, keep }),
-    });
+    let precise = query.precise(|asked| asked.nearest());
     let found = match (precise, query) {
         (Some(found), _) => found,
         (None, Either::All(query)) => {
@@ -136,11 +140,7 @@ pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
 /// The `k` nearest points in order, into an empty list.
 pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     let (simd, work) = (query.simd(), &mut NeighborWork::default());
-    let precise = query.precise(|trees, limits, keep| {
-        let search =
-            NearestN { trees, limits, keep, k, candidates: &mut *candidates, found: &mut *found, observe: work };
-        dispatch(simd, search)
-    });
+    let precise = query.precise(|asked| asked.nearest_n(k, candidates, found, work));
     let in_order = match (precise, query) {
         (Some(in_order), _) => in_order,
         (None, Either::All(query)) => {
@@ -171,11 +171,7 @@ fn filtered(query: &Query<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candida
 /// The work of finding the `k` nearest.
 pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
-    let simd = query.simd();
-    let precise = query.precise(|trees, limits, keep| {
-        let (candidates, found, observe) = (&mut candidates, &mut found, &mut work);
-        dispatch(simd, NearestN { trees, limits, keep, k, candidates, found, observe })
-    });
+    let precise = query.precise(|asked| asked.nearest_n(k, &mut candidates, &mut found, &mut work));
     if precise.is_some() {
         return work;
     }
@@ -190,9 +186,7 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
 pub(super) fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
     candidates.count = 0;
     let simd = query.simd();
-    let precise = query.precise(|trees, Limits { bound, .. }, keep| {
-        dispatch(simd, Collecting { trees, bound, keep, candidates: &mut *candidates });
-    });
+    let precise = query.precise(|asked| asked.collect(candidates));
     match (precise, query) {
         (Some(()), _) => {}
         (None, Either::All(query)) => {
@@ -225,9 +219,9 @@ pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates,
 /// The number of points within the radius.
 pub(super) fn count(query: Either<'_, '_>) -> usize {
     let simd = query.simd();
-    let precise = query.precise(|trees, Limits { bound, .. }, keep| {
+    let precise = query.precise(|asked| {
         let mut candidates = Candidates::default();
-        dispatch(simd, Collecting { trees, bound, keep, candidates: &mut candidates });
+        asked.collect(&mut candidates);
         candidates.count
     });
     match (precise, query) {
@@ -246,11 +240,10 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
 
 /// Calls `visit` with all points within the radius, some at a time, until it breaks.
 pub(super) fn for_some(query: &Query<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
-    let (simd, bound) = (query.tree.simd, query.bound);
     if query.is_precise() {
-        return query.precise(|trees, _, _| dispatch(simd, Visiting { trees, bound, visit }));
+        return query.precise(|asked| asked.for_some(visit));
     }
-    dispatch(simd, Visiting { trees: query.trees(), bound, visit })
+    dispatch(query.tree.simd, Visiting { trees: query.trees(), bound: query.bound, visit })
 }
 
 struct Nearest<T, K> {

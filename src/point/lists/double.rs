@@ -8,9 +8,7 @@ use super::gather::write;
 use super::question::Listing;
 use super::row::Lists;
 use super::worker::Share;
-use crate::point::precise::QueriedPreciseLayers;
 use crate::point::search::radius::Sink;
-use crate::point::search::trees::Trees;
 use crate::point::snapshot::Leaves;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd};
 use core::ops::ControlFlow;
@@ -30,9 +28,10 @@ impl Kernel for DoubleShare<'_> {
                 let begin = lists.len;
                 let own = if listing.other_set && !listing.once { u32::MAX } else { id };
                 let mut row = Row { listing, lists, own };
-                let trees = QueriedPreciseLayers { layers: &query.among.precise, point: at, time: query.time };
-                // A sink that never breaks.
-                let _ = trees.within(s, bound, &mut row);
+                for among in &query.among.precise {
+                    // A sink that never breaks.
+                    let _ = among.within(s, (at, query.time), bound, &mut row);
+                }
                 lists.end_list(id, begin, lists.len, listing);
             }
         }

@@ -16,14 +16,17 @@ mod tree;
 pub(super) use in_file::PreciseRecord;
 pub(super) use tree::{PreciseTree, PreciseView};
 
+use super::neighbor::Neighbor;
+use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
-use super::search::trees::Trees;
+use super::search::sinks::{Gather, Visit, VisitSome};
+use super::search::sort::few_in_order;
 use super::search::walk::walk;
-use super::search::{Keep, KeptLanes, Observe};
+use super::search::{Keep, KeepAll, KeptLanes, NeighborWork};
 use super::snapshot::Leaves;
-use crate::simd::{LANES, Lanes, Mask, Simd};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -55,6 +58,21 @@ impl PreciseLayer {
         let tree = self.tree_at(time);
         if tree.moves() { AtTime::Moving(tree.at(point, time)) } else { AtTime::Still(tree.at(point, time)) }
     }
+
+    /// Passes every point within the bound of a query point to the sink.
+    #[inline(always)]
+    pub(super) fn within<S: Simd>(
+        &self,
+        s: S,
+        (point, time): (DVec3, f32),
+        bound: f32,
+        sink: &mut impl Sink<S>,
+    ) -> ControlFlow<()> {
+        match self.at(point, time) {
+            AtTime::Still(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink),
+            AtTime::Moving(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink),
+        }
+    }
 }
 
 /// A predicate on ids, if there is one. (Searches among f64 points are compiled once, here, not for each predicate.)
@@ -68,57 +86,142 @@ impl Keep for Allowed<'_> {
     }
     #[inline(always)]
     fn kept(&self, ids: &Lanes<u32>, mask: Mask) -> Mask {
-        // Whether there is a filter is predicted; whether there is a hit is not, and without a filter it does not matter.
         match self.0 {
-            None => mask,
-            Some(kept) => {
-                if mask != 0 {
-                    kept(ids, mask)
-                } else {
-                    0
-                }
-            }
+            Some(kept) if mask != 0 => kept(ids, mask),
+            _ => mask,
         }
     }
 }
 
-/// Layers at the time of a query, seen from its point.
+/// A query among f64 points. (Its kernels are not those of f32 points: sharing them made these searches slower.)
 #[derive(Clone, Copy)]
-pub(super) struct QueriedPreciseLayers<'a> {
+pub(super) struct Asked<'a> {
     pub(super) layers: &'a [PreciseLayer],
+    pub(super) simd: SimdLevel,
     pub(super) point: DVec3,
     pub(super) time: f32,
+    /// Squared distance up to which points count.
+    pub(super) bound: f32,
+    /// Factor on the bound for boxes.
+    pub(super) shrink: f32,
+    pub(super) keep: Allowed<'a>,
 }
 
-impl Trees for QueriedPreciseLayers<'_> {
-    #[inline(always)]
-    fn walk<S: Simd, K: Keep, O: Observe>(self, s: S, search: &mut KNearest<'_, K, O>) {
-        for layer in self.layers {
-            match layer.at(self.point, self.time) {
-                AtTime::Still(view) => walk(s, &view, &view.target(s, Vec3::ZERO), search),
-                AtTime::Moving(view) => walk(s, &view, &view.target(s, Vec3::ZERO), search),
+/// Runs the same on each layer.
+macro_rules! for_each_layer {
+    ($asked:expr, $view:ident => $do:expr) => {
+        for layer in $asked.layers {
+            match layer.at($asked.point, $asked.time) {
+                AtTime::Still($view) => $do,
+                AtTime::Moving($view) => $do,
             }
         }
+    };
+}
+
+impl Asked<'_> {
+    /// Id and squared distance of the nearest point.
+    pub(super) fn nearest(&self) -> Option<(u32, f32)> {
+        dispatch(self.simd, Nearest(self))
     }
 
-    #[inline(always)]
-    fn nearest<S: Simd, K: Keep>(self, s: S, best: &mut Best<'_, S, K>) {
-        for layer in self.layers {
-            match layer.at(self.point, self.time) {
-                AtTime::Still(view) => best.search(s, &view, &view.target(s, Vec3::ZERO)),
-                AtTime::Moving(view) => best.search(s, &view, &view.target(s, Vec3::ZERO)),
-            }
-        }
+    /// Collects the k nearest points; whether they are in order.
+    pub(super) fn nearest_n(
+        &self,
+        k: usize,
+        candidates: &mut Candidates,
+        found: &mut Vec<Neighbor>,
+        work: &mut NeighborWork,
+    ) -> bool {
+        dispatch(self.simd, NearestN { asked: self, k, candidates, found, work })
     }
 
+    /// Collects the points within the bound.
+    pub(super) fn collect(&self, candidates: &mut Candidates) {
+        dispatch(self.simd, Collecting { asked: self, candidates });
+    }
+
+    /// Shows the points within the bound to a visitor, whatever is kept.
+    pub(super) fn for_some(&self, visit: VisitSome<'_>) -> ControlFlow<()> {
+        dispatch(self.simd, Visiting { asked: self, visit })
+    }
+}
+
+struct Nearest<'a>(&'a Asked<'a>);
+
+impl Kernel for Nearest<'_> {
+    type Output = Option<(u32, f32)>;
     #[inline(always)]
-    fn within<S: Simd>(self, s: S, bound: f32, sink: &mut impl Sink<S>) -> ControlFlow<()> {
-        for layer in self.layers {
-            match layer.at(self.point, self.time) {
-                AtTime::Still(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink)?,
-                AtTime::Moving(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink)?,
+    fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
+        // This search waits for what it finds, so that even testing whether there is a filter would be noticed.
+        if self.0.keep.0.is_none() { nearest(s, self.0, &KeepAll) } else { nearest(s, self.0, &self.0.keep) }
+    }
+}
+
+#[inline(always)]
+fn nearest<S: Simd>(s: S, asked: &Asked<'_>, keep: &impl Keep) -> Option<(u32, f32)> {
+    let mut best = Best::within(s, asked.bound, asked.shrink, keep);
+    for_each_layer!(asked, view => best.search(s, &view, &view.target(s, Vec3::ZERO)));
+    best.finish(s)
+}
+
+struct NearestN<'a, 'b> {
+    asked: &'a Asked<'a>,
+    k: usize,
+    candidates: &'b mut Candidates,
+    found: &'b mut Vec<Neighbor>,
+    work: &'b mut NeighborWork,
+}
+
+impl Kernel for NearestN<'_, '_> {
+    type Output = bool;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let NearestN { asked, k, candidates, found, work } = self;
+        let mut search = KNearest::within(k, asked.bound, asked.shrink, candidates, &asked.keep, work);
+        loop {
+            for_each_layer!(asked, view => walk(s, &view, &view.target(s, Vec3::ZERO), &mut search));
+            if !search.retry() {
+                break;
             }
         }
-        ControlFlow::Continue(())
+        few_in_order(s, k, candidates, found)
+    }
+}
+
+struct Collecting<'a, 'b> {
+    asked: &'a Asked<'a>,
+    candidates: &'b mut Candidates,
+}
+
+impl Kernel for Collecting<'_, '_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Collecting { asked, candidates } = self;
+        candidates.count = 0;
+        let mut sink = Gather { candidates, keep: &asked.keep };
+        for layer in asked.layers {
+            // A sink that never breaks.
+            let _ = layer.within(s, (asked.point, asked.time), asked.bound, &mut sink);
+        }
+    }
+}
+
+struct Visiting<'a, 'b> {
+    asked: &'a Asked<'a>,
+    visit: VisitSome<'b>,
+}
+
+impl Kernel for Visiting<'_, '_> {
+    type Output = ControlFlow<()>;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
+        let Visiting { asked, visit } = self;
+        let mut sink = Visit::new(visit);
+        for layer in asked.layers {
+            layer.within(s, (asked.point, asked.time), asked.bound, &mut sink)?;
+        }
+        sink.finish()
     }
 }

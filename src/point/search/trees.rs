@@ -1,7 +1,7 @@
 //! What a query searches: the trees of a set, as they are at its time.
 //!
-//! A set may be divided among several trees, in f32 or in f64. A search goes through them one after the other with the
-//! same candidates and the same bound, so each search is written once for both kinds.
+//! A set may be divided among several trees. A search goes through them one after the other with the
+//! same candidates and the same bound. (Trees of f64 points have kernels of their own, which are faster apart.)
 
 use super::k_nearest::KNearest;
 use super::nearest::Best;
