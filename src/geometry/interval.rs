@@ -66,6 +66,11 @@ impl TimeInterval {
         self.end() - self.begin
     }
 
+    /// The length in f64, where [`TimeInterval::duration`] may be rounded by an ULP of itself.
+    pub(crate) fn fine_duration(self) -> f64 {
+        f64::from(self.end()) - f64::from(self.begin)
+    }
+
     /// The middle of the interval.
     pub(crate) fn middle(self) -> f32 {
         self.begin + 0.5 * self.duration()

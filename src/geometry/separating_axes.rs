@@ -30,8 +30,11 @@ pub(crate) struct Instant {
 /// the axis's components; the margin of 64 covers the two that are compared, the rounding of a moving cell, and the
 /// kernel's own rounding that grows with the triangle ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)).
 pub(crate) fn are_disjoint(instants: &[Instant], slack: f32) -> bool {
-    disjoint_by(instants, slack, 64.0)
+    disjoint_by(instants, slack, MARGIN_ULPS)
 }
+
+/// The margin in ULP of the largest coordinate, as derived above.
+const MARGIN_ULPS: f32 = 64.0;
 
 /// The same with another margin.
 #[inline(always)]
@@ -83,7 +86,7 @@ mod tests {
             let corners = [a, a + e * 4.0, a + f * 4.0];
             let at = a + e + f;
             let instants = [Instant { corners, cell: Box3 { min: at, max: at } }; 2];
-            for (lost, margin) in lost.iter_mut().zip([64.0, 0.0]) {
+            for (lost, margin) in lost.iter_mut().zip([MARGIN_ULPS, 0.0]) {
                 *lost += usize::from(disjoint_by(&instants, 0.0, margin));
             }
         }

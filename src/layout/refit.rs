@@ -356,7 +356,7 @@ impl<S: WideSource> Pass<'_, S> {
         }
         let Some(mut all) = all else { return LinearBox3::EMPTY };
         for (of_part, part) in each {
-            let w = |t: f32| f64::from(t - over.begin()) / f64::from(over.duration());
+            let w = |t: f32| (f64::from(t) - f64::from(over.begin())) / over.fine_duration();
             all.include(w(of_part.begin()), fine(part.begin));
             all.include(w(of_part.end()), fine(part.end));
         }

@@ -27,8 +27,11 @@ struct Face {
 /// beyond the bound at both ends; this is ensured in f64, whose own rounding (2^-53) is negligible beside the float
 /// step. A static face is moved by `pad` and rounded outward.
 fn face(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64) -> Face {
-    face_by(begin, end, over, side, pad, 2.0)
+    face_by(begin, end, over, side, pad, ROUNDINGS)
 }
+
+/// By how many times the rounding of the query a face is moved.
+const ROUNDINGS: f64 = 2.0;
 
 /// [`face`] with another multiple of the rounding of the query.
 #[inline(always)]
@@ -278,7 +281,7 @@ mod tests {
     /// If the rounding of the query were ignored, one face in a hundred would be computed inside of its bound.
     #[test]
     fn faces_lie_beyond_their_bounds_as_the_query_computes_them() {
-        let lost = faces_inside(2.0);
+        let lost = faces_inside(ROUNDINGS);
         assert!(lost == 0, "{lost} of 1.8 million");
         assert!(faces_inside(0.0) > 1000, "the slack is not needed");
     }

@@ -132,7 +132,8 @@ pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(),
         if !over.contains(time) {
             continue;
         }
-        let w = if over.duration() > 0.0 { f64::from(time - over.begin()) / f64::from(over.duration()) } else { 0.0 };
+        let passed = f64::from(time) - f64::from(over.begin());
+        let w = if passed > 0.0 { passed / over.fine_duration() } else { 0.0 };
         let now = bounds.at(w);
         let target = random.in_box(now);
         let origin = swept.min * 0.5 + swept.max * 0.5 + random.in_cube() * size * 2.0;

@@ -105,9 +105,12 @@ pub(crate) fn slice_bounds<S: PrimitiveSet>(set: &S, r: &Reference, draft: &Draf
     if !r.moving() {
         return own.tighter(bounds);
     }
-    let at = |t: f32| box_at(bounds, draft.over, t, 8.0);
+    let at = |t: f32| box_at(bounds, draft.over, t, BETWEEN_ULPS);
     own.tighter(LinearBox3 { begin: at(over.begin()), end: at(over.end()) })
 }
+
+/// The padding of boxes between those at both ends of an interval: 7 ULP, and one for rounding the box that it is added to.
+const BETWEEN_ULPS: f32 = 8.0;
 
 /// The box at a time of an interval, with a padding in ULP of its largest coordinate.
 ///
@@ -137,7 +140,7 @@ mod tests {
             let t = over.begin() + over.duration() * (0.5 + 0.5 * random.signed());
             let w = (f64::from(t) - f64::from(over.begin())) / (f64::from(over.end()) - f64::from(over.begin()));
             let exact = a.as_dvec3().lerp(b.as_dvec3(), w.clamp(0.0, 1.0));
-            for (lost, ulps) in lost.iter_mut().zip([8.0, 0.0]) {
+            for (lost, ulps) in lost.iter_mut().zip([BETWEEN_ULPS, 0.0]) {
                 let found = box_at(bounds, over, t, ulps);
                 let holds = found.min.as_dvec3().cmple(exact).all() && found.max.as_dvec3().cmpge(exact).all();
                 *lost += usize::from(!holds);

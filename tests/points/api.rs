@@ -489,3 +489,27 @@ fn automatic_accounts_for_points_from_far_away() {
         }
     }
 }
+
+/// Points that pass zero exactly, from 1e7 away on both sides, and a query beside zero: f64 is off by more than most of their distances
+/// differ.
+#[test]
+fn closest_approaches_are_told_apart_that_f64_takes_for_equal() {
+    let mut rng = Rng(33);
+    for round in 0..60 {
+        let ways: Vec<Vec3> = (0..48).map(|_| (rng.vec() * 1e3).round()).filter(|way| *way != Vec3::ZERO).collect();
+        let mut times = || (rng.unit() * 5e3 + 5e3).round();
+        let points: Vec<MovingPoint> =
+            ways.iter().map(|way| MovingPoint::new(*way * times(), *way * -times())).collect();
+        let q = rng.vec() * 1e-7;
+        // From a line through zero, whose direction is known exactly.
+        let distance = |way: &Vec3| q.as_dvec3().cross(way.as_dvec3()).length() / way.as_dvec3().length();
+        let least = ways.iter().map(distance).fold(f64::INFINITY, f64::min);
+        for structure in STRUCTURES {
+            let params = PointParams { structure, ..PointParams::default() };
+            let tree = PointTree::build(&points, &params).unwrap();
+            let found = tree.closest_approach(q, q, TimeInterval::FULL).unwrap();
+            let off = (f64::from(found.distance) / least - 1.0).abs();
+            assert!(off < 1e-7, "round {round}, {structure:?}: {found:?} instead of {least:e}");
+        }
+    }
+}

@@ -323,6 +323,34 @@ proptest! {
     }
 }
 
+/// A photon whose distance is rounded down to the radius, or to nothing, counts, though it lies beyond the ball; and one at the very end of the
+/// window.
+#[test]
+fn photons_that_are_within_the_radius_by_rounding_alone_are_found() {
+    let (mut rng, mut beyond) = (Rng(63), 0);
+    let mut scratch = GatherScratch::new();
+    for round in 0..4000 {
+        let (x, radius) = match round % 4 {
+            0 => (0.0, 0.0),
+            1 => (rng.signed() * 100.0, rng.unit()),
+            _ => (-0.3 - 0.15 * rng.unit(), 1.0 + 0.2 * rng.unit()),
+        };
+        let spot = VisiblePoint { position: Vec3::X * x, time: 0.5, radius };
+        let tree = VisiblePoints::build(&[spot], &GatherParams::default()).unwrap();
+        let mut p = if radius > 0.0 { (x + radius).next_down() } else { 1e-23 * rng.unit() };
+        for _ in 0..4 {
+            let d = x - p;
+            let counts = d * d <= radius * radius;
+            beyond += u32::from(counts && f64::from(p) - f64::from(x) > f64::from(radius));
+            let mut found = false;
+            tree.for_each(Vec3::X * p, 0.75, 0.25, &mut scratch, |_, _| found = true).unwrap();
+            assert_eq!(found, counts, "round {round}: {p} from {x}, radius {radius}");
+            p = p.next_up();
+        }
+    }
+    assert!(beyond > 1000, "{beyond}");
+}
+
 #[test]
 fn scattering_sums_in_one_order_for_any_number_of_threads() {
     let mut rng = Rng(77);

@@ -407,3 +407,65 @@ fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
     assert_eq!(certified_duration(1.0, f32::NAN, 1.0), 0.0);
     assert_eq!(certified_duration(-1.0, 1.0, 1.0), 0.0);
 }
+
+/// Two crowds, each at one place, that come as near as the radius and no nearer, far from zero: whether boxes and points are met is a
+/// matter of rounding.
+#[test]
+fn crowds_that_just_touch_the_radius_are_met() {
+    const CROWD: usize = 256;
+    let mut rng = Rng(61);
+    for round in 0..48 {
+        let (far, speed) = [(1e3, 1.0), (0.0, 1.0), (1e3, 1e3), (1.0, 1e4)][round % 4];
+        let offset = rng.vec() * far;
+        let mut way = || {
+            let (at, by) = (offset + rng.vec(), rng.vec() * speed);
+            [at - by * 0.5, at + by * 0.5]
+        };
+        let ways = [way(), way()];
+        let crowds = |count: usize| {
+            let key = |key: usize| ways.iter().flat_map(|way| vec![way[key]; count]).collect();
+            Cloud { keys: vec![key(0), key(1)], alive: vec![TimeInterval::FULL; 2 * count] }
+        };
+        let (pair, cloud) = (crowds(1), crowds(CROWD));
+        let interval = TimeInterval::new(0.25 * rng.unit(), 0.75 + 0.25 * rng.unit()).unwrap();
+        let touch = |radius: f32| !meet_all(&pair, interval, radius)[0].is_empty();
+        // The least radius at which the two meet: near the distance as rounded to f32.
+        let apart = meet_all(&pair, interval, f32::MAX)[0][0].distance_squared.sqrt();
+        let mut radius = apart * (1.0 - 1e-6);
+        while !touch(radius) {
+            radius = radius.next_up();
+        }
+        for structure in [PointStructure::Linear, PointStructure::Slabs(3)] {
+            let tree = build(&cloud, structure, SimdLevel::best());
+            let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+            for (id, row) in found.iter() {
+                assert_eq!(row.len(), 2 * CROWD - 1, "round {round}, {structure:?}: point {id}, radius {radius}");
+            }
+            assert_eq!(found.iter().count(), 2 * CROWD);
+        }
+    }
+}
+
+/// A pair just outside of the lists, far from zero: as f32 has them, with what they have in common taken off, the two may seem to be in.
+#[test]
+fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
+    let mut rng = Rng(62);
+    for round in 0..400 {
+        let at = rng.vec() * [1e3, 10.0, 1e4, 0.0][round % 4];
+        let way = rng.vec().normalize_or(Vec3::X);
+        let points = [MovingPoint::new(at, at + rng.vec() * 0.1), MovingPoint::new(at + way, at)];
+        let (cloud, time, radius) = (Cloud::moving(&points), 0.25 * rng.unit(), 0.3);
+        let d = cloud.at(1, time) - cloud.at(0, time);
+        let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;
+        let mut skin = squared.sqrt() * (1.0 + 1e-6) - radius;
+        while (radius + skin) * (radius + skin) >= squared {
+            skin = skin.next_down();
+        }
+        let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+        let mut lists = NeighborCsr::new();
+        let good = tree.neighbor_lists_with_skin(time, radius, skin, 1.0, &mut lists).unwrap();
+        assert_eq!(lists.neighbors(), 0, "round {round}");
+        let enter = meet(&cloud, (0, 1), [f64::from(time), 1.0], f64::from(radius) * f64::from(radius)).unwrap().enter;
+        assert!(good <= enter, "round {round}: {good}, but they meet at {enter}");
+    }
+}

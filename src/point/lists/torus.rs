@@ -32,6 +32,9 @@ pub(super) struct Torus {
 /// a million periods.
 pub(super) const MOST_PERIODS: f32 = 1e6;
 
+/// How much moved boxes are widened, and what is asked for to half a period, relative to the magnitude of the coordinates: 32u.
+const SLACK: f32 = 32.0 / 16_777_216.0;
+
 impl Torus {
     /// The torus with these periods.
     pub(super) fn new(periods: [Option<f32>; 3]) -> Torus {
@@ -49,11 +52,18 @@ impl Torus {
 
     /// Moves boxes along the periodic axes to where they bound the differences to the group's box `[lo, hi]`.
     #[inline(always)]
-    pub(super) fn bring<S: Simd>(
+    pub(super) fn bring<S: Simd>(&self, s: S, boxes: ([S::F; 3], [S::F; 3]), group: ([f32; 3], [f32; 3])) -> Moved<S> {
+        self.bring_by(s, boxes, group, SLACK)
+    }
+
+    /// The same with another slack, relative to the magnitude of the coordinates.
+    #[inline(always)]
+    fn bring_by<S: Simd>(
         &self,
         s: S,
         (mut lo, mut hi): ([S::F; 3], [S::F; 3]),
         (group_lo, group_hi): ([f32; 3], [f32; 3]),
+        slack: f32,
     ) -> Moved<S> {
         let (mut several, mut elsewhere) = ([0; 3], 0);
         for axis in 0..3 {
@@ -65,7 +75,7 @@ impl Torus {
             let middle = group_lo[axis] * 0.5 + group_hi[axis] * 0.5;
             let group_size = (group_hi[axis] - group_lo[axis]) * 0.5;
             let most = group_lo[axis].abs().max(group_hi[axis].abs()) + length;
-            let slack = (magnitude(s, lo[axis], hi[axis]) + s.splat(most)) * s.splat(32.0 / 16_777_216.0);
+            let slack = (magnitude(s, lo[axis], hi[axis]) + s.splat(most)) * s.splat(slack);
             let apart = (lo[axis] * half + hi[axis] * half) - s.splat(middle);
             let k = round(s, apart * s.splat(self.inverse[axis]));
             let way = k * s.splat(length);
@@ -115,4 +125,63 @@ fn magnitude<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
 fn round<S: Simd>(s: S, x: S::F) -> S::F {
     let shift = s.splat(12_582_912.0);
     (x + shift) - shift
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use crate::simd::{LANES, Lanes, Portable};
+
+    /// Boxes with a point at either end, brought to a group of one point with this slack: how many are farther away from it than the
+    /// nearest image of one of their points is, and how many are said to be where they are given of which a point is nearer elsewhere.
+    fn wrong(slack: f32) -> [usize; 2] {
+        let (s, mut random, mut wrong) = (Portable, Random(5), [0, 0]);
+        for round in 0..20_000 {
+            let length = 0.5 + random.unit();
+            let torus = Torus::new([Some(length), None, None]);
+            let away = [0.0, 1.0, 30.0, 1e5][round % 4] * length;
+            let q = random.signed() * (away + length);
+            let pairs: Lanes<[f32; 2]> = core::array::from_fn(|lane| {
+                // Anywhere, or about half a period or any number of them away.
+                let periods = (random.signed() * away / length).round();
+                let apart = match lane % 4 {
+                    0 => 0.5 * length * (1.0 + random.signed() * 1e-6),
+                    1 => -0.5 * length * (1.0 + random.signed() * 1e-6),
+                    _ => random.signed() * length,
+                };
+                let p = q + periods * length + apart;
+                let other = if lane % 3 == 0 { p } else { p - apart.signum() * random.unit() * 0.2 * length };
+                [p.min(other), p.max(other)]
+            });
+            let points = [0, 1].map(|end| pairs.map(|pair| pair[end]));
+            let zero = s.splat(0.0);
+            let boxes = ([s.load(&points[0]), zero, zero], [s.load(&points[1]), zero, zero]);
+            let moved = torus.bring_by(s, boxes, ([q, 0.0, 0.0], [q, 0.0, 0.0]), slack);
+            let elsewhere = moved.elsewhere;
+            let (lo, hi) = moved.widened(s);
+            let lanes = |x| {
+                let mut lanes: Lanes<f32> = [0.0; LANES];
+                s.store(x, &mut lanes);
+                lanes
+            };
+            let gap = lanes(s.max_with_zero(lo[0] - s.splat(q), s.splat(q) - hi[0]));
+            for point in points {
+                let apart = s.load(&point) - s.splat(q);
+                let (given, near) = (lanes(apart), lanes(torus.nearest(s, apart, 0)));
+                for lane in 0..LANES {
+                    wrong[0] += usize::from(gap[lane] > near[lane].abs());
+                    wrong[1] += usize::from(elsewhere >> lane & 1 == 0 && near[lane] != given[lane]);
+                }
+            }
+        }
+        wrong
+    }
+
+    #[test]
+    fn moved_boxes_bound_the_nearest_images_and_would_not_without_slack() {
+        assert_eq!(wrong(SLACK), [0, 0]);
+        let wrong = wrong(0.0);
+        assert!(wrong[0] > 1000 && wrong[1] > 20, "{wrong:?}");
+    }
 }
