@@ -6,17 +6,15 @@
 //! more is written to the front than was read. A range has whole vectors, and so have its parts.
 
 use super::complete_tree::left_part;
-use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at};
+use super::divide::{counted, extremes, first_lanes, guess, least_lane};
+use super::rows::{NO_POINT, PointVector};
+use super::spread::longest;
+use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Most points that are ordered here: those below a bottom node whose leaves have two vectors.
 pub(super) const MOST: usize = 2 * LANES * LANES;
 
-/// Guesses before coordinates are gone through one after the other, from the best lower guess.
-///
-/// Evenly spread points take four to six.
-const GUESSES: usize = 10;
-
-/// Orders points whose number is a multiple of [`LANES`] and at most [`MOST`], as `order` does.
+/// Orders at most [`MOST`] points, as `order` does.
 pub(super) struct Bottom<'a> {
     pub(super) items: &'a mut [Item],
     /// Points per leaf, one or two vectors of them.
@@ -31,20 +29,7 @@ impl Kernel for Bottom<'_> {
         for (i, item) in self.items.iter().enumerate() {
             rows.set(i, item);
         }
-        // Ranges whose turn has not come: at most one for each halving, of which there are four.
-        let mut open = [(0, self.items.len()); LANES];
-        let mut count = 1;
-        while count > 0 {
-            count -= 1;
-            let (begin, end) = open[count];
-            if end - begin > self.leaf {
-                let middle = begin + left_part(end - begin, self.leaf);
-                rows.split(s, (begin, middle, end), &mut spare);
-                open[count] = (begin, middle);
-                open[count + 1] = (middle, end);
-                count += 2;
-            }
-        }
+        rows.order(s, self.items.len(), self.leaf, &mut spare);
         for (i, item) in self.items.iter_mut().enumerate() {
             *item = rows.get(i);
         }
@@ -52,19 +37,19 @@ impl Kernel for Bottom<'_> {
 }
 
 /// Room for the right part of a range, which is not the larger one, and to the end of a vector behind it.
-const SPARE: usize = MOST / 2 + LANES;
+pub(super) const SPARE: usize = MOST / 2 + LANES;
 
 /// Points in rows.
-struct Rows<const N: usize> {
-    at: [[f32; N]; 3],
-    index: [u32; N],
+pub(super) struct Rows<const N: usize> {
+    pub(super) at: [[f32; N]; 3],
+    pub(super) index: [u32; N],
 }
 
 impl<const N: usize> Rows<N> {
-    const EMPTY: Rows<N> = Rows { at: [[0.0; N]; 3], index: [0; N] };
+    pub(super) const EMPTY: Rows<N> = Rows { at: [[0.0; N]; 3], index: [0; N] };
 
     #[inline(always)]
-    fn set(&mut self, i: usize, item: &Item) {
+    pub(super) fn set(&mut self, i: usize, item: &Item) {
         let [x, y, z] = &mut self.at;
         (x[i], y[i], z[i], self.index[i]) = (item.at[0], item.at[1], item.at[2], item.index);
     }
@@ -75,6 +60,25 @@ impl<const N: usize> Rows<N> {
         Item { at: [x[i], y[i], z[i]], index: self.index[i] }
     }
 
+    /// The sixteen points from `at` on.
+    #[inline(always)]
+    pub(super) fn vector<S: Simd>(&self, s: S, at: usize) -> PointVector<S> {
+        let [x, y, z] = &self.at;
+        PointVector {
+            at: [s.load(lanes_at(x, at)), s.load(lanes_at(y, at)), s.load(lanes_at(z, at))],
+            index: s.load_u(lanes_at(&self.index, at)),
+        }
+    }
+
+    /// Writes sixteen points to place `at` and on.
+    #[inline(always)]
+    pub(super) fn store<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>) {
+        for (row, &lanes) in self.at.iter_mut().zip(&points.at) {
+            s.store(lanes, lanes_at_mut(row, at));
+        }
+        s.store_u(points.index, lanes_at_mut(&mut self.index, at));
+    }
+
     /// Brings the lowest coordinates along the widest axis of `begin..end` into `begin..middle`.
     #[inline(always)]
     fn split<S: Simd>(&mut self, s: S, (begin, middle, end): (usize, usize, usize), spare: &mut Rows<SPARE>) {
@@ -83,28 +87,27 @@ impl<const N: usize> Rows<N> {
         let (bound, mut equal) = threshold(s, keys, middle - begin, (least, most));
         let bound = s.splat(bound);
         let (mut left, mut right) = (begin, 0);
-        for from in (begin..end).step_by(LANES) {
+        // What goes where is found out first, so that reading does not wait for writing.
+        let mut masks = [0; MOST / LANES];
+        for (mask, from) in masks.iter_mut().zip((begin..end).step_by(LANES)) {
             let key = s.load(lanes_at(&self.at[axis], from));
-            let mut below = s.lt(key, bound);
+            *mask = s.lt(key, bound);
             if equal > 0 {
                 let ties = first_lanes(s.eq(key, bound), equal);
                 equal -= ties.count_ones() as usize;
-                below |= ties;
+                *mask |= ties;
             }
-            let [x, y, z] = &self.at;
-            let at = [s.load(lanes_at(x, from)), s.load(lanes_at(y, from)), s.load(lanes_at(z, from))];
-            let index = s.load_u(lanes_at(&self.index, from));
-            self.write(s, left, (at, index), below);
-            spare.write(s, right, (at, index), !below);
+        }
+        for (&below, from) in masks.iter().zip((begin..end).step_by(LANES)) {
+            let points = self.vector(s, from);
+            self.write(s, left, &points, below);
+            spare.write(s, right, &points, !below);
             left += below.count_ones() as usize;
             right += (!below).count_ones() as usize;
         }
         for (from, to) in (middle..end).step_by(LANES).enumerate() {
-            for axis in 0..3 {
-                let key = s.load(lanes_at(&spare.at[axis], from * LANES));
-                s.store(key, lanes_at_mut(&mut self.at[axis], to));
-            }
-            s.store_u(s.load_u(lanes_at(&spare.index, from * LANES)), lanes_at_mut(&mut self.index, to));
+            let points = spare.vector(s, from * LANES);
+            self.store(s, to, &points);
         }
     }
 
@@ -113,29 +116,45 @@ impl<const N: usize> Rows<N> {
     fn widest_axis<S: Simd>(&self, s: S, begin: usize, end: usize) -> (usize, f32, f32) {
         let (mut least, mut most) = ([0.0; 3], [0.0; 3]);
         for axis in 0..3 {
-            let keys: &[Lanes<f32>] = self.at[axis][begin..end].as_chunks().0;
-            let mut lo = s.load(&keys[0]);
-            let mut hi = lo;
-            for key in &keys[1..] {
-                let key = s.load(key);
-                (lo, hi) = (s.min(key, lo), s.max(key, hi));
-            }
-            (least[axis], most[axis]) = (least_lane(s, lo), -least_lane(s, s.splat(0.0) - hi));
+            (least[axis], most[axis]) = extremes(s, self.at[axis][begin..end].as_chunks().0);
         }
-        let size = |axis: usize| most[axis] - least[axis];
-        let yz = if size(1) >= size(2) { 1 } else { 2 };
-        let axis = if size(0) >= size(yz) { 0 } else { yz };
+        let axis = longest([most[0] - least[0], most[1] - least[1], most[2] - least[2]]);
         (axis, least[axis], most[axis])
     }
 
     /// Writes the lanes of a mask to place `at` and on, and anything to the rest of a vector there.
     #[inline(always)]
-    fn write<S: Simd>(&mut self, s: S, at: usize, ([x, y, z], index): ([S::F; 3], S::U), mask: Mask) {
+    fn write<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>, mask: Mask) {
         let [to_x, to_y, to_z] = &mut self.at;
-        s.store_compressed(x, mask, lanes_at_mut(to_x, at));
-        s.store_compressed(y, mask, lanes_at_mut(to_y, at));
-        s.store_compressed(z, mask, lanes_at_mut(to_z, at));
-        s.store_compressed_u(index, mask, lanes_at_mut(&mut self.index, at));
+        s.store_compressed(points.at[0], mask, lanes_at_mut(to_x, at));
+        s.store_compressed(points.at[1], mask, lanes_at_mut(to_y, at));
+        s.store_compressed(points.at[2], mask, lanes_at_mut(to_z, at));
+        s.store_compressed_u(points.index, mask, lanes_at_mut(&mut self.index, at));
+    }
+}
+
+impl Rows<MOST> {
+    /// Orders the first `count` points so that leaf i holds the i-th run of `leaf` of them. The rest of the last vector becomes no points.
+    #[inline(always)]
+    pub(super) fn order<S: Simd>(&mut self, s: S, count: usize, leaf: usize, spare: &mut Rows<SPARE>) {
+        let whole = count.next_multiple_of(LANES);
+        for i in count..whole {
+            self.set(i, &NO_POINT);
+        }
+        // Ranges whose turn has not come: at most one for each halving, of which there are four.
+        let mut open = [(0, whole); LANES];
+        let mut ranges = 1;
+        while ranges > 0 {
+            ranges -= 1;
+            let (begin, end) = open[ranges];
+            if end - begin > leaf {
+                let middle = begin + left_part(end - begin, leaf);
+                self.split(s, (begin, middle, end), spare);
+                open[ranges] = (begin, middle);
+                open[ranges + 1] = (middle, end);
+                ranges += 2;
+            }
+        }
     }
 }
 
@@ -143,22 +162,10 @@ impl<const N: usize> Rows<N> {
 /// and `most` are the least and the greatest key, which must be numbers.
 #[inline(always)]
 fn threshold<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f32, f32)) -> (f32, usize) {
-    // So many keys are below `lo`, and so many, or fewer, below `hi`.
-    let (mut lo, mut below) = (least, 0);
-    let (mut hi, mut not_above) = (most, keys.len() * LANES);
-    for guess in 1..=GUESSES {
-        // Where keys are evenly spread in between; each third time in the middle, in case they are not.
-        let share = if guess % 3 == 0 { 0.5 } else { (count - below) as f32 / (not_above - below) as f32 };
-        let at = lo + (hi - lo) * share;
-        if !(lo < at && at < hi) {
-            break;
-        }
-        let found = counted(s, keys, at).0;
-        if found == count {
-            return (at, 0);
-        }
-        if found < count { (lo, below) = (at, found) } else { (hi, not_above) = (at, found) }
-    }
+    let mut lo = match guess(s, keys, count, (least, most)) {
+        Ok(bound) => return (bound, 0),
+        Err(lo) => lo,
+    };
     // One key after the other: it ends with the greatest one at the latest.
     loop {
         let mut next = s.splat(f32::INFINITY);
@@ -173,43 +180,6 @@ fn threshold<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f
         }
         lo = key.next_up();
     }
-}
-
-/// How many keys are below a bound, and how many are not above it.
-#[inline(always)]
-fn counted<S: Simd>(s: S, keys: &[Lanes<f32>], bound: f32) -> (usize, usize) {
-    let (bound, mut below, mut not_above) = (s.splat(bound), 0, 0);
-    for key in keys {
-        let key = s.load(key);
-        below += s.lt(key, bound).count_ones() as usize;
-        not_above += s.le(key, bound).count_ones() as usize;
-    }
-    (below, not_above)
-}
-
-/// The least lane.
-#[inline(always)]
-fn least_lane<S: Simd>(s: S, a: S::F) -> f32 {
-    let a = s.min(a, s.swap_lanes::<8>(a));
-    let a = s.min(a, s.swap_lanes::<4>(a));
-    let a = s.min(a, s.swap_lanes::<2>(a));
-    s.lane(s.min(a, s.swap_lanes::<1>(a)), 0)
-}
-
-/// The first `count` lanes of a mask, or all of them.
-#[inline(always)]
-fn first_lanes(mask: Mask, count: usize) -> Mask {
-    let mut rest = mask;
-    for _ in 0..count.min(LANES) {
-        rest &= rest.wrapping_sub(1);
-    }
-    mask & !rest
-}
-
-/// Sixteen elements of `to`, beginning at `at`.
-#[inline(always)]
-fn lanes_at_mut<T>(to: &mut [T], at: usize) -> &mut Lanes<T> {
-    (&mut to[at..at + LANES]).try_into().expect("a slice of sixteen")
 }
 
 #[cfg(test)]

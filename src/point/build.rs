@@ -10,9 +10,10 @@ use super::plane_tree::PlaneTree;
 use super::static_tree::StaticTree;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
+use crate::parallel::{self, CHUNK};
 use crate::primitive::{PointSet, kept_keys};
 use crate::progress::Progress;
-use crate::simd::huge_vec;
+use crate::simd::{huge_vec, huge_zeroed};
 use glam::DVec3;
 
 /// How moving points are put into trees.
@@ -92,7 +93,10 @@ impl Source {
         let keys = if exact.is_empty() { merge_keys(&mut positions, len, keys) } else { keys };
         let mut alive = Vec::new();
         let mut ids = Vec::new();
-        for point in 0..len {
+        let plain = |point: usize| points.alive(point) == TimeInterval::FULL && points.id(point) == point as u32;
+        let all_plain = parallel::chunks(len, |range| range.fold(true, |all, point| all & plain(point)));
+        let all_plain = all_plain.into_iter().all(|plain| plain);
+        for point in 0..if all_plain { 0 } else { len } {
             let (life, id) = (points.alive(point), points.id(point));
             if id == u32::MAX {
                 return Err(PointError::ReservedId { point });
@@ -122,6 +126,11 @@ impl Source {
     /// Whether all live throughout, and ids are indices.
     pub(super) fn is_plain(&self) -> bool {
         self.alive.is_empty() && self.ids.is_empty()
+    }
+
+    /// Whether the ids are the indices.
+    pub(super) fn ids_are_indices(&self) -> bool {
+        self.ids.is_empty()
     }
 
     /// Position of a point at a key as it was given, in sets that need f64.
@@ -200,19 +209,23 @@ type Read = (DVec3, Vec<[f32; 3]>, Vec<DVec3>);
 
 /// Positions of a set of f32 ones, bit for bit.
 fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
-    let mut positions = Vec::with_capacity(len * keys);
-    for key in 0..keys {
+    let mut positions = huge_zeroed(len * keys);
+    let mut chunks: Vec<(usize, &mut [[f32; 3]])> = positions.chunks_mut(CHUNK).enumerate().collect();
+    let read = parallel::each(&mut chunks, |(number, chunk)| {
         // Without a way out of the loop, which has to be as fast as a copy.
         let mut wrong = Ok(());
-        positions.extend((0..len).map(|point| {
+        for (i, to) in (*number * CHUNK..).zip(chunk.iter_mut()) {
+            let (point, key) = if keys == 1 { (i, 0) } else { (i % len, i / len) };
             let at = points.position(point, key);
             if wrong.is_ok() && !fits(at) {
                 wrong = checked(at, point, key).map(|_| ());
             }
-            at.as_vec3().to_array()
-        }));
-        wrong?;
-    }
+            *to = at.as_vec3().to_array();
+        }
+        wrong
+    });
+    // The first that is wrong.
+    read.into_iter().collect::<Result<(), PointError>>()?;
     Ok((DVec3::ZERO, positions, Vec::new()))
 }
 

@@ -8,11 +8,11 @@
 use super::build::{Plan, Source, parts_of};
 use super::counted::{CountedSearch, search_counted};
 use super::moving_reference::{Mover, Part, places};
-use super::order::include;
 use super::partition::Layer;
 use super::sample::{Sample, Sampler, spread};
 use super::search::KeepLanes;
 use super::search::candidates::Candidates;
+use super::spread::include;
 use super::static_tree::Shape;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::progress::Progress;

@@ -1,7 +1,8 @@
 //! Detecting points that move far relative to their neighbours.
 
 use super::moving_reference::{Mover, Part, places};
-use super::order::{Item, include, order};
+use super::order::{Item, order};
+use super::spread::include;
 use crate::progress::Progress;
 use crate::simd::LANES;
 use crate::tuning::points::FAST;

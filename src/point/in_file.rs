@@ -146,7 +146,7 @@ impl PointTree {
         require(precise == 0 || precise == layers.len(), "it has points in f32 and in f64")?;
         let (layers_read, statistics, simd) = (layers, PointStatistics::default(), SimdLevel::best());
         let (layers, precise, len) = (Vec::new(), Vec::new(), len as usize);
-        let mut tree = PointTree { origin, simd, layers, precise, statistics, len };
+        let mut tree = PointTree { origin, simd, layers, precise, statistics, len, distinct: false };
         for layer in layers_read {
             layer.checked(&mut tree)?;
         }

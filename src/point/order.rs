@@ -2,13 +2,14 @@
 //!
 //! The tree needs no pointers because all its subtrees are full except the last on each level. So
 //! ordering is all there is to building: cut the range across its widest axis, the left part as large
-//! as whole subtrees allow, and go on in both parts. A selection finds the cut, nothing is sorted. The last few hundred
-//! points are left to `bottom`, which does the same with vectors.
+//! as whole subtrees allow, and go on in both parts. A selection finds the cut, nothing is sorted. `divide` does that for
+//! thousands of points, `bottom` for the last few hundred.
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
-use super::bottom::{self, Bottom};
+use super::bottom::Bottom;
 use super::complete_tree::{left_part, subtree, subtrees_of};
-use super::select::select;
+use super::divide::divide;
+use super::rows::PointRows;
 use crate::progress::Progress;
 pub(super) use crate::simd::Item;
 use crate::simd::{LANES, SimdLevel, dispatch};
@@ -19,65 +20,77 @@ const SHARE: usize = 1 << 14;
 /// The fraction of building a tree that ordering takes, about.
 pub(super) const ORDERING: f64 = 0.7;
 
-/// Most points that are looked at to find the widest axis.
-pub(super) const SAMPLE: usize = 128;
-
-/// Orders `items` so that leaf i holds the i-th run of `leaf` of them.
+/// Orders `items` so that leaf i holds the i-th run of `leaf` of them, one or two vectors.
 ///
-/// O(n log n) and O(log n) stack; the order is the same for any number of threads. Once `progress` is cancelled, large ranges
-/// stay as they are.
+/// O(n log n), O(log n) stack, and memory for twice the items; the order is the same for any number of threads. Once `progress` is
+/// cancelled, large ranges stay as they are.
 pub(super) fn order(items: &mut [Item], leaf: usize, progress: &Progress) {
-    let progress = progress.part(1.0 / items.len() as f64);
-    order_blocks(items, subtree(items.len(), leaf), leaf, &progress);
+    let (mut memory, mut more) = (PointRows::memory(items.len()), PointRows::memory(items.len()));
+    let mut from = PointRows::in_blocks(&mut memory, items.len());
+    from.take(items.iter().copied());
+    let mut to = PointRows::in_blocks(&mut more, items.len());
+    order_rows(from, &mut to, leaf, progress);
+    finish(items, &mut to, leaf);
 }
 
-/// Cuts a range that consists of subtrees of `block` points across its widest axis.
-fn halves(items: &mut [Item], block: usize) -> (&mut [Item], &mut [Item]) {
-    let left = left_part(items.len(), block);
-    let axis = widest_axis(items);
-    select(items, left, axis);
-    items.split_at_mut(left)
-}
-
-/// Orders a range whose subtrees have `block` points each. An item counts 1 for `progress`.
-fn order_blocks(items: &mut [Item], block: usize, leaf: usize, progress: &Progress) {
-    let Some(block) = subtrees_of(items.len(), block, leaf) else {
-        return progress.finished(items.len() as f64);
-    };
-    if block == leaf && items.len() <= bottom::MOST && items.len().is_multiple_of(LANES) {
-        let count = items.len() as f64;
+/// Takes the points of bottom nodes, and puts them in order.
+fn finish(items: &mut [Item], from: &mut PointRows, leaf: usize) {
+    if items.len() > SHARE {
+        let half = (items.len() / 2).next_multiple_of(LANES * leaf);
+        let (items, more_items) = items.split_at_mut(half);
+        let (mut from, mut more) = from.borrow().split_at(half);
+        return join(|| finish(items, &mut from, leaf), || finish(more_items, &mut more, leaf));
+    }
+    for (i, item) in items.iter_mut().enumerate() {
+        *item = from.get(i);
+    }
+    for items in items.chunks_mut(LANES * leaf) {
         // The order does not depend on the instruction set.
         dispatch(SimdLevel::best(), Bottom { items, leaf });
-        return progress.finished(count);
-    }
-    let (low, high) = halves(items, block);
-    if low.len() < SHARE {
-        order_blocks(low, block, leaf, progress);
-        order_blocks(high, block, leaf, progress);
-    } else if !progress.cancelled() {
-        join(|| order_blocks(low, block, leaf, progress), || order_blocks(high, block, leaf, progress));
     }
 }
 
-/// Grows a box to hold a point. Comparisons, because `min` and `max` take care of NaN, which is not here.
-#[inline(always)]
-pub(super) fn include(lo: &mut [f32; 3], hi: &mut [f32; 3], at: [f32; 3]) {
-    for axis in 0..3 {
-        lo[axis] = if at[axis] < lo[axis] { at[axis] } else { lo[axis] };
-        hi[axis] = if at[axis] > hi[axis] { at[axis] } else { hi[axis] };
-    }
+/// Writes the points of `from` to `to`, which is as long, so that bottom node i holds the i-th run of sixteen leaves. What is in
+/// `from` then is of no use.
+pub(super) fn order_rows(from: PointRows, to: &mut PointRows, leaf: usize, progress: &Progress) {
+    let progress = progress.part(1.0 / from.len() as f64);
+    let block = subtree(from.len(), leaf);
+    order_blocks((from, to.borrow()), block, leaf, true, &progress);
 }
 
-/// The axis along which the points spread most, judged by a sample where there are many.
-pub(super) fn widest_axis(items: &[Item]) -> usize {
-    let step = (items.len() / SAMPLE).max(1);
-    let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for item in items.iter().step_by(step) {
-        include(&mut lo, &mut hi, item.at);
+/// Orders the first of two rows, whose subtrees have `block` points each, by writing them to one and the other in turn. They end in
+/// the second if it `lands` there, otherwise in the first. A point counts 1 for `progress`.
+fn order_blocks(
+    (mut from, mut to): (PointRows, PointRows),
+    block: usize,
+    leaf: usize,
+    lands: bool,
+    progress: &Progress,
+) {
+    let (count, cancelled) = (from.len(), progress.cancelled());
+    let block = subtrees_of(count, block, leaf).filter(|&block| block > leaf && !cancelled);
+    let Some(block) = block else {
+        if lands {
+            to.copy(&from);
+        }
+        if !cancelled {
+            progress.finished(count as f64);
+        }
+        return;
+    };
+    // Across the widest axis.
+    let left = left_part(count, block);
+    divide(&from, left, &mut to);
+    let (low, high) = to.borrow().split_at(left);
+    let (low_from, high_from) = from.borrow().split_at(left);
+    let order_low = || order_blocks((low, low_from), block, leaf, !lands, progress);
+    let order_high = || order_blocks((high, high_from), block, leaf, !lands, progress);
+    if left < SHARE {
+        order_low();
+        order_high();
+    } else {
+        join(order_low, order_high);
     }
-    let size = [hi[0] - lo[0], hi[1] - lo[1], hi[2] - lo[2]];
-    let yz = if size[1] >= size[2] { 1 } else { 2 };
-    if size[0] >= size[yz] { 0 } else { yz }
 }
 
 /// Runs both, on two threads where there are.

@@ -57,6 +57,7 @@ impl PointTree {
         }
         let (len, origin) = (source.len, source.origin);
         self.renew(origin, params.simd);
+        self.distinct = true;
         let why = if kept { "nothing moves; the order of the last step" } else { "nothing moves" };
         self.add(Layer::Still(tree), PointLayerKind::Static, len, why.into());
         Ok(kept)

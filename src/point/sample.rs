@@ -10,8 +10,8 @@
 use super::build::{Source, middle_segment, parts, parts_of};
 use super::fast::mark_fast;
 use super::moving_reference::{Mover, Part};
-use super::order::widest_axis;
 use super::select::select;
+use super::spread::widest_axis;
 use crate::simd::Item;
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
 
@@ -107,7 +107,7 @@ impl<'a> Sampler<'a> {
         let (mut items, mut wanted) = (&mut items[..], (2 * cell + 1) * runs / (2 * SAMPLES));
         while runs > 1 && items.len() > 1 {
             let left = runs.div_ceil(2);
-            let axis = widest_axis(items);
+            let axis = widest_axis(items.len(), |i| items[i].at);
             let cut = (items.len() * left / runs).clamp(1, items.len() - 1);
             select(items, cut, axis);
             let border = items[cut].at[axis];

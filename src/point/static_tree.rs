@@ -5,8 +5,11 @@
 //! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
 //! fills the levels better.
 
-use super::order::{Item, ORDERING, include, order};
+use super::bottom::{MOST, Rows};
+use super::fill::{Bottoms, Points, fill};
+use super::order::{Item, ORDERING, order_rows};
 use super::over_interval::{Boxed, Flight, FlightRows, InRows};
+use super::rows::PointRows;
 use super::snapshot::{Boxes, Leaves, Placed, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
@@ -89,7 +92,7 @@ impl Shape {
 impl StaticTree {
     /// Builds the tree over `count` items. `id_of` turns an item's index into the id that answers carry.
     ///
-    /// Items are ordered in the memory of the blocks that they end up in, so that building takes none besides.
+    /// Points are put in order in rows, in the memory of the blocks that they end up in and as much besides.
     pub(super) fn build(
         count: usize,
         items: impl Iterator<Item = Item>,
@@ -97,22 +100,23 @@ impl StaticTree {
         progress: &Progress,
     ) -> StaticTree {
         let shape = Shape::flattest(count);
-        let mut blocks = huge_vec_of(PointBlock::EMPTY, shape.begin[1] * LANES * shape.leaf_blocks);
-        let memory = &mut PointBlock::items(&mut blocks)[..count];
-        for (to, item) in memory.iter_mut().zip(items) {
-            *to = item;
-        }
-        order(memory, shape.leaf(), &progress.part(ORDERING));
-        let tree = StaticTree::around(count, blocks, shape, &id_of);
+        let mut blocks = PointBlock::unset(shape.begin[1] * LANES * shape.leaf_blocks);
+        let mut more = PointRows::memory(count);
+        let mut rows = PointRows::in_blocks(&mut more, count);
+        let mut memory = PointRows::in_blocks(&mut blocks, count);
+        memory.take(items);
+        order_rows(memory, &mut rows, shape.leaf(), &progress.part(ORDERING));
+        let tree = StaticTree::around(count, blocks, shape, &Sorted { rows: &rows, id_of });
         progress.finished(1.0 - ORDERING);
         tree
     }
 
-    /// The tree over items that are in order, in the memory of its blocks.
-    fn around(count: usize, blocks: Vec<PointBlock>, shape: Shape, id_of: &(impl Fn(u32) -> u32 + Sync)) -> StaticTree {
+    /// The tree over points that come bottom node by bottom node.
+    fn around(count: usize, blocks: Vec<PointBlock>, shape: Shape, points: &impl Points) -> StaticTree {
         let nodes = huge_vec_of(Boxes::NONE, shape.nodes());
         let mut tree = StaticTree { nodes, blocks, shape, ordered: None };
-        fill(count, &mut tree.blocks, &mut tree.nodes[..shape.begin[1]], shape.leaf_blocks, id_of);
+        let (nodes, blocks) = (&mut tree.nodes[..shape.begin[1]], &mut tree.blocks[..]);
+        fill(Bottoms { first: 0, count, nodes, blocks, leaf_blocks: shape.leaf_blocks }, points);
         for level in 1..shape.levels {
             for node in shape.begin[level]..shape.begin[level + 1] {
                 let first = View::first_child(&&tree, level, node);
@@ -131,9 +135,7 @@ impl StaticTree {
     /// order again. `at` gives the place of an id.
     pub(super) fn moved(self, count: usize, at: impl Fn(u32) -> [f32; 3] + Sync) -> StaticTree {
         let mut ordered = self.ordered.unwrap_or_else(|| Ordered { spread: self.spread(), excess: 0.0 });
-        let StaticTree { mut blocks, shape, .. } = self;
-        move_items(count, &mut blocks, shape, &at);
-        let mut tree = StaticTree::around(count, blocks, shape, &|id| id);
+        let mut tree = StaticTree::around(count, self.blocks, self.shape, &Moved { at });
         let spread = tree.spread();
         if spread > ordered.spread {
             ordered.excess += spread / ordered.spread - 1.0;
@@ -182,72 +184,44 @@ impl StaticTree {
     }
 }
 
-/// Turns blocks back into items, at new places, and puts those of each bottom node in order.
-fn move_items(count: usize, blocks: &mut [PointBlock], shape: Shape, at: &(impl Fn(u32) -> [f32; 3] + Sync)) {
-    let share = LANES * shape.leaf_blocks;
-    if blocks.len() > SHARE * share {
-        let (left, right) = blocks.split_at_mut(blocks.len() / share / 2 * share);
-        let before = (left.len() * LANES).min(count);
-        return super::order::join(
-            || move_items(before, left, shape, at),
-            || move_items(count - before, right, shape, at),
-        );
-    }
-    for (number, blocks) in blocks.chunks_mut(share).enumerate() {
-        let count = count.saturating_sub(number * share * LANES).min(share * LANES);
-        for block in &mut *blocks {
-            let ids = block.id;
-            for (item, id) in PointBlock::items(core::slice::from_mut(block)).iter_mut().zip(ids) {
-                if id != u32::MAX {
-                    *item = Item { at: at(id), index: id };
-                }
-            }
+/// Points in rows, those of one bottom node behind those of the other.
+struct Sorted<'a, F> {
+    rows: &'a PointRows<'a>,
+    id_of: F,
+}
+
+impl<F: Fn(u32) -> u32 + Sync> Points for Sorted<'_, F> {
+    #[inline(always)]
+    fn take(&self, first: usize, count: usize, _blocks: &[PointBlock], to: &mut Rows<MOST>) {
+        let range = first..first + count;
+        for (to, from) in to.at.iter_mut().zip(&self.rows.at) {
+            to[..count].copy_from_slice(&from[range.clone()]);
         }
-        order(&mut PointBlock::items(blocks)[..count], shape.leaf(), &Progress::new(None));
+        to.index[..count].copy_from_slice(&self.rows.index[range]);
+    }
+    #[inline(always)]
+    fn id(&self, index: u32) -> u32 {
+        (self.id_of)(index)
     }
 }
 
-/// Nodes that one thread fills at a time.
-const SHARE: usize = 64;
+/// The points that are in the blocks already, elsewhere.
+struct Moved<F> {
+    /// The place of an id.
+    at: F,
+}
 
-/// Turns the first `count` items in the memory of blocks into rows, and writes bottom nodes.
-fn fill(
-    count: usize,
-    blocks: &mut [PointBlock],
-    nodes: &mut [Boxes],
-    leaf_blocks: usize,
-    id_of: &(impl Fn(u32) -> u32 + Sync),
-) {
-    let share = LANES * leaf_blocks;
-    if nodes.len() > SHARE {
-        let half = nodes.len() / 2;
-        let (nodes, more_nodes) = nodes.split_at_mut(half);
-        let (blocks, more_blocks) = blocks.split_at_mut(half * share);
-        let left = (half * share * LANES).min(count);
-        return super::order::join(
-            || fill(left, blocks, nodes, leaf_blocks, id_of),
-            || fill(count - left, more_blocks, more_nodes, leaf_blocks, id_of),
-        );
-    }
-    for (i, (node, blocks)) in nodes.iter_mut().zip(blocks.chunks_mut(share)).enumerate() {
-        let mut boxes = Boxes::NONE;
-        for (number, block) in blocks.iter_mut().enumerate() {
-            let before = (i * share + number) * LANES;
-            let (items, count) = block.take_items(count.saturating_sub(before));
-            *block = PointBlock::EMPTY;
-            let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-            for (lane, item) in items[..count].iter().enumerate() {
-                for axis in 0..3 {
-                    block.at[axis][lane] = item.at[axis];
-                }
-                block.id[lane] = id_of(item.index);
-            }
-            for item in &items[..count] {
-                include(&mut lo, &mut hi, item.at);
-            }
-            boxes.include(number / leaf_blocks, lo, hi);
+impl<F: Fn(u32) -> [f32; 3] + Sync> Points for Moved<F> {
+    #[inline(always)]
+    fn take(&self, _first: usize, count: usize, blocks: &[PointBlock], to: &mut Rows<MOST>) {
+        // A leaf is full before the next one has points.
+        for (i, &id) in blocks.iter().flat_map(|block| &block.id).take(count).enumerate() {
+            to.set(i, &Item { at: (self.at)(id), index: id });
         }
-        *node = boxes;
+    }
+    #[inline(always)]
+    fn id(&self, index: u32) -> u32 {
+        index
     }
 }
 

@@ -108,6 +108,8 @@ pub struct PointTree {
     pub(super) precise: Vec<PreciseLayer>,
     pub(super) statistics: PointStatistics,
     pub(super) len: usize,
+    /// Whether it is certain that no two points have the same id.
+    pub(super) distinct: bool,
 }
 
 /// The approximate fraction of a build that reading the input takes.
@@ -122,7 +124,7 @@ impl PointTree {
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
     ///
     /// O(n log n) time; 17 or 18 bytes per static point, from 32 per moving point (in f64 30 and 55), and about
-    /// twice that while building. The set is read once, at the beginning: if its answers change from call to call, the tree
+    /// three times that while building. The set is read once, at the beginning: if its answers change from call to call, the tree
     /// is that of the answers it gave then. Errors: coordinates that are not finite or too large, arrays of
     /// different length, parameters out of range. The tree of an empty set finds nothing.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
@@ -168,8 +170,8 @@ impl PointTree {
     fn of(source: &Source, params: &PointParams, progress: &Progress) -> Result<PointTree, PointError> {
         let (len, origin) = (source.len, source.origin);
         let statistics = PointStatistics::default();
-        let mut tree =
-            PointTree { origin, simd: params.simd, layers: Vec::new(), precise: Vec::new(), statistics, len };
+        let (simd, distinct) = (params.simd, source.ids_are_indices());
+        let mut tree = PointTree { origin, simd, layers: Vec::new(), precise: Vec::new(), statistics, len, distinct };
         if source.is_precise() {
             tree.add_precise(source, params, progress)?;
             return Ok(tree);
@@ -205,6 +207,7 @@ impl PointTree {
     /// Removes all layers, so that the tree can be filled again.
     pub(super) fn renew(&mut self, origin: DVec3, simd: SimdLevel) {
         (self.origin, self.simd, self.statistics) = (origin, simd, PointStatistics::default());
+        self.distinct = false;
         self.layers.clear();
         self.precise.clear();
     }
@@ -314,7 +317,13 @@ impl PointTree {
             return None;
         }
         let layers = self.layers.iter().map(boxed).collect();
-        Some(PointTree { layers, precise: self.precise.clone(), statistics: self.statistics.clone(), ..*self })
+        Some(PointTree {
+            layers,
+            precise: self.precise.clone(),
+            statistics: self.statistics.clone(),
+            distinct: false,
+            ..*self
+        })
     }
 
     /// The largest number of keys of a layer, at least 1.

@@ -73,6 +73,12 @@ pub(crate) fn lanes_at<T>(from: &[T], at: usize) -> &Lanes<T> {
     from[at..at + LANES].try_into().expect("a slice of sixteen")
 }
 
+/// Sixteen elements of `to`, beginning at `at`, to be written. Panics where they are not all there.
+#[inline(always)]
+pub(crate) fn lanes_at_mut<T>(to: &mut [T], at: usize) -> &mut Lanes<T> {
+    (&mut to[at..at + LANES]).try_into().expect("a slice of sixteen")
+}
+
 /// The lanes `i ^ d`.
 #[cfg(target_arch = "x86_64")]
 pub(super) const fn swapped(d: usize) -> Lanes<u32> {

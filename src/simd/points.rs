@@ -1,5 +1,6 @@
-//! Sixteen points in 256 bytes: as items while they are sorted, then in rows.
+//! Points: one on its way into a leaf, and the sixteen of a block in rows.
 
+use super::huge_pages::{Zero, huge_zeroed};
 use super::lanes::{LANES, Lanes};
 
 /// A point during the build, before it is in a leaf: its position (at mid-shutter) and its index.
@@ -18,25 +19,32 @@ pub(crate) struct PointBlock {
     pub(crate) id: Lanes<u32>,
 }
 
-const _: () = assert!(size_of::<PointBlock>() == LANES * size_of::<Item>());
+// SAFETY: numbers.
+unsafe impl Zero for PointBlock {}
+
+const _: () = assert!(size_of::<PointBlock>() == 64 * size_of::<f32>());
 
 impl PointBlock {
     /// A block without points.
     pub(crate) const EMPTY: PointBlock = PointBlock { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LANES] };
 
-    /// The memory of blocks as items, sixteen in each. After items are written, rows are garbage until they are written
-    /// again.
-    pub(crate) fn items(blocks: &mut [PointBlock]) -> &mut [Item] {
-        let count = blocks.len() * LANES;
-        // SAFETY: a block is as large as sixteen items and more strictly aligned; both are `repr(C)`, consist of f32
-        // and u32 without padding, of which every bit pattern is valid; the borrow of the blocks is exclusive.
-        unsafe { core::slice::from_raw_parts_mut(blocks.as_mut_ptr().cast(), count) }
+    /// So many blocks that hold anything.
+    pub(crate) fn unset(count: usize) -> Vec<PointBlock> {
+        huge_zeroed(count)
     }
 
-    /// The first `count` items in this memory, at most sixteen; the rest is padding.
-    pub(crate) fn take_items(&mut self, count: usize) -> ([Item; LANES], usize) {
-        let items = PointBlock::items(core::slice::from_mut(self));
-        (core::array::from_fn(|i| items[i]), count.min(LANES))
+    /// The memory of blocks as four rows, each with a place for every point: three of coordinates, one of indices. What is
+    /// written there reads as garbage in blocks until it is written again.
+    pub(crate) fn rows(blocks: &mut [PointBlock]) -> ([&mut [f32]; 3], &mut [u32]) {
+        let count = blocks.len() * LANES;
+        let begin = blocks.as_mut_ptr().cast::<f32>();
+        // SAFETY: a block is as large as 64 words and more strictly aligned; it is `repr(C)` and consists of f32 and u32 without
+        // padding, of which every bit pattern is valid as both; the borrow of the blocks is exclusive, and the four parts of their
+        // memory do not overlap.
+        unsafe {
+            let row = |i: usize| core::slice::from_raw_parts_mut(begin.add(i * count), count);
+            ([row(0), row(1), row(2)], core::slice::from_raw_parts_mut(begin.add(3 * count).cast(), count))
+        }
     }
 }
 
@@ -45,14 +53,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn items_lie_in_the_memory_of_blocks() {
+    fn rows_lie_in_the_memory_of_blocks() {
         let mut blocks = [PointBlock::EMPTY; 3];
-        let items = PointBlock::items(&mut blocks);
-        assert_eq!(items.len(), 3 * LANES);
-        for (index, item) in (0..).zip(items) {
-            *item = Item { at: [index as f32, 0.5, -1.0], index };
-        }
-        let (items, count) = blocks[1].take_items(5);
-        assert_eq!((items[4].at, items[4].index, count), ([20.0, 0.5, -1.0], 20, 5));
+        let ([x, y, z], index) = PointBlock::rows(&mut blocks);
+        assert!([x.len(), y.len(), z.len(), index.len()] == [3 * LANES; 4]);
+        x.fill(1.0);
+        y.fill(2.0);
+        z.fill(3.0);
+        index.fill(4);
+        assert_eq!(
+            [blocks[0].at[0][0], blocks[1].at[1][3], f32::from_bits(blocks[2].id[15])],
+            [1.0, 2.0, f32::from_bits(4)]
+        );
+        let (_, index) = PointBlock::rows(&mut blocks);
+        assert!(index.iter().all(|&index| index == 4));
     }
 }

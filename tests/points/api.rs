@@ -396,9 +396,9 @@ fn counted_work_is_what_it_was() {
 }
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
-    ("uniform", PointStructure::Automatic, (5172, 7724)),
-    ("coherent", PointStructure::Linear, (6244, 8652)),
-    ("random", PointStructure::Slabs(4), (5646, 8322)),
+    ("uniform", PointStructure::Automatic, (5292, 7799)),
+    ("coherent", PointStructure::Linear, (6199, 8566)),
+    ("random", PointStructure::Slabs(4), (5676, 8294)),
     ("fast few", PointStructure::Mbkd, (50400, 20661)),
     ("short lives", PointStructure::Mbkd, (135364, 88664)),
 ];

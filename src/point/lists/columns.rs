@@ -17,6 +17,19 @@ impl Columns {
         [&mut self.distances, x, y, z]
     }
 
+    /// What there is from a place on.
+    pub(super) fn room(&mut self, begin: usize, asked: [bool; 4]) -> Room<'_> {
+        let [x, y, z] = &mut self.displacements;
+        let floats = [&mut self.distances, x, y, z];
+        let (mut floats, mut from) = (floats.into_iter(), asked.into_iter());
+        let mut next = || match (floats.next(), from.next()) {
+            (Some(column), Some(true)) => column.get_mut(begin..).unwrap_or_default(),
+            _ => Default::default(),
+        };
+        let floats = [next(), next(), next(), next()];
+        Room { ids: self.ids.get_mut(begin..).unwrap_or_default(), floats, asked }
+    }
+
     pub(super) fn bytes(&self) -> usize {
         let floats = self.distances.capacity() + self.displacements.iter().map(Vec::capacity).sum::<usize>();
         (self.ids.capacity() + floats) * 4
@@ -31,6 +44,42 @@ impl Columns {
             }
         }
     }
+}
+
+/// Places in columns, of which only those asked for have some.
+pub(super) struct Room<'a> {
+    ids: &'a mut [u32],
+    floats: [&'a mut [f32]; 4],
+    asked: [bool; 4],
+}
+
+impl<'a> Room<'a> {
+    /// Takes the first `count` places, if there are so many.
+    pub(super) fn take(&mut self, count: usize) -> Option<Room<'a>> {
+        let short = self.asked.iter().zip(&self.floats).any(|(asked, column)| *asked && column.len() < count);
+        if short || self.ids.len() < count {
+            return None;
+        }
+        let floats = core::array::from_fn(|i| first(&mut self.floats[i], if self.asked[i] { count } else { 0 }));
+        Some(Room { ids: first(&mut self.ids, count), floats, asked: self.asked })
+    }
+
+    /// Copies what columns begin with.
+    pub(super) fn fill(self, from: &Columns) {
+        let Room { ids, floats, .. } = self;
+        ids.copy_from_slice(&from.ids[..ids.len()]);
+        let columns = [&from.distances, &from.displacements[0], &from.displacements[1], &from.displacements[2]];
+        for (to, from) in floats.into_iter().zip(columns) {
+            to.copy_from_slice(&from[..to.len()]);
+        }
+    }
+}
+
+/// Takes the first `count` items off a slice.
+fn first<'a, T>(items: &mut &'a mut [T], count: usize) -> &'a mut [T] {
+    let (first, rest) = core::mem::take(items).split_at_mut(count);
+    *items = rest;
+    first
 }
 
 /// At least this length, with room to grow.

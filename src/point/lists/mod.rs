@@ -7,7 +7,7 @@
 //! left ([`row`]). Boxes are compared with boxes, a point with boxes, a point with points: sixteen at a time throughout.
 //!
 //! Data flows `query` (what is asked) → `prepare` (groups of leaves) → `gather` (candidates of a group) → `row` (the list
-//! of a point) → `worker` (a share of the groups) → `run` (all threads) → `csr` (all lists, one behind the other).
+//! of a point) → `worker` (a share of the groups) → `in_turn` and `run` (all threads) → `csr` (all lists, one behind the other).
 //!
 //! [`bulk`] makes lists for places that are not points of a tree, [`swept`] makes lists over an interval of time, and
 //! [`double`] makes those of points in f64, a search for each.
@@ -25,6 +25,7 @@ mod double;
 mod error;
 mod gather;
 mod group;
+mod in_turn;
 mod prepare;
 mod query;
 mod question;

@@ -49,6 +49,7 @@ impl PointTree {
             torus: Torus::default(),
             once: false,
             other_set: false,
+            distinct: self.distinct,
             distances: false,
             displacements: false,
             sorted: false,

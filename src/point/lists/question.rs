@@ -14,12 +14,34 @@ pub(super) struct Listing<'a> {
     pub(super) once: bool,
     /// Whether the candidates are another set; otherwise a point is no neighbour of itself.
     pub(super) other_set: bool,
+    /// Whether no two points of the set have the same id.
+    pub(super) distinct: bool,
     pub(super) distances: bool,
     pub(super) displacements: bool,
     pub(super) sorted: bool,
 }
 
+/// Which points near another are not in its list.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum PassedOver {
+    /// At most the point itself, which no other has the id of; in another set it is not there.
+    Own,
+    /// Those with the same id.
+    SameId,
+    /// Those without a greater id.
+    NotGreater,
+}
+
 impl Listing<'_> {
+    /// Which points near another are not in its list.
+    pub(super) fn passed_over(&self) -> PassedOver {
+        match (self.once, self.other_set || self.distinct) {
+            (true, _) => PassedOver::NotGreater,
+            (false, true) => PassedOver::Own,
+            (false, false) => PassedOver::SameId,
+        }
+    }
+
     /// Which columns of floats are asked for, in the order of [`Columns::floats`](super::columns::Columns::floats).
     pub(super) fn columns(&self) -> [bool; 4] {
         [self.distances, self.displacements, self.displacements, self.displacements]

@@ -3,10 +3,10 @@
 use super::columns::Columns;
 use super::gather::{BoxRows, Candidates, Picks, write};
 use super::group::Member;
-use super::question::Listing;
+use super::question::{Listing, PassedOver};
 use super::radii::Radii;
 use crate::point::snapshot::{rows, squared};
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -28,7 +28,22 @@ pub(super) struct Near {
     boxes: BoxRows,
     picks: Picks,
     points: PointRows,
+    /// Hits among each vector of candidates of a point.
+    hits: Vec<Mask>,
 }
+
+/// What was gathered for a member of a group.
+struct Gathered {
+    /// How many vectors.
+    vectors: usize,
+    /// Where in them the points of the member itself begin, and which of its lanes they are.
+    own: (usize, Mask),
+}
+
+/// [`PassedOver`] as a constant.
+const OWN: u8 = 0;
+const SAME_ID: u8 = 1;
+const NOT_GREATER: u8 = 2;
 
 /// Points in rows.
 #[derive(Clone, Debug, Default)]
@@ -37,10 +52,22 @@ struct PointRows {
     id: Vec<u32>,
 }
 
+/// Room for so many masks.
+///
+/// What is near is found out in one loop and written in another: where each write goes depends on the hits before it, and loads
+/// behind a write whose place is not known yet wait for it.
+#[inline(always)]
+fn prepared(hits: &mut Vec<Mask>, count: usize) -> &mut [Mask] {
+    if hits.len() < count {
+        hits.resize(2 * count, 0);
+    }
+    &mut hits[..count]
+}
+
 impl Near {
     pub(super) fn bytes(&self) -> usize {
         let points = self.points.at.iter().map(Vec::capacity).sum::<usize>() + self.points.id.capacity();
-        self.boxes.bytes() + self.picks.bytes() + 4 * points
+        self.boxes.bytes() + self.picks.bytes() + 4 * points + size_of::<Mask>() * self.hits.capacity()
     }
 
     /// Appends the lists of a member of a group.
@@ -54,12 +81,19 @@ impl Near {
         lists: &mut Lists,
     ) {
         if !candidates.elsewhere && matches!(listing.radii, Radii::Equal(_)) {
-            let vectors = self.gather_points(s, member, candidates);
-            return match (listing.once, !listing.distances && !listing.displacements) {
-                (false, true) => self.equal::<S, false, true>(s, listing, member, vectors, lists),
-                (false, false) => self.equal::<S, false, false>(s, listing, member, vectors, lists),
-                (true, true) => self.equal::<S, true, true>(s, listing, member, vectors, lists),
-                (true, false) => self.equal::<S, true, false>(s, listing, member, vectors, lists),
+            let gathered = self.gather_points(s, member, candidates);
+            let plain = !listing.distances && !listing.displacements;
+            return match (listing.passed_over(), plain) {
+                (PassedOver::Own, true) => self.equal::<S, OWN, true>(s, listing, member, gathered, lists),
+                (PassedOver::Own, false) => self.equal::<S, OWN, false>(s, listing, member, gathered, lists),
+                (PassedOver::SameId, true) => self.equal::<S, SAME_ID, true>(s, listing, member, gathered, lists),
+                (PassedOver::SameId, false) => self.equal::<S, SAME_ID, false>(s, listing, member, gathered, lists),
+                (PassedOver::NotGreater, true) => {
+                    self.equal::<S, NOT_GREATER, true>(s, listing, member, gathered, lists)
+                }
+                (PassedOver::NotGreater, false) => {
+                    self.equal::<S, NOT_GREATER, false>(s, listing, member, gathered, lists)
+                }
             };
         }
         self.boxes.clear();
@@ -86,7 +120,7 @@ impl Near {
     /// Where all points of a member reach equally far: the points that are near its box, in rows, and the number of
     /// vectors that they fill. About as many as each of its points would look at, and they lie one behind the other.
     #[inline(always)]
-    fn gather_points<S: Simd>(&mut self, s: S, member: &Member, candidates: &Candidates) -> usize {
+    fn gather_points<S: Simd>(&mut self, s: S, member: &Member, candidates: &Candidates) -> Gathered {
         let picks = self.picks.near(s, &candidates.boxes, (member.lo, member.hi), member.bound);
         let room = (picks.len() + 1) * LANES;
         let PointRows { at: [to_x, to_y, to_z], id: to_id } = &mut self.points;
@@ -98,14 +132,20 @@ impl Near {
         let hi = [s.splat(member.hi[0]), s.splat(member.hi[1]), s.splat(member.hi[2])];
         // Slices, whose ends stay in registers.
         let (to_x, to_y, to_z, to_id) = (&mut to_x[..], &mut to_y[..], &mut to_z[..], &mut to_id[..]);
-        let (bound, mut end) = (s.splat(member.bound), 0);
-        for &pick in picks {
-            let block = &candidates.blocks[pick as usize];
-            let [x, y, z] = rows(s, &block.at);
+        let bound = s.splat(member.bound);
+        let hits = prepared(&mut self.hits, picks.len());
+        for (hits, &pick) in hits.iter_mut().zip(picks) {
+            let [x, y, z] = rows(s, &candidates.blocks[pick as usize].at);
             let gap_x = x - s.min(s.max(x, lo[0]), hi[0]);
             let gap_y = y - s.min(s.max(y, lo[1]), hi[1]);
             let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
-            let near = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
+            *hits = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
+        }
+        let (mut end, mut own) = (0, (usize::MAX, 0));
+        for (&near, &pick) in hits.iter().zip(picks) {
+            let block = &candidates.blocks[pick as usize];
+            own = if block.id[0] == member.spots.id[0] { (end, near) } else { own };
+            let [x, y, z] = rows(s, &block.at);
             write(s, to_x, end, x, near);
             write(s, to_y, end, y, near);
             write(s, to_z, end, z, near);
@@ -114,17 +154,17 @@ impl Near {
             end += near.count_ones() as usize;
         }
         to_x[end..end + LANES].fill(f32::INFINITY);
-        end.div_ceil(LANES)
+        Gathered { vectors: end.div_ceil(LANES), own }
     }
 
     /// Lists from the points that were gathered; with `PLAIN` only ids.
     #[inline(always)]
-    fn equal<S: Simd, const ONCE: bool, const PLAIN: bool>(
-        &self,
+    fn equal<S: Simd, const PASSED_OVER: u8, const PLAIN: bool>(
+        &mut self,
         s: S,
         listing: &Listing,
         member: &Member,
-        vectors: usize,
+        Gathered { vectors, own: (own_place, own_lanes) }: Gathered,
         lists: &mut Lists,
     ) {
         let PointRows { at: [from_x, from_y, from_z], id: from_id } = &self.points;
@@ -132,6 +172,7 @@ impl Near {
         let (from_x, from_y) = (&from_x.as_chunks().0[..vectors], &from_y.as_chunks().0[..vectors]);
         let (from_z, from_id) = (&from_z.as_chunks().0[..vectors], &from_id.as_chunks().0[..vectors]);
         let bound = s.splat(member.bound);
+        let hits = prepared(&mut self.hits, vectors);
         for lane in 0..LANES {
             let at = member.spots.at.map(|row| row[lane]);
             if at[0] == f32::INFINITY {
@@ -140,27 +181,39 @@ impl Near {
             let (id, begin) = (member.spots.id[lane], lists.len);
             lists.reserve(vectors * LANES, listing);
             let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
-            let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
+            let own = s.splat_u(id);
+            let rows = [from_x, from_y, from_z];
+            for (from, hits) in hits.iter_mut().enumerate() {
+                let near = s.le(seen(s, rows, from, point).3, bound);
+                *hits = match PASSED_OVER {
+                    SAME_ID => near & !s.eq_u(own, s.load_u(&from_id[from])),
+                    NOT_GREATER => near & s.lt_u(own, s.load_u(&from_id[from])),
+                    _ => near,
+                };
+            }
+            if PASSED_OVER == OWN && !listing.other_set {
+                // The points of the block itself are all near, so they lie where it begins, one behind the other.
+                let place = own_place.wrapping_add((own_lanes & ((1 << lane) - 1)).count_ones() as usize);
+                if let Some(hits) = hits.get_mut(place / LANES) {
+                    *hits &= !(1 << (place % LANES));
+                }
+            }
             // Apart from the lists, the end stays in a register.
             let Columns { ids: listed, distances, displacements: [ways_x, ways_y, ways_z] } = &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
-            for from in 0..vectors {
-                let x = s.load(&from_x[from]) - point[0];
-                let y = s.load(&from_y[from]) - point[1];
-                let z = s.load(&from_z[from]) - point[2];
-                let ids = s.load_u(&from_id[from]);
-                let distance = squared::<S>(x, y, z);
-                let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
-                let hits = s.le(distance, bound) & others;
+            for (from, &hits) in hits.iter().enumerate() {
                 let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
-                s.store_compressed_u(ids, hits, to);
-                if !PLAIN && listing.distances {
-                    write(s, distances, end, distance, hits);
-                }
-                if !PLAIN && listing.displacements {
-                    write(s, ways_x, end, x, hits);
-                    write(s, ways_y, end, y, hits);
-                    write(s, ways_z, end, z, hits);
+                s.store_compressed_u(s.load_u(&from_id[from]), hits, to);
+                if !PLAIN {
+                    let (x, y, z, distance) = seen(s, rows, from, point);
+                    if listing.distances {
+                        write(s, distances, end, distance, hits);
+                    }
+                    if listing.displacements {
+                        write(s, ways_x, end, x, hits);
+                        write(s, ways_y, end, y, hits);
+                        write(s, ways_z, end, z, hits);
+                    }
                 }
                 end += hits.count_ones() as usize;
             }
@@ -224,6 +277,16 @@ impl Near {
             lists.end_list(id, begin, end, listing);
         }
     }
+}
+
+/// Where a vector of points lies, seen from a point, and the squared distances. Not a closure: those may be compiled without the
+/// instruction set.
+#[inline(always)]
+fn seen<S: Simd>(s: S, [x, y, z]: [&[Lanes<f32>]; 3], i: usize, point: [S::F; 3]) -> (S::F, S::F, S::F, S::F) {
+    let x = s.load(&x[i]) - point[0];
+    let y = s.load(&y[i]) - point[1];
+    let z = s.load(&z[i]) - point[2];
+    (x, y, z, squared::<S>(x, y, z))
 }
 
 impl Lists {

@@ -1,23 +1,19 @@
 //! Making lists on several threads, always the same ones.
 //!
-//! Groups of leaves are dealt out in waves, one to each worker. A worker's lists of one wave are small enough for a
-//! near cache; behind each wave they are copied one behind the other to where the caller will find them, which only
-//! then takes memory traffic. Where each list ends up depends on nothing but the lists before it.
+//! On several threads groups of leaves are made in turn (`in_turn`), and copied one behind the other to where the caller will
+//! find them. Where each list ends up depends on nothing but the lists before it.
 
 use super::by_id;
-use super::columns::Columns;
+use super::columns::{Columns, Room};
 use super::csr::NeighborCsr;
 use super::double::DoubleShare;
 use super::error::ListError;
+use super::in_turn::{in_turn, slots};
 use super::prepare::{Prepared, prepare};
-use super::question::{Listing, Question};
+use super::question::Question;
 use super::worker::{Share, Worker};
 use crate::parallel;
 use crate::simd::dispatch;
-
-/// Workers for each thread, so that threads that are done early find more to do. Fewer that do more groups in a wave wait
-/// longer for each other.
-pub(super) const WORKERS: usize = 16;
 
 /// Makes the lists of a checked query.
 pub(super) fn run(query: &Question<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
@@ -31,26 +27,43 @@ pub(super) fn run(query: &Question<'_>, lists: &mut NeighborCsr) -> Result<(), L
 }
 
 fn fill(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
-    let threads = parallel::threads();
-    let count = if threads > 1 { WORKERS * threads } else { 1 };
+    let count = if parallel::threads() > 1 { slots() } else { 1 };
     if lists.workers.len() < count {
         lists.workers.resize(count, Worker::default());
     }
     lists.offsets.push(0);
     (lists.distances, lists.displacements) = (query.listing.distances, query.listing.displacements);
-    let groups = prepared.groups.len();
     if count == 1 {
         return alone(query, prepared, lists);
     }
-    for wave in (0..groups).step_by(count) {
-        let workers = &mut lists.workers[..count];
-        for (number, worker) in workers.iter_mut().enumerate() {
-            let group = wave + number;
-            worker.share = group.min(groups)..(group + 1).min(groups);
+    let asked = query.listing.columns();
+    let (NeighborCsr { offsets, points, columns, workers, .. }, groups) = (lists, prepared.groups.len());
+    let (workers, mut done) = (&mut workers[..count], 0);
+    while done < groups {
+        let begin = *offsets.last().expect("the first offset is there from the start");
+        let mut room = columns.room(begin, asked);
+        let place = |worker: &Worker| {
+            let lists = &worker.lists;
+            let room = room.take(lists.len)?;
+            let begin = *offsets.last().expect("the first offset is there from the start");
+            points.extend_from_slice(&lists.points);
+            offsets.extend(lists.ends.iter().map(|end| begin + end));
+            Some(room)
+        };
+        let make = |group: usize, worker: &mut Worker| {
+            worker.share = group..group + 1;
             worker.lists.clear();
+            work(Share { query, prepared, worker });
+        };
+        let copy = |worker: &Worker, room: Room<'_>| room.fill(&worker.lists.columns);
+        done = in_turn(done..groups, workers, make, place, copy);
+        if done < groups {
+            // As many for each of the other groups as so far, and as the largest of those that there was no room for.
+            let end = *offsets.last().expect("the first offset is there from the start");
+            let most = workers.iter().map(|worker| worker.lists.len).max().unwrap_or(0);
+            let usual = if done > 0 { end.div_ceil(done) } else { most };
+            columns.make_room(end + most + usual * (groups - done), asked);
         }
-        parallel::each(workers, |worker| work(Share { query, prepared, worker }));
-        append(&query.listing, &lists.workers[..count], &mut lists.offsets, &mut lists.points, &mut lists.columns);
     }
 }
 
@@ -78,50 +91,4 @@ fn alone(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     worker.lists.len = 0;
     work(Share { query, prepared, worker });
     swap(worker, columns, offsets, points);
-}
-
-/// Appends what workers have made.
-fn append(
-    listing: &Listing<'_>,
-    workers: &[Worker],
-    offsets: &mut Vec<usize>,
-    points: &mut Vec<u32>,
-    columns: &mut Columns,
-) {
-    let begin = *offsets.last().expect("the first offset is there from the start");
-    let mut end = begin;
-    for Worker { lists, .. } in workers {
-        points.extend_from_slice(&lists.points);
-        offsets.extend(lists.ends.iter().map(|list_end| end + list_end));
-        end += lists.len;
-    }
-    columns.make_room(end, listing.columns());
-    let length = |worker: &Worker| worker.lists.len;
-    copy(workers, &mut columns.ids[begin..end], &|worker| &worker.lists.columns.ids, &length);
-    if listing.distances {
-        copy(workers, &mut columns.distances[begin..end], &|worker| &worker.lists.columns.distances, &length);
-    }
-    if listing.displacements {
-        for (axis, column) in columns.displacements.iter_mut().enumerate() {
-            copy(workers, &mut column[begin..end], &|worker| &worker.lists.columns.displacements[axis], &length);
-        }
-    }
-}
-
-/// Copies the columns of workers one behind the other, halves at the same time.
-fn copy<'a, T: Copy + Send + Sync + 'a>(
-    workers: &'a [Worker],
-    to: &mut [T],
-    from: &(impl Fn(&'a Worker) -> &'a [T] + Sync),
-    length: &(impl Fn(&Worker) -> usize + Sync),
-) {
-    match workers {
-        [] => {}
-        [worker] => to.copy_from_slice(&from(worker)[..length(worker)]),
-        _ => {
-            let (left, right) = workers.split_at(workers.len() / 2);
-            let (to_left, to_right) = to.split_at_mut(left.iter().map(length).sum());
-            parallel::both(|| copy(left, to_left, from, length), || copy(right, to_right, from, length));
-        }
-    }
 }

@@ -1,7 +1,8 @@
 //! Ordering f64 points for a complete tree: [`crate::point::order`] in f64.
 
 use crate::point::complete_tree::{left_part, subtree, subtrees_of};
-use crate::point::order::{SAMPLE, join};
+use crate::point::order::join;
+use crate::point::spread::SAMPLE;
 use crate::progress::Progress;
 use glam::DVec3;
 

@@ -5,10 +5,13 @@ use super::sweep::{Sweep, Worker};
 use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::lists::error::ListError;
-use crate::point::lists::run::WORKERS;
+use crate::point::lists::in_turn::in_turn;
 use crate::point::over_interval::Flight;
 use crate::point::tree::PointTree;
 use crate::simd::huge_vec;
+
+/// Groups of points for each thread whose lists are on their way: few, because the lists of one are a few hundred kilobytes.
+const SHARES: usize = 2;
 
 /// Who comes within a radius of whom during an interval, and when: a list for each point.
 ///
@@ -32,11 +35,13 @@ pub struct EncounterLists {
     pub(super) points: Vec<u32>,
     /// Longer than what is in use, so that nothing is cleared from question to question.
     pub(super) encounters: Vec<Encounter>,
+    /// Lists on their way, of one group of points each.
+    shares: Vec<EncounterLists>,
 }
 
 impl Default for EncounterLists {
     fn default() -> EncounterLists {
-        EncounterLists { offsets: vec![0], points: Vec::new(), encounters: Vec::new() }
+        EncounterLists { offsets: vec![0], points: Vec::new(), encounters: Vec::new(), shares: Vec::new() }
     }
 }
 
@@ -139,12 +144,7 @@ impl PointTree {
             sweep.run_alone(&mut worker);
             *lists = worker.visitor;
         } else {
-            let count = WORKERS * parallel::threads();
-            let mut workers: Vec<_> = (0..count).map(|_| Worker::new(EncounterLists::new())).collect();
-            sweep.run_in_waves(&mut workers, |workers| {
-                lists.append(workers);
-                workers.iter_mut().for_each(|worker| worker.visitor.clear());
-            });
+            lists.make_in_turn(&sweep);
         }
         Ok(())
     }
@@ -199,29 +199,40 @@ impl EncounterLists {
         }
     }
 
-    /// Appends the lists of workers.
-    fn append(&mut self, workers: &[Worker<EncounterLists>]) {
-        let begin = self.end();
-        for Worker { visitor: share, .. } in workers {
-            let base = self.end();
-            self.points.extend_from_slice(&share.points);
-            self.offsets.extend(share.offsets[1..].iter().map(|end| base + end));
+    /// Makes the lists on several threads.
+    fn make_in_turn(&mut self, sweep: &Sweep<'_>) {
+        let mut shares = core::mem::take(&mut self.shares);
+        shares.resize(SHARES * parallel::threads(), EncounterLists::new());
+        let mut workers: Vec<_> = shares.into_iter().map(Worker::new).collect();
+        let (groups, mut done) = (sweep.groups(), 0);
+        while done < groups {
+            let EncounterLists { offsets, points, encounters, .. } = &mut *self;
+            let begin = offsets.last().map_or(0, |end| *end);
+            let mut room = encounters.get_mut(begin..).unwrap_or_default();
+            let place = |worker: &Worker<EncounterLists>| {
+                let share = &worker.visitor;
+                let (own, rest) = core::mem::take(&mut room).split_at_mut_checked(share.end())?;
+                room = rest;
+                let begin = offsets.last().map_or(0, |end| *end);
+                points.extend_from_slice(&share.points);
+                offsets.extend(share.offsets[1..].iter().map(|end| begin + end));
+                Some(own)
+            };
+            let make = |group: usize, worker: &mut Worker<EncounterLists>| {
+                worker.visitor.clear();
+                sweep.run_group(group, worker);
+            };
+            let copy = |worker: &Worker<EncounterLists>, room: &mut [Encounter]| {
+                room.copy_from_slice(worker.visitor.encounters());
+            };
+            done = in_turn(done..groups, &mut workers, make, place, copy);
+            if done < groups {
+                // As many for each of the other groups as so far, and as the largest of those that there was no room for.
+                let most = workers.iter().map(|worker| worker.visitor.end()).max().unwrap_or(0);
+                let usual = if done > 0 { self.end().div_ceil(done) } else { most };
+                self.make_room(self.end() + most + usual * (groups - done));
+            }
         }
-        let end = self.end();
-        self.make_room(end);
-        copy(workers, &mut self.encounters[begin..end]);
-    }
-}
-
-/// Copies the encounters of workers one behind the other, halves at the same time.
-fn copy(workers: &[Worker<EncounterLists>], to: &mut [Encounter]) {
-    match workers {
-        [] => {}
-        [worker] => to.copy_from_slice(worker.visitor.encounters()),
-        _ => {
-            let (left, right) = workers.split_at(workers.len() / 2);
-            let (to_left, to_right) = to.split_at_mut(left.iter().map(|worker| worker.visitor.end()).sum());
-            parallel::both(|| copy(left, to_left), || copy(right, to_right));
-        }
+        self.shares = workers.into_iter().map(|worker| worker.visitor).collect();
     }
 }

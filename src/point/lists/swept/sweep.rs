@@ -91,20 +91,14 @@ impl<'a> Sweep<'a> {
         })
     }
 
-    /// Shows them all in waves, one group to each worker's visitor; calls `behind` after each wave, in which the workers' groups are
-    /// in their order.
-    pub(super) fn run_in_waves<V: Visitor + Send>(
-        &self,
-        workers: &mut [Worker<V>],
-        mut behind: impl FnMut(&mut [Worker<V>]),
-    ) {
-        for wave in self.groups.chunks(workers.len()) {
-            let mut turns: Vec<_> = wave.chunks(1).zip(&mut *workers).collect();
-            parallel::each(&mut turns, |(groups, worker)| {
-                dispatch(self.tree.simd, Share { sweep: self, groups, worker: *worker });
-            });
-            behind(workers);
-        }
+    /// The number of groups of points.
+    pub(super) fn groups(&self) -> usize {
+        self.groups.len()
+    }
+
+    /// Shows the points of one group to a visitor.
+    pub(super) fn run_group<V: Visitor>(&self, group: usize, worker: &mut Worker<V>) {
+        dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups[group..=group], worker });
     }
 
     /// Shows them all to one visitor, in the same order.

@@ -1,0 +1,148 @@
+//! Making lists on several threads that do not wait for each other, always in the same order.
+//!
+//! The picture to have in mind: a ring of slots. A thread takes the next group and makes its lists in the memory of the next
+//! slot, which is small enough for a near cache. Where they will end up is known when all groups before have been made: whoever
+//! finds that out next hands out the places of all groups for which it holds, and copies them there. The others make further groups
+//! meanwhile; nobody waits unless the whole ring is made and not copied. Places depend on nothing but the lists before.
+
+use crate::parallel;
+use core::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Slots for each thread: so many that none waits for another that is late by a group or two, and few enough to stay in a near
+/// cache together.
+const SLOTS: usize = 4;
+
+/// The number of slots for this thread's pool.
+pub(super) fn slots() -> usize {
+    SLOTS * parallel::threads()
+}
+
+/// How far it is.
+struct State<P> {
+    /// The next group to be made, and the next whose place is to be handed out.
+    next: usize,
+    front: usize,
+    /// By slot: whether its group is made and has no place yet, and whether there is nothing in it.
+    made: Vec<bool>,
+    free: Vec<bool>,
+    /// Whether no more groups are to be taken.
+    stop: bool,
+    place: P,
+}
+
+/// Makes groups of a range in slots, hands out the place of each in their order, and copies them there. Ends where no place is
+/// left; returns the first group that was not copied.
+pub(super) fn in_turn<W: Send, J>(
+    groups: Range<usize>,
+    slots: &mut [W],
+    make: impl Fn(usize, &mut W) + Sync,
+    place: impl FnMut(&W) -> Option<J> + Send,
+    copy: impl Fn(&W, J) + Sync,
+) -> usize {
+    let count = slots.len();
+    let slots: Vec<Mutex<&mut W>> = slots.iter_mut().map(Mutex::new).collect();
+    let (next, front) = (groups.start, groups.start);
+    let state =
+        Mutex::new(State { next, front, made: vec![false; count], free: vec![true; count], stop: false, place });
+    parallel::map(parallel::threads(), |_| {
+        let _stop = StopAfterPanic(&state);
+        while let Some(group) = take(&state, groups.end) {
+            make(group, &mut lock(&slots[group % count]));
+            let placed = hand_out(&state, group, &slots);
+            for (group, job) in placed {
+                copy(&lock(&slots[group % count]), job);
+                lock(&state).free[group % count] = true;
+            }
+        }
+    });
+    state.into_inner().unwrap_or_else(PoisonError::into_inner).front
+}
+
+/// Takes the next group, once its slot is free.
+fn take<P>(state: &Mutex<State<P>>, end: usize) -> Option<usize> {
+    loop {
+        let mut now = lock(state);
+        let (group, count) = (now.next, now.free.len());
+        if now.stop || group == end {
+            return None;
+        }
+        if core::mem::take(&mut now.free[group % count]) {
+            now.next += 1;
+            return Some(group);
+        }
+        // What fills the ring is being made or copied by a thread that waits for nothing.
+        drop(now);
+        std::thread::yield_now();
+    }
+}
+
+/// A group has been made: the places of all groups up to the first that has not.
+fn hand_out<W, J, P: FnMut(&W) -> Option<J>>(
+    state: &Mutex<State<P>>,
+    group: usize,
+    slots: &[Mutex<&mut W>],
+) -> Vec<(usize, J)> {
+    let mut now = lock(state);
+    let (now, count) = (&mut *now, slots.len());
+    now.made[group % count] = true;
+    let mut placed = Vec::new();
+    while now.made[now.front % count] && !now.stop {
+        // Made and not placed: nobody holds it.
+        match (now.place)(&lock(&slots[now.front % count])) {
+            Some(job) => placed.push((now.front, job)),
+            None => {
+                now.stop = true;
+                break;
+            }
+        }
+        now.made[now.front % count] = false;
+        now.front += 1;
+    }
+    placed
+}
+
+/// Lets the other threads end where one panics.
+struct StopAfterPanic<'a, P>(&'a Mutex<State<P>>);
+
+impl<P> Drop for StopAfterPanic<'_, P> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            lock(self.0).stop = true;
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_handed_out_in_order() {
+        for room in [1000, 37, 0] {
+            let mut slots = vec![0; 3];
+            let mut order = Vec::new();
+            let copied = Mutex::new(vec![0; 1000]);
+            let place = |slot: &usize| {
+                order.push(*slot);
+                (order.len() <= room).then_some(order.len() - 1)
+            };
+            let done = in_turn(
+                5..200,
+                &mut slots,
+                |group, slot| *slot = group,
+                place,
+                |&slot, place| {
+                    lock(&copied)[place] = slot;
+                },
+            );
+            let count = room.min(195);
+            assert_eq!(done, 5 + count);
+            assert!(lock(&copied)[..count].iter().copied().eq(5..5 + count));
+        }
+    }
+}
