@@ -2,8 +2,8 @@
 
     python benchmarks/compare.py [points | lists | rays ...] [--n 1000000] [--repeat 5]
 
-All contestants of a row run in turn in one process; the table has the medians in seconds and how many times the time of
-mbkd they take. Trees are built before queries are timed, and their builds are rows of their own; packages without trees are
+All contestants of a row run in turn in one process; the table has the medians in seconds of processor time, which leaves out what other
+programs take on a busy machine, and how many times the time of mbkd they take. Trees are built before queries are timed, and their builds are rows of their own; packages without trees are
 compared with build and query together.
 """
 
@@ -28,9 +28,9 @@ def medians(contestants, repeat):
         for name, call in contestants.items():
             if round_ and min(times[name]) > 15:
                 continue
-            begin = time.perf_counter()
+            begin = time.process_time()
             results[name] = call()
-            times[name].append(time.perf_counter() - begin)
+            times[name].append(time.process_time() - begin)
     return {name: float(np.median(t)) for name, t in times.items()}, results
 
 
@@ -103,9 +103,9 @@ def lists(n, repeat):
         assert abs(other - count) <= 1e-6 * count, f"{name}: {other} neighbours instead of {count}"
     for name, ask in (("points that move by a spacing, at a time", 0.5), ("swept over the shutter", None)):
         moving = PointTree(data, keys=data + rng.normal(0, r / 3.4 / 1.7, data.shape).astype(np.float32))
-        begin = time.perf_counter()
+        begin = time.process_time()
         found = moving.neighbor_lists(r, time=ask) if ask else moving.neighbor_lists_swept(r)
-        print(f"{name}: mbkd {time.perf_counter() - begin:.3f}, {len(found.ids) / n:.1f} neighbours each")
+        print(f"{name}: mbkd {time.process_time() - begin:.3f}, {len(found.ids) / n:.1f} neighbours each")
 
 
 def sphere(levels):

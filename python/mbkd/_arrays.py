@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import Sequence
 
 import numpy as np
@@ -11,8 +12,11 @@ from numpy.typing import ArrayLike
 def floats(values: ArrayLike, name: str) -> np.ndarray:
     """A C-contiguous array of float32 or float64.
 
-    Arrays that are that already are taken as they are; float16 becomes float32, and whole numbers float64.
+    Arrays that are that already are taken as they are; float16 becomes float32, and whole numbers float64. Masked elements
+    are refused, since nothing here knows of masks.
     """
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name} has masked elements; fill them or leave them out")
     array = np.asarray(values)
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name} must be numbers, not {array.dtype}")
@@ -69,7 +73,9 @@ def keys_of(first: ArrayLike, later: ArrayLike | None, name: str) -> list[np.nda
             raise ValueError(f"{name} have {key.shape[1]} coordinates instead of 3; give flat ones a third that is zero")
         if key.shape != arrays[0].shape:
             raise ValueError(f"positions of {len(key)} points at a later key, but of {len(arrays[0])} at the first")
-    kind = np.result_type(*arrays) if arrays else np.float32
+    if not arrays:
+        raise ValueError(f"{name} must have at least one key, not the shape {array.shape}")
+    kind = np.result_type(*arrays)
     return [np.ascontiguousarray(key, dtype=kind) for key in arrays]
 
 
@@ -81,5 +87,27 @@ def only_euclidean(p: float) -> None:
 
 def interval(between: Sequence[float]) -> list[float]:
     """Begin and end of a part of the shutter."""
-    begin, end = between
-    return [float(begin), float(end)]
+    try:
+        begin, end = between
+    except (TypeError, ValueError):
+        raise ValueError(f"an interval is (begin, end), not {between!r}") from None
+    return [number(begin, "begin"), number(end, "end")]
+
+
+def number(value: float, name: str) -> float:
+    """A single number."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be one number, not {value!r:.60}") from None
+
+
+def whole(value: int, name: str, least: int, most: int) -> int:
+    """A single whole number within bounds."""
+    try:
+        found = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} must be a whole number, not {value!r:.60}") from None
+    if not least <= found <= most:
+        raise ValueError(f"{name} must be from {least} to {most}, not {found}")
+    return found

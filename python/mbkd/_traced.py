@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import floats, per_query, places
+from ._arrays import floats, per_query, places, whole
 
 Progress = Callable[[float], object]
 EVERYTHING = 0xFFFF_FFFF
@@ -83,7 +83,7 @@ class Traced(Generic[H]):
         time : float or (n,)
             When each ray looks, in [0, 1].
         t_min, t_max : float or (n,)
-            Hits count from t_min to t_max, both included.
+            Hits count from t_min to t_max, both included; none do where the first is above the second or one is NaN.
         mask : int
             Sees the meshes, and the instances, whose mask shares a bit.
         workers : int
@@ -92,7 +92,7 @@ class Traced(Generic[H]):
             Called with the finished fraction now and then.
         """
         rays = rays_of(origins, directions, time, t_min, t_max)
-        return self._hits(*self._tree.closest_hits(rays, mask, workers, progress))
+        return self._hits(*self._tree.closest_hits(rays, mask_of(mask), workers, progress))
 
     def all_hits(
         self,
@@ -108,7 +108,7 @@ class Traced(Generic[H]):
     ) -> tuple[np.ndarray, H]:
         """All hits of all rays: the index of the ray of each (int64), and the hits, by ray and along each ray."""
         rays = rays_of(origins, directions, time, t_min, t_max)
-        index, hits = self._tree.all_hits(rays, mask, workers, progress)
+        index, hits = self._tree.all_hits(rays, mask_of(mask), workers, progress)
         return index, self._hits(*hits)
 
     def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
@@ -131,12 +131,17 @@ class Traced(Generic[H]):
         if not (most >= 0).all():
             raise ValueError("max_distance must not be negative or NaN")
         wide = np.ascontiguousarray(queries, dtype=np.float64)
-        closest, near = self._tree.closest_points((wide, times, most), mask, workers, progress)
+        closest, near = self._tree.closest_points((wide, times, most), mask_of(mask), workers, progress)
         return closest, self._hits(*near)
 
 
 def _with(query, origins, directions, *, time=0.0, t_min=0.0, t_max=np.inf, mask=EVERYTHING, workers=1, progress=None):
-    return query(rays_of(origins, directions, time, t_min, t_max), mask, workers, progress)
+    return query(rays_of(origins, directions, time, t_min, t_max), mask_of(mask), workers, progress)
+
+
+def mask_of(mask: int) -> int:
+    """A mask of 32 bits."""
+    return whole(mask, "a mask", 0, EVERYTHING)
 
 
 def ends(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

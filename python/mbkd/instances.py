@@ -125,6 +125,9 @@ class InstanceTree(Traced[InstanceHits]):
     def __len__(self) -> int:
         return self._tree.n
 
+    def __reduce__(self) -> tuple:
+        raise TypeError("a tree of instances can not be pickled; pickle what it places, and build it again")
+
     def __repr__(self) -> str:
         return f"<InstanceTree of {len(self)} instances, {self.nbytes / 1e6:.1f} MB>"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +40,7 @@ class NeighborLists:
 
     def __getitem__(self, row: int) -> np.ndarray:
         """The ids of one list (a view)."""
-        row = range(len(self))[row]
-        return self.ids[self.offsets[row] : self.offsets[row + 1]]
+        return _row(self, row)
 
     @property
     def counts(self) -> np.ndarray:
@@ -93,8 +93,15 @@ class Encounters:
 
     def __getitem__(self, row: int) -> np.ndarray:
         """The ids of one list (a view)."""
-        row = range(len(self))[row]
-        return self.ids[self.offsets[row] : self.offsets[row + 1]]
+        return _row(self, row)
 
     def __repr__(self) -> str:
         return f"<Encounters: {len(self.ids)} in {len(self)} lists>"
+
+
+def _row(lists: NeighborLists | Encounters, row: int) -> np.ndarray:
+    at, count = operator.index(row), len(lists)
+    if not -count <= at < count:
+        raise IndexError(f"there is no list {at}: there are {count}")
+    at %= count
+    return lists.ids[lists.offsets[at] : lists.offsets[at + 1]]

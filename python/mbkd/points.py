@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import floats, interval, keys_of, only_euclidean, per_query, places
+from ._arrays import floats, interval, keys_of, number, only_euclidean, per_query, places
 from .lists import Encounters, NeighborLists
 
 Progress = Callable[[float], object]
@@ -94,7 +94,12 @@ class PointTree:
             lifetimes = np.ascontiguousarray(floats(lifetimes, "lifetimes"), dtype=np.float32)
             if lifetimes.ndim != 2 or lifetimes.shape[1] != 2:
                 raise ValueError(f"lifetimes must have the shape (n, 2), not {lifetimes.shape}")
-        box = np.zeros(3) if boxsize is None else np.broadcast_to(np.asarray(boxsize, dtype=np.float64), 3)
+            if len(lifetimes) != len(arrays[0]):
+                raise ValueError(f"{len(lifetimes)} lifetimes of {len(arrays[0])} points")
+        box = np.zeros(3) if boxsize is None else np.asarray(boxsize, dtype=np.float64)
+        if box.shape not in ((), (1,), (3,)):
+            raise ValueError(f"boxsize must be one number or have the shape (3,), not {box.shape}")
+        box = np.broadcast_to(box, 3)
         if boxsize is not None and len(arrays) == 1 and len(arrays[0]):
             outside = (box > 0) & ((arrays[0].min(axis=0) < 0) | (arrays[0].max(axis=0) >= box))
             if outside.any():
@@ -102,7 +107,7 @@ class PointTree:
         self._tree = _mbkd.Points(
             arrays, lifetimes, box.tolist(), structure, max_references, round_to_f32, workers, progress
         )
-        self.data = arrays[0] if arrays else np.empty((0, 3), np.float32)
+        self.data = arrays[0]
         self.boxsize = None if boxsize is None else box.copy()
 
     def save(self, path: str | os.PathLike) -> None:
@@ -176,7 +181,7 @@ class PointTree:
         Parameters
         ----------
         x : (..., 3)
-            Query positions.
+            Query positions. Beyond 1e18 nothing is found.
         k : int or sequence of int
             How many, or which: [1, 3] gives the nearest and the third nearest.
         eps : float
@@ -202,23 +207,31 @@ class PointTree:
         only_euclidean(p)
         queries, shape = places(x, "x")
         times = per_query(time, shape, "time")
-        wanted = None if isinstance(k, (int, np.integer)) else np.asarray(k, dtype=np.intp).reshape(-1)
-        most = int(k if wanted is None else wanted.max(initial=0))
-        if most < 1 or (wanted is not None and wanted.min(initial=1) < 1):
+        wanted = np.asarray(k)
+        single = wanted.ndim == 0
+        wanted = wanted.reshape(-1)
+        # No whole numbers are those that are too large for numpy, too.
+        if wanted.dtype.kind not in "iub" or wanted.size == 0 or wanted.min() < 1:
             raise ValueError("k must be an integer of at least 1, or a sequence of them")
+        most = int(wanted.max())
+        eps, bound = number(eps, "eps"), number(distance_upper_bound, "distance_upper_bound")
         if not eps >= 0:
-            raise ValueError("eps must not be negative")
-        if not distance_upper_bound >= 0:
-            raise ValueError("distance_upper_bound must not be negative")
+            raise ValueError("eps must not be negative or NaN")
+        if not bound >= 0:
+            raise ValueError("distance_upper_bound must not be negative or NaN")
         # More than there are would only take memory.
         found = max(min(most, self.n), 1)
-        d, i = self._tree.query(queries, times, found, eps, distance_upper_bound, workers, progress)
+        d, i = self._tree.query(queries, times, found, eps, bound, workers, progress)
+        if not single:
+            shape += wanted.shape
+            there = wanted <= found
+            column = np.where(there, wanted, 1).astype(np.intp) - 1
+            d, i = d[:, column], i[:, column]
+            d[:, ~there], i[:, ~there] = np.inf, self.n
+            return d.reshape(shape), i.reshape(shape)
         if most > found:
             d = np.pad(d, ((0, 0), (0, most - found)), constant_values=np.inf)
             i = np.pad(i, ((0, 0), (0, most - found)), constant_values=self.n)
-        if wanted is not None:
-            shape += wanted.shape
-            return d[:, wanted - 1].reshape(shape), i[:, wanted - 1].reshape(shape)
         if most > 1:
             return d.reshape(*shape, most), i.reshape(*shape, most)
         return (d.reshape(shape), i.reshape(shape)) if shape else (float(d[0, 0]), int(i[0, 0]))
@@ -300,10 +313,10 @@ class PointTree:
         only_euclidean(p)
         if output_type not in ("ndarray", "set"):
             raise ValueError(f"output_type must be 'ndarray' or 'set', not {output_type!r}")
-        if self.data.dtype == np.float32:
+        if self.boxsize is None or self.data.dtype == np.float32:
             pairs = self.neighbor_lists(r, time=time, pairs_once=True, sorted=True, workers=workers).pairs()
         else:
-            # Lists are made of float32 positions; queries one by one are exact.
+            # Lists of periodic boxes are made of float32 positions; queries one by one are exact.
             positions = self.positions(time)
             exist = np.flatnonzero(~np.isnan(positions[:, 0]))
             lists = self.query_ball_point(positions[exist], r, workers=workers, return_sorted=True, time=time)
@@ -330,6 +343,8 @@ class PointTree:
         int, or int64 array of the shape of `r`
         """
         only_euclidean(p)
+        if not isinstance(other, PointTree):
+            raise TypeError(f"other must be a PointTree, not {type(other).__name__}")
         radii = np.asarray(r, dtype=np.float64)
         counts = self._tree.count_pairs(other._tree, radii.reshape(-1).tolist(), time, workers, progress)
         return np.asarray(counts, dtype=np.int64).reshape(radii.shape) if radii.ndim else counts[0]

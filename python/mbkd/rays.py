@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from . import _mbkd
 from ._arrays import interval, keys_of, per_query
-from ._traced import EVERYTHING, Hits, Progress, Traced, ends
+from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of
 
 class RayTree(Traced[Hits]):
     """A tree of triangle meshes whose vertices may move, for rays and nearest points at any time.
@@ -78,6 +78,9 @@ class RayTree(Traced[Hits]):
         masks = [EVERYTHING] * len(meshes) if masks is None else masks
         if not len(meshes) == len(lifetimes) == len(masks):
             raise ValueError(f"{len(meshes)} meshes, {len(lifetimes)} lifetimes and {len(masks)} masks")
+        for i, mesh in enumerate(meshes):
+            if not isinstance(mesh, (tuple, list)) or len(mesh) != 2:
+                raise TypeError(f"mesh {i} must be a pair (vertices, faces), not {type(mesh).__name__}")
         parts = zip(meshes, lifetimes, masks)
         return cls._of(_mbkd.Rays([_mesh(*mesh, life, mask) for mesh, life, mask in parts], workers, progress))
 
@@ -215,4 +218,4 @@ def _mesh(vertices: ArrayLike, faces: ArrayLike, lifetime: Sequence[float], mask
         if corners.min() < 0 or corners.max() > 0xFFFF_FFFF:
             raise ValueError("faces must be indices of vertices: at least 0 and less than 2^32")
     corners = np.ascontiguousarray(corners, dtype=np.uint32)
-    return keys_of(vertices, None, "vertices"), corners, interval(lifetime), mask
+    return keys_of(vertices, None, "vertices"), corners, interval(lifetime), mask_of(mask)

@@ -5,16 +5,29 @@ use mbkd::FileError;
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use std::path::Path;
 
 /// What failed as Python's error: an `OSError` where the system could not read or write, or else a `ValueError`.
 pub fn file_error(error: FileError) -> PyErr {
     match error {
-        FileError::Io(error) => match error.raw_os_error() {
-            // Of the kind that the number says, such as `FileNotFoundError`.
-            Some(_) => error.into(),
-            None => PyOSError::new_err(error.to_string()),
-        },
+        FileError::Io(error) => PyOSError::new_err(error.to_string()),
         other => value_error(other),
+    }
+}
+
+/// The same of a file with a name, which Python's errors of the system tell. Of the kind that the error's number says, such as
+/// `FileNotFoundError`.
+pub fn error_at(path: &Path, error: FileError) -> PyErr {
+    match error {
+        FileError::Io(error) => match error.raw_os_error() {
+            Some(number) => {
+                let text = error.to_string();
+                let what = text.split(" (os error").next().unwrap_or_default().to_owned();
+                PyOSError::new_err((number, what, path.as_os_str().to_owned()))
+            }
+            None => file_error(FileError::Io(error)),
+        },
+        other => value_error(format!("{}: {other}", path.display())),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The tree of points and the queries that are asked one by one: k nearest, radius, counts, closest approach.
 
 use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, table, value_error};
-use crate::files::{file_error, from_bytes, to_bytes};
+use crate::files::{error_at, from_bytes, to_bytes};
 use crate::images::Periods;
 use crate::queries::{in_waves, order};
 use crate::threads::{Control, long};
@@ -71,13 +71,13 @@ impl Points {
 
     /// Writes the tree to a file, without the box that it repeats itself in.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| self.tree.save(path)).map_err(file_error)
+        py.detach(|| self.tree.save(&path)).map_err(|error| error_at(&path, error))
     }
 
     /// Reads a tree from a file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Points> {
-        indexed(py.detach(|| PointTree::load(path)).map_err(file_error)?, None)
+        indexed(py.detach(|| PointTree::load(&path)).map_err(|error| error_at(&path, error))?, None)
     }
 
     /// What would be in a file, and lengths and bounds of the box that the tree repeats itself in.
@@ -424,9 +424,10 @@ fn build(keys: &[Places<'_>], alive: &[TimeInterval], params: &PointParams, cont
 
 /// A tree whose ids are the indices of its points, as those are that are built here.
 fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
-    let mut order = tree.clone().take_order();
-    order.sort_unstable();
-    if tree.len() > i32::MAX as usize || !order.iter().copied().eq(0..tree.len() as u32) {
+    let order = tree.clone().take_order();
+    let mut there = vec![false; tree.len()];
+    let mut once = |id: u32| there.get_mut(id as usize).is_some_and(|there| !core::mem::replace(there, true));
+    if tree.len() > i32::MAX as usize || order.len() != tree.len() || !order.into_iter().all(&mut once) {
         return Err(PyValueError::new_err("the ids of its points are not 0, 1, 2, ..."));
     }
     Ok(Points { tree, periods })

@@ -1,7 +1,7 @@
 //! The tree of meshes: rays and nearest points.
 
 use crate::arrays::{PerQuery, Places, Positions, rows, slice, value_error};
-use crate::files::{file_error, from_bytes, to_bytes};
+use crate::files::{error_at, from_bytes, to_bytes};
 use crate::threads::{long, look_after, pool};
 use crate::traced::{
     Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
@@ -44,13 +44,13 @@ impl Rays {
 
     /// Writes the tree to a file.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| self.tree.save(path)).map_err(file_error)
+        py.detach(|| self.tree.save(&path)).map_err(|error| error_at(&path, error))
     }
 
     /// Reads a tree from a file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Rays> {
-        Ok(Rays { tree: Arc::new(py.detach(|| RayTree::load(path)).map_err(file_error)?) })
+        Ok(Rays { tree: Arc::new(py.detach(|| RayTree::load(&path)).map_err(|error| error_at(&path, error))?) })
     }
 
     /// What would be in a file.

@@ -10,6 +10,9 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+/// More threads than this are not made, whatever is asked for: each takes memory, and beyond the processors none is of use.
+const MOST: usize = 256;
+
 /// How often work that lasts is looked after.
 const PAUSE: Duration = Duration::from_millis(50);
 
@@ -38,7 +41,7 @@ pub fn on<T: Send>(py: Python<'_>, workers: isize, work: impl FnOnce() -> T + Se
 pub fn count(workers: isize) -> PyResult<usize> {
     match workers {
         -1 => Ok(std::thread::available_parallelism().map_or(1, usize::from)),
-        1.. => Ok(workers as usize),
+        1.. => Ok((workers as usize).min(MOST)),
         _ => Err(PyValueError::new_err(format!("workers must be -1 or at least 1, not {workers}"))),
     }
 }

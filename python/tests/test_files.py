@@ -27,6 +27,26 @@ def test_point_trees_come_back(structure, tmp_path):
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(trees[0])).data, POINTS)
 
 
+@pytest.mark.parametrize("points", [POINTS, POINTS.astype(np.float64) + 1e-9], ids=["f32", "f64"])
+@pytest.mark.parametrize("keys", [None, MOVED], ids=["still", "moving"])
+def test_loaded_trees_answer_everything(points, keys, tmp_path):
+    tree = PointTree(points, keys=keys)
+    tree.save(tmp_path / "tree")
+    again = PointTree.load(tmp_path / "tree")
+    for ask in (
+        lambda of: of.query_pairs(0.2, time=0.5),
+        lambda of: of.query_ball_point(QUERIES, 0.2, time=TIMES).ids,
+        lambda of: of.count_neighbors(tree, [0.1, 0.2]),
+        lambda of: of.neighbor_lists(0.2, sorted=True, distances=True).distances,
+        lambda of: of.positions(0.5),
+        lambda of: np.stack(of.closest_approach(QUERIES, QUERIES[::-1])),
+        lambda of: (repr(of), of.nbytes, of.statistics(), of.n),
+    ):
+        np.testing.assert_array_equal(ask(again), ask(tree))
+    counts = [len(tree.query_ball_point(at, 0.2, time=0.5)[0]) - 1 for at in tree.positions(0.5)]
+    assert sum(counts) == 2 * len(tree.query_pairs(0.2, time=0.5))
+
+
 def test_periodic_trees_are_pickled_only(tmp_path):
     tree = PointTree(POINTS, boxsize=[1, 1, 0])
     with pytest.raises(ValueError, match="pickle"):
@@ -51,8 +71,11 @@ def test_ray_trees_come_back(tmp_path):
 def test_what_is_no_tree_is_an_error(tmp_path):
     path = tmp_path / "tree"
     for load in (PointTree.load, RayTree.load):
-        with pytest.raises(FileNotFoundError):
+        with pytest.raises(FileNotFoundError, match="none") as error:
             load(tmp_path / "none")
+        assert error.value.filename == str(tmp_path / "none")
+        with pytest.raises(IsADirectoryError):
+            load(tmp_path)
         path.write_bytes(b"some text, but nothing that was ever a tree")
         with pytest.raises(ValueError, match="no file of a tree"):
             load(path)

@@ -1,6 +1,8 @@
 """Queries of points against brute force with numpy and against scipy."""
 
 import itertools
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -180,7 +182,12 @@ WRONG = [
     (lambda: PointTree([[np.nan, 0, 0]]), ValueError, "not finite"),
     (lambda: PointTree(np.float32([[1e30, 0, 0]])), ValueError, "1e18"),
     (lambda: PointTree(SINGLE, keys=CLOSE[1:]), ValueError, "499 points"),
-    (lambda: PointTree(SINGLE, lifetimes=[[0, 1]]), ValueError, "alive"),
+    (lambda: PointTree(SINGLE, lifetimes=[[0, 1]]), ValueError, "1 lifetimes of 500 points"),
+    (lambda: PointTree(SINGLE, lifetimes=[0, 1]), ValueError, "lifetimes must have the shape"),
+    (lambda: PointTree(None), TypeError, "numbers"),
+    (lambda: PointTree(np.empty((0, 500, 3))), ValueError, "at least one key"),
+    (lambda: PointTree(np.ma.masked_greater(SINGLE, 0.5)), ValueError, "masked"),
+    (lambda: PointTree(SINGLE, boxsize=[1, 1]), ValueError, "boxsize"),
     (lambda: PointTree(SINGLE, lifetimes=np.full((500, 2), 0.5)), ValueError, "time interval"),
     (lambda: PointTree(SINGLE, structure="best"), ValueError, "structure"),
     (lambda: PointTree(SINGLE, structure="slabs:0"), ValueError, "structure"),
@@ -191,12 +198,30 @@ WRONG = [
     (lambda: PointTree(SINGLE).query([0, 0]), ValueError, "shape"),
     (lambda: PointTree(SINGLE).query([0, 0, np.inf]), ValueError, "finite"),
     (lambda: PointTree(SINGLE).query([0, 0, 0], 0), ValueError, "k must"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], -1), ValueError, "k must"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], 2.0), ValueError, "k must"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], "3"), ValueError, "k must"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], []), ValueError, "k must"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], 2**70), ValueError, "k must"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], eps=np.nan), ValueError, "eps"),
+    (lambda: PointTree(SINGLE).query([0, 0, 0], distance_upper_bound=-1), ValueError, "distance_upper_bound"),
+    (lambda: PointTree(SINGLE).query(QUERIES, distance_upper_bound=np.ones(60)), TypeError, "one number"),
+    (lambda: PointTree(SINGLE).query(QUERIES, progress=3), TypeError, "callable"),
     (lambda: PointTree(SINGLE).query([0, 0, 0], p=1), ValueError, "Euclidean"),
     (lambda: PointTree(SINGLE).query([0, 0, 0], time=1.5), ValueError, r"\[0, 1\]"),
     (lambda: PointTree(SINGLE).query([0, 0, 0], time=np.nan), ValueError, r"\[0, 1\]"),
     (lambda: PointTree(SINGLE).query(QUERIES, time=[0, 1]), ValueError, "time has the shape"),
     (lambda: PointTree(SINGLE).query_ball_point([0, 0, 0], -1), ValueError, "radius"),
     (lambda: PointTree(SINGLE).query_ball_point([0, 0, 0], np.nan), ValueError, "radius"),
+    (lambda: PointTree(SINGLE).query_ball_point(QUERIES, [0.1, 0.2]), ValueError, "r has the shape"),
+    (lambda: PointTree(SINGLE).query_pairs(np.nan), ValueError, "radius"),
+    (lambda: PointTree(SINGLE).count_neighbors(SINGLE, 0.1), TypeError, "PointTree"),
+    (lambda: PointTree(SINGLE).neighbor_lists_swept(0.1, between=(0.5, 0.2)), ValueError, "interval"),
+    (lambda: PointTree(SINGLE).neighbor_lists_swept(0.1, between=(0.5, 0.2, 1)), ValueError, "interval"),
+    (lambda: PointTree(SINGLE).neighbor_lists_swept(np.nan), ValueError, "radius"),
+    (lambda: PointTree(SINGLE).closest_approach(SINGLE, SINGLE[:3]), ValueError, "shape"),
+    (lambda: PointTree(SINGLE).neighbor_lists(0.1)[500], IndexError, "no list 500"),
+    (lambda: PointTree(SINGLE).neighbor_lists(0.1)[1:3], TypeError, "slice"),
     (lambda: PointTree(SINGLE).neighbor_lists(-1), ValueError, "radius"),
     (lambda: PointTree(DOUBLE).neighbor_lists(0.1, displacements=True), ValueError, "f32"),
     (lambda: PointTree(SINGLE).neighbor_lists(np.ones(3)), ValueError, "r must"),
@@ -207,6 +232,70 @@ WRONG = [
 def test_what_is_wrong_is_said(wrong, error, message):
     with pytest.raises(error, match=message):
         wrong()
+
+
+def test_nothing_among_nothing():
+    none, some = PointTree(np.empty((0, 3), np.float32)), PointTree(SINGLE)
+    assert none.query([0, 0, 0]) == (np.inf, 0)
+    assert none.query_pairs(1).shape == (0, 2)
+    assert none.count_neighbors(some, 1) == some.count_neighbors(none, 1) == 0
+    assert len(none.query_ball_point([[0, 0, 0]], 1)[0]) == 0
+    lists = none.neighbor_lists(1, distances=True, displacements=True)
+    assert len(lists) == 0 and lists.displacements.shape == (0, 3) and lists.distances.shape == (0,)
+    assert len(none.neighbor_lists_swept(1)) == 0
+    d, i, t = none.closest_approach([0, 0, 0], [1, 0, 0])
+    assert (d, i) == (np.inf, 0) and np.isnan(t)
+    for k in (1, 4, [2, 3]):
+        d, i = some.query(np.empty((0, 3)), k)
+        assert len(d) == len(i) == 0
+    assert len(some.query_ball_point(np.empty((0, 3)), 1)) == 0
+
+
+def test_more_neighbours_than_there_are():
+    tree = PointTree(SINGLE[:3])
+    d, i = tree.query(QUERIES, [1, 5, 10**15])
+    np.testing.assert_array_equal(i[:, 0], tree.query(QUERIES)[1])
+    assert (i[:, 1:] == 3).all() and np.isinf(d[:, 1:]).all() and d.shape == (60, 3)
+    # Positions that no point can be near to.
+    assert PointTree(SINGLE).query([1e30, 0, 0], 2)[1].tolist() == [500, 500]
+    assert PointTree(SINGLE).query(SINGLE[7], distance_upper_bound=0) == (np.inf, 500)
+
+
+def test_arrays_are_read_where_they_are_and_not_kept():
+    fixed = SINGLE.copy()
+    fixed.setflags(write=False)
+    tree = PointTree(fixed)
+    assert tree.data is fixed
+    changing = SINGLE.copy()
+    tree = PointTree(changing)
+    expected = tree.query(QUERIES)[1]
+    changing[:] = 0
+    np.testing.assert_array_equal(tree.query(QUERIES)[1], expected)
+    np.testing.assert_array_equal(PointTree(SINGLE).query(np.asfortranarray(QUERIES)[::-1])[1], expected[::-1])
+    assert PointTree(SINGLE, workers=100_000).query(QUERIES, workers=100_000)[1].tolist() == expected.tolist()
+
+
+def test_ctrl_c_ends_queries():
+    tree, many = PointTree(SINGLE), RNG.random((1_000_000, 3))
+    for ask in (
+        lambda hear: tree.query(many, 40, progress=hear),
+        lambda hear: tree.query_ball_point(many, 0.3, progress=hear),
+        lambda hear: tree.query_ball_point(many, 0.3, return_length=True, workers=2, progress=hear),
+    ):
+        told = []
+
+        def press(done):
+            told.append(done)
+            if len(told) == 1:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                ask(press)
+        finally:
+            signal.signal(signal.SIGINT, before)
+        assert told[-1] < 0.5
 
 
 def test_progress_is_told_and_may_end_a_query():

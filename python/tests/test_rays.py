@@ -117,6 +117,15 @@ WRONG = [
     (lambda: RayTree(OPEN[:, :2], FACES), ValueError, "coordinates"),
     (lambda: RayTree(OPEN, FACES, lifetime=(1, 0)), ValueError, "interval"),
     (lambda: RayTree.from_meshes([(OPEN, FACES)], masks=[]), ValueError, "masks"),
+    (lambda: RayTree.from_meshes([(OPEN, FACES)], masks=[2**32]), ValueError, "mask"),
+    (lambda: RayTree.from_meshes([OPEN]), TypeError, "pair"),
+    (lambda: RayTree(OPEN, [[0, 1, 2**40]]), ValueError, "indices"),
+    (lambda: RayTree(np.empty((0, 4, 3)), [[0, 1, 2]]), ValueError, "at least one key"),
+    (lambda: RayTree(OPEN * np.float32(1e35), FACES), ValueError, "1e30"),
+    (lambda: RayTree(OPEN, FACES).closest_hits([[0, 0, 0]], [0, 0, 1], mask=-1), ValueError, "mask"),
+    (lambda: RayTree(OPEN, FACES).closest_hits([[0, 0, 0]], [0, 0, 1], mask=1.5), TypeError, "mask"),
+    (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, 0]], [0, 0, 1], far=1), TypeError, "far"),
+    (lambda: RayTree(OPEN, FACES).closest_point([[0, 0, np.nan]]), ValueError, "finite"),
     (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0]], [0, 0, 1]), ValueError, "shape"),
     (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, 0]] * 2, [[0, 0, 1]] * 3), ValueError, "directions"),
     (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, 0]], [0, 0, 1], time=-1), ValueError, r"\[0, 1\]"),
@@ -129,3 +138,20 @@ WRONG = [
 def test_what_is_wrong_is_said(wrong, error, message):
     with pytest.raises(error, match=message):
         wrong()
+
+
+def test_rays_that_hit_nothing_and_none_at_all():
+    tree, none = RayTree(OPEN, FACES), RayTree(np.empty((0, 3)), [])
+    origins, directions = RNG.normal(size=(2, 9, 3))
+    assert not none.intersects_any(origins, directions).any()
+    assert (none.closest_point(origins)[2] == -1).all()
+    for wrong in ([0, 0, 0], [np.nan, 0, 1], [np.inf, 0, 1]):
+        assert not tree.intersects_any(origins, wrong).any()
+    for bounds in ({"t_min": np.nan}, {"t_max": np.nan}, {"t_min": 2, "t_max": 1}, {"mask": 0}):
+        assert not tree.intersects_any(origins, directions, **bounds).any()
+    empty = np.empty((0, 3))
+    assert tree.intersects_first(empty, empty).shape == (0,)
+    assert [len(part) for part in tree.intersects_location(empty, empty)] == [0, 0, 0]
+    assert [len(part) for part in tree.closest_point(empty)] == [0, 0, 0]
+    reversed_ = tree.intersects_first(np.asfortranarray(origins)[::-1], np.asfortranarray(directions)[::-1])
+    np.testing.assert_array_equal(reversed_[::-1], tree.intersects_first(origins, directions))

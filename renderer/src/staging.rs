@@ -116,7 +116,7 @@ fn window(options: &Options, model: &Model, frame: u32, frames: u32) -> Result<O
     };
     let half = 0.5 * options.shutter.unwrap_or(length);
     if middle + half < first || middle - half > last {
-        return Err(format!("the clip does not play at {middle} s: it lasts from {first} s to {last} s"));
+        return Err(format!("the clip does not play at {middle} s: it lasts from {first:.4} s to {last:.4} s"));
     }
     Ok(Some(Window { open: middle - half, close: middle + half }))
 }

@@ -149,7 +149,7 @@ impl<'a> Decoder<'a> {
     pub fn array<T: Record>(&mut self) -> Result<Vec<T>, FileError> {
         let count = self.count::<T>()?;
         let mut items = huge_vec(self.room::<T>(count));
-        self.items(count, &mut items)?;
+        self.items::<T>(count, &mut items)?;
         Ok(items)
     }
 }

@@ -3,16 +3,36 @@
 use glam::{DVec3, Vec3};
 
 /// A value of a fixed number of bytes. Any bytes decode to a value; validation comes later.
-pub(crate) trait Record: Sized {
+pub(crate) trait Record: Copy {
     /// Number of bytes.
     const BYTES: usize;
     /// Encodes the value into [`Record::BYTES`] bytes.
     fn put(&self, to: &mut [u8]);
     /// Decodes a value from [`Record::BYTES`] bytes.
     fn get(from: &[u8]) -> Self;
+
+    /// Writes several, one behind the other.
+    #[inline(always)]
+    fn put_all<const N: usize>(items: &[Self; N], to: &mut [u8]) {
+        for (item, to) in items.iter().zip(to.chunks_exact_mut(Self::BYTES)) {
+            item.put(to);
+        }
+    }
+
+    /// Reads several, one behind the other.
+    #[inline(always)]
+    fn get_all<const N: usize>(from: &[u8]) -> [Self; N] {
+        // Not by `array::from_fn`, which is called where it should be inlined.
+        let mut items = [Self::get(&from[..Self::BYTES]); N];
+        for (item, bytes) in items.iter_mut().zip(from.chunks_exact(Self::BYTES)).skip(1) {
+            *item = Self::get(bytes);
+        }
+        items
+    }
 }
 
-/// Numbers, by their own methods.
+/// Numbers, by their own methods. Arrays of them use plain loops, which compile to copies of memory on little-endian
+/// machines: nearly all bytes of a file are such arrays.
 macro_rules! number {
     ($($number:ty),*) => {$(
         impl Record for $number {
@@ -27,6 +47,22 @@ macro_rules! number {
                 bytes.copy_from_slice(from);
                 <$number>::from_le_bytes(bytes)
             }
+            #[inline(always)]
+            fn put_all<const N: usize>(items: &[$number; N], to: &mut [u8]) {
+                let (rows, _) = to[..N * Self::BYTES].as_chunks_mut();
+                for (item, bytes) in items.iter().zip(rows) {
+                    *bytes = item.to_le_bytes();
+                }
+            }
+            #[inline(always)]
+            fn get_all<const N: usize>(from: &[u8]) -> [$number; N] {
+                let mut items = [<$number>::default(); N];
+                let (rows, _) = from[..N * Self::BYTES].as_chunks();
+                for (item, bytes) in items.iter_mut().zip(rows) {
+                    *item = <$number>::from_le_bytes(*bytes);
+                }
+                items
+            }
         }
     )*};
 }
@@ -37,13 +73,11 @@ impl<T: Record, const N: usize> Record for [T; N] {
     const BYTES: usize = N * T::BYTES;
     #[inline(always)]
     fn put(&self, to: &mut [u8]) {
-        for (item, to) in self.iter().zip(to.chunks_exact_mut(T::BYTES)) {
-            item.put(to);
-        }
+        T::put_all(self, to);
     }
     #[inline(always)]
     fn get(from: &[u8]) -> [T; N] {
-        core::array::from_fn(|i| T::get(&from[i * T::BYTES..(i + 1) * T::BYTES]))
+        T::get_all(from)
     }
 }
 

@@ -3,11 +3,12 @@
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::statistics::Statistics;
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS};
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, node_rows};
 use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
 use crate::simd::{LANES, huge_vec};
 use crate::time::TimeSlice;
+use core::convert::Infallible;
 use core::ops::Range;
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -20,13 +21,36 @@ struct Visit {
 
 /// The counts and leaves of a subtree.
 #[derive(Default)]
-struct Found {
-    depth: u32,
-    nodes: usize,
-    moving_nodes: usize,
+pub(super) struct Found {
+    pub depth: u32,
+    pub nodes: usize,
+    pub moving_nodes: usize,
     /// Leaf blocks; below time nodes some may occur several times.
-    leaves: Vec<u32>,
-    time_nodes: usize,
+    pub leaves: Vec<u32>,
+    pub time_nodes: usize,
+}
+
+impl Found {
+    /// Counts a node.
+    pub fn add_node(&mut self, kind: Kind) {
+        self.nodes += 1;
+        self.moving_nodes += usize::from(kind == Kind::Node);
+        self.time_nodes += usize::from(kind == Kind::Time);
+    }
+
+    /// Records a leaf block.
+    pub fn add_leaf(&mut self, leaf: ChildRef, depth: u32) {
+        self.depth = self.depth.max(depth);
+        self.leaves.push(leaf.0);
+    }
+
+    /// Removes duplicate leaf blocks, which occur only below time nodes.
+    pub fn each_leaf_once(&mut self) {
+        if self.time_nodes > 0 {
+            self.leaves.sort_unstable();
+            self.leaves.dedup();
+        }
+    }
 }
 
 /// The number of subtrees that are traversed in parallel, at least, if there are that many.
@@ -35,18 +59,38 @@ const SUBTREES: usize = 128;
 /// How many leaf blocks ahead ids are prefetched.
 const SOON: usize = 8;
 
+/// Leaf blocks of a build are what they should be.
+fn unchecked(_: ChildRef) -> Result<(), Infallible> {
+    Ok(())
+}
+
 impl WideTree {
     /// Counts, and returns for each triangle the leaf block that holds it.
     pub(crate) fn index_leaves<S: WideSource>(&self, set: &S) -> (Counts, Vec<u32>) {
-        let entries = set.triangles().map_or(0, |triangles| triangles.entries(self.slices));
-        let nowhere = || {
-            let mut blocks = huge_vec(entries);
-            parallel::fill(&mut blocks, entries, |_| AtomicU32::new(ChildRef::NOTHING.0));
-            blocks
-        };
-        let (found, blocks) = parallel::both(|| self.walked(), nowhere);
-        let counts = self.count(set, &found, &blocks);
+        let (found, blocks) = parallel::both(|| self.walked(), || self.nowhere(set));
+        let Ok(counts) = self.count(set, &found, &blocks, unchecked);
         (counts, blocks.into_iter().map(AtomicU32::into_inner).collect())
+    }
+
+    /// The same for a tree that has been traversed; `check` validates each leaf block right before it is read, so that the block is
+    /// fetched from memory once.
+    pub(super) fn index_checked_leaves<S: WideSource, E: Send>(
+        &self,
+        set: &S,
+        found: &Found,
+        check: impl Fn(ChildRef) -> Result<(), E> + Sync,
+    ) -> Result<(Counts, Vec<u32>), E> {
+        let blocks = self.nowhere(set);
+        let counts = self.count(set, found, &blocks, check)?;
+        Ok((counts, blocks.into_iter().map(AtomicU32::into_inner).collect()))
+    }
+
+    /// The table of leaf blocks by triangle and slice, without entries.
+    fn nowhere<S: WideSource>(&self, set: &S) -> Vec<AtomicU32> {
+        let entries = set.triangles().map_or(0, |triangles| triangles.entries(self.slices));
+        let mut blocks = huge_vec(entries);
+        parallel::fill(&mut blocks, entries, |_| AtomicU32::new(ChildRef::NOTHING.0));
+        blocks
     }
 
     /// Counts without reading leaves.
@@ -57,15 +101,22 @@ impl WideTree {
 
     /// Counts only.
     pub(crate) fn counted<S: WideSource>(&self, set: &S) -> Counts {
-        self.count(set, &self.walked(), &[])
+        let Ok(counts) = self.count(set, &self.walked(), &[], unchecked);
+        counts
     }
 
-    /// Counts, and records the block of each triangle unless `blocks` is empty.
-    fn count<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> Counts {
-        let (references, still_references) = self.find_blocks(set, found, blocks);
+    /// Counts, and records the block of each triangle unless `blocks` is empty. `check` validates each leaf block first.
+    fn count<S: WideSource, E: Send>(
+        &self,
+        set: &S,
+        found: &Found,
+        blocks: &[AtomicU32],
+        check: impl Fn(ChildRef) -> Result<(), E> + Sync,
+    ) -> Result<Counts, E> {
+        let (references, still_references) = self.find_blocks(set, found, blocks, check)?;
         let &Found { depth, nodes, moving_nodes, time_nodes, .. } = found;
         let leaves = found.leaves.len();
-        Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, still_references }
+        Ok(Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, still_references })
     }
 
     /// The counts of all nodes, and all leaf blocks.
@@ -93,18 +144,13 @@ impl WideTree {
             all.time_nodes += found.time_nodes;
             all.leaves.extend(found.leaves);
         }
-        if all.time_nodes > 0 {
-            all.leaves.sort_unstable();
-            all.leaves.dedup();
-        }
+        all.each_leaf_once();
         all
     }
 
     /// Counts a node and adds its children.
     fn visit(&self, Visit { at, depth }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
-        found.nodes += 1;
-        found.moving_nodes += usize::from(at.kind() == Kind::Node);
-        found.time_nodes += usize::from(at.kind() == Kind::Time);
+        found.add_node(at.kind());
         for &child in self.children(at) {
             self.meet(Visit { at: ChildRef(child), depth: depth + 1 }, found, below);
         }
@@ -116,17 +162,10 @@ impl WideTree {
         if at == ChildRef::NOTHING {
             return;
         }
-        let kind = at.kind();
-        if kind.is_leaf() {
-            found.depth = found.depth.max(depth);
-            found.leaves.push(at.0);
-            return;
+        if at.kind().is_leaf() {
+            return found.add_leaf(at, depth);
         }
-        let rows = match kind {
-            Kind::Node => NODE_ROWS,
-            Kind::StillNode => STILL_NODE_ROWS,
-            _ => 1,
-        };
+        let rows = node_rows(at.kind());
         self.arena.prefetch(at.at() + (rows - 1) * LANES, 1);
         below.push(visit);
     }
@@ -147,8 +186,14 @@ impl WideTree {
 
     /// Records a leaf block for each triangle, and returns the number of references in all blocks together, and in
     /// those of static triangles. If several blocks hold a triangle the first is recorded, so that the result does not
-    /// depend on the threads.
-    fn find_blocks<S: WideSource>(&self, set: &S, found: &Found, blocks: &[AtomicU32]) -> (usize, usize) {
+    /// depend on the threads. `check` validates each block before it is read.
+    fn find_blocks<S: WideSource, E: Send>(
+        &self,
+        set: &S,
+        found: &Found,
+        blocks: &[AtomicU32],
+        check: impl Fn(ChildRef) -> Result<(), E> + Sync,
+    ) -> Result<(usize, usize), E> {
         let several = self.presplit || found.time_nodes > 0;
         let references = parallel::chunks(found.leaves.len(), |range| {
             let leaves = &found.leaves[range];
@@ -158,6 +203,7 @@ impl WideTree {
                     self.expect_ids(soon);
                 }
                 let leaf = ChildRef(leaf);
+                check(leaf)?;
                 let ids = self.ids::<S>(leaf).unwrap_or(&[]);
                 references += ids.len();
                 if matches!(leaf.kind(), Kind::StillLeaf | Kind::SharedStillLeaf) {
@@ -177,9 +223,9 @@ impl WideTree {
                     }
                 }
             }
-            (references, still)
+            Ok((references, still))
         });
-        references.into_iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+        references.into_iter().try_fold((0, 0), |a, b| b.map(|b: (usize, usize)| (a.0 + b.0, a.1 + b.1)))
     }
 
     /// The time slices for which a leaf block has all keys; `0..1` for blocks that have the keys of the whole shutter.

@@ -9,12 +9,12 @@
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, VERTEX_ROWS, shared_count};
-use super::wide_tree::WideTree;
+use super::leaf_index::Found;
+use super::wide_node::{ChildRef, Kind, VERTEX_ROWS, node_rows, shared_count};
+use super::wide_tree::{Counts, WideTree};
 use super::write::NOWHERE;
 use crate::file::{FileError, broken, require};
 use crate::limits::MAX_TIME_SLICES;
-use crate::parallel;
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 
@@ -26,43 +26,32 @@ const MOST_LEVELS: u32 = 256;
 const MOST_SEGMENTS: usize = 1 << 24;
 
 impl WideTree {
-    /// An error for the first violation that could break a query.
-    pub(super) fn check<S: WideSource>(&self, set: &S) -> Result<(), FileError> {
+    /// An error for the first violation that could break a query; otherwise the counts and the table of leaf blocks.
+    pub(super) fn check<S: WideSource>(&self, set: &S) -> Result<(Counts, Vec<u32>), FileError> {
         require((1..=MAX_TIME_SLICES).contains(&self.slices), "there are too many slices of the shutter")?;
         let words = self.arena.ints();
         // Each primitive takes a few bytes, so tables of primitives are in proportion to the file.
         require(set.len() <= words.len(), "there are more primitives than leaves could hold")?;
-        let mut leaves = self.check_nodes()?;
-        leaves.sort_unstable();
-        leaves.dedup();
+        let found = self.check_nodes()?;
         let of_leaves = Leaves { tree: self, words, set, triangles: set.triangles(), bent: set.bent() };
-        let found = parallel::chunks(leaves.len(), |range| {
-            leaves[range].iter().try_for_each(|&leaf| of_leaves.check(ChildRef(leaf)))
-        });
-        found.into_iter().collect()
+        self.index_checked_leaves(set, &found, |leaf| of_leaves.check(leaf))
     }
 
-    /// Checks all nodes: each is reached once, so that traversals end, and none is too deep. Returns the references to
-    /// leaf blocks.
-    fn check_nodes(&self) -> Result<Vec<u32>, FileError> {
+    /// Checks all nodes: each is reached once, so that traversals end, and none is too deep. Leaf blocks are recorded only.
+    fn check_nodes(&self) -> Result<Found, FileError> {
         let words = self.arena.ints().len();
         let mut reached = vec![false; words / LANES];
-        let mut leaves = Vec::new();
-        if self.root == ChildRef::NOTHING {
-            return Ok(leaves);
-        }
+        let mut found = Found::default();
         let mut stack = vec![(self.root, 0)];
+        stack.retain(|&(root, _)| root != ChildRef::NOTHING);
         while let Some((at, depth)) = stack.pop() {
             require(depth <= MOST_LEVELS, "it is too deep")?;
             if at.kind().is_leaf() {
-                leaves.push(at.0);
+                found.add_leaf(at, depth);
                 continue;
             }
-            let rows = match at.kind() {
-                Kind::Node => NODE_ROWS,
-                Kind::StillNode => STILL_NODE_ROWS,
-                _ => 1,
-            };
+            found.add_node(at.kind());
+            let rows = node_rows(at.kind());
             require(at.at() + rows * LANES <= words, "a node lies outside of it")?;
             let reached = &mut reached[at.at() / LANES];
             require(!*reached, "a node is reached twice")?;
@@ -82,7 +71,8 @@ impl WideTree {
             let missing = at.kind() == Kind::Time && stack.len() - before < self.children(at).len();
             require(!missing, "a time node has no child for a part of the shutter")?;
         }
-        Ok(leaves)
+        found.each_leaf_once();
+        Ok(found)
     }
 
     /// Checks that faces are finite numbers in range, and that no query enters a lane without a child.

@@ -35,9 +35,8 @@ impl WideTree {
 
     /// Returns the tree, indexed, if queries can traverse it safely.
     pub(crate) fn checked<S: WideSource>(mut self, set: &S) -> Result<WideTree, FileError> {
-        self.check(set)?;
+        (self.counts, self.blocks) = self.check(set)?;
         self.arena.settle();
-        (self.counts, self.blocks) = self.index_leaves(set);
         let held: Vec<u32> =
             (0..set.len() as u32).step_by(set.len() / 1024 + 1).filter(|&id| !set.is_listed(id)).collect();
         self.keyed_rows = KeyedRows::of(set, &held, self.slices);

@@ -59,6 +59,15 @@ impl Kind {
     }
 }
 
+/// Rows of a node; a time node counts as one.
+pub(crate) fn node_rows(kind: Kind) -> usize {
+    match kind {
+        Kind::Node => NODE_ROWS,
+        Kind::StillNode => STILL_NODE_ROWS,
+        _ => 1,
+    }
+}
+
 /// Number of triangles, from the first word of the corners of a block with shared vertices.
 #[inline(always)]
 pub(crate) fn shared_count(first_corners: u32) -> usize {

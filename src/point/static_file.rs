@@ -2,13 +2,27 @@
 
 use super::snapshot::Boxes;
 use super::static_tree::{Ordered, Shape, StaticTree};
-use crate::file::{Decoder, Encoder, FileError, record_fields, require};
+use crate::file::{Decoder, Encoder, FileError, Record, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::simd::{LANES, Lanes, PointBlock};
 
-record_fields!(PointBlock { at: [Lanes<f32>; 3], id: Lanes<u32> });
 record_fields!(Boxes { lo: [Lanes<f32>; 3], hi: [Lanes<f32>; 3] });
+
+impl Record for PointBlock {
+    const BYTES: usize = 256;
+    #[inline(always)]
+    fn put(&self, to: &mut [u8]) {
+        self.at.put(&mut to[..192]);
+        self.id.put(&mut to[192..]);
+    }
+    #[inline(always)]
+    fn get(from: &[u8]) -> PointBlock {
+        // Row by row: an array of rows is copied once more.
+        let row = |i: usize| Record::get(&from[64 * i..64 * (i + 1)]);
+        PointBlock { at: [row(0), row(1), row(2)], id: Record::get(&from[192..]) }
+    }
+}
 
 /// Faces of boxes that hold points are nearer to zero than this, several times the limit of coordinates.
 pub(super) const FARTHEST_FACE: f32 = 1e19;
@@ -64,24 +78,31 @@ impl StaticRecord {
     }
 }
 
-/// Whether the first `count` lanes of a block are points, and the others absent.
+/// Whether the first `count` lanes of a block are points, and the others absent. Row by row and without branches, so that
+/// the comparisons are vectorized.
 fn is_fine(block: &PointBlock, count: usize) -> bool {
-    // Without branches, so that the comparisons are vectorized.
-    let mut fine = true;
-    for lane in 0..LANES {
-        let [x, y, z] = block.at.map(|row| row[lane]);
-        let point = is_place([x, y, z]) & (block.id[lane] != u32::MAX);
-        let nothing = (x == f32::INFINITY) & (y == f32::INFINITY) & (z == f32::INFINITY) & (block.id[lane] == u32::MAX);
-        fine &= if lane < count { point } else { nothing };
-    }
-    fine
-}
-
-/// Whether a point may have this position.
-#[inline(always)]
-fn is_place([x, y, z]: [f32; 3]) -> bool {
     const MOST: f32 = MAX_POINT_COORDINATE as f32;
-    (x.abs() <= MOST) & (y.abs() <= MOST) & (z.abs() <= MOST)
+    let mut fine = [true; LANES];
+    if count >= LANES {
+        for row in &block.at {
+            for (fine, x) in fine.iter_mut().zip(row) {
+                *fine &= x.abs() <= MOST;
+            }
+        }
+        for (fine, &id) in fine.iter_mut().zip(&block.id) {
+            *fine &= id != u32::MAX;
+        }
+    } else {
+        for (lane, fine) in fine.iter_mut().enumerate() {
+            let (at, id) = (block.at.map(|row| row[lane]), block.id[lane]);
+            *fine = if lane < count {
+                at.iter().all(|x| x.abs() <= MOST) && id != u32::MAX
+            } else {
+                at == [f32::INFINITY; 3] && id == u32::MAX
+            };
+        }
+    }
+    fine == [true; LANES]
 }
 
 /// Whether boxes are finite and in range, and absent if there is no child.

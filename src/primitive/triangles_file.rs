@@ -13,6 +13,7 @@ const MOST_KEYS: u32 = 1 << 24;
 const PRECISE: u32 = 1 << 31;
 
 /// The encoding of a mesh in files.
+#[derive(Clone, Copy)]
 struct MeshRecord {
     triangles: u32,
     keys: u32,

@@ -22,7 +22,14 @@ pub(crate) struct Arena {
 impl Extend<[u32; LANES]> for Arena {
     /// Appends whole lines, given as the bits of their words.
     fn extend<I: IntoIterator<Item = [u32; LANES]>>(&mut self, lines: I) {
-        self.lines.extend(lines.into_iter().map(|line| Line(line.map(f32::from_bits))));
+        self.lines.extend(lines.into_iter().map(|line| {
+            // A loop, which becomes a copy; `map` of an array does not.
+            let mut words = [0.0; LANES];
+            for (word, bits) in words.iter_mut().zip(line) {
+                *word = f32::from_bits(bits);
+            }
+            Line(words)
+        }));
         self.align();
     }
 }
