@@ -22,8 +22,8 @@ impl WideTree {
         let (at, n) = (leaf.at(), leaf.len());
         let (linear, key) = (KeyTime::new(time, 2), CORNER_ROWS * n);
         let corners = match leaf.kind() {
-            Kind::StillLeaf => return Some(self.own(at, n, lane)),
-            Kind::SharedStillLeaf => return Some(self.shared(at, n, at + VERTEX_ROWS * n + lane)),
+            Kind::StaticLeaf => return Some(self.own(at, n, lane)),
+            Kind::SharedStaticLeaf => return Some(self.shared(at, n, at + VERTEX_ROWS * n + lane)),
             Kind::SharedLeaf => {
                 let numbers = at + 2 * VERTEX_ROWS * n + lane;
                 (linear, self.shared(at, n, numbers), self.shared(at + VERTEX_ROWS * n, n, numbers))

@@ -74,7 +74,7 @@ impl Triangles {
             return shared.write(self, arena, ids, most);
         }
         let (kind, rows) = match most {
-            1 => (Kind::StillLeaf, CORNER_ROWS),
+            1 => (Kind::StaticLeaf, CORNER_ROWS),
             _ => (Kind::Leaf, 2 * CORNER_ROWS),
         };
         let at = arena.grow(rows * n + 1 + n);
@@ -88,12 +88,12 @@ impl Triangles {
     fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
         let shared = |rows: usize| Shared::again(self, ids, &words[rows * leaf.len()..], leaf.len());
         match leaf.kind() {
-            Kind::StillLeaf => self.fill_own(words, ids, 1),
+            Kind::StaticLeaf => self.fill_own(words, ids, 1),
             Kind::Leaf => self.fill_own(words, ids, 2),
-            Kind::SharedStillLeaf => shared(VERTEX_ROWS).fill(self, words, ids, 1),
+            Kind::SharedStaticLeaf => shared(VERTEX_ROWS).fill(self, words, ids, 1),
             Kind::SharedLeaf => shared(2 * VERTEX_ROWS).fill(self, words, ids, 2),
             Kind::OwnLeaf => self.rewrite_keyed(words, leaf, ids),
-            Kind::Node | Kind::StillNode | Kind::Time => false,
+            Kind::Node | Kind::StaticNode | Kind::Time => false,
         }
     }
 
@@ -196,7 +196,7 @@ impl Shared {
         numbers[0] |= (n as u32 - 1) << 12;
         numbers[n..].copy_from_slice(ids);
         self.fill(set, words, ids, keys);
-        ChildRef::new(if keys == 1 { Kind::SharedStillLeaf } else { Kind::SharedLeaf }, at, v)
+        ChildRef::new(if keys == 1 { Kind::SharedStaticLeaf } else { Kind::SharedLeaf }, at, v)
     }
 
     /// Writes the vertices and sizes of such a block; returns whether any vertex changed.

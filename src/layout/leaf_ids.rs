@@ -27,11 +27,11 @@ impl Ids {
             Some(Ids { first: corners + count, count })
         };
         let ids = match leaf.kind() {
-            Kind::Node | Kind::StillNode | Kind::Time => return None,
+            Kind::Node | Kind::StaticNode | Kind::Time => return None,
             Kind::Leaf => loose(2 * CORNER_ROWS),
-            Kind::StillLeaf => loose(CORNER_ROWS),
+            Kind::StaticLeaf => loose(CORNER_ROWS),
             Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
-            Kind::SharedStillLeaf => shared(VERTEX_ROWS)?,
+            Kind::SharedStaticLeaf => shared(VERTEX_ROWS)?,
             Kind::OwnLeaf => Ids { first: 0, count: len },
         };
         (ids.first + ids.count <= words.len()).then_some(ids)

@@ -175,11 +175,11 @@ impl WideTree {
         let block = ChildRef(block);
         let rows = match block.kind() {
             Kind::Leaf => 2 * CORNER_ROWS,
-            Kind::StillLeaf => CORNER_ROWS,
+            Kind::StaticLeaf => CORNER_ROWS,
             Kind::SharedLeaf => 2 * VERTEX_ROWS,
-            Kind::SharedStillLeaf => VERTEX_ROWS,
+            Kind::SharedStaticLeaf => VERTEX_ROWS,
             Kind::OwnLeaf => 0,
-            Kind::Node | Kind::StillNode | Kind::Time => return,
+            Kind::Node | Kind::StaticNode | Kind::Time => return,
         };
         self.arena.prefetch(block.at() + rows * block.len(), 2);
     }
@@ -206,7 +206,7 @@ impl WideTree {
                 check(leaf)?;
                 let ids = self.ids::<S>(leaf).unwrap_or(&[]);
                 references += ids.len();
-                if matches!(leaf.kind(), Kind::StillLeaf | Kind::SharedStillLeaf) {
+                if matches!(leaf.kind(), Kind::StaticLeaf | Kind::SharedStaticLeaf) {
                     still += ids.len();
                 }
                 let located = !blocks.is_empty() && !self.is_list::<S>(leaf);

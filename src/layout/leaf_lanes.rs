@@ -21,9 +21,9 @@ impl<S: Simd> CornerLanes<S> {
         let (at, n) = (leaf.at(), leaf.len());
         let linear = Between::of_two(time);
         match leaf.kind() {
-            Kind::StillLeaf => CornerLanes::own::<false>(s, arena, (at, n, at + CORNER_ROWS * n + 1), linear),
+            Kind::StaticLeaf => CornerLanes::own::<false>(s, arena, (at, n, at + CORNER_ROWS * n + 1), linear),
             Kind::SharedLeaf => CornerLanes::shared::<true>(s, arena, (at, n, at + 2 * VERTEX_ROWS * n), linear),
-            Kind::SharedStillLeaf => CornerLanes::shared::<false>(s, arena, (at, n, at + VERTEX_ROWS * n), linear),
+            Kind::SharedStaticLeaf => CornerLanes::shared::<false>(s, arena, (at, n, at + VERTEX_ROWS * n), linear),
             Kind::OwnLeaf => {
                 let keyed = KeyedLeaf::read(arena.ints(), leaf);
                 let time = KeyTime::new(time, keyed.segments + 1);

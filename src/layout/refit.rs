@@ -13,7 +13,7 @@
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
 use super::refit_plan::{Above, Plan, SharedLeaves, Unit, mesh_bit};
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use super::write::{read_box, write_box};
 use crate::bvh::mean_half_area;
@@ -233,7 +233,7 @@ impl<S: WideSource> Pass<'_, S> {
     fn node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
         place.done.visited += 1;
         let kind = at.kind();
-        let rows = if kind == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
+        let rows = if kind == Kind::Node { NODE_ROWS } else { STATIC_NODE_ROWS };
         let (mut all, mut cost, mut changed) = (LinearBox3::EMPTY, 0.0, false);
         for lane in 0..LANES {
             let child = ChildRef(place.block(at)[(rows - 1) * LANES + lane]);
@@ -328,7 +328,7 @@ impl<S: WideSource> Pass<'_, S> {
     fn bounds(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
         let rows = match at.kind() {
             Kind::Node => NODE_ROWS,
-            Kind::StillNode => STILL_NODE_ROWS,
+            Kind::StaticNode => STATIC_NODE_ROWS,
             Kind::Time => return self.bounds_of_parts(place, at, over),
             _ => return self.bounds_of(&self.held(place, at), over),
         };

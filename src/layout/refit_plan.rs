@@ -6,7 +6,7 @@
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::TimeInterval;
 use crate::simd::LANES;
@@ -109,7 +109,7 @@ impl Plan {
     ) -> Extent {
         let rows = match at.kind() {
             Kind::Node => NODE_ROWS,
-            Kind::StillNode => STILL_NODE_ROWS,
+            Kind::StaticNode => STATIC_NODE_ROWS,
             Kind::Time => return self.explore_parts(tree, set, at, over),
             _ => return self.leaf(tree, set, at, shared),
         };

@@ -31,7 +31,7 @@ impl WideTree {
 
     /// Linear bounds of each of the root's children, if the root is a node.
     pub(crate) fn bounds_of_children(&self, frame: &Frame) -> Option<Vec<LinearBounds>> {
-        if self.root == ChildRef::NOTHING || !matches!(self.root.kind(), Kind::Node | Kind::StillNode) {
+        if self.root == ChildRef::NOTHING || !matches!(self.root.kind(), Kind::Node | Kind::StaticNode) {
             return None;
         }
         let lanes = self.children(self.root).iter().enumerate().filter(|(_, child)| **child != ChildRef::NOTHING.0);
@@ -43,7 +43,7 @@ impl WideTree {
     }
 
     fn node_bounds(&self, node: ChildRef, over: [f32; 2], frame: &Frame) -> Option<LinearBounds> {
-        if node == ChildRef::NOTHING || !matches!(node.kind(), Kind::Node | Kind::StillNode) {
+        if node == ChildRef::NOTHING || !matches!(node.kind(), Kind::Node | Kind::StaticNode) {
             return None;
         }
         let at = |time: f32| {

@@ -115,7 +115,7 @@ impl<S: WideSource> Leaves<'_, S> {
         let keys = match leaf.kind() {
             Kind::OwnLeaf => Some(self.check_keyed(leaf, block)?),
             Kind::SharedLeaf => self.check_shared(leaf, block, 2 * VERTEX_ROWS * leaf.len()).map(|()| None)?,
-            Kind::SharedStillLeaf => self.check_shared(leaf, block, VERTEX_ROWS * leaf.len()).map(|()| None)?,
+            Kind::SharedStaticLeaf => self.check_shared(leaf, block, VERTEX_ROWS * leaf.len()).map(|()| None)?,
             // These have no vertex numbers or keys to check.
             _ => None,
         };

@@ -24,7 +24,7 @@ use glam::{Vec3, Vec3A};
 
 /// Rows of a node with moving boxes, and of a static one; the last row holds the children.
 pub(crate) const NODE_ROWS: usize = 13;
-pub(crate) const STILL_NODE_ROWS: usize = 7;
+pub(crate) const STATIC_NODE_ROWS: usize = 7;
 
 /// Rows before the ids in a leaf block.
 pub(crate) const CORNER_ROWS: usize = 9;
@@ -38,24 +38,24 @@ pub(crate) enum Kind {
     /// Sixteen children in moving boxes.
     Node,
     /// Sixteen children in static boxes.
-    StillNode,
+    StaticNode,
     /// One child per time slice.
     Time,
     /// Corners of triangles that move linearly.
     Leaf,
     /// Corners of static triangles.
-    StillLeaf,
+    StaticLeaf,
     /// Vertices that move linearly, and triangles between them.
     SharedLeaf,
     /// Static vertices, and triangles between them.
-    SharedStillLeaf,
+    SharedStaticLeaf,
     /// A format of the set of primitives: triangles with more keys, or a list of ids.
     OwnLeaf,
 }
 
 impl Kind {
     pub fn is_leaf(self) -> bool {
-        !matches!(self, Kind::Node | Kind::StillNode | Kind::Time)
+        !matches!(self, Kind::Node | Kind::StaticNode | Kind::Time)
     }
 }
 
@@ -63,7 +63,7 @@ impl Kind {
 pub(crate) fn node_rows(kind: Kind) -> usize {
     match kind {
         Kind::Node => NODE_ROWS,
-        Kind::StillNode => STILL_NODE_ROWS,
+        Kind::StaticNode => STATIC_NODE_ROWS,
         _ => 1,
     }
 }
@@ -146,12 +146,12 @@ impl ChildRef {
     pub fn lines(self) -> usize {
         let rows = match self.kind() {
             Kind::Node => return NODE_ROWS,
-            Kind::StillNode => return STILL_NODE_ROWS,
+            Kind::StaticNode => return STATIC_NODE_ROWS,
             Kind::Time => return 1,
             Kind::Leaf | Kind::OwnLeaf => 2 * CORNER_ROWS,
-            Kind::StillLeaf => CORNER_ROWS,
+            Kind::StaticLeaf => CORNER_ROWS,
             Kind::SharedLeaf => 2 * VERTEX_ROWS + 1,
-            Kind::SharedStillLeaf => VERTEX_ROWS + 1,
+            Kind::SharedStaticLeaf => VERTEX_ROWS + 1,
         };
         (rows * self.len() + 1).div_ceil(LANES)
     }
@@ -173,12 +173,12 @@ impl ChildRef {
     pub fn kind(self) -> Kind {
         match self.0 & 7 {
             0 => Kind::Node,
-            1 => Kind::StillNode,
+            1 => Kind::StaticNode,
             2 => Kind::Time,
             3 => Kind::Leaf,
-            4 => Kind::StillLeaf,
+            4 => Kind::StaticLeaf,
             5 => Kind::SharedLeaf,
-            6 => Kind::SharedStillLeaf,
+            6 => Kind::SharedStaticLeaf,
             _ => Kind::OwnLeaf,
         }
     }
@@ -197,7 +197,7 @@ pub(crate) const LANES_OF_NODE: Lanes<u32> = {
 
 /// The row of a node's children.
 pub(crate) fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {
-    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STILL_NODE_ROWS };
+    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STATIC_NODE_ROWS };
     let row = node.at() + (rows - 1) * LANES;
     &mut arena.ints_mut()[row..row + LANES]
 }
@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn references_round_trip_and_reject_lines_out_of_range() {
         use Kind::*;
-        for kind in [Node, StillNode, Time, Leaf, StillLeaf, SharedLeaf, SharedStillLeaf, OwnLeaf] {
+        for kind in [Node, StaticNode, Time, Leaf, StaticLeaf, SharedLeaf, SharedStaticLeaf, OwnLeaf] {
             for (at, len) in [(0, 1), (16, 16), (((1 << 25) - 2) * 16, 7)] {
                 let r = ChildRef::new(kind, at, len).unwrap();
                 assert_eq!((r.kind(), r.at(), r.len()), (kind, at, len));

@@ -3,7 +3,7 @@
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and the root.
@@ -51,7 +51,7 @@ impl WideTree {
         let row = |rows: usize| &words[of.at() + (rows - 1) * LANES..][..LANES];
         match of.kind() {
             Kind::Node => row(NODE_ROWS),
-            Kind::StillNode => row(STILL_NODE_ROWS),
+            Kind::StaticNode => row(STATIC_NODE_ROWS),
             Kind::Time => &words[of.at() + 1..][..words[of.at()] as usize],
             _ => &[],
         }

@@ -2,7 +2,7 @@
 
 use super::kd_validate::ValidationError;
 use super::leaf_block::WideSource;
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::{Box3, Frame, KeyTime};
 use crate::primitive::{PrimitiveSet, Triangles};
@@ -76,7 +76,7 @@ impl WideTree {
             visited += 1;
             let length = match at.kind() {
                 Kind::Node => NODE_ROWS * LANES,
-                Kind::StillNode => STILL_NODE_ROWS * LANES,
+                Kind::StaticNode => STATIC_NODE_ROWS * LANES,
                 _ => 2,
             };
             // More blocks than lines: some are reached repeatedly.

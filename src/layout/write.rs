@@ -4,7 +4,7 @@
 //! nodes above them follow.
 
 use super::serialize::{Fragment, write_in_order};
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STILL_NODE_ROWS, children_mut};
+use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
 use crate::geometry::{Box3, KERNEL_ULPS, LinearBox3, TimeInterval, ULP};
@@ -74,10 +74,10 @@ pub(super) const NOWHERE: f32 = 1e30;
 /// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
 pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInterval) -> Result<ChildRef, BuildError> {
     let moving = boxes.iter().any(|b| b.begin != b.end);
-    let rows = if moving { NODE_ROWS } else { STILL_NODE_ROWS };
+    let rows = if moving { NODE_ROWS } else { STATIC_NODE_ROWS };
     arena.align();
     let at = arena.grow(rows * LANES);
-    let kind = if moving { Kind::Node } else { Kind::StillNode };
+    let kind = if moving { Kind::Node } else { Kind::StaticNode };
     let node = ChildRef::new(kind, at, 1).ok_or(BuildError::TooLargeTree)?;
     let words = &mut arena.ints_mut()[at..at + rows * LANES];
     for lane in 0..LANES {

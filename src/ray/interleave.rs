@@ -24,7 +24,7 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Interleaved<'_, G, Q> {
     fn run<S: Simd>(self, s: S) {
         let traverser = self.0.traverser();
         let Batch { tree, set, rays, answers } = self.0;
-        let traversal = WideTraversal::by_turns(&tree.arena);
+        let traversal = WideTraversal::interleaved(&tree.arena);
         let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<(Member<'_, Q>, Cursor<'_>)> = Vec::with_capacity(GROUP);

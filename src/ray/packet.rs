@@ -205,7 +205,7 @@ fn face<S: Simd, const ROWS: usize>(s: S, block: &NodeBlock, row: usize, time: S
 mod tests {
     use super::*;
     use crate::geometry::{Box3, Frame, KERNEL_ULPS, ULP};
-    use crate::layout::STILL_NODE_ROWS;
+    use crate::layout::STATIC_NODE_ROWS;
     use crate::random::Random;
     use crate::ray::Ray;
     use crate::ray::intersect::intersect_triangle;
@@ -223,7 +223,7 @@ mod tests {
         fn run<S: Simd>(self, s: S) -> (Mask, Mask) {
             let Met(packet, block) = self;
             packet.looked(s);
-            (packet.enter::<S, STILL_NODE_ROWS>(s, block).0, packet.meet::<S, STILL_NODE_ROWS>(s, block, 0))
+            (packet.enter::<S, STATIC_NODE_ROWS>(s, block).0, packet.meet::<S, STATIC_NODE_ROWS>(s, block, 0))
         }
     }
 

@@ -10,7 +10,7 @@ use super::intersect::RaySource;
 use super::packet::Packet;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use crate::layout::{ChildRef, Kind, LANES_OF_NODE, NODE_ROWS, STILL_NODE_ROWS, WideTree};
+use crate::layout::{ChildRef, Kind, LANES_OF_NODE, NODE_ROWS, STATIC_NODE_ROWS, WideTree};
 use crate::simd::{Kernel, LANES, Mask, Simd, Stack};
 use crate::traverse::{Cursor, StackOf, WideTraversal, children_of, push_in_order};
 
@@ -101,7 +101,7 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
         loop {
             let mut entered = match at.kind() {
                 Kind::Node if active.count_ones() > ALONE => self.enter::<S, NODE_ROWS>(s, at),
-                Kind::StillNode if active.count_ones() > ALONE => self.enter::<S, STILL_NODE_ROWS>(s, at),
+                Kind::StaticNode if active.count_ones() > ALONE => self.enter::<S, STATIC_NODE_ROWS>(s, at),
                 _ => {
                     self.singly(s, at, active);
                     None
@@ -116,8 +116,8 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
                         children_of::<NODE_ROWS>(block)
                     }
                     _ => {
-                        active = self.packet.meet::<S, STILL_NODE_ROWS>(s, block, lane.lane());
-                        children_of::<STILL_NODE_ROWS>(block)
+                        active = self.packet.meet::<S, STATIC_NODE_ROWS>(s, block, lane.lane());
+                        children_of::<STATIC_NODE_ROWS>(block)
                     }
                 };
                 if active != 0 {

@@ -94,11 +94,11 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
         let still = (sheared, Between::NEVER);
         let (shared, rows, between) = match at.kind() {
             _ if !G::TRIANGLES => return ended(traverser.list(at, (ray, sheared), collect, observer)),
-            Kind::StillLeaf => {
+            Kind::StaticLeaf => {
                 let rows = LeafRows::loose(at, CORNER_ROWS);
                 return ended(traverser.leaf::<S, false>(s, rows, ray, still, collect, observer));
             }
-            Kind::SharedStillLeaf => {
+            Kind::SharedStaticLeaf => {
                 let rows = LeafRows::shared(at, VERTEX_ROWS);
                 return ended(traverser.shared::<S, false>(s, rows, ray, still, collect, observer));
             }

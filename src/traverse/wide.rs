@@ -9,7 +9,7 @@
 //! early knowledge of the addresses that will be read, and for few branches that depend on the query.
 
 use crate::geometry::KeyTime;
-use crate::layout::{ChildRef, KeyedRows, Kind, NODE_ROWS, STILL_NODE_ROWS, WideTree};
+use crate::layout::{ChildRef, KeyedRows, Kind, NODE_ROWS, STATIC_NODE_ROWS, WideTree};
 use crate::simd::{Arena, LANES, Lanes, Mask, Simd, Stack, StackMemory, lanes_at};
 use crate::tuning::wide::{AHEAD, KEYED_AHEAD};
 use core::ops::ControlFlow;
@@ -99,7 +99,7 @@ impl<'a> WideTraversal<'a> {
 
     /// For several interleaved queries, each of which prefetches its next block itself.
     #[inline(always)]
-    pub fn by_turns(arena: &'a Arena) -> WideTraversal<'a> {
+    pub fn interleaved(arena: &'a Arena) -> WideTraversal<'a> {
         WideTraversal { arena, ahead: NOTHING }
     }
 
@@ -109,7 +109,7 @@ impl<'a> WideTraversal<'a> {
         let at = cursor.at;
         let next = match at.kind() {
             Kind::Node => self.step::<S, NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
-            Kind::StillNode => self.step::<S, STILL_NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
+            Kind::StaticNode => self.step::<S, STATIC_NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
             Kind::Time => {
                 let words = &self.arena.ints()[at.at()..];
                 let part = KeyTime::new(query.time(), words[0] as usize + 1).segment;
