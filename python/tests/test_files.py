@@ -77,7 +77,7 @@ def test_what_is_no_tree_is_an_error(tmp_path):
         with pytest.raises(IsADirectoryError):
             load(tmp_path)
         path.write_bytes(b"some text, but nothing that was ever a tree")
-        with pytest.raises(ValueError, match="no file of a tree"):
+        with pytest.raises(ValueError, match="not a tree file"):
             load(path)
     PointTree(POINTS).save(path)
     with pytest.raises(ValueError, match="a point tree"):

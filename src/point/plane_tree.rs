@@ -10,8 +10,9 @@
 //! u = 2^-24 and a point go from a to b in a segment of 1/n of the shutter.
 //! - The computed position is off by at most (|b − a| + max(|a|, |b|))u: see [`super::linear_bounds`].
 //! - Queries compute t·n in f32, exact for n = 1: the phase is off by at most n·u, the position by |b − a|n·u.
-//! - The time of crossing is rounded to the nearest f32, by at most u/2. Until then the point moves by at most
-//!   |b − a|n·u/2 and the plane, whose velocity is w, by |w|u/2.
+//! - The time of crossing is computed from the length of an interval in f32, which is rounded by at most u/2, and is
+//!   rounded to the nearest f32, by at most u/2. In that time the point moves by at most |b − a|n·u and the plane, whose
+//!   velocity is w, by |w|u.
 //!
 //! All of this is raised by 2^-10 of itself, which covers the f64 rounding of the build, and by 2^-140 for what
 //! underflows. The first terms depend on the point: the slack of a subtree is that of the worst reference in it, so one
@@ -208,14 +209,14 @@ fn raised(x: f64) -> f32 {
 /// How far a plane is from where the build computed it, at the time at which a point crosses it.
 #[inline(always)]
 pub(super) fn plane_error(plane: &Plane) -> f64 {
-    0.5 * UNIT * f64::from(plane.velocity).abs()
+    UNIT * f64::from(plane.velocity).abs()
 }
 
 /// How far a point may be computed from where the build computed it, given static planes.
 fn error(m: &Mover, segments: usize) -> f32 {
     let axis = |i: usize| {
         let (a, b) = (f64::from(m.open[i]), f64::from(m.close[i]));
-        let along = if segments > 1 { 1.5 * segments as f64 } else { 0.5 };
+        let along = if segments > 1 { 2.0 * segments as f64 } else { 1.0 };
         (1.0 + along) * (b - a).abs() + a.abs().max(b.abs())
     };
     raised(UNIT * axis(0).max(axis(1)).max(axis(2)))
