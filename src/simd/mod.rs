@@ -26,6 +26,8 @@ mod instructions;
 mod lanes;
 #[cfg(target_arch = "aarch64")]
 mod neon;
+#[cfg(target_arch = "aarch64")]
+mod neon_doubles;
 mod network;
 mod points;
 mod portable;

@@ -8,6 +8,7 @@
 
 use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};
+use super::neon_doubles::Four;
 use super::network::sort_network;
 use core::arch::aarch64::*;
 use core::mem::MaybeUninit;
@@ -30,10 +31,6 @@ struct F([float32x4_t; 4]);
 /// Sixteen integers, lowest lanes first.
 #[derive(Clone, Copy)]
 struct U([uint32x4_t; 4]);
-
-/// Four f64, low half first.
-#[derive(Clone, Copy)]
-struct Four(float64x2_t, float64x2_t);
 
 /// An intrinsic of registers, without memory operands.
 macro_rules! intrinsic {
@@ -271,55 +268,6 @@ impl BitOr for U {
     #[inline(always)]
     fn bitor(self, b: U) -> U {
         self.map(b, |a, b| intrinsic!(vorrq_u32(a, b)))
-    }
-}
-
-impl Four {
-    #[inline(always)]
-    fn map(self, b: Four, f: impl Fn(float64x2_t, float64x2_t) -> float64x2_t) -> Four {
-        Four(f(self.0, b.0), f(self.1, b.1))
-    }
-
-    #[inline(always)]
-    fn widened(four: float32x4_t) -> Four {
-        Four(intrinsic!(vcvt_f64_f32(vget_low_f32(four))), intrinsic!(vcvt_high_f64_f32(four)))
-    }
-
-    #[inline(always)]
-    fn narrowed(self) -> float32x4_t {
-        intrinsic!(vcvt_high_f32_f64(vcvt_f32_f64(self.0), self.1))
-    }
-}
-
-impl Add for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn add(self, b: Four) -> Four {
-        self.map(b, |a, b| intrinsic!(vaddq_f64(a, b)))
-    }
-}
-
-impl Sub for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn sub(self, b: Four) -> Four {
-        self.map(b, |a, b| intrinsic!(vsubq_f64(a, b)))
-    }
-}
-
-impl Mul for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn mul(self, b: Four) -> Four {
-        self.map(b, |a, b| intrinsic!(vmulq_f64(a, b)))
-    }
-}
-
-impl Div for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn div(self, b: Four) -> Four {
-        self.map(b, |a, b| intrinsic!(vdivq_f64(a, b)))
     }
 }
 
