@@ -5,12 +5,13 @@
 //! counted; if parts half as long promise to cost less, one of those is built as well. The trees of the structure that
 //! is finally chosen are reused.
 
-use super::build::{Plan, Source, middle_segment, parts};
+use super::build::{Plan, middle_segment, parts};
 use super::choose::{Trial, Trials, references_of};
 use super::fast::mark_fast;
 use super::moving_reference::Part;
 use super::moving_tree::MovingTree;
 use super::partition::Layer;
+use super::source::Source;
 use crate::progress::Progress;
 use crate::simd::SimdLevel;
 use crate::tuning::points::{GAIN, PROMISE};

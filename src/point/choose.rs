@@ -5,13 +5,14 @@
 //! in each candidate structure, and the work of a few hundred searches among them is counted in
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
-use super::build::{Plan, Source, parts_of};
+use super::build::{Plan, parts_of};
 use super::counted::{CountedSearch, search_counted};
 use super::moving_reference::{Mover, Part, places};
 use super::partition::Layer;
 use super::sample::{Sample, Sampler, spread};
 use super::search::KeepLanes;
 use super::search::candidates::Candidates;
+use super::source::Source;
 use super::spread::include;
 use super::static_tree::Shape;
 use crate::geometry::{KeyTime, TimeInterval};

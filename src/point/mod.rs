@@ -50,6 +50,7 @@ mod sample;
 mod search;
 mod select;
 mod snapshot;
+mod source;
 mod spread;
 mod static_file;
 mod static_tree;

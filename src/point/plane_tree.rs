@@ -168,12 +168,8 @@ impl PlaneTree {
         let (ids, places): (Vec<u32>, Vec<Vec3>) =
             self.leaves.counting(KeyTime::new(time, self.part.keys), time).unzip();
         let item = |(index, place): (usize, &Vec3)| Item { at: place.to_array(), index: index as u32 };
-        StaticTree::build(
-            places.len(),
-            places.iter().enumerate().map(item),
-            |index| ids[index as usize],
-            &Progress::new(None),
-        )
+        let rows = StaticTree::rows(places.len(), places.iter().enumerate().map(item));
+        StaticTree::build(places.len(), rows, |index| ids[index as usize], &Progress::new(None))
     }
 
     /// A tree of moving boxes over the same points.

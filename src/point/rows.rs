@@ -25,7 +25,7 @@ impl<'a> PointRows<'a> {
 
     /// Memory for `count` points.
     pub(super) fn memory(count: usize) -> Vec<PointBlock> {
-        PointBlock::unset(count.div_ceil(LANES))
+        PointBlock::zeroed(count.div_ceil(LANES))
     }
 
     pub(super) fn len(&self) -> usize {
@@ -66,6 +66,18 @@ impl<'a> PointRows<'a> {
             to.copy_from_slice(from);
         }
         self.index.copy_from_slice(from.index);
+    }
+
+    /// So many points at a time, each part with the number of its first point.
+    pub(super) fn chunks(self, count: usize) -> Vec<(usize, PointRows<'a>)> {
+        let (mut rest, mut first, mut chunks) = (self, 0, Vec::new());
+        while rest.len() > count {
+            let (chunk, more) = rest.split_at(count);
+            chunks.push((first, chunk));
+            (rest, first) = (more, first + count);
+        }
+        chunks.push((first, rest));
+        chunks
     }
 
     /// The first `count` points, and the others.

@@ -7,10 +7,11 @@
 //! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
-use super::build::{Source, middle_segment, parts, parts_of};
+use super::build::{middle_segment, parts, parts_of};
 use super::fast::mark_fast;
 use super::moving_reference::{Mover, Part};
 use super::select::select;
+use super::source::Source;
 use super::spread::widest_axis;
 use crate::simd::Item;
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};

@@ -90,22 +90,32 @@ impl Shape {
 }
 
 impl StaticTree {
-    /// Builds the tree over `count` items. `id_of` turns an item's index into the id that answers carry.
+    /// The blocks of a tree over `count` points, without points.
+    pub(super) fn room(count: usize) -> Vec<PointBlock> {
+        let shape = Shape::flattest(count);
+        PointBlock::zeroed(shape.begin[1] * LANES * shape.leaf_blocks)
+    }
+
+    /// `count` items in rows, in the memory of the blocks of their tree.
+    pub(super) fn rows(count: usize, items: impl Iterator<Item = Item>) -> Vec<PointBlock> {
+        let mut blocks = StaticTree::room(count);
+        PointRows::in_blocks(&mut blocks, count).take(items);
+        blocks
+    }
+
+    /// Builds the tree over the first `count` points of [`rows`](StaticTree::rows). `id_of` turns an index there into the id that answers carry.
     ///
     /// Points are put in order in rows, in the memory of the blocks that they end up in and as much besides.
     pub(super) fn build(
         count: usize,
-        items: impl Iterator<Item = Item>,
+        mut blocks: Vec<PointBlock>,
         id_of: impl Fn(u32) -> u32 + Sync,
         progress: &Progress,
     ) -> StaticTree {
         let shape = Shape::flattest(count);
-        let mut blocks = PointBlock::unset(shape.begin[1] * LANES * shape.leaf_blocks);
         let mut more = PointRows::memory(count);
         let mut rows = PointRows::in_blocks(&mut more, count);
-        let mut memory = PointRows::in_blocks(&mut blocks, count);
-        memory.take(items);
-        order_rows(memory, &mut rows, shape.leaf(), &progress.part(ORDERING));
+        order_rows(PointRows::in_blocks(&mut blocks, count), &mut rows, shape.leaf(), &progress.part(ORDERING));
         let tree = StaticTree::around(count, blocks, shape, &Sorted { rows: &rows, id_of });
         progress.finished(1.0 - ORDERING);
         tree

@@ -1,18 +1,20 @@
 //! The point tree as callers build and query it, and its parameters.
 
 use super::automatic::{moving_layers, plan_for_all};
-use super::build::{Plan, Source, moving_layer, parts};
+use super::build::{Plan, moving_layer, parts};
 use super::error::PointError;
 use super::moving_reference::Part;
 use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneTree;
 use super::precise::{PreciseLayer, PreciseTree};
+use super::source::{Source, read_static};
+use super::static_tree::StaticTree;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
 use crate::progress::{Callback, Progress};
-use crate::simd::SimdLevel;
+use crate::simd::{PointBlock, SimdLevel};
 use crate::tuning::points::APART;
 use glam::DVec3;
 
@@ -115,6 +117,9 @@ pub struct PointTree {
 /// The approximate fraction of a build that reading the input takes.
 const READING: f64 = 0.1;
 
+/// Why a tree has only a static layer.
+const ALL_STATIC: &str = "all points are static";
+
 /// The plan if no trials were made.
 const SIMPLE: Plan = Plan::Boxes(1);
 
@@ -156,22 +161,38 @@ impl PointTree {
         progress: &Progress,
     ) -> Result<PointTree, PointError> {
         params.validate()?;
-        let source = Source::read(points, params.round_to_f32)?;
-        progress.finished(READING);
-        if progress.cancelled() {
-            return Err(PointError::Cancelled);
-        }
+        let read = || {
+            progress.finished(READING);
+            if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(progress.part(1.0 - READING)) }
+        };
         // A cancelled build ends early, with an incomplete tree.
-        let tree = PointTree::of(&source, params, &progress.part(1.0 - READING))?;
+        let tree = if let Some((len, rows)) = read_static(points)? {
+            PointTree::of_static(len, rows, params, &read()?)
+        } else {
+            let source = Source::read(points, params.round_to_f32)?;
+            PointTree::of(&source, params, &read()?)?
+        };
         if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(tree) }
+    }
+
+    /// A tree without layers.
+    fn without_layers(len: usize, origin: DVec3, simd: SimdLevel, distinct: bool) -> PointTree {
+        let statistics = PointStatistics::default();
+        PointTree { origin, simd, layers: Vec::new(), precise: Vec::new(), statistics, len, distinct }
+    }
+
+    /// Builds the tree of a static set that was read into rows.
+    fn of_static(len: usize, rows: Vec<PointBlock>, params: &PointParams, progress: &Progress) -> PointTree {
+        let mut tree = PointTree::without_layers(len, DVec3::ZERO, params.simd, true);
+        let layer = Layer::Still(StaticTree::build(len, rows, |index| index, progress));
+        tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
+        tree
     }
 
     /// Builds the tree of a set that was read.
     fn of(source: &Source, params: &PointParams, progress: &Progress) -> Result<PointTree, PointError> {
         let (len, origin) = (source.len, source.origin);
-        let statistics = PointStatistics::default();
-        let (simd, distinct) = (params.simd, source.ids_are_indices());
-        let mut tree = PointTree { origin, simd, layers: Vec::new(), precise: Vec::new(), statistics, len, distinct };
+        let mut tree = PointTree::without_layers(len, origin, params.simd, source.ids_are_indices());
         if source.is_precise() {
             tree.add_precise(source, params, progress)?;
             return Ok(tree);
@@ -184,7 +205,7 @@ impl PointTree {
         let count = if source.is_still() { len } else { still.iter().filter(|&&s| s).count() };
         if count == len {
             let layer = Layer::Still(source.still_tree(len, 0..len, progress));
-            tree.add(layer, PointLayerKind::Static, len, "all points are static".into());
+            tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
             return Ok(tree);
         }
         let separate = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;

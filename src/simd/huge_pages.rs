@@ -1,7 +1,6 @@
 //! Large vectors on huge pages.
 
 use crate::parallel;
-use std::alloc::Layout;
 
 /// A vector with capacity for `capacity` items, on huge pages if the system grants them: large arrays that are filled
 /// once then cost a page fault per 2 MiB instead of one per 4 KiB.
@@ -15,34 +14,6 @@ pub(crate) fn huge_vec<T>(capacity: usize) -> Vec<T> {
 pub(crate) fn huge_vec_of<T: Clone>(item: T, count: usize) -> Vec<T> {
     let mut items = huge_vec(count);
     items.resize(count, item);
-    items
-}
-
-/// What has a value of which all bits are zero.
-///
-/// # Safety
-/// All bits zero must be a valid value.
-pub(crate) unsafe trait Zero: Copy {}
-
-// SAFETY: numbers.
-unsafe impl Zero for [f32; 3] {}
-
-/// `count` items of which all bits are zero, on huge pages where the system grants them. Memory that comes from the system is zero
-/// already.
-pub(crate) fn huge_zeroed<T: Zero>(count: usize) -> Vec<T> {
-    let Ok(layout) = Layout::array::<T>(count) else { return huge_vec(count) };
-    if layout.size() < HUGE {
-        // SAFETY: `Zero` says that this is a value.
-        return huge_vec_of(unsafe { core::mem::zeroed() }, count);
-    }
-    // SAFETY: the layout is not empty.
-    let begin = unsafe { std::alloc::alloc_zeroed(layout) };
-    if begin.is_null() {
-        std::alloc::handle_alloc_error(layout);
-    }
-    // SAFETY: the memory was allocated with the layout of so many items, all of which `Zero` says are there.
-    let mut items = unsafe { Vec::from_raw_parts(begin.cast(), count, count) };
-    advise_huge_pages(&mut items);
     items
 }
 

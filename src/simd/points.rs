@@ -1,7 +1,9 @@
 //! Points: one on its way into a leaf, and the sixteen of a block in rows.
 
-use super::huge_pages::{Zero, huge_zeroed};
+use super::huge_pages::huge_vec;
 use super::lanes::{LANES, Lanes};
+use crate::parallel::{self, CHUNK};
+use core::mem::MaybeUninit;
 
 /// A point during the build, before it is in a leaf: its position (at mid-shutter) and its index.
 #[derive(Clone, Copy, Debug)]
@@ -19,18 +21,20 @@ pub(crate) struct PointBlock {
     pub(crate) id: Lanes<u32>,
 }
 
-// SAFETY: numbers.
-unsafe impl Zero for PointBlock {}
-
 const _: () = assert!(size_of::<PointBlock>() == 64 * size_of::<f32>());
 
 impl PointBlock {
     /// A block without points.
     pub(crate) const EMPTY: PointBlock = PointBlock { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LANES] };
 
-    /// So many blocks that hold anything.
-    pub(crate) fn unset(count: usize) -> Vec<PointBlock> {
-        huge_zeroed(count)
+    /// So many blocks that hold zeros. They are written by all threads, so that the system maps their pages for all of them.
+    pub(crate) fn zeroed(count: usize) -> Vec<PointBlock> {
+        let mut blocks: Vec<PointBlock> = huge_vec(count);
+        let mut chunks: Vec<_> = blocks.spare_capacity_mut()[..count].chunks_mut(CHUNK).collect();
+        parallel::each(&mut chunks, |chunk| chunk.fill(MaybeUninit::zeroed()));
+        // SAFETY: so many blocks were filled with zeros, which are values of all their words.
+        unsafe { blocks.set_len(count) };
+        blocks
     }
 
     /// The memory of blocks as four rows, each with a place for every point: three of coordinates, one of indices. What is

@@ -4,10 +4,10 @@ use super::linear_box::{FULL, LinearBox, Node, NodeRows};
 use super::order::{Place, order};
 use super::tree::{Block, PreciseTree, Rows, between};
 use crate::geometry::TimeInterval;
-use crate::point::build::Source;
 use crate::point::moving_leaf::Times;
 use crate::point::moving_reference::Part;
 use crate::point::order::ORDERING;
+use crate::point::source::Source;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 

@@ -390,7 +390,7 @@ impl Boxed for PreciseTree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point::build::Source;
+    use crate::point::source::Source;
     use crate::progress::Progress;
     use crate::random::Random;
     use crate::simd::{Kernel, SimdLevel, dispatch};

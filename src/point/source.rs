@@ -1,0 +1,313 @@
+//! Reading a set of points: everything that can be wrong with it is checked here, and only here.
+
+use super::error::PointError;
+use super::moving_reference::{Mover, Part};
+use super::order::Item;
+use super::rows::PointRows;
+use super::static_tree::StaticTree;
+use crate::geometry::TimeInterval;
+use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
+use crate::parallel::{self, CHUNK};
+use crate::primitive::{PointSet, kept_keys};
+use crate::progress::Progress;
+use crate::simd::{PointBlock, huge_vec};
+use core::sync::atomic::{AtomicUsize, Ordering};
+use glam::DVec3;
+
+/// A set as it was read: each position, life and id once, so that a set which contradicts itself can not make the build
+/// contradict itself.
+pub(super) struct Source {
+    /// Number of points.
+    pub(super) len: usize,
+    /// Number of keys: of those given, as many as motion needs.
+    pub(super) keys: usize,
+    /// What positions are relative to.
+    pub(super) origin: DVec3,
+    /// Positions at the first key, then those at the second, and so on, relative to the origin.
+    positions: Vec<[f32; 3]>,
+    /// The same in f64, as they were given; empty where f32 is enough.
+    exact: Vec<DVec3>,
+    /// Lives; empty where all points live throughout.
+    alive: Vec<TimeInterval>,
+    /// Ids; empty where they are the indices.
+    ids: Vec<u32>,
+}
+
+impl Source {
+    /// Reads a set and checks everything that can be wrong with it. If it is said to `round_to_f32`, f64 positions are
+    /// dropped.
+    pub(super) fn read<P: PointSet + ?Sized>(points: &P, round_to_f32: bool) -> Result<Source, PointError> {
+        let (len, keys) = sizes(points)?;
+        let (origin, mut positions, mut exact) =
+            if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
+        if round_to_f32 {
+            exact = Vec::new();
+        }
+        let keys = if exact.is_empty() { merge_keys(&mut positions, len, keys) } else { keys };
+        let mut alive = Vec::new();
+        let mut ids = Vec::new();
+        for point in 0..if is_plain(points, len) { 0 } else { len } {
+            let (life, id) = (points.alive(point), points.id(point));
+            if id == u32::MAX {
+                return Err(PointError::ReservedId { point });
+            }
+            if alive.is_empty() && life != TimeInterval::FULL {
+                alive = vec![TimeInterval::FULL; len];
+            }
+            if let Some(to) = alive.get_mut(point) {
+                *to = life;
+            }
+            if ids.is_empty() && id != point as u32 {
+                ids = (0..len as u32).collect();
+            }
+            if let Some(to) = ids.get_mut(point) {
+                *to = id;
+            }
+        }
+        Ok(Source { len, keys, origin, positions, exact, alive, ids })
+    }
+
+    /// Position of a point at a key as the trees hold it.
+    #[inline(always)]
+    pub(super) fn at(&self, point: usize, key: usize) -> [f32; 3] {
+        self.positions[key * self.len + point]
+    }
+
+    /// Whether all live throughout, and ids are indices.
+    pub(super) fn is_plain(&self) -> bool {
+        self.alive.is_empty() && self.ids.is_empty()
+    }
+
+    /// Whether the ids are the indices.
+    pub(super) fn ids_are_indices(&self) -> bool {
+        self.ids.is_empty()
+    }
+
+    /// Position of a point at a key as it was given, in sets that need f64.
+    #[inline(always)]
+    pub(super) fn exact(&self, point: usize, key: usize) -> DVec3 {
+        self.exact[key * self.len + point]
+    }
+
+    /// Whether the set needs f64.
+    pub(super) fn is_precise(&self) -> bool {
+        !self.exact.is_empty()
+    }
+
+    /// When a point is alive.
+    pub(super) fn alive(&self, point: usize) -> TimeInterval {
+        self.alive.get(point).copied().unwrap_or(TimeInterval::FULL)
+    }
+
+    /// The id that answers carry for a point.
+    #[inline(always)]
+    pub(super) fn id(&self, point: usize) -> u32 {
+        self.ids.get(point).copied().unwrap_or(point as u32)
+    }
+
+    /// Whether it is known without looking at any point that none moves or lives for a part of the shutter only.
+    pub(super) fn is_still(&self) -> bool {
+        self.keys <= 1 && self.alive.is_empty()
+    }
+
+    /// Whether a point neither moves nor lives for a part of the shutter only.
+    pub(super) fn stands_still(&self, point: usize) -> bool {
+        if self.alive(point) != TimeInterval::FULL {
+            return false;
+        }
+        if self.is_precise() {
+            let first = self.exact(point, 0);
+            return (1..self.keys).all(|key| self.exact(point, key) == first);
+        }
+        let first = self.at(point, 0);
+        (1..self.keys).all(|key| self.at(point, key) == first)
+    }
+
+    /// A static tree of `count` of the points.
+    pub(super) fn still_tree(
+        &self,
+        count: usize,
+        select: impl Iterator<Item = usize>,
+        progress: &Progress,
+    ) -> StaticTree {
+        let item = |i: usize| Item { at: self.at(i, 0), index: i as u32 };
+        StaticTree::build(count, StaticTree::rows(count, select.map(item)), |i| self.id(i as usize), progress)
+    }
+
+    /// The movers of a part of the shutter among some of the points.
+    pub(super) fn movers(
+        &self,
+        part: &Part,
+        select: impl Iterator<Item = usize>,
+        id: impl Fn(usize) -> u32,
+    ) -> Vec<Mover> {
+        let later = (part.segment + 1).min(part.keys - 1);
+        // Room for all: what is not used is never touched.
+        let mut movers = huge_vec(select.size_hint().1.unwrap_or(0));
+        movers.extend(select.filter_map(|i| {
+            let life = self.alive(i);
+            let alive = life.intersect(part.interval)?;
+            let (open, close) = (self.at(i, part.segment), self.at(i, later));
+            Some(Mover { open, close, alive, life, id: id(i), fast: false })
+        }));
+        movers
+    }
+}
+
+/// The number of points of a set of f32 positions with one key, without lives and ids of its own, and the points in rows for
+/// [`StaticTree::build`]; `None` for other sets.
+pub(super) fn read_static<P: PointSet + ?Sized>(points: &P) -> Result<Option<(usize, Vec<PointBlock>)>, PointError> {
+    let (len, keys) = sizes(points)?;
+    if P::WIDE || keys != 1 || !is_plain(points, len) {
+        return Ok(None);
+    }
+    let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, len));
+    let mut chunks = PointRows::in_blocks(&mut blocks, len).chunks(CHUNK);
+    parallel::each(&mut chunks, |(first, rows)| {
+        rows.take((*first..len).map(|point| Item { at: reader.read(point, 0), index: point as u32 }));
+    });
+    reader.finish()?;
+    Ok(Some((len, blocks)))
+}
+
+/// The numbers of points and keys of a set, if a tree can have so many.
+fn sizes<P: PointSet + ?Sized>(points: &P) -> Result<(usize, usize), PointError> {
+    let (len, keys) = (points.len(), points.keys());
+    if let Some((name, expected, found)) = points.mismatch() {
+        return Err(PointError::Length { name, expected, found });
+    }
+    if len > 0 && keys == 0 {
+        return Err(PointError::NoKeys);
+    }
+    if keys > MAX_KEYS {
+        return Err(PointError::TooManyKeys { found: keys });
+    }
+    if len >= u32::MAX as usize {
+        return Err(PointError::TooManyPoints { found: len });
+    }
+    Ok((len, keys))
+}
+
+/// Whether all points live throughout, and ids are indices.
+fn is_plain<P: PointSet + ?Sized>(points: &P, len: usize) -> bool {
+    let plain = |point: usize| points.alive(point) == TimeInterval::FULL && points.id(point) == point as u32;
+    let all = parallel::chunks(len, |range| range.fold(true, |all, point| all & plain(point)));
+    all.into_iter().all(|plain| plain)
+}
+
+/// Reads f32 positions and remembers the first that is wrong, so that the loop which reads is as fast as a copy.
+struct Reader<'a, P: ?Sized> {
+    points: &'a P,
+    len: usize,
+    /// Number of the first wrong position among those of all keys, one key behind the other.
+    wrong: AtomicUsize,
+}
+
+impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
+    fn new(points: &'a P, len: usize) -> Reader<'a, P> {
+        Reader { points, len, wrong: AtomicUsize::new(usize::MAX) }
+    }
+
+    #[inline(always)]
+    fn read(&self, point: usize, key: usize) -> [f32; 3] {
+        let at = self.points.position(point, key);
+        if !fits(at) {
+            self.wrong.fetch_min(key * self.len + point, Ordering::Relaxed);
+        }
+        at.as_vec3().to_array()
+    }
+
+    /// An error for the first wrong position.
+    fn finish(self) -> Result<(), PointError> {
+        let wrong = self.wrong.into_inner();
+        if wrong == usize::MAX {
+            return Ok(());
+        }
+        let (point, key) = (wrong % self.len, wrong / self.len);
+        // A set that answers differently when asked again is wrong all the same.
+        checked(self.points.position(point, key), point, key)?;
+        Err(PointError::NonFinite { point, key })
+    }
+}
+
+/// The origin, positions relative to it, and positions in f64 where these say more.
+type Read = (DVec3, Vec<[f32; 3]>, Vec<DVec3>);
+
+/// Positions of a set of f32 ones, bit for bit.
+fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
+    let (mut positions, reader) = (huge_vec(len * keys), Reader::new(points, len));
+    parallel::fill(&mut positions, len * keys, |i| {
+        let (point, key) = if keys == 1 { (i, 0) } else { (i % len, i / len) };
+        reader.read(point, key)
+    });
+    reader.finish()?;
+    Ok((DVec3::ZERO, positions, Vec::new()))
+}
+
+/// Positions of a set of f64 ones relative to their middle, and as they were given. Where all are f32 numbers around zero,
+/// they are taken as such.
+fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
+    let mut wide = Vec::with_capacity(len * keys);
+    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for key in 0..keys {
+        for point in 0..len {
+            let at = points.position(point, key);
+            if !at.is_finite() {
+                return Err(PointError::NonFinite { point, key });
+            }
+            (lo, hi) = (lo.min(at), hi.max(at));
+            wide.push(at);
+        }
+    }
+    let single = |at: &DVec3| at.as_vec3().as_dvec3() == *at;
+    // Where zero is far from the set, query points would lose more by being f32 numbers than relative to its middle.
+    let around_zero = lo.cmple(DVec3::ZERO).all() && hi.cmpge(DVec3::ZERO).all();
+    if wide.is_empty() || (around_zero && wide.iter().all(single)) {
+        return narrow_of(&wide, len);
+    }
+    let origin = lo * 0.5 + hi * 0.5;
+    let place = |(i, at): (usize, &DVec3)| Ok(checked(*at - origin, i % len, i / len)?.as_vec3().to_array());
+    let positions = wide.iter().enumerate().map(place).collect::<Result<_, PointError>>()?;
+    Ok((origin, positions, wide))
+}
+
+/// Drops keys on the straight lines between others; returns how many are kept. What stands still is told apart point by point.
+fn merge_keys(positions: &mut Vec<[f32; 3]>, len: usize, keys: usize) -> usize {
+    if keys <= 2 || len == 0 {
+        return keys;
+    }
+    let kept = kept_keys(keys, len, |key, point| positions[key * len + point].into());
+    if kept == keys {
+        return keys;
+    }
+    let step = if kept > 1 { (keys - 1) / (kept - 1) } else { 0 };
+    for key in 1..kept {
+        positions.copy_within(key * step * len..(key * step + 1) * len, key * len);
+    }
+    positions.truncate(kept * len);
+    positions.shrink_to_fit();
+    kept
+}
+
+/// f64 positions that are f32 numbers.
+fn narrow_of(wide: &[DVec3], len: usize) -> Result<Read, PointError> {
+    let place = |(i, at): (usize, &DVec3)| Ok(checked(*at, i % len, i / len)?.as_vec3().to_array());
+    let positions = wide.iter().enumerate().map(place).collect::<Result<_, PointError>>()?;
+    Ok((DVec3::ZERO, positions, Vec::new()))
+}
+
+/// Whether a position is finite and not too large.
+#[inline(always)]
+fn fits(at: DVec3) -> bool {
+    // Also false for NaN.
+    at.abs().cmple(DVec3::splat(MAX_POINT_COORDINATE)).all()
+}
+
+/// A position, if it is finite and not too large.
+#[inline(always)]
+fn checked(at: DVec3, point: usize, key: usize) -> Result<DVec3, PointError> {
+    if fits(at) {
+        return Ok(at);
+    }
+    Err(if at.is_finite() { PointError::TooLarge { point, key } } else { PointError::NonFinite { point, key } })
+}
