@@ -9,6 +9,9 @@ use crate::simd::{Kernel, LANES, PointBlock, Simd, SimdLevel, dispatch};
 pub(super) trait Points: Sync {
     /// Takes the points from number `first` on, as many as are asked for, with their indices. `blocks` are those that they will be in.
     fn take(&self, first: usize, count: usize, blocks: &[PointBlock], to: &mut Rows<MOST>);
+    /// Prefetches the points that will be in these blocks soon; a hint.
+    #[inline(always)]
+    fn prefetch(&self, _blocks: &[PointBlock]) {}
     /// The id of a point.
     fn id(&self, index: u32) -> u32;
 }
@@ -60,7 +63,10 @@ impl<P: Points> Kernel for Fill<'_, P> {
         let Fill { bottoms: Bottoms { first, count, nodes, blocks, leaf_blocks }, points } = self;
         let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
         let share = LANES * leaf_blocks;
-        for (number, (node, blocks)) in nodes.iter_mut().zip(blocks.chunks_mut(share)).enumerate() {
+        for (number, node) in nodes.iter_mut().enumerate() {
+            let (done, next) = blocks.split_at_mut((number + 1) * share);
+            points.prefetch(next.get(..share).unwrap_or_default());
+            let blocks = &mut done[number * share..];
             let before = number * share * LANES;
             let count = count.saturating_sub(before).min(share * LANES);
             points.take(first + before, count, blocks, &mut rows);

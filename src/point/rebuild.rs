@@ -50,7 +50,7 @@ impl PointTree {
             return Ok(false);
         }
         let Some(Layer::Still(tree)) = self.layers.pop() else { unreachable!("the layer was looked at") };
-        let mut tree = tree.moved(source.len, |id| source.at(id as usize, 0));
+        let mut tree = tree.moved(source.first_positions());
         let kept = tree.excess() <= MOST_EXCESS;
         if !kept {
             tree = source.still_tree(source.len, 0..source.len, &Progress::new(None));

@@ -73,6 +73,11 @@ impl Source {
         self.positions[key * self.len + point]
     }
 
+    /// Positions at the first key.
+    pub(super) fn first_positions(&self) -> &[[f32; 3]] {
+        &self.positions[..self.len]
+    }
+
     /// Whether all live throughout, and ids are indices.
     pub(super) fn is_plain(&self) -> bool {
         self.alive.is_empty() && self.ids.is_empty()

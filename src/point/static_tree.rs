@@ -142,10 +142,10 @@ impl StaticTree {
     }
 
     /// The tree over the same points elsewhere, in almost the same order: only the points of a bottom node are put in
-    /// order again. `at` gives the place of an id.
-    pub(super) fn moved(self, count: usize, at: impl Fn(u32) -> [f32; 3] + Sync) -> StaticTree {
+    /// order again. `at` has the place of each id.
+    pub(super) fn moved(self, at: &[[f32; 3]]) -> StaticTree {
         let mut ordered = self.ordered.unwrap_or_else(|| Ordered { spread: self.spread(), excess: 0.0 });
-        let mut tree = StaticTree::around(count, self.blocks, self.shape, &Moved { at });
+        let mut tree = StaticTree::around(at.len(), self.blocks, self.shape, &Moved { at });
         let spread = tree.spread();
         if spread > ordered.spread {
             ordered.excess += spread / ordered.spread - 1.0;
@@ -216,17 +216,26 @@ impl<F: Fn(u32) -> u32 + Sync> Points for Sorted<'_, F> {
 }
 
 /// The points that are in the blocks already, elsewhere.
-struct Moved<F> {
-    /// The place of an id.
-    at: F,
+struct Moved<'a> {
+    /// The place of each id.
+    at: &'a [[f32; 3]],
 }
 
-impl<F: Fn(u32) -> [f32; 3] + Sync> Points for Moved<F> {
+impl Points for Moved<'_> {
     #[inline(always)]
     fn take(&self, _first: usize, count: usize, blocks: &[PointBlock], to: &mut Rows<MOST>) {
         // A leaf is full before the next one has points.
         for (i, &id) in blocks.iter().flat_map(|block| &block.id).take(count).enumerate() {
-            to.set(i, &Item { at: (self.at)(id), index: id });
+            to.set(i, &Item { at: self.at[id as usize], index: id });
+        }
+    }
+    /// Ids lie anywhere in memory: those of one node arrive while the points of the node before it are put in order.
+    #[inline(always)]
+    fn prefetch(&self, blocks: &[PointBlock]) {
+        for id in blocks.iter().flat_map(|block| &block.id) {
+            if let Some(at) = self.at.get(*id as usize) {
+                prefetch(at);
+            }
         }
     }
     #[inline(always)]
