@@ -173,7 +173,7 @@ impl Triangles {
         }
         words[leaf.ids()..][..count].copy_from_slice(ids);
         self.fill_keyed(words, &leaf, ids, shared.as_ref());
-        ChildRef::new(Kind::OwnLeaf, at, width)
+        ChildRef::new(Kind::OtherLeaf, at, width)
     }
 
     /// Writes the coordinates of such a block again; returns whether any of them changed.

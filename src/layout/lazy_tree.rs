@@ -149,7 +149,7 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
     };
     top.root = Nodes { binary, collapse: &collapse, over, leaves: &leaves, writes: true }.write(&mut top.arena)?;
     top.arena.align();
-    top.arena.settle();
+    top.arena.compact();
     top.counts = top.counted_nodes();
     Ok(top)
 }

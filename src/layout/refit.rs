@@ -100,7 +100,7 @@ impl WideTree {
         for &Above { at, over, shared } in &plan.above {
             place.shared = shared.map_or(0..0, |shared| plan.shared[shared].words.clone());
             let subtree = match at.kind() {
-                Kind::Time => pass.parts(&mut place, at, over),
+                Kind::Time => pass.time_node(&mut place, at, over),
                 _ => pass.node(&mut place, at, over),
             };
             pass.known.insert(at.0, subtree);
@@ -305,23 +305,23 @@ impl<S: WideSource> Pass<'_, S> {
     }
 
     /// What came of a time node over subtrees that are known.
-    fn parts(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
+    fn time_node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
         place.done.visited += 1;
-        let parts: Vec<ChildRef> = parts_of(place, at);
+        let slices: Vec<ChildRef> = slices_of(place, at);
         let (mut cost, mut changed) = (0.0, false);
-        for (i, &part) in parts.iter().enumerate() {
-            if part.kind().is_leaf() {
-                let over = time_slice(i, parts.len());
-                let (bounds, price) = self.leaf(place, part, over);
+        for (i, &slice) in slices.iter().enumerate() {
+            if slice.kind().is_leaf() {
+                let over = time_slice(i, slices.len());
+                let (bounds, price) = self.leaf(place, slice, over);
                 changed |= bounds.is_some();
-                cost += price * area(&self.bounds(place, part, over));
-            } else if let Some(part) = self.known.get(&part.0) {
-                changed |= part.bounds.is_some();
-                cost += part.cost;
+                cost += price * area(&self.bounds(place, slice, over));
+            } else if let Some(slice) = self.known.get(&slice.0) {
+                changed |= slice.bounds.is_some();
+                cost += slice.cost;
             }
         }
         let bounds = changed.then(|| self.bounds(place, at, over));
-        Subtree { bounds, cost: cost / parts.len().max(1) as f64 }
+        Subtree { bounds, cost: cost / slices.len().max(1) as f64 }
     }
 
     /// Linear bounds of a subtree that is done.
@@ -329,7 +329,7 @@ impl<S: WideSource> Pass<'_, S> {
         let rows = match at.kind() {
             Kind::Node => NODE_ROWS,
             Kind::StaticNode => STATIC_NODE_ROWS,
-            Kind::Time => return self.bounds_of_parts(place, at, over),
+            Kind::Time => return self.bounds_of_slices(place, at, over),
             _ => return self.bounds_of(&self.held(place, at), over),
         };
         let block = place.block(at);
@@ -337,28 +337,28 @@ impl<S: WideSource> Pass<'_, S> {
         lanes.fold(LinearBox3::EMPTY, |all, lane| all.union(read_box(block, at.kind(), lane, over)))
     }
 
-    /// Linear bounds of all parts of a time node: the line between the first and the last state, moved outward to hold each
-    /// part at both of its ends, between which that is linear.
+    /// Linear bounds of all slices of a time node: the line between the first and the last state, moved outward to hold each
+    /// slice at both of its ends, between which that is linear.
     ///
     /// In f64, whose roundings vanish beside the padding of the result.
-    fn bounds_of_parts(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
-        let parts = parts_of(place, at);
+    fn bounds_of_slices(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
+        let slices = slices_of(place, at);
         let fine = |b: Box3| Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
         let mut all: Option<LinearBounds> = None;
-        let each: Vec<(TimeInterval, LinearBox3)> = (0..parts.len())
-            .map(|i| time_slice(i, parts.len()))
-            .zip(&parts)
-            .map(|(over, &part)| (over, self.bounds(place, part, over)))
+        let each: Vec<(TimeInterval, LinearBox3)> = (0..slices.len())
+            .map(|i| time_slice(i, slices.len()))
+            .zip(&slices)
+            .map(|(over, &slice)| (over, self.bounds(place, slice, over)))
             .collect();
-        for (_, part) in &each {
-            let begin = all.map_or(fine(part.begin), |all| all.begin);
-            all = Some(LinearBounds { begin, end: fine(part.end) });
+        for (_, slice) in &each {
+            let begin = all.map_or(fine(slice.begin), |all| all.begin);
+            all = Some(LinearBounds { begin, end: fine(slice.end) });
         }
         let Some(mut all) = all else { return LinearBox3::EMPTY };
-        for (of_part, part) in each {
+        for (over_slice, slice) in each {
             let w = |t: f32| (f64::from(t) - f64::from(over.begin())) / over.fine_duration();
-            all.include(w(of_part.begin()), fine(part.begin));
-            all.include(w(of_part.end()), fine(part.end));
+            all.include(w(over_slice.begin()), fine(slice.begin));
+            all.include(w(over_slice.end()), fine(slice.end));
         }
         let outward = |b: Aabb| {
             let b = Box3 { min: b.min.as_vec3(), max: b.max.as_vec3() };
@@ -369,9 +369,9 @@ impl<S: WideSource> Pass<'_, S> {
 }
 
 /// The children of a time node.
-fn parts_of(place: &Place<'_>, at: ChildRef) -> Vec<ChildRef> {
+fn slices_of(place: &Place<'_>, at: ChildRef) -> Vec<ChildRef> {
     let block = place.block(at);
-    block[1..][..block[0] as usize].iter().map(|&part| ChildRef(part)).collect()
+    block[1..][..block[0] as usize].iter().map(|&slice| ChildRef(slice)).collect()
 }
 
 /// Cuts parts out of the arena, which must be in order and apart from each other.

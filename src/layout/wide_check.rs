@@ -108,12 +108,12 @@ impl<S: WideSource> Leaves<'_, S> {
         let Some(block) = self.words.get(leaf.at()..) else { return broken("a leaf lies outside of it") };
         let listed = self.tree.is_list::<S>(leaf);
         let Some(triangles) = self.triangles.filter(|_| !listed) else {
-            require(leaf.kind() == Kind::OwnLeaf && block.len() >= leaf.len(), "a list is no list")?;
+            require(leaf.kind() == Kind::OtherLeaf && block.len() >= leaf.len(), "a list is no list")?;
             let fine = block[..leaf.len()].iter().all(|&id| (id as usize) < self.set.len() && self.set.is_listed(id));
             return require(fine, "a list names no primitive");
         };
         let keys = match leaf.kind() {
-            Kind::OwnLeaf => Some(self.check_keyed(leaf, block)?),
+            Kind::OtherLeaf => Some(self.check_keyed(leaf, block)?),
             Kind::SharedLeaf => self.check_shared(leaf, block, 2 * VERTEX_ROWS * leaf.len()).map(|()| None)?,
             Kind::SharedStaticLeaf => self.check_shared(leaf, block, VERTEX_ROWS * leaf.len()).map(|()| None)?,
             // These have no vertex numbers or keys to check.

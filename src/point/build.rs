@@ -2,7 +2,7 @@
 //! shutter into parts.
 
 use super::error::PointError;
-use super::moving_reference::{Mover, Part, exact_phase};
+use super::moving_reference::{MovingReference, Part, exact_phase};
 use super::moving_tree::MovingTree;
 use super::order::Item;
 use super::partition::Layer;
@@ -35,7 +35,12 @@ impl Plan {
     }
 
     /// The layer over `movers` of each of these parts of the shutter; over none of them once `progress` is cancelled.
-    pub(super) fn layer(self, parts: &[Part], movers: impl Fn(&Part) -> Vec<Mover>, progress: &Progress) -> Layer {
+    pub(super) fn layer(
+        self,
+        parts: &[Part],
+        movers: impl Fn(&Part) -> Vec<MovingReference>,
+        progress: &Progress,
+    ) -> Layer {
         let movers = |part: &Part| if progress.cancelled() { Vec::new() } else { movers(part) };
         let progress = progress.part(1.0 / parts.len() as f64);
         let boxes = |part: &Part| MovingTree::build(&movers(part), *part, &progress);
@@ -190,7 +195,7 @@ impl Source {
         part: &Part,
         select: impl Iterator<Item = usize>,
         id: impl Fn(usize) -> u32,
-    ) -> Vec<Mover> {
+    ) -> Vec<MovingReference> {
         let later = (part.segment + 1).min(part.keys - 1);
         // Room for all: what is not used is never touched.
         let mut movers = huge_vec(select.size_hint().1.unwrap_or(0));
@@ -198,7 +203,7 @@ impl Source {
             let life = self.alive(i);
             let alive = life.intersect(part.interval)?;
             let (open, close) = (self.at(i, part.segment), self.at(i, later));
-            Some(Mover { open, close, alive, life, id: id(i), fast: false })
+            Some(MovingReference { open, close, alive, life, id: id(i), fast: false })
         }));
         movers
     }

@@ -8,7 +8,7 @@
 use super::counted::{CountedSearch, search_counted};
 use super::neighbor::Neighbor;
 use super::partition::QueriedLayers;
-use super::precise::{Allowed, Asked};
+use super::precise::{Allowed, PreciseQuery};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
@@ -74,10 +74,10 @@ impl<K: Keep> Query<'_, K> {
     /// Runs the query over points in f64.
     #[cold]
     #[inline(never)]
-    fn precise<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
+    fn precise<R>(&self, run: impl FnOnce(&PreciseQuery<'_>) -> R) -> R {
         let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
         let PointTree { precise, simd, .. } = self.tree;
-        run(&Asked {
+        run(&PreciseQuery {
             layers: precise,
             simd: *simd,
             point: self.exact,
@@ -102,7 +102,7 @@ pub(super) enum Either<'q, 'a> {
 impl Either<'_, '_> {
     /// [`Query::precise`], if the points are kept in f64.
     #[inline(always)]
-    fn precise<R>(self, run: impl FnOnce(&Asked<'_>) -> R) -> Option<R> {
+    fn precise<R>(self, run: impl FnOnce(&PreciseQuery<'_>) -> R) -> Option<R> {
         match self {
             Either::All(query) => query.is_precise().then(|| query.precise(run)),
             Either::Some(query) => query.is_precise().then(|| query.precise(run)),
@@ -121,7 +121,7 @@ impl Either<'_, '_> {
 /// The nearest point.
 pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
     let simd = query.simd();
-    let precise = query.precise(|asked| asked.nearest());
+    let precise = query.precise(|query| query.nearest());
     let found = match (precise, query) {
         (Some(found), _) => found,
         (None, Either::All(query)) => {
@@ -140,7 +140,7 @@ pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
 /// The `k` nearest points in order, into an empty list.
 pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     let (simd, work) = (query.simd(), &mut NeighborWork::default());
-    let precise = query.precise(|asked| asked.nearest_n(k, candidates, found, work));
+    let precise = query.precise(|query| query.nearest_n(k, candidates, found, work));
     let in_order = match (precise, query) {
         (Some(in_order), _) => in_order,
         (None, Either::All(query)) => {
@@ -171,7 +171,7 @@ fn filtered(query: &Query<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candida
 /// The work of finding the `k` nearest.
 pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
-    let precise = query.precise(|asked| asked.nearest_n(k, &mut candidates, &mut found, &mut work));
+    let precise = query.precise(|query| query.nearest_n(k, &mut candidates, &mut found, &mut work));
     if precise.is_some() {
         return work;
     }
@@ -186,7 +186,7 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
 pub(super) fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
     candidates.count = 0;
     let simd = query.simd();
-    let precise = query.precise(|asked| asked.collect(candidates));
+    let precise = query.precise(|query| query.collect(candidates));
     match (precise, query) {
         (Some(()), _) => {}
         (None, Either::All(query)) => {
@@ -219,9 +219,9 @@ pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates,
 /// The number of points within the radius.
 pub(super) fn count(query: Either<'_, '_>) -> usize {
     let simd = query.simd();
-    let precise = query.precise(|asked| {
+    let precise = query.precise(|query| {
         let mut candidates = Candidates::default();
-        asked.collect(&mut candidates);
+        query.collect(&mut candidates);
         candidates.count
     });
     match (precise, query) {
@@ -241,7 +241,7 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
 /// Calls `visit` with all points within the radius, some at a time, until it breaks.
 pub(super) fn for_some(query: &Query<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
     if query.is_precise() {
-        return query.precise(|asked| asked.for_some(visit));
+        return query.precise(|query| query.for_some(visit));
     }
     dispatch(query.tree.simd, Visiting { trees: query.trees(), bound: query.bound, visit })
 }

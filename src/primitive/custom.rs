@@ -161,7 +161,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// The map between world and tree space.
     fn frame(&self) -> &Frame;
     /// An error if a caller-defined primitive has returned invalid bounds since the set was made.
-    fn complaint(&self) -> Result<(), BuildError> {
+    fn input_error(&self) -> Result<(), BuildError> {
         Ok(())
     }
     /// Bytes allocated.
@@ -303,7 +303,7 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         &self.frame
     }
 
-    fn complaint(&self) -> Result<(), BuildError> {
+    fn input_error(&self) -> Result<(), BuildError> {
         match self.bad.load(Ordering::Relaxed) {
             NONE => Ok(()),
             primitive => Err(BuildError::BadBounds { primitive: primitive as usize }),

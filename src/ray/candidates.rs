@@ -6,19 +6,19 @@
 //!
 //! Margins for edge functions stand in [`super::shear`]. In a block, corners of a triangle that is hit are at most twice its extent away
 //! per axis, since slopes are at most 1: the sheared coordinates of two of them add up to eight times the extent, and four
-//! [`stray`], at most. For a single triangle those of all three corners are summed, which serves for all three edges.
+//! [`deviation`], at most. For a single triangle those of all three corners are summed, which serves for all three edges.
 //!
 //! The distance of a hit is the mean of its corners' distances, weighted by the edge functions, so it is between them. Weights that are off
 //! by the margin move it by the margin times what the corners' distances differ from it, divided by the sum of the weights. These differ from
 //! it, in all, by at most twice what those of the second and the third corner differ from that of the first. A corner's distance, at most `m`,
 //! is off by 6um: 4um of its depth, and the rounding of the reciprocal and of the product. So both differences are off by 14um, together
-//! 28um or 2 `stray`, of which there is twice as much. The mean is off by 6um as well, and by 3um for the rounding of its sums; that of the
+//! 28um or 2 `deviation`, of which there is twice as much. The mean is off by 6um as well, and by 3um for the rounding of its sums; that of the
 //! weights, its product with an end of the ray's range and that end are off by 5 ULP of it, which matters only where it is below 2m: less than
 //! 28um, of which there is twice as much again. Where the range is rounded by more, nothing is
 //! certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
-use super::shear::stray;
+use super::shear::deviation;
 use super::tree_ray::TreeRay;
 use crate::layout::block_sizes;
 use crate::simd::{LANES, Lanes, Mask, Simd};
@@ -47,18 +47,18 @@ impl<S: Simd> Edges<S> {
     #[inline(always)]
     pub fn may_be_hit(&self, s: S, sizes: u32, slack: f32) -> Mask {
         let (size, extent) = block_sizes(sizes);
-        let stray = stray_of(s, size, slack);
+        let deviation = deviation_of(s, size, slack);
         // `edge_margin` of corners that add up to that.
-        let margin = s.mul_add_one(1.25 * stray, s.mul_add_one(6.0, stray, 8.0 * extent), f32::MIN_POSITIVE);
+        let margin = s.mul_add_one(1.25 * deviation, s.mul_add_one(6.0, deviation, 8.0 * extent), f32::MIN_POSITIVE);
         // Signs agree, up to the margin.
         !(s.lt(self.least, s.splat(-margin)) & s.lt(s.splat(margin), self.greatest))
     }
 }
 
-/// [`stray`] with fewer instructions.
+/// [`deviation`] with fewer instructions.
 #[inline(always)]
-fn stray_of<S: Simd>(s: S, size: f32, slack: f32) -> f32 {
-    s.mul_add_one(stray(1.0, 0.0), size, stray(0.0, slack))
+fn deviation_of<S: Simd>(s: S, size: f32, slack: f32) -> f32 {
+    s.mul_add_one(deviation(1.0, 0.0), size, deviation(0.0, slack))
 }
 
 /// The triangles of a block that may be hit.
@@ -82,23 +82,23 @@ impl Candidates {
         collect: &C,
     ) -> Candidates {
         let (size, extent) = block_sizes(sizes);
-        let stray = stray_of(s, size, ray.slack);
+        let deviation = deviation_of(s, size, ray.slack);
         // For any number `e` above zero, the sum of six magnitudes is at most half of 6e and the sum of their squares divided by e. Three
         // short sums of them are done sooner than one.
         let ([xa, xb, xc], [ya, yb, yc]) = (edges.x, edges.y);
         let squares = s.mul_add(xb, xb, xa * xa) + s.mul_add(ya, ya, xc * xc) + s.mul_add(yc, yc, yb * yb);
         let half = s.mul_add_one(0.5, extent, f32::MIN_POSITIVE);
         // Twice `edge_margin`, and a quarter more.
-        let most = s.mul_add_one(3.125 * stray, s.mul_add_one(3.0, half, 2.0 * stray), 2.5 * f32::MIN_POSITIVE);
-        let (most, of_squares) = (s.splat(most), s.splat(1.5625 * stray / half));
+        let most = s.mul_add_one(3.125 * deviation, s.mul_add_one(3.0, half, 2.0 * deviation), 2.5 * f32::MIN_POSITIVE);
+        let (most, of_squares) = (s.splat(most), s.splat(1.5625 * deviation / half));
         let margin = s.mul_add(squares, of_squares, most);
         let [da, db, dc] = distances;
-        let differ = magnitude(s, da - db) + (magnitude(s, da - dc) + s.splat(4.0 * stray));
+        let differ = magnitude(s, da - db) + (magnitude(s, da - dc) + s.splat(4.0 * deviation));
         let [u, v, w] = [magnitude(s, edges.edges[0]), magnitude(s, edges.edges[1]), magnitude(s, edges.edges[2])];
         let weights = u + v + w;
         // The distance times the sum of the weights, and by how much that is off.
         let distance = s.mul_add(w, dc, s.mul_add(v, db, u * da));
-        let off = s.mul_add(margin, differ, s.mul_add(weights, s.splat(4.0 * stray), s.splat(f32::MIN_POSITIVE)));
+        let off = s.mul_add(margin, differ, s.mul_add(weights, s.splat(4.0 * deviation), s.splat(f32::MIN_POSITIVE)));
         let (least, greatest) = (distance - off, distance + off);
         let begin = weights * s.splat(ray.begin);
         // Comparisons with NaN are false, which keeps the triangle.

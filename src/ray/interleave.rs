@@ -29,7 +29,7 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Interleaved<'_, G, Q> {
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<(Member<'_, Q>, Cursor<'_>)> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
-            let cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
+            let cursor = Cursor::new(tree.root, memory.stack(tree.max_stack()));
             group.push((Member::new(index, ray), cursor));
         }
         while !group.is_empty() {

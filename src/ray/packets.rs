@@ -47,8 +47,8 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
             traverser,
             members: core::array::from_fn(|_| Member::new(0, TreeRay::of(first, set.frame()).0)),
             packet: Packet::empty(),
-            stack: memory.stack(tree.waiting()),
-            cursor: Cursor::new(tree.root, own_memory.stack(tree.waiting())),
+            stack: memory.stack(tree.max_stack()),
+            cursor: Cursor::new(tree.root, own_memory.stack(tree.max_stack())),
         };
         let mut next = 0;
         loop {
@@ -57,11 +57,11 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
                 && let Some(ray) = rays.get(next)
             {
                 // Made where it stays: a ray that is moved is copied, by wide loads that wait for the narrow stores before them.
-                let (of, usual) = TreeRay::of(ray, set.frame());
+                let (of, regular) = TreeRay::of(ray, set.frame());
                 let member = &mut traversal.members[count];
                 *member = Member::new(next, of);
-                if !usual {
-                    member.ray.mend(set.frame());
+                if !regular {
+                    member.ray.recompute(set.frame());
                     member.collect = Q::collect(&member.ray);
                 }
                 if member.ray.sees_nothing() {

@@ -70,7 +70,7 @@ impl<G: Geometry> RayTree<G> {
     fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
         params.validate()?;
         let (layout, statistics) = geometry.lay_out(params, progress)?;
-        geometry.complaint()?;
+        geometry.input_error()?;
         let (simd, queries) = (SimdLevel::best(), G::QUERIES);
         Ok(RayTree { geometry, layout, statistics, from_file: false, plan: None, simd, queries })
     }
@@ -216,12 +216,12 @@ impl<G: Geometry> RayTree<G> {
         match &self.layout {
             Layout::Wide(tree) => {
                 let cached = self.statistics.bytes <= CACHED;
-                let space = Space::new(self.geometry.frame().bounds, tree.parts(), cached);
+                let space = Space::new(self.geometry.frame().bounds, tree.time_slices(), cached);
                 // Interleaving pays where a tree moves, and there only for the closest hit in trees with a temporal
                 // split and for occlusion in others (measured; see docs/notes.md).
-                let turns = !cached && tree.moves() && Q::ORDERED == (space.parts > 1);
+                let turns = !cached && tree.moves() && Q::ORDERED == (space.slices > 1);
                 // With one hierarchy per time slice, rays of several times diverge at the root.
-                let packets = packets.filter(|_| space.parts == 1);
+                let packets = packets.filter(|_| space.slices == 1);
                 // If the first rays hit nothing, the others likely miss as well, and a single ray finds that out
                 // faster.
                 let together = |rays: &[Ray], answers: &mut [Q::Answer]| {
@@ -449,7 +449,7 @@ mod tests {
             let made = (scene::find(name).expect("a scene of the catalogue").make)(triangles);
             let tree = RayTree::build(&made.meshes, &BuildParams::default()).expect("a tree");
             let Layout::Wide(wide) = &tree.layout else { panic!("the default is wide") };
-            assert_eq!(wide.parts() > 1, divided, "{name}");
+            assert_eq!(wide.time_slices() > 1, divided, "{name}");
             check_batches(tree, &made.camera);
         }
     }

@@ -47,11 +47,11 @@ impl<G: Geometry> RayTree<G> {
         // If the tree space changed, all coordinates did.
         let moved = if before.maps_as(now) { moved } else { vec![true; moved.len()] };
         let (done, cost) = tree.refit(&geometry, &Moved::new(moved), &mut self.plan);
-        geometry.written();
+        geometry.release_build_data();
         let blocks = tree.counts.nodes + tree.counts.leaves;
         self.geometry = geometry;
         self.statistics.cost = cost;
-        self.geometry.complaint().map_err(RefitError::Input)?;
+        self.geometry.input_error().map_err(RefitError::Input)?;
         let (nodes, leaves) = (done.nodes, done.leaves);
         Ok(Refit { nodes, leaves, kept: done.visited - nodes - leaves, skipped: blocks - done.visited, cost })
     }

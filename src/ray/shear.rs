@@ -1,19 +1,19 @@
 //! The shear of the watertight test ([`super::triangle`]): a ray becomes an axis, and corners move along; and by how much that
 //! is off in f32.
 //!
-//! Corners relative to the ray are off by at most [`stray`], sheared or not. Let `m` be the largest coordinate of a vertex plus that of the
+//! Corners relative to the ray are off by at most [`deviation`], sheared or not. Let `m` be the largest coordinate of a vertex plus that of the
 //! origin, and `u` an [`ULP`]. Interpolation puts a vertex off by 3u of itself and rounding the origin by u of that, together at most 3um;
 //! their difference, at most m, is rounded by um: 4um. (Leaf blocks add the motion to that difference instead: the same roundings of the same
 //! sizes. Fused products, here and below, are rounded less often; none overflows, since vertices are within about 1 of zero in tree space and
 //! origins, unless they are led to the scene, within 2^32.) Slopes, at most 1, are off by 2u, so their product with a depth is off by
-//! 4 + 2 um and rounded by um: 7um. The sheared coordinate, at most 2m, is rounded by 2um: 13um in all. [`STRAY_ULPS`] is one more, for
+//! 4 + 2 um and rounded by um: 7um. The sheared coordinate, at most 2m, is rounded by 2um: 13um in all. [`DEVIATION_ULPS`] is one more, for
 //! what roundings of roundings add.
 //!
 //! An edge function is `c x b`. If `B` and `C` are the sums of both coordinates of these corners, then the corners put it off by
-//! `stray (B + C + 2 stray)`, and the rounding of its two products and their difference by 2u of the products; since a coordinate is at most
-//! 2m, that is less than `2/7 stray B`. Together this is less than [`edge_margin`].
+//! `deviation (B + C + 2 deviation)`, and the rounding of its two products and their difference by 2u of the products; since a coordinate is at most
+//! 2m, that is less than `2/7 deviation B`. Together this is less than [`edge_margin`].
 
-use super::tree_ray::{Direction, TreeRay, is_moderate};
+use super::tree_ray::{Direction, TreeRay, is_in_range};
 use crate::geometry::{KERNEL_ULPS, ULP};
 use glam::Vec3;
 
@@ -34,18 +34,18 @@ impl Sheared {
     /// The shear of a ray.
     #[inline(always)]
     pub fn new(ray: &TreeRay) -> Sheared {
-        let (mut of, usual) = Sheared::of(ray);
-        if !usual {
-            of.mend(ray);
+        let (mut of, regular) = Sheared::of(ray);
+        if !regular {
+            of.recompute(ray);
         }
         of
     }
 
-    /// The shear of a ray, and whether its direction is of the usual kind; any other is to be mended ([`Sheared::mend`]) first, in place,
+    /// The shear of a ray, and whether its direction is of the usual kind; any other is to be mended ([`Sheared::recompute`]) first, in place,
     /// as a ray is.
     #[inline(always)]
     pub fn of(ray: &TreeRay) -> (Sheared, bool) {
-        let dir: &[f32; 3] = ray.asked.dir.as_ref();
+        let dir: &[f32; 3] = ray.original.dir.as_ref();
         let size = |axis: usize| dir[axis].to_bits() & 0x7fff_ffff;
         let (x, y, z) = (size(0), size(1), size(2));
         let not_x = (y > x) | (z > x);
@@ -60,14 +60,14 @@ impl Sheared {
         let inverses: &[f32; 3] = ray.slabs.inverse.as_ref();
         let inverse = inverses[kz];
         let (sx, sy) = (dir[kx] * shrink * inverse, dir[ky] * shrink * inverse);
-        (Sheared { axes, sx, sy, dz: dz * shrink, inverse }, is_moderate(field))
+        (Sheared { axes, sx, sy, dz: dz * shrink, inverse }, is_in_range(field))
     }
 
     /// Makes the shear what it should be for a direction so long or short that its slopes are not exact enough.
     #[cold]
     #[inline(never)]
-    pub fn mend(&mut self, ray: &TreeRay) {
-        let direction = Direction::of(ray.asked.dir);
+    pub fn recompute(&mut self, ray: &TreeRay) {
+        let direction = Direction::of(ray.original.dir);
         let [dx, dy, dz] = self.axes().map(|axis| direction.dir[axis]);
         let inverse = 1.0 / dz;
         (self.sx, self.sy) = (dx * inverse, dy * inverse);
@@ -112,7 +112,7 @@ impl Sheared {
         let aside = max(max(beside(a), beside(b)), beside(c));
         let ahead = max(max(a[2].abs(), b[2].abs()), c[2].abs());
         // A vertex is no farther from zero than this and the origin.
-        !some_beyond(edge_margin(4.0 * aside, stray(aside + ahead, 2.0 * slack)))
+        !some_beyond(edge_margin(4.0 * aside, deviation(aside + ahead, 2.0 * slack)))
     }
 }
 
@@ -123,18 +123,18 @@ fn unpacked(axes: u32) -> [usize; 3] {
 }
 
 /// ULP of a vertex plus the origin by which corners in f32 are off.
-const STRAY_ULPS: f32 = 14.0;
+const DEVIATION_ULPS: f32 = 14.0;
 
 /// By how much corners in f32 relative to a ray are off, per axis, where no coordinate of a vertex is larger than `size`. A ray's slack is
 /// [`KERNEL_ULPS`] of its origin, and ten times what the origin may have strayed when it was moved.
 #[inline(always)]
-pub(crate) fn stray(size: f32, slack: f32) -> f32 {
-    STRAY_ULPS * ULP * size + STRAY_ULPS / KERNEL_ULPS * slack
+pub(crate) fn deviation(size: f32, slack: f32) -> f32 {
+    DEVIATION_ULPS * ULP * size + DEVIATION_ULPS / KERNEL_ULPS * slack
 }
 
 /// How far on the wrong side an edge function in f32 may be of a triangle that is hit; `aside` is what the sheared coordinates of both
 /// of its corners add up to. (Products that are denormal err by less than what is added.)
 #[inline(always)]
-pub(crate) fn edge_margin(aside: f32, stray: f32) -> f32 {
-    1.25 * stray * (aside + 2.0 * stray) + f32::MIN_POSITIVE
+pub(crate) fn edge_margin(aside: f32, deviation: f32) -> f32 {
+    1.25 * deviation * (aside + 2.0 * deviation) + f32::MIN_POSITIVE
 }

@@ -7,7 +7,7 @@
 //! Proof that nothing is culled that a leaf would accept: along each axis the computed distance is
 //! `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|` (two products and the
 //! sum of the constant term, the sum with the face's, which is fused or has a product more), below 5 ULP of
-//! `(|f| + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1). That and what the kernel may stray
+//! `(|f| + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1). That and what the kernel may deviation
 //! ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)) grows with the coordinates of what is hit and with the origin's: boxes are
 //! padded by the first when they are written, rays have slack for the second. So one vertex far away
 //! makes no other box larger. Distances that tie with the limit are kept, since the comparison is `<=`.

@@ -28,7 +28,7 @@ pub(crate) struct TreeRay<'a> {
     /// Tree `t` per world `t`, a power of two.
     t_per_world: f64,
     /// The ray as it was asked. Not a copy: that would wait for the caller's last store to it.
-    pub asked: &'a Ray,
+    pub original: &'a Ray,
 }
 
 /// Farther origins than this (in scene sizes) see nothing: their rays would be off by more than about 2^-20 of the scene.
@@ -58,15 +58,15 @@ const T_DENORMAL: f64 = 1.0 / ((1u128 << 126) as f64 * 4194304.0);
 
 /// Exponent fields of a longest component with which reciprocals and slopes neither overflow nor lose bits, whatever
 /// the other components are.
-const MODERATE: core::ops::RangeInclusive<u32> = 64..=190;
+const EXPONENT_RANGE: core::ops::RangeInclusive<u32> = 64..=190;
 
 impl<'a> TreeRay<'a> {
     /// The ray in tree space, or nothing where it means nothing (see [`Ray`]).
     #[inline(always)]
     pub fn new(ray: &'a Ray, frame: &Frame) -> Option<TreeRay<'a>> {
-        let (mut of, usual) = TreeRay::of(ray, frame);
-        if !usual {
-            of.mend(frame);
+        let (mut of, regular) = TreeRay::of(ray, frame);
+        if !regular {
+            of.recompute(frame);
         }
         if of.sees_nothing() { None } else { Some(of) }
     }
@@ -77,7 +77,7 @@ impl<'a> TreeRay<'a> {
         self.begin > self.end
     }
 
-    /// The ray in tree space, and whether it is of the usual kind; any other is to be mended ([`TreeRay::mend`]) first.
+    /// The ray in tree space, and whether it is of the usual kind; any other is to be mended ([`TreeRay::recompute`]) first.
     ///
     /// Every query begins with this, and nothing of a query can begin before it is done. So the usual ray is told by one
     /// branch, after which nothing depends on what differs from ray to ray; the direction is looked at as integers, which
@@ -93,22 +93,22 @@ impl<'a> TreeRay<'a> {
         let away = Vec3A::from(origin).abs();
         // Bits order like numbers, after all numbers come infinity and NaN, and after these what has a sign.
         let (begin, end) = (ray.t_min.to_bits(), ray.t_max.to_bits());
-        let usual = is_moderate(field)
+        let regular = is_in_range(field)
             & away.cmple(Vec3A::splat(NEAR * frame.reach)).all()
             & (begin <= end)
             & (end <= f32::INFINITY.to_bits())
             & (ray.time.to_bits() <= 1f32.to_bits());
         let dir = Direction { dir: ray.dir, field, more: 0 };
         let of = TreeRay::scaled(ray, from, origin, slack(away.max_element()), frame.scale, dir);
-        let usual = usual & (of.t_per_world <= MOST_T_PER_WORLD);
-        (of, usual)
+        let regular = regular & (of.t_per_world <= MOST_T_PER_WORLD);
+        (of, regular)
     }
 
     /// Makes a ray of any kind what it should be. One that means nothing sees nothing.
     #[cold]
     #[inline(never)]
-    pub fn mend(&mut self, frame: &Frame) {
-        match TreeRay::unusual(self.asked, frame) {
+    pub fn recompute(&mut self, frame: &Frame) {
+        match TreeRay::general(self.original, frame) {
             Some(of) => *self = of,
             None => (self.begin, self.end) = (1.0, 0.0),
         }
@@ -123,7 +123,7 @@ impl<'a> TreeRay<'a> {
     }
 
     /// A ray of any kind; nothing where it means nothing.
-    fn unusual(ray: &'a Ray, frame: &Frame) -> Option<TreeRay<'a>> {
+    fn general(ray: &'a Ray, frame: &Frame) -> Option<TreeRay<'a>> {
         let reach = f64::from(frame.reach);
         let from = frame.fine_point(ray.origin);
         let longest = longest(ray.dir);
@@ -174,7 +174,7 @@ impl<'a> TreeRay<'a> {
     pub(super) fn slabs_with(&self, slack: f32, behind: f32) -> Slabs {
         let [x, y, z, _] = self.origin;
         Slabs::new(
-            (Vec3A::new(x, y, z), self.asked.dir, self.slabs.inverse),
+            (Vec3A::new(x, y, z), self.original.dir, self.slabs.inverse),
             slack,
             (self.begin, behind),
             self.slabs.time(),
@@ -199,7 +199,7 @@ impl<'a> TreeRay<'a> {
             advance: 0.0,
             from: [from.x, from.y, from.z, 0.0],
             t_per_world,
-            asked: ray,
+            original: ray,
         }
     }
 
@@ -210,7 +210,7 @@ impl<'a> TreeRay<'a> {
     pub fn certain_end(&self) -> f32 {
         let finite = ((f64::from(f32::MAX) * self.t_per_world) as f32).next_down();
         let denormal = |t: f32| t.abs() < f32::MIN_POSITIVE;
-        let (begin, end) = (self.asked.t_min, self.asked.t_max);
+        let (begin, end) = (self.original.t_min, self.original.t_max);
         let coarse = self.begin < 0.0 && denormal(begin) || denormal(end);
         if self.advance != 0.0 || self.begin < -finite || coarse {
             return f32::NEG_INFINITY;
@@ -227,13 +227,13 @@ impl<'a> TreeRay<'a> {
     /// The least `t` of an answer. None is infinite, in front of the origin or behind it.
     #[inline(always)]
     pub fn t_min(&self) -> f32 {
-        self.asked.t_min.max(f32::MIN)
+        self.original.t_min.max(f32::MIN)
     }
 
     /// The greatest `t` of an answer, likewise.
     #[inline(always)]
     pub fn t_max(&self) -> f32 {
-        self.asked.t_max.min(f32::MAX)
+        self.original.t_max.min(f32::MAX)
     }
 
     /// The answer's `t` at a distance in tree space from the origin as it was asked: rounded once. (Zero is added last, so
@@ -304,12 +304,12 @@ impl Direction {
     #[inline(always)]
     pub fn of(dir: Vec3) -> Direction {
         let field = longest(dir) >> 23;
-        if is_moderate(field) { Direction { dir, field, more: 0 } } else { Direction::immoderate(dir) }
+        if is_in_range(field) { Direction { dir, field, more: 0 } } else { Direction::rescaled(dir) }
     }
 
     #[cold]
     #[inline(never)]
-    fn immoderate(dir: Vec3) -> Direction {
+    fn rescaled(dir: Vec3) -> Direction {
         let more = (f64::from(f32::from_bits(longest(dir))).to_bits() >> 52) as i32 - 1023;
         Direction { dir: (dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more }
     }
@@ -335,8 +335,8 @@ impl Direction {
 
 /// Whether reciprocals and slopes of a direction neither overflow nor lose bits, by the exponent field of its longest component.
 #[inline(always)]
-pub(super) fn is_moderate(field: u32) -> bool {
-    MODERATE.contains(&field)
+pub(super) fn is_in_range(field: u32) -> bool {
+    EXPONENT_RANGE.contains(&field)
 }
 
 /// The bits of the longest component of a direction, without the sign: they order like numbers, and after all

@@ -36,13 +36,13 @@ impl TreeRay<'_> {
     pub(super) fn decide<S: Simd>(&self, s: S, sheared: &Sheared, corners: [S::D; 3], limit: f32) -> Option<SetHit> {
         let [x, y, z] = sheared.axes();
         let (ox, oy, oz) = (self.from[x], self.from[y], self.from[z]);
-        let dir: &[f32; 3] = self.asked.dir.as_ref();
+        let dir: &[f32; 3] = self.original.dir.as_ref();
         let (dx, dy, dz) = (f64::from(dir[x]), f64::from(dir[y]), f64::from(dir[z]));
         let z = corners[2] - s.splat_d(oz);
         let x = along(s, corners[0] - s.splat_d(ox), z, dx, dz);
         let y = along(s, corners[1] - s.splat_d(oy), z, dy, dz);
         // Of corners a, b and c the edge functions c x b, a x c and b x a, in lanes.
-        let mut edges = s.turn_right(x) * s.turn_left(y) - s.turn_right(y) * s.turn_left(x);
+        let mut edges = s.rotate_right(x) * s.rotate_left(y) - s.rotate_right(y) * s.rotate_left(x);
         let mut signs = Signs::of(s, edges);
         if signs.zero() != 0 {
             edges = s.load_d(&exact_edges(s.lanes_d(x), s.lanes_d(y)));

@@ -5,10 +5,10 @@ use super::filter::Filter;
 use super::intersect::RaySource;
 use super::leaf::LeafRows;
 use super::observer::Observer;
+use super::ray_layout::RayLayout;
 use super::shear::Sheared;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use super::walk::Walk;
 use crate::geometry::KeyTime;
 use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, Kind, VERTEX_ROWS, WideTree};
 use crate::simd::{Mask, Simd, Stack};
@@ -24,9 +24,9 @@ pub(crate) struct Wide<'a, S> {
     pub stack: Stack<'a, u64>,
 }
 
-impl<S: Simd> Walk for Wide<'_, S> {
+impl<S: Simd> RayLayout for Wide<'_, S> {
     #[inline(always)]
-    fn walk<G: RaySource>(
+    fn traverse<G: RaySource>(
         self,
         set: &G,
         ray: &TreeRay,
@@ -83,10 +83,10 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
         let RayQuery { traverser, ray, .. } = *self;
         let (collect, observer) = (&mut *self.collect, &mut *self.observer);
         if self.sheared.is_none() {
-            let (of, usual) = Sheared::of(ray);
+            let (of, regular) = Sheared::of(ray);
             let of = self.sheared.insert(of);
-            if !usual {
-                of.mend(ray);
+            if !regular {
+                of.recompute(ray);
             }
         }
         let Some(sheared) = &*self.sheared else { return ControlFlow::Continue(()) };
