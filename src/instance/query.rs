@@ -231,7 +231,7 @@ impl InstanceTree {
         if !regular || set.is_far(&tree_ray) {
             set.recompute(&mut tree_ray);
         }
-        if tree_ray.sees_nothing() {
+        if tree_ray.has_empty_range() {
             return query;
         }
         let mut visitor = InstanceVisitor { set, trees, local: *ray, path, guards, query };

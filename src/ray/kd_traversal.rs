@@ -212,8 +212,8 @@ mod tests {
             let target = a + (b - a) * (0.5 + 0.5 * random.signed());
             // With this length, distances in tree space are those of the answer.
             let dir = (target - origin) / (target - origin).abs().max_element() * 1.25;
-            let asked = Ray::new(origin, dir);
-            let Some(ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };
+            let original = Ray::new(origin, dir);
+            let Some(ray) = TreeRay::new(&original, &Frame::WORLD) else { continue };
             let fine = || [a, b, c].map(Vec3::as_dvec3);
             let Some(hit) = intersect_triangle(&ray, &Sheared::new(&ray), [a, b, c], fine) else { continue };
             let axes = Axes::new(&ray, a.abs().max(b.abs()).max(c.abs()).max_element());

@@ -47,7 +47,7 @@ impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
             of.recompute(set.frame());
         }
         let ray = &of;
-        if ray.sees_nothing() {
+        if ray.has_empty_range() {
             return None;
         }
         let accept = |found: &Found| filter.accepts(|| found.answer(set));
@@ -71,7 +71,7 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
             of.recompute(set.frame());
         }
         let ray = &of;
-        if ray.sees_nothing() {
+        if ray.has_empty_range() {
             return false;
         }
         let accept = |found: &Found| filter.accepts(|| found.answer(set));
@@ -101,7 +101,7 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
             of.recompute(set.frame());
         }
         let ray = &of;
-        if ray.sees_nothing() {
+        if ray.has_empty_range() {
             return ControlFlow::Continue(());
         }
         let mut collect = All::new(ray, |found: &Found| {
