@@ -67,8 +67,8 @@ impl<G: Geometry> RayTree<G> {
 }
 
 impl RayTree {
-    /// Moves the vertices of the meshes to other positions, for the next frame of an animation, in a part of the time
-    /// of a new build. Every answer is then that of brute force over these meshes, bit for bit.
+    /// Moves the vertices of the meshes to other positions, for the next frame of an animation. This takes a part of the
+    /// time of a new build. Every answer then equals that of brute force over these meshes, bit for bit.
     ///
     /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
     /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as the number of keys after

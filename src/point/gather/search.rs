@@ -110,8 +110,8 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
                 // Compiled for searches with any filter.
                 let kept = |places: &_, mask| of.keep.kept(places, mask);
                 search.with_filter(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
-                    let trees = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
-                    walk_counted(of.index.simd, trees, search);
+                    let layers = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
+                    walk_counted(of.index.simd, layers, search);
                 });
             }
             if !search.retry() {
