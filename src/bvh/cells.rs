@@ -63,7 +63,7 @@ struct Grid {
     side: usize,
 }
 
-/// The grid's contents for one chunk of references.
+/// One chunk of references, binned into the cells of the grid.
 struct Binned {
     /// The cell of each reference.
     keys: Vec<u16>,
@@ -92,6 +92,7 @@ impl Grid {
         (cell.z as usize * self.side + cell.y as usize) * self.side + cell.x as usize
     }
 
+    /// Bins references into the cells.
     fn bin(&self, references: &[Reference]) -> Binned {
         let mut keys = Vec::with_capacity(references.len());
         let (mut counts, mut bounds) = (vec![0; self.cells()], vec![Packed::EMPTY; self.cells()]);

@@ -82,7 +82,7 @@ struct Exchange<'a> {
     split: &'a Split,
 }
 
-/// Indices of references on the wrong side.
+/// The indices of references on the wrong side of a split.
 struct Misplaced {
     places: [usize; BLOCK],
     /// Those from `first` to `end` have not been exchanged yet.

@@ -16,12 +16,12 @@ pub(crate) struct Placement {
     scale_bound: f64,
 }
 
-/// A point mapped into a placed space.
+/// The preimage of a point in a placed space.
 pub(crate) struct Preimage {
     pub point: DVec3,
     /// Bound of the distances in the placed space per distance of the images.
     pub scale_bound: f64,
-    /// How much a computed distance of images may be less than the distance that `scale_bound` applies to.
+    /// By how much a computed distance of images may be smaller than the distance to which `scale_bound` applies.
     pub deviation: f64,
 }
 
@@ -45,8 +45,8 @@ impl Placement {
 
     /// Maps a point into the placed space, for distances to objects within `bounds` there.
     ///
-    /// The error of the inverse image is measured by the distance of its own image from the point: `deviation` includes that, and
-    /// the rounding of the images of objects in `bounds`.
+    /// The error of the preimage is measured by the distance of its own image from the point. `deviation` includes this error, and the
+    /// rounding of the images of objects in `bounds`.
     pub fn preimage(&self, point: DVec3, bounds: Aabb) -> Preimage {
         let there = self.inverse * (point - self.matrix.translation);
         if !there.is_finite() || self.scale_bound.is_infinite() {

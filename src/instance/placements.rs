@@ -137,8 +137,8 @@ impl Placements {
         DVec3::new(x, y, z).abs().max_element() > NEAR * f64::from(self.frame.reach)
     }
 
-    /// Prepares a ray in tree space that is unusual or far away ([`TreeRay::recompute`]): one that begins far away has more
-    /// slack, by its greatest deviation when it is mapped into an instance's space.
+    /// Recomputes a ray in tree space that is not regular or far away ([`TreeRay::recompute`]). A ray that begins far away
+    /// gets more slack, by its greatest deviation when it is mapped into an instance's space.
     #[cold]
     #[inline(never)]
     pub fn recompute(&self, ray: &mut TreeRay) {

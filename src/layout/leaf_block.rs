@@ -19,7 +19,7 @@ pub(crate) trait WideSource: PrimitiveSet {
         let _ = id;
         true
     }
-    /// Releases data that leaf blocks hold by now.
+    /// Releases the data that only the build needs: leaf blocks have copies of it.
     fn release_build_data(&mut self) {}
     /// Writes a leaf block for queries in a time slice; `None` if the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef>;

@@ -194,7 +194,7 @@ fn are_boxes(bounds: LinearBounds) -> bool {
     })
 }
 
-/// The intervals and bounds of shapes. Each shape is asked for its interval once.
+/// The intervals and bounds of shapes. The interval of each shape is read once.
 pub(crate) struct ShapesExtent {
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,

@@ -88,7 +88,7 @@ impl Axes {
     }
 }
 
-/// Ids of the primitives that a ray was tested against lately (a direct-mapped mailbox).
+/// A direct-mapped mailbox: the ids of the primitives that a ray was tested against most recently.
 ///
 /// A primitive in several leaves has the same answer in all of them, so testing it once is enough. If another id has
 /// replaced it, the primitive is tested again, which costs time and does not change the answer.
@@ -100,7 +100,7 @@ impl Mailbox {
     /// No primitive has this id.
     const EMPTY: Mailbox = Mailbox([u32::MAX; Mailbox::SLOTS]);
 
-    /// Returns whether the id is absent, and inserts it.
+    /// Inserts an id; returns whether it was absent.
     #[inline(always)]
     fn insert(&mut self, id: u32) -> bool {
         core::mem::replace(&mut self.0[id as usize % Mailbox::SLOTS], id) != id

@@ -25,7 +25,7 @@ pub(crate) trait Query {
     fn answer(self, layout: impl RayLayout) -> Self::Answer;
 }
 
-/// A ray, its geometry, filter and observer.
+/// The arguments of a query: a ray, its geometry, a filter and an observer.
 pub(crate) struct QueryArgs<'a, G, F, O> {
     pub set: &'a G,
     pub ray: &'a Ray,

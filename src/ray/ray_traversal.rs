@@ -11,7 +11,7 @@ use crate::simd::{Kernel, Mask, Simd};
 use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
 
-/// Called at the steps of a ray's traversal.
+/// The callbacks of a ray's traversal.
 pub(crate) trait LeafVisitor {
     /// A node is about to be tested.
     fn node(&mut self);
