@@ -32,8 +32,8 @@ fn modules_import_downward_and_without_circles() {
     assert!(it.layers.len() > 10 && it.imports.len() > 50, "{} layers, {} files", it.layers.len(), it.imports.len());
     let imports: usize = it.imports.keys().map(|module| it.used_by(module).len()).sum();
     assert!(imports > 200, "only {imports} imports were understood");
-    let complaints = it.complaints();
-    assert!(complaints.is_empty(), "{}", complaints.join("\n"));
+    let violations = it.violations();
+    assert!(violations.is_empty(), "{}", violations.join("\n"));
 }
 
 fn read(folder: &Path, names: &mut Vec<String>, files: &mut Vec<(String, String)>) {
@@ -76,13 +76,13 @@ impl Crate {
     }
 
     /// All violations.
-    fn complaints(&self) -> Vec<String> {
-        let mut complaints = Vec::new();
+    fn violations(&self) -> Vec<String> {
+        let mut violations = Vec::new();
         let layer = |module: &[String]| self.layers.iter().position(|layer| *layer == module[0]);
         let below_root = self.imports.keys().filter(|module| !module.is_empty());
         for module in below_root.clone() {
             let Some(own) = layer(module) else {
-                complaints.push(format!("{} is in no layer of the table in lib.rs", module.join("::")));
+                violations.push(format!("{} is in no layer of the table in lib.rs", module.join("::")));
                 continue;
             };
             for import in &self.imports[module] {
@@ -91,7 +91,7 @@ impl Crate {
                 let layers = [&leads_to, &import.path].map(|path| path.first().and_then(|_| layer(path)));
                 if layers.into_iter().flatten().any(|of| of > own) {
                     let path = import.path.join("::");
-                    complaints.push(format!("{} uses {path}, which is in a layer above it", module.join("::")));
+                    violations.push(format!("{} uses {path}, which is in a layer above it", module.join("::")));
                 }
             }
         }
@@ -102,10 +102,10 @@ impl Crate {
                 && reported.insert(circle.iter().collect::<BTreeSet<_>>().into_iter().cloned().collect::<Vec<_>>())
             {
                 let names: Vec<String> = circle.iter().map(|module| module.join("::")).collect();
-                complaints.push(format!("a circle of imports: {}", names.join(" -> ")));
+                violations.push(format!("a circle of imports: {}", names.join(" -> ")));
             }
         }
-        complaints
+        violations
     }
 
     /// The modules that define the items that a module uses.
@@ -320,7 +320,7 @@ fn shortest_way_back(begin: &Module, used: &BTreeMap<&Module, BTreeSet<Module>>)
 /// The violations in made-up files in which `low` is below `high`.
 fn wrong(files: &[(&str, &str)]) -> Vec<String> {
     let root = "//! | `low` | this |\n//! | `high` | that |\nmod high;\nmod low;\npub use high::High;";
-    Crate::new(&[&[("lib.rs", root)], files].concat()).complaints()
+    Crate::new(&[&[("lib.rs", root)], files].concat()).violations()
 }
 
 #[test]

@@ -2,12 +2,12 @@
 //!
 //! Each rank searches its own particles first. The distance of the k-th found bounds the others; where there are fewer, the
 //! replicated top says within which distance there are enough. So one round is enough: ranks that have a box within the
-//! bound are asked with the bound, and what they find is merged in the order of (distance, id).
+//! bound are queried with the bound, and what they find is merged in the order of (distance, id).
 //!
-//! Along periodic axes it is the query that is moved by whole periods, each coordinate rounded to f32, and asked once
+//! Along periodic axes it is the query that is moved by whole periods, each coordinate rounded to f32, and sent once
 //! for each image that may be the nearest of some particle. A particle counts at the nearest of its images.
 
-use crate::agree::{Asked, Call, agree};
+use crate::agree::{Arguments, Call, agree};
 use crate::curve::Curve;
 use crate::error::{Error, Problem};
 use crate::exchange::{Exchange, swap};
@@ -67,11 +67,11 @@ impl<E: Exchange> Step<'_, E> {
     /// own, or none.
     ///
     /// The radius of the step does not limit the search. Cost: a search among the own particles for each query, and for those near
-    /// other ranks' boxes one more there. Far from the own particles many ranks are asked: let those ask that are near. Errors:
+    /// other ranks' boxes one more there. Far from the own particles many ranks are queried: let those query that are near. Errors:
     /// [`Problem::Time`], [`Problem::Query`], [`Problem::Differs`].
     pub fn k_nearest(&self, queries: &[Query], time: f32, k: usize) -> Result<Rows<Nearest>, Error> {
         let checked = check_time(time).and_then(|()| self.check_queries(queries));
-        agree(self.exchange, Asked::new(Call::Nearest).times([time; 2]).k(k), checked)?;
+        agree(self.exchange, Arguments::new(Call::Nearest).times([time; 2]).k(k), checked)?;
         let mut buffer = NeighborBuffer::new();
         let own: Rows<Nearest> = queries.iter().fold(Rows::new(), |mut rows, query| {
             rows.push(self.search(query.at, query.except, f32::INFINITY, time, k, &mut buffer));
@@ -80,12 +80,12 @@ impl<E: Exchange> Step<'_, E> {
         let mut requests = vec![Vec::new(); self.exchange.size()];
         if k > 0 {
             for members in together(queries) {
-                self.ask(queries, &members, &own, k, &mut requests);
+                self.add_requests(queries, &members, &own, k, &mut requests);
             }
         }
         let mut answers = vec![Vec::new(); self.exchange.size()];
-        for (answers, asked) in answers.iter_mut().zip(swap(self.exchange, &requests)) {
-            for Request { except, excepts, query, at, radius } in asked {
+        for (answers, received) in answers.iter_mut().zip(swap(self.exchange, &requests)) {
+            for Request { except, excepts, query, at, radius } in received {
                 let found = self.search(at, (excepts != 0).then_some(except), radius, time, k, &mut buffer);
                 answers.extend(found.map(|Nearest { id, distance_squared }| Answer { id, distance_squared, query }));
             }
@@ -122,8 +122,15 @@ impl<E: Exchange> Step<'_, E> {
         found.iter().map(nearest)
     }
 
-    /// Adds what has to be asked of each rank for some queries that are close to each other.
-    fn ask(&self, queries: &[Query], members: &[u32], own: &Rows<Nearest>, k: usize, requests: &mut [Vec<Request>]) {
+    /// Adds the requests to each rank for some queries that are close to each other.
+    fn add_requests(
+        &self,
+        queries: &[Query],
+        members: &[u32],
+        own: &Rows<Nearest>,
+        k: usize,
+        requests: &mut [Vec<Request>],
+    ) {
         let rank = self.exchange.rank();
         let around = SweptBox::around(members.iter().map(|&i| SweptBox::of_place(queries[i as usize].at)));
         let found = |i: u32| {

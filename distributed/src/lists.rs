@@ -1,10 +1,10 @@
 //! Neighbour lists at a time.
 //!
-//! Two questions for each rank: its own particles among themselves, and among the halo. Both are asked of the library with
+//! Two queries for each rank: its own particles among themselves, and among the halo. Both are run by the library with
 //! the positions as they were given, and periodic axes are its own too, so that every distance is computed as in one
 //! process.
 
-use crate::agree::{Asked, Call, agree};
+use crate::agree::{Arguments, Call, agree};
 use crate::error::{Error, Problem};
 use crate::exchange::Exchange;
 use crate::reach::{check_radius, check_time};
@@ -32,7 +32,7 @@ impl<E: Exchange> Step<'_, E> {
     /// [`Reach`](crate::Reach), [`Problem::Differs`].
     pub fn neighbor_lists(&self, time: f32, radius: f32) -> Result<Rows<Near>, Error> {
         let checked = check_time(time).and_then(|()| self.check_radius(radius));
-        agree(self.exchange, Asked::new(Call::Lists).times([time; 2]).radius(radius), checked)?;
+        agree(self.exchange, Arguments::new(Call::Lists).times([time; 2]).radius(radius), checked)?;
         let (mut among_own, mut among_halo) = (NeighborCsr::new(), NeighborCsr::new());
         self.run(self.own.neighbor_lists(time, radius), &mut among_own);
         self.run(self.own.neighbor_lists(time, radius).among(&self.near), &mut among_halo);
@@ -61,7 +61,7 @@ impl<E: Exchange> Step<'_, E> {
 
     fn run(&self, query: ListQuery<'_>, lists: &mut NeighborCsr) {
         let query = query.periodic(self.reach.periods).with_distances().sorted().rows_by_id();
-        query.run(lists).unwrap_or_else(|error| unreachable!("the question has been checked: {error}"));
+        query.run(lists).unwrap_or_else(|error| unreachable!("the query has been checked: {error}"));
     }
 }
 

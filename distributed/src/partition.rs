@@ -1,6 +1,6 @@
 //! Which rank has which particles: ranges of a Morton curve with the same work.
 
-use crate::agree::{Asked, Call, agree};
+use crate::agree::{Arguments, Call, agree};
 use crate::curve::Curve;
 use crate::error::{Error, Problem};
 use crate::exchange::{Exchange, gather};
@@ -38,7 +38,7 @@ pub fn distribute(
     work: &[u32],
     periods: [Option<f32>; 3],
 ) -> Result<(Vec<Particle>, Route), Error> {
-    agree(exchange, Asked::new(Call::Distribute).periods(periods), check(particles, work, periods))?;
+    agree(exchange, Arguments::new(Call::Distribute).periods(periods), check(particles, work, periods))?;
     let own = SweptBox::around(particles.iter().map(SweptBox::from));
     let curve = Curve::new(&SweptBox::around(gather(exchange, &[own]).concat()), periods);
     let places: Vec<u64> = particles.iter().map(|particle| curve.place(particle)).collect();

@@ -1,6 +1,6 @@
 //! Which values go where, to be gone again with other values of the same particles.
 
-use crate::agree::{Asked, Call, agree};
+use crate::agree::{Arguments, Call, agree};
 use crate::error::{Error, Problem};
 use crate::exchange::{Exchange, swap};
 use bytemuck::Pod;
@@ -57,7 +57,7 @@ impl Route {
     pub fn carry<T: Pod>(&self, exchange: &impl Exchange, values: &[T]) -> Result<Vec<T>, Error> {
         let fits = values.len() == self.len;
         let checked = if fits { Ok(()) } else { Err(Problem::Length { found: values.len() }) };
-        agree(exchange, Asked::new(Call::Carry).k(size_of::<T>()), checked)?;
+        agree(exchange, Arguments::new(Call::Carry).k(size_of::<T>()), checked)?;
         let arrived = self.send(exchange, values);
         Ok(self.order.iter().map(|&i| arrived[i as usize]).collect())
     }

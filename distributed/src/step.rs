@@ -1,6 +1,6 @@
 //! A step: the particles of a rank, what of other ranks comes near them, and trees of both.
 
-use crate::agree::{Asked, Call, agree};
+use crate::agree::{Arguments, Call, agree};
 use crate::error::Error;
 use crate::exchange::Exchange;
 use crate::particle::{Particle, Points};
@@ -9,7 +9,7 @@ use crate::route::Route;
 use crate::top::Top;
 use mbkd::{PointParams, PointTree};
 
-/// A step of a simulation on one rank: asked by all ranks together, each gets the lists of its own particles.
+/// A step of a simulation on one rank: all ranks call it together, and each gets the lists of its own particles.
 ///
 /// Particles move on straight ways between the places at times 0 and 1. Every list has the bits that it has in one process.
 ///
@@ -52,8 +52,8 @@ impl<'e, E: Exchange> Step<'e, E> {
     /// Particles may be on any rank, also all on one; answers do not depend on it. Costs little where they come from
     /// [`distribute`](crate::distribute). Errors: [`Problem`](crate::Problem) names them.
     pub fn new(exchange: &'e E, particles: &[Particle], reach: &Reach) -> Result<Step<'e, E>, Error> {
-        let asked = Asked::new(Call::Step).radius(reach.radius).periods(reach.periods);
-        agree(exchange, asked, reach.check().and_then(|()| check_particles(particles, reach.periods)))?;
+        let arguments = Arguments::new(Call::Step).radius(reach.radius).periods(reach.periods);
+        agree(exchange, arguments, reach.check().and_then(|()| check_particles(particles, reach.periods)))?;
         let mut particles = particles.to_vec();
         particles.sort_by_key(|particle| particle.id);
         let (top, chunks) = Top::new(exchange, &particles, reach.periods);

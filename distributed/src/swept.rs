@@ -4,7 +4,7 @@
 //! coordinate rounded to f32. Lists are those of the own particles at their own places, so an encounter is computed from
 //! the particle itself and an image of the other one, whichever rank asks.
 
-use crate::agree::{Asked, Call, agree};
+use crate::agree::{Arguments, Call, agree};
 use crate::error::{Error, Problem};
 use crate::exchange::Exchange;
 use crate::particle::Particle;
@@ -38,12 +38,12 @@ impl<E: Exchange> Step<'_, E> {
     /// A particle that comes near from both sides of a periodic box is listed with either image. Errors: those of
     /// [`Step::neighbor_lists`], and [`Problem::TooMany`] where a rank has more particles and images than fit.
     pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> Result<Rows<Meeting>, Error> {
-        let asked = Asked::new(Call::Swept).times([interval.begin(), interval.end()]).radius(radius);
+        let arguments = Arguments::new(Call::Swept).times([interval.begin(), interval.end()]).radius(radius);
         let (all, whose) = self.with_images();
         let fits = if all.len() < u32::MAX as usize { Ok(()) } else { Err(Problem::TooMany { found: all.len() }) };
-        agree(self.exchange, asked, self.check_radius(radius).and(fits))?;
+        agree(self.exchange, arguments, self.check_radius(radius).and(fits))?;
         let lists = tree(&all).neighbor_lists_swept(interval, radius);
-        let lists = lists.unwrap_or_else(|error| unreachable!("the question has been checked: {error}"));
+        let lists = lists.unwrap_or_else(|error| unreachable!("the query has been checked: {error}"));
         let mut own: Vec<&[Encounter]> = vec![&[]; self.particles.len()];
         for (place, list) in lists.iter() {
             if let Some(own) = own.get_mut(place as usize) {

@@ -84,9 +84,9 @@ fn measure(args: &Args, recipe: &scene::Recipe) -> Result<(), Box<dyn Error + Se
         let (whole_time, whole) = build(&BuildParams::default());
         let (lazy_time, lazy) = build(&lazy);
         let (whole, lazy) = (whole?, lazy?);
-        let (first, _) = timed(|| ask(&lazy, &rays));
-        let (of_whole, _) = timed(|| ask(&whole, &rays));
-        let (again, _) = timed(|| ask(&lazy, &rays));
+        let (first, _) = timed(|| run_query(&lazy, &rays));
+        let (of_whole, _) = timed(|| run_query(&whole, &rays));
+        let (again, _) = timed(|| run_query(&lazy, &rays));
         builds.push(whole_time);
         of_build.push(lazy_time / whole_time);
         with_subtrees.push((lazy_time + first - again) / whole_time);
@@ -112,7 +112,7 @@ fn measure(args: &Args, recipe: &scene::Recipe) -> Result<(), Box<dyn Error + Se
     Ok(())
 }
 
-fn ask(tree: &RayTree, rays: &[Ray]) {
+fn run_query(tree: &RayTree, rays: &[Ray]) {
     rays.iter().for_each(|ray| _ = black_box(tree.closest_hit(ray)));
 }
 
@@ -152,19 +152,19 @@ fn tested(tree: &RayTree, rays: &[Ray]) -> f64 {
     let mut seen = HashSet::new();
     for ray in rays {
         let end = tree.closest_hit(ray).map_or(f32::INFINITY, |hit| hit.t);
-        _ = tree.traverse(ray.time, &mut Way { ray: *ray, end: f64::from(end), seen: &mut seen });
+        _ = tree.traverse(ray.time, &mut RayVisitor { ray: *ray, end: f64::from(end), seen: &mut seen });
     }
     seen.len() as f64 / tree.statistics().primitives as f64
 }
 
 /// The path of a ray up to its hit.
-struct Way<'a> {
+struct RayVisitor<'a> {
     ray: Ray,
     end: f64,
     seen: &'a mut HashSet<TreePrimitive>,
 }
 
-impl Visitor<TreePrimitive> for Way<'_> {
+impl Visitor<TreePrimitive> for RayVisitor<'_> {
     fn enter(&mut self, bounds: &Aabb) -> Option<f32> {
         let dir = self.ray.dir.as_dvec3();
         let (a, b) = ((bounds.min - self.ray.origin) / dir, (bounds.max - self.ray.origin) / dir);

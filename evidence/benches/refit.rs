@@ -115,8 +115,8 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
             let rays = rays(&now.camera, args.rays);
             for round in 0..4 {
                 let [mut of_tree, mut of_other] = [const { Vec::new() }; 2];
-                timed(&mut of_tree, || ask(&tree, &rays));
-                timed(&mut of_other, || ask(&other, &rays));
+                timed(&mut of_tree, || run_query(&tree, &rays));
+                timed(&mut of_other, || run_query(&other, &rays));
                 // The first round warms the caches.
                 if round > 0 {
                     rays_of_both.push(of_tree[0] / of_other[0]);
@@ -152,7 +152,7 @@ fn rays(camera: &scene::Camera, count: usize) -> Vec<Ray> {
     (0..count).map(|_| camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect()
 }
 
-fn ask(tree: &RayTree, rays: &[Ray]) {
+fn run_query(tree: &RayTree, rays: &[Ray]) {
     rays.iter().for_each(|ray| _ = black_box(tree.closest_hit(ray)));
 }
 

@@ -33,7 +33,7 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-fn ask(tree: &PointTree, queries: &[(DVec3, f32)], k: usize, radius: f32, buffer: &mut NeighborBuffer) {
+fn run_query(tree: &PointTree, queries: &[(DVec3, f32)], k: usize, radius: f32, buffer: &mut NeighborBuffer) {
     for &(q, time) in queries {
         match k {
             0 => {
@@ -127,7 +127,7 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
         for k in ASKED {
             let (mut least, mut ratios) = ([f64::INFINITY; 2], Vec::new());
             for turn in (0..ROUNDS).flat_map(|_| queries.chunks(TURN)) {
-                let mut time = |tree| nanoseconds(|| ask(tree, turn, k, radius, &mut buffer)) / TURN as f64;
+                let mut time = |tree| nanoseconds(|| run_query(tree, turn, k, radius, &mut buffer)) / TURN as f64;
                 let times = [time(&trees[0]), time(&trees[1])];
                 ratios.push(times[1] / times[0]);
                 least = [least[0].min(times[0]), least[1].min(times[1])];

@@ -1,4 +1,4 @@
-"""What callers hand over, as the contiguous arrays that the compiled part takes."""
+"""Conversion of arguments to the contiguous arrays that the compiled part takes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 def floats(values: ArrayLike, name: str) -> np.ndarray:
     """A C-contiguous array of float32 or float64.
 
-    Arrays that are that already are taken as they are; float16 becomes float32, and whole numbers float64. Masked elements
-    are refused, since nothing here knows of masks.
+    Arrays of this kind are returned as they are; float16 becomes float32, and integers become float64. Masked elements are
+    refused, since the library does not support masked arrays.
     """
     if np.ma.is_masked(values):
         raise ValueError(f"{name} has masked elements; fill them or leave them out")
@@ -28,11 +28,11 @@ def floats(values: ArrayLike, name: str) -> np.ndarray:
 
 
 def places(values: ArrayLike, name: str) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Finite positions as rows (m, 3), and the shape that they had without the last axis."""
+    """Finite positions as rows (m, 3), and their original shape without the last axis."""
     array = floats(values, name)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise ValueError(f"{name} must have the shape (..., 3), not {array.shape}")
-    # A sum is finite unless something in it is not; only then it takes a look at each.
+    # If the sum is finite, so is every element. Otherwise each element is tested.
     with np.errstate(all="ignore"):
         suspicious = not np.isfinite(array.sum(dtype=np.float64))
     if suspicious and not np.isfinite(array).all():
@@ -41,7 +41,7 @@ def places(values: ArrayLike, name: str) -> tuple[np.ndarray, tuple[int, ...]]:
 
 
 def per_query(values: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarray:
-    """One float32 for all queries, or one for each of them."""
+    """One float32 for all queries, or one for each query."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name} must be numbers, not {array.dtype}")
@@ -56,7 +56,7 @@ def per_query(values: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarra
 
 
 def keys_of(first: ArrayLike, later: ArrayLike | None, name: str) -> list[np.ndarray]:
-    """Positions (n, 3) at each key, of one precision, from (n, 3) or (K, n, 3) and those of later keys."""
+    """Positions (n, 3) at each key, all of one precision, from (n, 3) or (K, n, 3) and the positions at later keys."""
     array = floats(first, name)
     arrays = [array] if array.ndim == 2 else list(array) if array.ndim == 3 else None
     if arrays is None:
@@ -80,7 +80,7 @@ def keys_of(first: ArrayLike, later: ArrayLike | None, name: str) -> list[np.nda
 
 
 def only_euclidean(p: float) -> None:
-    """Refuses scipy's other metrics."""
+    """Refuses the other metrics of scipy."""
     if p != 2:
         raise ValueError("distances are Euclidean: p must be 2")
 
@@ -103,7 +103,7 @@ def number(value: float, name: str) -> float:
 
 
 def whole(value: int, name: str, least: int, most: int) -> int:
-    """A single whole number within bounds."""
+    """A single integer within bounds."""
     try:
         found = operator.index(value)
     except TypeError:

@@ -1,4 +1,4 @@
-"""What trees of meshes and trees of instances are asked: rays and nearest points."""
+"""Queries that trees of meshes and trees of instances share: rays and nearest points."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ EVERYTHING = 0xFFFF_FFFF
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What rays hit, one row for each ray (or for each hit of all hits).
+    """Hits of rays, one row for each ray (or one for each hit, for queries of all hits).
 
     Attributes
     ----------
     t : float32
-        Distance in units of the direction; ``inf`` where nothing is hit.
+        Distance in units of the direction; ``inf`` if nothing is hit.
     mesh : int32
-        The mesh, by its place among those that the tree was built of; -1 where nothing is hit.
+        The index of the mesh among the meshes of the tree; -1 if nothing is hit.
     triangle : int64
-        The triangle within its mesh; -1 where nothing is hit.
+        The index of the triangle in its mesh; -1 if nothing is hit.
     u, v : float32
-        Barycentric weights of the triangle's second and third corner; the first has 1 - u - v.
+        Barycentric coordinates: the weights of the triangle's second and third corner. The first corner has 1 - u - v.
     """
 
     t: np.ndarray
@@ -45,18 +45,18 @@ H = TypeVar("H", bound=Hits)
 
 
 class Traced(Generic[H]):
-    """A tree that is asked for hits of rays."""
+    """A tree with ray queries."""
 
     _tree: _mbkd.Rays | _mbkd.Instances
     _hits: type[H]
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the tree and its triangles take; a tree that is placed several times counts once."""
+        """Memory of the tree and its triangles in bytes. A tree that is placed several times counts once."""
         return self._tree.nbytes
 
     def statistics(self) -> str:
-        """What the build made, as text."""
+        """Statistics of the tree, as text."""
         return self._tree.statistics()
 
     def closest_hits(
@@ -71,25 +71,27 @@ class Traced(Generic[H]):
         workers: int = 1,
         progress: Progress | None = None,
     ) -> H:
-        """The nearest hit of each ray; of several at the same t that on the lowest (mesh, triangle), and before that
-        of the lowest path of instances.
+        """Find the nearest hit of each ray.
+
+        Ties at the same t go to the lowest path of instances, and then to the lowest (mesh, triangle).
 
         Parameters
         ----------
         origins : (n, 3)
-            Where rays begin; float64 keeps what it has.
+            The origins of rays. float64 origins are not rounded.
         directions : (n, 3) or (3,)
-            Of any length but zero; t counts in that length. A ray whose direction is zero or not finite hits nothing.
+            Directions of any length except zero; t is in units of that length. A ray whose direction is zero or not finite
+            hits nothing.
         time : float or (n,)
-            When each ray looks, in [0, 1].
+            The time of each ray, in [0, 1].
         t_min, t_max : float or (n,)
-            Hits count from t_min to t_max, both included; none do where the first is above the second or one is NaN.
+            Hits count from t_min to t_max, inclusive. If t_min is greater than t_max, or one of them is NaN, there are none.
         mask : int
-            Sees the meshes, and the instances, whose mask shares a bit.
+            The query sees the meshes, and the instances, whose masks share a bit with this one.
         workers : int
             Threads; -1 for all processors.
         progress : callable, optional
-            Called with the finished fraction now and then.
+            Called with the finished fraction from time to time.
         """
         rays = rays_of(origins, directions, time, t_min, t_max)
         return self._hits(*self._tree.closest_hits(rays, mask_of(mask), workers, progress))
@@ -106,13 +108,13 @@ class Traced(Generic[H]):
         workers: int = 1,
         progress: Progress | None = None,
     ) -> tuple[np.ndarray, H]:
-        """All hits of all rays: the index of the ray of each (int64), and the hits, by ray and along each ray."""
+        """Find all hits of all rays: the ray index of each hit (int64), and the hits, sorted by ray and along each ray."""
         rays = rays_of(origins, directions, time, t_min, t_max)
         index, hits = self._tree.all_hits(rays, mask_of(mask), workers, progress)
         return index, self._hits(*hits)
 
     def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
-        """Whether each ray hits anything, bool (n,). Options as of `closest_hits`."""
+        """Whether each ray hits anything, bool (n,). Options as for `closest_hits`."""
         return _with(self._tree.any_hits, ray_origins, ray_directions, **options)
 
     def _nearest(
@@ -125,7 +127,7 @@ class Traced(Generic[H]):
         workers: int = 1,
         progress: Progress | None = None,
     ) -> tuple[np.ndarray, H]:
-        """The nearest points, float64 (n, 3), and what they lie on; t is their distance."""
+        """The nearest points, float64 (n, 3), and the triangles they lie on; t is their distance."""
         queries, shape = places(points, "points")
         times, most = per_query(time, shape, "time"), per_query(max_distance, shape, "max_distance")
         if not (most >= 0).all():

@@ -1,4 +1,4 @@
-"""Trees of meshes placed many times, each moving."""
+"""Trees with many moving instances of other trees."""
 
 from __future__ import annotations
 
@@ -16,55 +16,56 @@ from .rays import RayTree
 
 @dataclass(frozen=True, eq=False)
 class InstanceHits(Hits):
-    """What rays hit, one row for each ray (or for each hit of all hits), as `Hits`, and where that is placed.
+    """Hits of rays as in `Hits`, with the path of instances of each hit.
 
     Attributes
     ----------
     path : int64 (m, 4)
-        The instance of the outermost tree, then that of the tree placed there, and so on; -1 behind the last, and everywhere
-        where nothing is hit.
+        The instance in the outermost tree, then the instance in the tree placed there, and so on. -1 after the last one,
+        and everywhere if nothing is hit.
     """
 
     path: np.ndarray
 
     @property
     def instance(self) -> np.ndarray:
-        """The instance of the outermost tree, int64 (m,); -1 where nothing is hit."""
+        """The instance in the outermost tree, int64 (m,); -1 if nothing is hit."""
         return self.path[:, 0]
 
 
 class InstanceTree(Traced[InstanceHits]):
-    """Trees placed many times, moving, without a copy of what is placed.
+    """A tree of moving instances of other trees. The placed trees are shared, not copied.
 
-    An instance places one of `trees` by a matrix, or by scale, rotation and translation, in this order. Either is given once
-    or at K keys that are spaced evenly over the shutter [0, 1]. Between keys entries of matrices are interpolated
-    linearly, and so are translations and scales; rotations turn uniformly, the shorter way.
+    An instance places one of `trees` by a matrix, or by scale, rotation and translation, applied in this order. Either is
+    given once, or at K keys spaced evenly over the shutter [0, 1]. The entries of matrices are interpolated linearly between
+    keys, and so are translations and scales. Rotations turn at constant speed, the shorter way.
 
     Parameters
     ----------
     trees : sequence of RayTree or InstanceTree
-        What can be placed; trees of instances too, up to four levels.
-    which : (n,) of whole numbers
-        Which of them each instance places.
-    matrices : (n, 4, 4), (n, 3, 4), or one of these behind a first axis of K keys
-        From the space of the placed tree to that of this one, for column vectors: translations are in the last column.
+        The trees that instances place. Trees of instances can be nested, up to four levels.
+    which : (n,) of integers
+        The index of the tree that each instance places.
+    matrices : (n, 4, 4), (n, 3, 4), or one of these after a first axis of K keys
+        The map from the space of the placed tree to the space of this one, for column vectors: translations are in the last
+        column.
     translations : (n, 3) or (K, n, 3), optional
     rotations : (n, 4) or (K, n, 4), optional
         Unit quaternions x, y, z, w, as ``scipy.spatial.transform.Rotation.as_quat`` gives them.
     scales : (n,), (n, 3) or (K, n, 3), optional
-        Instead of `matrices`; what is left out is 0, no rotation, and 1.
+        These three replace `matrices`. The defaults are 0, no rotation, and 1.
     masks : (n,) of 32 bits, optional
-        Queries see an instance if their mask shares a bit, and in it the meshes whose masks do.
+        A query sees an instance if their masks share a bit, and in it the meshes whose masks share a bit.
     lifetimes : (n, 2), optional
-        When each instance exists: begin <= t < end (an end of 1 includes 1).
+        The interval in which each instance exists: begin <= t < end (an end of 1 includes 1).
     workers : int
         Threads for the build; -1 for all processors.
 
     Raises
     ------
     ValueError
-        Transforms that are singular or not finite, quaternions that are not of length 1, arrays of other shapes or
-        different length, trees that are not there.
+        If transforms are singular or not finite, quaternions do not have length 1, arrays have wrong shapes or different
+        lengths, or `which` has an index of no tree.
 
     Examples
     --------
@@ -126,28 +127,29 @@ class InstanceTree(Traced[InstanceHits]):
         return self._tree.n
 
     def __reduce__(self) -> tuple:
-        raise TypeError("a tree of instances can not be pickled; pickle what it places, and build it again")
+        raise TypeError("a tree of instances can not be pickled; pickle the trees that it places, and build it again")
 
     def __repr__(self) -> str:
         return f"<InstanceTree of {len(self)} instances, {self.nbytes / 1e6:.1f} MB>"
 
     def closest_point(self, points: ArrayLike, **options) -> tuple[np.ndarray, np.ndarray, InstanceHits]:
-        """The nearest point of anything that is placed to each point.
+        """The nearest point of any instance to each point.
 
-        Distances are those from the triangles where they are placed, in the coordinates of this tree, under any matrix.
+        Distances are measured to the placed triangles, in the coordinates of this tree, under any matrix.
 
         Parameters
         ----------
         points : (n, 3)
-            Options as of `RayTree.closest_point`; `mask` sees the instances, and in them the meshes, whose mask shares a bit.
+            Options as for `RayTree.closest_point`. `mask` selects the instances, and in them the meshes, whose masks share a
+            bit with it.
 
         Returns
         -------
         closest : float64 (n, 3)
         distance : float32 (n,)
         near : InstanceHits
-            What each lies on: path, mesh, triangle, u and v; its t is the distance. NaN, ``inf`` and -1 where nothing is
-            near enough. Of several at the same distance the lowest (path, mesh, triangle).
+            The path, mesh, triangle, u and v of each point; its t is the distance. NaN, ``inf`` and -1 if nothing is near
+            enough. Ties go to the lowest (path, mesh, triangle).
 
         Examples
         --------
@@ -163,8 +165,9 @@ class InstanceTree(Traced[InstanceHits]):
         return closest, near.t, near
 
     def matrices(self, path: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
-        """Where paths (m, levels), as those of hits, lead at times: float64 (m, 4, 4), from the space of the tree that is
-        placed there to that of this one; NaN for paths that lead nowhere.
+        """The matrices of paths (m, levels), as in hits, at times: float64 (m, 4, 4).
+
+        Each maps from the space of the tree at the end of the path to the space of this tree. NaN for invalid paths.
         """
         paths = np.ascontiguousarray(path, dtype=np.int64)
         if paths.ndim != 2:

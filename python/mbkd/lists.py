@@ -1,4 +1,4 @@
-"""Lists of neighbours, one behind the other."""
+"""Neighbour lists in compressed sparse rows."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ class NeighborLists:
     Attributes
     ----------
     offsets : int64 (m + 1,)
-        Where each list begins, and where the last one ends.
+        The begin of each list in `ids`, and the end of the last one.
     ids : int32 (total,)
         The neighbours, list after list.
     points : int32 (m,) or None
-        The point that each list belongs to; None where list i is that of point (or query) i.
+        The point that each list belongs to; None if list i belongs to point (or query) i.
     distances : float32 (total,) or None
-        How far each neighbour is, if asked for.
+        The distance of each neighbour, if requested.
     displacements : float32 (total, 3) or None
-        The way from the point to each neighbour (to its nearest image in a periodic box), if asked for.
+        The vector from the point to each neighbour (to its nearest image in a periodic box), if requested.
     valid_until : float or None
-        Of lists with a skin: the time until which they hold every pair within the radius.
+        For lists with a skin: the time until which they contain every pair within the radius.
     """
 
     offsets: np.ndarray
@@ -44,7 +44,7 @@ class NeighborLists:
 
     @property
     def counts(self) -> np.ndarray:
-        """How many neighbours each list has, int64 (m,)."""
+        """The number of neighbours in each list, int64 (m,)."""
         return np.diff(self.offsets)
 
     def pairs(self) -> np.ndarray:
@@ -56,7 +56,7 @@ class NeighborLists:
         return pairs
 
     def to_objects(self) -> np.ndarray:
-        """An array of Python lists (m,), as scipy has it: convenient for few, slow and large for many."""
+        """An array of Python lists (m,), as in scipy: convenient for few lists, slow and large for many."""
         rows = np.empty(len(self), dtype=object)
         rows[:] = [self[row].tolist() for row in range(len(self))]
         return rows
@@ -67,18 +67,20 @@ class NeighborLists:
 
 @dataclass(frozen=True, eq=False)
 class Encounters:
-    """Who comes within a radius of whom during an interval: list i is that of point i, sorted by id.
+    """The points that come within a radius of each other during an interval. List i belongs to point i and is sorted by id.
 
     Attributes
     ----------
     offsets : int64 (n + 1,)
+        The begin of each list in `ids`, and the end of the last one.
     ids : int32 (total,)
+        The neighbours, list after list.
     enter, leave : float32 (total,)
         The first and the last time within the radius.
     closest : float32 (total,)
-        When the two are nearest.
+        The time at which the two points are nearest.
     distances : float32 (total,)
-        How far apart they are then.
+        Their distance at that time.
     """
 
     offsets: np.ndarray

@@ -16,16 +16,16 @@ Progress = Callable[[float], object]
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """Answers of a gather, one row for each query.
+    """Density estimates, one row for each query.
 
     Attributes
     ----------
     density : float32 (n,) or (n, 3)
-        Flux per area and time (the whole shutter being 1), in as many channels as the photons have.
+        Flux per area and time (the shutter has length 1), in as many channels as the photons have.
     radius : float32 (n,)
-        The radius of the disc over which it was estimated.
+        The radius of the disc of each estimate.
     count : int64 (n,)
-        How many photons were summed.
+        The number of photons in each estimate.
     """
 
     density: np.ndarray
@@ -34,21 +34,21 @@ class Gathered:
 
 
 class PhotonMap:
-    """Photons on surfaces, to be gathered at a time (Cammarano and Jensen, 2002).
+    """Photons on surfaces, for density estimates at a time (Cammarano and Jensen, 2002).
 
     Parameters
     ----------
     positions : (n, 3)
-        Where photons arrived. All numbers are taken as float32.
+        The positions at which photons arrived. All numbers are converted to float32.
     normals : (n, 3)
-        Unit normals of the surface there.
+        Unit normals of the surface at these positions.
     flux : (n,) or (n, 3)
-        The light that each carries: energy over the whole shutter.
+        The flux of each photon: energy over the whole shutter.
     times : (n,)
-        When each arrived, in [0, 1].
+        The time at which each photon arrived, in [0, 1].
     window, neighbors
-        The half width of the window in time, and the number of photons, that queries will mostly have: the tree is built
-        for them. Answers do not depend on them.
+        The expected half width of the time window and the expected number of photons of queries. The tree is optimized for
+        these; answers do not depend on them.
     workers : int
         Threads for the build; -1 for all processors.
     """
@@ -99,24 +99,24 @@ class PhotonMap:
         workers: int = 1,
         progress: Progress | None = None,
     ) -> Gathered:
-        """The density of light at places (n, 3) with unit normals (n, 3) or (3,), each at its time.
+        """Estimate the density of light at positions (n, 3) with unit normals (n, 3) or (3,), each at its time.
 
         Parameters
         ----------
         k, radius
-            The k nearest photons, those within a radius, or both: give at least one.
+            Use the k nearest photons, those within a radius, or both. At least one must be given.
         window : float
-            Half width of the window in time: photons stamped at s count where abs(s - time) <= window.
+            Half width of the time window: a photon with the time stamp s counts if abs(s - time) <= window.
         cosine, thickness : float, optional
-            Only photons whose normal has at least this cosine with that of the query; only those in a disc of this half
-            thickness.
+            Use only photons whose normal has at least this cosine with that of the query, and only photons in a disc of this
+            half thickness.
         kernels : (str, str)
             Weights by distance in space and in time: 'box', 'cone', 'epanechnikov' or 'gaussian'.
 
         Raises
         ------
         ValueError
-            Anything out of range, and a query with neither k nor radius.
+            If an argument is out of range, or neither k nor radius is given.
         """
         where = _rows(positions, "positions")
         facing = np.broadcast_to(np.asarray(normals, dtype=np.float32), where.shape)

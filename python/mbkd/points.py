@@ -1,4 +1,4 @@
-"""Neighbours among points that move."""
+"""Neighbour queries among moving points."""
 
 from __future__ import annotations
 
@@ -16,53 +16,54 @@ Progress = Callable[[float], object]
 
 
 class PointTree:
-    """A tree of points that may move, and may exist for a while only.
+    """A tree of points that may move, and that may exist during a part of the shutter only.
 
-    Names, shapes and conventions are those of ``scipy.spatial.cKDTree``; every query has a ``time`` besides.
+    Names, shapes and conventions are those of ``scipy.spatial.cKDTree``. In addition, every query has a ``time``.
 
     Parameters
     ----------
     points : (n, 3) or (K, n, 3)
-        Positions, or positions at K keys that are spaced evenly over the shutter [0, 1]. Between keys points move
-        linearly. float32 is kept bit for bit; float64 too, unless `round_to_f32`, at about twice the memory and up to
-        twice the time; of neighbour lists there are plain ones only. Whole numbers become float64. C-contiguous arrays are read in place.
+        Positions, or positions at K keys spaced evenly over the shutter [0, 1]. Points move linearly between keys.
+        float32 positions are kept bit for bit. So are float64 positions, unless `round_to_f32` is given; they take about
+        twice the memory and up to twice the time, and support plain neighbour lists only. Integers become float64.
+        C-contiguous arrays are read in place.
     keys : (n, 3) or (K - 1, n, 3), optional
-        Positions at the later keys, where `points` are those when the shutter opens.
+        Positions at the later keys, if `points` has those at the first key.
     lifetimes : (n, 2), optional
         When each point exists: begin <= t < end (an end of 1 includes 1).
     boxsize : float or (3,), optional
-        Periodic box [0, L) as in scipy; 0 for axes that are not periodic. Points count at their nearest image. Points
-        that stand still must lie in the box, those that move may leave it by up to four periods.
+        Periodic box [0, L) as in scipy; 0 for axes that are not periodic. Distances are to the nearest image. Static
+        points must lie in the box. Moving points may leave it by up to four periods.
     structure : {'automatic', 'linear', 'slabs:N', 'mbkd'}
-        How moving points are organized. Answers do not depend on it.
+        The structure of the tree for moving points. Answers do not depend on it.
     max_references : float
-        Most references per point where points are divided among parts of the tree.
+        The greatest number of references per point, in structures that store a point more than once.
     round_to_f32 : bool
-        Rounds float64 positions to float32 relative to the middle of the set: smaller, faster, and with all
-        neighbour lists.
+        Round float64 positions to float32 relative to the middle of the set. The tree is smaller and faster, and supports
+        all neighbour lists.
     workers : int
         Threads for the build; -1 for all processors.
     progress : callable, optional
-        Called with the finished fraction now and then. An exception ends the build, as Ctrl-C does.
+        Called with the finished fraction from time to time. An exception ends the build, as Ctrl-C does.
 
     Attributes
     ----------
     n, m : int
         Number of points, and of coordinates (3).
     data : ndarray
-        The positions at the first key, as they were given; None in a tree that was loaded. The tree does not look at them
-        any more.
+        The positions at the first key, as they were given; None in a tree that was loaded. The tree does not use them.
     boxsize : (3,) ndarray or None
+        The lengths of the periodic box.
     nbytes : int
         Memory of the tree.
 
     Raises
     ------
     ValueError
-        Positions that are not finite or beyond 1e18, lifetimes that are no intervals of [0, 1], arrays of different
-        length, points outside of the box, parameters out of range.
+        If positions are not finite or beyond 1e18, lifetimes are not intervals in [0, 1], arrays differ in length, points
+        lie outside the box, or parameters are out of range.
     TypeError
-        What is no array of numbers.
+        If an argument is not an array of numbers.
 
     Examples
     --------
@@ -111,9 +112,9 @@ class PointTree:
         self.boxsize = None if boxsize is None else box.copy()
 
     def save(self, path: str | os.PathLike) -> None:
-        """Writes the tree to a file, which `PointTree.load` reads, here or in Rust, on any machine.
+        """Write the tree to a file. `PointTree.load` reads it, in Python and in Rust, on any machine.
 
-        The file holds neither `data` nor `boxsize`: a tree with a periodic box is refused with a ValueError; pickle it
+        The file contains neither `data` nor `boxsize`. So a tree with a periodic box raises a ValueError; pickle it
         instead.
         """
         if self.boxsize is not None:
@@ -122,16 +123,17 @@ class PointTree:
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> PointTree:
-        """Reads a tree from a file.
+        """Read a tree from a file.
 
-        It answers every query as the tree did that was saved; its `data` is None.
+        The tree gives the same answers as the saved one. Its `data` is None.
 
         Raises
         ------
         OSError
-            If the file can not be read.
+            If the file cannot be read.
         ValueError
-            If it is damaged, of another version, no tree of points, made to mislead, or has ids that are no indices.
+            If the file is damaged or invalid, has another version, is not a tree of points, or has ids that are not
+            indices.
         """
         return cls._of(_mbkd.Points.load(os.fspath(path)), None, None)
 
@@ -154,11 +156,11 @@ class PointTree:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the tree takes."""
+        """Memory of the tree in bytes."""
         return self._tree.nbytes
 
     def statistics(self) -> str:
-        """What the tree consists of, and why, as text."""
+        """The contents of the tree and the reasons for its structure, as text."""
         return self._tree.statistics()
 
     def __repr__(self) -> str:
@@ -176,33 +178,33 @@ class PointTree:
         time: ArrayLike = 0.0,
         progress: Progress | None = None,
     ) -> tuple:
-        """The k nearest points.
+        """Find the k nearest points.
 
         Parameters
         ----------
         x : (..., 3)
-            Query positions. Beyond 1e18 nothing is found.
+            Query positions. A position beyond 1e18 finds nothing.
         k : int or sequence of int
-            How many, or which: [1, 3] gives the nearest and the third nearest.
+            The number of neighbours; or a list of ranks: [1, 3] gives the nearest and the third nearest.
         eps : float
-            Answers may be farther than the exact ones by a factor of up to 1 + eps.
+            Answers may be farther away than the exact ones by a factor of up to 1 + eps.
         p : float
-            2; there are no other metrics.
+            Must be 2; other metrics are not supported.
         distance_upper_bound : float
-            Only points nearer than this.
+            Return only points nearer than this.
         workers : int
             Threads; -1 for all processors.
         time : float or array that broadcasts to x without its last axis
-            When each query looks, in [0, 1].
+            The time of each query, in [0, 1].
         progress : callable, optional
-            Called with the finished fraction now and then. An exception ends the query.
+            Called with the finished fraction from time to time. An exception ends the query.
 
         Returns
         -------
         d, i : float64 and intp (..., k), or (...) for k = 1
-            Distances, nearest first, and indices; ties in the order of indices. Missing neighbours have the distance
-            ``inf`` and the index ``n``. Distances are those of float32 arithmetic where positions are float32; of
-            float64 positions they are rounded to float32 at the end.
+            Distances, nearest first, and indices. Ties are in the order of indices. Missing neighbours have the distance
+            ``inf`` and the index ``n``. Distances of float32 positions are computed in float32. Distances of float64
+            positions are rounded to float32 at the end.
         """
         only_euclidean(p)
         queries, shape = places(x, "x")
@@ -210,7 +212,7 @@ class PointTree:
         wanted = np.asarray(k)
         single = wanted.ndim == 0
         wanted = wanted.reshape(-1)
-        # No whole numbers are those that are too large for numpy, too.
+        # Integers that are too large for numpy have another kind, and are refused as well.
         if wanted.dtype.kind not in "iub" or wanted.size == 0 or wanted.min() < 1:
             raise ValueError("k must be an integer of at least 1, or a sequence of them")
         most = int(wanted.max())
@@ -219,7 +221,7 @@ class PointTree:
             raise ValueError("eps must not be negative or NaN")
         if not bound >= 0:
             raise ValueError("distance_upper_bound must not be negative or NaN")
-        # More than there are would only take memory.
+        # More neighbours than points would only take memory.
         found = max(min(most, self.n), 1)
         d, i = self._tree.query(queries, times, found, eps, bound, workers, progress)
         if not single:
@@ -250,28 +252,29 @@ class PointTree:
         output_type: str = "csr",
         progress: Progress | None = None,
     ):
-        """All points within a radius: squared distance at most r * r, in float32.
+        """Find all points within a radius: squared distance at most r * r, in float32.
 
         Parameters
         ----------
         x : (..., 3)
             Query positions.
         r : float or array that broadcasts to x without its last axis
-            The radius, or one for each query.
+            One radius, or one for each query.
         p, eps : float
-            2 and anything: other metrics are not there, and answers are always exact.
+            `p` must be 2; other metrics are not supported. `eps` is ignored; answers are always exact.
         return_sorted : bool, optional
-            Sort lists by index. As in scipy, None sorts unless there is a single query.
+            Sort each list by index. As in scipy, None sorts unless there is a single query.
         return_length : bool
-            Numbers of points only.
+            Return only the numbers of points.
         time : float or array that broadcasts to x without its last axis
+            The time of each query, in [0, 1].
         output_type : {'csr', 'object'}
             'object' gives lists as scipy does: convenient for few queries, slow and large for many.
 
         Returns
         -------
         NeighborLists
-            List i is that of query i (queries in C order).
+            List i belongs to query i (queries in C order).
         int64 (...)
             With `return_length`.
         list, or object array (...) of lists
@@ -301,14 +304,14 @@ class PointTree:
         time: float = 0.0,
         workers: int = 1,
     ):
-        """All pairs of points within a radius of each other, each once with i < j.
+        """Find all pairs of points within a radius of each other, each once with i < j.
 
         Returns
         -------
         intp (pairs, 2)
             Sorted by i, then j.
         set of tuples
-            With ``output_type='set'``, as scipy has it by default.
+            With ``output_type='set'``, the default of scipy.
         """
         only_euclidean(p)
         if output_type not in ("ndarray", "set"):
@@ -316,7 +319,7 @@ class PointTree:
         if self.boxsize is None or self.data.dtype == np.float32:
             pairs = self.neighbor_lists(r, time=time, pairs_once=True, sorted=True, workers=workers).pairs()
         else:
-            # Lists of periodic boxes are made of float32 positions; queries one by one are exact.
+            # Neighbour lists in periodic boxes use float32 positions; single queries are exact.
             positions = self.positions(time)
             exist = np.flatnonzero(~np.isnan(positions[:, 0]))
             lists = self.query_ball_point(positions[exist], r, workers=workers, return_sorted=True, time=time)
@@ -334,9 +337,9 @@ class PointTree:
         workers: int = 1,
         progress: Progress | None = None,
     ):
-        """How many pairs, one point of each tree, are within a radius (or each of several) of each other.
+        """Count the pairs, one point of each tree, within a radius of each other; for one radius or several.
 
-        As in scipy a tree and itself have n pairs of a point with itself, and the others twice.
+        As in scipy, a tree and itself have n pairs of a point with itself, and count each other pair twice.
 
         Returns
         -------
@@ -350,7 +353,7 @@ class PointTree:
         return np.asarray(counts, dtype=np.int64).reshape(radii.shape) if radii.ndim else counts[0]
 
     def positions(self, time: float = 0.0) -> np.ndarray:
-        """Where all points are at a time, float64 (n, 3), as queries see them; NaN for those that do not exist then."""
+        """The positions of all points at a time, float64 (n, 3), as queries use them; NaN for points that do not exist then."""
         return self._tree.positions(time)
 
     def closest_approach(
@@ -362,20 +365,20 @@ class PointTree:
         *,
         progress: Progress | None = None,
     ) -> tuple:
-        """The points that come nearest to queries that move themselves, and when.
+        """Find the points that come nearest to moving query points, and the times.
 
         Parameters
         ----------
         start, end : (..., 3)
-            Where each query is at the begin and at the end of `between`; straight in between.
+            The position of each query at the begin and at the end of `between`; it moves linearly in between.
         between : (begin, end)
-            The part of the shutter that is looked at.
+            The part of the shutter that is searched.
 
         Returns
         -------
         d, i, t : float64, intp, float64 (...)
-            The least distance, the point, and the first time at which it is that near; ``inf``, ``n`` and NaN where
-            no point exists.
+            The least distance, the point, and the first time at which the point has that distance; ``inf``, ``n`` and NaN
+            if no point exists.
         """
         (first, shape), (last, other) = places(start, "start"), places(end, "end")
         if shape != other:
@@ -400,28 +403,31 @@ class PointTree:
         rows: str = "points",
         workers: int = 1,
     ) -> NeighborLists:
-        """For every point all others within a radius, as particle methods want them.
+        """Find all neighbours of every point within a radius.
 
-        One walk through the tree for many points: several times faster than `query_ball_point` of all points. Points in
-        float64 search one by one, without `larger` and `displacements`; these need float32 (or `round_to_f32`).
+        One traversal of the tree serves many points. This is several times faster than `query_ball_point` for all points.
+        Points in float64 are searched one by one, without `larger` and `displacements`; these need float32 (or
+        `round_to_f32`).
 
         Parameters
         ----------
         r : float or (n,)
-            The radius, or one for each point: point i lists what is within its own, or what is within the larger of
-            both with `larger`.
+            One radius, or one for each point.
+        larger : bool
+            Two points are neighbours if they are within the larger of their radii. Otherwise each point lists the points
+            within its own radius.
         among : PointTree, optional
-            Lists the points of another tree instead, all of them.
+            List the points of another tree instead, all of them.
         pairs_once : bool
-            Each pair in the list of the lower index only.
+            List each pair only at the point with the lower index.
         distances, displacements : bool
-            Also gives distances, and the ways from points to neighbours.
+            Also return distances, and the vectors from points to neighbours.
         sorted : bool
-            Sorts each list by index; otherwise there is no particular order.
+            Sort each list by index; otherwise lists have no particular order.
         rows : {'points', 'tree'}
-            List i is that of point i, empty where it does not exist at the time. 'tree' leaves lists in the order in
-            which they are made, without those of points that do not exist; `NeighborLists.points` then names their
-            points. It saves a copy of all lists.
+            'points': list i belongs to point i, and is empty if the point does not exist at the time. 'tree': lists stay
+            in the order of their computation, without those of points that do not exist, and `NeighborLists.points` has
+            the point of each list. This saves a copy of all lists.
         """
         if rows not in ("points", "tree"):
             raise ValueError(f"rows must be 'points' or 'tree', not {rows!r}")
@@ -447,10 +453,11 @@ class PointTree:
     def neighbor_lists_with_skin(
         self, r: float, skin: float, *, time: float = 0.0, until: float = 1.0, workers: int = 1
     ) -> NeighborLists:
-        """Lists with a radius of r + skin, and until when they miss no pair within r.
+        """Neighbour lists with the radius r + skin, and the time until which they contain every pair within r.
 
-        From `time` to before `NeighborLists.valid_until` every pair within r is in the lists. That is exact for the motion
-        of the points, not a bound on speeds. Looks ahead to `until`, but not beyond the next key.
+        Every pair within r is in the lists from `time` until just before `NeighborLists.valid_until`. That time follows
+        from the exact motion of the points, not from a bound on speeds. It is at most `until`, and at most the time of the
+        next key.
         """
         made, valid_until = _mbkd.neighbor_lists_with_skin(self._tree, time, r, skin, until, workers)
         return NeighborLists(made[0], made[1], valid_until=valid_until)
@@ -458,14 +465,14 @@ class PointTree:
     def neighbor_lists_swept(
         self, r: float, between: Sequence[float] = (0.0, 1.0), *, workers: int = 1
     ) -> Encounters:
-        """For every point all others that come within a radius at any time of an interval, and when.
+        """Find all points that come within a radius of each point at any time of an interval, and the times.
 
-        Decided in float64 for exact linear motion between the float32 positions at the keys.
+        This is decided in float64, for exact linear motion between the float32 positions at the keys.
         """
         offsets, ids, columns = _mbkd.neighbor_lists_swept(self._tree, interval(between), r, workers)
         return Encounters(offsets, ids, *columns)
 
 
 def _restored(bytes_of_file: bytes, periods: tuple | None, data: np.ndarray | None, boxsize: np.ndarray | None) -> PointTree:
-    """What pickle calls."""
+    """Restores a pickled tree."""
     return PointTree._of(_mbkd.Points.from_bytes(bytes_of_file, periods), data, boxsize)

@@ -1,4 +1,4 @@
-"""Rays and nearest points on triangle meshes whose vertices move."""
+"""Ray queries and nearest points on triangle meshes with moving vertices."""
 
 from __future__ import annotations
 
@@ -12,29 +12,31 @@ from . import _mbkd
 from ._arrays import interval, keys_of, per_query
 from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of
 
+
 class RayTree(Traced[Hits]):
-    """A tree of triangle meshes whose vertices may move, for rays and nearest points at any time.
+    """A tree of triangle meshes with vertices that may move, for ray queries and nearest points at any time.
 
     Parameters
     ----------
     vertices : (V, 3) or (K, V, 3)
-        Positions, or positions at K keys that are spaced evenly over the shutter [0, 1]; linear in between. float32 is
-        kept bit for bit, float64 is rounded to float32 relative to the middle of the scene.
-    faces : (F, 3) of whole numbers
-        The corners of each triangle.
+        Positions, or positions at K keys spaced evenly over the shutter [0, 1]. Vertices move linearly between keys.
+        float32 positions are kept bit for bit; float64 positions are rounded to float32 relative to the middle of the
+        scene.
+    faces : (F, 3) of integers
+        The vertex indices of each triangle.
     lifetime : (begin, end), optional
-        When the mesh exists.
+        The interval in which the mesh exists.
     workers : int
         Threads for the build; -1 for all processors.
     progress : callable, optional
-        Called with the finished fraction now and then. An exception ends the build, as Ctrl-C does.
+        Called with the finished fraction from time to time. An exception ends the build, as Ctrl-C does.
 
     Raises
     ------
     ValueError
-        Positions that are not finite or beyond 1e30, faces that name a vertex that is not there, wrong shapes.
+        If positions are not finite or beyond 1e30, faces have indices of no vertex, or arrays have wrong shapes.
     TypeError
-        What is no array of numbers.
+        If an argument is not an array of numbers.
 
     Examples
     --------
@@ -70,9 +72,10 @@ class RayTree(Traced[Hits]):
         workers: int = 1,
         progress: Progress | None = None,
     ) -> RayTree:
-        """A tree of several meshes, pairs of vertices and faces as for one.
+        """Build a tree of several meshes, given as pairs (vertices, faces).
 
-        `lifetimes` says when each exists, `masks` (32 bits) which queries see it: those whose mask shares a bit.
+        `lifetimes` has the interval in which each mesh exists. `masks` has 32 bits for each mesh: a query sees the mesh if
+        their masks share a bit.
         """
         lifetimes = [(0.0, 1.0)] * len(meshes) if lifetimes is None else lifetimes
         masks = [EVERYTHING] * len(meshes) if masks is None else masks
@@ -85,21 +88,21 @@ class RayTree(Traced[Hits]):
         return cls._of(_mbkd.Rays([_mesh(*mesh, life, mask) for mesh, life, mask in parts], workers, progress))
 
     def save(self, path: str | os.PathLike) -> None:
-        """Writes the tree to a file, which `RayTree.load` reads, here or in Rust, on any machine."""
+        """Write the tree to a file. `RayTree.load` reads it, in Python and in Rust, on any machine."""
         self._tree.save(os.fspath(path))
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> RayTree:
-        """Reads a tree from a file.
+        """Read a tree from a file.
 
-        It answers every query as the tree did that was saved, and takes a small part of the time of a build.
+        The tree gives the same answers as the saved one. Reading takes a small part of the time of a build.
 
         Raises
         ------
         OSError
-            If the file can not be read.
+            If the file cannot be read.
         ValueError
-            If it is damaged, of another version, no tree of triangles, or made to mislead.
+            If the file is damaged or invalid, has another version, or is not a tree of triangles.
         """
         return cls._of(_mbkd.Rays.load(os.fspath(path)))
 
@@ -116,7 +119,7 @@ class RayTree(Traced[Hits]):
         return f"<RayTree, {self.nbytes / 1e6:.1f} MB>"
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
-        """The triangle that each ray hits first, int64 (n,); -1 where there is none. Options as of `closest_hits`."""
+        """The first triangle that each ray hits, int64 (n,); -1 if there is none. Options as for `closest_hits`."""
         return self.closest_hits(ray_origins, ray_directions, **options).triangle
 
     def intersects_id(
@@ -127,9 +130,9 @@ class RayTree(Traced[Hits]):
         return_locations: bool = False,
         **options,
     ) -> tuple[np.ndarray, ...]:
-        """Triangles and rays of all hits (or of the first of each ray), and if asked for where they are.
+        """The triangles and rays of all hits (or of the first hit of each ray), and on request their positions.
 
-        Returns ``index_tri, index_ray`` and ``locations``, one row for each hit. Options as of `closest_hits`.
+        Returns ``index_tri, index_ray`` and ``locations``, one row for each hit. Options as for `closest_hits`.
         """
         locations, index_ray, index_tri = self.intersects_location(
             ray_origins, ray_directions, multiple_hits, **options
@@ -139,15 +142,15 @@ class RayTree(Traced[Hits]):
     def intersects_location(
         self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True, **options
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where rays hit.
+        """The positions of hits.
 
         Returns
         -------
         locations : float64 (hits, 3)
         index_ray : int64 (hits,)
         index_tri : int64 (hits,)
-            One row for each hit: of all hits by ray and along each ray, or of the first hit of each ray that hits
-            anything. Options as of `closest_hits`.
+            One row for each hit: all hits, sorted by ray and along each ray; or the first hit of each ray that hits
+            anything. Options as for `closest_hits`.
         """
         if multiple_hits:
             index_ray, hits = self.all_hits(ray_origins, ray_directions, **options)
@@ -167,28 +170,28 @@ class RayTree(Traced[Hits]):
         ----------
         points : (n, 3)
         time : float or (n,)
-            When each query looks, in [0, 1].
+            The time of each query, in [0, 1].
         max_distance : float or (n,)
-            What is farther away does not count.
+            Points farther away are not found.
         mask : int
-            Sees the meshes whose mask shares a bit.
+            The query sees the meshes whose masks share a bit with this one.
         workers : int
             Threads; -1 for all processors.
         progress : callable, optional
-            Called with the finished fraction now and then.
+            Called with the finished fraction from time to time.
 
         Returns
         -------
         closest : float64 (n, 3)
         distance : float32 (n,)
         triangle_id : int64 (n,)
-            NaN, ``inf`` and -1 where nothing is near enough.
+            NaN, ``inf`` and -1 if nothing is near enough.
         """
         closest, near = self._nearest(points, **options)
         return closest, near.t, near.triangle
 
     def triangles(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
-        """The corners of triangles at times, float64 (n, 3, 3), exactly where queries see them; NaN for no triangle."""
+        """The corners of triangles at times, float64 (n, 3, 3), exactly as queries use them; NaN if there is no such triangle."""
         triangle = np.ascontiguousarray(triangle, dtype=np.int64).reshape(-1)
         mesh = np.ascontiguousarray(np.broadcast_to(np.asarray(mesh, dtype=np.int32), triangle.shape))
         return self._tree.triangles(mesh, triangle, per_query(time, triangle.shape, "time"))
@@ -202,7 +205,7 @@ class RayTree(Traced[Hits]):
 
 
 def _restored(bytes_of_file: bytes) -> RayTree:
-    """What pickle calls."""
+    """Restores a pickled tree."""
     return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file))
 
 

@@ -1,4 +1,4 @@
-//! Arrays of numpy as slices, and what is wrong with them as Python's errors.
+//! Conversion of numpy arrays to slices. Invalid arrays raise Python errors.
 
 use mbkd::TimeInterval;
 use numpy::ndarray::Dimension;
@@ -6,17 +6,17 @@ use numpy::{Element, PyArray, PyArray2, PyArrayMethods, PyReadonlyArray, PyReado
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-/// An error of the library: its message, as a `ValueError`.
+/// Converts an error of the library to a `ValueError` with its message.
 pub fn value_error(error: impl core::fmt::Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// The elements of an array, which must lie one behind the other.
+/// The elements of an array, which must be contiguous.
 pub fn slice<'a, T: Element, D: Dimension>(array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
     array.as_slice().map_err(value_error)
 }
 
-/// An array of `(n, 3)` positions, of the precision it was given in.
+/// An array of `(n, 3)` positions in its original precision.
 pub enum Positions<'py> {
     /// float32.
     Single(PyReadonlyArray2<'py, f32>),
@@ -24,7 +24,7 @@ pub enum Positions<'py> {
     Double(PyReadonlyArray2<'py, f64>),
 }
 
-/// The same as slices.
+/// The positions as slices.
 #[derive(Clone, Copy)]
 pub enum Places<'a> {
     /// float32.
@@ -34,7 +34,7 @@ pub enum Places<'a> {
 }
 
 impl<'py> Positions<'py> {
-    /// Takes an array as it is; nothing is converted.
+    /// Takes an array without conversion.
     pub fn of(array: &Bound<'py, PyAny>) -> PyResult<Positions<'py>> {
         if let Ok(array) = array.cast::<PyArray2<f32>>() {
             return Ok(Positions::Single(array.try_readonly().map_err(value_error)?));
@@ -55,7 +55,7 @@ impl<'py> Positions<'py> {
 }
 
 impl Places<'_> {
-    /// How many there are.
+    /// The number of positions.
     pub fn len(&self) -> usize {
         match self {
             Places::Single(rows) => rows.len(),
@@ -63,7 +63,7 @@ impl Places<'_> {
         }
     }
 
-    /// One of them, exactly.
+    /// One position, exactly.
     pub fn wide(&self, i: usize) -> [f64; 3] {
         match self {
             Places::Single(rows) => rows[i].map(f64::from),
@@ -83,12 +83,12 @@ pub fn rows<'a, T: Element>(array: &'a PyReadonlyArray<'_, T, numpy::Ix2>) -> Py
     Ok(slice(array)?.as_chunks().0)
 }
 
-/// A number for each query, or one for all.
+/// One number for each query, or one for all queries.
 #[derive(Clone, Copy)]
 pub struct PerQuery<'a>(&'a [f32]);
 
 impl<'a> PerQuery<'a> {
-    /// Of an array of length 1 or `count`.
+    /// Takes an array of length 1 or `count`.
     pub fn new(values: &'a [f32], count: usize, name: &str) -> PyResult<PerQuery<'a>> {
         if values.len() != 1 && values.len() != count {
             let found = values.len();
@@ -97,7 +97,7 @@ impl<'a> PerQuery<'a> {
         Ok(PerQuery(values))
     }
 
-    /// The same, of times in the shutter.
+    /// Takes an array of times, which must be in the shutter.
     pub fn times(values: &'a [f32], count: usize) -> PyResult<PerQuery<'a>> {
         if let Some(time) = values.iter().find(|time| !(0.0..=1.0).contains(*time)) {
             return Err(PyValueError::new_err(format!("the time {time} is not in [0, 1]")));
@@ -105,14 +105,14 @@ impl<'a> PerQuery<'a> {
         PerQuery::new(values, count, "time")
     }
 
-    /// That of a query.
+    /// The number for a query.
     #[inline]
     pub fn of(self, query: usize) -> f32 {
         if self.0.len() == 1 { self.0[0] } else { self.0[query] }
     }
 }
 
-/// Times at which things exist, from rows of begin and end.
+/// Active intervals, from rows of begin and end.
 pub fn intervals(rows: &[[f32; 2]]) -> PyResult<Vec<TimeInterval>> {
     rows.iter().map(|&[begin, end]| TimeInterval::new(begin, end).map_err(value_error)).collect()
 }

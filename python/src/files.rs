@@ -1,4 +1,4 @@
-//! Trees in files, and as the bytes of files.
+//! Saving trees to files and to bytes.
 
 use crate::arrays::value_error;
 use mbkd::FileError;
@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::Path;
 
-/// What failed as Python's error: an `OSError` where the system could not read or write, or else a `ValueError`.
+/// Converts an error to a Python error: an `OSError` if reading or writing failed, else a `ValueError`.
 pub fn file_error(error: FileError) -> PyErr {
     match error {
         FileError::Io(error) => PyOSError::new_err(error.to_string()),
@@ -15,7 +15,7 @@ pub fn file_error(error: FileError) -> PyErr {
     }
 }
 
-/// The same of a file with a name, which Python's errors of the system tell. Of the kind that the error's number says, such as
+/// The same for a file with a name, which an `OSError` then contains. The error number selects the subclass, such as
 /// `FileNotFoundError`.
 pub fn error_at(path: &Path, error: FileError) -> PyErr {
     match error {
@@ -41,7 +41,7 @@ pub fn to_bytes<'py>(
     Ok(PyBytes::new(py, &bytes))
 }
 
-/// What `read` makes of bytes, all of them.
+/// The result of `read`, which must consume all bytes.
 pub fn from_bytes<T: Send>(
     py: Python<'_>,
     mut bytes: &[u8],

@@ -1,23 +1,23 @@
-//! Periodic boxes: a query of a box that repeats itself is the queries of its images among the points as they are.
+//! Periodic boxes: a query in a periodic box runs as queries of its images among the points themselves.
 //!
-//! A point counts at the nearest of its images, as in scipy. Images of the query are asked in the order of their distance
-//! from the box around all points, until what is left is farther away than the answer.
+//! The distance to a point is that to its nearest image, as in scipy. Images of the query are searched in the order of their
+//! distance from the box around all points, until the remaining images are farther away than the answer.
 
 use mbkd::{Neighbor, NeighborBuffer, PointTree};
 
-/// A box that repeats itself along some axes.
+/// A box that is periodic along some axes.
 pub struct Periods {
-    /// Length along each axis; 0 where nothing repeats itself.
+    /// The period along each axis; 0 if the axis is not periodic.
     pub lengths: [f64; 3],
     /// The box around all points over the whole shutter.
     pub bounds: [[f64; 3]; 2],
 }
 
-/// Images along an axis at most, on either side of the query.
+/// The greatest number of images along an axis, on either side of the query.
 const MOST: f64 = 4.0;
 
 impl Periods {
-    /// `None` where no axis has a length. `bounds` are those of all points over the whole shutter.
+    /// `None` if no axis is periodic. `bounds` are those of all points over the whole shutter.
     pub fn new(lengths: [f64; 3], bounds: [[f64; 3]; 2]) -> Result<Option<Periods>, String> {
         if let Some(length) = lengths.iter().find(|length| !(**length >= 0.0 && length.is_finite())) {
             return Err(format!("boxsize must be finite and not negative, not {length}"));
@@ -34,18 +34,18 @@ impl Periods {
         Ok((lengths != [0.0; 3]).then_some(Periods { lengths, bounds }))
     }
 
-    /// The lengths as neighbour lists want them.
+    /// The periods in the form that neighbour lists take.
     pub fn for_lists(&self) -> [Option<f32>; 3] {
         self.lengths.map(|length| (length > 0.0).then_some(length as f32))
     }
 
-    /// Whether both repeat themselves alike.
+    /// Whether both boxes have the same periods.
     pub fn same(&self, other: &Periods) -> bool {
         self.lengths == other.lengths
     }
 
-    /// The images of a place from which a point may be at its nearest, and their squared distances from the box, the
-    /// nearest first.
+    /// The images of a place to which some point may be nearest, and their squared distances from the box, nearest
+    /// first.
     fn images(&self, place: [f64; 3]) -> Vec<(f64, [f64; 3])> {
         let mut images = vec![(0.0, place)];
         for axis in 0..3 {
@@ -84,7 +84,7 @@ impl Periods {
         let begin = found.len();
         let mut bound = f64::from(radius) * f64::from(radius);
         for (distance, image) in self.images(place) {
-            // Lowered by more than the images and distances in f32 are rounded.
+            // Lowered by more than the rounding of images and distances in f32.
             if distance * (1.0 - 1e-5) > bound {
                 break;
             }

@@ -1,4 +1,4 @@
-//! Trees placed many times, moving.
+//! Trees of moving instances.
 
 use crate::arrays::{intervals, slice, table, value_error};
 use crate::rays::Rays;
@@ -14,20 +14,20 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
-/// A tree over trees that are placed.
+/// A tree of instances.
 #[pyclass(frozen)]
 pub struct Instances {
     tree: Arc<InstanceTree>,
 }
 
-/// What can be placed.
+/// A tree that instances can place.
 #[derive(FromPyObject)]
 enum Placed<'py> {
     Rays(Bound<'py, Rays>),
     Instances(Bound<'py, Instances>),
 }
 
-/// What is hit as [`Hits`](crate::traced::Hits), and the indices of the instances that lead there, outermost first: (m, 4), -1 behind the last.
+/// Hits as [`Hits`](crate::traced::Hits), and the paths of instances, outermost first: (m, 4), -1 after the last.
 type PlacedHits<'py> = (
     Bound<'py, PyArray1<f32>>,
     Bound<'py, PyArray1<i32>>,
@@ -39,8 +39,8 @@ type PlacedHits<'py> = (
 
 #[pymethods]
 impl Instances {
-    /// `which` of the `trees` each of n instances places. `transforms` (K, n, m) has for each key and instance either
-    /// the twelve entries of a matrix, row by row, or ten numbers of a pose: translation, quaternion x y z w, scale.
+    /// `which` has the index in `trees` that each of n instances places. `transforms` (K, n, m) has for each key and instance
+    /// either the twelve entries of a matrix, row by row, or ten numbers of a pose: translation, quaternion x y z w, scale.
     #[new]
     fn new(
         py: Python<'_>,
@@ -79,25 +79,25 @@ impl Instances {
         Ok(Instances { tree: Arc::new(tree.map_err(value_error)?) })
     }
 
-    /// Number of instances of the outermost level.
+    /// The number of instances in the outermost tree.
     #[getter]
     fn n(&self) -> usize {
         self.tree.len()
     }
 
-    /// Bytes of everything, each tree that is placed once.
+    /// Memory in bytes; each placed tree counts once.
     #[getter]
     fn nbytes(&self) -> usize {
         let statistics = self.tree.statistics();
         statistics.tree_bytes + statistics.instance_bytes
     }
 
-    /// What the build made, in numbers.
+    /// Statistics of the tree, as text.
     fn statistics(&self) -> String {
         format!("{:#?}", self.tree.statistics())
     }
 
-    /// The nearest hit of each ray, and the instances that lead to it.
+    /// The nearest hit of each ray, and its path of instances.
     fn closest_hits<'py>(
         &self,
         py: Python<'py>,
@@ -133,7 +133,7 @@ impl Instances {
         Ok(hits.into_pyarray(py))
     }
 
-    /// All hits of all rays, by ray and along each ray; first the rays' indices.
+    /// The ray indices of all hits, and the hits, sorted by ray and along each ray.
     fn all_hits<'py>(
         &self,
         py: Python<'py>,
@@ -152,7 +152,7 @@ impl Instances {
         Ok((index.into_pyarray(py), found.columns(py)?))
     }
 
-    /// The nearest points of what is placed: positions (m, 3), and t (their distance) to path as of hits.
+    /// The nearest points of instances: positions (m, 3), and hits from t (their distance) to path.
     fn closest_points<'py>(
         &self,
         py: Python<'py>,
@@ -174,8 +174,8 @@ impl Instances {
         Ok((positions(py, near)?, found.columns(py)?))
     }
 
-    /// The matrices from the spaces of what paths lead to, to that of this tree, (m, 12), row by row; NaN where a path leads
-    /// nowhere.
+    /// The matrices (m, 12), row by row, from the space of the tree at the end of each path to the space of this tree; NaN for
+    /// invalid paths.
     fn matrices<'py>(
         &self,
         py: Python<'py>,
@@ -216,7 +216,7 @@ impl Placed<'_> {
     }
 }
 
-/// Hits with their paths, of which some may be none.
+/// Hits with their paths; missing hits are allowed.
 #[derive(Default)]
 struct Found {
     paths: Vec<i64>,
@@ -239,13 +239,13 @@ impl Found {
     }
 }
 
-/// A matrix of its twelve entries, row by row.
+/// The matrix with these twelve entries, row by row.
 fn matrix(entries: &[f64]) -> DAffine3 {
     let column = |i: usize| DVec3::new(entries[i], entries[4 + i], entries[8 + i]);
     DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
 
-/// A pose of translation, quaternion x y z w, scale.
+/// The pose with this translation, quaternion x y z w and scale.
 fn pose(numbers: &[f64]) -> Pose {
     Pose {
         translation: DVec3::from_slice(&numbers[..3]),

@@ -1,10 +1,9 @@
 //! The compiled part of the Python package `mbkd`: flat arrays in, flat arrays out.
 //!
-//! Shapes, defaults and the conventions of scipy and trimesh are the business of the package around it (`mbkd/*.py`),
-//! which hands over C-contiguous arrays. Everything here checks its input, lets go of Python's lock while it works, and
-//! returns arrays without copying them once more.
+//! The Python modules (`mbkd/*.py`) implement shapes, defaults and the conventions of scipy and trimesh, and pass C-contiguous
+//! arrays. All functions here check their input, release the GIL while they work, and return arrays without a copy.
 
-// What has names in Python comes here as parameters.
+// Keyword arguments of Python arrive here as parameters.
 #![allow(clippy::too_many_arguments)]
 
 mod arrays;
@@ -22,7 +21,7 @@ mod traced;
 
 use pyo3::prelude::*;
 
-/// Neighbours and rays at a time.
+/// Neighbour and ray queries at a time.
 #[pymodule]
 mod _mbkd {
     #[pymodule_export]

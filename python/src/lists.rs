@@ -1,4 +1,4 @@
-//! Neighbour lists of all points, as compressed rows.
+//! Neighbour lists of all points, as compressed sparse rows.
 
 use crate::arrays::{slice, value_error};
 use crate::points::Points;
@@ -9,7 +9,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Mutex;
 
-/// Offsets, ids, the points of the rows, and if asked for distances and displacements `(m, 3)`.
+/// Offsets, ids, the points of the rows, and on request distances and displacements `(m, 3)`.
 type Columns<'py> = (
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray1<i32>>,
@@ -18,14 +18,14 @@ type Columns<'py> = (
     Option<Bound<'py, PyArray2<f32>>>,
 );
 
-/// Memory of the last lists, for the next ones: new memory would cost as much time as the lists.
+/// The memory of the last lists, reused for the next ones: allocating it anew would take as much time as the lists.
 static MEMORY: Mutex<Option<NeighborCsr>> = Mutex::new(None);
 
-/// More than this is given back.
+/// Memory beyond this is released.
 const MOST_KEPT: usize = 1 << 29;
 
-/// The lists of all points at a time. `radii` has one element, or one for each point; then two points are neighbours where
-/// either is within the radius of the other if `larger`, and each lists what is within its own otherwise.
+/// The lists of all points at a time. `radii` has one element, or one for each point. In the second case, if `larger`, two points
+/// are neighbours if they are within the larger of their radii; otherwise each point lists the points within its own radius.
 #[pyfunction]
 pub fn neighbor_lists<'py>(
     py: Python<'py>,
@@ -61,7 +61,7 @@ pub fn neighbor_lists<'py>(
     hand_over(py, lists, by_id.then_some(points.tree.len()), workers)
 }
 
-/// The lists at a time with a radius and a skin, and until when they hold every pair within the radius.
+/// The lists at a time with a radius and a skin, and the time until which they contain every pair within the radius.
 #[pyfunction]
 pub fn neighbor_lists_with_skin<'py>(
     py: Python<'py>,
@@ -81,13 +81,13 @@ pub fn neighbor_lists_with_skin<'py>(
     Ok((hand_over(py, lists, Some(points.tree.len()), workers)?, valid_until))
 }
 
-/// That of the last lists, unless another thread has it.
+/// The memory of the last lists, unless another thread uses it.
 fn memory() -> NeighborCsr {
     MEMORY.lock().ok().and_then(|mut kept| kept.take()).unwrap_or_default()
 }
 
-/// Copies lists into arrays of their size and keeps their memory: row i is that of point i of so many, or the rows are in
-/// the order in which they were made.
+/// Copies lists into arrays of their size and keeps their memory. Row i belongs to point i, or the rows are in the order of
+/// their computation.
 fn hand_over(py: Python<'_>, lists: NeighborCsr, points: Option<usize>, workers: isize) -> PyResult<Columns<'_>> {
     let rows: Vec<u32> = match points {
         None => (0..lists.len() as u32).collect(),
@@ -153,7 +153,7 @@ fn filled<'py, T: Element + Send>(
     length: usize,
     copy: impl Fn(usize, &mut [T]) + Sync,
 ) -> PyResult<Bound<'py, PyArray1<T>>> {
-    // An array of numpy's own, since it asks for large pages.
+    // Allocated by numpy, which requests huge pages.
     let array = PyArray1::zeros(py, [length], false);
     let mut all = array.try_readwrite().map_err(value_error)?;
     let all = all.as_slice_mut().map_err(value_error)?;
@@ -164,10 +164,10 @@ fn filled<'py, T: Element + Send>(
 /// The row of a point that does not exist.
 const ABSENT: u32 = u32::MAX;
 
-/// Rows that one task copies.
+/// The number of rows per task.
 const SHARE: usize = 4096;
 
-/// Which row comes from where.
+/// The source of each row.
 #[derive(Clone, Copy)]
 struct Order<'a> {
     /// By new row.

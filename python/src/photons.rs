@@ -1,14 +1,14 @@
-//! Gathering photons at a time.
+//! Density estimates over photons at a time.
 
 use crate::arrays::{PerQuery, rows, slice, table, value_error};
-use crate::threads::{look_after, on, pool};
+use crate::threads::{on, poll_python, pool};
 use mbkd::glam::Vec3;
 use mbkd::point::{GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// Gathers between two looks at Python.
+/// The number of gathers between two checks for Ctrl-C and calls of `progress`.
 const BLOCK: usize = 1 << 15;
 
 /// A map of photons with time stamps.
@@ -17,7 +17,7 @@ pub struct Photons {
     map: PhotonMap<Vec3>,
 }
 
-/// Density (m, 3), radius, how many photons were summed.
+/// Density (m, 3), radius, and number of photons.
 type Answers<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<i64>>);
 
 #[pymethods]
@@ -49,13 +49,13 @@ impl Photons {
         Ok(Photons { map: map.map_err(value_error)? })
     }
 
-    /// Number of photons.
+    /// The number of photons.
     #[getter]
     fn n(&self) -> usize {
         self.map.len()
     }
 
-    /// The density of light at places and times.
+    /// The density of light at positions and times.
     fn gather<'py>(
         &self,
         py: Python<'py>,
@@ -93,7 +93,7 @@ impl Photons {
                 pool.install(|| self.map.gather_batch(&queries))
             });
             answers.extend(block.map_err(value_error)?);
-            look_after(py, progress.as_ref(), end as f32 / positions.len() as f32)?;
+            poll_python(py, progress.as_ref(), end as f32 / positions.len() as f32)?;
         }
         let density = answers.iter().flat_map(|answer| answer.density.to_array()).collect();
         let radius: Vec<f32> = answers.iter().map(|answer| answer.radius).collect();

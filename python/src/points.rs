@@ -1,4 +1,4 @@
-//! The tree of points and the queries that are asked one by one: k nearest, radius, counts, closest approach.
+//! The tree of points and its individual queries: k nearest, radius, counts, closest approach.
 
 use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, table, value_error};
 use crate::files::{error_at, from_bytes, to_bytes};
@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::PathBuf;
 
-/// A tree of points that may move and may exist for a while only.
+/// A tree of points that may move, and that may exist during a part of the shutter only.
 #[pyclass(frozen)]
 pub struct Points {
     pub tree: PointTree,
@@ -32,15 +32,15 @@ type Lists<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>);
 /// Distances, ids and times.
 type Approaches<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
-/// Lengths of a box that repeats itself, and the box around all points.
+/// The periods of a periodic box, and the box around all points.
 type Boxes = ([f64; 3], [[f64; 3]; 2]);
 
-/// Arrays of one number for each query, or of one for all.
+/// An array of one number for each query, or of one number for all queries.
 type Numbers<'py> = PyReadonlyArray1<'py, f32>;
 
 #[pymethods]
 impl Points {
-    /// `keys`: positions (n, 3) at times that are spaced evenly over the shutter, all of one precision.
+    /// `keys`: positions (n, 3) at times spaced evenly over the shutter, all of one precision.
     #[new]
     fn new(
         py: Python<'_>,
@@ -69,7 +69,7 @@ impl Points {
         Ok(Points { tree, periods })
     }
 
-    /// Writes the tree to a file, without the box that it repeats itself in.
+    /// Writes the tree to a file, without the periodic box.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.tree.save(&path)).map_err(|error| error_at(&path, error))
     }
@@ -80,13 +80,13 @@ impl Points {
         indexed(py.detach(|| PointTree::load(&path)).map_err(|error| error_at(&path, error))?, None)
     }
 
-    /// What would be in a file, and lengths and bounds of the box that the tree repeats itself in.
+    /// The bytes of a file of the tree, and the periods and bounds of the periodic box.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyBytes>, Option<Boxes>)> {
         let periods = self.periods.as_ref().map(|periods| (periods.lengths, periods.bounds));
         Ok((to_bytes(py, |bytes| self.tree.write_to(bytes))?, periods))
     }
 
-    /// The tree of what would be in a file.
+    /// The tree from the bytes of a file.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8], periods: Option<Boxes>) -> PyResult<Points> {
         let periods = match periods {
@@ -102,18 +102,18 @@ impl Points {
         self.tree.len()
     }
 
-    /// Bytes that the tree takes.
+    /// Memory of the tree in bytes.
     #[getter]
     fn nbytes(&self) -> usize {
         self.tree.statistics().bytes()
     }
 
-    /// What the tree consists of, and why.
+    /// The contents of the tree and the reasons for its structure, as text.
     fn statistics(&self) -> String {
         format!("{:#?}", self.tree.statistics())
     }
 
-    /// Distances and ids `(m, k)` of the k nearest points of each query, nearest first; `inf` and n where there are none.
+    /// Distances and ids `(m, k)` of the k nearest points of each query, nearest first; `inf` and n for missing neighbours.
     fn query<'py>(
         &self,
         py: Python<'py>,
@@ -130,7 +130,7 @@ impl Points {
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let missing = self.tree.len() as i64;
         let shape = [places.len(), k];
-        // Arrays of numpy's own, since it asks for large pages.
+        // Allocated by numpy, which requests huge pages.
         let (distances, ids) = (PyArray2::zeros(py, shape, false), PyArray2::zeros(py, shape, false));
         let (mut d, mut i) =
             (distances.try_readwrite().map_err(value_error)?, ids.try_readwrite().map_err(value_error)?);
@@ -161,7 +161,7 @@ impl Points {
                 let row = query as usize * k..(query as usize + 1) * k;
                 let (d, i) = (&mut d[row.clone()], &mut i[row]);
                 let mut next = 0;
-                // As in scipy the bound itself is too far.
+                // As in scipy, a point at the bound itself does not count.
                 for near in found[begin..end].iter().filter(|near| near.distance_squared < square) {
                     (d[next], i[next]) = (f64::from(near.distance_squared).sqrt(), near.id.into());
                     next += 1;
@@ -211,7 +211,7 @@ impl Points {
             .map(|(offsets, ids)| (offsets.into_pyarray(py), ids.into_pyarray(py)))
     }
 
-    /// How many points are within the radius of each query.
+    /// The number of points within the radius of each query.
     fn count<'py>(
         &self,
         py: Python<'py>,
@@ -233,7 +233,7 @@ impl Points {
         Ok(counts.into_pyarray(py))
     }
 
-    /// For each radius how many pairs of a point of this tree and one of the other are no farther apart at a time.
+    /// For each radius, the number of pairs of a point of this tree and one of the other tree within that distance at a time.
     fn count_pairs(
         &self,
         py: Python<'_>,
@@ -265,7 +265,7 @@ impl Points {
         Ok(sums)
     }
 
-    /// Where all points are at a time, `(n, 3)`; NaN for those that do not exist then.
+    /// The positions of all points at a time, `(n, 3)`; NaN for points that do not exist then.
     fn positions<'py>(&self, py: Python<'py>, time: f32) -> PyResult<Bound<'py, PyArray2<f64>>> {
         PerQuery::times(&[time], 1)?;
         let mut positions = vec![f64::NAN; 3 * self.tree.len()];
@@ -276,7 +276,7 @@ impl Points {
         table(py, positions, 3)
     }
 
-    /// Which points come nearest to queries that move from `from` to `to` between two times: distances, ids, times.
+    /// The points that come nearest to queries that move from `from` to `to` between two times: distances, ids, times.
     fn closest_approach<'py>(
         &self,
         py: Python<'py>,
@@ -341,7 +341,7 @@ impl Points {
         }
     }
 
-    /// The points within the radius of a query; `memory` is for those of periodic boxes.
+    /// The points within the radius of a query. Queries in periodic boxes use `memory`.
     #[inline]
     fn all_within<'a>(
         &self,
@@ -387,7 +387,7 @@ impl Points {
     }
 }
 
-/// Radii that are fine.
+/// Checks radii.
 fn radii_of(radii: &[f32], count: usize) -> PyResult<PerQuery<'_>> {
     match radii.iter().find(|radius| radius.is_nan() || **radius < 0.0) {
         Some(radius) => Err(PyValueError::new_err(format!("a radius must not be negative or NaN: {radius}"))),
@@ -409,7 +409,7 @@ fn named(structure: &str) -> PyResult<PointStructure> {
 }
 
 fn build(keys: &[Places<'_>], alive: &[TimeInterval], params: &PointParams, control: &Control) -> PyResult<PointTree> {
-    let hear = |done| control.hear(done);
+    let hear = |done| control.report(done);
     let single: Option<Vec<&[[f32; 3]]>> =
         keys.iter().map(|key| if let Places::Single(rows) = key { Some(*rows) } else { None }).collect();
     let double: Option<Vec<&[[f64; 3]]>> =
@@ -422,7 +422,7 @@ fn build(keys: &[Places<'_>], alive: &[TimeInterval], params: &PointParams, cont
     .map_err(value_error)
 }
 
-/// A tree whose ids are the indices of its points, as those are that are built here.
+/// A tree whose ids are the indices of its points, as in all trees that are built here.
 fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
     let order = tree.clone().take_order();
     let mut there = vec![false; tree.len()];
@@ -444,7 +444,7 @@ fn bounds(keys: &[Places<'_>]) -> [[f64; 3]; 2] {
     [lo, hi]
 }
 
-/// Where all points are at a time, in the order of the tree; each once.
+/// The positions of all points at a time, in the order of the tree, each point once.
 fn at(tree: &PointTree, time: f32) -> Vec<TreePoint> {
     struct All(Vec<TreePoint>);
     impl Visitor<TreePoint> for All {
@@ -461,7 +461,7 @@ fn at(tree: &PointTree, time: f32) -> Vec<TreePoint> {
     all.0
 }
 
-/// Lists that were made in another order than that of the queries.
+/// Lists that were computed in another order than that of the queries.
 fn in_order_of_queries(order: &[u32], runs: &[(Vec<i32>, Vec<usize>)]) -> (Vec<i64>, Vec<i32>) {
     let mut lists: Vec<&[i32]> = vec![&[]; order.len()];
     let made = runs.iter().flat_map(|(ids, ends)| {

@@ -1,21 +1,21 @@
-//! Many queries: in an order in which neighbours in space follow each other, on several threads, in waves between which
-//! Python is heard.
+//! Batches of queries, in an order of spatial locality, on several threads. They run in waves; between two waves, Ctrl-C is
+//! checked and `progress` is called.
 
 use crate::arrays::Places;
-use crate::threads::{count, look_after, pool};
+use crate::threads::{count, poll_python, pool};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
-/// Queries that one thread answers in a row.
+/// The number of queries of a run, which one thread answers.
 const RUN: usize = 512;
 
-/// Runs between two looks at Python.
+/// The number of runs in a wave.
 const WAVE: usize = 64;
 
-/// Trees up to this size lie in a near cache, where the order of queries does not matter.
+/// Trees up to this many bytes fit a near cache, so the order of queries does not matter.
 const NEAR: usize = 1 << 20;
 
-/// The order in which queries of a tree of that many bytes are answered.
+/// The order in which queries are answered in a tree of `bytes` bytes.
 pub fn order(py: Python<'_>, places: Places<'_>, bytes: usize) -> Vec<u32> {
     let all = 0..places.len() as u32;
     if bytes <= NEAR || places.len() <= RUN {
@@ -50,7 +50,7 @@ fn spread(x: u64) -> u64 {
     steps.into_iter().fold(x & 0x3ff, |x, (by, mask)| (x | x << by) & mask)
 }
 
-/// Answers queries in runs: `run` answers one, on any thread, and `take` gets the answers in order.
+/// Answers queries in runs. `run` answers the queries of one run, on any thread; `take` gets the answers in order.
 pub fn in_waves<R: Send>(
     py: Python<'_>,
     order: &[u32],
@@ -71,7 +71,7 @@ pub fn in_waves<R: Send>(
             }
         });
         done += wave.len();
-        look_after(py, progress, done as f32 / order.len() as f32)?;
+        poll_python(py, progress, done as f32 / order.len() as f32)?;
     }
     Ok(())
 }

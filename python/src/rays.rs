@@ -1,8 +1,8 @@
-//! The tree of meshes: rays and nearest points.
+//! The tree of meshes: ray queries and nearest points.
 
 use crate::arrays::{PerQuery, Places, Positions, rows, slice, value_error};
 use crate::files::{error_at, from_bytes, to_bytes};
-use crate::threads::{long, look_after, pool};
+use crate::threads::{long, poll_python, pool};
 use crate::traced::{
     Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
 };
@@ -15,29 +15,29 @@ use pyo3::types::PyBytes;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Rays between two looks at Python: at most a few tenths of a second.
+/// The number of rays between two checks for Ctrl-C and calls of `progress`: at most a few tenths of a second.
 const BLOCK: usize = 1 << 17;
 
-/// Up to this many rays are not worth threads.
+/// Up to this many rays are answered on one thread.
 const FEW: usize = 256;
 
-/// A tree of triangle meshes whose vertices may move.
+/// A tree of triangle meshes with vertices that may move.
 #[pyclass(frozen)]
 pub struct Rays {
     pub tree: Arc<RayTree>,
 }
 
-/// A mesh as arrays: positions (V, 3) at its keys, corners (F, 3), when it exists, its mask.
+/// A mesh as arrays: positions (V, 3) at its keys, vertex indices (F, 3), active interval, and mask.
 type MeshArrays<'py> = (Vec<Bound<'py, PyAny>>, PyReadonlyArray2<'py, u32>, [f32; 2], u32);
 
 #[pymethods]
 impl Rays {
-    /// `meshes`: of each mesh the positions (V, 3) at its keys, the corners (F, 3), when it exists, and its mask.
+    /// `meshes`: for each mesh the positions (V, 3) at its keys, the vertex indices (F, 3), the active interval and the mask.
     #[new]
     fn new(py: Python<'_>, meshes: Vec<MeshArrays<'_>>, workers: isize, progress: Option<Py<PyAny>>) -> PyResult<Rays> {
         let meshes = meshes.iter().map(mesh).collect::<PyResult<Vec<_>>>()?;
         let build = long(py, workers, progress.as_ref(), |control| {
-            RayTree::build_with_progress(&meshes, &BuildParams::default(), &|done| control.hear(done))
+            RayTree::build_with_progress(&meshes, &BuildParams::default(), &|done| control.report(done))
         })?;
         Ok(Rays { tree: Arc::new(build.map_err(value_error)?) })
     }
@@ -53,30 +53,30 @@ impl Rays {
         Ok(Rays { tree: Arc::new(py.detach(|| RayTree::load(&path)).map_err(|error| error_at(&path, error))?) })
     }
 
-    /// What would be in a file.
+    /// The bytes of a file of the tree.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         to_bytes(py, |bytes| self.tree.write_to(bytes))
     }
 
-    /// The tree of what would be in a file.
+    /// The tree from the bytes of a file.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Rays> {
         Ok(Rays { tree: Arc::new(from_bytes(py, bytes, |bytes| RayTree::read_from(bytes))?) })
     }
 
-    /// Bytes that the tree and its triangles take.
+    /// Memory of the tree and its triangles in bytes.
     #[getter]
     fn nbytes(&self) -> usize {
         let statistics = self.tree.statistics();
         statistics.bytes + statistics.primitive_bytes
     }
 
-    /// What the build made, in numbers.
+    /// Statistics of the tree, as text.
     fn statistics(&self) -> String {
         format!("{:#?}", self.tree.statistics())
     }
 
-    /// The nearest hit of each ray; t is infinite and mesh and triangle are -1 where there is none.
+    /// The nearest hit of each ray; if there is none, t is infinite, and mesh and triangle are -1.
     fn closest_hits<'py>(
         &self,
         py: Python<'py>,
@@ -120,7 +120,7 @@ impl Rays {
         Ok(hits.into_pyarray(py))
     }
 
-    /// All hits of all rays, by ray and along each ray; first the rays' indices.
+    /// The ray indices of all hits, and the hits, sorted by ray and along each ray.
     fn all_hits<'py>(
         &self,
         py: Python<'py>,
@@ -137,7 +137,7 @@ impl Rays {
         Ok((index.into_pyarray(py), columns(py, &hits)))
     }
 
-    /// The nearest points of the surface: positions (m, 3), and t (their distance) to v as of hits.
+    /// The nearest points of the surface: positions (m, 3), and hits from t (their distance) to v.
     fn closest_points<'py>(
         &self,
         py: Python<'py>,
@@ -155,7 +155,7 @@ impl Rays {
         Ok((positions(py, found.iter().map(Option::as_ref))?, columns(py, &hits)))
     }
 
-    /// The corners of triangles at times, (m, 3, 3); NaN where there is no such triangle.
+    /// The corners of triangles at times, (m, 3, 3); NaN if there is no such triangle.
     fn triangles<'py>(
         &self,
         py: Python<'py>,
@@ -170,7 +170,7 @@ impl Rays {
         let times = PerQuery::times(slice(&times)?, triangle.len())?;
         let mut corners = Vec::with_capacity(9 * triangle.len());
         for (i, (&mesh, &triangle)) in mesh.iter().zip(triangle).enumerate() {
-            // -1 and what no tree has are names of nothing.
+            // -1 and indices out of range are no triangle.
             let name = |of: i64| u32::try_from(of).unwrap_or(u32::MAX);
             let triangle = self.tree.triangle(name(mesh.into()), name(triangle), times.of(i));
             corners.extend(triangle.into_iter().flat_map(|corner| corner.to_array()));
@@ -179,11 +179,11 @@ impl Rays {
     }
 }
 
-/// How many rays are answered together.
+/// The number of rays of a block, which are answered together.
 type Many<'a, A> = &'a (dyn Fn(&[Ray], &mut Vec<A>) + Sync);
 
 impl Rays {
-    /// Answers rays block by block: with `many` where there is one and rays are many, else with `one`.
+    /// Answers rays block by block: with `many` if it is given and there are many rays, else with `one`.
     fn in_blocks<A: Send>(
         &self,
         py: Python<'_>,
@@ -207,13 +207,13 @@ impl Rays {
                 pool.install(|| many(&block, &mut answers));
                 take(&answers);
             });
-            look_after(py, progress.as_ref(), end as f32 / rays.len() as f32)?;
+            poll_python(py, progress.as_ref(), end as f32 / rays.len() as f32)?;
         }
         Ok(())
     }
 }
 
-/// A mesh of the library: positions at keys, corners, when it exists, mask.
+/// Makes a mesh of the library from positions at keys, vertex indices, active interval and mask.
 fn mesh((keys, faces, active, mask): &MeshArrays<'_>) -> PyResult<TriangleMesh> {
     let keys = keys.iter().map(Positions::of).collect::<PyResult<Vec<_>>>()?;
     let keys = keys.iter().map(Positions::places).collect::<PyResult<Vec<_>>>()?;

@@ -1,4 +1,4 @@
-//! Who meets whom during an interval, as compressed rows.
+//! Encounters of points during an interval, as compressed sparse rows.
 
 use crate::arrays::value_error;
 use crate::points::Points;
@@ -8,10 +8,10 @@ use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// Offsets and ids by point, and of each encounter when it begins, when it ends, when it is closest, and the distance then.
+/// Offsets and ids by point, and for each encounter its begin, its end, the time of closest approach, and the distance then.
 type Encounters<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>, [Bound<'py, PyArray1<f32>>; 4]);
 
-/// The points that come within the radius of each point between two times; row i is that of point i, sorted by id.
+/// The points that come within the radius of each point between two times. Row i belongs to point i and is sorted by id.
 #[pyfunction]
 pub fn neighbor_lists_swept<'py>(
     py: Python<'py>,
@@ -49,7 +49,7 @@ pub fn neighbor_lists_swept<'py>(
     Ok((offsets.into_pyarray(py), ids.into_pyarray(py), columns.map(|column| column.into_pyarray(py))))
 }
 
-/// How long lists with a skin hold every pair within the radius if no point is ever faster than `speed`.
+/// The duration for which lists with a skin contain every pair within the radius, if no point is ever faster than `speed`.
 #[pyfunction]
 #[pyo3(text_signature = "(radius, skin, speed)")]
 pub fn certified_duration(radius: f32, skin: f32, speed: f32) -> f32 {

@@ -1,4 +1,4 @@
-//! On how many threads something runs, how long work is interrupted, and how it tells how far it is.
+//! Thread pools, interruption of long work, and reports of its progress.
 
 use crate::arrays::value_error;
 use core::ops::ControlFlow;
@@ -10,16 +10,16 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// More threads than this are not made, whatever is asked for: each takes memory, and beyond the processors none is of use.
+/// The greatest number of threads, whatever is requested: each takes memory, and threads beyond the processors do not help.
 const MOST: usize = 256;
 
-/// How often work that lasts is looked after.
+/// The time between two checks of long work for Ctrl-C.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// Pools that were asked for, by the process that made them: one that forks has none of the threads of its parent's.
+/// The pools made so far, by process: a forked process has none of its parent's threads.
 static POOLS: Mutex<Vec<(u32, usize, Arc<ThreadPool>)>> = Mutex::new(Vec::new());
 
-/// The pool for scipy's `workers`: that many threads, or with -1 one for each processor.
+/// The pool for the argument `workers` of scipy: that many threads, or with -1 one for each processor.
 pub fn pool(workers: isize) -> PyResult<Arc<ThreadPool>> {
     let (process, threads) = (std::process::id(), count(workers)?);
     let mut pools = POOLS.lock().map_err(value_error)?;
@@ -31,7 +31,7 @@ pub fn pool(workers: isize) -> PyResult<Arc<ThreadPool>> {
     Ok(pool)
 }
 
-/// Does work in a pool, without Python's lock.
+/// Runs work in a pool, without the GIL.
 pub fn on<T: Send>(py: Python<'_>, workers: isize, work: impl FnOnce() -> T + Send) -> PyResult<T> {
     let pool = pool(workers)?;
     Ok(py.detach(|| pool.install(work)))
@@ -46,24 +46,24 @@ pub fn count(workers: isize) -> PyResult<usize> {
     }
 }
 
-/// What work that lasts is told and tells.
+/// The shared state of long work: a request to stop, and its progress.
 #[derive(Default)]
 pub struct Control {
     stop: AtomicBool,
-    /// Done, as the bits of a fraction.
+    /// The finished fraction, as its bits.
     done: AtomicU32,
 }
 
 impl Control {
-    /// Hears how far the work is; says whether it shall stop.
-    pub fn hear(&self, done: f32) -> ControlFlow<()> {
+    /// Records the finished fraction; `Break` if the work must stop.
+    pub fn report(&self, done: f32) -> ControlFlow<()> {
         self.done.fetch_max(done.to_bits(), Ordering::Relaxed);
         if self.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
 
-/// Tells the caller's `progress` how far work is, and hears whether Ctrl-C was pressed.
-pub fn look_after(py: Python<'_>, progress: Option<&Py<PyAny>>, done: f32) -> PyResult<()> {
+/// Checks for Ctrl-C, and calls the caller's `progress` with the finished fraction.
+pub fn poll_python(py: Python<'_>, progress: Option<&Py<PyAny>>, done: f32) -> PyResult<()> {
     py.check_signals()?;
     if let Some(progress) = progress {
         progress.call1(py, (done,))?;
@@ -71,9 +71,9 @@ pub fn look_after(py: Python<'_>, progress: Option<&Py<PyAny>>, done: f32) -> Py
     Ok(())
 }
 
-/// Does long work in a pool, without Python's lock, and looks after it meanwhile.
+/// Runs long work in a pool, without the GIL, and polls Python meanwhile.
 ///
-/// Ctrl-C and an exception of `progress` ask the work to stop; it ends when it hears that.
+/// Ctrl-C and an exception of `progress` request the work to stop. It ends at its next report of progress.
 pub fn long<T: Send>(
     py: Python<'_>,
     workers: isize,
@@ -87,7 +87,7 @@ pub fn long<T: Send>(
         std::thread::scope(|scope| {
             let (control, pool) = (&control, &pool);
             scope.spawn(move || {
-                // Where the other side is gone, nobody wants the result.
+                // If the receiver is gone, the result is not needed.
                 let _ = finished.send(pool.install(|| work(control)));
             });
             let mut error = None;
@@ -96,7 +96,7 @@ pub fn long<T: Send>(
                     Ok(result) => return error.map_or(Ok(result), Err),
                     Err(RecvTimeoutError::Timeout) if error.is_none() => {
                         let done = f32::from_bits(control.done.load(Ordering::Relaxed));
-                        if let Err(wrong) = Python::attach(|py| look_after(py, progress, done)) {
+                        if let Err(wrong) = Python::attach(|py| poll_python(py, progress, done)) {
                             control.stop.store(true, Ordering::Relaxed);
                             error = Some(wrong);
                         }

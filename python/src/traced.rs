@@ -1,5 +1,4 @@
-//! Rays and places as arrays, what is found as arrays, and the ways to ask for it: what trees of meshes and trees of
-//! instances share.
+//! Code that trees of meshes and trees of instances share: arrays of rays, places and hits, and batches of queries.
 
 use crate::arrays::{PerQuery, Places, rows, slice, table};
 use crate::queries::{in_waves, order};
@@ -10,7 +9,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2}
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// What is hit: t, mesh, triangle, u, v.
+/// Hits: t, mesh, triangle, u, v.
 pub type Hits<'py> = (
     Bound<'py, PyArray1<f32>>,
     Bound<'py, PyArray1<i32>>,
@@ -19,7 +18,7 @@ pub type Hits<'py> = (
     Bound<'py, PyArray1<f32>>,
 );
 
-/// Rays as arrays: origins, directions, times, least and greatest t.
+/// Rays as arrays: origins, directions, times, t_min and t_max.
 #[derive(FromPyObject)]
 pub struct RayArrays<'py>(
     PyReadonlyArray2<'py, f64>,
@@ -29,7 +28,7 @@ pub struct RayArrays<'py>(
     PyReadonlyArray1<'py, f32>,
 );
 
-/// The same as slices.
+/// Rays as slices.
 #[derive(Clone, Copy)]
 pub struct RaySlices<'a> {
     origins: &'a [[f64; 3]],
@@ -70,16 +69,16 @@ impl RaySlices<'_> {
 #[derive(FromPyObject)]
 pub struct PointArrays<'py>(PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f32>, PyReadonlyArray1<'py, f32>);
 
-/// What stands for no hit.
+/// The placeholder for a missing hit.
 pub const NOTHING: Hit = Hit { t: f32::INFINITY, u: f32::NAN, v: f32::NAN, mesh: u32::MAX, primitive: u32::MAX };
 
-/// On how many threads, and what is told how far it is.
+/// The number of threads, and the caller's `progress`.
 pub type How<'a> = (isize, Option<&'a Py<PyAny>>);
 
-/// What hears of each hit of a ray.
+/// The function that is called with each hit of a ray.
 pub type Report<'a, H> = &'a mut dyn FnMut(H) -> ControlFlow<()>;
 
-/// Asks for each ray; `take` gets the answers in order.
+/// Answers each ray; `take` gets the answers in order.
 pub fn each<A: Send>(
     py: Python<'_>,
     rays: RaySlices<'_>,
@@ -92,7 +91,7 @@ pub fn each<A: Send>(
     in_waves(py, &order, workers, progress, run, |_, run| run.into_iter().for_each(&mut take))
 }
 
-/// All hits of all rays and the indices of the rays: by ray, and along each ray by t and the hit's name, which `along` gives.
+/// All hits of all rays and the indices of the rays. They are sorted by ray, and along each ray by t and the key from `along`.
 pub fn all<H: Send, N: Ord>(
     py: Python<'_>,
     rays: RaySlices<'_>,
@@ -121,7 +120,7 @@ pub fn all<H: Send, N: Ord>(
     Ok((index, found))
 }
 
-/// Asks for what is nearest to each place, of a tree of so many bytes.
+/// Finds the nearest point to each place, in a tree of `bytes` bytes.
 pub fn nearest<A: Send + Clone>(
     py: Python<'_>,
     places: &PointArrays<'_>,
@@ -143,12 +142,12 @@ pub fn nearest<A: Send + Clone>(
     Ok(answers)
 }
 
-/// The place of a nearest point as of a hit: t is its distance.
+/// A nearest point in the form of a hit: t is its distance.
 pub fn on_surface(near: &ClosestPoint) -> Hit {
     Hit { t: near.distance, u: near.u, v: near.v, mesh: near.mesh, primitive: near.primitive }
 }
 
-/// Where nearest points are, (m, 3); NaN where there is none.
+/// The positions of nearest points, (m, 3); NaN if there is none.
 pub fn positions<'py, 'a>(
     py: Python<'py>,
     found: impl Iterator<Item = Option<&'a ClosestPoint>>,

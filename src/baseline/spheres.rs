@@ -66,7 +66,7 @@ impl<V: FnMut(u32)> Kernel for Near<'_, V> {
     fn run<S: Simd>(self, s: S) {
         let Near { spheres, ray, mut visit } = self;
         let [ox, oy, oz, _] = ray.origin;
-        let d = ray.asked.dir.as_dvec3().normalize().as_vec3();
+        let d = ray.original.dir.as_dvec3().normalize().as_vec3();
         let (ox, oy, oz) = (s.splat(ox), s.splat(oy), s.splat(oz));
         let (dx, dy, dz) = (s.splat(d.x), s.splat(d.y), s.splat(d.z));
         let (part, least) = (s.splat(1e-3), s.splat(ray.slack + f32::MIN_POSITIVE));

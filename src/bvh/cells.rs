@@ -17,7 +17,7 @@ use glam::Vec4;
 const MOST: usize = 16;
 
 /// References that are binned per task.
-const DEALT: usize = 1 << 16;
+const BIN_CHUNK: usize = 1 << 16;
 
 /// A binary tree whose leaves have at most `most` references, and the ids of these in the order of the tree. The id of
 /// each reference must be its index.
@@ -26,29 +26,29 @@ pub(crate) fn coarse_tree(references: &[Reference], most: usize) -> (BinaryTree,
         return (BinaryTree::new(), Vec::new());
     }
     let grid = Grid::around(references, most);
-    let tasks = parallel::map(references.len().div_ceil(DEALT), |i| {
-        grid.deal(&references[i * DEALT..references.len().min((i + 1) * DEALT)])
+    let tasks = parallel::map(references.len().div_ceil(BIN_CHUNK), |i| {
+        grid.bin(&references[i * BIN_CHUNK..references.len().min((i + 1) * BIN_CHUNK)])
     });
     let (mut sum, mut begins) = (0, vec![0; grid.cells()]);
     let mut cells = Vec::new();
     let mut cell_references = Vec::new();
     for (key, begin) in begins.iter_mut().enumerate() {
         *begin = sum;
-        sum += tasks.iter().map(|dealt| dealt.counts[key] as usize).sum::<usize>();
+        sum += tasks.iter().map(|binned| binned.counts[key] as usize).sum::<usize>();
         if sum > *begin {
-            let bounds = tasks.iter().fold(Packed::EMPTY, |all, dealt| all.least(dealt.bounds[key]));
+            let bounds = tasks.iter().fold(Packed::EMPTY, |all, binned| all.least(binned.bounds[key]));
             cell_references.push(Reference::of(bounds, cells.len() as u32));
             cells.push(*begin..sum);
         }
     }
-    let mut dealt = huge_vec(references.len());
-    dealt.resize(references.len(), 0);
+    let mut sorted = huge_vec(references.len());
+    sorted.resize(references.len(), 0);
     for (id, &key) in tasks.iter().flat_map(|task| &task.keys).enumerate() {
-        dealt[begins[key as usize]] = id as u32;
+        sorted[begins[key as usize]] = id as u32;
         begins[key as usize] += 1;
     }
     let tree = build_binary(&mut cell_references, 1..=1, None, None);
-    let cells: Vec<&[u32]> = cell_references.iter().map(|r| &dealt[cells[r.id() as usize].clone()]).collect();
+    let cells: Vec<&[u32]> = cell_references.iter().map(|r| &sorted[cells[r.id() as usize].clone()]).collect();
     let ids = huge_vec(references.len());
     let mut cut = Cut { references, tree: &tree, cells: &cells, most, binary: BinaryTree::new(), ids };
     cut.node(0);
@@ -63,8 +63,8 @@ struct Grid {
     side: usize,
 }
 
-/// The grid's contents for one chunk of references.
-struct Dealt {
+/// One chunk of references, binned into the cells of the grid.
+struct Binned {
     /// The cell of each reference.
     keys: Vec<u16>,
     /// For each cell the number of references, and their bounds.
@@ -92,7 +92,8 @@ impl Grid {
         (cell.z as usize * self.side + cell.y as usize) * self.side + cell.x as usize
     }
 
-    fn deal(&self, references: &[Reference]) -> Dealt {
+    /// Bins references into the cells.
+    fn bin(&self, references: &[Reference]) -> Binned {
         let mut keys = Vec::with_capacity(references.len());
         let (mut counts, mut bounds) = (vec![0; self.cells()], vec![Packed::EMPTY; self.cells()]);
         for r in references {
@@ -101,7 +102,7 @@ impl Grid {
             counts[key] += 1;
             bounds[key] = bounds[key].least(*r.packed());
         }
-        Dealt { keys, counts, bounds }
+        Binned { keys, counts, bounds }
     }
 }
 

@@ -82,8 +82,8 @@ struct Exchange<'a> {
     split: &'a Split,
 }
 
-/// Indices of references on the wrong side.
-struct Wrong {
+/// The indices of references on the wrong side of a split.
+struct Misplaced {
     places: [usize; BLOCK],
     /// Those from `first` to `end` have not been exchanged yet.
     first: usize,
@@ -92,13 +92,20 @@ struct Wrong {
     seen: usize,
 }
 
-impl Wrong {
-    const NONE: Wrong = Wrong { places: [0; BLOCK], first: 0, end: 0, seen: 0 };
+impl Misplaced {
+    const NONE: Misplaced = Misplaced { places: [0; BLOCK], first: 0, end: 0, seen: 0 };
 
     /// Classifies the next references if none is pending; returns `centres` extended by theirs. `low` tells which side
     /// is the wrong one.
     #[inline(always)]
-    fn look<S: Simd>(&mut self, s: S, references: &[Reference], split: &Split, low: bool, mut centres: S::F) -> S::F {
+    fn classify<S: Simd>(
+        &mut self,
+        s: S,
+        references: &[Reference],
+        split: &Split,
+        low: bool,
+        mut centres: S::F,
+    ) -> S::F {
         if self.first < self.end || self.seen == references.len() {
             return centres;
         }
@@ -125,11 +132,11 @@ impl Kernel for Exchange<'_> {
     fn run<S: Simd>(self, s: S) -> Packed {
         let Exchange { front, back, split } = self;
         let mut centres = s.splat(f32::INFINITY);
-        let (mut high, mut low) = (Wrong::NONE, Wrong::NONE);
+        let (mut high, mut low) = (Misplaced::NONE, Misplaced::NONE);
         loop {
             let seen = high.seen + low.seen;
-            centres = high.look(s, front, split, false, centres);
-            centres = low.look(s, back, split, true, centres);
+            centres = high.classify(s, front, split, false, centres);
+            centres = low.classify(s, back, split, true, centres);
             let pairs = (high.end - high.first).min(low.end - low.first);
             for i in 0..pairs {
                 let (a, b) = (&mut front[high.places[high.first + i]].0.0, &mut back[low.places[low.first + i]].0.0);

@@ -13,16 +13,16 @@ pub(crate) struct Placement {
     pub matrix: DAffine3,
     inverse: DMat3,
     /// Bound of the distances in the placed space per distance of the images; infinite if there is none.
-    grows: f64,
+    scale_bound: f64,
 }
 
-/// A point mapped into a placed space.
-pub(crate) struct Brought {
+/// The preimage of a point in a placed space.
+pub(crate) struct Preimage {
     pub point: DVec3,
     /// Bound of the distances in the placed space per distance of the images.
-    pub grows: f64,
-    /// How much a computed distance of images may be less than the distance that `grows` applies to.
-    pub stray: f64,
+    pub scale_bound: f64,
+    /// By how much a computed distance of images may be smaller than the distance to which `scale_bound` applies.
+    pub deviation: f64,
 }
 
 /// Far more than the f64 rounding of a few steps, relative to the magnitudes involved.
@@ -35,7 +35,7 @@ impl Placement {
         let longest = norm(inverse) * (1.0 + ROUNDING) / (1.0 - off);
         // NaN fails this as well.
         let known = off < 0.5 && longest.is_finite();
-        Placement { matrix, inverse, grows: if known { longest } else { f64::INFINITY } }
+        Placement { matrix, inverse, scale_bound: if known { longest } else { f64::INFINITY } }
     }
 
     /// The placement of a space in a space that is itself placed, if `placed` is given.
@@ -45,19 +45,19 @@ impl Placement {
 
     /// Maps a point into the placed space, for distances to objects within `bounds` there.
     ///
-    /// The error of the inverse image is measured by the distance of its own image from the point: `stray` includes that, and
-    /// the rounding of the images of objects in `bounds`.
-    pub fn bring(&self, point: DVec3, bounds: Aabb) -> Brought {
+    /// The error of the preimage is measured by the distance of its own image from the point. `deviation` includes this error, and the
+    /// rounding of the images of objects in `bounds`.
+    pub fn preimage(&self, point: DVec3, bounds: Aabb) -> Preimage {
         let there = self.inverse * (point - self.matrix.translation);
-        if !there.is_finite() || self.grows.is_infinite() {
-            return Brought { point: DVec3::ZERO, grows: f64::INFINITY, stray: 0.0 };
+        if !there.is_finite() || self.scale_bound.is_infinite() {
+            return Preimage { point: DVec3::ZERO, scale_bound: f64::INFINITY, deviation: 0.0 };
         }
         let missed = self.matrix.transform_point3(there) - point;
         let far = there.abs() + bounds.min.abs().max(bounds.max.abs());
         let size = sum(self.matrix.matrix3) * far.max_element()
             + self.matrix.translation.abs().max_element()
             + point.abs().max_element();
-        Brought { point: there, grows: self.grows, stray: missed.length() + ROUNDING * size }
+        Preimage { point: there, scale_bound: self.scale_bound, deviation: missed.length() + ROUNDING * size }
     }
 }
 
@@ -100,8 +100,8 @@ mod tests {
             let placement = Placement::new(matrix);
             let bounds = Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE };
             let q = vec(&mut random) * 10f64.powf(5.0 * random.signed_f64());
-            let Brought { point, grows, stray } = placement.bring(q, bounds);
-            assert!(grows.is_finite() && stray.is_finite());
+            let Preimage { point, scale_bound, deviation } = placement.preimage(q, bounds);
+            assert!(scale_bound.is_finite() && deviation.is_finite());
             let mut most = 0.0f64;
             for i in 0..50 {
                 // Also along each axis, in which scales are met exactly.
@@ -109,13 +109,13 @@ mod tests {
                 let p = vec(&mut random) * 0.5 + by * 0.5;
                 let inside = (point - p).length();
                 let image = (matrix.transform_point3(p) - q).length();
-                assert!(inside <= (image + stray) * grows, "{inside} {image} {stray} {grows}");
+                assert!(inside <= (image + deviation) * scale_bound, "{inside} {image} {deviation} {scale_bound}");
                 most = most.max(by.length() / matrix.transform_vector3(by).length());
             }
-            assert!(most <= grows * (1.0 + 1e-12));
+            assert!(most <= scale_bound * (1.0 + 1e-12));
             if round % 2 == 0 {
                 // Where scales differ by up to 1e8, rounding hides the last digits of what is known.
-                assert!(most >= grows * (1.0 - 1e-4), "{most} {grows}");
+                assert!(most >= scale_bound * (1.0 - 1e-4), "{most} {scale_bound}");
             }
         }
     }
@@ -125,8 +125,8 @@ mod tests {
         let flat = DMat3::from_cols(DVec3::X, DVec3::X, DVec3::Z);
         for matrix3 in [flat, DMat3::ZERO, DMat3::from_diagonal(DVec3::new(1.0, f64::NAN, 1.0))] {
             let placement = Placement::new(DAffine3 { matrix3, translation: DVec3::ZERO });
-            let brought = placement.bring(DVec3::ONE, Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE });
-            assert!(brought.grows.is_infinite() && brought.point.is_finite());
+            let preimage = placement.preimage(DVec3::ONE, Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE });
+            assert!(preimage.scale_bound.is_infinite() && preimage.point.is_finite());
         }
     }
 }

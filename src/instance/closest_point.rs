@@ -7,7 +7,7 @@
 //! it. [`Placement`] derives how far the inner search must reach.
 
 use super::hit::{InstancePath, InstancePoint};
-use super::query::Look;
+use super::query::InstanceGuards;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Placement;
 use crate::layout::ChildRef;
@@ -51,7 +51,7 @@ impl InstanceTree {
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```
     pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<InstancePoint> {
-        self.nearest(ClosestPointQuery { point: point.into(), time, max_distance }, Look::Plain)
+        self.nearest(ClosestPointQuery { point: point.into(), time, max_distance }, InstanceGuards::Plain)
     }
 
     /// [`InstanceTree::closest_point`] among the points for which `accept` returns true, in instances whose
@@ -63,7 +63,7 @@ impl InstanceTree {
         mask: u32,
         accept: impl Fn(&InstancePoint) -> bool,
     ) -> Option<InstancePoint> {
-        self.nearest(*query, Look::Filtered { mask, accept: &accept })
+        self.nearest(*query, InstanceGuards::Filtered { mask, accept: &accept })
     }
 
     /// [`InstanceTree::closest_point`], reporting each step to `observer`, as [`InstanceTree::closest_hit_observed`]
@@ -73,13 +73,13 @@ impl InstanceTree {
         query: &ClosestPointQuery,
         observer: &mut impl Observer,
     ) -> Option<InstancePoint> {
-        self.nearest(*query, Look::Observed(observer))
+        self.nearest(*query, InstanceGuards::Observed(observer))
     }
 
     /// [`InstanceTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
     /// order.
     pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<InstancePoint>>) {
-        answer_each(queries, answers, |_, query| self.nearest(*query, Look::Plain));
+        answer_each(queries, answers, |_, query| self.nearest(*query, InstanceGuards::Plain));
     }
 
     /// [`InstanceTree::closest_point_filtered`] for many queries, in parallel. `answers` is cleared and gets one answer
@@ -95,8 +95,12 @@ impl InstanceTree {
         answer_each(queries, answers, |i, query| self.closest_point_filtered(query, mask, |near| accept(i, near)));
     }
 
-    fn nearest(&self, query: ClosestPointQuery, mut look: Look<'_, InstancePoint>) -> Option<InstancePoint> {
-        self.nearest_from(&query.into(), InstancePath::default(), &mut look)
+    fn nearest(
+        &self,
+        query: ClosestPointQuery,
+        mut guards: InstanceGuards<'_, InstancePoint>,
+    ) -> Option<InstancePoint> {
+        self.nearest_from(&query.into(), InstancePath::default(), &mut guards)
     }
 
     /// The closest point in this tree where it is placed itself; its path continues `path`.
@@ -104,10 +108,10 @@ impl InstanceTree {
         &self,
         query: &PlacedQuery,
         path: InstancePath,
-        look: &mut Look<'_, InstancePoint>,
+        guards: &mut InstanceGuards<'_, InstancePoint>,
     ) -> Option<InstancePoint> {
         let in_tree = Query::new(query, *self.placements.frame())?;
-        let mut leaves = InInstances { of: self, query: *query, path, look, best: None };
+        let mut leaves = InInstances { of: self, query: *query, path, guards, best: None };
         dispatch(self.simd, NearestFirst { tree: &self.wide, query: &in_tree, leaves: &mut leaves });
         leaves.best
     }
@@ -118,19 +122,19 @@ impl InstanceOf {
         &self,
         query: &PlacedQuery,
         path: InstancePath,
-        look: &mut Look<'_, InstancePoint>,
+        guards: &mut InstanceGuards<'_, InstancePoint>,
     ) -> Option<InstancePoint> {
         let tree = match self {
             InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.nearest_from(query, path, look),
+            InstanceOf::Instances(tree) => return tree.nearest_from(query, path, guards),
         };
-        let near = match look {
-            Look::Plain => tree.closest_point_of(*query),
-            Look::Filtered { mask, accept } => {
+        let near = match guards {
+            InstanceGuards::Plain => tree.closest_point_of(*query),
+            InstanceGuards::Filtered { mask, accept } => {
                 let accept = |&near: &_| accept(&InstancePoint { path, near });
                 tree.closest_point_guarded(query, Guards::filtered(*mask, &accept))
             }
-            Look::Observed(observer) => tree.closest_point_guarded(query, Guards::observed(*observer)),
+            InstanceGuards::Observed(observer) => tree.closest_point_guarded(query, Guards::observed(*observer)),
         };
         near.map(|near| InstancePoint { path, near })
     }
@@ -142,7 +146,7 @@ struct InInstances<'a, 'b> {
     /// The query, with the distance of the best answer as its greatest distance.
     query: PlacedQuery,
     path: InstancePath,
-    look: &'a mut Look<'b, InstancePoint>,
+    guards: &'a mut InstanceGuards<'b, InstancePoint>,
     best: Option<InstancePoint>,
 }
 
@@ -154,31 +158,31 @@ impl Leaves for InInstances<'_, '_> {
 
     #[inline]
     fn node(&mut self) {
-        self.look.observe(|observer| observer.node());
+        self.guards.observe(|observer| observer.node());
     }
 
     #[inline]
     fn leaf<S: Simd>(&mut self, _: S, leaf: ChildRef) {
-        self.look.observe(|observer| observer.leaf());
+        self.guards.observe(|observer| observer.leaf());
         for &id in &self.of.wide.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
-            self.ask(id);
+            self.query_instance(id);
         }
     }
 }
 
 impl InInstances<'_, '_> {
     /// Searches the tree that an instance places.
-    fn ask(&mut self, id: u32) {
+    fn query_instance(&mut self, id: u32) {
         let PlacedQuery { query, placed } = self.query;
         let set = &self.of.placements;
         let one = &set.placed[id as usize];
-        if !(one.active.contains(query.time) && self.look.sees(one.mask)) {
+        if !(one.active.contains(query.time) && self.guards.sees(one.mask)) {
             return;
         }
         let matrix = set.motions.matrix(&one.motion, f64::from(query.time));
         let placed = Some(Placement::then(placed.as_ref(), matrix));
         let tree = &self.of.trees[one.tree as usize];
-        let Some(found) = tree.nearest(&PlacedQuery { query, placed }, self.path.then(id), self.look) else { return };
+        let Some(found) = tree.nearest(&PlacedQuery { query, placed }, self.path.then(id), self.guards) else { return };
         let order = |found: &InstancePoint| (found.near.distance, found.path);
         if self.best.is_none_or(|best| order(&found) < order(&best)) {
             self.best = Some(found);

@@ -13,7 +13,7 @@ pub(super) struct Extent {
     pub reach: f64,
     /// By how many ULP of the distance to a ray's origin its hits may lie outside of its box; not 0 for trees of
     /// instances only.
-    pub stray: f64,
+    pub deviation: f64,
 }
 
 /// By how many ULP of the size of a tree its hits may lie outside of its box: the rounding of its kernel

@@ -133,7 +133,7 @@ impl Motions {
     }
 
     /// Releases excess capacity.
-    pub fn settle(&mut self) {
+    pub fn shrink_to_fit(&mut self) {
         self.matrices.shrink_to_fit();
         self.poses.shrink_to_fit();
     }

@@ -25,7 +25,7 @@ impl Outline {
     /// Hits of trees of primitives lie within [`INNER_ULPS`] of their box. Those of trees of instances deviate more
     /// from far away, so they have no box.
     pub fn new(of: &Extent, padding: f64) -> Outline {
-        let pad = if of.stray == 0.0 { padding * INNER_ULPS * f64::from(ULP) * of.reach } else { f64::INFINITY };
+        let pad = if of.deviation == 0.0 { padding * INNER_ULPS * f64::from(ULP) * of.reach } else { f64::INFINITY };
         let [begin, end] = [of.bounds.begin, of.bounds.end];
         let [from, to] = [begin, end].map(|b| (b.min * 0.5 + b.max * 0.5, b.max * 0.5 - b.min * 0.5));
         Outline { middle: from.0, moved: to.0 - from.0, half: from.1 + pad, grown: to.1 - from.1 }
@@ -69,7 +69,7 @@ mod tests {
                 Aabb { min: a.min(b), max: a.max(b) }
             };
             let bounds = LinearBounds { begin: corners(), end: corners() };
-            let outline = Outline::new(&Extent { bounds, parts: vec![bounds], reach: 1.0, stray: 0.0 }, 1.0);
+            let outline = Outline::new(&Extent { bounds, parts: vec![bounds], reach: 1.0, deviation: 0.0 }, 1.0);
             let time = random.unit();
             let now = bounds.at(f64::from(time));
             // Corners among them, and directions along axes.

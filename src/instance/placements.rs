@@ -42,7 +42,7 @@ pub(super) struct Placements {
     frame: Frame,
     always_active: bool,
     /// The greatest [`Slack::per_distance`].
-    pub stray: f64,
+    pub deviation: f64,
     /// Data for the build only: the distinct trees, the padding of each instance's box, and its bounds over the shutter
     /// without padding.
     extents: Vec<Extent>,
@@ -53,7 +53,7 @@ pub(super) struct Placements {
 }
 
 /// The greatest [`Slack::per_distance`]: 2^18. Boxes then still grow by less than the width of the scene.
-const MOST_STRAY: f64 = 262144.0;
+const MAX_DEVIATION: f64 = 262144.0;
 
 /// Distances within which origins count as near, in sizes of the scene.
 const NEAR: f64 = 3.0;
@@ -67,14 +67,14 @@ impl Placements {
         extents: Vec<Extent>,
         padding: f64,
     ) -> Result<Placements, InstanceError> {
-        let (mut slacks, mut stray, mut all) =
+        let (mut slacks, mut deviation, mut all) =
             (Vec::with_capacity(placed.len()), 0.0f64, Vec::with_capacity(placed.len()));
         for (instance, (one, distortion)) in placed.into_iter().enumerate() {
             let slack = Slack::new(&distortion, &extents[one.tree as usize]);
-            if !(slack.per_distance <= MOST_STRAY && slack.fixed.is_finite()) {
+            if !(slack.per_distance <= MAX_DEVIATION && slack.fixed.is_finite()) {
                 return Err(InstanceError::Singular { instance, key: 0 });
             }
-            stray = stray.max(slack.per_distance * padding);
+            deviation = deviation.max(slack.per_distance * padding);
             slacks.push(Slack { per_distance: slack.per_distance * padding, fixed: slack.fixed * padding });
             all.push(one);
         }
@@ -82,8 +82,18 @@ impl Placements {
         let (frame, width) = (Frame::WORLD, 0.0);
         let outlines = extents.iter().map(|of| Outline::new(of, padding)).collect();
         let whole = Vec::new();
-        let mut set =
-            Placements { placed: all, motions, outlines, frame, always_active, stray, extents, slacks, whole, width };
+        let mut set = Placements {
+            placed: all,
+            motions,
+            outlines,
+            frame,
+            always_active,
+            deviation,
+            extents,
+            slacks,
+            whole,
+            width,
+        };
         set.whole = parallel::map(set.placed.len(), |id| set.exact_bounds(id as u32, TimeInterval::FULL));
         // The slack depends on the width of the scene, and the width on the slack: it grows by at most a quarter of
         // itself.
@@ -127,19 +137,19 @@ impl Placements {
         DVec3::new(x, y, z).abs().max_element() > NEAR * f64::from(self.frame.reach)
     }
 
-    /// Prepares a ray in tree space that is unusual or far away ([`TreeRay::mend`]): one that begins far away has more
-    /// slack, by its greatest deviation when it is mapped into an instance's space.
+    /// Recomputes a ray in tree space that is not regular or far away ([`TreeRay::recompute`]). A ray that begins far away
+    /// gets more slack, by its greatest deviation when it is mapped into an instance's space.
     #[cold]
     #[inline(never)]
-    pub fn mend(&self, ray: &mut TreeRay) {
+    pub fn recompute(&self, ray: &mut TreeRay) {
         let frame = &self.frame;
         if !self.is_far(ray) {
-            return ray.mend(frame);
+            return ray.recompute(frame);
         }
         let [x, y, z, _] = ray.from;
         let away = DVec3::new(x, y, z).abs().max_element();
-        let more = (self.stray * away * (2.0 * f64::from(ULP) + ROUNDING)) as f32;
-        match TreeRay::with_slack(ray.asked, &Frame { reach: frame.reach + 2.0 * more, ..*frame }, more) {
+        let more = (self.deviation * away * (2.0 * f64::from(ULP) + ROUNDING)) as f32;
+        match TreeRay::with_slack(ray.original, &Frame { reach: frame.reach + 2.0 * more, ..*frame }, more) {
             Some(of) => *ray = of,
             None => (ray.begin, ray.end) = (1.0, 0.0),
         }
@@ -154,8 +164,8 @@ impl Slack {
     /// which passes through both matrices; and by `|M|` times the rounding of the tree's own kernel.
     fn new(distortion: &Distortion, of: &Extent) -> Slack {
         let Distortion { skeel, norm, rows } = *distortion;
-        let per_distance = 2.0 * (skeel + 1.0 + norm / 1024.0 / 1024.0) + 4.0 * norm * of.stray;
-        let fixed = rows * ((INNER_ULPS + 4.0 * of.stray) * f64::from(ULP) * of.reach);
+        let per_distance = 2.0 * (skeel + 1.0 + norm / 1024.0 / 1024.0) + 4.0 * norm * of.deviation;
+        let fixed = rows * ((INNER_ULPS + 4.0 * of.deviation) * f64::from(ULP) * of.reach);
         Slack { per_distance, fixed }
     }
 }
@@ -225,7 +235,7 @@ impl WideSource for Placements {
     }
 
     /// Releases the data of the build.
-    fn written(&mut self) {
+    fn release_build_data(&mut self) {
         (self.extents, self.slacks, self.whole) = (Vec::new(), Vec::new(), Vec::new());
     }
 

@@ -13,12 +13,12 @@ use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
 use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
-use crate::ray::{Observer, Stops, TreeRay, Way};
+use crate::ray::{LeafVisitor, Observer, RayTraversal, TreeRay};
 use crate::simd::dispatch;
 use core::ops::ControlFlow;
 
 /// The filter or observer of a query.
-pub(super) enum Look<'a, T = InstanceHit> {
+pub(super) enum InstanceGuards<'a, T = InstanceHit> {
     /// Everything, unobserved.
     Plain,
     /// Instances and meshes whose masks share a bit with this one, answers that are accepted.
@@ -27,35 +27,35 @@ pub(super) enum Look<'a, T = InstanceHit> {
     Observed(&'a mut dyn Observer),
 }
 
-impl<T> Look<'_, T> {
+impl<T> InstanceGuards<'_, T> {
     #[inline]
     pub fn sees(&self, mask: u32) -> bool {
         match self {
-            Look::Filtered { mask: wanted, .. } => wanted & mask != 0,
+            InstanceGuards::Filtered { mask: wanted, .. } => wanted & mask != 0,
             _ => true,
         }
     }
 
     #[inline]
     pub fn observe(&mut self, what: fn(&mut dyn Observer)) {
-        if let Look::Observed(observer) = self {
+        if let InstanceGuards::Observed(observer) = self {
             what(*observer);
         }
     }
 }
 
 /// A query of all instances that a ray meets.
-trait Question {
+trait InstanceQuery {
     /// Whether instances are visited front to back.
     const ORDERED: bool;
     /// Queries the tree of an instance, whose path ends with this index, with a ray in its space that ends where no hit
     /// matters any more. Returns the ray's new end; `Break` ends the query.
-    fn ask(
+    fn query_instance(
         &mut self,
         of: &InstanceOf,
         ray: &Ray,
         path: (InstancePath, u32),
-        look: &mut Look<'_>,
+        guards: &mut InstanceGuards<'_>,
     ) -> ControlFlow<(), f32>;
 }
 
@@ -64,23 +64,23 @@ struct Closest {
     best: Option<InstanceHit>,
 }
 
-impl Question for Closest {
+impl InstanceQuery for Closest {
     const ORDERED: bool = true;
 
     #[inline(always)]
-    fn ask(
+    fn query_instance(
         &mut self,
         of: &InstanceOf,
         ray: &Ray,
         (path, id): (InstancePath, u32),
-        look: &mut Look<'_>,
+        guards: &mut InstanceGuards<'_>,
     ) -> ControlFlow<(), f32> {
         // The usual case is inlined here; all other cases are calls, which would spill the registers of the traversal.
-        let found = match (of, &look) {
-            (InstanceOf::Tree(tree), Look::Plain) => {
+        let found = match (of, &guards) {
+            (InstanceOf::Tree(tree), InstanceGuards::Plain) => {
                 tree.closest_hit(ray).map(|hit| InstanceHit { path: path.then(id), hit })
             }
-            _ => of.closest_hit(ray, path.then(id), look),
+            _ => of.closest_hit(ray, path.then(id), guards),
         };
         let Some(found) = found else { return ControlFlow::Continue(ray.t_max) };
         let better = self
@@ -98,21 +98,21 @@ struct Any {
     found: bool,
 }
 
-impl Question for Any {
+impl InstanceQuery for Any {
     const ORDERED: bool = false;
 
     #[inline(always)]
-    fn ask(
+    fn query_instance(
         &mut self,
         of: &InstanceOf,
         ray: &Ray,
         (path, id): (InstancePath, u32),
-        look: &mut Look<'_>,
+        guards: &mut InstanceGuards<'_>,
     ) -> ControlFlow<(), f32> {
         // As above.
-        self.found = match (of, &look) {
-            (InstanceOf::Tree(tree), Look::Plain) => tree.any_hit(ray),
-            _ => of.any_hit(ray, path.then(id), look),
+        self.found = match (of, &guards) {
+            (InstanceOf::Tree(tree), InstanceGuards::Plain) => tree.any_hit(ray),
+            _ => of.any_hit(ray, path.then(id), guards),
         };
         if self.found { ControlFlow::Break(()) } else { ControlFlow::Continue(ray.t_max) }
     }
@@ -124,18 +124,18 @@ struct All<'a> {
     flow: ControlFlow<()>,
 }
 
-impl Question for All<'_> {
+impl InstanceQuery for All<'_> {
     const ORDERED: bool = false;
 
     #[inline(always)]
-    fn ask(
+    fn query_instance(
         &mut self,
         of: &InstanceOf,
         ray: &Ray,
         (path, id): (InstancePath, u32),
-        look: &mut Look<'_>,
+        guards: &mut InstanceGuards<'_>,
     ) -> ControlFlow<(), f32> {
-        self.flow = of.all_hits(ray, path.then(id), look, self.visitor);
+        self.flow = of.all_hits(ray, path.then(id), guards, self.visitor);
         self.flow?;
         ControlFlow::Continue(ray.t_max)
     }
@@ -143,33 +143,33 @@ impl Question for All<'_> {
 
 impl InstanceOf {
     #[inline(never)]
-    fn closest_hit(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> Option<InstanceHit> {
+    fn closest_hit(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>) -> Option<InstanceHit> {
         let tree = match self {
             InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.closest(ray, path, look),
+            InstanceOf::Instances(tree) => return tree.closest(ray, path, guards),
         };
-        let hit = match look {
-            Look::Plain => tree.closest_hit(ray),
-            Look::Filtered { mask, accept } => {
+        let hit = match guards {
+            InstanceGuards::Plain => tree.closest_hit(ray),
+            InstanceGuards::Filtered { mask, accept } => {
                 tree.closest_hit_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }))
             }
-            Look::Observed(observer) => tree.closest_hit_observed(ray, observer),
+            InstanceGuards::Observed(observer) => tree.closest_hit_observed(ray, observer),
         };
         hit.map(|hit| InstanceHit { path, hit })
     }
 
     #[inline(never)]
-    fn any_hit(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> bool {
+    fn any_hit(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>) -> bool {
         let tree = match self {
             InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.any(ray, path, look),
+            InstanceOf::Instances(tree) => return tree.any(ray, path, guards),
         };
-        match look {
-            Look::Plain => tree.any_hit(ray),
-            Look::Filtered { mask, accept } => {
+        match guards {
+            InstanceGuards::Plain => tree.any_hit(ray),
+            InstanceGuards::Filtered { mask, accept } => {
                 tree.any_hit_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }))
             }
-            Look::Observed(observer) => tree.any_hit_observed(ray, observer),
+            InstanceGuards::Observed(observer) => tree.any_hit_observed(ray, observer),
         }
     }
 
@@ -178,96 +178,101 @@ impl InstanceOf {
         &self,
         ray: &Ray,
         path: InstancePath,
-        look: &mut Look<'_>,
+        guards: &mut InstanceGuards<'_>,
         visitor: &mut dyn FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
         let tree = match self {
             InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.all(ray, path, look, visitor),
+            InstanceOf::Instances(tree) => return tree.all(ray, path, guards, visitor),
         };
         let visitor = |hit| visitor(InstanceHit { path, hit });
-        match look {
-            Look::Plain => tree.all_hits(ray, visitor),
-            Look::Filtered { mask, accept } => {
+        match guards {
+            InstanceGuards::Plain => tree.all_hits(ray, visitor),
+            InstanceGuards::Filtered { mask, accept } => {
                 tree.all_hits_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }), visitor)
             }
-            Look::Observed(observer) => tree.all_hits_observed(ray, observer, visitor),
+            InstanceGuards::Observed(observer) => tree.all_hits_observed(ray, observer, visitor),
         }
     }
 }
 
 impl InstanceTree {
     /// The closest hit; its path continues `path`.
-    pub(super) fn closest(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> Option<InstanceHit> {
-        self.asked(ray, path, look, Closest { best: None }).best
+    pub(super) fn closest(
+        &self,
+        ray: &Ray,
+        path: InstancePath,
+        guards: &mut InstanceGuards<'_>,
+    ) -> Option<InstanceHit> {
+        self.run(ray, path, guards, Closest { best: None }).best
     }
 
-    pub(super) fn any(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>) -> bool {
-        self.asked(ray, path, look, Any { found: false }).found
+    pub(super) fn any(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>) -> bool {
+        self.run(ray, path, guards, Any { found: false }).found
     }
 
     pub(super) fn all(
         &self,
         ray: &Ray,
         path: InstancePath,
-        look: &mut Look<'_>,
+        guards: &mut InstanceGuards<'_>,
         visitor: &mut dyn FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.asked(ray, path, look, All { visitor, flow: ControlFlow::Continue(()) }).flow
+        self.run(ray, path, guards, All { visitor, flow: ControlFlow::Continue(()) }).flow
     }
 
     /// Runs a query over all instances that matter.
-    fn asked<Q: Question>(&self, ray: &Ray, path: InstancePath, look: &mut Look<'_>, question: Q) -> Q {
+    fn run<Q: InstanceQuery>(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>, query: Q) -> Q {
         if self.wide.root == ChildRef::NOTHING {
-            return question;
+            return query;
         }
         let (set, trees) = (&self.placements, &self.trees[..]);
-        let (mut tree_ray, usual) = TreeRay::of(ray, set.frame());
-        if !usual || set.is_far(&tree_ray) {
-            set.mend(&mut tree_ray);
+        let (mut tree_ray, regular) = TreeRay::of(ray, set.frame());
+        if !regular || set.is_far(&tree_ray) {
+            set.recompute(&mut tree_ray);
         }
-        if tree_ray.sees_nothing() {
-            return question;
+        if tree_ray.has_empty_range() {
+            return query;
         }
-        let mut stops = Asked { set, trees, local: *ray, path, look, question };
+        let mut visitor = InstanceVisitor { set, trees, local: *ray, path, guards, query };
         let (tree, tree_ray) = (&self.wide, &tree_ray);
         if Q::ORDERED {
-            dispatch(self.simd, Way::<true, _> { tree, ray, tree_ray, stops: &mut stops });
+            dispatch(self.simd, RayTraversal::<true, _> { tree, ray, tree_ray, visitor: &mut visitor });
         } else {
-            dispatch(self.simd, Way::<false, _> { tree, ray, tree_ray, stops: &mut stops });
+            dispatch(self.simd, RayTraversal::<false, _> { tree, ray, tree_ray, visitor: &mut visitor });
         }
-        stops.question
+        visitor.query
     }
 }
 
 /// The state of a query during the traversal of the tree over instances.
-struct Asked<'a, 'b, Q> {
+struct InstanceVisitor<'a, 'b, Q> {
     set: &'a Placements,
     trees: &'a [InstanceOf],
     /// The ray in the space of the current instance. It is updated in place, and only where it differs: copying a ray
     /// would wait for the stores before.
     local: Ray,
     path: InstancePath,
-    look: &'a mut Look<'b>,
-    question: Q,
+    guards: &'a mut InstanceGuards<'b>,
+    query: Q,
 }
 
-impl<Q: Question> Stops for Asked<'_, '_, Q> {
+impl<Q: InstanceQuery> LeafVisitor for InstanceVisitor<'_, '_, Q> {
     #[inline(always)]
     fn node(&mut self) {
-        self.look.observe(|observer| observer.node());
+        self.guards.observe(|observer| observer.node());
     }
 
     #[inline(always)]
     fn leaf(&mut self) {
-        self.look.observe(|observer| observer.leaf());
+        self.guards.observe(|observer| observer.leaf());
     }
 
     #[inline(always)]
-    fn ask(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32> {
-        let Asked { set, trees, path, ref mut local, ref mut look, ref mut question } = *self;
+    fn object(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32> {
+        let InstanceVisitor { set, trees, path, ref mut local, ref mut guards, ref mut query } = *self;
         let one = &set.placed[id as usize];
-        if !(one.active.contains(ray.time) && look.sees(one.mask)) {
+        if !(one.active.contains(ray.time) && guards.sees(one.mask)) {
             return ControlFlow::Continue(ray.t_max);
         }
         let Some((origin, dir)) = set.motions.inward(&one.motion, ray) else {
@@ -280,6 +285,6 @@ impl<Q: Question> Stops for Asked<'_, '_, Q> {
         if local.t_max != ray.t_max {
             local.t_max = ray.t_max;
         }
-        question.ask(&trees[one.tree as usize], local, (path, id), look)
+        query.query_instance(&trees[one.tree as usize], local, (path, id), guards)
     }
 }

@@ -58,17 +58,17 @@ impl InstanceOf {
 
     /// Its extent in its own space.
     fn extent(&self) -> Extent {
-        let (bounds, parts, frame, stray) = match self {
+        let (bounds, parts, frame, deviation) = match self {
             InstanceOf::Tree(tree) => (tree.linear_bounds(), tree.linear_bounds_of_parts(), tree.frame(), 0.0),
             InstanceOf::Instances(tree) => {
                 let frame = tree.placements.frame();
                 let swept = LinearBounds::fixed(frame.bounds);
                 let bounds = tree.wide.linear_bounds(frame).unwrap_or(swept);
                 let parts = tree.wide.bounds_of_children(frame).unwrap_or_else(|| vec![bounds]);
-                (bounds, parts, frame, tree.placements.stray)
+                (bounds, parts, frame, tree.placements.deviation)
             }
         };
-        Extent { bounds, parts, reach: f64::from(frame.reach) / frame.scale, stray }
+        Extent { bounds, parts, reach: f64::from(frame.reach) / frame.scale, deviation }
     }
 }
 
@@ -210,11 +210,11 @@ impl InstanceTree {
             });
             placed.push((Placed { motion, active, mask, tree }, distortion));
         }
-        motions.settle();
+        motions.shrink_to_fit();
         let extents = trees.iter().map(InstanceOf::extent).collect();
         let mut placements = Placements::new(placed, motions, extents, padding)?;
         let wide = WideTree::build(&placements, params, &Progress::new(None))?;
-        placements.written();
+        placements.release_build_data();
         Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels })
     }
 

@@ -1,7 +1,7 @@
 //! The public ray queries of [`InstanceTree`].
 
 use super::hit::{InstanceHit, InstancePath};
-use super::query::Look;
+use super::query::InstanceGuards;
 use super::tree::InstanceTree;
 use crate::geometry::Ray;
 use crate::ray::{Observer, answer_each};
@@ -11,18 +11,18 @@ impl InstanceTree {
     /// The closest hit of a ray: the least `t`, of several at the same `t` the one with the lowest path, and of these
     /// the lowest (mesh, primitive).
     pub fn closest_hit(&self, ray: &Ray) -> Option<InstanceHit> {
-        self.closest(ray, InstancePath::default(), &mut Look::Plain)
+        self.closest(ray, InstancePath::default(), &mut InstanceGuards::Plain)
     }
 
     /// Whether the ray hits anything. Stops at the first hit found.
     pub fn any_hit(&self, ray: &Ray) -> bool {
-        self.any(ray, InstancePath::default(), &mut Look::Plain)
+        self.any(ray, InstancePath::default(), &mut InstanceGuards::Plain)
     }
 
     /// Calls `visitor` with every primitive of every instance that the ray hits, each once (with its closest hit), in
     /// no particular order, until it breaks. Returns the last return value of `visitor`.
     pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>) -> ControlFlow<()> {
-        self.all(ray, InstancePath::default(), &mut Look::Plain, &mut visitor)
+        self.all(ray, InstancePath::default(), &mut InstanceGuards::Plain, &mut visitor)
     }
 
     /// [`InstanceTree::closest_hit`] among the hits for which `accept` returns true, in instances whose
@@ -35,12 +35,12 @@ impl InstanceTree {
         mask: u32,
         accept: impl Fn(&InstanceHit) -> bool,
     ) -> Option<InstanceHit> {
-        self.closest(ray, InstancePath::default(), &mut Look::Filtered { mask, accept: &accept })
+        self.closest(ray, InstancePath::default(), &mut InstanceGuards::Filtered { mask, accept: &accept })
     }
 
     /// [`InstanceTree::any_hit`] among the hits that pass the mask and the filter.
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&InstanceHit) -> bool) -> bool {
-        self.any(ray, InstancePath::default(), &mut Look::Filtered { mask, accept: &accept })
+        self.any(ray, InstancePath::default(), &mut InstanceGuards::Filtered { mask, accept: &accept })
     }
 
     /// [`InstanceTree::all_hits`] among the hits that pass the mask and the filter.
@@ -51,18 +51,18 @@ impl InstanceTree {
         accept: impl Fn(&InstanceHit) -> bool,
         mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.all(ray, InstancePath::default(), &mut Look::Filtered { mask, accept: &accept }, &mut visitor)
+        self.all(ray, InstancePath::default(), &mut InstanceGuards::Filtered { mask, accept: &accept }, &mut visitor)
     }
 
     /// [`InstanceTree::closest_hit`], reporting each step to `observer`: nodes and leaves of the tree over instances (a
     /// leaf is an instance) and of the placed trees.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<InstanceHit> {
-        self.closest(ray, InstancePath::default(), &mut Look::Observed(observer))
+        self.closest(ray, InstancePath::default(), &mut InstanceGuards::Observed(observer))
     }
 
     /// [`InstanceTree::any_hit`], reporting each step to `observer`.
     pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
-        self.any(ray, InstancePath::default(), &mut Look::Observed(observer))
+        self.any(ray, InstancePath::default(), &mut InstanceGuards::Observed(observer))
     }
 
     /// [`InstanceTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.

@@ -28,7 +28,7 @@ impl WideTree {
                 let numbers = at + 2 * VERTEX_ROWS * n + lane;
                 (linear, self.shared(at, n, numbers), self.shared(at + VERTEX_ROWS * n, n, numbers))
             }
-            Kind::OwnLeaf => {
+            Kind::OtherLeaf => {
                 let keyed = KeyedLeaf::read(self.arena.ints(), leaf);
                 let time = KeyTime::new(time, keyed.segments + 1);
                 let (rows, numbers) = (at + keyed.rows(time.segment), at + keyed.vertices() + lane);

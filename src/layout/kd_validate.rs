@@ -9,7 +9,7 @@ use crate::mbkd::{BadLink, KdTree, KdView, check_links};
 use crate::primitive::PrimitiveSet;
 use core::fmt;
 
-/// A violation found in a tree by [`RayTree::validate`](crate::RayTree::validate). It would be a defect of this crate.
+/// A violation found in a tree by [`RayTree::validate`](crate::RayTree::validate): a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum ValidationError {
@@ -23,7 +23,7 @@ pub enum ValidationError {
         /// Depth of a leaf.
         depth: usize,
     },
-    /// A leaf's references lie outside the array, overlap another leaf's, or have the id of no primitive.
+    /// A leaf's references lie outside the array, overlap another leaf's, or have the id of no primitive or an empty time interval.
     References {
         /// The leaf.
         node: usize,
@@ -37,7 +37,7 @@ pub enum ValidationError {
         /// The leaf.
         node: usize,
     },
-    /// A primitive sticks out of the boxes above its leaf at some time.
+    /// A primitive extends beyond a box above its leaf at some time.
     Bounds {
         /// The primitive's id.
         primitive: u32,
@@ -51,14 +51,24 @@ pub enum ValidationError {
 impl fmt::Display for ValidationError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            ValidationError::Links { node } => write!(f, "node {node} is not linked exactly once"),
-            ValidationError::Depth { depth } => write!(f, "a leaf at depth {depth} is too deep"),
-            ValidationError::References { node } => write!(f, "the references of leaf {node} are not its own"),
+            ValidationError::Links { node } => {
+                write!(f, "node {node} is reached twice, never, or has a link outside the tree")
+            }
+            ValidationError::Depth { depth } => {
+                write!(f, "a leaf has depth {depth}, more than the tree records or a traversal can follow")
+            }
+            ValidationError::References { node } => write!(
+                f,
+                "the references of leaf {node} are shared, outside the array, or have an invalid id or interval"
+            ),
             ValidationError::Missing { primitive, time, node } => {
-                write!(f, "leaf {node} misses primitive {primitive} at time {time}")
+                write!(
+                    f,
+                    "primitive {primitive} is in the cell of leaf {node} at time {time}, but the leaf has no reference to it"
+                )
             }
             ValidationError::Bounds { primitive, time, node } => {
-                write!(f, "primitive {primitive} of leaf {node} is outside a box above it at time {time}")
+                write!(f, "primitive {primitive} of leaf {node} extends beyond a box above the leaf at time {time}")
             }
         }
     }
@@ -66,8 +76,8 @@ impl fmt::Display for ValidationError {
 
 impl std::error::Error for ValidationError {}
 
-/// Cells are shrunk by this before primitives are looked for in them: a primitive that only touches a face, within the
-/// rounding of clipping, may be on the other side.
+/// Cells are shrunk by this before primitives are searched in them. A primitive that only touches a face, within the rounding of clipping,
+/// may be stored on the other side.
 const MARGIN: f32 = 128.0 * ULP;
 /// The number of sampled times per primitive, besides the beginning, middle and end.
 const TIMES: usize = 24;
@@ -101,13 +111,15 @@ impl KdTree {
 
     /// Returns the tree if queries can traverse it safely.
     pub(crate) fn checked(self, primitives: usize) -> Result<KdTree, FileError> {
-        require(self.depth as usize <= DEPTH_LIMIT, "it is too deep")?;
-        require(!self.root.min.is_nan() && !self.root.max.is_nan(), "its bounds are no box")?;
+        require(self.depth as usize <= DEPTH_LIMIT, "the recorded depth is more than a traversal can follow")?;
+        require(!self.root.min.is_nan() && !self.root.max.is_nan(), "the bounds of the root are not a number")?;
         match self.validate_links(primitives) {
             Ok(()) => Ok(self),
-            Err(ValidationError::Depth { .. }) => broken("it is deeper than it says"),
-            Err(ValidationError::References { .. }) => broken("a leaf names no primitive"),
-            Err(_) => broken("a node is not linked as it should be"),
+            Err(ValidationError::Depth { .. }) => broken("a leaf is deeper than the recorded depth"),
+            Err(ValidationError::References { .. }) => {
+                broken("a leaf has references outside the array or with an invalid id or time interval")
+            }
+            Err(_) => broken("a node is reached twice, never, or has a link outside the tree"),
         }
     }
 

@@ -1,16 +1,16 @@
 //! Leaf blocks of triangles whose motion has more than two keys.
 //!
-//! All keys that queries of the block may need are there once, one behind the other; a query reads the rows of the two
-//! around its time. In front stands what does not depend on time. It takes as much room as the reference says, so that this and the
-//! time alone say where those rows are ([`KeyedRows`]), and they are fetched together with the front:
+//! A block stores each key once that its queries may need, in order of time. A query reads the rows of the two keys around its time. The
+//! front of the block holds what does not depend on time. Its size follows from the reference to the block. So the reference and the time
+//! alone determine the position of the rows ([`KeyedRows`]), and a query prefetches them together with the front:
 //!
 //! | words | |
 //! |---|---|
-//! | 3 | number of segments between the mesh's keys; the first key in the block; number of keys in it, of triangles, and the form |
-//! | n | where vertices are shared: the three vertices of each triangle, as in other blocks |
-//! | 1 | where they are not: the sizes (see [`super::wide_node`]) |
+//! | 3 | number of segments between the mesh's keys; first key in the block; numbers of keys and of triangles, and the form |
+//! | n | with shared vertices: the three vertices of each triangle, as in other blocks |
+//! | 1 | without shared vertices: the sizes (see [`super::wide_node`]) |
 //! | n | ids |
-//! | | nothing, up to word 35, or 3 + 4 w where rows have w < 8 numbers and there are no more than 2 w triangles |
+//! | | unused, up to word 35, or up to word 3 + 4 w if rows have w < 8 numbers and there are at most 2 w triangles |
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
 use super::leaf_block::{Shared, WideSource, set_sizes, write_corners};
@@ -19,39 +19,39 @@ use crate::geometry::KeyTime;
 use crate::primitive::Triangles;
 use crate::simd::{Arena, LANES};
 
-/// What stands in front of such a block.
+/// The header of such a block.
 #[derive(Clone, Copy)]
 pub(crate) struct KeyedLeaf {
     /// Segments between the keys of the mesh.
     pub segments: usize,
-    /// The first key in the block, and how many there are.
+    /// The first key in the block, and the number of keys in it.
     pub first: usize,
     pub keys: usize,
     /// Whether vertices are shared.
     pub shared: bool,
     /// Number of triangles.
     pub count: usize,
-    /// Floats in a row: vertices, or triangles.
+    /// The number of floats in a row: vertices, or triangles.
     width: usize,
 }
 
 /// Words of the header.
 const HEADER: usize = 3;
 
-/// Words in front of rows of so many numbers, unless there are more than twice as many triangles.
+/// The number of words in front of rows of `width` numbers, if there are at most `2 * width` triangles.
 #[inline(always)]
 fn front(width: usize) -> usize {
     HEADER + 2 * LANES.min(2 * width)
 }
 
 impl KeyedLeaf {
-    /// Of a leaf block of an arena with these words.
+    /// Reads the header of a leaf block; `words` are those of the arena.
     #[inline(always)]
     pub fn read(words: &[u32], leaf: ChildRef) -> KeyedLeaf {
         KeyedLeaf::of(&words[leaf.at()..leaf.at() + HEADER], leaf.len())
     }
 
-    /// Of its first three words and the length that references to it say.
+    /// Decodes the first three words of a block; `width` is the length in the reference to it.
     #[inline(always)]
     pub fn of(words: &[u32], width: usize) -> KeyedLeaf {
         let (segments, first, form) = (words[0], words[1], words[2]);
@@ -65,73 +65,73 @@ impl KeyedLeaf {
         }
     }
 
-    /// Words from the block's begin to the row that numbers the vertices of each triangle.
+    /// The offset of the vertex numbers of the triangles from the begin of the block.
     #[inline(always)]
     pub fn vertices(&self) -> usize {
         HEADER
     }
 
-    /// Words from the block's begin to the ids.
+    /// The offset of the ids from the begin of the block.
     #[inline(always)]
     pub fn ids(&self) -> usize {
         HEADER + if self.shared { self.count } else { 1 }
     }
 
-    /// Words from the block's begin to the rows of the key where a segment begins; those of the next key follow. Of a
-    /// segment that is not in the block, to some rows of it.
+    /// The offset of the rows of the key at which a segment begins; the rows of the next key follow. For a segment that is not in the
+    /// block, the offset of some rows of the block.
     #[inline(always)]
     pub fn rows(&self, segment: usize) -> usize {
         let key = segment.saturating_sub(self.first).min(self.keys.saturating_sub(2));
         self.front() + key * self.key_words()
     }
 
-    /// Words in front of the rows.
+    /// The number of words in front of the rows.
     #[inline(always)]
     fn front(&self) -> usize {
         front(self.width).max(HEADER + 2 * self.count)
     }
 
-    /// Words of one key.
+    /// The number of words of one key.
     #[inline(always)]
     fn key_words(&self) -> usize {
         self.width * if self.shared { VERTEX_ROWS } else { CORNER_ROWS }
     }
 
-    /// Number of words of the whole block.
+    /// The number of words of the whole block.
     pub fn words(&self) -> usize {
         self.front() + self.keys * self.key_words()
     }
 
-    /// Whether the block has the keys around some segments.
+    /// Whether the block has all keys of the segments from `first` to `last`.
     pub fn holds(&self, [first, last]: [usize; 2]) -> bool {
         self.first <= first && last + 1 < self.first + self.keys
     }
 }
 
-/// How most of a tree's blocks of many keys divide the shutter: enough to ask for the rows that a query will read before anything
-/// of the block is read. Of other blocks it may be wrong, which only costs.
+/// How most of a tree's blocks with many keys divide the shutter. With this, a query can prefetch the rows of a block before it has read
+/// anything of the block. For other blocks the position may be wrong, which costs time and nothing else.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct KeyedRows {
-    /// Segments between keys; 0 where there are no such blocks.
+    /// Segments between keys; 0 if there are no such blocks.
     segments: u32,
-    /// Slices of the shutter that have blocks of their own.
+    /// The number of time slices with blocks of their own.
     slices: u32,
 }
 
-/// Primitives that are asked for their number of keys.
-const ASKED: usize = 64;
+/// The number of primitives whose number of keys is sampled.
+const SAMPLES: usize = 64;
 
 impl KeyedRows {
-    /// Of a tree over some primitives of a set whose leaf blocks hold them.
+    /// For a tree whose leaf blocks hold the primitives `ids` of a set.
     pub fn of<S: WideSource>(set: &S, ids: &[u32], slices: usize) -> KeyedRows {
-        let kinds = ids.iter().step_by(ids.len() / ASKED + 1).map(|&id| set.leaf_kind(id));
+        let kinds = ids.iter().step_by(ids.len() / SAMPLES + 1).map(|&id| set.leaf_kind(id));
         let mut keys: Vec<u32> = kinds.filter(|&keys| keys > 2).collect();
         keys.sort_unstable();
         let most = keys.chunk_by(|a, b| a == b).max_by_key(|same| same.len());
         KeyedRows { segments: most.map_or(0, |same| same[0] - 1), slices: slices as u32 }
     }
 
-    /// The key of the blocks from which on rows of a time are read; nothing where there are no such blocks.
+    /// The key within a block at which the rows for a time begin; `None` if there are no such blocks.
     #[inline(always)]
     pub fn at(self, time: f32) -> Option<u32> {
         let KeyedRows { segments, slices } = self;
@@ -143,7 +143,7 @@ impl KeyedRows {
         Some(segment.saturating_sub(slice * segments / slices.max(1)))
     }
 
-    /// The word of the arena from which on a block with shared vertices has the rows of a key of its own.
+    /// The word of the arena at which the rows of the block's key number `key` begin, in a block with shared vertices.
     #[inline(always)]
     pub fn begin(block: ChildRef, key: u32) -> usize {
         block.at() + front(block.len()) + key as usize * VERTEX_ROWS * block.len()
@@ -151,7 +151,8 @@ impl KeyedRows {
 }
 
 impl Triangles {
-    /// Writes a block of triangles of `keys` keys each, with the keys around some segments; nothing where the arena is full.
+    /// Writes a block of triangles with `keys` keys each. The block holds the keys of the segments from `first` to `last`. Returns `None` if
+    /// the arena is full.
     pub(super) fn write_keyed(
         &self,
         arena: &mut Arena,
@@ -173,10 +174,10 @@ impl Triangles {
         }
         words[leaf.ids()..][..count].copy_from_slice(ids);
         self.fill_keyed(words, &leaf, ids, shared.as_ref());
-        ChildRef::new(Kind::OwnLeaf, at, width)
+        ChildRef::new(Kind::OtherLeaf, at, width)
     }
 
-    /// Writes the coordinates of such a block again; returns whether any of them changed.
+    /// Rewrites the coordinates of such a block; returns whether any of them changed.
     pub(super) fn rewrite_keyed(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
         let leaf = KeyedLeaf::of(words, leaf.len());
         let shared = leaf.shared.then(|| Shared::again(self, ids, &words[leaf.vertices()..], leaf.width));
@@ -186,7 +187,7 @@ impl Triangles {
     /// Writes the coordinates and sizes of a block; returns whether any coordinate changed.
     fn fill_keyed(&self, words: &mut [u32], leaf: &KeyedLeaf, ids: &[u32], shared: Option<&Shared>) -> bool {
         let keys = leaf.first..leaf.first + leaf.keys;
-        // The lower half is that of the first triangle's vertices, or nothing.
+        // The lower half of this word holds the vertices of the first triangle, or zero.
         set_sizes(&mut words[leaf.vertices()], self.sizes(ids, keys.clone()));
         let mut changed = 0;
         for (rows, key) in words[leaf.front()..].chunks_exact_mut(leaf.key_words()).zip(keys) {
@@ -214,7 +215,7 @@ mod tests {
     use crate::scene;
 
     #[test]
-    fn rows_are_asked_for_where_they_are() {
+    fn rows_are_prefetched_at_their_position() {
         let set = Scene::new(&scene::turning(3000, 17).meshes, Vec::new()).expect("a scene");
         for division in [Division::Automatic, Division::Whole, Division::Segments(4), Division::Copies(4)] {
             let params = WideParams { division, ..WideParams::default() };

@@ -1,14 +1,14 @@
-//! A wide tree that is built where queries go.
+//! A wide tree whose subtrees are built when queries first reach them.
 //!
-//! The picture: a map on which towns are dots until someone drives there. The coarse top is an ordinary wide tree whose leaves are
-//! lists of one *subtree* each: up to some thousand primitives that object splits of coarse cells put together. A subtree is an
-//! ordinary wide tree over its primitives in the same tree space, built by the first query that enters it.
+//! The coarse top is an ordinary wide tree whose leaves list one *subtree* each. A subtree has up to some thousand primitives, which
+//! object splits of coarse cells put together. It becomes an ordinary wide tree over its primitives, in the same tree space, built by the
+//! first query that enters it.
 //!
-//! Boxes of the coarse tree hold all that is in them over the whole shutter, so it has no time nodes, and nothing in it is
-//! decided by samples or cut.
+//! The boxes of the coarse tree hold their contents over the whole shutter. So the coarse tree has no time nodes, its build decides
+//! nothing by samples, and no primitive is split.
 //!
-//! **Why no two threads wait for each other.** Who builds a subtree does it alone ([`parallel::alone`]) and asks nothing
-//! of the tree; all others who want the same subtree wait for that one build, holding none of their own.
+//! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`parallel::alone`]) and does not query
+//! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile.
 
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::{WideSource, write_list};
@@ -30,7 +30,7 @@ use std::sync::OnceLock;
 
 /// The coarse tree, and the subtrees below it.
 pub(crate) struct LazyTree {
-    /// The tree above the subtrees: each leaf lists one by its number.
+    /// The tree above the subtrees: each leaf lists the number of one subtree.
     pub top: WideTree,
     /// The primitives of all subtrees, one subtree after the other.
     ids: Vec<u32>,
@@ -39,15 +39,15 @@ pub(crate) struct LazyTree {
     params: WideParams,
 }
 
-/// Some primitives, and the tree over them once a query wanted it.
+/// Some primitives, and the tree over them once a query has needed it.
 struct Subtree {
-    /// Where its ids begin.
+    /// The position of its first id.
     first: u32,
     tree: OnceLock<WideTree>,
 }
 
 impl LazyTree {
-    /// Sorts the primitives of a set into subtrees, and builds the tree above them.
+    /// Divides the primitives of a set into subtrees, and builds the tree above them.
     pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
         let over = TimeInterval::FULL;
         let mut references: Vec<Reference> = huge_vec(set.len());
@@ -56,7 +56,7 @@ impl LazyTree {
         let most = params.subtree.min(most_in_part(set));
         let (binary, ids) = coarse_tree(&references, most);
         drop(references);
-        // In preorder leaves follow each other as their primitives do.
+        // In preorder, the leaves are in the order of their primitives.
         let leaves = binary.iter().filter(|node| node.right == 0);
         let subtrees: Vec<Subtree> = leaves.map(|leaf| Subtree { first: leaf.first, tree: OnceLock::new() }).collect();
         let top = top(&binary, &subtrees, over)?;
@@ -64,17 +64,17 @@ impl LazyTree {
         Ok(LazyTree { top, ids, subtrees, params: params.wide })
     }
 
-    /// How many subtrees there are.
+    /// The number of subtrees.
     pub(super) fn len(&self) -> usize {
         self.subtrees.len()
     }
 
-    /// The subtree that a leaf of the coarse tree leads to.
+    /// The number of the subtree that a leaf of the coarse tree lists.
     pub fn below(&self, leaf: ChildRef) -> u32 {
         self.top.arena.ints()[leaf.at()]
     }
 
-    /// A subtree, built now if it was not before. `set` is that of the build.
+    /// A subtree, which is built now if it has not been built yet. `set` is the one of the build.
     pub fn subtree<S: WideSource>(&self, set: &S, subtree: u32) -> &WideTree {
         self.subtrees[subtree as usize].tree.get_or_init(|| {
             WideTree::part(set, self.primitives(subtree), &self.params)
@@ -88,12 +88,12 @@ impl LazyTree {
         &self.ids[first(subtree as usize)..first(subtree as usize + 1)]
     }
 
-    /// A subtree, if it is built.
+    /// A subtree, if it has been built.
     pub(super) fn built(&self, subtree: u32) -> Option<&WideTree> {
         self.subtrees[subtree as usize].tree.get()
     }
 
-    /// The figures of what is built by now.
+    /// Statistics of the subtrees that have been built.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
         let mut all = self.top.statistics(set);
         let above = all.depth;
@@ -118,7 +118,7 @@ impl LazyTree {
         all
     }
 
-    /// The boxes of what is built by now, as [`WideTree::boxes`].
+    /// The boxes of the subtrees that have been built, as [`WideTree::boxes`] gives them.
     pub fn boxes(&self, time: f32, frame: Frame, visitor: &mut impl FnMut(TreeBox)) {
         self.top.boxes(time, frame, 1, &mut |b, child| {
             let below = if b.leaf { self.built(self.below(child)) } else { None };
@@ -138,7 +138,7 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
     if binary.is_empty() {
         return Ok(top);
     }
-    // Whatever one costs, each is a leaf.
+    // Each subtree is a leaf, whatever its cost.
     let collapse = Collapse::new(binary, COST_MODEL, |node| (node.right == 0).then_some(COST_MODEL.leaf_of(LANES)));
     let leaves = |arena: &mut Arena, of: &[BinaryNode], lists: &mut [ChildRef]| {
         for (node, list) in of.iter().zip(lists) {
@@ -149,7 +149,7 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
     };
     top.root = Nodes { binary, collapse: &collapse, over, leaves: &leaves, writes: true }.write(&mut top.arena)?;
     top.arena.align();
-    top.arena.settle();
+    top.arena.compact();
     top.counts = top.counted_nodes();
     Ok(top)
 }

@@ -19,8 +19,8 @@ pub(crate) trait WideSource: PrimitiveSet {
         let _ = id;
         true
     }
-    /// Releases data that leaf blocks hold by now.
-    fn written(&mut self) {}
+    /// Releases the data that only the build needs: leaf blocks have copies of it.
+    fn release_build_data(&mut self) {}
     /// Writes a leaf block for queries in a time slice; `None` if the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef>;
     /// Rewrites the coordinates of a leaf block that begins at `words[0]`; returns whether any of them changed. `ids`
@@ -43,7 +43,7 @@ impl WideSource for Scene {
         self.shape(id).is_some() || self.triangles.is_precise(id)
     }
 
-    fn written(&mut self) {
+    fn release_build_data(&mut self) {
         self.triangles.drop_vertices();
     }
 
@@ -92,7 +92,7 @@ impl Triangles {
             Kind::Leaf => self.fill_own(words, ids, 2),
             Kind::SharedStaticLeaf => shared(VERTEX_ROWS).fill(self, words, ids, 1),
             Kind::SharedLeaf => shared(2 * VERTEX_ROWS).fill(self, words, ids, 2),
-            Kind::OwnLeaf => self.rewrite_keyed(words, leaf, ids),
+            Kind::OtherLeaf => self.rewrite_keyed(words, leaf, ids),
             Kind::Node | Kind::StaticNode | Kind::Time => false,
         }
     }
@@ -244,7 +244,7 @@ pub(crate) fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {
     arena.align();
     let at = arena.grow(ids.len());
     arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);
-    ChildRef::new(Kind::OwnLeaf, at, ids.len())
+    ChildRef::new(Kind::OtherLeaf, at, ids.len())
 }
 
 /// Writes the corners of one triangle into lane `lane` of nine rows of `n`; returns the bits that changed.

@@ -11,11 +11,11 @@ pub(crate) struct Ids {
 }
 
 impl Ids {
-    /// The position in a block that begins at `words[0]`; `lists` tells whether leaves of kind `OwnLeaf` are lists of
+    /// The position in a block that begins at `words[0]`; `lists` tells whether leaves of kind `OtherLeaf` are lists of
     /// ids. `None` if the block is incomplete.
     pub fn of(leaf: ChildRef, words: &[u32], lists: bool) -> Option<Ids> {
         let len = leaf.len();
-        if leaf.kind() == Kind::OwnLeaf && !lists {
+        if leaf.kind() == Kind::OtherLeaf && !lists {
             let keyed = KeyedLeaf::of(words.get(..3)?, len);
             return (keyed.words() <= words.len()).then(|| Ids { first: keyed.ids(), count: keyed.count });
         }
@@ -32,7 +32,7 @@ impl Ids {
             Kind::StaticLeaf => loose(CORNER_ROWS),
             Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
             Kind::SharedStaticLeaf => shared(VERTEX_ROWS)?,
-            Kind::OwnLeaf => Ids { first: 0, count: len },
+            Kind::OtherLeaf => Ids { first: 0, count: len },
         };
         (ids.first + ids.count <= words.len()).then_some(ids)
     }

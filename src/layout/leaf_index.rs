@@ -178,7 +178,7 @@ impl WideTree {
             Kind::StaticLeaf => CORNER_ROWS,
             Kind::SharedLeaf => 2 * VERTEX_ROWS,
             Kind::SharedStaticLeaf => VERTEX_ROWS,
-            Kind::OwnLeaf => 0,
+            Kind::OtherLeaf => 0,
             Kind::Node | Kind::StaticNode | Kind::Time => return,
         };
         self.arena.prefetch(block.at() + rows * block.len(), 2);
@@ -230,7 +230,7 @@ impl WideTree {
 
     /// The time slices for which a leaf block has all keys; `0..1` for blocks that have the keys of the whole shutter.
     fn slices_of(&self, leaf: ChildRef) -> Range<usize> {
-        if leaf.kind() != Kind::OwnLeaf {
+        if leaf.kind() != Kind::OtherLeaf {
             return 0..1;
         }
         let keyed = KeyedLeaf::read(self.arena.ints(), leaf);

@@ -24,7 +24,7 @@ impl<S: Simd> CornerLanes<S> {
             Kind::StaticLeaf => CornerLanes::own::<false>(s, arena, (at, n, at + CORNER_ROWS * n + 1), linear),
             Kind::SharedLeaf => CornerLanes::shared::<true>(s, arena, (at, n, at + 2 * VERTEX_ROWS * n), linear),
             Kind::SharedStaticLeaf => CornerLanes::shared::<false>(s, arena, (at, n, at + VERTEX_ROWS * n), linear),
-            Kind::OwnLeaf => {
+            Kind::OtherLeaf => {
                 let keyed = KeyedLeaf::read(arena.ints(), leaf);
                 let time = KeyTime::new(time, keyed.segments + 1);
                 let (rows, between) = (at + keyed.rows(time.segment), Between::new(time));

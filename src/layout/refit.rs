@@ -1,14 +1,13 @@
-//! New positions for a tree that stays as it is: what moved is written again into its leaf blocks, and boxes follow from the
-//! leaves up, all in place.
+//! Refitting: new positions for a tree with the same structure.
 //!
-//! Where nothing changed below a box, the box is kept as it is, cut to a cell or not; so what stands still loses nothing.
-//! Elsewhere boxes hold whole primitives. Subtrees that lie together in the arena are done by any thread
-//! ([`super::refit_plan`]), the nodes above them last.
+//! The coordinates of primitives that moved are rewritten in their leaf blocks, and boxes are recomputed from the leaves up, all in place.
+//! If nothing changed below a box, the box is kept, clipped to a cell or not. So the static parts of a scene do not become worse. All
+//! other boxes hold whole primitives. Subtrees that are contiguous in the arena are refitted by any thread ([`super::refit_plan`]), and
+//! the nodes above them last.
 //!
-//! The answers stay those of brute force; the tree may become worse. Its cost, the sum over nodes and leaf blocks of price
-//! times area, per area of the root, is nearly what the build makes small (MacDonald and Booth, "Heuristics for ray tracing using
-//! space subdivision", 1990). How much it grew says when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006, look at
-//! ratios of areas).
+//! The answers stay those of brute force, but the tree may become slower. Its cost is the sum over nodes and leaf blocks of price times
+//! area, per area of the root. This is nearly what the build minimizes (MacDonald and Booth, "Heuristics for ray tracing using space
+//! subdivision", 1990). Its growth tells when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006, use ratios of areas).
 
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
@@ -24,18 +23,18 @@ use crate::time::{COST_MODEL, time_slice};
 use core::ops::Range;
 use std::collections::HashMap;
 
-/// What may have changed since the tree was written.
+/// The meshes that may have changed since the tree was written.
 #[derive(Clone, Debug)]
 pub(crate) struct Moved {
-    /// Of each mesh, and of the shapes behind them.
+    /// Whether each mesh may have changed, and after them the shapes.
     meshes: Vec<bool>,
-    /// These by their numbers modulo 64, for a quick look.
+    /// The same by mesh number modulo 64, for a quick test.
     bits: u64,
     all: bool,
 }
 
 impl Moved {
-    /// Of the numbers that primitives' names begin with.
+    /// `meshes` is indexed by the mesh number, with which the name of a primitive begins.
     pub fn new(meshes: Vec<bool>) -> Moved {
         let bits = (0..meshes.len()).filter(|&i| meshes[i]).fold(0, |bits, i| bits | mesh_bit(i));
         Moved { all: meshes.iter().all(|&moved| moved), bits, meshes }
@@ -46,13 +45,13 @@ impl Moved {
     }
 }
 
-/// What was done.
+/// The work of a refit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Done {
-    /// Nodes and leaf blocks that were written again.
+    /// Nodes and leaf blocks that were rewritten.
     pub nodes: usize,
     pub leaves: usize,
-    /// Blocks that were looked at, these included.
+    /// Blocks that were visited, including those that were rewritten.
     pub visited: usize,
 }
 
@@ -67,27 +66,27 @@ impl Done {
 }
 
 impl WideTree {
-    /// Writes the coordinates of a set with the same primitives over those in the tree. Returns what was done, and the
-    /// tree's cost per area of its root relative to what it was when it was built.
+    /// Overwrites the coordinates in the tree by those of a set with the same primitives. Returns the work done, and the tree's cost per
+    /// area of its root, relative to the cost when it was built.
     ///
-    /// `plan` is made at the first time and belongs to the tree from then on.
+    /// The first refit makes `plan`, which belongs to the tree from then on.
     pub fn refit<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Option<Box<Plan>>) -> (Done, f64) {
         let plan = plan.get_or_insert_with(|| {
             let mut plan = Box::new(Plan::of(self, set));
-            // Everything is looked at, nothing is written.
+            // Everything is visited, and nothing is written.
             let nothing = Moved { meshes: Vec::new(), bits: u64::MAX, all: false };
-            plan.built = self.follow(set, &nothing, &mut plan).1;
+            plan.built = self.refit_by(set, &nothing, &mut plan).1;
             plan
         });
-        let (done, cost) = self.follow(set, moved, plan);
+        let (done, cost) = self.refit_by(set, moved, plan);
         (done, if plan.built > 0.0 && cost > 0.0 { cost / plan.built } else { 1.0 })
     }
 
-    /// Refits the parts of a plan; returns what was done, and the cost per area of the root.
-    fn follow<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Plan) -> (Done, f64) {
+    /// Refits the units of a plan, and then the nodes above them. Returns the work done, and the cost per area of the root.
+    fn refit_by<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Plan) -> (Done, f64) {
         let mut pass = Pass { set, moved, lists: self.lists, changed: Vec::new(), known: HashMap::new() };
         let words = self.arena.ints_mut();
-        // Leaf blocks that several hierarchies share come first, since these look at them.
+        // Leaf blocks that several hierarchies share come first, since the hierarchies read them.
         let mut done = pass.shared_leaves(words, &plan.shared);
         let units = pass.units(words, plan);
         for (i, subtree, of_unit) in &units {
@@ -100,7 +99,7 @@ impl WideTree {
         for &Above { at, over, shared } in &plan.above {
             place.shared = shared.map_or(0..0, |shared| plan.shared[shared].words.clone());
             let subtree = match at.kind() {
-                Kind::Time => pass.parts(&mut place, at, over),
+                Kind::Time => pass.time_node(&mut place, at, over),
                 _ => pass.node(&mut place, at, over),
             };
             pass.known.insert(at.0, subtree);
@@ -116,40 +115,40 @@ impl WideTree {
     }
 }
 
-/// What came of a subtree.
+/// The result for a subtree.
 #[derive(Clone, Copy)]
 struct Subtree {
-    /// Its bounds; nothing where nothing changed.
+    /// Its bounds; `None` if nothing in it changed.
     bounds: Option<LinearBox3>,
     /// The sum over its nodes and leaf blocks of price times area.
     cost: f64,
 }
 
-/// One way through a tree.
+/// The state of one refit.
 struct Pass<'a, S> {
     set: &'a S,
     moved: &'a Moved,
-    /// Where lists of ids begin.
+    /// The word at which lists of ids begin.
     lists: usize,
     /// The shared leaf blocks that changed, sorted.
     changed: Vec<u32>,
-    /// The subtrees that are done already.
+    /// The results for subtrees that are done.
     known: HashMap<u32, Subtree>,
 }
 
-/// A part of the arena, of one thread alone.
+/// A section of the arena that one thread alone writes.
 struct Place<'a> {
     words: &'a mut [u32],
-    /// The word of the arena at which it begins.
+    /// The word of the arena at which the section begins.
     begin: usize,
-    /// Where the leaf blocks lie that were written already, and these words where they are not in this part.
+    /// The position of the shared leaf blocks, which are written already, and their words if they are not in this section.
     shared: Range<usize>,
     shared_words: Option<&'a [u32]>,
     done: Done,
 }
 
 impl Place<'_> {
-    /// The words of the arena from the begin of a block on.
+    /// The words of the arena from the begin of a block.
     fn block(&self, at: ChildRef) -> &[u32] {
         match self.shared_words {
             Some(words) if self.shared.contains(&at.at()) => &words[at.at() - self.shared.start..],
@@ -174,11 +173,11 @@ impl InLeaf {
     }
 }
 
-/// Shared leaf blocks that are done together.
+/// The number of shared leaf blocks per task.
 const TOGETHER: usize = 64;
 
 impl<S: WideSource> Pass<'_, S> {
-    /// Writes shared leaf blocks, and keeps in mind which of them changed.
+    /// Rewrites shared leaf blocks, and records which of them changed.
     fn shared_leaves(&mut self, words: &mut [u32], shared: &[SharedLeaves]) -> Done {
         let mut done = Done::default();
         for SharedLeaves { leaves, words: of_leaves, .. } in shared.iter().filter(|s| s.meshes & self.moved.bits != 0) {
@@ -200,17 +199,17 @@ impl<S: WideSource> Pass<'_, S> {
         done
     }
 
-    /// Refits the units in which something may have changed; returns their numbers and what came of them.
+    /// Refits the units in which something may have changed; returns their numbers, results and work.
     fn units(&self, words: &mut [u32], plan: &Plan) -> Vec<(usize, Subtree, Done)> {
         let moved = |unit: &Unit| unit.meshes & self.moved.bits != 0;
         let units = plan.units.iter().enumerate().filter(|(_, unit)| moved(unit));
         let units = units.map(|(i, unit)| (unit.words.clone(), Some(i), unit.shared));
         let shared = plan.shared.iter().enumerate().map(|(i, shared)| (shared.words.clone(), None, Some(i)));
-        let mut parts: Vec<(Range<usize>, Option<usize>, Option<usize>)> = units.chain(shared).collect();
-        parts.sort_unstable_by_key(|part| part.0.start);
-        let ranges: Vec<Range<usize>> = parts.iter().map(|part| part.0.clone()).collect();
+        let mut sections: Vec<(Range<usize>, Option<usize>, Option<usize>)> = units.chain(shared).collect();
+        sections.sort_unstable_by_key(|section| section.0.start);
+        let ranges: Vec<Range<usize>> = sections.iter().map(|section| section.0.clone()).collect();
         let (mut tasks, mut shared_words) = (Vec::new(), vec![None; plan.shared.len()]);
-        for (place, (_, unit, shared)) in cut(words, &ranges).zip(parts) {
+        for (place, (_, unit, shared)) in cut(words, &ranges).zip(sections) {
             match (unit, shared) {
                 (None, Some(shared)) => shared_words[shared] = Some(&*place.words),
                 (Some(unit), _) => tasks.push((place, unit)),
@@ -229,7 +228,7 @@ impl<S: WideSource> Pass<'_, S> {
         })
     }
 
-    /// Refits a node and all below it that is not known yet. The recursion is as deep as the tree.
+    /// Refits a node and everything below it whose result is not known yet. The recursion is as deep as the tree.
     fn node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
         place.done.visited += 1;
         let kind = at.kind();
@@ -251,7 +250,7 @@ impl<S: WideSource> Pass<'_, S> {
             let bounds = match bounds {
                 Some(bounds) => {
                     changed = true;
-                    // What stood still when the tree was built has no room for motion.
+                    // A static node has no rows for motion.
                     let swept = bounds.swept();
                     let bounds = if kind == Kind::Node { bounds } else { LinearBox3 { begin: swept, end: swept } };
                     write_box(place.block_mut(at), kind, lane, Some(&bounds), over);
@@ -269,7 +268,7 @@ impl<S: WideSource> Pass<'_, S> {
         Subtree { bounds: changed.then_some(all), cost }
     }
 
-    /// Refits a leaf block, if that is not done; returns its bounds where it changed, and the price of a visit.
+    /// Refits a leaf block unless that is done already. Returns its bounds if it changed, and the price of a visit.
     fn leaf(&self, place: &mut Place<'_>, leaf: ChildRef, over: TimeInterval) -> (Option<LinearBox3>, f64) {
         let changed = match place.shared.contains(&leaf.at()) {
             true => self.changed.binary_search(&leaf.0).is_ok(),
@@ -279,7 +278,7 @@ impl<S: WideSource> Pass<'_, S> {
         (changed.then(|| self.bounds_of(&held, over)), f64::from(COST_MODEL.leaf_of(held.count)))
     }
 
-    /// Writes the coordinates of a leaf block; returns whether anything in it changed.
+    /// Rewrites the coordinates of a leaf block; returns whether any of them changed.
     fn rewrite(&self, place: &mut Place<'_>, leaf: ChildRef) -> bool {
         place.done.visited += 1;
         let held = self.held(place, leaf);
@@ -304,32 +303,32 @@ impl<S: WideSource> Pass<'_, S> {
         held.ids().iter().fold(LinearBox3::EMPTY, |all, &id| all.union(self.set.bounds(id, over)))
     }
 
-    /// What came of a time node over subtrees that are known.
-    fn parts(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
+    /// The result for a time node above subtrees whose results are known.
+    fn time_node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
         place.done.visited += 1;
-        let parts: Vec<ChildRef> = parts_of(place, at);
+        let slices: Vec<ChildRef> = slices_of(place, at);
         let (mut cost, mut changed) = (0.0, false);
-        for (i, &part) in parts.iter().enumerate() {
-            if part.kind().is_leaf() {
-                let over = time_slice(i, parts.len());
-                let (bounds, price) = self.leaf(place, part, over);
+        for (i, &slice) in slices.iter().enumerate() {
+            if slice.kind().is_leaf() {
+                let over = time_slice(i, slices.len());
+                let (bounds, price) = self.leaf(place, slice, over);
                 changed |= bounds.is_some();
-                cost += price * area(&self.bounds(place, part, over));
-            } else if let Some(part) = self.known.get(&part.0) {
-                changed |= part.bounds.is_some();
-                cost += part.cost;
+                cost += price * area(&self.bounds(place, slice, over));
+            } else if let Some(slice) = self.known.get(&slice.0) {
+                changed |= slice.bounds.is_some();
+                cost += slice.cost;
             }
         }
         let bounds = changed.then(|| self.bounds(place, at, over));
-        Subtree { bounds, cost: cost / parts.len().max(1) as f64 }
+        Subtree { bounds, cost: cost / slices.len().max(1) as f64 }
     }
 
-    /// Linear bounds of a subtree that is done.
+    /// Linear bounds of a subtree that has been refitted.
     fn bounds(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
         let rows = match at.kind() {
             Kind::Node => NODE_ROWS,
             Kind::StaticNode => STATIC_NODE_ROWS,
-            Kind::Time => return self.bounds_of_parts(place, at, over),
+            Kind::Time => return self.bounds_of_slices(place, at, over),
             _ => return self.bounds_of(&self.held(place, at), over),
         };
         let block = place.block(at);
@@ -337,28 +336,28 @@ impl<S: WideSource> Pass<'_, S> {
         lanes.fold(LinearBox3::EMPTY, |all, lane| all.union(read_box(block, at.kind(), lane, over)))
     }
 
-    /// Linear bounds of all parts of a time node: the line between the first and the last state, moved outward to hold each
-    /// part at both of its ends, between which that is linear.
+    /// Linear bounds of all slices of a time node: the line between the first and the last state, moved outward until it holds each slice
+    /// at both of its ends. Each slice is linear between its ends.
     ///
-    /// In f64, whose roundings vanish beside the padding of the result.
-    fn bounds_of_parts(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
-        let parts = parts_of(place, at);
+    /// Computed in f64, whose rounding errors are negligible beside the padding of the result.
+    fn bounds_of_slices(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
+        let slices = slices_of(place, at);
         let fine = |b: Box3| Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
         let mut all: Option<LinearBounds> = None;
-        let each: Vec<(TimeInterval, LinearBox3)> = (0..parts.len())
-            .map(|i| time_slice(i, parts.len()))
-            .zip(&parts)
-            .map(|(over, &part)| (over, self.bounds(place, part, over)))
+        let each: Vec<(TimeInterval, LinearBox3)> = (0..slices.len())
+            .map(|i| time_slice(i, slices.len()))
+            .zip(&slices)
+            .map(|(over, &slice)| (over, self.bounds(place, slice, over)))
             .collect();
-        for (_, part) in &each {
-            let begin = all.map_or(fine(part.begin), |all| all.begin);
-            all = Some(LinearBounds { begin, end: fine(part.end) });
+        for (_, slice) in &each {
+            let begin = all.map_or(fine(slice.begin), |all| all.begin);
+            all = Some(LinearBounds { begin, end: fine(slice.end) });
         }
         let Some(mut all) = all else { return LinearBox3::EMPTY };
-        for (of_part, part) in each {
+        for (over_slice, slice) in each {
             let w = |t: f32| (f64::from(t) - f64::from(over.begin())) / over.fine_duration();
-            all.include(w(of_part.begin()), fine(part.begin));
-            all.include(w(of_part.end()), fine(part.end));
+            all.include(w(over_slice.begin()), fine(slice.begin));
+            all.include(w(over_slice.end()), fine(slice.end));
         }
         let outward = |b: Aabb| {
             let b = Box3 { min: b.min.as_vec3(), max: b.max.as_vec3() };
@@ -369,19 +368,19 @@ impl<S: WideSource> Pass<'_, S> {
 }
 
 /// The children of a time node.
-fn parts_of(place: &Place<'_>, at: ChildRef) -> Vec<ChildRef> {
+fn slices_of(place: &Place<'_>, at: ChildRef) -> Vec<ChildRef> {
     let block = place.block(at);
-    block[1..][..block[0] as usize].iter().map(|&part| ChildRef(part)).collect()
+    block[1..][..block[0] as usize].iter().map(|&slice| ChildRef(slice)).collect()
 }
 
-/// Cuts parts out of the arena, which must be in order and apart from each other.
-fn cut<'a>(words: &'a mut [u32], parts: &[Range<usize>]) -> impl Iterator<Item = Place<'a>> {
+/// Cuts sections out of the arena. The ranges must be sorted and disjoint.
+fn cut<'a>(words: &'a mut [u32], ranges: &[Range<usize>]) -> impl Iterator<Item = Place<'a>> {
     let (mut rest, mut at) = (words, 0);
-    parts.iter().map(move |part| {
-        let (_, behind) = core::mem::take(&mut rest).split_at_mut(part.start - at);
-        let (words, behind) = behind.split_at_mut(part.len());
-        (rest, at) = (behind, part.end);
-        Place { words, begin: part.start, shared: 0..0, shared_words: None, done: Done::default() }
+    ranges.iter().map(move |range| {
+        let (_, behind) = core::mem::take(&mut rest).split_at_mut(range.start - at);
+        let (words, behind) = behind.split_at_mut(range.len());
+        (rest, at) = (behind, range.end);
+        Place { words, begin: range.start, shared: 0..0, shared_words: None, done: Done::default() }
     })
 }
 

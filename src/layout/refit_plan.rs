@@ -110,7 +110,7 @@ impl Plan {
         let rows = match at.kind() {
             Kind::Node => NODE_ROWS,
             Kind::StaticNode => STATIC_NODE_ROWS,
-            Kind::Time => return self.explore_parts(tree, set, at, over),
+            Kind::Time => return self.explore_slices(tree, set, at, over),
             _ => return self.leaf(tree, set, at, shared),
         };
         let (begin, end) = (at.at(), at.at() + rows * LANES);
@@ -133,12 +133,12 @@ impl Plan {
         all
     }
 
-    fn explore_parts<S: WideSource>(&mut self, tree: &WideTree, set: &S, at: ChildRef, over: TimeInterval) -> Extent {
-        let parts: Vec<ChildRef> = tree.children(at).iter().map(|&part| ChildRef(part)).collect();
-        let mut first = leaves(tree, parts[0]);
+    fn explore_slices<S: WideSource>(&mut self, tree: &WideTree, set: &S, at: ChildRef, over: TimeInterval) -> Extent {
+        let slices: Vec<ChildRef> = tree.children(at).iter().map(|&slice| ChildRef(slice)).collect();
+        let mut first = leaves(tree, slices[0]);
         first.sort_unstable_by_key(|leaf| leaf.0);
         let in_first = |leaf: &ChildRef| first.binary_search_by_key(&leaf.0, |other| other.0).is_ok();
-        let shared = parts.get(1).is_some_and(|&part| leaves(tree, part).first().is_some_and(in_first));
+        let shared = slices.get(1).is_some_and(|&slice| leaves(tree, slice).first().is_some_and(in_first));
         let shared = shared.then(|| {
             let extents: Vec<Extent> = first.iter().map(|&leaf| self.leaf(tree, set, leaf, None)).collect();
             let meshes = extents.iter().fold(0, |meshes, extent| meshes | extent.meshes);
@@ -147,11 +147,11 @@ impl Plan {
             self.shared.len() - 1
         });
         let mut meshes = 0;
-        for (i, &part) in parts.iter().enumerate() {
-            let over = time_slice(i, parts.len());
-            let extent = self.explore(tree, set, part, over, shared);
+        for (i, &slice) in slices.iter().enumerate() {
+            let over = time_slice(i, slices.len());
+            let extent = self.explore(tree, set, slice, over, shared);
             meshes |= extent.meshes;
-            self.close(part, extent, over, shared);
+            self.close(slice, extent, over, shared);
         }
         self.above.push(Above { at, over, shared });
         Extent { begin: at.at(), end: at.at() + LANES, lines: 1, meshes, open: false }
@@ -184,7 +184,7 @@ fn leaves(tree: &WideTree, of: ChildRef) -> Vec<ChildRef> {
 impl WideTree {
     /// Number of words of a leaf block.
     fn words<S: WideSource>(&self, leaf: ChildRef) -> usize {
-        if leaf.kind() == Kind::OwnLeaf && !self.is_list::<S>(leaf) {
+        if leaf.kind() == Kind::OtherLeaf && !self.is_list::<S>(leaf) {
             return KeyedLeaf::read(self.arena.ints(), leaf).words();
         }
         // Ids come last.

@@ -15,16 +15,16 @@ impl WideTree {
         if self.root.kind() != Kind::Time {
             return self.node_bounds(self.root, [0.0, 1.0], frame);
         }
-        let parts = self.children(self.root);
-        let count = parts.len() as f32;
+        let slices = self.children(self.root);
+        let count = slices.len() as f32;
         let over = |i: usize| [i as f32 / count, (i + 1) as f32 / count];
-        let each = parts.iter().enumerate().map(|(i, &part)| self.node_bounds(ChildRef(part), over(i), frame));
+        let each = slices.iter().enumerate().map(|(i, &slice)| self.node_bounds(ChildRef(slice), over(i), frame));
         let each: Vec<LinearBounds> = each.collect::<Option<_>>()?;
         let mut all = LinearBounds { begin: each.first()?.begin, end: each.last()?.end };
-        for (i, part) in each.iter().enumerate() {
+        for (i, slice) in each.iter().enumerate() {
             let [begin, end] = over(i).map(f64::from);
-            all.include(begin, part.begin);
-            all.include(end, part.end);
+            all.include(begin, slice.begin);
+            all.include(end, slice.end);
         }
         Some(all)
     }

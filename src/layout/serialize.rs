@@ -167,7 +167,7 @@ mod tests {
             let write = |i: usize, apart: &mut Fragment| {
                 let at = apart.arena.grow(lines(i) * LANES);
                 apart.arena.ints_mut()[at..].fill(i as u32);
-                apart.tops.push(ChildRef::new(Kind::OwnLeaf, at, 1).ok_or(BuildError::TooLargeTree)?);
+                apart.tops.push(ChildRef::new(Kind::OtherLeaf, at, 1).ok_or(BuildError::TooLargeTree)?);
                 Ok(())
             };
             let mut arena = Arena::default();

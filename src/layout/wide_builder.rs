@@ -118,19 +118,19 @@ impl WideTree {
         let keyed_rows = KeyedRows::default();
         let mut tree = WideTree { arena, root, lists, presplit: false, slices: 1, keyed_rows, blocks, counts };
         let all = ids.iter().map(|ids| ids.len()).sum::<usize>() as f64;
-        let mut parts = Vec::new();
+        let mut subtrees = Vec::new();
         for (group, ids) in ids.into_iter().enumerate().filter(|(_, ids)| !ids.is_empty()) {
             let share = ids.len() as f64 / all;
             if group > 0 {
                 // All blocks written from now on are lists.
                 tree.lists = tree.lists.min(tree.arena.len());
             }
-            parts.push(tree.group(set, ids, params, &|done| step(progress, share * done))?);
+            subtrees.push(tree.group(set, ids, params, &|done| step(progress, share * done))?);
         }
-        tree.root = tree.join(parts)?;
+        tree.root = tree.join(subtrees)?;
         tree.keyed_rows = KeyedRows::of(set, ids[0], tree.slices);
         tree.arena.align();
-        tree.arena.settle();
+        tree.arena.compact();
         Ok(tree)
     }
 
@@ -164,8 +164,8 @@ impl WideTree {
                     let params = params_of_copies(params, copies);
                     self.copies(set, &primitives(&draft, region.node), copies, &params, &|_| step(0.0))?.root
                 }
-                Division::Segments(parts) => {
-                    let segments = SharedLeaves::build(set, &draft, region.node, parts);
+                Division::Segments(count) => {
+                    let segments = SharedLeaves::build(set, &draft, region.node, count);
                     self.write_segments(set, &draft, &segments)?
                 }
                 Division::Automatic | Division::Whole => continue,
@@ -178,10 +178,10 @@ impl WideTree {
             roots.push((node.first, root));
         }
         draft.collapse.replace_subtrees(&draft.binary, draft.cost_model, &replaced);
-        let part = self.write_draft(set, &draft, &roots)?;
+        let subtree = self.write_draft(set, &draft, &roots)?;
         let written = replaced.iter().map(|g| f64::from(draft.binary[g.node as usize].count)).sum::<f64>();
         step(0.25 * (1.0 - written / all))?;
-        Ok(part)
+        Ok(subtree)
     }
 
     /// Builds a separate tree for each of equal time slices.
@@ -209,13 +209,13 @@ impl WideTree {
     }
 
     /// Puts a time node above trees for equal time slices.
-    fn over_time(&mut self, mut parts: Vec<Subtree>) -> Result<Subtree, BuildError> {
-        if parts.len() == 1 {
-            return Ok(parts.remove(0));
+    fn over_time(&mut self, mut slices: Vec<Subtree>) -> Result<Subtree, BuildError> {
+        if slices.len() == 1 {
+            return Ok(slices.remove(0));
         }
         // Linear bounds of a slice are not valid outside it, so above the time node the boxes are swept.
-        let swept = parts.iter().map(|p| p.bounds.swept()).reduce(|a, b| a.union(b));
-        let roots: Vec<ChildRef> = parts.iter().map(|p| p.root).collect();
+        let swept = slices.iter().map(|slice| slice.bounds.swept()).reduce(|a, b| a.union(b));
+        let roots: Vec<ChildRef> = slices.iter().map(|slice| slice.root).collect();
         let root = write_time(&mut self.arena, &roots)?;
         let bounds = swept.map_or(LinearBox3::EMPTY, |b| LinearBox3 { begin: b, end: b });
         Ok(Subtree { bounds, root })
@@ -255,7 +255,7 @@ impl WideTree {
         let leaves =
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
         let blocks = write_blocks(&mut self.arena, clusters, &leaves)?;
-        let mut parts = Vec::new();
+        let mut slices = Vec::new();
         for tree in &segments.trees {
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
                 for (node, block) in of.iter().zip(known) {
@@ -265,25 +265,25 @@ impl WideTree {
             };
             let (binary, collapse) = (&tree.binary, &tree.collapse);
             let nodes = Nodes { binary, collapse, over: tree.over, leaves: &leaves, writes: false };
-            parts.push(nodes.write(&mut self.arena)?);
+            slices.push(nodes.write(&mut self.arena)?);
         }
-        write_time(&mut self.arena, &parts)
+        write_time(&mut self.arena, &slices)
     }
 
     /// Puts a node above several trees.
-    fn join(&mut self, mut parts: Vec<Subtree>) -> Result<ChildRef, BuildError> {
-        while parts.len() > 1 {
+    fn join(&mut self, mut subtrees: Vec<Subtree>) -> Result<ChildRef, BuildError> {
+        while subtrees.len() > 1 {
             let mut joined = Vec::new();
-            for some in parts.chunks(LANES) {
-                let boxes: Vec<LinearBox3> = some.iter().map(|p| p.bounds).collect();
+            for some in subtrees.chunks(LANES) {
+                let boxes: Vec<LinearBox3> = some.iter().map(|subtree| subtree.bounds).collect();
                 let root = write_node(&mut self.arena, &boxes, TimeInterval::FULL)?;
-                let refs: Vec<ChildRef> = some.iter().map(|p| p.root).collect();
+                let refs: Vec<ChildRef> = some.iter().map(|subtree| subtree.root).collect();
                 set_children(&mut self.arena, root, &refs);
                 joined.push(Subtree { bounds: boxes.into_iter().fold(LinearBox3::EMPTY, LinearBox3::union), root });
             }
-            parts = joined;
+            subtrees = joined;
         }
-        Ok(parts.first().map_or(ChildRef::NOTHING, |p| p.root))
+        Ok(subtrees.first().map_or(ChildRef::NOTHING, |subtree| subtree.root))
     }
 }
 

@@ -1,8 +1,8 @@
 //! Checking a tree that was read from a file, before queries traverse it.
 //!
-//! Queries trust a tree. They follow references without bounds checks of their own, their stack is just as deep as the
-//! tree, and boxes tell them which lanes of a node have a child. A build ensures this; a file may hold anything. So
-//! before the first query every block is visited once, and every invariant is checked that queries rely on. The
+//! Queries rely on invariants of the tree. They follow references without bounds checks of their own, their stack is just as deep as the
+//! tree, and boxes tell them which lanes of a node have a child. A build ensures this, but a file may hold anything. So every block is
+//! visited once before the first query, and every invariant that queries rely on is checked. The
 //! *values* of boxes and corners are not checked: wrong ones cause wrong answers ([`WideTree::validate`] finds those),
 //! but no panics.
 
@@ -18,8 +18,7 @@ use crate::limits::MAX_TIME_SLICES;
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 
-/// More levels than any build makes: the build halves nodes by count below level 44, and once more below each time
-/// node.
+/// More levels than any build makes: the build halves nodes by count below level 44, and again below each time node.
 const MOST_LEVELS: u32 = 256;
 
 /// The greatest number of segments between the keys of a leaf block, so that sums with them do not overflow.
@@ -28,10 +27,10 @@ const MOST_SEGMENTS: usize = 1 << 24;
 impl WideTree {
     /// An error for the first violation that could break a query; otherwise the counts and the table of leaf blocks.
     pub(super) fn check<S: WideSource>(&self, set: &S) -> Result<(Counts, Vec<u32>), FileError> {
-        require((1..=MAX_TIME_SLICES).contains(&self.slices), "there are too many slices of the shutter")?;
+        require((1..=MAX_TIME_SLICES).contains(&self.slices), "the header has no time slices or too many")?;
         let words = self.arena.ints();
         // Each primitive takes a few bytes, so tables of primitives are in proportion to the file.
-        require(set.len() <= words.len(), "there are more primitives than leaves could hold")?;
+        require(set.len() <= words.len(), "there are more primitives than words in the tree")?;
         let found = self.check_nodes()?;
         let of_leaves = Leaves { tree: self, words, set, triangles: set.triangles(), bent: set.bent() };
         self.index_checked_leaves(set, &found, |leaf| of_leaves.check(leaf))
@@ -45,21 +44,21 @@ impl WideTree {
         let mut stack = vec![(self.root, 0)];
         stack.retain(|&(root, _)| root != ChildRef::NOTHING);
         while let Some((at, depth)) = stack.pop() {
-            require(depth <= MOST_LEVELS, "it is too deep")?;
+            require(depth <= MOST_LEVELS, "a path from the root has more than 256 levels")?;
             if at.kind().is_leaf() {
                 found.add_leaf(at, depth);
                 continue;
             }
             found.add_node(at.kind());
             let rows = node_rows(at.kind());
-            require(at.at() + rows * LANES <= words, "a node lies outside of it")?;
+            require(at.at() + rows * LANES <= words, "a reference to a node points outside the tree")?;
             let reached = &mut reached[at.at() / LANES];
-            require(!*reached, "a node is reached twice")?;
+            require(!*reached, "two references point to the same node")?;
             *reached = true;
             if at.kind() == Kind::Time {
-                let parts = self.arena.ints()[at.at()] as usize;
-                require((1..=MAX_TIME_SLICES).contains(&parts), "a time node has no or too many parts")?;
-                require(at.at() + 1 + parts <= words, "a time node lies outside of it")?;
+                let slices = self.arena.ints()[at.at()] as usize;
+                require((1..=MAX_TIME_SLICES).contains(&slices), "a time node has no time slices or too many")?;
+                require(at.at() + 1 + slices <= words, "a time node extends beyond the tree")?;
             } else {
                 self.check_boxes(at, rows)?;
             }
@@ -69,7 +68,7 @@ impl WideTree {
             // The stack of a query is as deep as the deepest leaf.
             require(stack.len() > before, "a node has no children")?;
             let missing = at.kind() == Kind::Time && stack.len() - before < self.children(at).len();
-            require(!missing, "a time node has no child for a part of the shutter")?;
+            require(!missing, "a time node has no child for one of its time slices")?;
         }
         found.each_leaf_once();
         Ok(found)
@@ -80,14 +79,14 @@ impl WideTree {
         let faces = &self.arena.floats()[node.at()..][..(rows - 1) * LANES];
         // Without a branch for each, so that the comparisons are vectorized.
         let fine = faces.iter().fold(true, |fine, face| fine & (face.abs() <= NOWHERE));
-        require(fine, "a box is not one of numbers")?;
+        require(fine, "a box of a node has a coordinate that is not a number or out of range")?;
         for (lane, _) in self.children(node).iter().enumerate().filter(|(_, child)| **child == ChildRef::NOTHING.0) {
             let nowhere = faces[lane..].iter().step_by(LANES).enumerate().all(|(row, &face)| match row {
                 0 | 2 | 4 => face == NOWHERE,
                 1 | 3 | 5 => face == -NOWHERE,
                 _ => face == 0.0,
             });
-            require(nowhere, "a node has a box without a child")?;
+            require(nowhere, "a node has a box in a lane without a child")?;
         }
         Ok(())
     }
@@ -105,52 +104,65 @@ struct Leaves<'a, S> {
 
 impl<S: WideSource> Leaves<'_, S> {
     fn check(&self, leaf: ChildRef) -> Result<(), FileError> {
-        let Some(block) = self.words.get(leaf.at()..) else { return broken("a leaf lies outside of it") };
+        let Some(block) = self.words.get(leaf.at()..) else {
+            return broken("a reference to a leaf block points outside the tree");
+        };
         let listed = self.tree.is_list::<S>(leaf);
         let Some(triangles) = self.triangles.filter(|_| !listed) else {
-            require(leaf.kind() == Kind::OwnLeaf && block.len() >= leaf.len(), "a list is no list")?;
+            require(
+                leaf.kind() == Kind::OtherLeaf && block.len() >= leaf.len(),
+                "an id list has the wrong kind or extends beyond the tree",
+            )?;
             let fine = block[..leaf.len()].iter().all(|&id| (id as usize) < self.set.len() && self.set.is_listed(id));
-            return require(fine, "a list names no primitive");
+            return require(fine, "an id list has an id of no primitive, or of a triangle stored in leaf blocks");
         };
         let keys = match leaf.kind() {
-            Kind::OwnLeaf => Some(self.check_keyed(leaf, block)?),
+            Kind::OtherLeaf => Some(self.check_keyed(leaf, block)?),
             Kind::SharedLeaf => self.check_shared(leaf, block, 2 * VERTEX_ROWS * leaf.len()).map(|()| None)?,
             Kind::SharedStaticLeaf => self.check_shared(leaf, block, VERTEX_ROWS * leaf.len()).map(|()| None)?,
             // These have no vertex numbers or keys to check.
             _ => None,
         };
-        let Some(ids) = Ids::of(leaf, block, listed) else { return broken("a leaf is not all there") };
+        let Some(ids) = Ids::of(leaf, block, listed) else {
+            return broken("a leaf block extends beyond the tree");
+        };
         for &id in &block[ids.first..][..ids.count] {
-            require((id as usize) < triangles.len() && !triangles.is_precise(id), "a leaf names no triangle")?;
+            require(
+                (id as usize) < triangles.len() && !triangles.is_precise(id),
+                "a leaf block of triangles has an id of no triangle, or of a triangle in f64",
+            )?;
             let own = if self.bent { triangles.keys(id) } else { 2 };
             let fits = keys.map_or(own <= 2, |keys| own > 2 && own == keys);
-            require(fits, "a leaf has other keys than its triangles")?;
+            require(fits, "a leaf block has another number of keys than its triangles")?;
         }
         Ok(())
     }
 
     /// Checks the triangles of a block with shared vertices, whose vertex numbers begin at a word of the block.
     fn check_shared(&self, leaf: ChildRef, block: &[u32], at: usize) -> Result<(), FileError> {
-        let Some(numbers) = block.get(at..) else { return broken("a leaf is not all there") };
+        let Some(numbers) = block.get(at..) else { return broken("a leaf block extends beyond the tree") };
         let count = numbers.first().map_or(LANES, |&first| shared_count(first));
-        require(numbers.len() >= 2 * count, "a leaf is not all there")?;
+        require(numbers.len() >= 2 * count, "a leaf block extends beyond the tree")?;
         let there = |number: &u32| [0, 4, 8].iter().all(|shift| ((number >> shift & 15) as usize) < leaf.len());
-        require(numbers[..count].iter().all(there), "a triangle names a vertex that its leaf does not have")
+        require(numbers[..count].iter().all(there), "a triangle has a vertex number that its leaf block does not have")
     }
 
     /// Checks a block of more than two keys; returns the number of keys of its triangles.
     fn check_keyed(&self, leaf: ChildRef, block: &[u32]) -> Result<usize, FileError> {
-        let Some(header) = block.get(..3) else { return broken("a leaf is not all there") };
+        let Some(header) = block.get(..3) else { return broken("a leaf block extends beyond the tree") };
         let keyed = KeyedLeaf::of(header, leaf.len());
         let fine = (2..=MOST_SEGMENTS).contains(&keyed.segments) && (2..=keyed.segments + 1).contains(&keyed.keys);
-        require(fine && keyed.first <= keyed.segments + 1 - keyed.keys, "a leaf has keys that no triangle has")?;
-        require(keyed.words() <= block.len(), "a leaf is not all there")?;
+        require(
+            fine && keyed.first <= keyed.segments + 1 - keyed.keys,
+            "the range of keys of a leaf block is invalid",
+        )?;
+        require(keyed.words() <= block.len(), "a leaf block extends beyond the tree")?;
         if keyed.shared {
             let count = shared_count(block[keyed.vertices()]);
-            require(count == keyed.count, "a leaf has two numbers of triangles")?;
+            require(count == keyed.count, "a leaf block has two different numbers of triangles")?;
             self.check_shared(leaf, block, keyed.vertices())?;
         } else {
-            require(keyed.count == leaf.len(), "a leaf has two numbers of triangles")?;
+            require(keyed.count == leaf.len(), "a leaf block has two different numbers of triangles")?;
         }
         Ok(keyed.segments + 1)
     }

@@ -49,8 +49,9 @@ pub(crate) enum Kind {
     SharedLeaf,
     /// Static vertices, and triangles between them.
     SharedStaticLeaf,
-    /// A format of the set of primitives: triangles with more keys, or a list of ids.
-    OwnLeaf,
+    /// Any other leaf: triangles with more than two keys, or a list of ids. [`WideTree::lists`](super::wide_tree::WideTree::lists) tells
+    /// which.
+    OtherLeaf,
 }
 
 impl Kind {
@@ -148,7 +149,7 @@ impl ChildRef {
             Kind::Node => return NODE_ROWS,
             Kind::StaticNode => return STATIC_NODE_ROWS,
             Kind::Time => return 1,
-            Kind::Leaf | Kind::OwnLeaf => 2 * CORNER_ROWS,
+            Kind::Leaf | Kind::OtherLeaf => 2 * CORNER_ROWS,
             Kind::StaticLeaf => CORNER_ROWS,
             Kind::SharedLeaf => 2 * VERTEX_ROWS + 1,
             Kind::SharedStaticLeaf => VERTEX_ROWS + 1,
@@ -179,7 +180,7 @@ impl ChildRef {
             4 => Kind::StaticLeaf,
             5 => Kind::SharedLeaf,
             6 => Kind::SharedStaticLeaf,
-            _ => Kind::OwnLeaf,
+            _ => Kind::OtherLeaf,
         }
     }
 }
@@ -209,7 +210,7 @@ mod tests {
     #[test]
     fn references_round_trip_and_reject_lines_out_of_range() {
         use Kind::*;
-        for kind in [Node, StaticNode, Time, Leaf, StaticLeaf, SharedLeaf, SharedStaticLeaf, OwnLeaf] {
+        for kind in [Node, StaticNode, Time, Leaf, StaticLeaf, SharedLeaf, SharedStaticLeaf, OtherLeaf] {
             for (at, len) in [(0, 1), (16, 16), (((1 << 25) - 2) * 16, 7)] {
                 let r = ChildRef::new(kind, at, len).unwrap();
                 assert_eq!((r.kind(), r.at(), r.len()), (kind, at, len));

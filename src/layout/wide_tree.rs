@@ -10,7 +10,7 @@ use crate::simd::{Arena, LANES};
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
-    /// Leaf blocks of kind `OwnLeaf` at or after this word are lists of ids.
+    /// Leaf blocks of kind `OtherLeaf` at or after this word are lists of ids.
     pub lists: usize,
     /// Whether several leaf blocks may hold parts of one primitive.
     pub(crate) presplit: bool,
@@ -41,7 +41,7 @@ pub(crate) struct Counts {
 impl WideTree {
     /// The number of time slices with a hierarchy of their own for all primitives; 1 without a temporal split at the
     /// root.
-    pub fn parts(&self) -> usize {
+    pub fn time_slices(&self) -> usize {
         if self.root.kind() == Kind::Time { self.arena.ints()[self.root.at()] as usize } else { 1 }
     }
 
@@ -60,7 +60,7 @@ impl WideTree {
     /// Whether a leaf block is a list of ids.
     #[inline(always)]
     pub fn is_list<S: WideSource>(&self, leaf: ChildRef) -> bool {
-        !S::TRIANGLES || leaf.kind() == Kind::OwnLeaf && leaf.at() >= self.lists
+        !S::TRIANGLES || leaf.kind() == Kind::OtherLeaf && leaf.at() >= self.lists
     }
 
     /// The primitives of a leaf block; `None` if it is incomplete.
@@ -78,7 +78,7 @@ impl WideTree {
     /// last of its family, the other is in the family below; the deeper of the two has its children on top, and if both
     /// were equally deep, nothing was deeper.
     #[inline(always)]
-    pub fn waiting(&self) -> usize {
+    pub fn max_stack(&self) -> usize {
         2 * LANES * self.counts.depth as usize + LANES
     }
 

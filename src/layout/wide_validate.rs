@@ -92,8 +92,8 @@ impl WideTree {
                     }
                 }
             } else if at.kind() == Kind::Time {
-                let parts = self.children(at);
-                stack.push((ChildRef(parts[KeyTime::new(time, parts.len() + 1).segment]), bounds));
+                let slices = self.children(at);
+                stack.push((ChildRef(slices[KeyTime::new(time, slices.len() + 1).segment]), bounds));
             } else {
                 for (lane, &child) in self.children(at).iter().enumerate() {
                     let [min, max] = self.lane_box(at, lane, time);

@@ -143,12 +143,12 @@ pub(crate) fn set_children(arena: &mut Arena, node: ChildRef, children: &[ChildR
 }
 
 /// Writes a time node over equal time slices of the shutter.
-pub(crate) fn write_time(arena: &mut Arena, parts: &[ChildRef]) -> Result<ChildRef, BuildError> {
+pub(crate) fn write_time(arena: &mut Arena, slices: &[ChildRef]) -> Result<ChildRef, BuildError> {
     arena.align();
-    let at = arena.grow(1 + parts.len());
-    arena.ints_mut()[at] = parts.len() as u32;
-    for (i, part) in parts.iter().enumerate() {
-        arena.ints_mut()[at + 1 + i] = part.0;
+    let at = arena.grow(1 + slices.len());
+    arena.ints_mut()[at] = slices.len() as u32;
+    for (i, slice) in slices.iter().enumerate() {
+        arena.ints_mut()[at + 1 + i] = slice.0;
     }
     ChildRef::new(Kind::Time, at, 1).ok_or(BuildError::TooLargeTree)
 }

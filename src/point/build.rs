@@ -1,6 +1,6 @@
 //! From the points that move to layers: dividing the shutter into parts, each with a tree of its own.
 
-use super::moving_reference::{Mover, Part, exact_phase};
+use super::moving_reference::{MovingReference, Part, exact_phase};
 use super::moving_tree::MovingTree;
 use super::partition::Layer;
 use super::plane_tree::PlaneTree;
@@ -27,7 +27,12 @@ impl Plan {
     }
 
     /// The layer over `movers` of each of these parts of the shutter; over none of them once `progress` is cancelled.
-    pub(super) fn layer(self, parts: &[Part], movers: impl Fn(&Part) -> Vec<Mover>, progress: &Progress) -> Layer {
+    pub(super) fn layer(
+        self,
+        parts: &[Part],
+        movers: impl Fn(&Part) -> Vec<MovingReference>,
+        progress: &Progress,
+    ) -> Layer {
         let movers = |part: &Part| if progress.cancelled() { Vec::new() } else { movers(part) };
         let progress = progress.part(1.0 / parts.len() as f64);
         let boxes = |part: &Part| MovingTree::build(&movers(part), *part, &progress);

@@ -7,7 +7,7 @@
 
 use super::build::{Plan, parts_of};
 use super::counted::{CountedSearch, search_counted};
-use super::moving_reference::{Mover, Part, places};
+use super::moving_reference::{MovingReference, Part, places};
 use super::partition::Layer;
 use super::sample::{Sample, Sampler, spread};
 use super::search::KeepLanes;
@@ -152,11 +152,11 @@ fn priced(visited: f64, references: usize) -> f64 {
 fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> (f64, usize) {
     let Sample { movers, part, scale } = sample;
     let Part { keys, segment, interval, .. } = part;
-    let group = |plan: Plan, keep: &dyn Fn(&Mover) -> bool| {
+    let group = |plan: Plan, keep: &dyn Fn(&MovingReference) -> bool| {
         let count = plan.parts();
         let answers = |part: &Part| part.interval.contains(interval.begin());
         let part = parts_of(*segment, *keys, count).find(answers).unwrap_or(*part);
-        let inside = |m: &Mover| Some(Mover { alive: m.life.intersect(part.interval)?, ..*m });
+        let inside = |m: &MovingReference| Some(MovingReference { alive: m.life.intersect(part.interval)?, ..*m });
         let layer = plan.layer(
             &[part],
             |_| movers.iter().filter(|m| keep(m)).filter_map(inside).collect(),
@@ -202,7 +202,7 @@ fn visited(layers: &[&Layer], part: &Part, points: &[[[f32; 3]; 2]], simd: SimdL
 
 /// The references nearest to the middle of a sample in the middle of its part of the shutter. Points that come among
 /// them at other times are in the sample as well, unless they come from far away.
-fn central<'a>(movers: &'a [Mover], part: &Part, count: usize) -> Vec<&'a Mover> {
+fn central<'a>(movers: &'a [MovingReference], part: &Part, count: usize) -> Vec<&'a MovingReference> {
     let places = places(movers, part.middle_phase());
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     places.iter().for_each(|item| include(&mut lo, &mut hi, item.at));

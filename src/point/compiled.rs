@@ -8,13 +8,12 @@
 use super::counted::{CountedSearch, search_counted};
 use super::neighbor::Neighbor;
 use super::partition::QueriedLayers;
-use super::precise::{Allowed, Asked};
+use super::precise::{Allowed, PreciseQuery};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::sinks::{Count, Gather, Visit, VisitSome};
 use super::search::sort::{all_in_order, few_in_order, nearest_in_order};
-use super::search::trees::Trees;
 use super::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
 use super::tree::PointTree;
 use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch, dispatch_or};
@@ -51,9 +50,9 @@ impl<'a, K> Query<'a, K> {
         !self.tree.precise.is_empty()
     }
 
-    /// The trees over points in f32.
+    /// The layers of points in f32.
     #[inline(always)]
-    fn trees(&self) -> QueriedLayers<'a> {
+    fn layers(&self) -> QueriedLayers<'a> {
         QueriedLayers { layers: &self.tree.layers, point: self.point, time: self.time }
     }
 
@@ -74,10 +73,10 @@ impl<K: Keep> Query<'_, K> {
     /// Runs the query over points in f64.
     #[cold]
     #[inline(never)]
-    fn precise<R>(&self, run: impl FnOnce(&Asked<'_>) -> R) -> R {
+    fn precise<R>(&self, run: impl FnOnce(&PreciseQuery<'_>) -> R) -> R {
         let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
         let PointTree { precise, simd, .. } = self.tree;
-        run(&Asked {
+        run(&PreciseQuery {
             layers: precise,
             simd: *simd,
             point: self.exact,
@@ -102,7 +101,7 @@ pub(super) enum Either<'q, 'a> {
 impl Either<'_, '_> {
     /// [`Query::precise`], if the points are kept in f64.
     #[inline(always)]
-    fn precise<R>(self, run: impl FnOnce(&Asked<'_>) -> R) -> Option<R> {
+    fn precise<R>(self, run: impl FnOnce(&PreciseQuery<'_>) -> R) -> Option<R> {
         match self {
             Either::All(query) => query.is_precise().then(|| query.precise(run)),
             Either::Some(query) => query.is_precise().then(|| query.precise(run)),
@@ -121,17 +120,17 @@ impl Either<'_, '_> {
 /// The nearest point.
 pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
     let simd = query.simd();
-    let precise = query.precise(|asked| asked.nearest());
+    let precise = query.precise(|query| query.nearest());
     let found = match (precise, query) {
         (Some(found), _) => found,
         (None, Either::All(query)) => {
-            let search = Nearest { trees: query.trees(), limits: query.limits(), keep: KeepAll };
-            dispatch_or(simd, search, |Nearest { trees, limits, .. }| {
-                dispatch(simd, Nearest { trees, limits, keep: ALL })
+            let search = Nearest { layers: query.layers(), limits: query.limits(), keep: KeepAll };
+            dispatch_or(simd, search, |Nearest { layers, limits, .. }| {
+                dispatch(simd, Nearest { layers, limits, keep: ALL })
             })
         }
         (None, Either::Some(query)) => {
-            dispatch(simd, Nearest { trees: query.trees(), limits: query.limits(), keep: query.keep })
+            dispatch(simd, Nearest { layers: query.layers(), limits: query.limits(), keep: query.keep })
         }
     };
     found.map(|(id, distance_squared)| Neighbor { id, distance_squared })
@@ -140,12 +139,12 @@ pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
 /// The `k` nearest points in order, into an empty list.
 pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     let (simd, work) = (query.simd(), &mut NeighborWork::default());
-    let precise = query.precise(|asked| asked.nearest_n(k, candidates, found, work));
+    let precise = query.precise(|query| query.nearest_n(k, candidates, found, work));
     let in_order = match (precise, query) {
         (Some(in_order), _) => in_order,
         (None, Either::All(query)) => {
-            let (trees, limits, observe) = (query.trees(), query.limits(), &mut ());
-            let search = NearestN { trees, limits, keep: KeepAll, k, candidates: &mut *candidates, found, observe };
+            let (layers, limits, observe) = (query.layers(), query.limits(), &mut ());
+            let search = NearestN { layers, limits, keep: KeepAll, k, candidates: &mut *candidates, found, observe };
             dispatch_or(simd, search, |search| {
                 filtered(&query.keeping(ALL), k, search.candidates);
                 false
@@ -171,7 +170,7 @@ fn filtered(query: &Query<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candida
 /// The work of finding the `k` nearest.
 pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
     let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
-    let precise = query.precise(|asked| asked.nearest_n(k, &mut candidates, &mut found, &mut work));
+    let precise = query.precise(|query| query.nearest_n(k, &mut candidates, &mut found, &mut work));
     if precise.is_some() {
         return work;
     }
@@ -186,11 +185,11 @@ pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
 pub(super) fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
     candidates.count = 0;
     let simd = query.simd();
-    let precise = query.precise(|asked| asked.collect(candidates));
+    let precise = query.precise(|query| query.collect(candidates));
     match (precise, query) {
         (Some(()), _) => {}
         (None, Either::All(query)) => {
-            let search = Collecting { trees: query.trees(), bound: query.bound, keep: KeepAll, candidates };
+            let search = Collecting { layers: query.layers(), bound: query.bound, keep: KeepAll, candidates };
             dispatch_or(simd, search, |search| append(&query.keeping(ALL), search.candidates));
         }
         (None, Either::Some(query)) => append(query, candidates),
@@ -199,7 +198,7 @@ pub(super) fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
 
 /// Appends all points within the radius that pass a filter to candidates, from a tree of points in f32.
 pub(super) fn append(query: &Query<'_, KeepLanes<'_>>, candidates: &mut Candidates) {
-    let search = Collecting { trees: query.trees(), bound: query.bound, keep: query.keep, candidates };
+    let search = Collecting { layers: query.layers(), bound: query.bound, keep: query.keep, candidates };
     dispatch(query.tree.simd, search);
 }
 
@@ -219,21 +218,21 @@ pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates,
 /// The number of points within the radius.
 pub(super) fn count(query: Either<'_, '_>) -> usize {
     let simd = query.simd();
-    let precise = query.precise(|asked| {
+    let precise = query.precise(|query| {
         let mut candidates = Candidates::default();
-        asked.collect(&mut candidates);
+        query.collect(&mut candidates);
         candidates.count
     });
     match (precise, query) {
         (Some(count), _) => count,
         (None, Either::All(query)) => {
-            let search = Counting { trees: query.trees(), bound: query.bound, keep: KeepAll };
-            dispatch_or(simd, search, |Counting { trees, bound, .. }| {
-                dispatch(simd, Counting { trees, bound, keep: ALL })
+            let search = Counting { layers: query.layers(), bound: query.bound, keep: KeepAll };
+            dispatch_or(simd, search, |Counting { layers, bound, .. }| {
+                dispatch(simd, Counting { layers, bound, keep: ALL })
             })
         }
         (None, Either::Some(query)) => {
-            dispatch(simd, Counting { trees: query.trees(), bound: query.bound, keep: query.keep })
+            dispatch(simd, Counting { layers: query.layers(), bound: query.bound, keep: query.keep })
         }
     }
 }
@@ -241,30 +240,30 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
 /// Calls `visit` with all points within the radius, some at a time, until it breaks.
 pub(super) fn for_some(query: &Query<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
     if query.is_precise() {
-        return query.precise(|asked| asked.for_some(visit));
+        return query.precise(|query| query.for_some(visit));
     }
-    dispatch(query.tree.simd, Visiting { trees: query.trees(), bound: query.bound, visit })
+    dispatch(query.tree.simd, Visiting { layers: query.layers(), bound: query.bound, visit })
 }
 
-struct Nearest<T, K> {
-    trees: T,
+struct Nearest<'a, K> {
+    layers: QueriedLayers<'a>,
     limits: Limits,
     keep: K,
 }
 
-impl<T: Trees, K: Keep> Kernel for Nearest<T, K> {
+impl<K: Keep> Kernel for Nearest<'_, K> {
     type Output = Option<(u32, f32)>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
-        let Nearest { trees, limits: Limits { bound, shrink }, keep } = self;
+        let Nearest { layers, limits: Limits { bound, shrink }, keep } = self;
         let mut best = Best::within(s, bound, shrink, &keep);
-        trees.nearest(s, &mut best);
+        layers.nearest(s, &mut best);
         best.finish(s)
     }
 }
 
-struct NearestN<'b, T, K, O> {
-    trees: T,
+struct NearestN<'a, 'b, K, O> {
+    layers: QueriedLayers<'a>,
     limits: Limits,
     keep: K,
     k: usize,
@@ -273,15 +272,15 @@ struct NearestN<'b, T, K, O> {
     observe: &'b mut O,
 }
 
-impl<T: Trees, K: Keep, O: Observe> Kernel for NearestN<'_, T, K, O> {
+impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, K, O> {
     /// Whether the points found are in order already.
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
-        let NearestN { trees, limits: Limits { bound, shrink }, keep, k, candidates, found, observe } = self;
+        let NearestN { layers, limits: Limits { bound, shrink }, keep, k, candidates, found, observe } = self;
         let mut search = KNearest::within(k, bound, shrink, candidates, &keep, observe);
         loop {
-            trees.walk(s, &mut search);
+            layers.walk(s, &mut search);
             if !search.retry() {
                 break;
             }
@@ -290,53 +289,53 @@ impl<T: Trees, K: Keep, O: Observe> Kernel for NearestN<'_, T, K, O> {
     }
 }
 
-struct Collecting<'b, T, K> {
-    trees: T,
+struct Collecting<'a, 'b, K> {
+    layers: QueriedLayers<'a>,
     bound: f32,
     keep: K,
     candidates: &'b mut Candidates,
 }
 
-impl<T: Trees, K: Keep> Kernel for Collecting<'_, T, K> {
+impl<K: Keep> Kernel for Collecting<'_, '_, K> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Collecting { trees, bound, keep, candidates } = self;
+        let Collecting { layers, bound, keep, candidates } = self;
         // A sink that never breaks.
-        let _ = trees.within(s, bound, &mut Gather { candidates, keep: &keep });
+        let _ = layers.within(s, bound, &mut Gather { candidates, keep: &keep });
     }
 }
 
-struct Counting<T, K> {
-    trees: T,
+struct Counting<'a, K> {
+    layers: QueriedLayers<'a>,
     bound: f32,
     keep: K,
 }
 
-impl<T: Trees, K: Keep> Kernel for Counting<T, K> {
+impl<K: Keep> Kernel for Counting<'_, K> {
     type Output = usize;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> usize {
-        let Counting { trees, bound, keep } = self;
+        let Counting { layers, bound, keep } = self;
         let mut sink = Count { count: 0, keep: &keep };
         // A sink that never breaks.
-        let _ = trees.within(s, bound, &mut sink);
+        let _ = layers.within(s, bound, &mut sink);
         sink.count
     }
 }
 
-struct Visiting<'v, T> {
-    trees: T,
+struct Visiting<'a, 'v> {
+    layers: QueriedLayers<'a>,
     bound: f32,
     visit: VisitSome<'v>,
 }
 
-impl<T: Trees> Kernel for Visiting<'_, T> {
+impl Kernel for Visiting<'_, '_> {
     type Output = ControlFlow<()>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
         let mut sink = Visit::new(self.visit);
-        self.trees.within(s, self.bound, &mut sink)?;
+        self.layers.within(s, self.bound, &mut sink)?;
         sink.finish()
     }
 }

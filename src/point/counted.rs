@@ -6,7 +6,6 @@
 use super::partition::{Layer, QueriedLayers};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
-use super::search::trees::Trees;
 use super::search::{KeepLanes, NeighborWork};
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use glam::Vec3;
@@ -41,21 +40,21 @@ pub(super) fn search_counted(simd: SimdLevel, search: &CountedSearch<'_>, candid
 /// Traverses all layers once, nearest boxes first: a part of a search.
 pub(super) fn walk_counted(
     simd: SimdLevel,
-    trees: QueriedLayers<'_>,
+    layers: QueriedLayers<'_>,
     search: &mut KNearest<'_, KeepLanes<'_>, NeighborWork>,
 ) {
-    dispatch(simd, Walk { trees, search });
+    dispatch(simd, CountedTraversal { layers, search });
 }
 
-struct Walk<'a, 'b, 'c, 'k> {
-    trees: QueriedLayers<'a>,
+struct CountedTraversal<'a, 'b, 'c, 'k> {
+    layers: QueriedLayers<'a>,
     search: &'b mut KNearest<'c, KeepLanes<'k>, NeighborWork>,
 }
 
-impl Kernel for Walk<'_, '_, '_, '_> {
+impl Kernel for CountedTraversal<'_, '_, '_, '_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        self.trees.walk(s, self.search);
+        self.layers.walk(s, self.search);
     }
 }

@@ -1,6 +1,6 @@
 //! Detecting points that move far relative to their neighbours.
 
-use super::moving_reference::{Mover, Part, places};
+use super::moving_reference::{MovingReference, Part, places};
 use super::order::{Item, order};
 use super::spread::include;
 use crate::progress::Progress;
@@ -8,7 +8,7 @@ use crate::simd::LANES;
 use crate::tuning::points::FAST;
 
 /// Marks the references that move far, during a part of the shutter, relative to their neighbours at a phase of it.
-pub(super) fn mark_fast(movers: &mut [Mover], part: &Part, phase: f64) {
+pub(super) fn mark_fast(movers: &mut [MovingReference], part: &Part, phase: f64) {
     let mut items = places(movers, phase);
     order(&mut items, LANES, &Progress::new(None));
     let mut sizes: Vec<f32> = items.chunks(LANES).map(size).collect();
@@ -17,7 +17,7 @@ pub(super) fn mark_fast(movers: &mut [Mover], part: &Part, phase: f64) {
     let (_, &mut median, _) = sizes.select_nth_unstable_by(half, f32::total_cmp);
     for (leaf, size) in items.chunks(LANES).zip(own) {
         let least = f64::from(size.min(median));
-        let way = |m: &Mover, axis: usize| f64::from(m.close[axis]) - f64::from(m.open[axis]);
+        let way = |m: &MovingReference, axis: usize| f64::from(m.close[axis]) - f64::from(m.open[axis]);
         let usual: [f64; 3] = core::array::from_fn(|axis| {
             let mut row = [0.0; LANES];
             let row = &mut row[..leaf.len()];

@@ -1,6 +1,6 @@
 //! Leaves of moving points: blocks of sixteen in rows, with active intervals.
 
-use super::moving_reference::Mover;
+use super::moving_reference::MovingReference;
 use super::over_interval::{Flight, FlightRows};
 use super::snapshot::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
@@ -57,7 +57,7 @@ impl Leaf {
     };
 
     /// Sets the point of a lane.
-    pub(super) fn set(&mut self, lane: usize, mover: &Mover) {
+    pub(super) fn set(&mut self, lane: usize, mover: &MovingReference) {
         for axis in 0..3 {
             self.block.open[axis][lane] = mover.open[axis];
             self.block.close[axis][lane] = mover.close[axis];

@@ -5,7 +5,7 @@ use crate::simd::{Item, huge_vec};
 
 /// A reference to a point that moves linearly between two keys, active during `alive`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Mover {
+pub(super) struct MovingReference {
     pub(super) open: [f32; 3],
     pub(super) close: [f32; 3],
     pub(super) alive: TimeInterval,
@@ -86,7 +86,7 @@ pub(super) fn phase(at: KeyTime, segment: usize) -> f32 {
     }
 }
 
-impl Mover {
+impl MovingReference {
     /// Coordinate at a phase, in f64 without noticeable rounding.
     pub(super) fn at(&self, axis: usize, phase: f64) -> f64 {
         let (open, close) = (f64::from(self.open[axis]), f64::from(self.close[axis]));
@@ -100,8 +100,8 @@ impl Mover {
 }
 
 /// Positions of references at a phase between their keys.
-pub(super) fn places(movers: &[Mover], phase: f64) -> Vec<Item> {
-    let place = |(index, m): (usize, &Mover)| Item {
+pub(super) fn places(movers: &[MovingReference], phase: f64) -> Vec<Item> {
+    let place = |(index, m): (usize, &MovingReference)| Item {
         at: core::array::from_fn(|axis| m.at(axis, phase) as f32),
         index: index as u32,
     };

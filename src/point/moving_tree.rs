@@ -5,7 +5,7 @@
 
 use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
 use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
-use super::moving_reference::{Mover, Part, places};
+use super::moving_reference::{MovingReference, Part, places};
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{Item, ORDERING, order};
 use super::over_interval::{Boxed, Flight, FlightRows, InRows};
@@ -40,7 +40,7 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[LinearBox]) {
 
 impl MovingTree {
     /// Builds the complete tree: each reference is in one leaf.
-    pub(super) fn build(movers: &[Mover], part: Part, progress: &Progress) -> MovingTree {
+    pub(super) fn build(movers: &[MovingReference], part: Part, progress: &Progress) -> MovingTree {
         let mut items = places(movers, part.middle_phase());
         order(&mut items, LANES, &progress.part(ORDERING));
         let timed = movers.iter().any(|m| m.alive != part.interval);
@@ -134,7 +134,7 @@ pub(super) fn first_children(shape: &Shape) -> Vec<u32> {
 /// The inputs of filling leaves.
 #[derive(Clone, Copy)]
 struct Fill<'a> {
-    movers: &'a [Mover],
+    movers: &'a [MovingReference],
     part: &'a Part,
 }
 

@@ -1,7 +1,7 @@
 //! Layers: a static tree, or moving trees for successive parts of the shutter.
 //!
-//! A set may be divided among layers, static points separate from moving ones; a search goes through
-//! them one after the other with the same candidates and the same bound.
+//! A set may be divided among layers, static points separate from moving ones. A search goes through the layers one after
+//! the other with the same candidates and the same bound.
 
 use super::moving_reference::Part;
 use super::moving_tree::{MovingTree, MovingView};
@@ -9,7 +9,6 @@ use super::plane_tree::{PlaneTree, PlaneView};
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
-use super::search::trees::Trees;
 use super::search::walk::walk;
 use super::search::{Keep, Observe, planes};
 use super::snapshot::Leaves;
@@ -80,7 +79,7 @@ fn at_time<T>(trees: &[T], part: impl Fn(&T) -> &Part, time: f32) -> usize {
     trees.partition_point(|tree| part(tree).interval.end_bound() <= time).min(trees.len() - 1)
 }
 
-/// Layers at the time of a query, seen from its point.
+/// Layers at the time of a query, seen from its point. (f64 points have kernels of their own, which are faster when separate.)
 #[derive(Clone, Copy)]
 pub(super) struct QueriedLayers<'a> {
     pub(super) layers: &'a [Layer],
@@ -88,9 +87,10 @@ pub(super) struct QueriedLayers<'a> {
     pub(super) time: f32,
 }
 
-impl Trees for QueriedLayers<'_> {
+impl QueriedLayers<'_> {
+    /// Traverses all trees, nearest boxes first.
     #[inline(always)]
-    fn walk<S: Simd, K: Keep, O: Observe>(self, s: S, search: &mut KNearest<'_, K, O>) {
+    pub(super) fn walk<S: Simd, K: Keep, O: Observe>(self, s: S, search: &mut KNearest<'_, K, O>) {
         for layer in self.layers {
             match layer.at(self.time) {
                 LayerView::Still(view) => walk(s, &view, &view.target(s, self.point), search),
@@ -101,8 +101,9 @@ impl Trees for QueriedLayers<'_> {
         }
     }
 
+    /// Searches all trees for the nearest point.
     #[inline(always)]
-    fn nearest<S: Simd, K: Keep>(self, s: S, best: &mut Best<'_, S, K>) {
+    pub(super) fn nearest<S: Simd, K: Keep>(self, s: S, best: &mut Best<'_, S, K>) {
         for layer in self.layers {
             match layer.at(self.time) {
                 LayerView::Still(view) => best.search(s, &view, &view.target(s, self.point)),
@@ -113,8 +114,9 @@ impl Trees for QueriedLayers<'_> {
         }
     }
 
+    /// Passes every point within the bound to the sink.
     #[inline(always)]
-    fn within<S: Simd>(self, s: S, bound: f32, sink: &mut impl Sink<S>) -> ControlFlow<()> {
+    pub(super) fn within<S: Simd>(self, s: S, bound: f32, sink: &mut impl Sink<S>) -> ControlFlow<()> {
         for layer in self.layers {
             match layer.at(self.time) {
                 LayerView::Still(view) => within(s, &view, &view.target(s, self.point), bound, sink)?,

@@ -40,7 +40,7 @@ impl PlaneRecord {
         require(fine, "the number of slacks does not match its nodes")?;
         leaves.check(true, None)?;
         let Ok(depth) = check_links(&nodes, leaves.blocks.len()) else {
-            return broken("a node is not linked as it should be");
+            return broken("a node is reached twice, never, or has a link outside the tree");
         };
         let references = leaves.count();
         Ok(PlaneTree { part, root, nodes, slack, leaves, depth, references })

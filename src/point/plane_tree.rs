@@ -19,7 +19,7 @@
 //! distant point affects only those searches that come near its own leaves. The last depends on the plane.
 
 use super::moving_leaf::{Leaf, MovingLeaves};
-use super::moving_reference::{Mover, Part};
+use super::moving_reference::{MovingReference, Part};
 use super::moving_tree::MovingTree;
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::Item;
@@ -48,8 +48,8 @@ pub(super) struct PlaneTree {
 
 impl PlaneTree {
     /// Builds the tree of one part of the shutter with at most `references` per point.
-    pub(super) fn build(movers: &[Mover], part: Part, references: f32, progress: &Progress) -> PlaneTree {
-        let reference = |(id, m): (usize, &Mover)| PointReference {
+    pub(super) fn build(movers: &[MovingReference], part: Part, references: f32, progress: &Progress) -> PlaneTree {
+        let reference = |(id, m): (usize, &MovingReference)| PointReference {
             id: id as u32,
             interval: m.alive,
             bounds: Trajectory { open: m.open, close: m.close },
@@ -181,7 +181,7 @@ impl PlaneTree {
             let alive = life.intersect(self.part.interval)?;
             // A point has a reference in each leaf that it passes through; the first one begins when the point does.
             let first = self.leaves.times(block, lane)[0] == alive.begin();
-            first.then_some(Mover { open, close, alive, life, id, fast: false })
+            first.then_some(MovingReference { open, close, alive, life, id, fast: false })
         });
         MovingTree::build(&movers.collect::<Vec<_>>(), self.part, &Progress::new(None))
     }
@@ -209,7 +209,7 @@ pub(super) fn plane_error(plane: &Plane) -> f64 {
 }
 
 /// How far a point may be computed from where the build computed it, given static planes.
-fn error(m: &Mover, segments: usize) -> f32 {
+fn error(m: &MovingReference, segments: usize) -> f32 {
     let axis = |i: usize| {
         let (a, b) = (f64::from(m.open[i]), f64::from(m.close[i]));
         let along = if segments > 1 { 2.0 * segments as f64 } else { 1.0 };
@@ -259,17 +259,18 @@ mod tests {
     fn worst(keys: usize, offset: f32, size: f32, speed: f32) -> f64 {
         let mut random = Random(11);
         let mut place = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random.signed() * by);
-        let movers: Vec<Mover> = (0..800)
+        let movers: Vec<MovingReference> = (0..800)
             .map(|id| {
                 let open = place(size).map(|x| x + offset);
                 let way = place(speed * size);
                 let close = core::array::from_fn(|i| open[i] + way[i]);
                 let alive = TimeInterval::FULL;
-                Mover { open, close, alive, life: alive, id, fast: false }
+                MovingReference { open, close, alive, life: alive, id, fast: false }
             })
             .collect();
         let part = parts(keys, 1)[(keys - 1) / 2];
-        let inside: Vec<Mover> = movers.iter().map(|m| Mover { alive: part.interval, ..*m }).collect();
+        let inside: Vec<MovingReference> =
+            movers.iter().map(|m| MovingReference { alive: part.interval, ..*m }).collect();
         let tree = PlaneTree::build(&inside, part, 16.0, &Progress::new(None));
         let mut worst: f64 = 0.0;
         leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {

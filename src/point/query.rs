@@ -11,8 +11,8 @@ use crate::simd::{Lanes, Mask};
 use core::ops::ControlFlow;
 use glam::Vec3;
 
-/// Memory for results and candidates. Reused from query to query, a loop allocates nothing once the
-/// buffer has grown to what its queries need.
+/// Memory for results and candidates. A loop that reuses a buffer allocates nothing once the buffer has grown to the size
+/// that the queries need.
 ///
 /// ```
 /// use mbkd::{NeighborBuffer, PointParams, PointTree};
@@ -43,10 +43,10 @@ impl NeighborBuffer {
     }
 }
 
-/// A query in preparation: refine it by [`radius`](NeighborQuery::radius),
-/// [`filter`](NeighborQuery::filter) and [`approximate`](NeighborQuery::approximate), then run it.
+/// A neighbour query with its options: set [`radius`](NeighborQuery::radius), [`filter`](NeighborQuery::filter) and
+/// [`approximate`](NeighborQuery::approximate), then run it.
 ///
-/// Made by [`PointTree::query`]. All runs look at the points that exist at the query's time only.
+/// [`PointTree::query`] makes it. All runs consider only points that exist at the query's time.
 #[derive(Clone, Copy)]
 #[must_use = "a query does nothing until one of its runs is called"]
 pub struct NeighborQuery<'a, K = KeepAll> {
@@ -64,8 +64,8 @@ impl<'a> NeighborQuery<'a> {
         NeighborQuery { query: Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepAll } }
     }
 
-    /// Only points whose id the predicate returns true for. It must be pure: it may be called more than
-    /// once for a point, and is called only for points that are near enough to matter.
+    /// Considers only points for whose id the predicate returns true. It must be pure. It may be called more than once for
+    /// a point, and is called only for points that are near enough to matter.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -81,7 +81,7 @@ impl<'a> NeighborQuery<'a> {
 }
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
-    /// Only points whose squared distance is at most `radius * radius` (computed in f32). Infinity is no
+    /// Considers only points whose squared distance is at most `radius * radius` (computed in f32). Infinity is no
     /// restriction; a negative or NaN radius finds nothing.
     #[inline(always)]
     pub fn radius(self, radius: f32) -> Self {
@@ -89,10 +89,10 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         NeighborQuery { query: Query { bound, ..self.query } }
     }
 
-    /// Allows answers whose distance is up to 1 + `epsilon` times that of the exact answer: of `nearest`, and of
-    /// each place of `nearest_n`. The number of points found is the same, all of them within the radius. Runs that
-    /// return all points in a radius stay exact. A negative or NaN `epsilon` counts as 0; an infinite one takes the
-    /// first points that the search reaches.
+    /// Allows answers whose distance is up to 1 + `epsilon` times that of the exact answer, for `nearest` and for each rank
+    /// of `nearest_n`. The number of points found is the same, and all of them are within the radius. Runs that return all
+    /// points in a radius stay exact. A negative or NaN `epsilon` counts as 0. With an infinite `epsilon` the search returns
+    /// the first points that it reaches.
     ///
     /// As soon as k points are known to lie within a squared distance d², boxes farther away than `d² / (1 + epsilon)²`
     /// are culled. The factor is rounded up, so the guarantee holds for the distances as computed.
@@ -123,7 +123,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         }
     }
 
-    /// The nearest point; of several at the same distance the one with the lowest id.
+    /// The nearest point. Ties go to the lowest id.
     #[inline(always)]
     pub fn nearest(self) -> Option<Neighbor> {
         if !self.finds_something() {
@@ -139,7 +139,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         buffer.found
     }
 
-    /// The same, into a buffer of the caller.
+    /// The same, with the caller's buffer for the result.
     #[inline(always)]
     pub fn nearest_n_into(self, k: usize, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
@@ -165,7 +165,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         buffer.found
     }
 
-    /// The same, into a buffer of the caller.
+    /// The same, with the caller's buffer for the result.
     #[inline(always)]
     pub fn collect_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
@@ -182,7 +182,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         buffer.found
     }
 
-    /// The same, into a buffer of the caller.
+    /// The same, with the caller's buffer for the result.
     #[inline(always)]
     pub fn collect_sorted_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         buffer.found.clear();
@@ -192,13 +192,13 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         &buffer.found
     }
 
-    /// How many points are within the radius.
+    /// The number of points within the radius.
     pub fn count(self) -> usize {
         if self.finds_something() { self.run(compiled::count) } else { 0 }
     }
 
-    /// Calls `visit` for every point within the radius, in no particular order, until it returns
-    /// `Break`; returns that.
+    /// Calls `visit` for every point within the radius, in no particular order, until it returns `Break`. Returns the last
+    /// return value of `visit`.
     ///
     /// ```
     /// use core::ops::ControlFlow;

@@ -9,7 +9,7 @@
 
 use super::build::{middle_segment, parts, parts_of};
 use super::fast::mark_fast;
-use super::moving_reference::{Mover, Part};
+use super::moving_reference::{MovingReference, Part};
 use super::select::select;
 use super::source::Source;
 use super::spread::widest_axis;
@@ -28,7 +28,7 @@ pub(super) struct Sampler<'a> {
 
 /// Points that are close together in the middle of a part of the shutter.
 pub(super) struct Sample {
-    pub(super) movers: Vec<Mover>,
+    pub(super) movers: Vec<MovingReference>,
     pub(super) part: Part,
     /// Number of points of the set per point of the sample.
     pub(super) scale: f64,

@@ -1,7 +1,7 @@
 //! Reading a set of points: everything that can be wrong with it is checked here, and only here.
 
 use super::error::PointError;
-use super::moving_reference::{Mover, Part};
+use super::moving_reference::{MovingReference, Part};
 use super::order::Item;
 use super::rows::PointRows;
 use super::static_tree::StaticTree;
@@ -145,7 +145,7 @@ impl Source {
         part: &Part,
         select: impl Iterator<Item = usize>,
         id: impl Fn(usize) -> u32,
-    ) -> Vec<Mover> {
+    ) -> Vec<MovingReference> {
         let later = (part.segment + 1).min(part.keys - 1);
         // Room for all: what is not used is never touched.
         let mut movers = huge_vec(select.size_hint().1.unwrap_or(0));
@@ -153,7 +153,7 @@ impl Source {
             let life = self.alive(i);
             let alive = life.intersect(part.interval)?;
             let (open, close) = (self.at(i, part.segment), self.at(i, later));
-            Some(Mover { open, close, alive, life, id: id(i), fast: false })
+            Some(MovingReference { open, close, alive, life, id: id(i), fast: false })
         }));
         movers
     }

@@ -18,22 +18,22 @@ use crate::simd::{PointBlock, SimdLevel};
 use crate::tuning::points::APART;
 use glam::DVec3;
 
-/// Which structure moving points are put into. Answers do not depend on it.
+/// The structure of the tree for moving points. Answers do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 #[non_exhaustive]
 pub enum PointStructure {
-    /// The structure of the least cost, estimated from small builds and counted work.
+    /// The structure of least cost. The cost is estimated by small builds and by counting the work of queries.
     #[default]
     Automatic,
     /// Linear boxes over the whole shutter, without splits: best for coherent or small motion.
     Linear,
-    /// Linear boxes in this many trees, one per part of the shutter (at least 1): best for far incoherent motion.
+    /// Linear boxes in this many trees (at least 1), one per time slice: best for long incoherent motion.
     Slabs(usize),
-    /// The paper's k-d tree: a point that crosses a plane is on both sides, on each for the time it spends there.
+    /// The k-d tree of the paper. A point that crosses a plane is stored on both sides, on each with the time it spends there.
     Mbkd,
 }
 
-/// How a point tree is built.
+/// The parameters of the build of a point tree.
 ///
 /// ```
 /// use mbkd::{PointParams, PointStructure};
@@ -42,17 +42,18 @@ pub enum PointStructure {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointParams {
-    /// The structure of moving points. Default: automatic. A set that is static as a whole has the static
-    /// structure in any case.
+    /// The structure for moving points. Default: automatic. If all points of a set are static, it always has the static
+    /// structure.
     pub structure: PointStructure,
-    /// Most references per point, in the k-d tree and for parts of the shutter; at least 1, default 8. A
+    /// The greatest number of references per point, in the k-d tree and over time slices; at least 1, default 8. A
     /// reference takes 32 to 48 bytes. Slabs that are requested explicitly are not limited.
     pub max_references: f32,
-    /// Whether positions given in f64 are rounded to f32, relative to the middle of the set: off by up to 2^-25 of its
-    /// size, but as small and as fast as f32 positions. Default: no, answers are exact in f64. (A set around zero all of whose coordinates
-    /// are f32 numbers is kept in f32 in any case, and query points are rounded to f32; [`PointStatistics`] tells which.)
+    /// Whether positions given in f64 are rounded to f32, relative to the middle of the set. They are then off by up to
+    /// 2^-25 of its size, but need as little memory and time as f32 positions. Default: no; answers are exact in f64. (If
+    /// all coordinates of a set around zero are f32 numbers, the set is always kept in f32, and query points are rounded
+    /// to f32. [`PointStatistics`] tells which precision a tree has.)
     pub round_to_f32: bool,
-    /// Instruction set of the queries; answers do not depend on it. Default: the widest of this CPU.
+    /// The instruction set of queries. Answers do not depend on it. Default: the widest of this CPU.
     pub simd: SimdLevel,
 }
 
@@ -82,16 +83,16 @@ impl PointParams {
     }
 }
 
-/// Points in a tree that answers neighbour queries exactly at any time of the shutter.
+/// A tree over moving points that answers neighbour queries exactly at any time of the shutter.
 ///
-/// Every answer equals that of comparing all points: the position of a point at time t is interpolated
-/// in f32 from the nearer key, the squared distance is `(dx·dx + dy·dy) + dz·dz` in f32, and neighbours
-/// are ordered by it, ties by id. Of positions kept in f64 all of this is done in f64, and the square is rounded to f32 once. Thread
-/// count and instruction set make no difference.
+/// Every answer equals that of comparing all points. The position of a point at time t is interpolated in f32 from the
+/// nearer key. The squared distance is `(dx·dx + dy·dy) + dz·dz` in f32. Neighbours are ordered by it, ties by id. For
+/// positions kept in f64, all of this is computed in f64, and the square is rounded to f32 once. Answers do not depend on
+/// the number of threads or the instruction set.
 ///
-/// Queries at a time outside [0, 1], with a point that is not finite or farther from the origin than
-/// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE), or with a negative or NaN radius find nothing. Differences of coordinates
-/// below about 1e-19 have squares that f32 rounds to zero: such points count as equally far.
+/// A query finds nothing if its time is outside [0, 1], if its point is not finite or farther from the origin than
+/// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE), or if its radius is negative or NaN. Differences of coordinates below
+/// about 1e-19 have squares that f32 rounds to zero; such points count as equally far.
 ///
 /// ```
 /// use mbkd::{PointParams, PointTree};
@@ -128,10 +129,12 @@ impl PointTree {
     /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
     ///
-    /// O(n log n) time; 17 or 18 bytes per static point, from 32 per moving point (in f64 30 and 55), and about
-    /// three times that while building. The set is read once, at the beginning: if its answers change from call to call, the tree
-    /// is that of the answers it gave then. Errors: coordinates that are not finite or too large, arrays of
-    /// different length, parameters out of range. The tree of an empty set finds nothing.
+    /// The time is O(n log n). The tree takes 17 or 18 bytes per static point and 32 or more per moving point (in f64: 30
+    /// and 55); the build needs about three times as much. The set is read once, at the beginning. If its answers change
+    /// from call to call, the tree has the answers of that time. The tree of an empty set finds nothing.
+    ///
+    /// # Errors
+    /// Coordinates that are not finite or too large, arrays of different length, and parameters out of range.
     pub fn build<P: PointSet + ?Sized>(points: &P, params: &PointParams) -> Result<PointTree, PointError> {
         PointTree::build_reporting(points, params, &Progress::new(None))
     }

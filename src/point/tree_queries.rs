@@ -1,4 +1,4 @@
-//! Shorthands for the common queries of a point tree.
+//! The common queries of a point tree as single calls.
 
 use super::neighbor::Neighbor;
 use super::query::NeighborQuery;
@@ -6,13 +6,13 @@ use super::tree::PointTree;
 use crate::primitive::Position;
 
 impl PointTree {
-    /// A query at `point` and `time`, to be refined (radius, predicate, approximation) and run.
+    /// A query at `point` and `time`. The caller sets its options (radius, predicate, approximation) and runs it.
     #[inline(always)]
     pub fn query<Q: Position>(&self, point: Q, time: f32) -> NeighborQuery<'_> {
         NeighborQuery::new(self, point, time)
     }
 
-    /// The nearest point at a time; of several at the same distance the one with the lowest id.
+    /// The nearest point at a time. Ties go to the lowest id.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -50,7 +50,7 @@ impl PointTree {
         self.query(point, time).radius(radius).collect()
     }
 
-    /// How many points are no farther than `radius`.
+    /// The number of points no farther than `radius`.
     pub fn count_within<Q: Position>(&self, point: Q, time: f32, radius: f32) -> usize {
         self.query(point, time).radius(radius).count()
     }

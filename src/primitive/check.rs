@@ -292,8 +292,8 @@ mod tests {
     fn each_way_to_be_wrong_about_the_nearest_point_is_found() {
         use core::sync::atomic::{AtomicU32, Ordering};
         /// A sphere with another nearest point.
-        struct Wrong(MovingSphere, fn(DVec3) -> DVec3, AtomicU32);
-        impl Primitive for Wrong {
+        struct Faulty(MovingSphere, fn(DVec3) -> DVec3, AtomicU32);
+        impl Primitive for Faulty {
             fn bounds(&self, over: TimeInterval) -> LinearBounds {
                 self.0.bounds(over)
             }
@@ -302,19 +302,19 @@ mod tests {
             }
             fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
                 let found = self.0.closest_point(point, time)?;
-                let asked = self.2.fetch_add(1, Ordering::Relaxed) as f32;
-                Some(SurfacePoint { point: self.1(found.point), u: found.u * asked.min(1.0), ..found })
+                let calls = self.2.fetch_add(1, Ordering::Relaxed) as f32;
+                Some(SurfacePoint { point: self.1(found.point), u: found.u * calls.min(1.0), ..found })
             }
         }
         let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X * 3.0, 0.5)]);
-        let check = |f| check_primitive(&Wrong(ball.clone(), f, AtomicU32::new(1)), 5000);
+        let check = |f| check_primitive(&Faulty(ball.clone(), f, AtomicU32::new(1)), 5000);
         assert_eq!(check(|p| p), Ok(()));
         assert!(matches!(check(|p| p * 1.001), Err(PrimitiveError::PointOutsideBounds { .. })));
         // Inside a static ball, so within its bounds at every time.
-        let fixed = Wrong(MovingSphere::fixed(DVec3::ZERO, 1.0), |p| p * 0.5, AtomicU32::new(1));
+        let fixed = Faulty(MovingSphere::fixed(DVec3::ZERO, 1.0), |p| p * 0.5, AtomicU32::new(1));
         assert!(matches!(check_primitive(&fixed, 5000), Err(PrimitiveError::NotNearest { .. })));
         assert_eq!(check(|_| DVec3::NAN), Ok(()));
-        let impure = check_primitive(&Wrong(ball, |p| p, AtomicU32::new(0)), 5000);
+        let impure = check_primitive(&Faulty(ball, |p| p, AtomicU32::new(0)), 5000);
         assert!(matches!(impure, Err(PrimitiveError::ImpurePoint { .. })));
     }
 }

@@ -81,7 +81,7 @@ impl Triangles {
                 _ => [1, keys],
             };
             let given: Vec<usize> = (0..keys).map(|key| given_key(m, key)).collect();
-            // The kind of positions is asked once for all of them.
+            // The kind of positions is matched once for all of them.
             match &mesh.keys {
                 Keys::F32(at) => append(&mut positions, &given, vertices, &|key, v| frame.point(at[key][v].as_dvec3())),
                 Keys::F64(at) | Keys::Precise(at) => {

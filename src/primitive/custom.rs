@@ -1,8 +1,7 @@
 //! The traits of primitives in a tree.
 //!
-//! [`Primitive`] is the trait that a caller implements for a custom moving shape. Inside the crate a tree accesses
-//! a whole set of primitives through [`PrimitiveSet`], in tree space: triangle meshes are one such set,
-//! a list of [`Primitive`]s is another.
+//! A caller implements [`Primitive`] for a custom moving shape. Inside the crate, a tree accesses a whole set of primitives
+//! through [`PrimitiveSet`], in tree space. Triangle meshes are one such set; a list of [`Primitive`]s is another.
 
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
@@ -14,18 +13,19 @@ use glam::DVec3;
 /// A moving shape that a [`RayTree`](crate::RayTree) can hold.
 ///
 /// The contract, which [`check_primitive`](crate::check_primitive) tests on samples:
-/// - [`bounds`](Primitive::bounds) hold, at every time of the interval, every point that
-///   [`intersect`](Primitive::intersect) can report at that time, *including its own rounding*: pad them by
-///   the error of the intersection arithmetic.
-/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`], over every part of the
-///   shutter, down to a single instant.
-/// - They hold every point that [`closest_point`](Primitive::closest_point) reports at that time, exactly.
+/// - At every time of the interval, [`bounds`](Primitive::bounds) contain every point that
+///   [`intersect`](Primitive::intersect) can report at that time, *including its own rounding*. So pad them by the error of
+///   the intersection arithmetic.
+/// - At every time of the interval, they contain every point that [`closest_point`](Primitive::closest_point) reports at
+///   that time, exactly.
+/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`], over every part of the shutter, down to a single
+///   instant.
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same arguments give
-///   the same answer, however often and on whichever thread they are called.
+///   the same answer, for any number of calls and on any thread.
 ///
-/// A primitive that breaks the contract does not affect others. Invalid bounds make the build fail with
-/// [`BuildError::BadBounds`]. Bounds that do not hold all hits, or that change from one call to the next, lose hits of
-/// this primitive. [`active`](Primitive::active) is called once.
+/// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
+/// [`BuildError::BadBounds`]. If its bounds do not contain all hits, or change from one call to the next, hits of this
+/// primitive are lost. [`active`](Primitive::active) is called once.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -54,19 +54,19 @@ use glam::DVec3;
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
 pub trait Primitive: Send + Sync {
-    /// Linear bounds over a part of the shutter, in world coordinates. The primitive need not exist during all of that time.
+    /// Linear bounds over a part of the shutter, in world coordinates. The primitive need not exist during the whole part.
     fn bounds(&self, over: TimeInterval) -> LinearBounds;
 
     /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`.
     ///
-    /// An answer outside that range counts as none.
+    /// An answer outside that range is ignored.
     fn intersect(&self, ray: &Ray) -> Option<Intersection>;
 
     /// The point of the primitive at `time` that is nearest to `point`, for
     /// [`RayTree::closest_point`](crate::RayTree::closest_point).
     ///
-    /// The default is `None`, for all points: then such queries ignore the primitive.
-    /// A point with a NaN counts as none.
+    /// The default is `None` for all points; closest-point queries then ignore the primitive. A point with a NaN is
+    /// ignored.
     fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
         let _ = (point, time);
         None
@@ -78,44 +78,45 @@ pub trait Primitive: Send + Sync {
     }
 }
 
-/// The intersection of a ray and a primitive, as a [`Primitive`] reports it.
+/// The intersection of a ray with a primitive, returned by [`Primitive::intersect`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intersection {
     /// Distance in units of the ray's direction: the point is `origin + t * dir`.
     pub t: f32,
-    /// First surface parameter, handed through to [`Hit::u`](crate::Hit::u).
+    /// First surface parameter, passed on to [`Hit::u`](crate::Hit::u).
     pub u: f32,
-    /// Second surface parameter, handed through to [`Hit::v`](crate::Hit::v).
+    /// Second surface parameter, passed on to [`Hit::v`](crate::Hit::v).
     pub v: f32,
 }
 
-/// A point on a primitive, as [`Primitive::closest_point`] reports it.
+/// A point on a primitive, returned by [`Primitive::closest_point`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
-    /// Where it is, in world coordinates.
+    /// The position, in world coordinates.
     pub point: DVec3,
-    /// First surface parameter, handed through to [`ClosestPoint::u`](crate::ClosestPoint::u).
+    /// First surface parameter, passed on to [`ClosestPoint::u`](crate::ClosestPoint::u).
     pub u: f32,
-    /// Second surface parameter, handed through to [`ClosestPoint::v`](crate::ClosestPoint::v).
+    /// Second surface parameter, passed on to [`ClosestPoint::v`](crate::ClosestPoint::v).
     pub v: f32,
 }
 
-/// A set of primitives in tree space, as builders and queries see it.
+/// A set of primitives in tree space: the interface for builders and queries.
 pub(crate) trait PrimitiveSet: Send + Sync {
-    /// The most primitives that the wide layout puts into one leaf block.
+    /// The greatest number of primitives in one leaf block of the wide layout.
     const PER_LEAF: usize = LANES;
-    /// Number of primitives; ids run from 0.
+    /// The number of primitives; ids begin at 0.
     fn len(&self) -> usize;
     /// The active interval of a primitive.
     fn active(&self, id: u32) -> TimeInterval;
     /// Whether all primitives exist throughout the shutter.
     fn always_active(&self) -> bool;
-    /// Linear bounds over an interval, which hold all hits of the kernel up to the rounding that
-    /// grows with the ray's distance, for which every traversal keeps slack.
+    /// Linear bounds over an interval. They contain all hits of the kernel, up to the rounding that grows with the ray's
+    /// distance; the slack of traversals covers that.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
     /// Bounds of the part inside `cell` at one instant, for choosing planes; empty if there is none.
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
-    /// Primitives of different kinds are not put into one leaf block: each number of keys above two is a kind.
+    /// The kind of leaf block for a primitive. Primitives of different kinds are not put into one block; each number of
+    /// keys above two is a kind.
     fn leaf_kind(&self, id: u32) -> u32 {
         let _ = id;
         0
@@ -137,14 +138,14 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn positions(&self) -> [usize; 2] {
         [0, 0]
     }
-    /// Whether the primitive is proved disjoint from a cell during the whole interval, by more than the kernel's
-    /// rounding, although its bounds overlap: `cell` is the cell at the begin and end of the interval,
-    /// linear in between. `false` is always valid.
+    /// Whether the primitive is proved disjoint from a cell during the whole interval, by more than the kernel's rounding,
+    /// although its bounds overlap the cell. `cell` is the cell at the begin and at the end of the interval, and linear in
+    /// between. `false` is always valid.
     fn is_disjoint(&self, id: u32, over: TimeInterval, cell: LinearBox3) -> bool {
         let _ = (id, over, cell);
         false
     }
-    /// The corners at both ends of an interval in which they move linearly, of a primitive that may be clipped.
+    /// The corners at both ends of an interval in which they move linearly; `None` for a primitive that is not clipped.
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
     /// Prefetches the vertex indices of a primitive; the vertices themselves follow with
     /// [`PrimitiveSet::prefetch_vertices`]. A hint.
@@ -161,7 +162,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// The map between world and tree space.
     fn frame(&self) -> &Frame;
     /// An error if a caller-defined primitive has returned invalid bounds since the set was made.
-    fn complaint(&self) -> Result<(), BuildError> {
+    fn input_error(&self) -> Result<(), BuildError> {
         Ok(())
     }
     /// Bytes allocated.
@@ -193,7 +194,7 @@ fn are_boxes(bounds: LinearBounds) -> bool {
     })
 }
 
-/// The intervals and bounds of shapes. Each shape is asked for its interval once.
+/// The intervals and bounds of shapes. The interval of each shape is read once.
 pub(crate) struct ShapesExtent {
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
@@ -303,7 +304,7 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         &self.frame
     }
 
-    fn complaint(&self) -> Result<(), BuildError> {
+    fn input_error(&self) -> Result<(), BuildError> {
         match self.bad.load(Ordering::Relaxed) {
             NONE => Ok(()),
             primitive => Err(BuildError::BadBounds { primitive: primitive as usize }),

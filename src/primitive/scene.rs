@@ -219,8 +219,8 @@ impl PrimitiveSet for Scene {
         self.triangles.positions()
     }
 
-    fn complaint(&self) -> Result<(), BuildError> {
-        self.shapes.complaint()
+    fn input_error(&self) -> Result<(), BuildError> {
+        self.shapes.input_error()
     }
 
     fn bytes(&self) -> usize {

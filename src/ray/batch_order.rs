@@ -23,22 +23,22 @@ pub(crate) struct Space {
     /// Scales distances from the centre to at most 1 within the scene.
     scale: f64,
     /// The number of equal time slices of the shutter with a hierarchy each.
-    pub parts: usize,
+    pub slices: usize,
     /// Whether the tree fits the cache, so that sorting incoherent rays does not pay.
     pub cached: bool,
 }
 
 impl Space {
     /// The space of a scene with these bounds.
-    pub fn new(bounds: Aabb, parts: usize, cached: bool) -> Space {
+    pub fn new(bounds: Aabb, slices: usize, cached: bool) -> Space {
         let half = bounds.max * 0.5 - bounds.min * 0.5;
         let scale = half.max_element().max(f64::MIN_POSITIVE).recip();
-        Space { centre: bounds.min + half, scale, parts, cached }
+        Space { centre: bounds.min + half, scale, slices, cached }
     }
 }
 
 /// The greatest number of time slices that sorting distinguishes.
-const MOST_PARTS: usize = 16;
+const MAX_SLICES: usize = 16;
 
 /// The coherence of a batch.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -126,7 +126,7 @@ fn coming(rays: &[Ray], space: Space) -> Coming {
         let [a, b] = [pair[0], pair[1]];
         let close = (a.origin - b.origin).length() * space.scale < NEAR;
         together += usize::from(a.dir.normalize_or_zero().dot(b.dir.normalize_or_zero()) > SAME_WAY);
-        near += usize::from(close && part(&a, space.parts) == part(&b, space.parts));
+        near += usize::from(close && time_slice(&a, space.slices) == time_slice(&b, space.slices));
         pairs += 1;
     }
     if 2 * together > pairs {
@@ -139,9 +139,9 @@ fn coming(rays: &[Ray], space: Space) -> Coming {
 }
 
 /// The time slice that contains the ray's time. (Casts saturate, and NaN becomes 0.)
-fn part(ray: &Ray, parts: usize) -> usize {
-    let parts = parts.clamp(1, MOST_PARTS);
-    ((ray.time * parts as f32) as usize).min(parts - 1)
+fn time_slice(ray: &Ray, slices: usize) -> usize {
+    let slices = slices.clamp(1, MAX_SLICES);
+    ((ray.time * slices as f32) as usize).min(slices - 1)
 }
 
 /// The indices of at most [`WINDOW`] rays in the order in which they are answered.
@@ -156,9 +156,9 @@ fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
         let cell = morton_code([cell(at.x), cell(at.y), cell(at.z)]) as usize;
         let backward = |x: f32| (x.to_bits() >> 31) as usize;
         let octant = backward(ray.dir.x) | backward(ray.dir.y) << 1 | backward(ray.dir.z) << 2;
-        (part(ray, space.parts) << (3 * BITS) | cell) << 3 | octant
+        (time_slice(ray, space.slices) << (3 * BITS) | cell) << 3 | octant
     });
-    let different = space.parts.clamp(1, MOST_PARTS) << (3 * BITS + 3);
+    let different = space.slices.clamp(1, MAX_SLICES) << (3 * BITS + 3);
     if rays.len() < different / 16 {
         let mut order: Vec<u32> = (0..rays.len() as u32).collect();
         order.sort_unstable_by_key(|&i| (keys[i as usize], i));
@@ -186,8 +186,8 @@ mod tests {
     use super::*;
     use glam::Vec3;
 
-    const SPACE: Space = Space { centre: DVec3::ZERO, scale: 1.0, parts: 1, cached: false };
-    const DIVIDED: Space = Space { parts: 4, ..SPACE };
+    const SPACE: Space = Space { centre: DVec3::ZERO, scale: 1.0, slices: 1, cached: false };
+    const DIVIDED: Space = Space { slices: 4, ..SPACE };
 
     fn camera(i: usize) -> Ray {
         Ray::new(Vec3::ZERO, Vec3::new(i as f32 * 1e-3, 1.0, 2.0)).at_time((i % 2) as f32)
@@ -230,7 +230,7 @@ mod tests {
             all.sort_unstable();
             assert!(all.into_iter().eq(0..rays.len() as u32));
             let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
-            assert!(in_order.is_sorted_by_key(|ray| part(ray, space.parts)));
+            assert!(in_order.is_sorted_by_key(|ray| time_slice(ray, space.slices)));
             let way =
                 |rays: &[Ray]| rays.windows(2).map(|pair| (pair[0].origin - pair[1].origin).length()).sum::<f64>();
             assert!(way(&in_order) < 0.3 * way(&rays), "{} instead of {}", way(&in_order), way(&rays));

@@ -1,34 +1,41 @@
 //! Candidates: the triangles of a leaf block that a ray may hit, as far as f32 can tell.
 //!
-//! To decide about one triangle in f64 ([`super::triangle`]) takes as long as f32 takes for a whole block. So f32 looks twice: at all
-//! triangles with one margin for the block, which rules out most blocks, and where some are left at each with its own, and at its
-//! distance. Rays that begin on a surface meet more triangles just behind their origin than ahead of it.
+//! Deciding one triangle in f64 ([`super::triangle`]) takes as long as testing a whole block in f32. So f32 makes two tests. The first
+//! test uses one margin for all triangles of the block and rules out most blocks. If any triangles are left, the second test uses a
+//! margin for each triangle, and also compares its distance with the ray's range. The distance matters: rays that begin on a surface
+//! meet more triangles just behind their origin than ahead of it.
 //!
-//! Margins for edge functions stand in [`super::shear`]. In a block, corners of a triangle that is hit are at most twice its extent away
-//! per axis, since slopes are at most 1: the sheared coordinates of two of them add up to eight times the extent, and four
-//! [`stray`], at most. For a single triangle those of all three corners are summed, which serves for all three edges.
+//! **Margins of edge functions** ([`super::shear`] derives them). First test: slopes are at most 1, so the sheared corners of a triangle
+//! that is hit are at most twice its extent away per axis. The sheared coordinates of two corners add up to at most eight times the
+//! extent plus four times the [`deviation`]. Second test: the coordinates of all three corners are summed, and the sum serves for all
+//! three edges.
 //!
-//! The distance of a hit is the mean of its corners' distances, weighted by the edge functions, so it is between them. Weights that are off
-//! by the margin move it by the margin times what the corners' distances differ from it, divided by the sum of the weights. These differ from
-//! it, in all, by at most twice what those of the second and the third corner differ from that of the first. A corner's distance, at most `m`,
-//! is off by 6um: 4um of its depth, and the rounding of the reciprocal and of the product. So both differences are off by 14um, together
-//! 28um or 2 `stray`, of which there is twice as much. The mean is off by 6um as well, and by 3um for the rounding of its sums; that of the
-//! weights, its product with an end of the ray's range and that end are off by 5 ULP of it, which matters only where it is below 2m: less than
-//! 28um, of which there is twice as much again. Where the range is rounded by more, nothing is
-//! certain ([`TreeRay::certain_end`]).
+//! **Margin of the distance.** The distance of a hit is the mean of its corners' distances, weighted by the edge functions. So it lies
+//! between them.
+//!
+//! - If the weights are off by the margin, the mean moves by the margin times the differences between the corners' distances and the
+//!   mean, divided by the sum of the weights. These differences add up to at most twice the sum of two: second corner to first, and
+//!   third corner to first.
+//! - Each corner's distance is at most `m` and is off by 6um: 4um of its depth, and the rounding of the reciprocal and of the product.
+//!   So each of the two differences is off by 14um, together 28um, which is 2 `deviation`. The code adds twice as much.
+//! - The mean is off by 6um as well, and by 3um for the rounding of its sums. The sum of the weights, its product with an end of the
+//!   ray's range and that end are off by 5 ULP of it, which matters only where the end is below 2m. Together this is less than 28um.
+//!   The code adds twice as much again.
+//!
+//! If the range itself is rounded by more, no hit is certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
-use super::shear::stray;
+use super::shear::deviation;
 use super::tree_ray::TreeRay;
 use crate::layout::block_sizes;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
-/// The edge functions of the triangles of a block, in a lane each.
+/// The edge functions of the triangles of a block, one triangle per lane.
 pub(super) struct Edges<S: Simd> {
     /// Sheared coordinates of the corners.
     x: [S::F; 3],
     y: [S::F; 3],
-    /// Of the edges across from the corners.
+    /// The edge functions of the edges opposite to the corners.
     edges: [S::F; 3],
     least: S::F,
     greatest: S::F,
@@ -43,36 +50,36 @@ impl<S: Simd> Edges<S> {
         Edges { x, y, edges: [u, v, w], least: s.min(u, s.min(v, w)), greatest: s.max(u, s.max(v, w)) }
     }
 
-    /// The triangles that may be hit, as far as the sizes of the block tell ([`block_sizes`]).
+    /// The first test: the triangles that may be hit, judged by the sizes of the block ([`block_sizes`]).
     #[inline(always)]
     pub fn may_be_hit(&self, s: S, sizes: u32, slack: f32) -> Mask {
         let (size, extent) = block_sizes(sizes);
-        let stray = stray_of(s, size, slack);
-        // `edge_margin` of corners that add up to that.
-        let margin = s.mul_add_one(1.25 * stray, s.mul_add_one(6.0, stray, 8.0 * extent), f32::MIN_POSITIVE);
-        // Signs agree, up to the margin.
+        let deviation = deviation_of(s, size, slack);
+        // `edge_margin` for the largest possible sum of coordinates.
+        let margin = s.mul_add_one(1.25 * deviation, s.mul_add_one(6.0, deviation, 8.0 * extent), f32::MIN_POSITIVE);
+        // All edge functions have the same sign, up to the margin.
         !(s.lt(self.least, s.splat(-margin)) & s.lt(s.splat(margin), self.greatest))
     }
 }
 
-/// [`stray`] with fewer instructions.
+/// Computes [`deviation`] with fewer instructions.
 #[inline(always)]
-fn stray_of<S: Simd>(s: S, size: f32, slack: f32) -> f32 {
-    s.mul_add_one(stray(1.0, 0.0), size, stray(0.0, slack))
+fn deviation_of<S: Simd>(s: S, size: f32, slack: f32) -> f32 {
+    s.mul_add_one(deviation(1.0, 0.0), size, deviation(0.0, slack))
 }
 
 /// The triangles of a block that may be hit.
 pub(super) struct Candidates {
     lanes: Mask,
-    /// Those of them that are hit for sure; known where it does not matter where.
+    /// The candidates that are certainly hit. Known only for queries that accept a hit anywhere ([`Collect::ANYWHERE`]).
     certain: Mask,
-    /// None is hit at a lesser distance in tree space; known where there are several to be put in order.
+    /// A lower bound of the distance of each hit in tree space. Known only if several candidates must be ordered.
     near: Lanes<f32>,
 }
 
 impl Candidates {
-    /// Those of some lanes that may be hit within the ray's range and what is still of interest; `distances` are those of the
-    /// corners in tree space. Where the lanes are `FEW`, all lie in the lower half.
+    /// The second test: which of the given lanes may be hit within the ray's range and within the distance that still matters.
+    /// `distances` are those of the corners in tree space. If `FEW`, all lanes lie in the lower half.
     #[inline(always)]
     pub fn new<S: Simd, C: Collect, const FEW: bool>(
         s: S,
@@ -82,26 +89,26 @@ impl Candidates {
         collect: &C,
     ) -> Candidates {
         let (size, extent) = block_sizes(sizes);
-        let stray = stray_of(s, size, ray.slack);
-        // For any number `e` above zero, the sum of six magnitudes is at most half of 6e and the sum of their squares divided by e. Three
-        // short sums of them are done sooner than one.
+        let deviation = deviation_of(s, size, ray.slack);
+        // For any e > 0, the sum of six magnitudes is at most half of (6e + the sum of their squares divided by e). Three short sums
+        // have a shorter dependency chain than one long sum.
         let ([xa, xb, xc], [ya, yb, yc]) = (edges.x, edges.y);
         let squares = s.mul_add(xb, xb, xa * xa) + s.mul_add(ya, ya, xc * xc) + s.mul_add(yc, yc, yb * yb);
         let half = s.mul_add_one(0.5, extent, f32::MIN_POSITIVE);
         // Twice `edge_margin`, and a quarter more.
-        let most = s.mul_add_one(3.125 * stray, s.mul_add_one(3.0, half, 2.0 * stray), 2.5 * f32::MIN_POSITIVE);
-        let (most, of_squares) = (s.splat(most), s.splat(1.5625 * stray / half));
+        let most = s.mul_add_one(3.125 * deviation, s.mul_add_one(3.0, half, 2.0 * deviation), 2.5 * f32::MIN_POSITIVE);
+        let (most, of_squares) = (s.splat(most), s.splat(1.5625 * deviation / half));
         let margin = s.mul_add(squares, of_squares, most);
         let [da, db, dc] = distances;
-        let differ = magnitude(s, da - db) + (magnitude(s, da - dc) + s.splat(4.0 * stray));
+        let differ = magnitude(s, da - db) + (magnitude(s, da - dc) + s.splat(4.0 * deviation));
         let [u, v, w] = [magnitude(s, edges.edges[0]), magnitude(s, edges.edges[1]), magnitude(s, edges.edges[2])];
         let weights = u + v + w;
-        // The distance times the sum of the weights, and by how much that is off.
+        // The distance times the sum of the weights, and a bound of its error.
         let distance = s.mul_add(w, dc, s.mul_add(v, db, u * da));
-        let off = s.mul_add(margin, differ, s.mul_add(weights, s.splat(4.0 * stray), s.splat(f32::MIN_POSITIVE)));
+        let off = s.mul_add(margin, differ, s.mul_add(weights, s.splat(4.0 * deviation), s.splat(f32::MIN_POSITIVE)));
         let (least, greatest) = (distance - off, distance + off);
         let begin = weights * s.splat(ray.begin);
-        // Comparisons with NaN are false, which keeps the triangle.
+        // A comparison with NaN is false, so such a triangle is kept.
         let mut out = s.lt(greatest, begin);
         if C::ORDERED {
             out |= s.lt(weights * s.splat(collect.reach()), least);
@@ -112,7 +119,8 @@ impl Candidates {
             candidates.lanes = 0;
             return candidates;
         }
-        // What is decided about one that was alone in the first place waits for nothing here: that it is left was foretold by a branch.
+        // A single candidate of the first test needs neither its lane nor its distance from here. The branch above predicts that it
+        // is left, so its decision in f64 does not wait for this test.
         if several(lanes) {
             candidates.lanes = left;
             if C::ORDERED {
@@ -121,7 +129,7 @@ impl Candidates {
             }
         }
         if C::ANYWHERE {
-            // Not the margin with another sign, which would wait for it.
+            // Computed anew instead of as `-margin`, which would have to wait for `margin`.
             let below = s.negated_mul_add(squares, of_squares, s.splat(0.0) - most);
             let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, below);
             candidates.certain =
@@ -130,7 +138,7 @@ impl Candidates {
         candidates
     }
 
-    /// One that is hit for sure, if there is any.
+    /// Takes a candidate that is certainly hit, if there is one.
     #[inline(always)]
     pub fn certain(&mut self) -> Option<usize> {
         let lane = self.certain.trailing_zeros() as usize % LANES;
@@ -139,7 +147,8 @@ impl Candidates {
         some.then_some(lane)
     }
 
-    /// The next to decide about: the nearest, where order matters, unless it is beyond what is still of interest.
+    /// Takes the next candidate to decide. If order matters, this is the nearest one; `None` if it lies beyond the distance that still
+    /// matters.
     #[inline(always)]
     pub fn next<C: Collect>(&mut self, collect: &C) -> Option<usize> {
         if self.lanes == 0 {
@@ -170,7 +179,7 @@ fn several(lanes: Mask) -> bool {
     lanes & lanes.wrapping_sub(1) != 0
 }
 
-/// Without signs.
+/// The absolute values.
 #[inline(always)]
 fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
     s.from_bits(s.to_bits(x) & s.splat_u(0x7fff_ffff))
@@ -188,7 +197,7 @@ mod tests {
 
     const ALL: Mask = Mask::MAX;
 
-    /// A block as the layout has it: triangles, and the word of their sizes.
+    /// The contents of a leaf block: triangles, and the word with their sizes.
     struct Block {
         triangles: Lanes<[Vec3; 3]>,
         sizes: u32,
@@ -210,8 +219,8 @@ mod tests {
             (0..LANES).filter(|&i| hit(&self.triangles[i])).fold(0, |mask, i| mask | 1 << i)
         }
 
-        /// The lanes that are left after the first look, and after the second, and those that are certain.
-        fn looks(&self, ray: &TreeRay, sheared: &Sheared, sizes: u32) -> [Mask; 4] {
+        /// The lanes that pass the first test, those that pass the second test (closest and any hit), and those that are certain.
+        fn tests(&self, ray: &TreeRay, sheared: &Sheared, sizes: u32) -> [Mask; 4] {
             let s = Portable;
             let corners = self.triangles.map(|t| t.map(|p| sheared.corner(p, ray.origin)));
             let row = |corner: usize, axis: usize| s.load(&corners.map(|c| c[corner][axis]));
@@ -257,19 +266,19 @@ mod tests {
                 (0.0, hit.t),
                 (0.0, hit.t.next_down().max(0.0)),
             ] {
-                let asked = whole.between(begin, end);
-                let Some(mut ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };
+                let part = whole.between(begin, end);
+                let Some(mut ray) = TreeRay::new(&part, &Frame::WORLD) else { continue };
                 let hit = block.hit(&ray, &sheared);
-                let [first, closest, any, sure] = block.looks(&ray, &sheared, block.sizes);
-                assert_eq!(hit & !first, 0, "{asked:?}");
-                assert_eq!(hit & !closest, 0, "{asked:?}");
-                assert_eq!(hit & !any, 0, "{asked:?}");
-                assert_eq!(sure & !hit, 0, "{asked:?}");
+                let [first, closest, any, sure] = block.tests(&ray, &sheared, block.sizes);
+                assert_eq!(hit & !first, 0, "{part:?}");
+                assert_eq!(hit & !closest, 0, "{part:?}");
+                assert_eq!(hit & !any, 0, "{part:?}");
+                assert_eq!(sure & !hit, 0, "{part:?}");
                 hits += hit.count_ones();
                 certain += sure.count_ones();
-                // As if nothing were ever rounded.
+                // The margins for rounding removed.
                 ray.slack = 0.0;
-                let [first, closest, _, sure] = block.looks(&ray, &sheared, block.sizes & 0xff_ffff);
+                let [first, closest, _, sure] = block.tests(&ray, &sheared, block.sizes & 0xff_ffff);
                 lost += (hit & !first).count_ones();
                 lost_by_range += (hit & first & !closest).count_ones();
                 wrong += (sure & !hit).count_ones();
@@ -284,8 +293,8 @@ mod tests {
         let wall =
             |depth: f32| [Vec3::new(-1.0, -1.0, depth), Vec3::new(3.0, -1.0, depth), Vec3::new(-1.0, 3.0, depth)];
         let block = Block::new(core::array::from_fn(|i| wall((i * 7 % LANES) as f32 / LANES as f32 - 0.25)));
-        let asked = Ray::new(DVec3::ZERO, Vec3::Z).between(0.01, f32::INFINITY);
-        let ray = TreeRay::new(&asked, &Frame::WORLD).unwrap();
+        let part = Ray::new(DVec3::ZERO, Vec3::Z).between(0.01, f32::INFINITY);
+        let ray = TreeRay::new(&part, &Frame::WORLD).unwrap();
         let sheared = Sheared::new(&ray);
         let s = Portable;
         let corners = block.triangles.map(|t| t.map(|p| sheared.corner(p, ray.origin)));
@@ -296,7 +305,7 @@ mod tests {
         let mut collect = Closest::new(&ray, |_: &Found| true);
         let mut candidates = Candidates::new::<_, _, false>(s, &edges, (ALL, rows(2), block.sizes), &ray, &collect);
         let depth = |lane: usize| block.triangles[lane][0].z;
-        assert_eq!(candidates.lanes.count_ones(), 11, "what is behind the begin is not among them");
+        assert_eq!(candidates.lanes.count_ones(), 11, "triangles behind the begin of the range are no candidates");
         assert_eq!(candidates.next(&collect).map(depth), Some(0.0625));
         assert_eq!(candidates.next(&collect).map(depth), Some(0.125));
         collect.reach = 0.15;

@@ -10,11 +10,11 @@ use glam::DVec3;
 
 impl<G: Geometry> RayTree<G> {
     /// The closest point on any primitive of the tree at a time of the shutter, if it is no farther than `max_distance`
-    /// (which may be infinite): its distance, its position and its primitive. Of several at the same distance (as an
-    /// f32) the one on the lowest (mesh, primitive) is returned. `point` is a `Vec3` or `DVec3` in world coordinates.
+    /// (which may be infinite). The answer has its distance, its position and its primitive. Ties at the same distance (as
+    /// an f32) go to the lowest (mesh, primitive). `point` is a `Vec3` or `DVec3` in world coordinates.
     ///
     /// Triangles are surfaces; degenerate ones are points and segments. [`MovingSphere`](crate::MovingSphere)s are
-    /// surfaces too: from inside, the closest point is on the sphere's surface. Custom primitives take part if they
+    /// surfaces too: from inside, the closest point is on the sphere's surface. Custom primitives are searched if they
     /// implement [`Primitive::closest_point`](crate::Primitive::closest_point).
     ///
     /// Answers are exact in the sense of [`BruteForce::closest_point`](crate::baseline::BruteForce::closest_point): the
@@ -24,8 +24,9 @@ impl<G: Geometry> RayTree<G> {
     /// Returns `None` for a point that is NaN, infinite or beyond
     /// [`MAX_COORDINATE`](crate::MAX_COORDINATE), a time outside `[0, 1]`, and a `max_distance` that is negative or NaN.
     ///
-    /// Takes O(log n) for points near the surface. From very far away (1e19 scene sizes) rounding makes all distances
-    /// equal, and every primitive is tested. After Ericson, *Real-Time Collision Detection*, section 5.1.5.
+    /// The time is O(log n) for points near the surface. At a very great distance (1e19 scene sizes) rounding makes all
+    /// distances equal, and every primitive is tested. The method is that of Ericson, *Real-Time Collision Detection*,
+    /// section 5.1.5.
     ///
     /// ```
     /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -44,8 +45,8 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes whose
-    /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure: it is called for some of
-    /// the points only.
+    /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure. It is not called for every
+    /// point.
     pub fn closest_point_filtered(
         &self,
         query: &ClosestPointQuery,

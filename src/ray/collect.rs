@@ -14,36 +14,36 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// The hit as an answer.
+    /// The hit in the form of an answer.
     #[inline(always)]
     pub fn answer(&self, set: &impl PrimitiveSet) -> Hit {
         self.hit.answer(set.name(self.id))
     }
 }
 
-/// Receives hits in any order. Culling asks for the limit: what is strictly farther is of no interest.
+/// Receives hits in any order. Its limit is used for culling: hits strictly farther away do not matter.
 pub(crate) trait Collect {
     /// Whether nearer children should be visited first.
     const ORDERED: bool;
-    /// Whether a hit may end the query without being offered, by [`Collect::found`].
+    /// Whether the position of a hit does not matter, so that [`Collect::found`] may end the query instead of an offered hit.
     const ANYWHERE: bool = false;
     /// The largest `t` that still matters.
     fn limit(&self) -> f32;
-    /// The same as a distance in tree space, rounded up where that is inexact.
+    /// The limit as a distance in tree space, rounded up if inexact.
     fn reach(&self) -> f32;
     /// Takes a hit within the ray's range and the limit; true ends the query.
     fn offer(&mut self, found: Found) -> bool;
-    /// A distance in tree space; a hit that is surely no farther, and one that the query sees, need not be offered.
+    /// A distance in tree space. A hit that is certainly no farther away, on a primitive that the query sees, need not be offered.
     #[inline(always)]
     fn certain(&self) -> f32 {
         f32::NEG_INFINITY
     }
-    /// There is such a hit.
+    /// Reports that there is such a hit.
     #[inline(always)]
     fn found(&mut self) {}
 }
 
-/// Keeps the nearest hit; of equally near ones the lowest id.
+/// Keeps the nearest hit; of equally near hits the one with the lowest id.
 pub(crate) struct Closest<F> {
     t_max: f32,
     pub reach: f32,
@@ -97,7 +97,7 @@ pub(crate) struct Any<F> {
 }
 
 impl<F> Any<F> {
-    /// Of a ray's hits those that `accept` accepts; whether that is `all` of them.
+    /// Looks for a hit that `accept` accepts. `all` tells whether it accepts every hit.
     #[inline(always)]
     pub fn new(ray: &TreeRay, all: bool, accept: F) -> Any<F> {
         let certain = if all { ray.certain_end() } else { f32::NEG_INFINITY };
@@ -136,10 +136,10 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     }
 }
 
-/// Hands on every primitive once.
+/// Passes every primitive that is hit to a visitor, once.
 ///
-/// A primitive may be met in several leaves. The ids of those that were handed on are remembered, so the memory is
-/// that of the answer: a short list in place, and a hash set once it is no longer short.
+/// A primitive may be found in several leaves. So the ids that were passed on are stored: first in a short array, and in a hash
+/// set once the array is full. The memory grows with the size of the answer.
 pub(crate) struct All<V> {
     t_max: f32,
     reach: f32,
@@ -147,11 +147,11 @@ pub(crate) struct All<V> {
     few: [u32; FEW],
     count: usize,
     many: HashSet<u32>,
-    /// What the visitor said last.
+    /// The last return value of the visitor.
     pub flow: ControlFlow<()>,
 }
 
-/// So many ids are searched one by one.
+/// The number of ids that are searched one by one.
 const FEW: usize = 24;
 
 impl<V> All<V> {
@@ -167,7 +167,7 @@ impl<V> All<V> {
         }
     }
 
-    /// Whether the id is new; remembers it.
+    /// Returns whether the id is new, and stores it.
     fn first_time(&mut self, id: u32) -> bool {
         if self.few[..self.count].contains(&id) {
             false

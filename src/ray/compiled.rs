@@ -2,7 +2,7 @@
 //!
 //! A query is generic over the geometry, the filter and the observer, and is compiled for each instruction set and
 //! layout. If callers instantiated it, every crate with a query would compile all of that again. So a tree carries the
-//! addresses of its queries, which this crate compiled for triangles and for primitives of any type ([`super::own`]);
+//! addresses of its queries, which this crate compiled for triangles and for primitives of any type ([`super::erased_shapes`]);
 //! builds are compiled likewise. Filters, observers and visitors are called through `dyn`, once per accepted hit or
 //! visited block. One form of each query looks for them at run time ([`Guards`]); except for SSE2 and for lazy trees, a
 //! second form is compiled without them.
@@ -17,7 +17,7 @@ use super::lazy::LazyQuery;
 use super::lazy_closest_point::closest_point_in_lazy;
 use super::packets::Packets;
 use super::point_query::PlacedQuery;
-use super::query::{AllQuery, AnyQuery, Asked, ClosestQuery, OfWide, Query, Visitor};
+use super::query::{AllQuery, AnyQuery, ClosestQuery, OfWide, Query, QueryArgs, Visitor};
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
 use crate::layout::{ChildRef, LazyTree, Statistics, WideSource, WideTree};
@@ -30,8 +30,8 @@ use core::ops::ControlFlow;
 
 /// Not inlined into the wide layout's traversal, which has fewer registers to save without it.
 #[inline(never)]
-fn ask_kd<Q: Query>(query: Q, tree: &KdTree) -> Q::Answer {
-    query.ask(tree)
+fn answer_in_kd<Q: Query>(query: Q, tree: &KdTree) -> Q::Answer {
+    query.answer(tree)
 }
 
 /// The arrays that queries traverse.
@@ -73,7 +73,7 @@ pub(super) fn lay_out<G: WideSource>(
     match &params.policy {
         Policy::Wide(params) => {
             let tree = WideTree::build(geometry, params, progress)?;
-            geometry.written();
+            geometry.release_build_data();
             let statistics = tree.statistics(geometry);
             Ok((Layout::Wide(tree), statistics))
         }
@@ -168,8 +168,8 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     /// The closest hit.
     fn plain_closest(on: Target<'_, G>, ray: &Ray) -> Option<Hit> {
         let observer = &mut ();
-        on.ask_plain(
-            || ClosestQuery(Asked { set: on.geometry, ray, filter: &Everything, observer }),
+        on.answer_plain(
+            || ClosestQuery(QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
             || Queries::guarded_closest(on, ray, Guards::NONE),
         )
     }
@@ -177,8 +177,8 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     /// Whether there is a hit.
     fn plain_any(on: Target<'_, G>, ray: &Ray) -> bool {
         let observer = &mut ();
-        on.ask_plain(
-            || AnyQuery(Asked { set: on.geometry, ray, filter: &Everything, observer }),
+        on.answer_plain(
+            || AnyQuery(QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
             || Queries::guarded_all(on, ray, Guards::NONE, &mut |_| ControlFlow::Break(())).is_break(),
         )
     }
@@ -194,12 +194,15 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
 
     fn guarded_closest(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Hit>) -> Option<Hit> {
         let Guards { visible, mut observer } = guards;
-        on.ask(ClosestQuery(Asked { set: on.geometry, ray, filter: &visible, observer: &mut observer }))
+        on.answer(ClosestQuery(QueryArgs { set: on.geometry, ray, filter: &visible, observer: &mut observer }))
     }
 
     fn guarded_all(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Hit>, visitor: Visitor<'_>) -> ControlFlow<()> {
         let Guards { visible, mut observer } = guards;
-        on.ask(AllQuery { asked: Asked { set: on.geometry, ray, filter: &visible, observer: &mut observer }, visitor })
+        on.answer(AllQuery {
+            args: QueryArgs { set: on.geometry, ray, filter: &visible, observer: &mut observer },
+            visitor,
+        })
     }
 
     fn guarded_closest_point(
@@ -227,21 +230,21 @@ impl<G> Copy for Target<'_, G> {}
 
 impl<'a, G: RaySource> Target<'a, G> {
     /// Answers a query from whichever layout the tree has.
-    fn ask<Q: LazyQuery>(self, query: Q) -> Q::Answer {
+    fn answer<Q: LazyQuery>(self, query: Q) -> Q::Answer {
         match self.layout {
             Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
-            Layout::Kd(tree) => ask_kd(query, tree),
-            Layout::Lazy(tree) => query.ask_lazily(tree, self.simd),
+            Layout::Kd(tree) => answer_in_kd(query, tree),
+            Layout::Lazy(tree) => query.answer_lazily(tree, self.simd),
         }
     }
 
     /// Answers a query without guards, where that form is compiled. The query is constructed at its place of use: moved
     /// there, it would be copied by wide loads that stall on the narrow stores before them.
     #[inline(always)]
-    fn ask_plain<Q: Query>(self, query: impl FnOnce() -> Q, guarded: impl FnOnce() -> Q::Answer) -> Q::Answer {
+    fn answer_plain<Q: Query>(self, query: impl FnOnce() -> Q, guarded: impl FnOnce() -> Q::Answer) -> Q::Answer {
         match self.layout {
             Layout::Wide(tree) => dispatch_or(self.simd, OfWide { tree, query: query() }, |_| guarded()),
-            Layout::Kd(tree) => ask_kd(query(), tree),
+            Layout::Kd(tree) => answer_in_kd(query(), tree),
             Layout::Lazy(_) => guarded(),
         }
     }

@@ -105,15 +105,15 @@ impl RayTree {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }
 
-    /// Reads a tree that [`RayTree::write_to`] wrote, and no byte more. It answers every query like the written tree,
-    /// bit for bit, on any machine; queries run on the widest instruction set of this one.
+    /// Reads a tree that [`RayTree::write_to`] wrote, and no byte more. The tree gives the same answers as the written
+    /// one, bit for bit, on any machine. Queries run on the widest instruction set of this machine.
     ///
     /// Takes a small part of the time of the build: the bytes are read once, added to the checksum and copied to their
     /// place, and the tree is traversed once to check it.
     ///
     /// # Errors
-    /// A [`FileError`] that names the fault. Damage is found by the checksum. A file that was forged is rejected if a
-    /// query could fail on it; otherwise its answers are arbitrary.
+    /// A [`FileError`] that names the fault. The checksum detects damage. A forged file is rejected if a query could fail
+    /// on it; otherwise the answers are arbitrary.
     pub fn read_from(source: &mut impl Read) -> Result<RayTree, FileError> {
         Self::decode(source, None)
     }

@@ -1,9 +1,8 @@
-//! Interleaved traversal: several rays through the wide layout, one block each in turn.
+//! Interleaved traversal: several rays traverse the wide layout in turn, one block at a time.
 //!
-//! The picture: a waiter who serves several tables. A ray that needs a block which is not in the cache would wait for
-//! it as long as dozens of tests take. So the block is prefetched, and the other rays of the group advance until it has
-//! arrived. Answers do not depend on it. On a tree that fits the cache interleaving only costs, so rays of small trees
-//! are traversed one by one; and so are rays of mostly static trees, whose steps are short.
+//! A ray that needs a block which is not in the cache would wait for it as long as dozens of tests take. So the block is prefetched, and
+//! the other rays of the group advance until it has arrived. The answers do not depend on this. On a tree that fits the cache, interleaving
+//! only costs time, so rays of small trees are traversed one by one. So are rays of mostly static trees, whose steps are short.
 
 use super::batch::{Batch, BatchQuery, Member};
 use super::intersect::RaySource;
@@ -29,7 +28,7 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Interleaved<'_, G, Q> {
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
         let mut group: Vec<(Member<'_, Q>, Cursor<'_>)> = Vec::with_capacity(GROUP);
         for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
-            let cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
+            let cursor = Cursor::new(tree.root, memory.stack(tree.max_stack()));
             group.push((Member::new(index, ray), cursor));
         }
         while !group.is_empty() {

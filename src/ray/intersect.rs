@@ -32,7 +32,7 @@ impl RaySource for Scene {
 impl<P: Primitive> RaySource for Shapes<P> {
     #[inline]
     fn intersect(&self, id: u32, ray: &TreeRay, _: &Sheared) -> Option<SetHit> {
-        let hit = self.shapes()[id as usize].intersect(ray.asked)?;
+        let hit = self.shapes()[id as usize].intersect(ray.original)?;
         ray.hit(hit.t, hit.u, hit.v)
     }
 }

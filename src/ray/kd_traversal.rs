@@ -27,9 +27,9 @@ use super::collect::{Collect, Found};
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::observer::Observer;
+use super::ray_layout::RayLayout;
 use super::shear::Sheared;
 use super::tree_ray::{LEAST_COMPONENT, TreeRay};
-use super::walk::Walk;
 use crate::geometry::ULP;
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
@@ -70,8 +70,8 @@ impl Axes {
         for axis in 0..3 {
             let (origin, inverse) = (ray.origin[axis], ray.slabs.inverse[axis]);
             let per_unit = inverse.abs();
-            let stray = if per_unit < 1.0 / LEAST_COMPONENT { 0.0 } else { 2.0 * ULP * way };
-            let slack = ray.slack + KERNEL_ROUNDING * way + stray + CROSSING_ULPS * ULP * origin.abs();
+            let deviation = if per_unit < 1.0 / LEAST_COMPONENT { 0.0 } else { 2.0 * ULP * way };
+            let slack = ray.slack + KERNEL_ROUNDING * way + deviation + CROSSING_ULPS * ULP * origin.abs();
             axes.origin[axis] = origin;
             axes.inverse[axis] = inverse;
             axes.pad[axis] = slack * per_unit;
@@ -88,29 +88,29 @@ impl Axes {
     }
 }
 
-/// Ids of the primitives that a ray was tested against lately (a direct-mapped mailbox).
+/// A direct-mapped mailbox: the ids of the primitives that a ray was tested against most recently.
 ///
 /// A primitive in several leaves has the same answer in all of them, so testing it once is enough. If another id has
 /// replaced it, the primitive is tested again, which costs time and does not change the answer.
-struct Tested([u32; Tested::PLACES]);
+struct Mailbox([u32; Mailbox::SLOTS]);
 
-impl Tested {
-    const PLACES: usize = 256;
+impl Mailbox {
+    const SLOTS: usize = 256;
 
     /// No primitive has this id.
-    const NOTHING: Tested = Tested([u32::MAX; Tested::PLACES]);
+    const EMPTY: Mailbox = Mailbox([u32::MAX; Mailbox::SLOTS]);
 
-    /// Returns whether the id is absent, and inserts it.
+    /// Inserts an id; returns whether it was absent.
     #[inline(always)]
-    fn lacks(&mut self, id: u32) -> bool {
-        core::mem::replace(&mut self.0[id as usize % Tested::PLACES], id) != id
+    fn insert(&mut self, id: u32) -> bool {
+        core::mem::replace(&mut self.0[id as usize % Mailbox::SLOTS], id) != id
     }
 }
 
-impl Walk for &KdTree {
+impl RayLayout for &KdTree {
     /// Front-to-back traversal; a primitive in several leaves may be offered several times.
     #[inline(always)]
-    fn walk<S: RaySource>(
+    fn traverse<S: RaySource>(
         self,
         set: &S,
         ray: &TreeRay,
@@ -132,7 +132,7 @@ impl Walk for &KdTree {
         }
         let mut memory = StackMemory::<Entry, DEPTH_LIMIT>::new();
         let mut stack = memory.stack(DEPTH_LIMIT);
-        let mut tested = Tested::NOTHING;
+        let mut mailbox = Mailbox::EMPTY;
         let mut node = 0u32;
         loop {
             match self.nodes[node as usize].view() {
@@ -163,7 +163,7 @@ impl Walk for &KdTree {
                             continue;
                         }
                         observer.primitive_tests(1);
-                        if tested.lacks(reference.id)
+                        if mailbox.insert(reference.id)
                             && filter.sees(|| set.mask(reference.id))
                             && let Some(hit) = set.intersect(reference.id, ray, &sheared)
                             && hit.t <= collect.limit()
@@ -212,8 +212,8 @@ mod tests {
             let target = a + (b - a) * (0.5 + 0.5 * random.signed());
             // With this length, distances in tree space are those of the answer.
             let dir = (target - origin) / (target - origin).abs().max_element() * 1.25;
-            let asked = Ray::new(origin, dir);
-            let Some(ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };
+            let original = Ray::new(origin, dir);
+            let Some(ray) = TreeRay::new(&original, &Frame::WORLD) else { continue };
             let fine = || [a, b, c].map(Vec3::as_dvec3);
             let Some(hit) = intersect_triangle(&ray, &Sheared::new(&ray), [a, b, c], fine) else { continue };
             let axes = Axes::new(&ray, a.abs().max(b.abs()).max(c.abs()).max_element());

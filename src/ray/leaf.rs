@@ -1,8 +1,8 @@
 //! Leaf blocks: one ray against up to sixteen triangles at a time.
 //!
-//! The corners of all triangles of a block are brought to the ray's time, moved to its origin and sheared onto its direction in
-//! f32, which rules most of them out ([`super::candidates`]); the few that are left are decided one by one in f64
-//! ([`super::triangle`]). That arithmetic is the same as brute force does, with nothing fused.
+//! In f32, the corners of all triangles of a block are interpolated at the ray's time, moved relative to its origin and sheared along its
+//! direction. This rules out most of the triangles ([`super::candidates`]). The few that are left are decided one by one in f64
+//! ([`super::triangle`]), with the same arithmetic as brute force and without fused operations.
 
 use super::candidates::{Candidates, Edges};
 use super::collect::{Collect, Found};
@@ -33,7 +33,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         self.leaf_of::<S, MOVING, false>(s, leaf, ray, at, collect, observer)
     }
 
-    /// The same where there are so `FEW` triangles that the lower half of the lanes holds them all, and otherwise.
+    /// The test, compiled twice: if `FEW`, all triangles are in the lower half of the lanes.
     #[inline(always)]
     fn leaf_of<S: Simd, const MOVING: bool, const FEW: bool>(
         &self,
@@ -50,7 +50,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let block = &self.arena.floats()[at..];
         let count = if MOVING { 2 * CORNER_ROWS } else { CORNER_ROWS };
         let rows = Rows::new(block, n, count);
-        // What the black box hides is not prepared for blocks that may never be met.
+        // The black box keeps the compiler from computing derived values ahead, for blocks that may never be visited.
         let of = core::hint::black_box(of);
         let [kx, ky, kz] = of.axes();
         let (ox, oy, oz) = (ray.origin[kx], ray.origin[ky], ray.origin[kz]);
@@ -69,11 +69,11 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let scale = s.splat(of.inverse);
         let distances = [za * scale, zb * scale, zc * scale];
         let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, distances, sizes), ray, collect);
-        if self.is_hit_for_sure(&mut candidates, ids, ray, collect) {
+        if self.is_certainly_hit(&mut candidates, ids, ray, collect) {
             return true;
         }
         while let Some(i) = candidates.next(collect) {
-            // Each by itself: a closure becomes a call, which pushes the query out of registers.
+            // Written out: a closure would be compiled to a call, which spills the registers of the query.
             let corners = [
                 fine_corners::<S, MOVING>(s, &rows, between, kx, i),
                 fine_corners::<S, MOVING>(s, &rows, between, ky, i),
@@ -103,7 +103,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         self.shared_of::<S, MOVING, false>(s, leaf, ray, at, collect, observer)
     }
 
-    /// The same where there are so `FEW` triangles that the lower half of the lanes holds them all, and otherwise.
+    /// The test, compiled twice: if `FEW`, all triangles are in the lower half of the lanes.
     #[inline(always)]
     fn shared_of<S: Simd, const MOVING: bool, const FEW: bool>(
         &self,
@@ -122,7 +122,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let n = shared_count(words[0]);
         observer.leaf();
         observer.primitive_tests(n);
-        // What the black box hides is not prepared for blocks that may never be met.
+        // The black box keeps the compiler from computing derived values ahead, for blocks that may never be visited.
         let of = core::hint::black_box(of);
         let [kx, ky, kz] = of.axes();
         let (ox, oy, oz) = (ray.origin[kx], ray.origin[ky], ray.origin[kz]);
@@ -141,7 +141,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let distance = z * s.splat(of.inverse);
         let distances = [s.permute(distance, first), s.permute(distance, second), s.permute(distance, third)];
         let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, distances, words[0]), ray, collect);
-        if self.is_hit_for_sure(&mut candidates, at + n, ray, collect) {
+        if self.is_certainly_hit(&mut candidates, at + n, ray, collect) {
             return true;
         }
         while let Some(i) = candidates.next(collect) {
@@ -158,10 +158,10 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         false
     }
 
-    /// Ends the query, where it does not matter where a hit is, with one that is certain and that the query sees. The ids of the block
-    /// begin at word `ids`.
+    /// Ends the query if it accepts a hit anywhere, and some triangle that it sees is certainly hit. The ids of the block begin at word
+    /// `ids`.
     #[inline(always)]
-    fn is_hit_for_sure(
+    fn is_certainly_hit(
         &self,
         candidates: &mut Candidates,
         ids: usize,
@@ -177,7 +177,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         false
     }
 
-    /// Decides about a triangle of these corners, whose id is at word `id`; true ends the query.
+    /// Decides whether the triangle with these corners is hit; its id is at word `id`. True ends the query.
     #[inline(always)]
     fn offer<S: Simd>(
         &self,
@@ -194,7 +194,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         self.sees(id, ray) && collect.offer(Found { hit, id })
     }
 
-    /// Asks the primitives of a list themselves; true ends the query.
+    /// Tests the primitives of a list of ids by their own functions; true ends the query.
     #[inline(always)]
     pub(super) fn list(
         &self,
@@ -217,47 +217,47 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         false
     }
 
-    /// Whether a primitive exists at the ray's time and the query sees it. Asked of hits only, so that boxes and
-    /// leaf blocks need not know.
+    /// Whether a primitive exists at the ray's time and the query sees it. This is tested for hits only, so boxes and leaf blocks
+    /// need not store it.
     #[inline(always)]
     fn sees(&self, id: u32, ray: &TreeRay) -> bool {
         (self.set.always_active() || self.set.active(id).contains(ray.time())) && self.filter.sees(|| self.set.mask(id))
     }
 }
 
-/// The first `n` lanes, which are in the lower half where there are `FEW`: said once more, so that the compiler drops what is
-/// computed in the upper half.
+/// The first `n` lanes. If `FEW`, they are in the lower half; the mask tells the compiler so, and it drops the computations of the upper
+/// half.
 #[inline(always)]
 fn first_lanes<const FEW: bool>(n: usize) -> Mask {
     let first = ((1u32 << n) - 1) as Mask;
     if FEW { first & Mask::MAX >> (LANES / 2) } else { first }
 }
 
-/// Where the rows of a leaf block are that are read at a time.
+/// The position of the rows of a leaf block that a query at some time reads.
 #[derive(Clone, Copy)]
 pub(super) struct LeafRows {
     /// The first word of the rows.
     at: usize,
-    /// Floats in a row.
+    /// The number of floats in a row.
     n: usize,
-    /// The first word of the ids, in front of which stand the sizes; or of the numbers of shared vertices.
+    /// The first word of the ids, which follow the word of the sizes; or, with shared vertices, the first word of the vertex numbers.
     behind: usize,
 }
 
 impl LeafRows {
-    /// A block of `count` rows that begin it, behind which are the sizes and ids.
+    /// For a block that begins with `count` rows, followed by the sizes and the ids.
     #[inline(always)]
     pub(super) fn loose(leaf: ChildRef, count: usize) -> LeafRows {
         LeafRows { at: leaf.at(), n: leaf.len(), behind: leaf.at() + count * leaf.len() + 1 }
     }
 
-    /// A block of `count` rows of shared vertices that begin it, the numbers right behind them.
+    /// For a block that begins with `count` rows of shared vertices, followed by the vertex numbers.
     #[inline(always)]
     pub(super) fn shared(leaf: ChildRef, count: usize) -> LeafRows {
         LeafRows { at: leaf.at(), n: leaf.len(), behind: leaf.at() + count * leaf.len() }
     }
 
-    /// The rows of a block of many keys in a segment between them.
+    /// For a block with many keys: the rows of the segment between two keys.
     #[inline(always)]
     pub(super) fn keyed(leaf: ChildRef, keyed: &KeyedLeaf, segment: usize) -> LeafRows {
         let behind = if keyed.shared { keyed.vertices() } else { keyed.ids() };
@@ -265,7 +265,8 @@ impl LeafRows {
     }
 }
 
-/// One coordinate of the three corners of a block's triangles at the ray's time less the origin, as near as [`super::shear`] says.
+/// One coordinate of the three corners of a block's triangles at the ray's time, relative to the origin, within the error bounds of
+/// [`super::shear`].
 #[inline(always)]
 fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: f32) -> [S::F; 3] {
     let origin = s.splat(origin);
@@ -280,7 +281,7 @@ fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axi
     [s.mul_add(a2 - a, f, at[0]), s.mul_add(b2 - b, f, at[1]), s.mul_add(c2 - c, f, at[2])]
 }
 
-/// One coordinate of a block's shared vertices, likewise.
+/// One coordinate of a block's shared vertices, with the same bounds.
 #[inline(always)]
 fn vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, origin: f32) -> S::F {
     let origin = s.splat(origin);
@@ -304,7 +305,7 @@ fn fine_corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between
     near + (far - near) * s.splat_d(f64::from(between.fraction))
 }
 
-/// One coordinate of three of a block's shared vertices, likewise.
+/// One coordinate of three of a block's shared vertices, with the same arithmetic.
 #[inline(always)]
 fn fine_vertices<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axis: usize, numbers: u32) -> S::D {
     let (base, other) = between.rows(VERTEX_ROWS);

@@ -35,7 +35,7 @@ impl<L: Leaves> Kernel for NearestFirst<'_, L> {
             return;
         }
         let mut memory = StackOf::new();
-        let mut cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
+        let mut cursor = Cursor::new(tree.root, memory.stack(tree.max_stack()));
         let traversal = WideTraversal::new(&tree.arena);
         let cull = query.cull(leaves.limit());
         let mut search = Search { query, cull, leaves };

@@ -1,15 +1,18 @@
-//! Up to sixteen rays that look into the same octant against the boxes of a node.
+//! Up to sixteen rays with the same octant of directions against the boxes of a node.
 //!
-//! All of them at once against sixteen boxes, by bounds of origins, directions and times (interval arithmetic; Boulos, Wald and
-//! Shirley, "Geometric and Arithmetic Culling Methods for Entire Ray Packets", 2006); and each of them against one box, with the arithmetic of a
-//! single ray ([`super::slabs`]).
+//! There are two tests. The first tests all rays at once against sixteen boxes, with bounds of the rays' origins, directions and times
+//! (interval arithmetic; Boulos, Wald and Shirley, "Geometric and Arithmetic Culling Methods for Entire Ray Packets", 2006). The second
+//! tests each ray against one box, with the arithmetic of a single ray ([`super::slabs`]).
 //!
-//! Proof that the bounds cull nothing that a ray of the packet would enter and hit: let `s` be the sign of the directions along an
-//! axis, the same for all rays. A ray with origin `o`, slack `k` and reciprocal `r` enters at `(s f - s o - k) |r|`, which for any fixed
-//! `|r|` is least for the least `s f` and the greatest `s o` and `k`, and linear in `|r|`: so it is least at one end of the range
-//! of `|r|`. The face `f` is linear in time and its rounding is monotone, so its extremes are at the ends of the range of times. What is
-//! computed here has three roundings beside that of the face, of the constant term, the difference and the product, each relative to at most
-//! `(|f| + |o| + k) |r|`: no more than a single ray has, which boxes and slack hold. Leaving is the same with greatest and least exchanged.
+//! **Proof that the bounds cull no box that a ray of the packet would enter and in which it would hit.**
+//!
+//! - Let `s` be the sign of the directions along an axis, which all rays share. A ray with origin `o`, slack `k` and reciprocal `r` enters
+//!   at `(s f - s o - k) |r|`. For any fixed `|r|` this is least for the least `s f` and the greatest `s o` and `k`. It is linear in `|r|`,
+//!   so its minimum is at one end of the range of `|r|`.
+//! - The face `f` is linear in time and its rounding is monotone. So its extremes are at the ends of the range of times.
+//! - The computation has three roundings besides that of the face: the constant term, the difference and the product. Each is relative to
+//!   at most `(|f| + |o| + k) |r|`. A single ray has no fewer, and the padding of boxes and the slack of rays cover them.
+//! - The proof for the distance at which a ray leaves a box is the same, with least and greatest exchanged.
 
 use super::tree_ray::TreeRay;
 use crate::layout::NODE_ROWS;
@@ -17,9 +20,9 @@ use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
 use crate::traverse::NodeBlock;
 use glam::Vec3A;
 
-/// Rays with the same signs of directions, a lane each.
+/// Rays whose directions have the same signs, one ray per lane.
 pub(super) struct Packet {
-    /// Lanes that hold a ray.
+    /// The number of lanes that hold a ray.
     count: usize,
     /// See [`Slabs`](super::slabs::Slabs), per axis.
     near: [usize; 3],
@@ -28,26 +31,26 @@ pub(super) struct Packet {
     far_offset: [Lanes<f32>; 3],
     begin: Lanes<f32>,
     time: Lanes<f32>,
-    /// How far each ray still looks: below zero where it has its answer, and in empty lanes.
+    /// The distance up to which a hit still matters to each ray: negative if the ray has its answer, and in empty lanes.
     reach: Lanes<f32>,
-    /// The greatest of these.
+    /// The greatest of `reach`.
     limit: f32,
     /// The signs of the directions.
     sign: Vec3A,
-    /// The greatest origin in the direction of the rays, and slack; the least, less slack.
+    /// The greatest origin along the direction of the rays plus slack, and the least origin minus slack.
     ahead: Vec3A,
     behind: Vec3A,
-    /// The least and the greatest size of a reciprocal.
+    /// The least and the greatest magnitude of a reciprocal.
     flat: Vec3A,
     steep: Vec3A,
     /// The least begin.
     soonest: f32,
-    /// The first and the last time.
+    /// The earliest and the latest time.
     times: [f32; 2],
 }
 
 impl Packet {
-    /// No rays.
+    /// A packet without rays.
     #[inline(always)]
     pub fn empty() -> Packet {
         Packet {
@@ -70,8 +73,8 @@ impl Packet {
         }
     }
 
-    /// Whether another ray finds a lane and looks into the same octant. One that begins behind its origin does not: it counts distances
-    /// from elsewhere.
+    /// Whether the packet has a free lane and the ray is in its octant. A ray that begins behind its origin is never taken, since its
+    /// distances have an offset.
     #[inline(always)]
     pub fn takes(&self, ray: &TreeRay) -> bool {
         ray.slabs.behind() == 0.0 && (self.count == 0 || (self.count < LANES && ray.slabs.near == self.near))
@@ -103,15 +106,15 @@ impl Packet {
         self.times = [self.times[0].min(slabs.time()), self.times[1].max(slabs.time())];
     }
 
-    /// A ray looks no farther than this any more; to be followed by [`Packet::looked`].
+    /// Shortens the reach of a ray; the caller calls [`Packet::update_limit`] afterwards.
     #[inline(always)]
-    pub fn look(&mut self, lane: usize, reach: f32) {
+    pub fn set_reach(&mut self, lane: usize, reach: f32) {
         self.reach[lane % LANES] = reach;
     }
 
-    /// Finds how far any ray still looks.
+    /// Recomputes the greatest reach of all rays.
     #[inline(always)]
-    pub fn looked<S: Simd>(&mut self, s: S) {
+    pub fn update_limit<S: Simd>(&mut self, s: S) {
         let reach = s.load(&self.reach);
         let reach = s.max(reach, s.swap_lanes::<8>(reach));
         let reach = s.max(reach, s.swap_lanes::<4>(reach));
@@ -119,17 +122,17 @@ impl Packet {
         self.limit = s.lane(s.max(reach, s.swap_lanes::<1>(reach)), 0);
     }
 
-    /// How far any ray still looks.
+    /// The greatest distance up to which a hit still matters to any ray.
     #[inline(always)]
     pub fn limit(&self) -> f32 {
         self.limit
     }
 
-    /// The boxes of a node that any of the rays may meet, and a lower bound of where.
+    /// The boxes of a node that any of the rays may meet, and lower bounds of the distances at which rays enter them.
     #[inline(always)]
     pub fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock) -> (Mask, S::F) {
         let times = [s.splat(self.times[0]), s.splat(self.times[1])];
-        // Written out: closures would be compiled without the instruction set.
+        // No closures: they would be compiled without the instruction set.
         let x = self.slab::<S, ROWS, 0>(s, block, times);
         let y = self.slab::<S, ROWS, 1>(s, block, times);
         let z = self.slab::<S, ROWS, 2>(s, block, times);
@@ -138,7 +141,7 @@ impl Packet {
         (s.le(enter, leave), enter)
     }
 
-    /// The least distance at which a ray enters each box along an axis, and the greatest at which one leaves it.
+    /// Along an axis, the least distance at which any ray enters each box, and the greatest at which any ray leaves it.
     #[inline(always)]
     fn slab<S: Simd, const ROWS: usize, const AXIS: usize>(
         &self,
@@ -157,7 +160,7 @@ impl Packet {
         (s.min(enter * flat, enter * steep), s.max(leave * flat, leave * steep))
     }
 
-    /// The rays that meet one box of a node, as each of them would find by itself.
+    /// The rays that meet one box of a node, with the result that each would have if it were traversed alone.
     #[inline(always)]
     pub fn meet<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, lane: usize) -> Mask {
         let time = s.load(&self.time);
@@ -176,7 +179,7 @@ impl Packet {
         s.le(enter, leave)
     }
 
-    /// Where each ray meets one face of one box.
+    /// The distance at which each ray meets one face of one box.
     #[inline(always)]
     fn distances<S: Simd, const ROWS: usize, const AXIS: usize>(
         &self,
@@ -194,7 +197,7 @@ impl Packet {
     }
 }
 
-/// One face of each box of a node, whose row begins at a word, at a time.
+/// One face of each box of a node at a time. The row of the faces begins at word `row` of the block.
 #[inline(always)]
 fn face<S: Simd, const ROWS: usize>(s: S, block: &NodeBlock, row: usize, time: S::F) -> S::F {
     let at = s.load(lanes_at(block, row));
@@ -213,7 +216,7 @@ mod tests {
     use crate::simd::{Kernel, SimdLevel, dispatch};
     use glam::Vec3;
 
-    /// The boxes of a still node that a packet may meet, and the rays that meet the first of them.
+    /// Finds the boxes of a static node that a packet may meet, and the rays that meet the first box.
     struct Met<'a>(&'a mut Packet, &'a NodeBlock);
 
     impl Kernel for Met<'_> {
@@ -222,12 +225,12 @@ mod tests {
         #[inline(always)]
         fn run<S: Simd>(self, s: S) -> (Mask, Mask) {
             let Met(packet, block) = self;
-            packet.looked(s);
+            packet.update_limit(s);
             (packet.enter::<S, STATIC_NODE_ROWS>(s, block).0, packet.meet::<S, STATIC_NODE_ROWS>(s, block, 0))
         }
     }
 
-    /// A still node with one box in its first lane.
+    /// A static node with one box, in its first lane.
     fn node_of(hull: Box3) -> NodeBlock {
         let mut block = [0.0; LANES * LANES];
         for axis in 0..3 {
@@ -239,8 +242,8 @@ mod tests {
         block
     }
 
-    /// Packets of which a ray hits a triangle along an edge of its box, and of these packets the ones that miss the box, of which rays
-    /// have this part of their slack and the box of its padding; on an instruction set.
+    /// The number of packets in which a ray hits a triangle along an edge of its box, and the number of these that miss the box. The
+    /// slack of rays and the padding of the box are multiplied by `part`.
     fn lost(part: f32, level: SimdLevel) -> (usize, usize) {
         let mut random = Random(77);
         let (mut met, mut missed) = (0, 0);
@@ -248,13 +251,13 @@ mod tests {
             let (a, mut b, c) = (random.vec(), random.vec(), random.vec());
             (b.x, b.y) = (a.x, a.y);
             let origin = random.vec() * 3.0;
-            // All rays pass an edge of the box, and most beside it.
+            // All rays pass near an edge of the box, and most of them outside the box.
             let mut packet = Packet::empty();
             let mut any = false;
             for i in 0..LANES {
                 let target = a + (b - a) * (0.5 + 0.5 * random.signed());
-                let asked = Ray::new(origin, target - origin);
-                let mut ray = TreeRay::new(&asked, &Frame::WORLD).expect("a ray");
+                let original = Ray::new(origin, target - origin);
+                let mut ray = TreeRay::new(&original, &Frame::WORLD).expect("a ray");
                 ray.slack *= part;
                 ray.slabs = ray.slabs_with(ray.slack, 0.0);
                 if !packet.takes(&ray) {
@@ -263,10 +266,10 @@ mod tests {
                 packet.add(&ray);
                 let fine = || [a, b, c].map(Vec3::as_dvec3);
                 if let Some(hit) = intersect_triangle(&ray, &Sheared::new(&ray), [a, b, c], fine) {
-                    packet.look(i, hit.reach);
+                    packet.set_reach(i, hit.reach);
                     any = true;
                 } else {
-                    packet.look(i, -1.0);
+                    packet.set_reach(i, -1.0);
                 }
             }
             let hull = [a, b, c].into_iter().fold(Box3::EMPTY, Box3::include);
@@ -306,7 +309,7 @@ mod tests {
             assert_eq!(dispatch(level, Met(&mut packet, &aside)), (0, 0), "{level}");
         }
         for lane in 4..8 {
-            packet.look(lane, 0.5);
+            packet.set_reach(lane, 0.5);
         }
         assert_eq!(dispatch(SimdLevel::best(), Met(&mut packet, &node)).1, 0);
         let back = Ray::new(Vec3::ZERO, Vec3::NEG_Z);

@@ -1,8 +1,8 @@
-//! Rays that come together, sixteen at a time through the wide layout.
+//! Packets of up to sixteen rays in the wide layout.
 //!
-//! Rays of neighbouring pixels take much the same way: a node's sixteen boxes are tested once for all of a packet
-//! ([`Packet`]), the few that are left once for sixteen rays. Where fewer rays are left than pays, and in leaf blocks, each goes
-//! its own way. Answers do not depend on it.
+//! Rays of neighbouring pixels visit mostly the same nodes. So the sixteen boxes of a node are tested once for all rays of a packet
+//! ([`Packet`]), and then the few remaining boxes are tested once each against sixteen rays. Rays are traversed one by one in leaf
+//! blocks, and wherever too few of them are left for packet tests to pay. The answers do not depend on this.
 
 use super::batch::{Batch, BatchQuery, Member};
 use super::filter::Everything;
@@ -14,22 +14,23 @@ use crate::layout::{ChildRef, Kind, LANES_OF_NODE, NODE_ROWS, STATIC_NODE_ROWS, 
 use crate::simd::{Kernel, LANES, Mask, Simd, Stack};
 use crate::traverse::{Cursor, StackOf, WideTraversal, children_of, push_in_order};
 
-/// Rays that go on by themselves where no more are left: half a packet, whose tests then cost as much as theirs.
+/// If at most this many rays are left (half a packet), they are traversed one by one: their own tests then cost no more than those of
+/// the packet.
 const ALONE: u32 = LANES as u32 / 2;
 
-/// A batch that is led in packets, to be dispatched to an instruction set.
+/// A batch that is traversed in packets, to be dispatched to an instruction set.
 pub(super) struct Packets<'a, G, Q: BatchQuery>(pub Batch<'a, G, Q>);
 
-/// What is on the way through the tree.
+/// The state of the traversal.
 struct Traversal<'a, G, Q: BatchQuery> {
     tree: &'a WideTree,
     traverser: Traverser<'a, G, Everything>,
-    /// The first of them hold rays.
+    /// The rays of the packet come first; the others are unused.
     members: [Member<'a, Q>; LANES],
     packet: Packet,
-    /// Lanes of nodes that wait for the packet: keys in the high halves, references in the low.
+    /// The pending lanes of nodes: keys in the high halves, references in the low halves.
     stack: Stack<'a, u64>,
-    /// Of a ray that goes by itself.
+    /// For a ray that is traversed alone.
     cursor: Cursor<'a>,
 }
 
@@ -47,8 +48,8 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
             traverser,
             members: core::array::from_fn(|_| Member::new(0, TreeRay::of(first, set.frame()).0)),
             packet: Packet::empty(),
-            stack: memory.stack(tree.waiting()),
-            cursor: Cursor::new(tree.root, own_memory.stack(tree.waiting())),
+            stack: memory.stack(tree.max_stack()),
+            cursor: Cursor::new(tree.root, own_memory.stack(tree.max_stack())),
         };
         let mut next = 0;
         loop {
@@ -56,15 +57,15 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
             while count < LANES
                 && let Some(ray) = rays.get(next)
             {
-                // Made where it stays: a ray that is moved is copied, by wide loads that wait for the narrow stores before them.
-                let (of, usual) = TreeRay::of(ray, set.frame());
+                // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow stores.
+                let (of, regular) = TreeRay::of(ray, set.frame());
                 let member = &mut traversal.members[count];
                 *member = Member::new(next, of);
-                if !usual {
-                    member.ray.mend(set.frame());
+                if !regular {
+                    member.ray.recompute(set.frame());
                     member.collect = Q::collect(&member.ray);
                 }
-                if member.ray.sees_nothing() {
+                if member.ray.has_empty_range() {
                     next += 1;
                     continue;
                 }
@@ -83,7 +84,7 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
             if count == 0 {
                 return;
             }
-            traversal.lead(s, count);
+            traversal.traverse(s, count);
             for member in &traversal.members[..count] {
                 answers[member.index] = Q::answer(&member.collect, set);
             }
@@ -93,9 +94,9 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
 }
 
 impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
-    /// Leads the first members through the tree: a packet, or one ray that none takes.
+    /// Traverses the tree with the first `count` members: a packet, or a single ray that no packet takes.
     #[inline(always)]
-    fn lead<S: Simd>(&mut self, s: S, count: usize) {
+    fn traverse<S: Simd>(&mut self, s: S, count: usize) {
         self.stack.clear();
         let (mut at, mut active) = (self.tree.root, ((1u32 << count) - 1) as Mask);
         loop {
@@ -128,7 +129,8 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
         }
     }
 
-    /// Puts the lanes of a node that any ray may meet on the stack, but for the nearest, which is returned where order matters.
+    /// Pushes the lanes of a node that any ray may meet. If order matters and there are several lanes, the nearest one is returned
+    /// instead.
     #[inline(always)]
     fn enter<S: Simd, const ROWS: usize>(&mut self, s: S, node: ChildRef) -> Option<ChildRef> {
         let (mask, keys) = self.packet.enter::<S, ROWS>(s, self.tree.arena.block(node.at()));
@@ -140,7 +142,7 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
         None
     }
 
-    /// The next lane of a node that is not farther away than any ray looks.
+    /// Pops the next lane that is near enough to matter to some ray.
     #[inline(always)]
     fn pop(&mut self) -> Option<ChildRef> {
         loop {
@@ -151,7 +153,7 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
         }
     }
 
-    /// Leads some of the rays through a subtree, one after the other.
+    /// Traverses a subtree with some of the rays, one after the other.
     #[inline(always)]
     fn singly<S: Simd>(&mut self, s: S, at: ChildRef, mut active: Mask) {
         let traversal = WideTraversal::new(&self.tree.arena);
@@ -162,8 +164,8 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
             let mut query = member.query(&self.traverser, observer);
             self.cursor.restart(at);
             while traversal.advance(s, &mut self.cursor, &mut query).is_continue() {}
-            self.packet.look(i, Q::reach(&member.collect));
+            self.packet.set_reach(i, Q::reach(&member.collect));
         }
-        self.packet.looked(s);
+        self.packet.update_limit(s);
     }
 }

@@ -76,9 +76,9 @@ pub(crate) struct Query {
     /// The query point in the tree's own space.
     pub(super) own: DVec3,
     /// The greatest distance in tree space per unit of distance in the outer space.
-    grows: f64,
+    scale_bound: f64,
     /// By how much computed outer distances may be smaller than this bound assumes.
-    stray: f64,
+    deviation: f64,
     /// The query point in tree space.
     pub(super) inside: DVec3,
     /// The f32 numbers on either side of `inside`.
@@ -92,11 +92,11 @@ impl Query {
         if !query.is_valid() {
             return None;
         }
-        let (own, grows, stray) = match placed {
+        let (own, scale_bound, deviation) = match placed {
             None => (query.point, frame.scale, 0.0),
             Some(placed) => {
-                let brought = placed.bring(query.point, frame.bounds);
-                (brought.point, brought.grows * frame.scale, brought.stray)
+                let preimage = placed.preimage(query.point, frame.bounds);
+                (preimage.point, preimage.scale_bound * frame.scale, preimage.deviation)
             }
         };
         let inside = (own - frame.origin) * frame.scale;
@@ -105,7 +105,19 @@ impl Query {
         let nearest = inside.as_vec3();
         let (low, high) = (nearest.map(f32::next_down), nearest.map(f32::next_up));
         let &ClosestPointQuery { point, time, max_distance } = query;
-        Some(Query { point, time, max_distance, frame, placed: *placed, own, grows, stray, inside, low, high })
+        Some(Query {
+            point,
+            time,
+            max_distance,
+            frame,
+            placed: *placed,
+            own,
+            scale_bound,
+            deviation,
+            inside,
+            low,
+            high,
+        })
     }
 
     /// The closest point of a triangle with these corners in tree space.
@@ -139,7 +151,7 @@ impl Query {
     /// The greatest distance in tree space of a point whose outer distance rounds to at most `limit`.
     #[inline(always)]
     pub(super) fn reach(&self, limit: f32) -> f64 {
-        (f64::from(limit.next_up()) + self.stray) * self.grows
+        (f64::from(limit.next_up()) + self.deviation) * self.scale_bound
     }
 
     /// The boxes of a node that are within reach, and their squared distances; see [`Query::distances`].

@@ -5,8 +5,8 @@ use super::filter::Filter;
 use super::hit::Hit;
 use super::intersect::RaySource;
 use super::observer::Observer;
+use super::ray_layout::RayLayout;
 use super::tree_ray::TreeRay;
-use super::walk::Walk;
 use super::wide_traversal::Wide;
 use crate::geometry::Ray;
 use crate::layout::WideTree;
@@ -22,11 +22,11 @@ pub(crate) trait Query {
     /// The answer.
     type Answer;
     /// Answers the query from a layout.
-    fn ask(self, layout: impl Walk) -> Self::Answer;
+    fn answer(self, layout: impl RayLayout) -> Self::Answer;
 }
 
-/// A ray, its geometry, filter and observer.
-pub(crate) struct Asked<'a, G, F, O> {
+/// The arguments of a query: a ray, its geometry, a filter and an observer.
+pub(crate) struct QueryArgs<'a, G, F, O> {
     pub set: &'a G,
     pub ray: &'a Ray,
     pub filter: &'a F,
@@ -34,49 +34,49 @@ pub(crate) struct Asked<'a, G, F, O> {
 }
 
 /// The closest-hit query.
-pub(crate) struct ClosestQuery<'a, G, F, O>(pub Asked<'a, G, F, O>);
+pub(crate) struct ClosestQuery<'a, G, F, O>(pub QueryArgs<'a, G, F, O>);
 
 impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
     type Answer = Option<Hit>;
 
     #[inline(always)]
-    fn ask(self, layout: impl Walk) -> Option<Hit> {
-        let Asked { set, ray, filter, observer } = self.0;
-        let (mut of, usual) = TreeRay::of(ray, set.frame());
-        if !usual {
-            of.mend(set.frame());
+    fn answer(self, layout: impl RayLayout) -> Option<Hit> {
+        let QueryArgs { set, ray, filter, observer } = self.0;
+        let (mut of, regular) = TreeRay::of(ray, set.frame());
+        if !regular {
+            of.recompute(set.frame());
         }
         let ray = &of;
-        if ray.sees_nothing() {
+        if ray.has_empty_range() {
             return None;
         }
         let accept = |found: &Found| filter.accepts(|| found.answer(set));
         let mut collect = Closest::new(ray, accept);
-        layout.walk(set, ray, filter, &mut collect, observer);
+        layout.traverse(set, ray, filter, &mut collect, observer);
         collect.best.map(|found| found.answer(set))
     }
 }
 
 /// The occlusion query: whether there is a hit.
-pub(crate) struct AnyQuery<'a, G, F, O>(pub Asked<'a, G, F, O>);
+pub(crate) struct AnyQuery<'a, G, F, O>(pub QueryArgs<'a, G, F, O>);
 
 impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
     type Answer = bool;
 
     #[inline(always)]
-    fn ask(self, layout: impl Walk) -> bool {
-        let Asked { set, ray, filter, observer } = self.0;
-        let (mut of, usual) = TreeRay::of(ray, set.frame());
-        if !usual {
-            of.mend(set.frame());
+    fn answer(self, layout: impl RayLayout) -> bool {
+        let QueryArgs { set, ray, filter, observer } = self.0;
+        let (mut of, regular) = TreeRay::of(ray, set.frame());
+        if !regular {
+            of.recompute(set.frame());
         }
         let ray = &of;
-        if ray.sees_nothing() {
+        if ray.has_empty_range() {
             return false;
         }
         let accept = |found: &Found| filter.accepts(|| found.answer(set));
         let mut collect = Any::new(ray, filter.accepts_all(), accept);
-        layout.walk(set, ray, filter, &mut collect, observer);
+        layout.traverse(set, ray, filter, &mut collect, observer);
         collect.found
     }
 }
@@ -86,7 +86,7 @@ pub(super) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
 
 /// The query for all hits.
 pub(crate) struct AllQuery<'a, G, F, O> {
-    pub asked: Asked<'a, G, F, O>,
+    pub args: QueryArgs<'a, G, F, O>,
     pub visitor: Visitor<'a>,
 }
 
@@ -94,21 +94,21 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
     type Answer = ControlFlow<()>;
 
     #[inline(always)]
-    fn ask(self, layout: impl Walk) -> ControlFlow<()> {
-        let Asked { set, ray, filter, observer } = self.asked;
-        let (mut of, usual) = TreeRay::of(ray, set.frame());
-        if !usual {
-            of.mend(set.frame());
+    fn answer(self, layout: impl RayLayout) -> ControlFlow<()> {
+        let QueryArgs { set, ray, filter, observer } = self.args;
+        let (mut of, regular) = TreeRay::of(ray, set.frame());
+        if !regular {
+            of.recompute(set.frame());
         }
         let ray = &of;
-        if ray.sees_nothing() {
+        if ray.has_empty_range() {
             return ControlFlow::Continue(());
         }
         let mut collect = All::new(ray, |found: &Found| {
             let hit = found.answer(set);
             if filter.accepts(|| hit) { (self.visitor)(hit) } else { ControlFlow::Continue(()) }
         });
-        layout.walk(set, ray, filter, &mut collect, observer);
+        layout.traverse(set, ray, filter, &mut collect, observer);
         collect.flow
     }
 }
@@ -125,7 +125,7 @@ impl<Q: Query> Kernel for OfWide<'_, Q> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Q::Answer {
         let mut memory = StackOf::new();
-        let stack = memory.stack(self.tree.waiting());
-        self.query.ask(Wide { tree: self.tree, simd: s, stack })
+        let stack = memory.stack(self.tree.max_stack());
+        self.query.answer(Wide { tree: self.tree, simd: s, stack })
     }
 }

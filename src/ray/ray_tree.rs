@@ -14,7 +14,7 @@ use crate::tuning::wide::CACHED;
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// Rays of a task that are answered one by one before the rest is traversed in packets.
+/// The number of rays of a task that are answered one by one before the rest is traversed in packets.
 const FIRST: usize = 16;
 
 /// The contents of a [`RayTree`]: [`Scene`] or [`Shapes`]. Sealed; a bound for code that is generic over both.
@@ -30,12 +30,12 @@ pub trait Geometry: Compiled {}
 
 impl<S: Compiled> Geometry for S {}
 
-/// Moving primitives, ready for rays at any time of the shutter.
+/// An acceleration structure over moving primitives, for ray queries and closest-point queries at any time of the shutter.
 ///
-/// Built once of triangle meshes ([`RayTree::build`]), of custom primitives ([`RayTree::of_primitives`]), or of meshes,
-/// spheres and custom primitives together ([`RayTree::of_scene`]). Queries take `&self` and may run on any number of
-/// threads. Every answer is that of testing all primitives one after the other
-/// ([`BruteForce`](crate::baseline::BruteForce)), bit for bit, whatever the parameters of the build.
+/// It is built once, over triangle meshes ([`RayTree::build`]), over custom primitives ([`RayTree::of_primitives`]), or over
+/// meshes, spheres and custom primitives together ([`RayTree::of_scene`]). Queries take `&self` and may run on any number of
+/// threads. Every answer equals that of testing all primitives one by one
+/// ([`BruteForce`](crate::baseline::BruteForce)), bit for bit. It does not depend on the parameters of the build.
 ///
 /// ```
 /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -52,7 +52,7 @@ pub struct RayTree<G = Scene> {
     pub(super) geometry: G,
     pub(super) layout: Layout,
     pub(super) statistics: Statistics,
-    /// Whether the tree was read from a file, which does not contain the triangles that it was built of.
+    /// Whether the tree was read from a file, which does not contain the triangles of the build.
     pub(super) from_file: bool,
     /// The refit plan; `None` before the first refit.
     pub(super) plan: Option<Box<Plan>>,
@@ -70,28 +70,28 @@ impl<G: Geometry> RayTree<G> {
     fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
         params.validate()?;
         let (layout, statistics) = geometry.lay_out(params, progress)?;
-        geometry.complaint()?;
+        geometry.input_error()?;
         let (simd, queries) = (SimdLevel::best(), G::QUERIES);
         Ok(RayTree { geometry, layout, statistics, from_file: false, plan: None, simd, queries })
     }
 
-    /// The tree as queries see it.
+    /// The tree in the form that queries take.
     pub(super) fn target(&self) -> Target<'_, G> {
         Target { layout: &self.layout, geometry: &self.geometry, simd: self.simd }
     }
 
-    /// The closest hit of a ray: the least `t`, and of several at the same `t` the lowest (mesh, primitive).
+    /// The closest hit of a ray: the hit with the least `t`. Ties go to the lowest (mesh, primitive).
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         (self.queries.closest)(self.target(), ray)
     }
 
-    /// Whether the ray hits anything: for shadows. Stops at the first hit found.
+    /// Whether the ray hits anything (occlusion). The search stops at the first hit found.
     pub fn any_hit(&self, ray: &Ray) -> bool {
         (self.queries.any)(self.target(), ray)
     }
 
-    /// Calls `visitor` with every primitive that the ray hits, each once (with its closest hit), in no particular
-    /// order, until it breaks. Returns the last return value of `visitor`.
+    /// Calls `visitor` with every primitive that the ray hits, until it breaks. Each primitive is reported once, with its
+    /// closest hit, in no particular order. Returns the last return value of `visitor`.
     ///
     /// ```
     /// use core::ops::ControlFlow;
@@ -137,9 +137,9 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes whose
-    /// [`mask`](TriangleMesh::mask) shares a bit with `mask` (custom primitives have all bits).
+    /// [`mask`](TriangleMesh::mask) shares a bit with `mask`. Custom primitives have all bits.
     ///
-    /// `accept` must be pure: it may be called several times for the same hit, and is not called for every hit.
+    /// `accept` must be pure. It may be called several times for the same hit, and is not called for every hit.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -173,13 +173,13 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.all)(self.target(), ray, Guards::filtered(mask, &accept), &mut visitor)
     }
 
-    /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order; a
-    /// caller that reuses it allocates nothing, except for a few megabytes where rays are sorted.
+    /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. A
+    /// caller that reuses it allocates nothing, except for a few megabytes if rays are sorted.
     ///
-    /// Rays of similar direction, as from a camera, are traversed in packets, which is faster than one by one. Where
-    /// the tree is larger than the processor's caches and the rays are incoherent, a batch is also faster per thread
-    /// than single queries: rays are sorted by origin and direction, and where that pays several of them are traversed
-    /// interleaved while memory is prefetched.
+    /// Coherent rays, as from a camera, are traversed in packets, which is faster than one by one. For incoherent rays, a
+    /// batch is also faster per thread than single queries if the tree is larger than the processor's caches: the rays are
+    /// sorted by origin and direction, and several rays are traversed interleaved while memory is prefetched, if that
+    /// pays.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -216,12 +216,12 @@ impl<G: Geometry> RayTree<G> {
         match &self.layout {
             Layout::Wide(tree) => {
                 let cached = self.statistics.bytes <= CACHED;
-                let space = Space::new(self.geometry.frame().bounds, tree.parts(), cached);
+                let space = Space::new(self.geometry.frame().bounds, tree.time_slices(), cached);
                 // Interleaving pays where a tree moves, and there only for the closest hit in trees with a temporal
                 // split and for occlusion in others (measured; see docs/notes.md).
-                let turns = !cached && tree.moves() && Q::ORDERED == (space.parts > 1);
+                let turns = !cached && tree.moves() && Q::ORDERED == (space.slices > 1);
                 // With one hierarchy per time slice, rays of several times diverge at the root.
-                let packets = packets.filter(|_| space.parts == 1);
+                let packets = packets.filter(|_| space.slices == 1);
                 // If the first rays hit nothing, the others likely miss as well, and a single ray finds that out
                 // faster.
                 let together = |rays: &[Ray], answers: &mut [Q::Answer]| {
@@ -244,14 +244,16 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// Checks the structure of the tree: links, depth, and coverage. In the k-d layout, at sampled times, among them
-    /// every time at which an interval changes, each primitive must be found wherever it is. In the wide layout each
-    /// primitive must be in some leaf block, and at nine times the boxes above must hold the corners of each triangle
-    /// that was not split. Of a lazy tree the coarse tree and the subtrees built so far are checked; none is built. For
-    /// tests; takes far longer than the build.
+    /// Checks the structure of the tree: links, depth, and coverage. This is for tests, and takes far longer than the build.
+    ///
+    /// - In the k-d layout, each primitive must be found in every cell that it reaches, at sampled times. These include
+    ///   every time at which an interval of a reference begins or ends.
+    /// - In the wide layout, each primitive must be in some leaf block. At nine times, the boxes above must hold the corners
+    ///   of each triangle that was not split.
+    /// - In a lazy tree, the coarse tree and the subtrees built so far are checked. No subtree is built.
     ///
     /// # Errors
-    /// The first violation found, which would be a defect of this crate.
+    /// The first violation found, which is a defect of this crate.
     pub fn validate(&self) -> Result<(), ValidationError> {
         match &self.layout {
             Layout::Kd(tree) => tree.validate(&self.geometry),
@@ -260,10 +262,10 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// Calls `visitor` with the boxes of all nodes and leaf blocks as they are at a time of the shutter, parents before
-    /// children: to draw a tree, or to see why it is slow. The boxes are as wide as queries take them, up to a few
-    /// roundings. It is never called for the k-d policies, whose nodes have no boxes, and for a time outside [0, 1].
-    /// Takes time in proportion to the tree's size.
+    /// Calls `visitor` with the boxes of all nodes and leaf blocks at a time of the shutter, parents before children. This
+    /// serves to draw a tree, or to find out why it is slow. The boxes are as wide as those of queries, up to a few
+    /// roundings. `visitor` is never called for the k-d policies, whose nodes have no boxes, nor for a time outside
+    /// [0, 1]. The time is proportional to the size of the tree.
     ///
     /// ```
     /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::Vec3};
@@ -287,7 +289,7 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// Linear bounds of all primitives over the shutter, in world space and as wide as queries see them.
+    /// Linear bounds of all primitives over the shutter, in world space, as wide as the boxes of queries.
     pub(crate) fn linear_bounds(&self) -> LinearBounds {
         let swept = LinearBounds::fixed(self.geometry.frame().bounds);
         match &self.layout {
@@ -297,7 +299,7 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// Linear bounds of several parts, which together hold all primitives.
+    /// Linear bounds of several parts of the tree, which together hold all primitives.
     pub(crate) fn linear_bounds_of_parts(&self) -> Vec<LinearBounds> {
         let parts = match &self.layout {
             Layout::Wide(tree) => tree.bounds_of_children(self.geometry.frame()),
@@ -312,14 +314,14 @@ impl<G: Geometry> RayTree<G> {
         self.geometry.frame()
     }
 
-    /// The tree with its queries on another instruction set of this CPU, for tests and measurements. Answers do not
-    /// change. The default is the widest instruction set available.
+    /// Selects another instruction set of this CPU for queries, for tests and measurements. Answers do not change. The
+    /// default is the widest instruction set available.
     pub fn with_simd(self, simd: SimdLevel) -> RayTree<G> {
         RayTree { simd, ..self }
     }
 
-    /// The sizes and counts of the tree. Of a lazy tree, those of the coarse tree and of the subtrees built so far, for
-    /// which it visits every subtree.
+    /// The sizes and counts of the tree. For a lazy tree, they cover the coarse tree and the subtrees built so far; this
+    /// call visits every subtree.
     pub fn statistics(&self) -> Statistics {
         match &self.layout {
             Layout::Lazy(tree) => tree.statistics(&self.geometry),
@@ -331,15 +333,17 @@ impl<G: Geometry> RayTree<G> {
 impl RayTree {
     /// Builds a tree of triangle meshes.
     ///
-    /// Takes O(n log n) time for `n` triangles; it runs in parallel with the feature `rayon`, and the tree is the same
-    /// for any number of threads. At its peak the default build holds about 300 bytes per triangle, the finished tree
-    /// and its triangles (40 to 60 bytes where they share vertices) included; 500 to 600 where long triangles are
-    /// pre-split or the hierarchy has a temporal split, and the tree itself beyond 300 where time slices have separate
-    /// trees ([`WideParams::bytes_per_primitive`](crate::WideParams::bytes_per_primitive) bounds them). Measured as
-    /// allocated bytes on the procedural scenes (`scenes/`) at full size.
+    /// *Time*: O(n log n) for `n` triangles. The build runs in parallel with the feature `rayon`, and the tree is the same
+    /// for any number of threads.
+    ///
+    /// *Memory*: at its peak the default build holds about 300 bytes per triangle, including the finished tree and its
+    /// triangles (40 to 60 bytes if they share vertices). The peak is 500 to 600 bytes if long triangles are pre-split or
+    /// the hierarchy has a temporal split. The tree itself exceeds 300 bytes if time slices have separate trees;
+    /// [`WideParams::bytes_per_primitive`](crate::WideParams::bytes_per_primitive) bounds it. These are allocated bytes,
+    /// measured on the procedural scenes (`scenes/`) at full size.
     ///
     /// # Errors
-    /// A [`BuildError`] that names the mesh or parameter at fault. An empty tree is valid: nothing is ever hit.
+    /// A [`BuildError`] that names the invalid mesh or parameter. An empty tree is valid, and no ray hits anything.
     /// Degenerate triangles are kept and never hit.
     pub fn build(meshes: &[TriangleMesh], params: &BuildParams) -> Result<RayTree, BuildError> {
         RayTree::of_scene(meshes, Vec::new(), params)
@@ -347,9 +351,9 @@ impl RayTree {
 
     /// Builds a tree of triangle meshes, spheres and custom primitives together. A [`Hit`] on one of `shapes` has the
     /// number of meshes as its [`mesh`](Hit::mesh), and the index into `shapes` as its [`primitive`](Hit::primitive).
-    /// Where `shapes` is empty this is [`RayTree::build`].
+    /// If `shapes` is empty, this is [`RayTree::build`].
     ///
-    /// Triangles and shapes have subtrees of their own below common nodes. Shapes have all bits of visibility masks.
+    /// Triangles and shapes are in separate subtrees below common nodes. Shapes have all bits of visibility masks.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
@@ -382,8 +386,8 @@ impl RayTree {
         RayTree::of(Scene::new(meshes, Vec::new())?, params, &Progress::new(Some(progress)))
     }
 
-    /// The corners of a triangle of a mesh at any time, exactly where queries see them. NaN if there is no such
-    /// triangle. A time outside `[0, 1]` extrapolates the motion.
+    /// The corners of a triangle of a mesh at any time, exactly as queries use them. NaN if there is no such triangle. A
+    /// time outside `[0, 1]` extrapolates the motion.
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
         match self.geometry.triangles.id(mesh, triangle) {
             Some(id) => {
@@ -405,30 +409,30 @@ impl RayTree {
         self.triangle(hit.mesh, hit.primitive, time)
     }
 
-    /// The unit normal of the triangle that was hit, at any time: the corners run counter-clockwise as seen from the
-    /// side that it points to. Zero for a degenerate triangle and for a hit that is not of this tree.
+    /// The unit normal of the triangle that was hit, at any time. Seen from the side that it points to, the corners are in
+    /// counter-clockwise order. Zero for a degenerate triangle and for a hit of another tree.
     pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
         let [a, b, c] = self.vertices(hit, time);
         (b - a).cross(c - a).normalize_or_zero().as_vec3()
     }
 
-    /// The shapes beside the meshes, as given to the build.
+    /// The shapes that were given to the build.
     pub fn shapes(&self) -> &[Shape] {
         self.geometry.shapes.shapes()
     }
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
-    /// Builds a tree of custom primitives; a hit's [`primitive`](Hit::primitive) is the index into `primitives`, its
-    /// mesh is 0. Cost as [`RayTree::build`].
+    /// Builds a tree of custom primitives. A hit's [`primitive`](Hit::primitive) is the index into `primitives`, and its
+    /// mesh is 0. The cost is that of [`RayTree::build`].
     ///
     /// # Errors
-    /// [`BuildError::BadBounds`] for a primitive whose bounds are not finite, and parameters out of range.
+    /// [`BuildError::BadBounds`] for a primitive whose bounds are not finite; an error for parameters out of range.
     pub fn of_primitives(primitives: Vec<P>, params: &BuildParams) -> Result<RayTree<Shapes<P>>, BuildError> {
         RayTree::of(Shapes::new(primitives)?, params, &Progress::new(None))
     }
 
-    /// The primitives as given to the build.
+    /// The primitives that were given to the build.
     pub fn primitives(&self) -> &[P] {
         self.geometry.shapes()
     }
@@ -449,7 +453,7 @@ mod tests {
             let made = (scene::find(name).expect("a scene of the catalogue").make)(triangles);
             let tree = RayTree::build(&made.meshes, &BuildParams::default()).expect("a tree");
             let Layout::Wide(wide) = &tree.layout else { panic!("the default is wide") };
-            assert_eq!(wide.parts() > 1, divided, "{name}");
+            assert_eq!(wide.time_slices() > 1, divided, "{name}");
             check_batches(tree, &made.camera);
         }
     }

@@ -47,11 +47,11 @@ impl<G: Geometry> RayTree<G> {
         // If the tree space changed, all coordinates did.
         let moved = if before.maps_as(now) { moved } else { vec![true; moved.len()] };
         let (done, cost) = tree.refit(&geometry, &Moved::new(moved), &mut self.plan);
-        geometry.written();
+        geometry.release_build_data();
         let blocks = tree.counts.nodes + tree.counts.leaves;
         self.geometry = geometry;
         self.statistics.cost = cost;
-        self.geometry.complaint().map_err(RefitError::Input)?;
+        self.geometry.input_error().map_err(RefitError::Input)?;
         let (nodes, leaves) = (done.nodes, done.leaves);
         Ok(Refit { nodes, leaves, kept: done.visited - nodes - leaves, skipped: blocks - done.visited, cost })
     }
@@ -67,8 +67,8 @@ impl<G: Geometry> RayTree<G> {
 }
 
 impl RayTree {
-    /// Moves the vertices of the meshes to other positions, for the next frame of an animation, in a part of the time
-    /// of a new build. Every answer is then that of brute force over these meshes, bit for bit.
+    /// Moves the vertices of the meshes to other positions, for the next frame of an animation. This takes a part of the
+    /// time of a new build. Every answer then equals that of brute force over these meshes, bit for bit.
     ///
     /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
     /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as the number of keys after

@@ -1,44 +1,46 @@
 //! The slab test: one ray against the sixteen boxes of a node (Kay and Kajiya, "Ray Tracing Complex Scenes", 1986).
 //!
-//! Boxes at the ray's time are one multiply-add per face away from the node's rows. A face `f` is met at
-//! `(f - o) / d`, and with `r = 1 / d` computed once, `f * r + (-o r -+ slack |r|)` grows the box by the slack as well, where
-//! it costs nothing.
+//! The faces of the boxes at the ray's time follow from the node's rows by one multiply-add per face. The ray meets a face `f` at
+//! `(f - o) / d`. With `r = 1 / d`, computed once per ray, this is `f * r + (-o r -+ slack |r|)`: the constant term also grows the box by
+//! the slack, at no cost per box.
 //!
-//! Proof that nothing is culled that a leaf would accept: along each axis the computed distance is
-//! `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|` (two products and the
-//! sum of the constant term, the sum with the face's, which is fused or has a product more), below 5 ULP of
-//! `(|f| + |o|) |r|`, and `r`, which is in both terms alike, is rounded itself (1). That and what the kernel may stray
-//! ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)) grows with the coordinates of what is hit and with the origin's: boxes are
-//! padded by the first when they are written, rays have slack for the second. So one vertex far away
-//! makes no other box larger. Distances that tie with the limit are kept, since the comparison is `<=`.
-//! A ray that begins behind its origin counts distances from its begin, so that none that matters is below zero and
-//! integers order like numbers: three more roundings, of sums with that begin, for which its slack is larger.
-//! Everything stays finite: coordinates are below 2^102 and reciprocals at most 2^24.
+//! **Proof that no box is culled whose leaf would accept a hit.**
+//!
+//! - Along each axis the computed distance is `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|`: two
+//!   products and the sum of the constant term, and the sum with the face's term, which is fused or has one product more. This is below
+//!   5 ULP of `(|f| + |o|) |r|`. The rounding of `r` itself (1 ULP) is the same in both terms.
+//! - This error and the deviation of the triangle test ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)) grow with the coordinates of the
+//!   primitive and with those of the origin. Boxes are padded for the first part when they are written; rays have slack for the second
+//!   part. So a single distant vertex does not enlarge other boxes.
+//! - The comparison is `<=`, so distances that tie with the limit are kept.
+//! - A ray that begins behind its origin measures distances from its begin. Then no distance that matters is negative, and the bits of
+//!   floats order like integers. This costs three more roundings, of sums with that begin; the slack of such a ray is larger for them.
+//! - Everything stays finite: coordinates are below 2^102 and reciprocals at most 2^24.
 
 use crate::layout::NODE_ROWS;
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 use crate::traverse::NodeBlock;
 use glam::{Vec3, Vec3A};
 
-/// A ray as the slab test wants it, per axis.
+/// The data of a ray for the slab test, per axis.
 pub(crate) struct Slabs {
-    /// Words from an axis' pair of rows to that of the near faces: none, or a row where the ray goes backward.
+    /// Words from the first of an axis' two rows to the row of the near faces: zero, or one row if the direction is negative.
     pub(super) near: [usize; 3],
-    /// One over each component of the direction, where components that are too small count as more.
+    /// The reciprocal of each component of the direction; components that are too small are replaced by larger ones.
     pub inverse: Vec3A,
     pub(super) near_offset: Vec3A,
     pub(super) far_offset: Vec3A,
-    /// What distances along the ray are greater by here, so that none that counts is below zero; 0 for nearly all rays.
+    /// An offset of all distances here, so that none that matters is negative; 0 for nearly all rays.
     shift: f32,
-    /// Where the ray begins, shifted.
+    /// The begin of the ray, with the offset.
     pub(super) begin: f32,
-    /// When it looks.
+    /// The time of the ray.
     time: f32,
 }
 
 impl Slabs {
-    /// Of a ray that begins at `begin`, no more than `behind` before its origin, for boxes that are larger by `slack` than they say.
-    /// The inverse is that of the direction, but for what is too small.
+    /// For a ray that begins at the distance `begin`, at most `behind` behind its origin. Boxes count as larger by `slack`. `inverse` is
+    /// the reciprocal of the direction, except for components that are too small.
     #[inline(always)]
     pub fn new(
         (origin, dir, inverse): (Vec3A, Vec3, Vec3A),
@@ -59,34 +61,34 @@ impl Slabs {
         }
     }
 
-    /// When the ray looks.
+    /// The time of the ray.
     #[inline(always)]
     pub fn time(&self) -> f32 {
         self.time
     }
 
-    /// How far behind its origin the ray begins; 0 for one that begins before it.
+    /// How far behind its origin the ray begins; 0 if it begins at or in front of it.
     pub fn behind(&self) -> f32 {
         self.shift
     }
 
-    /// A limit for distances, as boxes are compared with it.
+    /// A limit of distances, with the offset.
     #[inline(always)]
     fn limit(&self, limit: f32) -> f32 {
         limit + self.shift
     }
 
-    /// The same as a key of boxes: distances below zero were stored as zero.
+    /// The limit as a key for comparison with the keys of boxes, in which negative distances are stored as zero.
     #[inline(always)]
     pub fn key(&self, limit: f32) -> f32 {
         self.limit(limit).max(0.0)
     }
 
-    /// The boxes of a node that the ray meets no farther away than `reach`, and where.
+    /// The boxes of a node that the ray meets no farther away than `reach`, and the distances at which it enters them.
     #[inline(always)]
     pub fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, reach: f32) -> (Mask, S::F) {
         let time = s.splat(self.time);
-        // Written out: closures would be compiled without the instruction set.
+        // No closures: they would be compiled without the instruction set.
         let near = [
             face_distance::<S, ROWS, 0>(s, block, self.near[0], time, self.inverse.x, self.near_offset.x),
             face_distance::<S, ROWS, 1>(s, block, self.near[1], time, self.inverse.y, self.near_offset.y),
@@ -97,7 +99,7 @@ impl Slabs {
             face_distance::<S, ROWS, 1>(s, block, self.near[1] ^ LANES, time, self.inverse.y, self.far_offset.y),
             face_distance::<S, ROWS, 2>(s, block, self.near[2] ^ LANES, time, self.inverse.z, self.far_offset.z),
         ];
-        // All that count are above zero, where integers order like numbers.
+        // All distances that matter are positive, where the bits of floats order like integers.
         let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(self.begin)));
         let limit = s.splat(self.limit(reach));
         let leave = s.min_signed(s.min_signed(far[0], far[1]), s.min_signed(far[2], limit));
@@ -105,13 +107,14 @@ impl Slabs {
     }
 }
 
-/// A row's words where the sign is negative.
+/// The words of one row if the component is negative, else zero.
 #[inline(always)]
 fn backward(component: f32) -> usize {
     (component.to_bits() >> 31) as usize * LANES
 }
 
-/// Distance along the ray at which it meets one face of every box of a node: `side` words behind the pair of rows.
+/// The distances along the ray to one face of every box of a node. The row of the face is `side` words after the first of the two rows of
+/// the axis.
 #[inline(always)]
 fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
     s: S,
@@ -121,7 +124,7 @@ fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
     inverse: f32,
     offset: f32,
 ) -> S::F {
-    // The mask keeps the compiler from checking bounds.
+    // The mask makes bounds checks unnecessary.
     let row = 2 * AXIS * LANES + (side & LANES);
     let at = s.load(lanes_at(block, row));
     let face = if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, row + 6 * LANES)), time, at) } else { at };
@@ -159,7 +162,7 @@ mod tests {
         }
     }
 
-    /// Whether a ray hits a triangle, and then whether it misses its box, if that is padded by this part of its size.
+    /// Whether a ray hits a triangle, and if so, whether it misses the triangle's box when that is padded by `pad` times its size.
     fn hit_and_lost(ray: &TreeRay, corners: [Vec3; 3], pad: f32) -> (bool, bool) {
         let fine = || corners.map(Vec3::as_dvec3);
         let Some(hit) = intersect_triangle(ray, &Sheared::new(ray), corners, fine) else { return (false, false) };
@@ -176,7 +179,7 @@ mod tests {
         (true, enter > leave)
     }
 
-    /// A triangle with one side along a face of its box, or along an edge, and a point of that side, where rays are aimed.
+    /// A triangle with one side on a face (or an edge) of its box, and a point on that side at which rays are aimed.
     fn aim(mut next: impl FnMut() -> f32, at_edge: bool) -> ([Vec3; 3], Vec3) {
         let mut point = || Vec3::new(next(), next(), next());
         let (a, mut b, c) = (point(), point(), point());
@@ -187,8 +190,8 @@ mod tests {
         ([a, b, c], a + (b - a) * (0.5 + 0.5 * next()))
     }
 
-    /// The hits of 200 000 rays that are lost, of boxes that are padded by this part of their size; `ray` makes a ray, and `slack`
-    /// says how much of it counts for boxes.
+    /// The number of hits of 200 000 rays that are lost if boxes are padded by `pad` times their size. `ray` makes a ray and a
+    /// triangle; `slack` gives the slack that the slab test uses.
     fn lost(
         mut ray: impl FnMut(&mut dyn FnMut() -> f32) -> (Ray, [Vec3; 3]),
         slack: impl Fn(&TreeRay) -> f32,
@@ -198,8 +201,8 @@ mod tests {
         let mut next = || random.signed();
         let (mut hits, mut lost) = (0, 0);
         for _ in 0..200_000 {
-            let (asked, corners) = ray(&mut next);
-            let Some(mut ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };
+            let (original, corners) = ray(&mut next);
+            let Some(mut ray) = TreeRay::new(&original, &Frame::WORLD) else { continue };
             ray.slabs = ray.slabs_with(slack(&ray), ray.slabs.behind());
             let (hit, missed) = hit_and_lost(&ray, corners, pad);
             hits += usize::from(hit);
@@ -209,12 +212,12 @@ mod tests {
         lost
     }
 
-    /// The slack of a ray for its origin alone.
-    fn usual_slack(ray: &TreeRay) -> f32 {
+    /// The part of a ray's slack that is due to its origin.
+    fn origin_slack(ray: &TreeRay) -> f32 {
         KERNEL_ULPS * ULP * ray.origin.into_iter().map(f32::abs).fold(0.0, f32::max)
     }
 
-    /// Hits that are lost if boxes and rays have this part of the padding and the slack that they should have.
+    /// The hits that are lost if the padding of boxes and the slack of rays are multiplied by `part`.
     fn hits_lost(part: f32) -> usize {
         let ray = |next: &mut dyn FnMut() -> f32| {
             let (corners, target) = aim(&mut *next, false);
@@ -224,7 +227,7 @@ mod tests {
         lost(ray, |ray| ray.slack * part, KERNEL_ULPS * ULP * part)
     }
 
-    /// The same of rays from far away that have this part of the slack for their way to the scene, and no other.
+    /// The same for rays from far away whose slack is `part` times that for moving their origin to the scene, and nothing else.
     fn far_hits_lost(part: f32) -> usize {
         let ray = |next: &mut dyn FnMut() -> f32| {
             let (corners, target) = aim(&mut *next, true);
@@ -232,20 +235,20 @@ mod tests {
             let origin = target.as_dvec3() - dir.as_dvec3() * (4e9 / f64::from(dir.abs().max_element()));
             (Ray::new(origin, dir), corners)
         };
-        lost(ray, |ray| (ray.slack - usual_slack(ray)) * part, 0.0)
+        lost(ray, |ray| (ray.slack - origin_slack(ray)) * part, 0.0)
     }
 
-    /// The same of lines through small triangles that have this part of the slack for what is behind their origin, beside
-    /// the usual.
+    /// The same for lines through small triangles whose slack is `part` times that for beginning behind their origin, plus the slack
+    /// for the origin.
     fn hits_of_lines_lost(part: f32) -> usize {
         let ray = |next: &mut dyn FnMut() -> f32| {
             let (corners, target) = aim(&mut *next, true);
             let origin = Vec3::new(next(), next(), next()) * 3e-4;
-            // Where `t` were 1, distances would be exact.
+            // The factor 0.7 avoids `t = 1`, at which distances would be exact.
             let line = Ray::new(origin, (target * 1e-4 - origin) * 0.7).between(f32::NEG_INFINITY, f32::INFINITY);
             (line, corners.map(|corner| corner * 1e-4))
         };
-        lost(ray, |ray| usual_slack(ray) + (ray.slack - usual_slack(ray)) * part, KERNEL_ULPS * ULP)
+        lost(ray, |ray| origin_slack(ray) + (ray.slack - origin_slack(ray)) * part, KERNEL_ULPS * ULP)
     }
 
     #[test]

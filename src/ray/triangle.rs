@@ -36,13 +36,13 @@ impl TreeRay<'_> {
     pub(super) fn decide<S: Simd>(&self, s: S, sheared: &Sheared, corners: [S::D; 3], limit: f32) -> Option<SetHit> {
         let [x, y, z] = sheared.axes();
         let (ox, oy, oz) = (self.from[x], self.from[y], self.from[z]);
-        let dir: &[f32; 3] = self.asked.dir.as_ref();
+        let dir: &[f32; 3] = self.original.dir.as_ref();
         let (dx, dy, dz) = (f64::from(dir[x]), f64::from(dir[y]), f64::from(dir[z]));
         let z = corners[2] - s.splat_d(oz);
         let x = along(s, corners[0] - s.splat_d(ox), z, dx, dz);
         let y = along(s, corners[1] - s.splat_d(oy), z, dy, dz);
         // Of corners a, b and c the edge functions c x b, a x c and b x a, in lanes.
-        let mut edges = s.turn_right(x) * s.turn_left(y) - s.turn_right(y) * s.turn_left(x);
+        let mut edges = s.rotate_right(x) * s.rotate_left(y) - s.rotate_right(y) * s.rotate_left(x);
         let mut signs = Signs::of(s, edges);
         if signs.zero() != 0 {
             edges = s.load_d(&exact_edges(s.lanes_d(x), s.lanes_d(y)));
@@ -179,14 +179,14 @@ mod tests {
             let corners = [point(size) + place, point(size) + place, point(size) + place];
             let origin = point(3.0) * if i % 2 == 0 { 1.0 } else { size };
             let target = corners[0].lerp(corners[1], if i % 3 == 0 { 0.0 } else { 0.5 + 0.5 * next() });
-            let asked = Ray::new(origin, target - origin);
-            let Some(ray) = TreeRay::new(&asked, &Frame::WORLD) else { continue };
+            let original = Ray::new(origin, target - origin);
+            let Some(ray) = TreeRay::new(&original, &Frame::WORLD) else { continue };
             let sheared = Sheared::new(&ray);
             if ray.decide_one(&sheared, corners.map(Vec3::as_dvec3), f32::INFINITY).is_none() {
                 continue;
             }
             let [a, b, c] = corners.map(|p| sheared.corner(p, ray.origin));
-            assert!(Sheared::may_hit([a, b, c], ray.slack), "{corners:?} {asked:?}");
+            assert!(Sheared::may_hit([a, b, c], ray.slack), "{corners:?} {original:?}");
             let edges = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
             hits += 1;
             without += usize::from(edges.iter().any(|&e| e < 0.0) && edges.iter().any(|&e| e > 0.0));
@@ -207,8 +207,8 @@ mod tests {
         // The ray is the axis and corners are integers: products of 24 bits, whose differences fit i64.
         let mut random = Random(9);
         let mut next = |bits: u32| (random.bits() >> 33) as i64 % (1 << bits);
-        let asked = Ray::new(Vec3::ZERO, Vec3::Z);
-        let ray = TreeRay::new(&asked, &Frame::WORLD).unwrap();
+        let original = Ray::new(Vec3::ZERO, Vec3::Z);
+        let ray = TreeRay::new(&original, &Frame::WORLD).unwrap();
         let sheared = Sheared::new(&ray);
         let (mut near, mut inside) = (0, 0);
         for _ in 0..100_000 {

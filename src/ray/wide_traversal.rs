@@ -1,32 +1,33 @@
-//! Rays in the wide layout: nodes by the slab test ([`super::slabs`]), leaf blocks by their own kernels ([`super::leaf`]).
+//! Traversal of the wide layout by a ray: nodes are tested by the slab test ([`super::slabs`]), leaf blocks by kernels of their own
+//! ([`super::leaf`]).
 
 use super::collect::Collect;
 use super::filter::Filter;
 use super::intersect::RaySource;
 use super::leaf::LeafRows;
 use super::observer::Observer;
+use super::ray_layout::RayLayout;
 use super::shear::Sheared;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use super::walk::Walk;
 use crate::geometry::KeyTime;
 use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, Kind, VERTEX_ROWS, WideTree};
 use crate::simd::{Mask, Simd, Stack};
 use crate::traverse::{Cursor, NodeBlock, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
 
-/// The wide layout with an instruction set to walk it by.
+/// The wide layout, and the instruction set for its traversal.
 pub(crate) struct Wide<'a, S> {
     pub tree: &'a WideTree,
     pub simd: S,
-    /// What waits on the way. It is there before the ray is looked at: the call that a deep tree needs for it would
-    /// push the ray out of registers.
+    /// The stack of the traversal. It is allocated before the ray is prepared: a deep tree needs a call for it, which would spill the
+    /// registers of the ray.
     pub stack: Stack<'a, u64>,
 }
 
-impl<S: Simd> Walk for Wide<'_, S> {
+impl<S: Simd> RayLayout for Wide<'_, S> {
     #[inline(always)]
-    fn walk<G: RaySource>(
+    fn traverse<G: RaySource>(
         self,
         set: &G,
         ray: &TreeRay,
@@ -45,11 +46,11 @@ impl<S: Simd> Walk for Wide<'_, S> {
     }
 }
 
-/// A ray on its way through the tree, with all that is asked of it.
+/// The state of a ray during a traversal, and the parts of its query.
 pub(super) struct RayQuery<'a, G, F, C, O> {
     pub traverser: &'a Traverser<'a, G, F>,
     pub ray: &'a TreeRay<'a>,
-    /// Made when the ray comes to its first leaf block.
+    /// Computed when the ray reaches its first leaf block.
     pub sheared: &'a mut Option<Sheared>,
     pub collect: &'a mut C,
     pub observer: &'a mut O,
@@ -83,14 +84,14 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
         let RayQuery { traverser, ray, .. } = *self;
         let (collect, observer) = (&mut *self.collect, &mut *self.observer);
         if self.sheared.is_none() {
-            let (of, usual) = Sheared::of(ray);
+            let (of, regular) = Sheared::of(ray);
             let of = self.sheared.insert(of);
-            if !usual {
-                of.mend(ray);
+            if !regular {
+                of.recompute(ray);
             }
         }
         let Some(sheared) = &*self.sheared else { return ControlFlow::Continue(()) };
-        // Each kind of test is called from one place: the code of a query must fit the instruction cache.
+        // Each kind of test is called from one place, so that the code of a query fits the instruction cache.
         let still = (sheared, Between::NEVER);
         let (shared, rows, between) = match at.kind() {
             _ if !G::TRIANGLES => return ended(traverser.list(at, (ray, sheared), collect, observer)),
@@ -121,7 +122,7 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
     }
 }
 
-/// Ends a query, or does not.
+/// `Break` if the query has ended.
 #[inline(always)]
 fn ended(end: bool) -> ControlFlow<()> {
     if end { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

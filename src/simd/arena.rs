@@ -103,7 +103,7 @@ impl Arena {
     ///
     /// Queries access the arena at random; with pages of 4 KiB most accesses to a large tree also miss the TLB, which
     /// costs more than the cache miss.
-    pub(crate) fn settle(&mut self) {
+    pub(crate) fn compact(&mut self) {
         let lines = self.lines.len() + LANES;
         // Memory that fits to a few percent already is kept.
         let capacity = self.lines.capacity();
@@ -124,7 +124,7 @@ impl Arena {
         unsafe { core::slice::from_raw_parts(lines.as_ptr().cast(), lines.len() * LANES) }
     }
 
-    /// The words of sixteen lines from word `at`, which begins a line. Blocks are shorter than that; a settled arena
+    /// The words of sixteen lines from word `at`, which begins a line. Blocks are shorter than that; a compacted arena
     /// has that many lines after its last block.
     #[inline(always)]
     pub(crate) fn block(&self, at: usize) -> &[f32; LANES * LANES] {

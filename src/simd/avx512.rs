@@ -327,11 +327,11 @@ impl Simd for Avx512 {
         Four(intrinsic!(_mm256_cvtps_pd(_mm512_castps512_ps128(picked))))
     }
     #[inline(always)]
-    fn turn_left(self, a: Four) -> Four {
+    fn rotate_left(self, a: Four) -> Four {
         Four(intrinsic!(_mm256_permute4x64_pd::<0b11_00_10_01>(a.0)))
     }
     #[inline(always)]
-    fn turn_right(self, a: Four) -> Four {
+    fn rotate_right(self, a: Four) -> Four {
         Four(intrinsic!(_mm256_permute4x64_pd::<0b11_01_00_10>(a.0)))
     }
     #[inline(always)]

@@ -120,9 +120,9 @@ pub(crate) trait Simd: Copy {
     /// The lanes of `a` that the lowest four groups of four bits of `numbers` select, as f64.
     fn pick_four(self, a: Self::F, numbers: u32) -> Self::D;
     /// The lanes 1, 2, 0, 3.
-    fn turn_left(self, a: Self::D) -> Self::D;
+    fn rotate_left(self, a: Self::D) -> Self::D;
     /// The lanes 2, 0, 1, 3.
-    fn turn_right(self, a: Self::D) -> Self::D;
+    fn rotate_right(self, a: Self::D) -> Self::D;
     /// All four lanes.
     fn lanes_d(self, a: Self::D) -> [f64; 4];
     /// Four floats as f64.

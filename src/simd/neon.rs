@@ -524,11 +524,11 @@ impl Simd for Neon {
         Four::widened(look_up(a.table(), intrinsic!(vshlq_u32(vdupq_n_u32(numbers), places))))
     }
     #[inline(always)]
-    fn turn_left(self, Four(ab, cd): Four) -> Four {
+    fn rotate_left(self, Four(ab, cd): Four) -> Four {
         Four(intrinsic!(vextq_f64::<1>(ab, cd)), intrinsic!(vcombine_f64(vget_low_f64(ab), vget_high_f64(cd))))
     }
     #[inline(always)]
-    fn turn_right(self, Four(ab, cd): Four) -> Four {
+    fn rotate_right(self, Four(ab, cd): Four) -> Four {
         Four(intrinsic!(vzip1q_f64(cd, ab)), intrinsic!(vzip2q_f64(ab, cd)))
     }
     #[inline(always)]

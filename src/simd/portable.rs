@@ -354,11 +354,11 @@ impl Simd for Portable {
         Four([lane(0), lane(1), lane(2), lane(3)])
     }
     #[inline(always)]
-    fn turn_left(self, Four([a, b, c, d]): Four) -> Four {
+    fn rotate_left(self, Four([a, b, c, d]): Four) -> Four {
         Four([b, c, a, d])
     }
     #[inline(always)]
-    fn turn_right(self, Four([a, b, c, d]): Four) -> Four {
+    fn rotate_right(self, Four([a, b, c, d]): Four) -> Four {
         Four([c, a, b, d])
     }
     #[inline(always)]

@@ -476,11 +476,11 @@ impl Simd for Sse2 {
         Four(intrinsic!(_mm_setr_pd(lane(0), lane(1))), intrinsic!(_mm_setr_pd(lane(2), lane(3))))
     }
     #[inline(always)]
-    fn turn_left(self, Four(ab, cd): Four) -> Four {
+    fn rotate_left(self, Four(ab, cd): Four) -> Four {
         Four(intrinsic!(_mm_shuffle_pd::<0b01>(ab, cd)), intrinsic!(_mm_shuffle_pd::<0b10>(ab, cd)))
     }
     #[inline(always)]
-    fn turn_right(self, Four(ab, cd): Four) -> Four {
+    fn rotate_right(self, Four(ab, cd): Four) -> Four {
         Four(intrinsic!(_mm_shuffle_pd::<0b00>(cd, ab)), intrinsic!(_mm_shuffle_pd::<0b11>(ab, cd)))
     }
     #[inline(always)]

@@ -121,7 +121,7 @@ impl Kernel for All {
                 let (a, b) = (s.load_d(&four(&self.a)), s.load_d(&four(&self.b)));
                 let widened = s.widen([self.a[4], self.a[5], self.a[6]]);
                 let picked = s.pick_four(s.load(&self.a), self.b[6].to_bits());
-                let more = [s.splat_d(f64::from(self.b[7]) / 3.0), s.turn_left(a), s.turn_right(a)];
+                let more = [s.splat_d(f64::from(self.b[7]) / 3.0), s.rotate_left(a), s.rotate_right(a)];
                 let first = [self.a[0], self.a[1], self.a[2], self.a[3]];
                 let narrowed = s.widen_four(&s.narrow(a));
                 let chosen = [s.min_d(a, b), s.max_d(a, b), s.select_le(a, b, widened, more[1]), narrowed];
@@ -204,7 +204,7 @@ fn the_arena_begins_on_cache_lines_and_keeps_what_is_written() {
     let b = arena.grow(3);
     arena.ints_mut()[b] = 7;
     assert_eq!((a, b), (0, 16));
-    arena.settle();
+    arena.compact();
     assert_eq!(arena.floats().as_ptr() as usize % 64, 0);
     assert_eq!(arena.floats()[4].to_bits(), arena.ints()[4]);
     assert_eq!((arena.floats()[4], arena.ints()[16]), (1.5, 7));

@@ -259,8 +259,8 @@ impl Growth {
     fn by(division: Division, nodes: f32) -> f32 {
         match division {
             Division::Automatic | Division::Whole => 1.0,
-            Division::Segments(parts) => 1.0 + nodes * (parts - 1) as f32,
-            Division::Copies(parts) => parts as f32,
+            Division::Segments(count) => 1.0 + nodes * (count - 1) as f32,
+            Division::Copies(count) => count as f32,
         }
     }
 }
@@ -268,7 +268,7 @@ impl Growth {
 /// The factor by which a ray takes longer in a tree `growth` times as large, with the same number of steps and tests,
 /// because of cache misses. The fourth root was measured for single rays on coherent, debris, needles, needles30 and
 /// tornado, 10 to 280 MB.
-fn waiting(growth: f32) -> f32 {
+fn latency_factor(growth: f32) -> f32 {
     growth.sqrt().sqrt()
 }
 
@@ -280,8 +280,8 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
     let (whole, still) = (cost_of(&samples), cost_of(&unmoved));
     let cost = |division: Division| {
         let each = |i: usize| match division {
-            Division::Segments(parts) => SharedLeaves::build(set, draft, moving[i], parts).cost(),
-            Division::Copies(parts) => copies_cost(set, draft, moving[i], parts, params),
+            Division::Segments(count) => SharedLeaves::build(set, draft, moving[i], count).cost(),
+            Division::Copies(count) => copies_cost(set, draft, moving[i], count, params),
             Division::Automatic | Division::Whole => draft.collapse.cost(moving[i]),
         };
         (still + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
@@ -290,20 +290,20 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
     // Doubles the number of slices as long as that pays; returns the cost of two slices. The first step may fall a
     // little short.
     let climb = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
-        let (mut last, mut two, mut parts) = (1.1 * best.0, 1.0, 2);
-        while parts <= MAX_TIME_SLICES && Growth::by(kind(parts), NODE_BYTES_SHARE) <= most.0 {
-            let cost = cost(kind(parts));
-            let time = cost * waiting(Growth::by(kind(parts), NODE_LATENCY_SHARE));
-            if parts == 2 {
+        let (mut last, mut two, mut count) = (1.1 * best.0, 1.0, 2);
+        while count <= MAX_TIME_SLICES && Growth::by(kind(count), NODE_BYTES_SHARE) <= most.0 {
+            let cost = cost(kind(count));
+            let time = cost * latency_factor(Growth::by(kind(count), NODE_LATENCY_SHARE));
+            if count == 2 {
                 two = cost;
             }
             if time < best.0 {
-                *best = (time, kind(parts), cost);
+                *best = (time, kind(count), cost);
             }
             if time >= last || two > MAX_TWO_SLICES_COST {
                 break;
             }
-            (last, parts) = (time, 2 * parts);
+            (last, count) = (time, 2 * count);
         }
         two
     };
@@ -320,13 +320,13 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
 }
 
 /// Mean cost of separate trees for equal time slices over the primitives of a subtree.
-fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize, params: &WideParams) -> f32 {
+fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, params: &WideParams) -> f32 {
     let ids = primitives(draft, of);
-    let params = params_of_copies(params, parts);
+    let params = params_of_copies(params, count);
     let cost = |i: usize| {
-        draft_tree(set, &ids, TimeSlice { index: i, of: parts }, &params, Some(draft.cost_model)).collapse.total()
+        draft_tree(set, &ids, TimeSlice { index: i, of: count }, &params, Some(draft.cost_model)).collapse.total()
     };
-    (0..parts).map(cost).sum::<f32>() / parts as f32
+    (0..count).map(cost).sum::<f32>() / count as f32
 }
 
 /// Cost of a tree for a short time in the middle of the shutter.
@@ -337,8 +337,8 @@ fn moment_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &WidePa
 }
 
 /// The parameters of one copy: the memory for pre-splitting is divided between the copies.
-pub(crate) fn params_of_copies(params: &WideParams, parts: usize) -> WideParams {
-    WideParams { bytes_per_primitive: params.bytes_per_primitive / parts as f32, ..*params }
+pub(crate) fn params_of_copies(params: &WideParams, count: usize) -> WideParams {
+    WideParams { bytes_per_primitive: params.bytes_per_primitive / count as f32, ..*params }
 }
 
 /// The primitives below a node, sorted, without duplicates.

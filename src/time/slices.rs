@@ -24,16 +24,16 @@ pub(crate) struct Slice {
 }
 
 impl SharedLeaves {
-    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for `parts` equal time slices of the shutter.
-    pub fn build<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, parts: usize) -> SharedLeaves {
+    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for `count` equal time slices of the shutter.
+    pub fn build<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize) -> SharedLeaves {
         let clusters = draft.collapse.leaves(&draft.binary, of);
-        let seams: Option<Vec<Vec<Box3>>> = (1..parts).map(|i| seam(set, draft, &clusters, i, parts)).collect();
-        let trees = parallel::map(parts, |part| {
-            let over = time_slice(part, parts);
+        let seams: Option<Vec<Vec<Box3>>> = (1..count).map(|i| seam(set, draft, &clusters, i, count)).collect();
+        let trees = parallel::map(count, |slice| {
+            let over = time_slice(slice, count);
             let bounds = |i: usize| match &seams {
                 Some(seams) => LinearBox3 {
-                    begin: if part == 0 { clusters[i].bounds.begin } else { seams[part - 1][i] },
-                    end: if part + 1 == parts { clusters[i].bounds.end } else { seams[part][i] },
+                    begin: if slice == 0 { clusters[i].bounds.begin } else { seams[slice - 1][i] },
+                    end: if slice + 1 == count { clusters[i].bounds.end } else { seams[slice][i] },
                 },
                 None => {
                     let of = draft.references(&clusters[i]).iter();
@@ -57,8 +57,8 @@ impl SharedLeaves {
 /// Corners move on lines up to their slack, so linear interpolation between the boxes at both ends of a slice bounds
 /// them at all its times. The slice before ends slightly later than this one begins: the boxes hold the corners at both
 /// times.
-fn seam<S: PrimitiveSet>(set: &S, draft: &Draft, clusters: &[BinaryNode], i: usize, parts: usize) -> Option<Vec<Box3>> {
-    let over = time_slice(i, parts).intersect(time_slice(i - 1, parts))?;
+fn seam<S: PrimitiveSet>(set: &S, draft: &Draft, clusters: &[BinaryNode], i: usize, count: usize) -> Option<Vec<Box3>> {
+    let over = time_slice(i, count).intersect(time_slice(i - 1, count))?;
     if draft.presplit || set.bent() || set.ends(draft.references.first()?.id(), over).is_none() {
         return None;
     }

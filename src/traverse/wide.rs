@@ -206,7 +206,7 @@ impl<'a> WideTraversal<'a> {
             let lane = mask.trailing_zeros() as usize % LANES;
             mask &= mask - 1;
             let child = ChildRef(children[lane].to_bits());
-            if keys && child.kind() == Kind::OwnLeaf {
+            if keys && child.kind() == Kind::OtherLeaf {
                 self.arena.prefetch(child.at(), FRONT_LINES);
                 self.arena.prefetch(KeyedRows::begin(child, self.ahead - KEYS), ROW_LINES);
             } else if all {

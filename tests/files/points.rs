@@ -216,7 +216,7 @@ fn trees_go_on_from_step_to_step_after_loading() {
 }
 
 /// Runs all queries on a tree, and builds from it.
-fn ask(mut tree: PointTree, seed: u64) {
+fn run_queries(mut tree: PointTree, seed: u64) {
     answers(&tree, 9, seed);
     let points = vec![Vec3::ZERO; tree.len().min(10_000)];
     tree.take_order();
@@ -229,7 +229,7 @@ fn hostile(name: &str, number: u64, bytes: &[u8], rounds: u64, counts: &mut [usi
         let hostile = mutate(bytes, &mut Random(seed));
         let outcome = std::panic::catch_unwind(|| match read(&hostile) {
             Ok(tree) => {
-                ask(tree, seed);
+                run_queries(tree, seed);
                 1
             }
             Err(FileError::Broken { .. } | FileError::Length { .. }) => 0,

@@ -243,7 +243,7 @@ fn own_shapes_in_a_scene_are_refused_and_own_primitives_are_handed_in_again() {
 }
 
 /// Runs all queries on a tree, on each instruction set.
-fn ask(tree: RayTree, seed: u64) {
+fn run_queries(tree: RayTree, seed: u64) {
     let _ = tree.validate();
     let mut tree = tree;
     for level in mbkd::SimdLevel::available() {
@@ -272,7 +272,7 @@ fn hostile_files_are_refused_or_answer_something() {
             let hostile = mutate(&bytes, &mut Random(seed));
             let outcome = std::panic::catch_unwind(|| match read(&hostile) {
                 Ok(tree) => {
-                    ask(tree, seed);
+                    run_queries(tree, seed);
                     1
                 }
                 Err(FileError::Broken { .. } | FileError::Length { .. }) => 0,

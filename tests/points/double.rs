@@ -217,16 +217,16 @@ fn lists_equal_comparing_all_pairs() {
                         let time = expected.time;
                         let about = format!("{size} {apart} {speed}, {keys} keys, {structure:?}, {simd}, at {time}");
                         let own: Vec<f32> = equal.iter().map(|r| r * 2.0 * rng.unit()).collect();
-                        let ask = tree.neighbor_lists(time, radius).with_distances().sorted().rows_by_id();
+                        let query = tree.neighbor_lists(time, radius).with_distances().sorted().rows_by_id();
                         let [of_others, higher, of_another] = &expected.equal;
-                        ask.run(&mut lists).unwrap();
+                        query.run(&mut lists).unwrap();
                         assert_eq!(found(&lists), *of_others, "{about}");
-                        ask.pairs_once().run(&mut lists).unwrap();
+                        query.pairs_once().run(&mut lists).unwrap();
                         assert_eq!(found(&lists), *higher, "{about}");
-                        ask.among(&others).run(&mut lists).unwrap();
+                        query.among(&others).run(&mut lists).unwrap();
                         assert_eq!(found(&lists), *of_another, "{about}");
-                        let ask = tree.neighbor_lists(time, Radii::Own(&own)).with_distances().sorted().rows_by_id();
-                        ask.run(&mut lists).unwrap();
+                        let query = tree.neighbor_lists(time, Radii::Own(&own)).with_distances().sorted().rows_by_id();
+                        query.run(&mut lists).unwrap();
                         assert_eq!(found(&lists), within(&expected.all, &own, |i, j| i != j), "{about}");
                     }
                 }
@@ -259,15 +259,15 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     assert!(matches!(error, PointError::Parameter { name: "structure", .. }), "{error}");
     let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
     let mut lists = NeighborCsr::new();
-    let ask = tree.neighbor_lists(0.0, 1.0);
-    assert_eq!(ask.periodic([Some(9.0), None, None]).run(&mut lists), Err(ListError::Double));
-    assert_eq!(ask.with_displacements().run(&mut lists), Err(ListError::Double));
+    let query = tree.neighbor_lists(0.0, 1.0);
+    assert_eq!(query.periodic([Some(9.0), None, None]).run(&mut lists), Err(ListError::Double));
+    assert_eq!(query.with_displacements().run(&mut lists), Err(ListError::Double));
     let larger = Radii::Larger { own: &[1.0; 100], others: &[1.0; 100] };
     assert_eq!(tree.neighbor_lists(0.0, larger).run(&mut lists), Err(ListError::Double));
     let own = Radii::Own(&[1.0; 99]);
     assert_eq!(tree.neighbor_lists(0.0, own).run(&mut lists), Err(ListError::MissingRadius { id: 99 }));
     let single = PointTree::build(&[[0.0f32; 3]], &PointParams::default()).unwrap();
-    assert_eq!(ask.among(&single).run(&mut lists), Err(ListError::Double));
+    assert_eq!(query.among(&single).run(&mut lists), Err(ListError::Double));
     assert_eq!(single.neighbor_lists(0.0, 1.0).among(&tree).run(&mut lists), Err(ListError::Double));
     assert_eq!(tree.within_lists(&[[0.0f64; 3]], 0.0, 1.0).run(&mut lists), Err(ListError::Double));
     assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, 0.1, 1.0, &mut lists), Err(ListError::Double));

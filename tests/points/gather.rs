@@ -11,7 +11,7 @@ use proptest::prelude::*;
 
 /// A query with public fields.
 #[derive(Clone, Copy, Debug)]
-struct Asked {
+struct GatherCase {
     at: Vec3,
     normal: Vec3,
     time: f32,
@@ -28,7 +28,7 @@ fn odd(id: u32) -> bool {
     id % 2 == 1
 }
 
-impl Asked {
+impl GatherCase {
     fn query(&self) -> GatherQuery<'static> {
         let mut query = GatherQuery::new(self.at, self.normal, self.time).radius(self.radius).window(self.window);
         query = query.kernels(self.kernels[0], self.kernels[1]);
@@ -120,7 +120,7 @@ fn photons(kind: &str, count: usize, clock: u32, rng: &mut Rng) -> Vec<Photon<f3
     (0..cloud.len()).map(one).collect()
 }
 
-fn asked(photons: &[Photon<f32>], window: f32, rng: &mut Rng) -> Asked {
+fn random_case(photons: &[Photon<f32>], window: f32, rng: &mut Rng) -> GatherCase {
     let some = |rng: &mut Rng| rng.bits() as usize % photons.len().max(1);
     let at = |i: usize| photons.get(i).map_or(Vec3::ZERO, |p| p.position);
     let (here, there) = (at(some(rng)), at(some(rng)));
@@ -128,7 +128,7 @@ fn asked(photons: &[Photon<f32>], window: f32, rng: &mut Rng) -> Asked {
     let radius = [f32::INFINITY, scale * 0.2, scale, scale * 3.0][rng.bits() as usize % 4].min(1e18);
     let radius = if radius.is_finite() && radius > 1e-15 { radius } else { f32::INFINITY };
     let k = [None, Some(1), Some(5), Some(17), Some(60), Some(1000)][rng.bits() as usize % 6];
-    Asked {
+    GatherCase {
         at: if rng.bits().is_multiple_of(4) { here } else { (here + (there - here) * rng.signed()).clamp(-most, most) },
         normal: rng.vec().normalize_or(Vec3::Z),
         time: if rng.bits().is_multiple_of(4) { (rng.bits() % 5) as f32 / 4.0 } else { rng.unit() },
@@ -152,17 +152,17 @@ fn compare(photons: &[Photon<f32>], params: &GatherParams, seed: u64, queries: u
     assert_eq!(map.len(), photons.len());
     let (mut rng, mut scratch, mut found) = (Rng(seed), GatherScratch::new(), 0);
     for _ in 0..queries {
-        let asked = asked(photons, params.window, &mut rng);
-        let (expected, weights) = asked.brute(photons);
-        let answer = map.gather(&asked.query(), &mut scratch);
-        if expected.count > 0 && (1.0 / asked.kernels[0].over_disc(expected.radius.into())) as f32 == f32::INFINITY {
-            assert_eq!(answer, Err(GatherError::NoArea), "{what}: {asked:?}");
+        let case = random_case(photons, params.window, &mut rng);
+        let (expected, weights) = case.brute(photons);
+        let answer = map.gather(&case.query(), &mut scratch);
+        if expected.count > 0 && (1.0 / case.kernels[0].over_disc(expected.radius.into())) as f32 == f32::INFINITY {
+            assert_eq!(answer, Err(GatherError::NoArea), "{what}: {case:?}");
             continue;
         }
-        assert_eq!(bits(&answer.unwrap()), bits(&expected), "{what}: {asked:?}");
+        assert_eq!(bits(&answer.unwrap()), bits(&expected), "{what}: {case:?}");
         let mut each = Vec::new();
-        map.gather_each(&asked.query(), &mut scratch, |id, weight| each.push((id, weight))).unwrap();
-        assert_eq!(each, weights, "{what}: {asked:?}");
+        map.gather_each(&case.query(), &mut scratch, |id, weight| each.push((id, weight))).unwrap();
+        assert_eq!(each, weights, "{what}: {case:?}");
         found += usize::from(expected.count > 0);
     }
     found
@@ -218,9 +218,9 @@ fn the_typical_window_and_number_change_no_answer() {
         let map = PhotonMap::build(photons, &GatherParams { window, neighbors, ..GatherParams::default() }).unwrap();
         let (mut rng, mut scratch) = (Rng(9), GatherScratch::new());
         for _ in 0..60 {
-            let asked = asked(photons, 0.3, &mut rng);
-            let answer = map.gather(&asked.query(), &mut scratch).unwrap();
-            assert_eq!(bits(&answer), bits(&asked.brute(photons).0), "{window}, {neighbors}: {asked:?}");
+            let case = random_case(photons, 0.3, &mut rng);
+            let answer = map.gather(&case.query(), &mut scratch).unwrap();
+            assert_eq!(bits(&answer), bits(&case.brute(photons).0), "{window}, {neighbors}: {case:?}");
         }
     }
 }
@@ -230,7 +230,7 @@ fn batches_are_single_gathers_for_any_number_of_threads() {
     let mut rng = Rng(21);
     let photons = photons("surface", 4000, 3, &mut rng);
     let map = PhotonMap::build(&photons, &GatherParams { window: 0.2, ..GatherParams::default() }).unwrap();
-    let queries: Vec<_> = (0..1500).map(|_| asked(&photons, 0.2, &mut rng).query()).collect();
+    let queries: Vec<_> = (0..1500).map(|_| random_case(&photons, 0.2, &mut rng).query()).collect();
     let mut scratch = GatherScratch::new();
     let single: Vec<_> = queries.iter().map(|q| bits(&map.gather(q, &mut scratch).unwrap())).collect();
     let batch = || map.gather_batch(&queries).unwrap().iter().map(bits).collect::<Vec<_>>();
@@ -266,17 +266,17 @@ proptest! {
         let photons = photons(KINDS[kind], count, 0, &mut rng);
         let map = PhotonMap::build(&photons, &GatherParams::default()).unwrap();
         let speed = [0.0, 0.1, 1.0, 30.0, 1e18][speed];
-        let asked = asked(&photons, 1.0, &mut rng);
+        let case = random_case(&photons, 1.0, &mut rng);
         let metric = |photon: &Photon<f32>| {
             let PhotonTime::At(time) = photon.time else { unreachable!() };
-            let (d, way) = (photon.position - asked.at, (time - asked.time).abs() * speed);
+            let (d, way) = (photon.position - case.at, (time - case.time).abs() * speed);
             ((d.x * d.x + d.y * d.y) + d.z * d.z) + way * way
         };
         let mut all: Vec<(f32, u32)> = photons.iter().map(metric).zip(0..).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         all.truncate(k);
         let mut scratch = GatherScratch::new();
-        let found = map.nearest_in_space_time(asked.at, asked.time, speed, k, &mut scratch).unwrap();
+        let found = map.nearest_in_space_time(case.at, case.time, speed, k, &mut scratch).unwrap();
         let found: Vec<_> = found.iter().map(|n| (n.distance_squared, n.id)).collect();
         prop_assert_eq!(found, all);
     }

@@ -17,7 +17,7 @@ pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> Point
 
 /// The parameters of a list query.
 #[derive(Clone, Debug)]
-struct Question<'a> {
+struct ListCase<'a> {
     time: f32,
     radii: Radii<'a>,
     periods: [Option<f32>; 3],
@@ -25,12 +25,12 @@ struct Question<'a> {
     other: bool,
 }
 
-impl<'a> Question<'a> {
-    fn plain(time: f32, radius: f32) -> Question<'a> {
-        Question { time, radii: Radii::Equal(radius), periods: [None; 3], once: false, other: false }
+impl<'a> ListCase<'a> {
+    fn plain(time: f32, radius: f32) -> ListCase<'a> {
+        ListCase { time, radii: Radii::Equal(radius), periods: [None; 3], once: false, other: false }
     }
 
-    fn ask<'b>(&self, tree: &'b PointTree, among: &'b PointTree) -> ListQuery<'b>
+    fn query<'b>(&self, tree: &'b PointTree, among: &'b PointTree) -> ListQuery<'b>
     where
         'a: 'b,
     {
@@ -55,22 +55,22 @@ fn along(d: f32, period: Option<f32>) -> f32 {
 }
 
 /// All lists by comparing all pairs.
-fn compare_all(own: &Cloud, among: &Cloud, ask: &Question) -> Vec<Vec<Entry>> {
+fn compare_all(own: &Cloud, among: &Cloud, case: &ListCase) -> Vec<Vec<Entry>> {
     let mut lists = vec![Vec::new(); own.len()];
     let square = |r: f32| (r * r).min(f32::MAX);
-    let places: Vec<Vec3> = (0..among.len()).map(|j| among.at(j, ask.time)).collect();
-    for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.alive[*i].contains(ask.time)) {
-        let p = own.at(i, ask.time);
-        for j in (0..among.len()).filter(|&j| among.alive[j].contains(ask.time)) {
-            let bound = match ask.radii {
+    let places: Vec<Vec3> = (0..among.len()).map(|j| among.at(j, case.time)).collect();
+    for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.alive[*i].contains(case.time)) {
+        let p = own.at(i, case.time);
+        for j in (0..among.len()).filter(|&j| among.alive[j].contains(case.time)) {
+            let bound = match case.radii {
                 Radii::Equal(radius) => square(radius),
                 Radii::Own(own) => square(own[i]),
                 Radii::Larger { own, others } => square(own[i]).max(square(others[j])),
             };
             let d = places[j] - p;
-            let way = [0, 1, 2].map(|axis| along(d[axis], ask.periods[axis]));
+            let way = [0, 1, 2].map(|axis| along(d[axis], case.periods[axis]));
             let distance = (way[0] * way[0] + way[1] * way[1]) + way[2] * way[2];
-            let wanted = if ask.once { j > i } else { ask.other || j != i };
+            let wanted = if case.once { j > i } else { case.other || j != i };
             if wanted && distance <= bound {
                 list.push((j as u32, distance.to_bits(), way.map(|x| (x + 0.0).to_bits())));
             }
@@ -79,19 +79,19 @@ fn compare_all(own: &Cloud, among: &Cloud, ask: &Question) -> Vec<Vec<Entry>> {
     lists
 }
 
-fn check(trees: [&PointTree; 2], clouds: [&Cloud; 2], ask: &Question, lists: &mut NeighborCsr, what: &str) {
-    check_against(&compare_all(clouds[0], clouds[1], ask), trees, clouds[0], ask, lists, what);
+fn check(trees: [&PointTree; 2], clouds: [&Cloud; 2], case: &ListCase, lists: &mut NeighborCsr, what: &str) {
+    check_against(&compare_all(clouds[0], clouds[1], case), trees, clouds[0], case, lists, what);
 }
 
 fn check_against(
     expected: &[Vec<Entry>],
     trees: [&PointTree; 2],
     cloud: &Cloud,
-    ask: &Question,
+    case: &ListCase,
     lists: &mut NeighborCsr,
     what: &str,
 ) {
-    let query = ask.ask(trees[0], trees[1]);
+    let query = case.query(trees[0], trees[1]);
     query.rows_by_id().sorted().with_distances().with_displacements().run(lists).unwrap();
     assert_eq!(lists.len(), cloud.len(), "{what}");
     let [x, y, z] = lists.displacements();
@@ -103,17 +103,17 @@ fn check_against(
                 (lists.ids()[n], lists.distances_squared()[n].to_bits(), way)
             })
             .collect();
-        assert_eq!(&found, list, "{what}: point {i}, {ask:?}");
+        assert_eq!(&found, list, "{what}: point {i}, {case:?}");
     }
     // In the order of the tree and unsorted: the same lists.
     query.run(lists).unwrap();
     assert!(lists.distances_squared().is_empty());
-    let alive = (0..cloud.len()).filter(|&i| cloud.alive[i].contains(ask.time)).count();
+    let alive = (0..cloud.len()).filter(|&i| cloud.alive[i].contains(case.time)).count();
     assert_eq!(lists.len(), alive, "{what}");
     for (id, row) in lists.iter() {
         let mut row = row.to_vec();
         row.sort_unstable();
-        assert!(row.iter().copied().eq(expected[id as usize].iter().map(|n| n.0)), "{what}: point {id}, {ask:?}");
+        assert!(row.iter().copied().eq(expected[id as usize].iter().map(|n| n.0)), "{what}: point {id}, {case:?}");
     }
 }
 
@@ -134,31 +134,31 @@ fn lists_equal_comparing_all_pairs() {
             let size = (0..clouds[0].len()).map(|i| clouds[0].at(i, time).abs().max_element()).fold(1e-40, f32::max);
             let spacing = size * 0.3;
             let (own, others) = (radii(clouds[0], spacing, &mut rng), radii(clouds[1], spacing, &mut rng));
-            let plain = Question::plain(time, spacing);
+            let plain = ListCase::plain(time, spacing);
             let larger = Radii::Larger { own: &own, others: &own };
             let both = Radii::Larger { own: &own, others: &others };
-            let mut questions = vec![
+            let mut cases = vec![
                 plain.clone(),
-                Question { once: true, ..Question::plain(time, 0.0) },
-                Question { radii: Radii::Own(&own), ..plain.clone() },
-                Question { radii: larger, once: true, ..plain.clone() },
-                Question { other: true, ..plain.clone() },
-                Question { other: true, radii: both, ..plain.clone() },
+                ListCase { once: true, ..ListCase::plain(time, 0.0) },
+                ListCase { radii: Radii::Own(&own), ..plain.clone() },
+                ListCase { radii: larger, once: true, ..plain.clone() },
+                ListCase { other: true, ..plain.clone() },
+                ListCase { other: true, radii: both, ..plain.clone() },
             ];
             if size > 1e-30 {
                 // From a period beyond the set to one that is many times smaller than the set.
                 let lengths = [2.5 * size, 1.7 * size, 0.9 * size, 0.2 * size];
                 let [a, b, c] = [0, 1, 2].map(|_| lengths[rng.bits() as usize % 4]);
                 let all = [Some(a), Some(b), Some(c)];
-                questions.push(Question { periods: [Some(a), None, None], ..plain.clone() });
-                questions.push(Question { periods: all, radii: larger, once: true, ..plain.clone() });
-                questions.push(Question { periods: [None, Some(a), Some(b)], other: true, ..plain.clone() });
+                cases.push(ListCase { periods: [Some(a), None, None], ..plain.clone() });
+                cases.push(ListCase { periods: all, radii: larger, once: true, ..plain.clone() });
+                cases.push(ListCase { periods: [None, Some(a), Some(b)], other: true, ..plain.clone() });
             }
-            for ask in &questions {
-                let expected = compare_all(clouds[0], clouds[if ask.other { 1 } else { 0 }], ask);
+            for case in &cases {
+                let expected = compare_all(clouds[0], clouds[if case.other { 1 } else { 0 }], case);
                 for ([tree, other], what) in &trees {
                     let what = format!("{kind}, {what}, time {time}");
-                    check_against(&expected, [tree, other], clouds[0], ask, &mut lists, &what);
+                    check_against(&expected, [tree, other], clouds[0], case, &mut lists, &what);
                 }
             }
         }
@@ -172,22 +172,22 @@ fn larger_sets_and_all_numbers_of_threads() {
         let cloud = cloud(kind, 3_000, &mut rng);
         let time = rng.unit();
         let own = radii(&cloud, 0.1, &mut rng);
-        let questions = [
-            Question::plain(time, 0.2),
-            Question { periods: [Some(2.0); 3], ..Question::plain(time, 0.2) },
-            Question { radii: Radii::Larger { own: &own, others: &own }, ..Question::plain(time, 0.0) },
+        let cases = [
+            ListCase::plain(time, 0.2),
+            ListCase { periods: [Some(2.0); 3], ..ListCase::plain(time, 0.2) },
+            ListCase { radii: Radii::Larger { own: &own, others: &own }, ..ListCase::plain(time, 0.0) },
         ];
         let trees = [PointStructure::Automatic, PointStructure::Mbkd].map(|s| build(&cloud, s, SimdLevel::best()));
-        for ask in &questions {
-            let expected = compare_all(&cloud, &cloud, ask);
+        for case in &cases {
+            let expected = compare_all(&cloud, &cloud, case);
             for tree in &trees {
                 let mut one = NeighborCsr::new();
-                check_against(&expected, [tree; 2], &cloud, ask, &mut one, kind);
+                check_against(&expected, [tree; 2], &cloud, case, &mut one, kind);
                 for threads in [1, 3] {
                     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                     let mut lists = NeighborCsr::new();
-                    pool.install(|| ask.ask(tree, tree).with_displacements().run(&mut lists)).unwrap();
-                    ask.ask(tree, tree).with_displacements().run(&mut one).unwrap();
+                    pool.install(|| case.query(tree, tree).with_displacements().run(&mut lists)).unwrap();
+                    case.query(tree, tree).with_displacements().run(&mut one).unwrap();
                     assert_eq!(lists.points(), one.points());
                     assert_eq!(lists.offsets(), one.offsets());
                     assert_eq!(lists.ids(), one.ids());
@@ -226,7 +226,7 @@ fn points_of_a_lattice_exactly_at_the_radius_count() {
     assert!(lists.iter().all(|(_, row)| row.len() == 32));
     tree.neighbor_lists(0.5, 2.0f32.next_down()).periodic([period; 3]).run(&mut lists).unwrap();
     assert!(lists.iter().all(|(_, row)| row.len() == 26));
-    check([&tree; 2], [&cloud; 2], &Question::plain(0.5, 2.0), &mut lists, "lattice");
+    check([&tree; 2], [&cloud; 2], &ListCase::plain(0.5, 2.0), &mut lists, "lattice");
 }
 
 #[test]
@@ -256,8 +256,8 @@ fn a_radius_beyond_the_box_lists_everything_once() {
     let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
     let mut lists = NeighborCsr::new();
     for radius in [0.6, 3.0, 1e30, f32::INFINITY] {
-        let ask = Question { periods: [Some(1.0), Some(0.7), Some(2.0)], ..Question::plain(0.0, radius) };
-        check([&tree; 2], [&cloud; 2], &ask, &mut lists, "radius beyond the box");
+        let case = ListCase { periods: [Some(1.0), Some(0.7), Some(2.0)], ..ListCase::plain(0.0, radius) };
+        check([&tree; 2], [&cloud; 2], &case, &mut lists, "radius beyond the box");
     }
     tree.neighbor_lists(0.0, f32::INFINITY).periodic([Some(1.0); 3]).run(&mut lists).unwrap();
     assert!(lists.iter().all(|(_, row)| row.len() == 499));

@@ -233,16 +233,16 @@ fn origins_far_outside() {
 struct Broken {
     bounds: fn(TimeInterval, u32) -> LinearBounds,
     active: fn(u32) -> TimeInterval,
-    asked: AtomicU32,
+    calls: AtomicU32,
 }
 
 impl Broken {
     fn new(bounds: fn(TimeInterval, u32) -> LinearBounds) -> Broken {
-        Broken { bounds, active: |_| TimeInterval::FULL, asked: AtomicU32::new(0) }
+        Broken { bounds, active: |_| TimeInterval::FULL, calls: AtomicU32::new(0) }
     }
 
     fn calls(&self) -> u32 {
-        self.asked.fetch_add(1, Ordering::Relaxed)
+        self.calls.fetch_add(1, Ordering::Relaxed)
     }
 }
 

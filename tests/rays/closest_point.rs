@@ -175,11 +175,11 @@ fn spheres_and_the_callers_own_primitives() {
 }
 
 #[test]
-fn questions_that_mean_nothing_find_nothing() {
+fn queries_out_of_range_find_nothing() {
     for params in [BuildParams::default(), BuildParams::kd(KdParams::default())] {
         let mesh = soup(50, 2, 0.5, 0.5, 1);
         let tree = RayTree::build(&[mesh], &params).unwrap();
-        let ask = |x: f64, time: f32, most: f32| tree.closest_point(DVec3::new(x, 0.0, 0.0), time, most);
+        let query = |x: f64, time: f32, most: f32| tree.closest_point(DVec3::new(x, 0.0, 0.0), time, most);
         for (x, time, most) in [
             (f64::NAN, 0.5, 1.0),
             (f64::INFINITY, 0.5, f32::INFINITY),
@@ -191,11 +191,11 @@ fn questions_that_mean_nothing_find_nothing() {
             (0.0, 0.5, f32::NAN),
             (5.0, 0.5, 1.0),
         ] {
-            assert_eq!(ask(x, time, most), None, "{x} {time} {most}");
+            assert_eq!(query(x, time, most), None, "{x} {time} {most}");
         }
-        let far = ask(1e30, 0.5, f32::INFINITY).unwrap();
+        let far = query(1e30, 0.5, f32::INFINITY).unwrap();
         assert!((far.distance - 1e30).abs() < 1e24);
-        assert!(ask(0.0, 0.5, f32::INFINITY).is_some() && ask(0.0, 1.0, f32::MAX).is_some());
+        assert!(query(0.0, 0.5, f32::INFINITY).is_some() && query(0.0, 1.0, f32::MAX).is_some());
         let nothing = RayTree::build(&[], &params).unwrap();
         assert_eq!(nothing.closest_point(Vec3::ZERO, 0.5, f32::INFINITY), None);
     }

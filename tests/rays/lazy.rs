@@ -160,7 +160,7 @@ impl Primitive for Counted<'_> {
 
 #[test]
 fn all_threads_at_once_find_the_same_and_each_subtree_is_built_once() {
-    let asked = AtomicUsize::new(0);
+    let calls = AtomicUsize::new(0);
     let mut random = Random(8);
     let balls: Vec<MovingSphere> = (0..2000)
         .map(|_| {
@@ -170,10 +170,10 @@ fn all_threads_at_once_find_the_same_and_each_subtree_is_built_once() {
         .collect();
     let rays: Vec<Ray> = (0..500).map(|_| random_ray(&mut random, 1.2)).collect();
     let build =
-        || RayTree::of_primitives(balls.iter().map(|ball| Counted(ball.clone(), &asked)).collect(), &lazy(40)).unwrap();
+        || RayTree::of_primitives(balls.iter().map(|ball| Counted(ball.clone(), &calls)).collect(), &lazy(40)).unwrap();
     let alone = build();
     let expected: Vec<_> = rays.iter().map(|ray| alone.closest_hit(ray)).collect();
-    let once = asked.swap(0, Ordering::Relaxed);
+    let once = calls.swap(0, Ordering::Relaxed);
     for _ in 0..5 {
         let tree = build();
         let start = std::sync::Barrier::new(8);
@@ -194,7 +194,7 @@ fn all_threads_at_once_find_the_same_and_each_subtree_is_built_once() {
                 });
             }
         });
-        assert_eq!(asked.swap(0, Ordering::Relaxed), once);
+        assert_eq!(calls.swap(0, Ordering::Relaxed), once);
         assert_eq!(tree.statistics(), alone.statistics());
     }
 }

@@ -308,8 +308,8 @@ fn meshes_in_f32_are_what_they_were() {
     let meshes = [soup(500, 1, 0.1, 0.0, 1), soup(500, 2, 0.1, 0.2, 2), soup(200, 4, 0.1, 0.2, 3)];
     for params in params() {
         let Ok(bytes) = saved(&RayTree::build(&meshes, &params).unwrap()) else { continue };
-        let asked = meshes.clone().map(TriangleMesh::precise);
-        assert!(saved(&RayTree::build(&asked, &params).unwrap()).unwrap() == bytes, "{params:?}");
+        let precise = meshes.clone().map(TriangleMesh::precise);
+        assert!(saved(&RayTree::build(&precise, &params).unwrap()).unwrap() == bytes, "{params:?}");
     }
 }
 

@@ -35,10 +35,10 @@ fn rays(seed: u64, camera: &scene::Camera, low: Vec3, high: Vec3) -> Vec<Ray> {
 /// Answers of brute force, on two threads.
 fn answers<G: Geometry>(oracle: &BruteForce<G>, rays: &[Ray]) -> Vec<Option<Hit>> {
     let half = rays.len() / 2;
-    let ask = |rays: &[Ray]| rays.iter().map(|ray| oracle.closest_hit(ray)).collect::<Vec<_>>();
+    let answers_of = |rays: &[Ray]| rays.iter().map(|ray| oracle.closest_hit(ray)).collect::<Vec<_>>();
     thread::scope(|scope| {
-        let second = scope.spawn(|| ask(&rays[half..]));
-        let mut all = ask(&rays[..half]);
+        let second = scope.spawn(|| answers_of(&rays[half..]));
+        let mut all = answers_of(&rays[..half]);
         all.extend(second.join().unwrap());
         all
     })

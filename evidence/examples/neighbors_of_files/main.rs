@@ -66,7 +66,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let tree = PointTree::build(&points, &PointParams::default())?;
         println!("{}: {} points\n{}", file.display(), tree.len(), tree.statistics());
         let mut buffer = NeighborBuffer::new();
-        let (mut distance, mut asked) = (0.0, 0);
+        let (mut distance, mut queries) = (0.0, 0);
         let begin = Instant::now();
         for (i, point) in points.iter().enumerate() {
             let time = 0.5 * (point.alive.begin() + point.alive.end());
@@ -74,11 +74,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let found = tree.query(at, time).filter(|id| id != i as u32).nearest_n_into(8, &mut buffer);
             if let Some(last) = found.last() {
                 distance += f64::from(last.distance());
-                asked += 1;
+                queries += 1;
             }
         }
         let each = begin.elapsed().as_secs_f64() / points.len().max(1) as f64;
-        let mean = distance / f64::from(asked.max(1));
+        let mean = distance / f64::from(queries.max(1));
         println!("8 nearest others of every point: {:.0} ns each, within {mean:.4} on average\n", each * 1e9);
     }
     Ok(())

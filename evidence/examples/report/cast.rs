@@ -123,7 +123,7 @@ pub fn bounce_rays(meshes: &[TriangleMesh], rays: &[Ray], random: &mut Random) -
 }
 
 /// Asks a structure some rays.
-pub fn ask(peer: &Peer, rays: &[Ray]) {
+pub fn run(peer: &Peer, rays: &[Ray]) {
     std::hint::black_box(rays.iter().filter(|ray| peer.closest_hit(ray).is_some()).count());
 }
 

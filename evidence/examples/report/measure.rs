@@ -1,6 +1,6 @@
 //! Times and counts of several structures over one scene.
 
-use crate::cast::{Member, ask};
+use crate::cast::{Member, run};
 use crate::page::Item;
 use crate::run::{Times, interleaved};
 use mbkd::{Counters, Ray, TriangleMesh};
@@ -68,7 +68,7 @@ pub fn measure(
     let of_kind = |rays: &[Ray]| {
         let mut tasks: Vec<Box<dyn FnMut() + '_>> = Vec::new();
         for peer in &peers {
-            tasks.push(Box::new(move || ask(peer, rays)));
+            tasks.push(Box::new(move || run(peer, rays)));
         }
         interleaved(&mut tasks, if rays.is_empty() { 1 } else { rounds })
     };

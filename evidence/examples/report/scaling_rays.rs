@@ -146,7 +146,7 @@ fn along(
             }
             let mut tasks: Vec<Box<dyn FnMut() + '_>> = Vec::new();
             for (_, peer, _) in &measured {
-                tasks.push(Box::new(|| crate::cast::ask(peer, &rays)));
+                tasks.push(Box::new(|| crate::cast::run(peer, &rays)));
             }
             let times = interleaved(&mut tasks, 3);
             for ((i, peer, build), time) in measured.iter().zip(times) {
@@ -242,15 +242,15 @@ fn threads(cast: &[Member], meshes: &[TriangleMesh], rays: usize, random: &mut R
     for member in cast {
         let peer = Peer::build(&member.structure, meshes)?;
         let build = || std::hint::black_box(Peer::build(&member.structure, meshes).is_ok());
-        let ask = || {
+        let run = || {
             let hits = rays.par_chunks(256).map(|rays| rays.iter().filter(|r| peer.closest_hit(r).is_some()).count());
             std::hint::black_box(hits.sum::<usize>());
         };
         let mut tasks: Vec<Box<dyn FnMut() + '_>> = vec![
             Box::new(|| on_one_thread(|| _ = build())),
             Box::new(|| _ = build()),
-            Box::new(|| on_one_thread(ask)),
-            Box::new(ask),
+            Box::new(|| on_one_thread(run)),
+            Box::new(run),
         ];
         let times: Vec<Times> = interleaved_wall(&mut tasks, 3);
         let mut row = vec![member.name.to_string()];

@@ -125,7 +125,7 @@ impl Exact {
 }
 
 /// Runs a query in the precision of the set.
-fn ask<R>(set: &Points, query: DVec3, in_f32: impl FnOnce(Vec3) -> R, in_f64: impl FnOnce(DVec3) -> R) -> R {
+fn run_query<R>(set: &Points, query: DVec3, in_f32: impl FnOnce(Vec3) -> R, in_f64: impl FnOnce(DVec3) -> R) -> R {
     if set.given == Given::F64 { in_f64(query) } else { in_f32(query.as_vec3()) }
 }
 
@@ -153,7 +153,8 @@ pub fn compare_neighbors(
         let epsilon = [0.1, 1.0, 10.0, 1e20, f32::INFINITY][random.below(5)];
         for (tree, tally) in trees.iter().zip(&mut tallies) {
             tally.queries += 1;
-            let nearest = |k: usize| ask(&set, query, |q| tree.nearest_n(q, time, k), |q| tree.nearest_n(q, time, k));
+            let nearest =
+                |k: usize| run_query(&set, query, |q| tree.nearest_n(q, time, k), |q| tree.nearest_n(q, time, k));
             let mut found = nearest(k);
             tamper(&mut found);
             tally.wrong_count += usize::from(found.len() != k.min(exact.0.len()));
@@ -163,13 +164,13 @@ pub fn compare_neighbors(
                     tally.distance.add(d.error_of(n.distance_squared), d.near, d.doubt);
                 }
             }
-            let first = ask(&set, query, |q| tree.nearest(q, time), |q| tree.nearest(q, time));
+            let first = run_query(&set, query, |q| tree.nearest(q, time), |q| tree.nearest(q, time));
             tally.wrong_count += usize::from(first != nearest(1).first().copied());
 
             // Within a radius: all of them, and the nearest of them.
             let squared = f64::from(radius) * f64::from(radius);
             let (least, most) = exact.within(squared);
-            let within = ask(&set, query, |q| tree.within(q, time, radius), |q| tree.within(q, time, radius));
+            let within = run_query(&set, query, |q| tree.within(q, time, radius), |q| tree.within(q, time, radius));
             let mut found: Vec<u32> = within.iter().map(|n| n.id).collect();
             found.sort_unstable();
             found.dedup();
@@ -178,7 +179,7 @@ pub fn compare_neighbors(
                 || found.len() != within.len()
                 || found.iter().any(|&id| exact.of(id).is_none_or(outside));
             tally.wrong_count += usize::from(wrong);
-            let both = ask(
+            let both = run_query(
                 &set,
                 query,
                 |q| tree.nearest_n_within(q, time, k, radius),
@@ -190,7 +191,7 @@ pub fn compare_neighbors(
             // Approximate queries, with and without a radius.
             let stretch = (1.0 + f64::from(epsilon)).powi(2);
             for radius in [f32::INFINITY, radius] {
-                let found = ask(
+                let found = run_query(
                     &set,
                     query,
                     |q| tree.query(q, time).radius(radius).approximate(epsilon).nearest_n(k),

@@ -114,7 +114,7 @@ impl WideTree {
         let slabs = SlabRay::new(&ray);
         let mut nearest = Nearest::new(&ray);
         // Only a triangle in several leaves can be met again.
-        let mut tested = (self.indices.len() > tests.len()).then_some(Tested::NOTHING);
+        let mut mailbox = (self.indices.len() > tests.len()).then_some(Mailbox::EMPTY);
         let mut waiting = WAITING.take();
         waiting.clear();
         waiting.push((root, slabs.begin));
@@ -136,7 +136,7 @@ impl WideTree {
                 }
                 observer.primitive_tests(1);
                 let index = self.indices[at];
-                if tested.as_mut().is_none_or(|tested| tested.lacks(index)) {
+                if mailbox.as_mut().is_none_or(|mailbox| mailbox.insert(index)) {
                     nearest.test(tests, &ray, index);
                 }
             }
@@ -174,14 +174,14 @@ impl WideTree {
 
 /// The triangles that a ray was tested against lately (a direct-mapped mailbox, as in the library's k-d trees). A
 /// triangle in several leaves has the same answer in all of them.
-struct Tested([u32; 256]);
+struct Mailbox([u32; 256]);
 
-impl Tested {
-    const NOTHING: Tested = Tested([u32::MAX; 256]);
+impl Mailbox {
+    const EMPTY: Mailbox = Mailbox([u32::MAX; 256]);
 
     /// Returns whether the triangle is absent, and inserts it.
     #[inline(always)]
-    fn lacks(&mut self, index: u32) -> bool {
+    fn insert(&mut self, index: u32) -> bool {
         std::mem::replace(&mut self.0[index as usize % 256], index) != index
     }
 }

@@ -205,7 +205,7 @@ fn freeze(scene: &Scene) -> (TriangleMesh, Vec<[Vec3; 3]>) {
     (TriangleMesh::fixed(indices, corners.concat()), corners)
 }
 
-fn ask<P: Peer>(peer: &P, kind: Kind, rays: &[Ray]) -> Checksum {
+fn answer_all<P: Peer>(peer: &P, kind: Kind, rays: &[Ray]) -> Checksum {
     let mut sum = Checksum::default();
     match kind {
         Kind::Ao => rays.iter().for_each(|ray| sum.any(peer.any_hit(ray))),
@@ -251,8 +251,9 @@ fn main() -> ExitCode {
 }
 
 fn row(scene: &str, kind: Kind, rays: &[Ray], runs: u32, ours: &RayTree, obvhs: &ObvhsPeer, bvh: &BvhPeer) {
-    let sums = [ask(ours, kind, rays), ask(obvhs, kind, rays), ask(bvh, kind, rays)];
-    let (we, they, others) = (|| ask(ours, kind, rays), || ask(obvhs, kind, rays), || ask(bvh, kind, rays));
+    let sums = [answer_all(ours, kind, rays), answer_all(obvhs, kind, rays), answer_all(bvh, kind, rays)];
+    let (we, they, others) =
+        (|| answer_all(ours, kind, rays), || answer_all(obvhs, kind, rays), || answer_all(bvh, kind, rays));
     let first = in_turns(runs, Some(&we), Some(&they));
     let second = in_turns(runs, Some(&we), Some(&others));
     let speed = |seconds: f64| rays.len() as f64 / seconds * 1e-6;

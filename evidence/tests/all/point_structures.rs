@@ -20,12 +20,12 @@ const STRUCTURES: [(&str, PointStructure); 4] = [
 
 /// A line for each layer of each tree, then one for the searches.
 fn counts(simd: SimdLevel) -> String {
-    let (n, asked, k) = SIZES;
+    let (n, queried, k) = SIZES;
     let mut text = "set,structure,layer,points,references,nodes,levels\n".to_string();
     let mut work = "set,structure,search,nodes,blocks\n".to_string();
     for (name, motion) in MOTIONS {
         let points = moving_points(motion, n, 1);
-        let queries = queries(&points, asked, 2);
+        let queries = queries(&points, queried, 2);
         for (label, structure) in STRUCTURES {
             let tree = PointTree::build(&points, &PointParams { structure, simd, ..PointParams::default() }).unwrap();
             for layer in &tree.statistics().layers {

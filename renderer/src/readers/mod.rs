@@ -50,14 +50,14 @@ impl fmt::Display for ReadError {
 
 /// An error at a place of a file; the caller adds the file's name.
 #[derive(Debug)]
-pub struct Wrong {
+pub struct FormatError {
     place: String,
     what: String,
 }
 
-impl Wrong {
-    fn new(place: impl Into<String>, what: impl Into<String>) -> Wrong {
-        Wrong { place: place.into(), what: what.into() }
+impl FormatError {
+    fn new(place: impl Into<String>, what: impl Into<String>) -> FormatError {
+        FormatError { place: place.into(), what: what.into() }
     }
 
     fn in_file(self, file: &Path) -> ReadError {
@@ -107,12 +107,12 @@ impl Model {
     /// sequence.
     pub fn open(files: &[PathBuf]) -> Result<Model, ReadError> {
         let Some(first) = files.first() else {
-            return Err(Wrong::new("", "no file was given").in_file(Path::new("")));
+            return Err(FormatError::new("", "no file was given").in_file(Path::new("")));
         };
         let kind = extension(first);
         let alone = |what: &str| {
             let message = format!("{what} holds its own animation: give one file only");
-            if files.len() > 1 { Err(Wrong::new("", message).in_file(first)) } else { Ok(()) }
+            if files.len() > 1 { Err(FormatError::new("", message).in_file(first)) } else { Ok(()) }
         };
         match kind.as_str() {
             "glb" | "gltf" => {
@@ -132,13 +132,13 @@ impl Model {
                     let parts = match extension(file).as_str() {
                         "obj" => obj::parse(&bytes, file),
                         "ply" => ply::parse(&bytes),
-                        _ => Err(Wrong::new("", "the files of a sequence must be .obj or .ply")),
+                        _ => Err(FormatError::new("", "the files of a sequence must be .obj or .ply")),
                     };
                     frames.push((file.as_path(), parts.map_err(|e| e.in_file(file))?));
                 }
                 Ok(Model::Sequence(Sequence::of_files(frames)?))
             }
-            _ => Err(Wrong::new("", "known are .glb, .gltf, .obj, .ply and .mseq").in_file(first)),
+            _ => Err(FormatError::new("", "known are .glb, .gltf, .obj, .ply and .mseq").in_file(first)),
         }
     }
 
@@ -191,7 +191,7 @@ fn extension(file: &Path) -> String {
 
 /// The bytes of a regular file of reasonable size.
 fn read_file(file: &Path) -> Result<Vec<u8>, ReadError> {
-    let fail = |what: String| Wrong::new("", what).in_file(file);
+    let fail = |what: String| FormatError::new("", what).in_file(file);
     let about = std::fs::metadata(file).map_err(|e| fail(e.to_string()))?;
     if !about.is_file() {
         return Err(fail("not a regular file".into()));
@@ -203,22 +203,22 @@ fn read_file(file: &Path) -> Result<Vec<u8>, ReadError> {
 }
 
 /// Checks that all indices are below `vertices`; the error names the first triangle that is wrong.
-fn check_indices(place: &str, indices: &[[u32; 3]], vertices: usize) -> Result<(), Wrong> {
+fn check_indices(place: &str, indices: &[[u32; 3]], vertices: usize) -> Result<(), FormatError> {
     for (triangle, corners) in indices.iter().enumerate() {
         if let Some(index) = corners.iter().find(|&&i| i as usize >= vertices) {
             let what = format!("triangle {triangle} names vertex {index}, but there are only {vertices}");
-            return Err(Wrong::new(place, what));
+            return Err(FormatError::new(place, what));
         }
     }
     Ok(())
 }
 
 /// Checks that all positions are finite and within the limits of a tree; the error names the first that is not.
-fn check_positions(place: &str, positions: &[Vec3]) -> Result<(), Wrong> {
+fn check_positions(place: &str, positions: &[Vec3]) -> Result<(), FormatError> {
     let fine = |p: &Vec3| p.abs().max_element() <= mbkd::MAX_COORDINATE as f32 && p.is_finite();
     match positions.iter().position(|p| !fine(p)) {
         Some(vertex) => {
-            Err(Wrong::new(place, format!("vertex {vertex} is at {}: not a usable position", positions[vertex])))
+            Err(FormatError::new(place, format!("vertex {vertex} is at {}: not a usable position", positions[vertex])))
         }
         None => Ok(()),
     }

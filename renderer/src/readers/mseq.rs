@@ -2,15 +2,15 @@
 //! frames, f32 seconds per frame, `u32 triangles[][3]`, `f32 positions[frames][vertices][3]`.
 
 use super::sequence::Sequence;
-use super::{Part, Wrong, check_indices, check_positions};
+use super::{FormatError, Part, check_indices, check_positions};
 use crate::materials::Surface;
 use mbkd::glam::Vec3;
 
 const HEADER: usize = 24;
 
 /// Reads the bytes of a file.
-pub fn parse(bytes: &[u8]) -> Result<Sequence, Wrong> {
-    let header = |what: &str| Wrong::new("header", what);
+pub fn parse(bytes: &[u8]) -> Result<Sequence, FormatError> {
+    let header = |what: &str| FormatError::new("header", what);
     let Some((head, body)) = bytes.split_at_checked(HEADER) else {
         return Err(header("the file ends inside it"));
     };

@@ -1,14 +1,14 @@
 //! Wavefront OBJ, through the tobj crate, with the diffuse colours of its material file if that exists.
 
 use super::sequence::StillPart;
-use super::{Wrong, check_indices, check_positions};
+use super::{FormatError, check_indices, check_positions};
 use crate::materials::Surface;
 use mbkd::glam::Vec3;
 use std::io::{BufReader, Cursor};
 use std::path::Path;
 
 /// Reads the bytes of a file; its material file is read from the same folder.
-pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, Wrong> {
+pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, FormatError> {
     let options =
         tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     let folder = file.parent().unwrap_or(Path::new("")).to_path_buf();
@@ -18,7 +18,7 @@ pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, Wrong> {
         Err(_) => Err(tobj::LoadError::OpenFileFailed),
     };
     let (models, materials) = tobj::load_obj_buf(&mut BufReader::new(Cursor::new(bytes)), &options, materials)
-        .map_err(|e| Wrong::new(line_of(bytes), e.to_string()))?;
+        .map_err(|e| FormatError::new(line_of(bytes), e.to_string()))?;
     let materials = materials.unwrap_or_default();
     let mut parts = Vec::new();
     for model in models {
@@ -39,7 +39,7 @@ pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, Wrong> {
         parts.push(StillPart { indices, positions, surface: Surface { vertex_colors, ..Surface::plain(color) } });
     }
     if parts.is_empty() {
-        return Err(Wrong::new("", "there are no triangles in it"));
+        return Err(FormatError::new("", "there are no triangles in it"));
     }
     Ok(parts)
 }

@@ -1,6 +1,6 @@
 //! The same triangles with positions at each of a number of frames.
 
-use super::{Part, Pose, ReadError, Wrong};
+use super::{FormatError, Part, Pose, ReadError};
 use crate::materials::Surface;
 use mbkd::glam::Vec3;
 use std::path::Path;
@@ -39,7 +39,7 @@ impl Sequence {
             };
             let differs = |what: String| {
                 let what = format!("{what} than {}: frames must have equal topology", Path::display(first));
-                Wrong::new("", what).in_file(file)
+                FormatError::new("", what).in_file(file)
             };
             if frame.len() != parts.len() {
                 return Err(differs(format!("has {} objects, other", frame.len())));

@@ -268,7 +268,7 @@ fn frames_of_other_topology_are_rejected() {
 /// Reads and poses a file; a malformed one must return an error.
 fn survive(kind: &str, bytes: &[u8]) -> Result<(), ReadError> {
     let file = PathBuf::from(format!("hostile.{kind}"));
-    let sequence = |parts: Result<Vec<sequence::StillPart>, Wrong>| {
+    let sequence = |parts: Result<Vec<sequence::StillPart>, FormatError>| {
         Sequence::of_files(vec![(&file, parts.map_err(|e| e.in_file(&file))?)])
     };
     let model = match kind {

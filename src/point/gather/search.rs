@@ -48,7 +48,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
             }
             buffer.found.truncate(k);
         }
-        self.settle_ties(&mut buffer.found);
+        self.resolve_ties(&mut buffer.found);
     }
 
     /// All within the bound, in order of (distance, index), as places.
@@ -62,11 +62,11 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
             append(&Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
         }
         all_in_order(self.index.simd, candidates, found);
-        self.settle_ties(found);
+        self.resolve_ties(found);
     }
 
     /// Sorts photons at the same distance by their indices.
-    fn settle_ties(&self, found: &mut [Neighbor]) {
+    fn resolve_ties(&self, found: &mut [Neighbor]) {
         let tied = |pair: &[Neighbor]| pair[0].distance_squared == pair[1].distance_squared;
         if found.windows(2).any(tied) {
             for run in found.chunk_by_mut(|a, b| a.distance_squared == b.distance_squared) {
@@ -110,8 +110,8 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
                 // Compiled for searches with any filter.
                 let kept = |places: &_, mask| of.keep.kept(places, mask);
                 search.with_filter(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
-                    let trees = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
-                    walk_counted(of.index.simd, trees, search);
+                    let layers = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
+                    walk_counted(of.index.simd, layers, search);
                 });
             }
             if !search.retry() {

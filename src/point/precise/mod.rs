@@ -95,7 +95,7 @@ impl Keep for Allowed<'_> {
 
 /// A query among f64 points. (Its kernels are not those of f32 points: sharing them made these searches slower.)
 #[derive(Clone, Copy)]
-pub(super) struct Asked<'a> {
+pub(super) struct PreciseQuery<'a> {
     pub(super) layers: &'a [PreciseLayer],
     pub(super) simd: SimdLevel,
     pub(super) point: DVec3,
@@ -109,9 +109,9 @@ pub(super) struct Asked<'a> {
 
 /// Runs the same on each layer.
 macro_rules! for_each_layer {
-    ($asked:expr, $view:ident => $do:expr) => {
-        for layer in $asked.layers {
-            match layer.at($asked.point, $asked.time) {
+    ($query:expr, $view:ident => $do:expr) => {
+        for layer in $query.layers {
+            match layer.at($query.point, $query.time) {
                 AtTime::Still($view) => $do,
                 AtTime::Moving($view) => $do,
             }
@@ -119,7 +119,7 @@ macro_rules! for_each_layer {
     };
 }
 
-impl Asked<'_> {
+impl PreciseQuery<'_> {
     /// Id and squared distance of the nearest point.
     pub(super) fn nearest(&self) -> Option<(u32, f32)> {
         dispatch(self.simd, Nearest(self))
@@ -133,21 +133,21 @@ impl Asked<'_> {
         found: &mut Vec<Neighbor>,
         work: &mut NeighborWork,
     ) -> bool {
-        dispatch(self.simd, NearestN { asked: self, k, candidates, found, work })
+        dispatch(self.simd, NearestN { query: self, k, candidates, found, work })
     }
 
     /// Collects the points within the bound.
     pub(super) fn collect(&self, candidates: &mut Candidates) {
-        dispatch(self.simd, Collecting { asked: self, candidates });
+        dispatch(self.simd, Collecting { query: self, candidates });
     }
 
     /// Shows the points within the bound to a visitor, whatever is kept.
     pub(super) fn for_some(&self, visit: VisitSome<'_>) -> ControlFlow<()> {
-        dispatch(self.simd, Visiting { asked: self, visit })
+        dispatch(self.simd, Visiting { query: self, visit })
     }
 }
 
-struct Nearest<'a>(&'a Asked<'a>);
+struct Nearest<'a>(&'a PreciseQuery<'a>);
 
 impl Kernel for Nearest<'_> {
     type Output = Option<(u32, f32)>;
@@ -159,14 +159,14 @@ impl Kernel for Nearest<'_> {
 }
 
 #[inline(always)]
-fn nearest<S: Simd>(s: S, asked: &Asked<'_>, keep: &impl Keep) -> Option<(u32, f32)> {
-    let mut best = Best::within(s, asked.bound, asked.shrink, keep);
-    for_each_layer!(asked, view => best.search(s, &view, &view.target(s, Vec3::ZERO)));
+fn nearest<S: Simd>(s: S, query: &PreciseQuery<'_>, keep: &impl Keep) -> Option<(u32, f32)> {
+    let mut best = Best::within(s, query.bound, query.shrink, keep);
+    for_each_layer!(query, view => best.search(s, &view, &view.target(s, Vec3::ZERO)));
     best.finish(s)
 }
 
 struct NearestN<'a, 'b> {
-    asked: &'a Asked<'a>,
+    query: &'a PreciseQuery<'a>,
     k: usize,
     candidates: &'b mut Candidates,
     found: &'b mut Vec<Neighbor>,
@@ -177,10 +177,10 @@ impl Kernel for NearestN<'_, '_> {
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
-        let NearestN { asked, k, candidates, found, work } = self;
-        let mut search = KNearest::within(k, asked.bound, asked.shrink, candidates, &asked.keep, work);
+        let NearestN { query, k, candidates, found, work } = self;
+        let mut search = KNearest::within(k, query.bound, query.shrink, candidates, &query.keep, work);
         loop {
-            for_each_layer!(asked, view => walk(s, &view, &view.target(s, Vec3::ZERO), &mut search));
+            for_each_layer!(query, view => walk(s, &view, &view.target(s, Vec3::ZERO), &mut search));
             if !search.retry() {
                 break;
             }
@@ -190,7 +190,7 @@ impl Kernel for NearestN<'_, '_> {
 }
 
 struct Collecting<'a, 'b> {
-    asked: &'a Asked<'a>,
+    query: &'a PreciseQuery<'a>,
     candidates: &'b mut Candidates,
 }
 
@@ -198,18 +198,18 @@ impl Kernel for Collecting<'_, '_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Collecting { asked, candidates } = self;
+        let Collecting { query, candidates } = self;
         candidates.count = 0;
-        let mut sink = Gather { candidates, keep: &asked.keep };
-        for layer in asked.layers {
+        let mut sink = Gather { candidates, keep: &query.keep };
+        for layer in query.layers {
             // A sink that never breaks.
-            let _ = layer.within(s, (asked.point, asked.time), asked.bound, &mut sink);
+            let _ = layer.within(s, (query.point, query.time), query.bound, &mut sink);
         }
     }
 }
 
 struct Visiting<'a, 'b> {
-    asked: &'a Asked<'a>,
+    query: &'a PreciseQuery<'a>,
     visit: VisitSome<'b>,
 }
 
@@ -217,10 +217,10 @@ impl Kernel for Visiting<'_, '_> {
     type Output = ControlFlow<()>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
-        let Visiting { asked, visit } = self;
+        let Visiting { query, visit } = self;
         let mut sink = Visit::new(visit);
-        for layer in asked.layers {
-            layer.within(s, (asked.point, asked.time), asked.bound, &mut sink)?;
+        for layer in query.layers {
+            layer.within(s, (query.point, query.time), query.bound, &mut sink)?;
         }
         sink.finish()
     }

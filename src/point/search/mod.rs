@@ -12,7 +12,6 @@ pub(super) mod planes;
 pub(super) mod radius;
 pub(super) mod sinks;
 pub(super) mod sort;
-pub(super) mod trees;
 pub(super) mod walk;
 
 use crate::simd::{LANES, Lanes, Mask};

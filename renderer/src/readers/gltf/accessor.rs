@@ -1,6 +1,6 @@
 //! Numbers in buffers, with every bound checked: strides, sparse replacements, normalized integers.
 
-use super::super::Wrong;
+use super::super::FormatError;
 use gltf::Accessor;
 use gltf::accessor::DataType;
 use gltf::buffer::View;
@@ -24,7 +24,7 @@ impl Data {
     }
 
     /// The elements of an accessor as rows of `N` floats; normalized integers become fractions.
-    pub fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, Wrong> {
+    pub fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, FormatError> {
         let normalized = accessor.normalized();
         let kind = accessor.data_type();
         if kind != DataType::F32 && !normalized {
@@ -42,7 +42,7 @@ impl Data {
     }
 
     /// The elements of an accessor as rows of `N` whole numbers.
-    pub fn integers<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[u32; N]>, Wrong> {
+    pub fn integers<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[u32; N]>, FormatError> {
         let kind = accessor.data_type();
         if !matches!(kind, DataType::U8 | DataType::U16 | DataType::U32) {
             return Err(wrong(accessor, "should hold unsigned integers"));
@@ -56,7 +56,7 @@ impl Data {
         accessor: &Accessor,
         zero: T,
         number: impl Fn(&[u8]) -> T,
-    ) -> Result<Vec<[T; N]>, Wrong> {
+    ) -> Result<Vec<[T; N]>, FormatError> {
         let components = accessor.dimensions().multiplicity();
         if components != N {
             return Err(wrong(accessor, &format!("has {components} components where {N} are needed")));
@@ -134,6 +134,6 @@ fn unsigned(kind: DataType, bytes: &[u8]) -> u32 {
     }
 }
 
-fn wrong(accessor: &Accessor, what: &str) -> Wrong {
-    Wrong::new(format!("accessor {}", accessor.index()), what)
+fn wrong(accessor: &Accessor, what: &str) -> FormatError {
+    FormatError::new(format!("accessor {}", accessor.index()), what)
 }

@@ -1,6 +1,6 @@
 //! Animation channels: values at keyframes and their interpolation (STEP, LINEAR, CUBICSPLINE).
 
-use super::super::Wrong;
+use super::super::FormatError;
 use super::accessor::Data;
 use gltf::animation::{Interpolation, Property};
 use mbkd::glam::{DQuat, DVec3};
@@ -114,15 +114,20 @@ fn arc_sine(sine: f64) -> f64 {
 }
 
 impl<T: Value> Keyframes<T> {
-    fn new(place: &str, times: Vec<f32>, values: Vec<T>, interpolation: Interpolation) -> Result<Keyframes<T>, Wrong> {
+    fn new(
+        place: &str,
+        times: Vec<f32>,
+        values: Vec<T>,
+        interpolation: Interpolation,
+    ) -> Result<Keyframes<T>, FormatError> {
         let per_time = if interpolation == Interpolation::CubicSpline { 3 } else { 1 };
         if times.is_empty() || values.len() != times.len() * per_time {
             let what = format!("{} keyframes have {} values; {per_time} each are needed", times.len(), values.len());
-            return Err(Wrong::new(place, what));
+            return Err(FormatError::new(place, what));
         }
         let increasing = times.windows(2).all(|pair| pair[0] < pair[1]) && times.iter().all(|t| t.is_finite());
         if !increasing {
-            return Err(Wrong::new(place, "the times of its keyframes do not increase"));
+            return Err(FormatError::new(place, "the times of its keyframes do not increase"));
         }
         Ok(Keyframes { times, values, interpolation })
     }
@@ -163,7 +168,7 @@ impl<T: Value> Keyframes<T> {
 }
 
 /// Reads an animation; `targets` gives the number of morph targets of a node.
-pub fn clip(animation: &gltf::Animation, data: &Data, targets: impl Fn(usize) -> usize) -> Result<Clip, Wrong> {
+pub fn clip(animation: &gltf::Animation, data: &Data, targets: impl Fn(usize) -> usize) -> Result<Clip, FormatError> {
     let mut channels = Vec::new();
     let mut span = (f64::INFINITY, f64::NEG_INFINITY);
     for channel in animation.channels() {
@@ -172,7 +177,7 @@ pub fn clip(animation: &gltf::Animation, data: &Data, targets: impl Fn(usize) ->
         let node = target.node().index();
         let times: Vec<f32> = data.floats::<1>(&sampler.input())?.into_iter().map(|[t]| t).collect();
         let (output, way) = (sampler.output(), sampler.interpolation());
-        let vectors = || -> Result<Vec<DVec3>, Wrong> {
+        let vectors = || -> Result<Vec<DVec3>, FormatError> {
             finite(&place, data.floats::<3>(&output)?.into_iter().map(|v| DVec3::from(v.map(f64::from))))
         };
         let (track, (first, last)) = match target.property() {
@@ -199,15 +204,18 @@ pub fn clip(animation: &gltf::Animation, data: &Data, targets: impl Fn(usize) ->
             Property::MorphTargetWeights => {
                 let count = targets(node);
                 if count == 0 {
-                    return Err(Wrong::new(place, "animates the weights of a node without morph targets"));
+                    return Err(FormatError::new(place, "animates the weights of a node without morph targets"));
                 }
                 let flat: Vec<f32> = data.floats::<1>(&output)?.into_iter().map(|[w]| w).collect();
                 if flat.iter().any(|w| !w.is_finite()) {
-                    return Err(Wrong::new(place, "has a value that is not finite"));
+                    return Err(FormatError::new(place, "has a value that is not finite"));
                 }
                 let keys = Keyframes::new(&place, times, flat.chunks(count).map(<[f32]>::to_vec).collect(), way)?;
                 if !flat.len().is_multiple_of(count) {
-                    return Err(Wrong::new(place, format!("{} weights are not {count} for each keyframe", flat.len())));
+                    return Err(FormatError::new(
+                        place,
+                        format!("{} weights are not {count} for each keyframe", flat.len()),
+                    ));
                 }
                 let span = keys.span();
                 (Track::Weights(keys), span)
@@ -223,10 +231,10 @@ pub fn clip(animation: &gltf::Animation, data: &Data, targets: impl Fn(usize) ->
 }
 
 /// All values, if they are finite.
-fn finite<T: Finite>(place: &str, values: impl Iterator<Item = T>) -> Result<Vec<T>, Wrong> {
+fn finite<T: Finite>(place: &str, values: impl Iterator<Item = T>) -> Result<Vec<T>, FormatError> {
     let values: Vec<T> = values.collect();
     match values.iter().position(|v| !v.finite()) {
-        Some(i) => Err(Wrong::new(place, format!("value {i} is not finite"))),
+        Some(i) => Err(FormatError::new(place, format!("value {i} is not finite"))),
         None => Ok(values),
     }
 }

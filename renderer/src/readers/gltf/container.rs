@@ -1,13 +1,13 @@
 //! From bytes to a validated JSON document and its buffers: GLB chunks, data URIs, neighbouring files.
 
-use super::super::{Wrong, read_file};
+use super::super::{FormatError, read_file};
 use gltf::Document;
 use gltf::buffer::Source;
 use gltf::json::validation::Checked;
 use std::path::Path;
 
 /// The document and all its buffers, each at least as long as declared.
-pub fn open(bytes: &[u8], file: &Path) -> Result<(Document, Vec<Vec<u8>>), Wrong> {
+pub fn open(bytes: &[u8], file: &Path) -> Result<(Document, Vec<Vec<u8>>), FormatError> {
     let (json, mut binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let document = document(json)?;
     let mut buffers = Vec::new();
@@ -15,12 +15,15 @@ pub fn open(bytes: &[u8], file: &Path) -> Result<(Document, Vec<Vec<u8>>), Wrong
         let place = || format!("buffer {}", buffer.index());
         let data = match buffer.source() {
             Source::Bin => {
-                binary.take().ok_or_else(|| Wrong::new(place(), "the file has no binary chunk for it"))?.to_vec()
+                binary.take().ok_or_else(|| FormatError::new(place(), "the file has no binary chunk for it"))?.to_vec()
             }
-            Source::Uri(uri) => resource(uri, file).map_err(|what| Wrong::new(place(), what))?,
+            Source::Uri(uri) => resource(uri, file).map_err(|what| FormatError::new(place(), what))?,
         };
         if data.len() < buffer.length() {
-            return Err(Wrong::new(place(), format!("should have {} bytes, has {}", buffer.length(), data.len())));
+            return Err(FormatError::new(
+                place(),
+                format!("should have {} bytes, has {}", buffer.length(), data.len()),
+            ));
         }
         buffers.push(data);
     }
@@ -28,8 +31,8 @@ pub fn open(bytes: &[u8], file: &Path) -> Result<(Document, Vec<Vec<u8>>), Wrong
 }
 
 /// The validated document.
-fn document(json: &[u8]) -> Result<Document, Wrong> {
-    let fail = |e: gltf::Error| Wrong::new("JSON", e.to_string());
+fn document(json: &[u8]) -> Result<Document, FormatError> {
+    let fail = |e: gltf::Error| FormatError::new("JSON", e.to_string());
     let unchecked = gltf::Gltf::from_slice_without_validation(json).map_err(fail)?;
     let root = unchecked.document.into_json();
     check_links(&root)?;
@@ -38,10 +41,10 @@ fn document(json: &[u8]) -> Result<Document, Wrong> {
 
 /// Checks that gltf-json 1.4 omits and whose violation makes it panic later: indices of attributes (it uses that of the
 /// positions before checking it) and targets of animation channels.
-fn check_links(root: &gltf::json::Root) -> Result<(), Wrong> {
+fn check_links(root: &gltf::json::Root) -> Result<(), FormatError> {
     let check = |place: String, what: &str, index: usize, count: usize| {
         let message = || format!("names {what} {index}, but there are only {count}");
-        if index < count { Ok(()) } else { Err(Wrong::new(place, message())) }
+        if index < count { Ok(()) } else { Err(FormatError::new(place, message())) }
     };
     for (m, mesh) in root.meshes.iter().enumerate() {
         for (p, primitive) in mesh.primitives.iter().enumerate() {
@@ -55,7 +58,7 @@ fn check_links(root: &gltf::json::Root) -> Result<(), Wrong> {
             let place = format!("animation {a}, channel {c}");
             check(place.clone(), "node", channel.target.node.value(), root.nodes.len())?;
             if channel.target.path == Checked::Invalid {
-                return Err(Wrong::new(place, "animates something unknown"));
+                return Err(FormatError::new(place, "animates something unknown"));
             }
         }
     }
@@ -63,9 +66,9 @@ fn check_links(root: &gltf::json::Root) -> Result<(), Wrong> {
 }
 
 /// The JSON and binary chunks of a GLB file.
-fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Wrong> {
+fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), FormatError> {
     let word = |at: usize| -> Option<u32> { Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?)) };
-    let header = |what: &str| Wrong::new("GLB header", what);
+    let header = |what: &str| FormatError::new("GLB header", what);
     let (Some(version), Some(length)) = (word(4), word(8)) else {
         return Err(header("the file ends inside it"));
     };
@@ -79,11 +82,11 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Wrong> {
     while at < length as usize {
         let place = format!("GLB chunk at byte {at}");
         let (Some(size), Some(kind)) = (word(at), word(at + 4)) else {
-            return Err(Wrong::new(place, "the file ends inside its header"));
+            return Err(FormatError::new(place, "the file ends inside its header"));
         };
         let end = (at + 8).saturating_add(size as usize);
         let Some(data) = bytes.get(at + 8..end) else {
-            return Err(Wrong::new(place, format!("promises {size} bytes, the file ends before")));
+            return Err(FormatError::new(place, format!("promises {size} bytes, the file ends before")));
         };
         match &kind.to_le_bytes() {
             b"JSON" if json.is_none() => json = Some(data),

@@ -10,7 +10,7 @@ mod container;
 mod primitive;
 mod state;
 
-use super::{MOST_VERTICES, Part, Pose, ReadError, Wrong, check_positions, picture};
+use super::{FormatError, MOST_VERTICES, Part, Pose, ReadError, check_positions, picture};
 use crate::materials::{Finish, Surface, Texture};
 use crate::staging::picture_height;
 use accessor::Data;
@@ -70,7 +70,7 @@ impl GltfModel {
         GltfModel::read(bytes, file).map_err(|e| e.in_file(file))
     }
 
-    fn read(bytes: &[u8], file: &Path) -> Result<GltfModel, Wrong> {
+    fn read(bytes: &[u8], file: &Path) -> Result<GltfModel, FormatError> {
         let (document, buffers) = container::open(bytes, file)?;
         let data = Data::new(buffers);
         let textures = textures(&document, &data, file)?;
@@ -107,7 +107,7 @@ impl GltfModel {
             None => {
                 let names: Vec<&str> = self.clips.iter().map(|clip| clip.name.as_str()).collect();
                 let what = format!("there is no clip `{wanted}`; there are {}: {}", names.len(), names.join(", "));
-                Err(Wrong::new("animations", what).in_file(&self.file))
+                Err(FormatError::new("animations", what).in_file(&self.file))
             }
         }
     }
@@ -127,7 +127,7 @@ impl GltfModel {
         self.pose_checked(self.clip(clip)?, times).map_err(|e| e.in_file(&self.file))
     }
 
-    fn pose_checked(&self, clip: Option<&Clip>, times: &[f64]) -> Result<Pose, Wrong> {
+    fn pose_checked(&self, clip: Option<&Clip>, times: &[f64]) -> Result<Pose, FormatError> {
         // One part for each primitive of each node with a mesh.
         let instances = || {
             let of_node = |&node: &usize| self.nodes[node].mesh.map(|mesh| (node, mesh));
@@ -140,10 +140,10 @@ impl GltfModel {
         let vertices =
             instances().fold(0usize, |sum, (_, _, p)| sum.saturating_add(p.positions.len() + p.indices.len()));
         if vertices.saturating_mul(times.len()) > MOST_VERTICES {
-            return Err(Wrong::new("scene", format!("{vertices} vertices at {} keys are too many", times.len())));
+            return Err(FormatError::new("scene", format!("{vertices} vertices at {} keys are too many", times.len())));
         }
         if vertices == 0 {
-            return Err(Wrong::new("scene", "there are no triangles in it"));
+            return Err(FormatError::new("scene", "there are no triangles in it"));
         }
         let mut parts: Vec<Part> = instances()
             .map(|(_, _, p)| Part { indices: p.indices.clone(), keys: vec![], surface: p.surface.clone() })
@@ -208,7 +208,7 @@ impl Local {
 }
 
 impl Skin {
-    fn read(skin: &gltf::Skin, data: &Data) -> Result<Skin, Wrong> {
+    fn read(skin: &gltf::Skin, data: &Data) -> Result<Skin, FormatError> {
         let joints: Vec<usize> = skin.joints().map(|joint| joint.index()).collect();
         let inverse_bind = match skin.inverse_bind_matrices() {
             Some(accessor) => {
@@ -218,7 +218,7 @@ impl Skin {
         };
         if inverse_bind.len() < joints.len() {
             let what = format!("{} inverse bind matrices for {} joints", inverse_bind.len(), joints.len());
-            return Err(Wrong::new(format!("skin {}", skin.index()), what));
+            return Err(FormatError::new(format!("skin {}", skin.index()), what));
         }
         Ok(Skin { joints, inverse_bind })
     }
@@ -226,14 +226,14 @@ impl Skin {
 
 /// All nodes with their parents, parents first, and the nodes of the default scene (of all scenes, if there is none). A
 /// node with two parents or in a cycle is rejected.
-fn hierarchy(document: &gltf::Document) -> Result<Hierarchy, Wrong> {
+fn hierarchy(document: &gltf::Document) -> Result<Hierarchy, FormatError> {
     let count = document.nodes().len();
     let children: Vec<Vec<usize>> = document.nodes().map(|n| n.children().map(|c| c.index()).collect()).collect();
     let mut parent = vec![None; count];
     for (node, children) in children.iter().enumerate() {
         for &child in children {
             if parent[child].replace(node).is_some() {
-                return Err(Wrong::new(format!("node {child}"), "has two parents"));
+                return Err(FormatError::new(format!("node {child}"), "has two parents"));
             }
         }
     }
@@ -249,7 +249,7 @@ fn hierarchy(document: &gltf::Document) -> Result<Hierarchy, Wrong> {
         // Every node has one parent at most, so a node that no root reaches is in a cycle.
         let reached: HashSet<usize> = order.iter().map(|(node, _)| *node).collect();
         let node = (0..count).find(|node| !reached.contains(node)).unwrap_or(0);
-        return Err(Wrong::new(format!("node {node}"), "is among its own ancestors"));
+        return Err(FormatError::new(format!("node {node}"), "is among its own ancestors"));
     }
     let Some(scene) = document.default_scene().or_else(|| document.scenes().next()) else {
         return Ok(Hierarchy { order, shown: (0..count).collect() });
@@ -291,14 +291,14 @@ fn surface(material: &gltf::Material, textures: &[Arc<Texture>]) -> Surface {
 }
 
 /// All textures of the file.
-fn textures(document: &gltf::Document, data: &Data, file: &Path) -> Result<Vec<Arc<Texture>>, Wrong> {
+fn textures(document: &gltf::Document, data: &Data, file: &Path) -> Result<Vec<Arc<Texture>>, FormatError> {
     let read = |image: gltf::Image| {
         let loaded = match image.source() {
             gltf::image::Source::View { view, .. } => data.view(&view).map(<[u8]>::to_vec),
             gltf::image::Source::Uri { uri, .. } => container::resource(uri, file),
         };
         let texture = loaded.and_then(|bytes| picture::decode(&bytes));
-        texture.map(Arc::new).map_err(|what| Wrong::new(format!("image {}", image.index()), what))
+        texture.map(Arc::new).map_err(|what| FormatError::new(format!("image {}", image.index()), what))
     };
     document.images().map(read).collect()
 }

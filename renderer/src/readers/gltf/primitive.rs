@@ -1,6 +1,6 @@
 //! The triangles of a mesh: positions with morph targets and joint weights, colours, texture coordinates.
 
-use super::super::{Wrong, check_indices};
+use super::super::{FormatError, check_indices};
 use super::accessor::Data;
 use crate::materials::Surface;
 use gltf::mesh::Mode;
@@ -27,17 +27,17 @@ pub fn read(
     place: &str,
     data: &Data,
     surface: Surface,
-) -> Result<Option<Primitive>, Wrong> {
+) -> Result<Option<Primitive>, FormatError> {
     let order = match primitive.mode() {
         Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan => primitive.mode(),
         _ => return Ok(None),
     };
-    let positions = primitive.get(&Semantic::Positions).ok_or_else(|| Wrong::new(place, "has no positions"))?;
+    let positions = primitive.get(&Semantic::Positions).ok_or_else(|| FormatError::new(place, "has no positions"))?;
     let positions = vectors(data, &positions)?;
     let count = positions.len();
     let same_count = |what: &str, found: usize| {
         let message = || format!("{found} {what} for {count} positions");
-        if found == count { Ok(()) } else { Err(Wrong::new(place, message())) }
+        if found == count { Ok(()) } else { Err(FormatError::new(place, message())) }
     };
     let list: Vec<u32> = match primitive.indices() {
         Some(accessor) => data.integers::<1>(&accessor)?.into_iter().map(|[i]| i).collect(),
@@ -92,11 +92,11 @@ pub fn coordinates(material: &gltf::Material) -> u32 {
     pictures.into_iter().flatten().next().map_or(0, |info| info.tex_coord())
 }
 
-fn vectors(data: &Data, accessor: &Accessor) -> Result<Vec<DVec3>, Wrong> {
+fn vectors(data: &Data, accessor: &Accessor) -> Result<Vec<DVec3>, FormatError> {
     Ok(data.floats::<3>(accessor)?.into_iter().map(|p| DVec3::from(p.map(f64::from))).collect())
 }
 
-fn colors(data: &Data, accessor: &Accessor) -> Result<Vec<Vec3>, Wrong> {
+fn colors(data: &Data, accessor: &Accessor) -> Result<Vec<Vec3>, FormatError> {
     let rows = match accessor.dimensions() {
         gltf::accessor::Dimensions::Vec4 => {
             data.floats::<4>(accessor)?.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()

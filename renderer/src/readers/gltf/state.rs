@@ -3,7 +3,7 @@
 use super::animation::{Clip, Track};
 use super::primitive::Primitive;
 use super::{GltfModel, Local};
-use crate::readers::Wrong;
+use crate::readers::FormatError;
 use mbkd::glam::{DMat4, DVec3, Vec3};
 use mbkd_scenes::View;
 
@@ -38,7 +38,13 @@ impl State {
     }
 
     /// The vertices of a primitive of a node's mesh.
-    pub fn vertices(&self, model: &GltfModel, node: usize, mesh: usize, p: &Primitive) -> Result<Vec<Vec3>, Wrong> {
+    pub fn vertices(
+        &self,
+        model: &GltfModel,
+        node: usize,
+        mesh: usize,
+        p: &Primitive,
+    ) -> Result<Vec<Vec3>, FormatError> {
         let weights = self.weights[node].as_ref().unwrap_or(&model.weights[mesh]);
         let morphed = |i: usize| {
             let offsets = p.targets.iter().zip(weights);
@@ -58,7 +64,7 @@ impl State {
             for &(joint, weight) in influences {
                 let Some(matrix) = joints.get(joint as usize) else {
                     let what = format!("vertex {i} names joint {joint}, but skin {number} has {}", joints.len());
-                    return Err(Wrong::new(format!("mesh {mesh}"), what));
+                    return Err(FormatError::new(format!("mesh {mesh}"), what));
                 };
                 sum += matrix.transform_point3(at) * weight;
                 total += weight;

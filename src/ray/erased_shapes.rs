@@ -2,7 +2,7 @@
 //!
 //! Builders and queries are generic over the geometry, and are compiled for each instruction set. If they were compiled
 //! for the caller's types, every program with a custom primitive would compile all of them again. So they are compiled
-//! for [`Own`], which calls the caller's code through `dyn`: for each primitive that a ray reaches, for the closest
+//! for [`ErasedShapes`], which calls the caller's code through `dyn`: for each primitive that a ray reaches, for the closest
 //! points of each leaf, for each bound that a build needs. Boxes, nodes and the order of visits are the crate's own.
 
 use super::closest_point::ClosestPointSource;
@@ -27,7 +27,7 @@ trait AnyShapes: Send + Sync {
     fn active(&self, id: u32) -> TimeInterval;
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
-    fn complaint(&self) -> Result<(), BuildError>;
+    fn input_error(&self) -> Result<(), BuildError>;
     fn bytes(&self) -> usize;
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
     fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)>;
@@ -46,8 +46,8 @@ impl<P: Primitive> AnyShapes for Shapes<P> {
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
         PrimitiveSet::clipped(self, id, time, cell)
     }
-    fn complaint(&self) -> Result<(), BuildError> {
-        PrimitiveSet::complaint(self)
+    fn input_error(&self) -> Result<(), BuildError> {
+        PrimitiveSet::input_error(self)
     }
     fn bytes(&self) -> usize {
         PrimitiveSet::bytes(self)
@@ -61,20 +61,20 @@ impl<P: Primitive> AnyShapes for Shapes<P> {
 }
 
 /// Custom primitives with their type erased.
-pub(super) struct Own<'a> {
+pub(super) struct ErasedShapes<'a> {
     shapes: &'a dyn AnyShapes,
     // Copied here so that reading it needs no dynamic call.
     frame: &'a Frame,
     always_active: bool,
 }
 
-impl Own<'_> {
-    fn of<P: Primitive>(shapes: &Shapes<P>) -> Own<'_> {
-        Own { frame: shapes.frame(), always_active: shapes.always_active(), shapes }
+impl ErasedShapes<'_> {
+    fn of<P: Primitive>(shapes: &Shapes<P>) -> ErasedShapes<'_> {
+        ErasedShapes { frame: shapes.frame(), always_active: shapes.always_active(), shapes }
     }
 }
 
-impl PrimitiveSet for Own<'_> {
+impl PrimitiveSet for ErasedShapes<'_> {
     fn len(&self) -> usize {
         self.shapes.len()
     }
@@ -108,8 +108,8 @@ impl PrimitiveSet for Own<'_> {
         self.frame
     }
 
-    fn complaint(&self) -> Result<(), BuildError> {
-        self.shapes.complaint()
+    fn input_error(&self) -> Result<(), BuildError> {
+        self.shapes.input_error()
     }
 
     fn bytes(&self) -> usize {
@@ -117,7 +117,7 @@ impl PrimitiveSet for Own<'_> {
     }
 }
 
-impl WideSource for Own<'_> {
+impl WideSource for ErasedShapes<'_> {
     const TRIANGLES: bool = false;
 
     fn triangles(&self) -> Option<&Triangles> {
@@ -129,14 +129,14 @@ impl WideSource for Own<'_> {
     }
 }
 
-impl RaySource for Own<'_> {
+impl RaySource for ErasedShapes<'_> {
     #[inline(always)]
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
         self.shapes.intersect(id, ray, sheared)
     }
 }
 
-impl ClosestPointSource for Own<'_> {
+impl ClosestPointSource for ErasedShapes<'_> {
     fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
         self.first_within(&[id], query, f32::INFINITY).map(|(_, candidate)| candidate)
     }
@@ -149,49 +149,55 @@ impl ClosestPointSource for Own<'_> {
 
 /// The queries, at addresses in this crate: a caller that inlined this would compile them all.
 #[inline(never)]
-fn queries<'a>() -> &'a Queries<Own<'a>> {
+fn queries<'a>() -> &'a Queries<ErasedShapes<'a>> {
     &Queries::TABLE
 }
 
 /// The build, likewise.
 #[inline(never)]
-fn lay_out_own(
-    mut own: Own<'_>,
+fn lay_out_erased(
+    mut erased: ErasedShapes<'_>,
     params: &BuildParams,
     progress: &Progress,
 ) -> Result<(Layout, Statistics), BuildError> {
-    lay_out(&mut own, params, progress)
+    lay_out(&mut erased, params, progress)
 }
 
 impl<P: Primitive> Compiled for Shapes<P> {
     const QUERIES: Queries<Shapes<P>> = Queries {
-        closest: |on, ray| (queries().closest)(on.about(&Own::of(on.geometry)), ray),
-        closest_guarded: |on, ray, guards| (queries().closest_guarded)(on.about(&Own::of(on.geometry)), ray, guards),
-        any: |on, ray| (queries().any)(on.about(&Own::of(on.geometry)), ray),
-        closest_point: |on, query| (queries().closest_point)(on.about(&Own::of(on.geometry)), query),
+        closest: |on, ray| (queries().closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray),
+        closest_guarded: |on, ray, guards| {
+            (queries().closest_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards)
+        },
+        any: |on, ray| (queries().any)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray),
+        closest_point: |on, query| (queries().closest_point)(on.with_geometry(&ErasedShapes::of(on.geometry)), query),
         closest_point_guarded: |on, query, guards| {
-            (queries().closest_point_guarded)(on.about(&Own::of(on.geometry)), query, guards)
+            (queries().closest_point_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), query, guards)
         },
-        all: |on, ray, guards, visitor| (queries().all)(on.about(&Own::of(on.geometry)), ray, guards, visitor),
+        all: |on, ray, guards, visitor| {
+            (queries().all)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards, visitor)
+        },
         interleaved_closest: |on, rays, hits| {
-            (queries().interleaved_closest)(on.about(&Own::of(on.geometry)), rays, hits)
+            (queries().interleaved_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
         },
-        interleaved_any: |on, rays, hits| (queries().interleaved_any)(on.about(&Own::of(on.geometry)), rays, hits),
+        interleaved_any: |on, rays, hits| {
+            (queries().interleaved_any)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
+        },
         packets_closest: None,
         packets_any: None,
     };
 
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {
-        lay_out_own(Own::of(self), params, progress)
+        lay_out_erased(ErasedShapes::of(self), params, progress)
     }
 }
 
 impl<'a, P> Target<'a, Shapes<P>> {
     /// The same layout, with the type of its primitives erased.
-    fn about<'b>(self, own: &'b Own<'b>) -> Target<'b, Own<'b>>
+    fn with_geometry<'b>(self, erased: &'b ErasedShapes<'b>) -> Target<'b, ErasedShapes<'b>>
     where
         'a: 'b,
     {
-        Target { layout: self.layout, geometry: own, simd: self.simd }
+        Target { layout: self.layout, geometry: erased, simd: self.simd }
     }
 }

@@ -7,9 +7,9 @@ use super::observer::Observer;
 use super::tree_ray::TreeRay;
 
 /// A layout that rays can traverse.
-pub(crate) trait Walk {
+pub(crate) trait RayLayout {
     /// Offers every hit that may matter to `collect`.
-    fn walk<G: RaySource>(
+    fn traverse<G: RaySource>(
         self,
         set: &G,
         ray: &TreeRay,

@@ -11,55 +11,55 @@ use crate::simd::{Kernel, Mask, Simd};
 use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
 
-/// Called at the steps of a ray's traversal.
-pub(crate) trait Stops {
+/// The callbacks of a ray's traversal.
+pub(crate) trait LeafVisitor {
     /// A node is about to be tested.
     fn node(&mut self);
     /// A leaf is about to be visited.
     fn leaf(&mut self);
     /// Queries one of the objects that a leaf lists. Returns the new end of the ray, beyond which no hit matters.
     /// `Break` ends the traversal.
-    fn ask(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32>;
+    fn object(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32>;
 }
 
 /// The traversal of a ray, to be dispatched to an instruction set; if `ORDERED`, front to back.
-pub(crate) struct Way<'a, const ORDERED: bool, Q: ?Sized> {
+pub(crate) struct RayTraversal<'a, const ORDERED: bool, Q: ?Sized> {
     /// The tree, which must not be empty.
     pub tree: &'a WideTree,
     /// The ray as the caller gave it.
     pub ray: &'a Ray,
     /// The ray in tree space.
     pub tree_ray: &'a TreeRay<'a>,
-    pub stops: &'a mut Q,
+    pub visitor: &'a mut Q,
 }
 
-impl<const ORDERED: bool, Q: Stops + ?Sized> Kernel for Way<'_, ORDERED, Q> {
+impl<const ORDERED: bool, Q: LeafVisitor + ?Sized> Kernel for RayTraversal<'_, ORDERED, Q> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Way { tree, ray, tree_ray, stops } = self;
+        let RayTraversal { tree, ray, tree_ray, visitor } = self;
         let (ray, reach) = (Ray { t_max: tree_ray.t_max(), ..*ray }, tree_ray.end);
-        let mut query = OnTheWay::<ORDERED, Q> { tree, tree_ray, ray, reach, stops };
+        let mut query = RayState::<ORDERED, Q> { tree, tree_ray, ray, reach, visitor };
         let mut memory = StackOf::new();
-        let mut cursor = Cursor::new(tree.root, memory.stack(tree.waiting()));
+        let mut cursor = Cursor::new(tree.root, memory.stack(tree.max_stack()));
         let traversal = WideTraversal::new(&tree.arena);
         while traversal.advance(s, &mut cursor, &mut query).is_continue() {}
     }
 }
 
 /// The state of a traversal.
-struct OnTheWay<'a, const ORDERED: bool, Q: ?Sized> {
+struct RayState<'a, const ORDERED: bool, Q: ?Sized> {
     tree: &'a WideTree,
     tree_ray: &'a TreeRay<'a>,
     /// The caller's ray, shortened to where a hit still matters.
     ray: Ray,
     /// The same end as a distance in tree space.
     reach: f32,
-    stops: &'a mut Q,
+    visitor: &'a mut Q,
 }
 
-impl<S: Simd, const ORDERED: bool, Q: Stops + ?Sized> WideQuery<S> for OnTheWay<'_, ORDERED, Q> {
+impl<S: Simd, const ORDERED: bool, Q: LeafVisitor + ?Sized> WideQuery<S> for RayState<'_, ORDERED, Q> {
     const ORDERED: bool = ORDERED;
 
     #[inline(always)]
@@ -69,7 +69,7 @@ impl<S: Simd, const ORDERED: bool, Q: Stops + ?Sized> WideQuery<S> for OnTheWay<
 
     #[inline(always)]
     fn node(&mut self) {
-        self.stops.node();
+        self.visitor.node();
     }
 
     #[inline(always)]
@@ -84,9 +84,9 @@ impl<S: Simd, const ORDERED: bool, Q: Stops + ?Sized> WideQuery<S> for OnTheWay<
 
     #[inline(always)]
     fn leaf(&mut self, _: S, leaf: ChildRef) -> ControlFlow<()> {
-        self.stops.leaf();
+        self.visitor.leaf();
         for i in leaf.at()..leaf.at() + leaf.len() {
-            let end = self.stops.ask(self.tree.arena.ints()[i], &self.ray).map_break(|()| ())?;
+            let end = self.visitor.object(self.tree.arena.ints()[i], &self.ray).map_break(|()| ())?;
             if end < self.ray.t_max {
                 self.ray.t_max = end;
                 self.reach = self.tree_ray.reach(end);
