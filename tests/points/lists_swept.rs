@@ -8,7 +8,7 @@ use mbkd::{
 };
 
 /// The encounter of two points, one segment between keys after the other, in f64.
-fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> Option<Encounter> {
+pub fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> Option<Encounter> {
     let segments = (cloud.keys.len().max(2) - 1) as f64;
     let mut all: Option<Encounter> = None;
     for segment in 0..segments as usize {
@@ -54,14 +54,14 @@ fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> 
     all
 }
 
-fn meet_all(cloud: &Cloud, interval: TimeInterval, radius: f32) -> Vec<Vec<Encounter>> {
+pub fn meet_all(cloud: &Cloud, interval: TimeInterval, radius: f32) -> Vec<Vec<Encounter>> {
     let times = [interval.begin(), interval.end()].map(f64::from);
     let square = f64::from(radius) * f64::from(radius);
     let row = |i| (0..cloud.len()).filter(|&j| j != i).filter_map(|j| meet(cloud, (i, j), times, square)).collect();
     (0..cloud.len()).map(row).collect()
 }
 
-fn check(found: &EncounterLists, expected: &[Vec<Encounter>], what: &str) {
+pub fn check(found: &EncounterLists, expected: &[Vec<Encounter>], what: &str) {
     let mut rows = vec![None; expected.len()];
     for (id, row) in found.iter() {
         let mut row = row.to_vec();
@@ -365,6 +365,39 @@ fn a_pair_that_just_touches_the_radius_and_points_in_the_same_place() {
     assert_eq!(row(1.0, TimeInterval::new(0.0, 0.5f32.next_down()).unwrap()).len(), 1);
 }
 
+/// Lives that begin and end at a key, at which paths have a bend: only the motion on the one side of the key counts, and the
+/// closest time may be the end of a life, at which no encounter begins.
+#[test]
+fn closest_times_of_lives_that_begin_and_end_at_a_key() {
+    let lives = [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5)];
+    // Distances from the first point at the keys.
+    let apart = [[0.0; 3], [2.0, 1.0, 0.25], [0.25, 1.0, 2.0], [3.0, 1.5, 0.0], [0.0, 1.0, 0.5], [1.0, 1.0, 0.5]];
+    let way = |i: usize| [Vec3::X, Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::Z, Vec3::NEG_Z][i];
+    let keys = [0, 1, 2].map(|key| (0..6).map(|i| way(i) * apart[i][key]).collect());
+    let alive = lives.map(|(begin, end)| TimeInterval::new(begin, end).unwrap());
+    let cloud = Cloud { keys: keys.to_vec(), alive: alive.to_vec() };
+    let encounter =
+        |id, enter, leave, closest, distance_squared| Encounter { id, enter, leave, closest, distance_squared };
+    let expected = [
+        // Approaching until it ends; from its begin on receding; within the radius at its end only; nearest at the very end;
+        // always as near.
+        encounter(1, 0.25, 0.5, 0.5, 1.0),
+        encounter(2, 0.5, 0.75, 0.5, 1.0),
+        encounter(4, 0.5, 1.0, 1.0, 0.25),
+        encounter(5, 0.0, 0.5, 0.0, 1.0),
+    ];
+    for structure in STRUCTURES.into_iter().chain([PointStructure::Slabs(2)]) {
+        let tree = build(&cloud, structure, SimdLevel::best());
+        let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 1.5).unwrap();
+        let mut row = lists.iter().find(|(id, _)| *id == 0).unwrap().1.to_vec();
+        row.sort_unstable_by_key(|e| e.id);
+        assert_eq!(row, expected, "{structure:?}");
+        // The closest approach to the first point: of this one it is at the end, where no encounter begins.
+        let end = tree.closest_approach_if(Vec3::ZERO, Vec3::ZERO, TimeInterval::FULL, |id| id == 3).unwrap();
+        assert_eq!((end.time, end.distance), (0.5, 1.5), "{structure:?}");
+    }
+}
+
 #[test]
 fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
@@ -399,6 +432,9 @@ fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
         // Two points just outside of the lists, each as fast as any.
         let apart = f64::from(radius + skin) * (1.0 - 1e-7);
         assert!(apart - 2.0 * f64::from(speed) * time >= f64::from(radius) || time == 0.0);
+        // Rounded down.
+        let least = f64::from(radius + skin) * (1.0 - 2f64.powi(-21)) - f64::from(radius);
+        assert!(2.0 * f64::from(speed) * time <= least.max(0.0) * (1.0 + 1e-12));
         assert!(
             time >= f64::from(skin) / (2.0 * f64::from(speed)) * 0.99 - f64::from(radius) * 1e-6 / f64::from(speed)
         );

@@ -13,6 +13,8 @@ mod lists;
 #[cfg(feature = "rayon")]
 mod lists_swept;
 mod outliers;
+#[cfg(feature = "rayon")]
+mod paddings;
 mod property;
 mod support;
 mod visitors;

@@ -22,8 +22,12 @@ pub fn compare_approaches(
     let trees = set.trees(structures)?;
     let keys = set.keys.len();
     let mut tallies = vec![OrderTally::default(); trees.len()];
+    let crossings = Points::crossings(case, &trees, random);
     for _ in 0..count {
-        let begin = random.unit() as f32 * 0.8;
+        let begin = match &crossings {
+            Some(crossings) => crossings.beside(random).0.min(0.8),
+            None => random.unit() as f32 * 0.8,
+        };
         let part = TimeInterval::new(begin, begin + 0.2 * random.unit() as f32 + 1e-3).unwrap_or(TimeInterval::FULL);
         let times = [TimeInterval::FULL, part][random.below(2)];
         let (from, to) = (set.query(case, times.begin(), random), set.query(case, times.end(), random));

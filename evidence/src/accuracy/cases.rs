@@ -27,6 +27,8 @@ pub struct RayCase {
     pub wide: bool,
     /// Whether those are stored in f64 ([`TriangleMesh::precise`](mbkd::TriangleMesh::precise)).
     pub kept: bool,
+    /// Whether queries are at times at which triangles cross planes of k-d trees, and up to three floats beside.
+    pub at_crossings: bool,
 }
 
 impl RayCase {
@@ -49,6 +51,7 @@ impl RayCase {
             direction: 1.0,
             wide: false,
             kept: false,
+            at_crossings: false,
         }
     }
 }
@@ -102,6 +105,14 @@ pub fn ray_cases() -> Vec<RayCase> {
             c.offset = 1e6;
             c.keys = x as usize;
         }),
+        family("crossing times, speed", &[0.3, 1.0, 1e3], of, |c, x| {
+            c.speed = x;
+            c.at_crossings = true;
+        }),
+        family("crossing times, keys", &[3.0, 17.0], of, |c, x| {
+            c.keys = x as usize;
+            c.at_crossings = true;
+        }),
     ]
     .concat()
 }
@@ -149,6 +160,8 @@ pub struct PointCase {
     pub keys: usize,
     /// Whether positions are given in f64.
     pub wide: bool,
+    /// Whether queries are at times at which points cross planes of k-d trees, and up to three floats beside.
+    pub at_crossings: bool,
 }
 
 impl PointCase {
@@ -162,6 +175,7 @@ impl PointCase {
             speed: 0.1,
             keys: 2,
             wide: false,
+            at_crossings: false,
         }
     }
 }
@@ -188,6 +202,14 @@ pub fn point_cases() -> Vec<PointCase> {
             c.wide = true;
             c.keys = 1;
             c.clusters = Some(x);
+        }),
+        family("crossing times, speed", &[0.3, 1.0, 1e3], of, |c, x| {
+            c.speed = x;
+            c.at_crossings = true;
+        }),
+        family("crossing times, keys", &[3.0, 17.0], of, |c, x| {
+            c.keys = x as usize;
+            c.at_crossings = true;
         }),
     ]
     .concat()

@@ -1,6 +1,7 @@
 //! Closest points on moving triangles: the answers of trees, compared with the exact ones.
 
 use super::DOUBT;
+use super::crossings::Crossings;
 use super::random::Random;
 use super::rays::SceneUnderTest;
 use super::tally::OrderTally;
@@ -22,8 +23,9 @@ pub fn compare_closest_points(
         Given::F32 => Given::F32,
         _ => Given::F64,
     };
+    let crossings = scene.crossings(trees, random);
     for _ in 0..count {
-        let (time, point) = place(scene, random);
+        let (time, point) = place(scene, crossings.as_ref(), random);
         let exact = |mesh: usize, triangle: usize| {
             let [a, b, c] = scene.corners(mesh, triangle, time);
             ExactNearest::new(point, given, [&a, &b, &c])
@@ -66,10 +68,13 @@ pub fn compare_closest_points(
 }
 
 /// A time and a position: a corner, near a triangle, or anywhere.
-fn place(scene: &SceneUnderTest, random: &mut Random) -> (f32, DVec3) {
+fn place(scene: &SceneUnderTest, crossings: Option<&Crossings>, random: &mut Random) -> (f32, DVec3) {
     let case = scene.case();
-    let time = random.time(case.keys);
-    let [a, b, c] = scene.corners(0, random.below(scene.meshes[0].len()), time).map(|corner| corner.near);
+    let (time, triangle) = match crossings {
+        Some(crossings) => crossings.beside(random),
+        None => (random.time(case.keys), random.below(scene.meshes[0].len())),
+    };
+    let [a, b, c] = scene.corners(0, triangle, time).map(|corner| corner.near);
     let weight = random.unit();
     let away = match random.below(4) {
         0 => 0.0,

@@ -8,6 +8,7 @@
 mod approaches;
 mod cases;
 mod closest_points;
+mod crossings;
 mod neighbors;
 mod random;
 mod rays;

@@ -2,6 +2,7 @@
 
 use super::DOUBT;
 use super::cases::PointCase;
+use super::crossings::{Crossings, crossings};
 use super::random::Random;
 use super::tally::OrderTally;
 use crate::oracle::{ExactDistance, Given, Moving, ulp32};
@@ -77,9 +78,20 @@ impl Points {
         Moving::new(time, self.keys.len(), self.given, |k| self.keys[k][point])
     }
 
+    /// When points cross planes of the trees, if queries are to be at such times.
+    pub(super) fn crossings(case: &PointCase, trees: &[PointTree], random: &mut Random) -> Option<Crossings> {
+        case.at_crossings.then(|| crossings(trees, POINTS, random))
+    }
+
     /// A query near some point at a time.
     pub(super) fn query(&self, case: &PointCase, time: f32, random: &mut Random) -> DVec3 {
-        let near = self.at(random.below(POINTS), time).near;
+        let point = random.below(POINTS);
+        self.query_near(point, case, time, random)
+    }
+
+    /// A query near a point at a time.
+    fn query_near(&self, point: usize, case: &PointCase, time: f32, random: &mut Random) -> DVec3 {
+        let near = self.at(point, time).near;
         let aside = random.vec() * case.scale * [0.0, 1e-4, 0.1, 1.0, 30.0][random.below(5)];
         if self.given == Given::F64 { near + aside } else { (near + aside).as_vec3().as_dvec3() }
     }
@@ -143,9 +155,18 @@ pub fn compare_neighbors(
     let set = Points::new(case, random);
     let trees = set.trees(structures)?;
     let mut tallies = vec![OrderTally::default(); trees.len()];
+    let crossings = Points::crossings(case, &trees, random);
     for _ in 0..count {
-        let time = random.time(case.keys);
-        let query = set.query(case, time, random);
+        let (time, query) = match &crossings {
+            Some(crossings) => {
+                let (time, point) = crossings.beside(random);
+                (time, set.query_near(point, case, time, random))
+            }
+            None => {
+                let time = random.time(case.keys);
+                (time, set.query(case, time, random))
+            }
+        };
         let exact = Exact::new(&set, query, time);
         let k = [1, 4, 20, POINTS][random.below(4)];
         let radius =

@@ -2,6 +2,7 @@
 
 use super::DOUBT;
 use super::cases::RayCase;
+use super::crossings::{Crossings, crossings};
 use super::random::Random;
 use super::tally::RayTally;
 use crate::oracle::{ExactRay, Given, Meeting, Moving, clearly_missed, meet_triangle};
@@ -114,17 +115,27 @@ impl SceneUnderTest {
         self.keys.iter().map(of_mesh).collect()
     }
 
+    /// When small triangles cross planes of the trees, if queries are to be at such times.
+    pub(super) fn crossings(&self, trees: &[RayTree], random: &mut Random) -> Option<Crossings> {
+        self.case.at_crossings.then(|| crossings(trees, TRIANGLES, random))
+    }
+
     /// A time, and some rays at it.
-    fn rays(&self, random: &mut Random, count: usize) -> (f32, Vec<Ray>) {
-        let time = random.time(self.case.keys);
-        let rays = (0..count).map(|_| self.ray(random, time)).collect();
+    fn rays(&self, crossings: Option<&Crossings>, random: &mut Random, count: usize) -> (f32, Vec<Ray>) {
+        let crossing = crossings.map(|crossings| crossings.beside(random));
+        let time = crossing.map_or_else(|| random.time(self.case.keys), |(time, _)| time);
+        let mut ray = || {
+            let triangle = crossing.map_or_else(|| random.below(TRIANGLES), |(_, triangle)| triangle);
+            self.ray(random, triangle, time)
+        };
+        let rays = (0..count).map(|_| ray()).collect();
         (time, rays)
     }
 
     /// A ray at the inside of a triangle, an edge, a corner, or anywhere.
-    fn ray(&self, random: &mut Random, time: f32) -> Ray {
+    fn ray(&self, random: &mut Random, triangle: usize, time: f32) -> Ray {
         let case = &self.case;
-        let [a, b, c] = self.corners(0, random.below(TRIANGLES), time).map(|m| m.near);
+        let [a, b, c] = self.corners(0, triangle, time).map(|m| m.near);
         let (u, v) = (random.unit(), random.unit());
         let target = match random.below(8) {
             0 => a,
@@ -217,8 +228,9 @@ pub fn compare_rays(
     };
     /// The number of rays at the same time.
     const TOGETHER: usize = 16;
+    let crossings = scene.crossings(trees, random);
     for _ in 0..count.div_ceil(TOGETHER) {
-        let (time, rays) = scene.rays(random, TOGETHER);
+        let (time, rays) = scene.rays(crossings.as_ref(), random, TOGETHER);
         let vertices = scene.vertices(time);
         for ray in rays {
             let exact_ray = ExactRay::new(&ray, origin);

@@ -124,6 +124,16 @@ fn triangles_of_any_shape_and_motion() {
     triangles(&["aspect", "speed", "keys"]);
 }
 
+/// At the times at which references begin and end in k-d trees, and up to three floats beside.
+#[test]
+fn times_at_which_planes_are_crossed() {
+    let families = ["crossing times, speed", "crossing times, keys"];
+    triangles(&families);
+    closest_points(&families);
+    points(&families, false);
+    points(&families, true);
+}
+
 #[test]
 fn small_triangles_and_large_ones_beside_them() {
     triangles(&["one outlier", "beside a ground"]);

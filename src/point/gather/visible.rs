@@ -6,8 +6,11 @@
 //!
 //! **Why no point is missed.** A photon contributes if `(dx·dx + dy·dy) + dz·dz <= r·r`, each step rounded once.
 //! Rounding is monotone, so each rounded square alone is at most the rounded r·r: with u = 2^-24, |dx| is at most
-//! r (1 + 2u) if nothing underflows and p − x at most that times (1 + u). Squares that underflow add less than 2^-74
-//! to it. The boxes are around balls grown by 8u of their radius and 2^-73, each end rounded outward.
+//! r (1 + 2u) if nothing underflows and p − x at most that times (1 + u). The boxes are around balls grown by 8u of their
+//! radius, rounded once. Their ends are rounded to nearest, which is monotone: the photon's coordinate is a float and not
+//! beyond the end, so it is not beyond the rounded end. Squares that underflow add at most 2^-75 to |dx|: if r is less than
+//! that, r·r is 0 and dx·dx at most 2^-150; otherwise dx·dx exceeds r·r by at most 2^-149, which is 2r·2^-75 at most. The
+//! square of a gap of 2^-75 is 0, so such a photon is in the box too.
 
 use super::error::GatherError;
 use super::index::checked;
@@ -61,10 +64,9 @@ impl SpanBlock for VisibleBlock {
 
     fn span(&self) -> Span {
         around((0..LANES).filter(|&lane| self.id[lane] != u32::MAX).map(|lane| {
-            let (time, reach) = (self.time[lane], self.radius[lane] * (1.0 + GROWN) + TINY);
-            let end = |axis: usize, sign: f32| self.at[axis][lane] + sign * reach;
-            let lo = [0, 1, 2].map(|axis| end(axis, -1.0).next_down());
-            let hi = [0, 1, 2].map(|axis| end(axis, 1.0).next_up());
+            let (time, reach) = (self.time[lane], self.radius[lane] * (1.0 + GROWN));
+            let lo = [0, 1, 2].map(|axis| self.at[axis][lane] - reach);
+            let hi = [0, 1, 2].map(|axis| self.at[axis][lane] + reach);
             [[lo[0], lo[1], lo[2], time], [hi[0], hi[1], hi[2], time]]
         }))
     }
@@ -77,9 +79,6 @@ impl SpanBlock for VisibleBlock {
 
 /// The padding of balls relative to their radius: 2^-21.
 const GROWN: f32 = 1.0 / 2_097_152.0;
-
-/// The absolute padding: a little more than 2^-73.
-const TINY: f32 = 1.1e-22;
 
 /// Visible points, to be found by photons.
 ///

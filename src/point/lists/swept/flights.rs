@@ -236,7 +236,8 @@ impl Partners {
                     let ways = Ways::new(&points, phases, group.drift);
                     let slack = SLACK * (magnitude[lane] + group.magnitude);
                     let bound = squared_up((radius + slack) * (1.0 + 1e-6) + 1e-18);
-                    let known = known.map_or(-1.0, |known| squared_down((known - slack) * (1.0 - 1e-6)));
+                    // What is known has been lowered by more than f32 adds here: see `Sweep::pass_over_lists_of`.
+                    let known = known.map_or(-1.0, squared_down);
                     let exists =
                         |i: usize| points.begin[i] <= question.first_time && question.first_time < points.end[i];
                     let known = core::array::from_fn(|i| if exists(i) { known } else { -1.0 });

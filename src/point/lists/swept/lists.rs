@@ -89,8 +89,11 @@ impl PointTree {
     /// the times: what a step of a simulation needs in which nothing may pass unseen.
     ///
     /// Decided in f64 for exact linear motion between the f32 positions at the keys. Points meet while both are alive: not
-    /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. The
-    /// lists do not depend on the structure, the number of threads or the instruction set, apart from the order of
+    /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. So an encounter begins before both
+    /// active intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and
+    /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. The same holds at keys: of a point
+    /// that begins or ends to exist at a key, only the motion on that side of the key counts. (A
+    /// [`closest_approach`](PointTree::closest_approach) may also be at the end alone.) The lists do not depend on the structure, the number of threads or the instruction set, apart from the order of
     /// lists and within them, which is that of the tree, or of ids where it consists of several. Points with the same id
     /// are no neighbours of each other; where the tree consists of several, they have one list together.
     ///

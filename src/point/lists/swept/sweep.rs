@@ -65,8 +65,9 @@ impl<'a> Sweep<'a> {
         self
     }
 
-    /// Has visitors that pass over pairs pass over those that lists at the first time with this radius hold for certain. Positions are rounded both there
-    /// and here, so what is allowed for rounding counts twice.
+    /// Has visitors that pass over pairs pass over those that lists at the first time with this radius hold for certain.
+    /// Positions are rounded both there and here, so what is allowed for rounding counts twice: the second half covers that
+    /// here both places and their difference are rounded (3·1.8Mu) and the squares are (8ur).
     pub(super) fn pass_over_lists_of(mut self, radius: f32) -> Sweep<'a> {
         let radius = f64::from(radius);
         self.known = Some(radius - 2.0 * self.rounding(radius));

@@ -1,0 +1,182 @@
+//! Inputs at which the rounding decides that a padding covers. Each test fails if its padding is left out.
+
+use crate::lists::{STRUCTURES, build};
+use crate::lists_swept::{check, meet, meet_all};
+use crate::support::{Cloud, Rng};
+use mbkd::{NeighborCsr, PointStructure, SimdLevel, TimeInterval, glam::Vec3};
+
+/// The least radius at which two points meet.
+fn least_radius(cloud: &Cloud, (i, j): (usize, usize), interval: TimeInterval) -> f32 {
+    let times = [interval.begin(), interval.end()].map(f64::from);
+    let apart = meet(cloud, (i, j), times, f64::MAX).unwrap().distance_squared.sqrt();
+    let mut radius = apart * (1.0 - 1e-6);
+    while meet(cloud, (i, j), times, f64::from(radius) * f64::from(radius)).is_none() {
+        radius = radius.next_up();
+    }
+    radius
+}
+
+/// Two crowds, each at one place, that come as near as the radius and no nearer: the one stands still near zero, the other passes
+/// at a distance of ten thousand, where positions are rounded by a thousandth. (Boxes around points that move are padded in the
+/// tree as well.)
+#[test]
+fn a_crowd_far_from_zero_meets_one_that_stands_still_there() {
+    const CROWD: usize = 16;
+    let mut rng = Rng(64);
+    for round in 0..1500 {
+        let (at, by) = (rng.vec() * 1e4, rng.vec() * [1.0, 30.0, 1e-3][round % 3]);
+        let ways = [[rng.vec() * 0.1; 2], [at - by * 0.5, at + by * 0.5]];
+        let key = |key: usize| ways.iter().flat_map(|way| vec![way[key]; CROWD]).collect();
+        let cloud = Cloud { keys: vec![key(0), key(1)], alive: vec![TimeInterval::FULL; 2 * CROWD] };
+        let interval = TimeInterval::new(0.25 * rng.unit(), 0.75 + 0.25 * rng.unit()).unwrap();
+        let radius = least_radius(&cloud, (0, CROWD), interval);
+        let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+        for (id, row) in tree.neighbor_lists_swept(interval, radius).unwrap().iter() {
+            assert_eq!(row.len(), 2 * CROWD - 1, "round {round}: point {id}, radius {radius}");
+        }
+    }
+}
+
+/// Two points that are in the same place at every other key and far apart between these keys, most of which are no floats: the float
+/// next to such a key is too late, or too early, to see them meet.
+#[test]
+fn encounters_at_keys_that_are_no_floats_are_met() {
+    const KEYS: usize = 600;
+    let mut rng = Rng(65);
+    let mut cloud = Cloud { keys: Vec::new(), alive: vec![TimeInterval::FULL; 2] };
+    for key in 0..KEYS {
+        let (at, aside) = (rng.vec(), rng.vec());
+        cloud.keys.push(vec![at, if key % 2 == 0 { at } else { at + aside }]);
+    }
+    for structure in [PointStructure::Linear, PointStructure::Slabs(2)] {
+        let tree = build(&cloud, structure, SimdLevel::best());
+        for key in (2..KEYS - 2).step_by(2) {
+            let [begin, end] = [-0.7, 0.7].map(|by| (key as f32 + by) / (KEYS - 1) as f32);
+            let interval = TimeInterval::new(begin, end).unwrap();
+            let expected = meet_all(&cloud, interval, 1e-6);
+            assert_eq!(expected[0].len(), 1);
+            let found = tree.neighbor_lists_swept(interval, 1e-6).unwrap();
+            check(&found, &expected, &format!("{structure:?}, key {key}"));
+        }
+    }
+}
+
+/// A slow pair far from zero, which queries at some times find within the radius before it is there in truth.
+#[test]
+fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
+    let (mut rng, mut lists, mut early) = (Rng(66), NeighborCsr::new(), 0);
+    for round in 0..90 {
+        let keys = [2, 3, 9][round % 3];
+        let offset = rng.vec() * [1e3, 30.0, 1e5][round % 3];
+        let step = offset.length() * [1e-6, 1e-5, 1e-4][round / 3 % 3];
+        let (radius, way) = (offset.length() * 1e-3, rng.vec().normalize_or(Vec3::X));
+        let mut cloud = Cloud { keys: Vec::new(), alive: vec![TimeInterval::FULL; 2] };
+        for key in 0..keys {
+            let (at, nearer) = (offset + rng.vec() * step, 2.0 * key as f32 / (keys - 1) as f32);
+            cloud.keys.push(vec![at, at + way * (radius + step * (1.0 - nearer))]);
+        }
+        let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
+        let good = tree.neighbor_lists_with_skin(0.0, radius, 0.1 * step, 1.0, &mut lists).unwrap();
+        if lists.neighbors() > 0 {
+            continue;
+        }
+        let enter = meet(&cloud, (0, 1), [0.0, 1.0], f64::from(radius) * f64::from(radius)).map_or(1.0, |e| e.enter);
+        for _ in 0..200 {
+            let t = enter * (1.0 - 0.1 * rng.unit());
+            let d = cloud.at(1, t) - cloud.at(0, t);
+            if (d.x * d.x + d.y * d.y) + d.z * d.z <= radius * radius {
+                assert!(t >= good, "round {round}: within the radius at {t}, before {good}");
+                early += 1;
+            }
+        }
+    }
+    assert!(early > 100, "{early}");
+}
+
+/// A pair just outside of the lists that has a fast motion in common. Lists interpolate in f32 and are off by more than places rounded once:
+/// as those have it, the pair may seem to be listed.
+#[test]
+fn a_pair_just_outside_the_lists_by_their_rounding_is_not_taken_for_a_listed_one() {
+    let (mut rng, mut lists) = (Rng(69), NeighborCsr::new());
+    for round in 0..600 {
+        let (at, by, way) = (rng.vec() * 1e3, rng.vec() * 3e3, rng.vec().normalize_or(Vec3::X));
+        let keys = vec![vec![at - by, at - by + way], vec![at + by, at + by + way * 0.1]];
+        let (cloud, time, radius) = (Cloud { keys, alive: vec![TimeInterval::FULL; 2] }, 0.1 + 0.15 * rng.unit(), 0.3);
+        let d = cloud.at(1, time) - cloud.at(0, time);
+        let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;
+        let mut skin = squared.sqrt() * (1.0 + 1e-6) - radius;
+        while (radius + skin) * (radius + skin) >= squared {
+            skin = skin.next_down();
+        }
+        let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
+        let good = tree.neighbor_lists_with_skin(time, radius, skin, 1.0, &mut lists).unwrap();
+        assert_eq!(lists.neighbors(), 0, "round {round}");
+        let enter = meet(&cloud, (0, 1), [f64::from(time), 1.0], f64::from(radius) * f64::from(radius)).unwrap().enter;
+        assert!(good <= enter, "round {round}: {good}, but they meet at {enter}");
+    }
+}
+
+/// A coordinate at a key: it grows by `w` in one segment and is zero at a phase of it.
+fn passing_zero(segment: usize, phase: f32, w: f32, key: usize) -> f32 {
+    if key <= segment { -w * phase } else { w * (1.0 - phase) }
+}
+
+/// A fast point that is farther out than all others when it begins to exist. Queries compute a phase that is earlier than the exact
+/// one; the box has to hold the point then.
+#[test]
+fn a_fast_point_is_found_where_its_life_begins() {
+    let mut rng = Rng(67);
+    for round in 0..900 {
+        let segments = [21, 33, 41][round % 3];
+        let segment = segments - 1 - rng.bits() as usize % 4;
+        let begin = (segment as f32 + 0.1 + 0.8 * rng.unit()) / segments as f32;
+        let (phase, w) = (begin * segments as f32 - segment as f32, 1.0 + rng.unit());
+        let alive = vec![TimeInterval::new(begin, 1.0).unwrap(), TimeInterval::FULL];
+        let key = |key| [passing_zero(segment, phase, w, key), 3.0 + 1e-3 * rng.unit()].map(Vec3::splat).to_vec();
+        let cloud = Cloud { keys: (0..=segments).map(key).collect(), alive };
+        let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
+        let found = tree.within(cloud.at(0, begin), begin, 0.0);
+        assert_eq!(found.len(), 1, "round {round}");
+    }
+}
+
+/// The same over an interval: points touch a fast crowd at the exact phase at which it begins to exist, earlier than the one that
+/// queries compute.
+#[test]
+fn a_fast_crowd_is_met_where_its_life_begins() {
+    const SEGMENTS: usize = 700;
+    let mut rng = Rng(68);
+    for round in 0..16 {
+        let later = |t: f32| f64::from(t * SEGMENTS as f32) - f64::from(t) * SEGMENTS as f64;
+        let begin = (0..).map(|_| 1.0 - 0.3 * rng.unit()).find(|t| later(*t) > 2.5e-5).unwrap();
+        let segment = (f64::from(begin) * SEGMENTS as f64) as usize;
+        let (phase, w, other) = (begin * SEGMENTS as f32 - segment as f32, 1.0 + rng.unit(), 1.0 + rng.unit());
+        let life = TimeInterval::new(begin, 1.0).unwrap();
+        let alive = (0..32).map(|i| if i < 8 { life } else { TimeInterval::FULL }).collect();
+        let mut at = |i, key| match i {
+            0..8 => Vec3::X * passing_zero(segment, phase, w, key),
+            8..16 => Vec3::X * other,
+            _ => Vec3::new(-1.01, 1e-3 * rng.unit(), 0.0),
+        };
+        let keys = (0..=SEGMENTS).map(|key| (0..32).map(|i| at(i, key)).collect()).collect();
+        let cloud = Cloud { keys, alive };
+        let interval = TimeInterval::new(begin, begin.next_up()).unwrap();
+        let radius = least_radius(&cloud, (16, 0), interval);
+        let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
+        let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+        check(&found, &meet_all(&cloud, interval, radius), &format!("round {round}"));
+    }
+}
+
+/// Points whose distances differ by less than f32 tells: the lower id is the answer, though the other is nearer.
+#[test]
+fn closest_approaches_that_are_equal_as_rounded_go_to_the_lower_id() {
+    let [near, far] = [Vec3::X, Vec3::new(1.0, 1e-5, 0.0)];
+    for points in [[near, far], [far, near]] {
+        for structure in STRUCTURES {
+            let tree = build(&Cloud::still(points.to_vec()), structure, SimdLevel::best());
+            let found = tree.closest_approach(Vec3::ZERO, Vec3::ZERO, TimeInterval::FULL).unwrap();
+            assert_eq!((found.id, found.distance), (0, 1.0), "{points:?}, {structure:?}");
+        }
+    }
+}
