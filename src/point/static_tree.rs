@@ -318,7 +318,7 @@ impl Placed for &StaticTree {
 }
 
 impl Boxed for StaticTree {
-    fn part(&self) -> (usize, usize, [f64; 2]) {
+    fn slice(&self) -> (usize, usize, [f64; 2]) {
         (1, 0, [0.0, 1.0])
     }
     fn top(&self) -> (usize, usize) {

@@ -15,7 +15,7 @@ const SLACK: f64 = 64.0 * ROUNDING;
 /// The phases of two times in a tree's segment. They are widened by what a time near a key, rounded to f32, may lie on
 /// the wrong side of it.
 pub(super) fn phases<T: Boxed>(tree: &T, times: [f32; 2]) -> [f64; 2] {
-    let (keys, segment, _) = tree.part();
+    let (keys, segment, _) = tree.slice();
     let [begin, end] = times.map(f64::from);
     let window = Window::of_segment(keys, segment, [begin, end]);
     [window.phase(begin - ROUNDING), window.phase(end + ROUNDING)]
