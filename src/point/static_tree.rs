@@ -103,7 +103,8 @@ impl StaticTree {
         blocks
     }
 
-    /// Builds the tree over the first `count` points of [`rows`](StaticTree::rows). `id_of` turns an index there into the id that answers carry.
+    /// Builds the tree over the first `count` points of [`rows`](StaticTree::rows). `id_of` turns an index there into the id
+    /// that answers carry.
     ///
     /// Points are put in order in rows, in the memory of the blocks that they end up in and as much besides.
     pub(super) fn build(

@@ -36,17 +36,17 @@ impl Encounter {
 
 /// What is done with encounters.
 pub(super) trait Visitor {
-    /// Whether pairs are passed over that lists at the first time hold.
-    const PASSES_OVER: bool;
+    /// Whether pairs that lists at the first time contain are excluded.
+    const EXCLUDES_LISTED: bool;
     /// Comes to a point.
     fn begin(&mut self, own: &Flight);
     /// The encounters of that point with four others.
     fn meet(&mut self, own: &Flight, others: &Four, meetings: &Meetings);
 }
 
-/// What is asked of all points.
+/// The criteria of an encounter, the same for all points of a group.
 #[derive(Clone, Copy)]
-pub(super) struct Question {
+pub(super) struct Criteria {
     pub(super) radius: f64,
     /// The group's first time.
     pub(super) first_time: f32,
@@ -98,8 +98,8 @@ impl Window {
         s.min_d(s.max_d(phases, s.splat_d(0.0)), s.splat_d(1.0))
     }
 
-    /// Shows a visitor the encounters of a point with others, of which those at `hits` are looked at, `count` of them;
-    /// `hits` holds at least three more places.
+    /// Shows a visitor the encounters of a point with the `count` others whose numbers are in `hits`, which holds at least
+    /// three more numbers.
     ///
     /// Seen from the point, another is on a straight way `first + w·passing`, w in [0, 1]: its squared distance is a
     /// parabola. Every step is symmetric, so both points see the same. Times are where the parabola is at its lowest and
@@ -111,15 +111,15 @@ impl Window {
         own: &Flight,
         others: &Others,
         (hits, count): (&[u32], usize),
-        question: &Question,
+        criteria: &Criteria,
         visitor: &mut V,
     ) {
         let life = TimeInterval::FULL;
         let mut common = Common::of(s, self, own, [[life.begin(); WIDE], [life.end_bound(); WIDE]]);
-        let square = s.splat_d(question.radius * question.radius);
+        let square = s.splat_d(criteria.radius * criteria.radius);
         for at in (0..count).step_by(WIDE) {
             let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
-            if question.mortal {
+            if criteria.mortal {
                 common = Common::of(s, self, own, four.lives());
             }
             let mut meetings = common.meetings(s, &four, square);

@@ -1,6 +1,6 @@
 //! The search for all encounters of a set with itself during an interval.
 
-use super::encounter::{Question, Visitor, Window};
+use super::encounter::{Criteria, Visitor, Window};
 use super::flights::{Group, Partners};
 use super::near::Near;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
@@ -17,7 +17,7 @@ pub(super) struct Sweep<'a> {
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
     radius: f64,
-    /// Pairs that are nearer than this at the first time are passed over.
+    /// Pairs that are nearer than this at the first time are excluded.
     known: Option<f64>,
     /// Whether each point comes up once.
     pub(super) once: bool,
@@ -25,7 +25,7 @@ pub(super) struct Sweep<'a> {
     mortal: bool,
 }
 
-/// Groups that one thread does in a row.
+/// Groups that one task processes.
 const SHARE: usize = 8;
 
 impl<'a> Sweep<'a> {
@@ -65,10 +65,10 @@ impl<'a> Sweep<'a> {
         self
     }
 
-    /// Has visitors that pass over pairs pass over those that lists at the first time with this radius hold for certain.
-    /// Positions are rounded both there and here, so what is allowed for rounding counts twice: the second half covers that
-    /// here both places and their difference are rounded (3·1.8Mu) and the squares are (8ur).
-    pub(super) fn pass_over_lists_of(mut self, radius: f32) -> Sweep<'a> {
+    /// Excludes the pairs that lists at the first time with this radius contain for certain, where visitors want that.
+    /// Positions are rounded both there and here, so the allowance for rounding counts twice. The second half covers that
+    /// here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur).
+    pub(super) fn exclude_lists_of(mut self, radius: f32) -> Sweep<'a> {
         let radius = f64::from(radius);
         self.known = Some(radius - 2.0 * self.rounding(radius));
         self
@@ -149,20 +149,20 @@ impl<V: Visitor> Kernel for Share<'_, V> {
                 Tree::Moving(tree) => group.take(tree, node, pairing.times),
             }
             let first_time = pairing.times[0];
-            // What is looked at from a later time on is not where it was at the first.
+            // `known` holds for positions at the first time only.
             let known = sweep.known.filter(|_| f64::from(first_time) == sweep.times[0]);
-            let question = Question { radius: sweep.radius, first_time, mortal: sweep.mortal };
+            let criteria = Criteria { radius: sweep.radius, first_time, mortal: sweep.mortal };
             partners.clear();
             for &other in &pairing.others {
                 let other = &sweep.slices[other];
                 let window = sweep.window(slice, other);
                 match other.tree {
-                    Tree::Still(tree) => partners.add(s, tree, group, window, (&question, known)),
-                    Tree::Moving(tree) => partners.add(s, tree, group, window, (&question, known)),
+                    Tree::Still(tree) => partners.add(s, tree, group, window, (&criteria, known)),
+                    Tree::Moving(tree) => partners.add(s, tree, group, window, (&criteria, known)),
                 }
             }
             for block in &group.blocks {
-                near.visit(s, (block, partners), &question, visitor);
+                near.visit(s, (block, partners), &criteria, visitor);
             }
         }
     }
@@ -184,7 +184,7 @@ mod tests {
     struct Reported(usize);
 
     impl Visitor for Reported {
-        const PASSES_OVER: bool = false;
+        const EXCLUDES_LISTED: bool = false;
         fn begin(&mut self, _own: &Flight) {}
         fn meet(&mut self, _own: &Flight, _others: &Four, meetings: &Meetings) {
             self.0 += meetings.entering().count();
