@@ -139,12 +139,12 @@ impl QueryPath {
     /// (Plain loops over lanes, which the compiler vectorizes, with the same bits on every instruction set.)
     #[inline(always)]
     fn bounds<T: Boxed>(&self, tree: &T, node: usize) -> Lanes<f64> {
-        let (keys, segment, part) = tree.part();
+        let (keys, segment, slice) = tree.slice();
         let [of_segment, of_size] = T::SLACK;
         let segments = (keys.max(2) - 1) as f64;
         let [mut begin, mut end] = tree.times(node);
-        let first = self.times[0].max(part[0]);
-        let last = self.times[1].min(part[1]);
+        let first = self.times[0].max(slice[0]);
+        let last = self.times[1].min(slice[1]);
         for lane in 0..LANES {
             begin[lane] = max(begin[lane], first);
             end[lane] = min(end[lane], last);
@@ -196,7 +196,7 @@ impl QueryPath {
 
     /// Searches a tree of boxes.
     fn search_boxes<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
-        let (keys, segment, _) = tree.part();
+        let (keys, segment, _) = tree.slice();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
         let (top, root) = tree.top();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
@@ -238,9 +238,9 @@ impl QueryPath {
 
     /// Searches a k-d tree: both sides of each plane, the nearer one first.
     fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, search: &mut Search) {
-        let part = tree.part();
-        let first = self.times[0].max(part.interval.begin().into());
-        let last = self.times[1].min(part.interval.end().into());
+        let slice = tree.slice();
+        let first = self.times[0].max(slice.interval.begin().into());
+        let last = self.times[1].min(slice.interval.end().into());
         if first > last {
             return;
         }
@@ -256,7 +256,7 @@ impl QueryPath {
                     let blocks = first as usize..(first + count) as usize;
                     for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
                         let Some(flight) = tree.flight(block, lane) else { continue };
-                        self.visit_point(flight, part.segment..part.segment + 1, keep, search);
+                        self.visit_point(flight, slice.segment..slice.segment + 1, keep, search);
                     }
                 }
                 KdView::Inner { plane, right } => {
@@ -309,12 +309,13 @@ impl PointTree {
     /// The point that comes nearest to a query that moves on a straight line from `from` at the begin of
     /// `interval` to `to` at its end, and when.
     ///
-    /// Times are continuous here and active intervals include both ends, because the nearest moment may be the
-    /// last. (An interval that ends with the float next to a key which is no float ends with the key.) Each point has a nearest moment in each
-    /// segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the lower id. The distance is the
-    /// exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the largest coordinate; so is the time. Finds nothing
-    /// for positions that are not finite or farther from the origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16
-    /// microseconds among points that move little, some dozens if they move far across each other.
+    /// Times are continuous here and active intervals include both ends, because the nearest moment may be the last. (An
+    /// interval that ends with the float next to a key which is no float ends with the key.) Each point has a nearest
+    /// moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
+    /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the
+    /// largest coordinate; so is the time. Finds nothing for positions that are not finite or farther from the origin than
+    /// [`MAX_POINT_COORDINATE`]. Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
+    /// across each other.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -353,13 +354,13 @@ impl PointTree {
         for layer in &self.layers {
             match layer {
                 Layer::Still(tree) => path.search_boxes(self.simd, tree, &keep, &mut search),
-                Layer::Moving(parts) => {
-                    parts.iter().for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search))
+                Layer::Moving(trees) => {
+                    trees.iter().for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search))
                 }
-                Layer::Planes(parts) => parts.iter().for_each(|tree| path.search_planes(tree, &keep, &mut search)),
+                Layer::Planes(trees) => trees.iter().for_each(|tree| path.search_planes(tree, &keep, &mut search)),
             }
         }
-        for tree in self.precise.iter().flat_map(|layer| &layer.parts) {
+        for tree in self.precise.iter().flat_map(|layer| &layer.trees) {
             path.search_boxes(self.simd, tree, &keep, &mut search);
         }
         search.resolve(&path);

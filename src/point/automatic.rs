@@ -1,14 +1,14 @@
 //! The automatic choice of a structure, and its build.
 //!
-//! Samples give a first choice ([`super::choose`]), but they hardly see points that come from far away, so a structure
-//! may turn out to cost more. So the tree over one part of the shutter is built, and the work of searches in it is
-//! counted; if parts half as long promise to cost less, one of those is built as well. The trees of the structure that
-//! is finally chosen are reused.
+//! Samples give a first choice ([`super::choose`]). They hardly contain points that come from far away, so a structure
+//! may turn out to cost more. Therefore the tree of one time slice is built over the whole set, and the work of searches
+//! in it is counted. If slices half as long promise to cost less, the tree of one of those is built as well. The trees of
+//! the structure that is finally chosen are reused.
 
-use super::build::{Plan, middle_segment, parts};
+use super::build::{Plan, middle_segment, time_slices};
 use super::choose::{Trial, Trials, references_of};
 use super::fast::mark_fast;
-use super::moving_reference::Part;
+use super::moving_reference::TimeSlice;
 use super::moving_tree::MovingTree;
 use super::partition::Layer;
 use super::source::Source;
@@ -81,7 +81,7 @@ fn one_layer<'a>(
     let mut cost = layer.cost(trials);
     let mut measured = vec![format!("in the set itself {} {cost:.1}", name(layer.plan))];
     while !progress.cancelled() && trials.finer(layer.plan).is_some_and(|finer| finer < cost * PROMISE) {
-        let next = PartialLayer::new(source, points, Plan::Boxes(2 * layer.plan.parts()), progress);
+        let next = PartialLayer::new(source, points, Plan::Boxes(2 * layer.plan.time_slices()), progress);
         let of_next = next.cost(trials);
         measured.push(format!("{} {of_next:.1}", name(next.plan)));
         if of_next >= cost * GAIN {
@@ -94,11 +94,11 @@ fn one_layer<'a>(
 
 /// The fast points, and the others.
 fn split_fast(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
-    let part = parts(source.keys, 1)[middle_segment(source.keys)];
-    let mut movers = source.movers(&part, points.iter().map(|&i| i as usize), |i| i as u32);
-    mark_fast(&mut movers, &part, part.middle_phase());
+    let slice = time_slices(source.keys, 1)[middle_segment(source.keys)];
+    let mut references = source.references(&slice, points.iter().map(|&i| i as usize), |i| i as u32);
+    mark_fast(&mut references, &slice, slice.middle_phase());
     let mut is_fast = vec![false; source.len];
-    movers.iter().filter(|m| m.fast).for_each(|m| is_fast[m.id as usize] = true);
+    references.iter().filter(|m| m.fast).for_each(|m| is_fast[m.id as usize] = true);
     points.iter().partition(|&&i| is_fast[i as usize])
 }
 
@@ -121,13 +121,13 @@ impl<'a> Separated<'a> {
         let begin = |plan: Plan| {
             let fast = PartialLayer::new(source, fast, plan, progress);
             let references = slow.references() + fast.references();
-            let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.part());
+            let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.slice());
             (fast, cost)
         };
         let (mut fast, mut cost) = begin(of_fast);
         // Trees over a few points are built quickly.
-        while !progress.cancelled() && trials.affordable(2 * fast.plan.parts()) {
-            let finer = begin(Plan::Boxes(2 * fast.plan.parts()));
+        while !progress.cancelled() && trials.affordable(2 * fast.plan.time_slices()) {
+            let finer = begin(Plan::Boxes(2 * fast.plan.time_slices()));
             if finer.1 >= cost * GAIN {
                 break;
             }
@@ -152,61 +152,61 @@ struct PartialLayer<'a> {
     source: &'a Source,
     points: &'a [u32],
     plan: Plan,
-    parts: Vec<Part>,
-    /// The part of the shutter of that tree.
+    slices: Vec<TimeSlice>,
+    /// The index of the time slice of that tree.
     at: usize,
     tree: Layer,
 }
 
 impl<'a> PartialLayer<'a> {
-    /// Builds the tree for a part in the middle.
+    /// Builds the tree of a time slice in the middle.
     fn new(source: &'a Source, points: &'a [u32], plan: Plan, progress: &Progress) -> PartialLayer<'a> {
-        let parts = parts(source.keys, plan.parts());
-        let at = parts.len() / 2;
+        let slices = time_slices(source.keys, plan.time_slices());
+        let at = slices.len() / 2;
         // Counted as progress once it is known whether it is used.
-        let tree = Layer::Moving(vec![tree(source, points, &parts[at], &progress.part(0.0))]);
-        PartialLayer { source, points, plan, parts, at, tree }
+        let tree = Layer::Moving(vec![tree(source, points, &slices[at], &progress.part(0.0))]);
+        PartialLayer { source, points, plan, slices, at, tree }
     }
 
-    fn part(&self) -> &Part {
-        &self.parts[self.at]
+    fn slice(&self) -> &TimeSlice {
+        &self.slices[self.at]
     }
 
     fn references(&self) -> usize {
-        references_of(self.source, self.points, self.plan.parts())
+        references_of(self.source, self.points, self.plan.time_slices())
     }
 
     fn cost(&self, trials: &Trials) -> f64 {
-        trials.measured(&[&self.tree], self.references(), self.part())
+        trials.measured(&[&self.tree], self.references(), self.slice())
     }
 
     /// Builds the other trees.
     fn finish(self, why: String, progress: &Progress) -> Chosen {
-        let share = progress.part(1.0 / self.parts.len() as f64);
+        let share = progress.part(1.0 / self.slices.len() as f64);
         let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
-        let tree = |(i, part): (usize, &Part)| match ready.pop_if(|_| i == self.at) {
+        let tree = |(i, slice): (usize, &TimeSlice)| match ready.pop_if(|_| i == self.at) {
             Some(tree) => {
                 share.finished(1.0);
                 tree
             }
-            None => tree(self.source, self.points, part, &share),
+            None => tree(self.source, self.points, slice, &share),
         };
-        let layer = Layer::Moving(self.parts.iter().enumerate().map(tree).collect());
+        let layer = Layer::Moving(self.slices.iter().enumerate().map(tree).collect());
         Chosen { layer, plan: self.plan, points: self.points.len(), why }
     }
 }
 
-/// The tree over a part of the shutter.
-fn tree(source: &Source, points: &[u32], part: &Part, progress: &Progress) -> MovingTree {
+/// The tree of a time slice.
+fn tree(source: &Source, points: &[u32], slice: &TimeSlice, progress: &Progress) -> MovingTree {
     let points = if progress.cancelled() { &[] } else { points };
-    let movers = source.movers(part, points.iter().map(|&i| i as usize), |i| source.id(i));
-    MovingTree::build(&movers, *part, progress)
+    let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
+    MovingTree::build(&references, *slice, progress)
 }
 
 fn name(plan: Plan) -> String {
     match plan {
         Plan::Boxes(1) => "one linear tree".to_string(),
-        Plan::Boxes(parts) => format!("{parts} parts"),
+        Plan::Boxes(slices) => format!("{slices} parts"),
         Plan::Planes(_) => "one k-d tree".to_string(),
     }
 }

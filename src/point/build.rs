@@ -1,6 +1,6 @@
-//! From the points that move to layers: dividing the shutter into parts, each with a tree of its own.
+//! From moving points to layers: the shutter is divided into time slices, each with a tree of its own.
 
-use super::moving_reference::{MovingReference, Part, exact_phase};
+use super::moving_reference::{MovingReference, TimeSlice, exact_phase};
 use super::moving_tree::MovingTree;
 use super::partition::Layer;
 use super::plane_tree::PlaneTree;
@@ -19,28 +19,28 @@ pub(super) enum Plan {
 
 impl Plan {
     /// Trees for each segment between keys.
-    pub(super) fn parts(self) -> usize {
+    pub(super) fn time_slices(self) -> usize {
         match self {
-            Plan::Boxes(parts) => parts,
+            Plan::Boxes(slices) => slices,
             Plan::Planes(_) => 1,
         }
     }
 
-    /// The layer over `movers` of each of these parts of the shutter; over none of them once `progress` is cancelled.
+    /// The layer with a tree over the `references` of each time slice. Once `progress` is cancelled, trees are empty.
     pub(super) fn layer(
         self,
-        parts: &[Part],
-        movers: impl Fn(&Part) -> Vec<MovingReference>,
+        slices: &[TimeSlice],
+        references: impl Fn(&TimeSlice) -> Vec<MovingReference>,
         progress: &Progress,
     ) -> Layer {
-        let movers = |part: &Part| if progress.cancelled() { Vec::new() } else { movers(part) };
-        let progress = progress.part(1.0 / parts.len() as f64);
-        let boxes = |part: &Part| MovingTree::build(&movers(part), *part, &progress);
+        let references = |slice: &TimeSlice| if progress.cancelled() { Vec::new() } else { references(slice) };
+        let progress = progress.part(1.0 / slices.len() as f64);
+        let boxes = |slice: &TimeSlice| MovingTree::build(&references(slice), *slice, &progress);
         match self {
-            Plan::Boxes(_) => Layer::Moving(parts.iter().map(boxes).collect()),
+            Plan::Boxes(_) => Layer::Moving(slices.iter().map(boxes).collect()),
             Plan::Planes(most) => {
-                let planes = |part: &Part| PlaneTree::build(&movers(part), *part, most, &progress);
-                Layer::Planes(parts.iter().map(planes).collect())
+                let planes = |slice: &TimeSlice| PlaneTree::build(&references(slice), *slice, most, &progress);
+                Layer::Planes(slices.iter().map(planes).collect())
             }
         }
     }
@@ -51,13 +51,13 @@ pub(super) fn middle_segment(keys: usize) -> usize {
     (keys.max(2) - 1) / 2
 }
 
-/// The parts into which the shutter is divided: `per_segment` for each segment between keys.
-pub(super) fn parts(keys: usize, per_segment: usize) -> Vec<Part> {
-    (0..(keys - 1).max(1)).flat_map(|segment| parts_of(segment, keys, per_segment)).collect()
+/// The time slices of the shutter: `per_segment` for each segment between keys.
+pub(super) fn time_slices(keys: usize, per_segment: usize) -> Vec<TimeSlice> {
+    (0..(keys - 1).max(1)).flat_map(|segment| time_slices_of(segment, keys, per_segment)).collect()
 }
 
-/// The same of one segment.
-pub(super) fn parts_of(segment: usize, keys: usize, per_segment: usize) -> impl Iterator<Item = Part> {
+/// The time slices of one segment.
+pub(super) fn time_slices_of(segment: usize, keys: usize, per_segment: usize) -> impl Iterator<Item = TimeSlice> {
     let (begin, end) = (segment * per_segment, (segment + 1) * per_segment);
     let count = (keys - 1).max(1) * per_segment;
     let bound = move |i: usize| if i == count { 2.0 } else { boundary(i, per_segment, keys) };
@@ -65,11 +65,11 @@ pub(super) fn parts_of(segment: usize, keys: usize, per_segment: usize) -> impl 
         let interval = TimeInterval::half_open(bound(i), bound(i + 1))?;
         let at = |i: usize| exact_phase(bound(i), keys, segment);
         let phases = [if i == begin { 0.0 } else { at(i) }, if i + 1 == end { 1.0 } else { at(i + 1) }];
-        Some(Part { keys, segment, interval, phases })
+        Some(TimeSlice { keys, segment, interval, phases })
     })
 }
 
-/// Begin of part `i`.
+/// Begin of time slice `i`.
 fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
     if i.is_multiple_of(per_segment) {
         return KeyTime::first_time(i / per_segment, keys);
@@ -84,8 +84,8 @@ pub(super) fn moving_layer(
     plan: Plan,
     progress: &Progress,
 ) -> Layer {
-    let movers = |part: &Part| source.movers(part, select.clone(), |i| source.id(i));
-    plan.layer(&parts(source.keys, plan.parts()), movers, progress)
+    let references = |slice: &TimeSlice| source.references(slice, select.clone(), |i| source.id(i));
+    plan.layer(&time_slices(source.keys, plan.time_slices()), references, progress)
 }
 
 #[cfg(test)]
@@ -93,16 +93,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_time_is_in_one_part_and_in_its_segment() {
+    fn every_time_is_in_one_slice_and_in_its_segment() {
         for keys in [1, 2, 3, 4, 8, 11, 26] {
             for per_segment in [1, 2, 3, 8] {
-                let parts = parts(keys, per_segment);
-                assert_eq!(parts.len(), (keys - 1).max(1) * per_segment);
-                let bounds = parts.iter().flat_map(|p| [p.interval.begin(), p.interval.end()]);
+                let slices = time_slices(keys, per_segment);
+                assert_eq!(slices.len(), (keys - 1).max(1) * per_segment);
+                let bounds = slices.iter().flat_map(|p| [p.interval.begin(), p.interval.end()]);
                 let near = bounds.flat_map(|t| [t.next_down(), t, t.next_up()]);
                 for t in near.chain((0..=997).map(|i| i as f32 / 997.0)).filter(|t| (0.0..=1.0).contains(t)) {
-                    let holding: Vec<&Part> = parts.iter().filter(|p| p.interval.contains(t)).collect();
-                    assert_eq!(holding.len(), 1, "{keys} keys, {per_segment} parts each, time {t}");
+                    let holding: Vec<&TimeSlice> = slices.iter().filter(|p| p.interval.contains(t)).collect();
+                    assert_eq!(holding.len(), 1, "{keys} keys, {per_segment} slices each, time {t}");
                     assert_eq!(KeyTime::new(t, keys).segment, holding[0].segment, "{keys} keys, time {t}");
                 }
             }

@@ -5,9 +5,9 @@
 //! in each candidate structure, and the work of a few hundred searches among them is counted in
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
-use super::build::{Plan, parts_of};
+use super::build::{Plan, time_slices_of};
 use super::counted::{CountedSearch, search_counted};
-use super::moving_reference::{MovingReference, Part, places};
+use super::moving_reference::{MovingReference, TimeSlice, places};
 use super::partition::Layer;
 use super::sample::{Sample, Sampler, spread};
 use super::search::KeepLanes;
@@ -43,23 +43,23 @@ pub(super) struct Trials<'a> {
     pub(super) all: Vec<Trial>,
 }
 
-/// The largest number of parts of a segment.
+/// The largest number of time slices of a segment.
 const FINEST: usize = 32;
 
 impl<'a> Trials<'a> {
-    /// Tries finer and finer parts for all points (at least one), and for the fast ones alone if they are few, until
-    /// halving the parts does not help any more.
+    /// Tries finer and finer time slices for all points (at least one), and for the fast ones alone if they are few, until
+    /// halving the slices does not help any more.
     pub(super) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
         let mut trials = Trials { source, points, most, simd, sampler: Sampler::new(source, points), all: Vec::new() };
         let simple = Plan::Boxes(1);
         let samples = trials.sampler.samples(1, true);
-        let fast: usize = samples.iter().map(|s| s.movers.iter().filter(|m| m.fast).count()).sum();
-        let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.movers.len()).sum::<usize>();
+        let fast: usize = samples.iter().map(|s| s.references.iter().filter(|m| m.fast).count()).sum();
+        let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.references.len()).sum::<usize>();
         let mut before = [trials.add(&samples, simple, None); 2];
         let mut goes_on = [true, few];
-        let mut parts = 2;
-        while goes_on != [false; 2] && trials.affordable(parts) {
-            let (samples, plan) = (trials.sampler.samples(parts, few), Plan::Boxes(parts));
+        let mut slices = 2;
+        while goes_on != [false; 2] && trials.affordable(slices) {
+            let (samples, plan) = (trials.sampler.samples(slices, few), Plan::Boxes(slices));
             for (i, (slow, fast)) in [(plan, None), (simple, Some(plan))].into_iter().enumerate() {
                 if goes_on[i] {
                     let cost = trials.add(&samples, slow, fast);
@@ -67,7 +67,7 @@ impl<'a> Trials<'a> {
                     before[i] = cost;
                 }
             }
-            parts *= 2;
+            slices *= 2;
         }
         trials
     }
@@ -81,30 +81,30 @@ impl<'a> Trials<'a> {
         *cheap.min_by_key(|trial| trial.references).unwrap_or(&self.all[0])
     }
 
-    /// The cost with parts half as long, if these are affordable.
+    /// The cost with time slices half as long, if these are affordable.
     pub(super) fn finer(&mut self, plan: Plan) -> Option<f64> {
-        let plan = Plan::Boxes(2 * plan.parts());
+        let plan = Plan::Boxes(2 * plan.time_slices());
         if let Some(trial) = self.all.iter().find(|trial| (trial.plan, trial.fast) == (plan, None)) {
             return Some(trial.cost);
         }
-        self.affordable(plan.parts()).then(|| self.add(&self.sampler.samples(plan.parts(), false), plan, None))
+        self.affordable(plan.time_slices())
+            .then(|| self.add(&self.sampler.samples(plan.time_slices(), false), plan, None))
     }
 
-    /// The cost of layers over all points with this many references in all, measured in their trees for one part of the
-    /// shutter.
-    pub(super) fn measured(&self, layers: &[&Layer], references: usize, part: &Part) -> f64 {
-        let later = (part.segment + 1).min(part.keys - 1);
+    /// The cost of layers over all points with this many references in all, measured in their trees of one time slice.
+    pub(super) fn measured(&self, layers: &[&Layer], references: usize, slice: &TimeSlice) -> f64 {
+        let later = (slice.segment + 1).min(slice.keys - 1);
         let ends = |i: usize| {
             let point = self.points[spread(i, self.points.len())] as usize;
-            [part.segment, later].map(|key| self.source.at(point, key))
+            [slice.segment, later].map(|key| self.source.at(point, key))
         };
         let points: Vec<_> = (0..self.searches()).map(ends).collect();
-        priced(visited(layers, part, &points, self.simd), references)
+        priced(visited(layers, slice, &points, self.simd), references)
     }
 
-    /// Tries a structure and returns its cost. Samples without active points in their part of the shutter are skipped.
+    /// Tries a structure and returns its cost. Samples without active points in their time slice are skipped.
     fn add(&mut self, samples: &[Sample], plan: Plan, fast: Option<Plan>) -> f64 {
-        let non_empty = samples.iter().filter(|sample| !sample.movers.is_empty());
+        let non_empty = samples.iter().filter(|sample| !sample.references.is_empty());
         let count = non_empty.clone().count().max(1);
         let searches = self.searches().div_ceil(count);
         let all = non_empty.map(|s| work(s, searches, (plan, fast), self.simd));
@@ -120,25 +120,25 @@ impl<'a> Trials<'a> {
         (self.points.len() / SEARCHED).clamp(least, most)
     }
 
-    /// Whether a segment may have this many parts.
-    pub(super) fn affordable(&self, parts: usize) -> bool {
-        let all = || references_of(self.source, self.points, parts) as f64;
+    /// Whether a segment may have this many time slices.
+    pub(super) fn affordable(&self, slices: usize) -> bool {
+        let all = || references_of(self.source, self.points, slices) as f64;
         let within = || all() <= f64::from(self.most) * self.points.len() as f64;
-        parts <= FINEST && (parts as f32 <= self.most || within())
+        slices <= FINEST && (slices as f32 <= self.most || within())
     }
 }
 
-/// The number of references of points with this many parts.
-pub(super) fn references_of(source: &Source, points: &[u32], parts: usize) -> usize {
-    points.iter().map(|&i| references(source.alive(i as usize), parts, source.keys)).sum()
+/// The number of references to points, with this many time slices for each segment.
+pub(super) fn references_of(source: &Source, points: &[u32], slices: usize) -> usize {
+    points.iter().map(|&i| trees_of(source.alive(i as usize), slices, source.keys)).sum()
 }
 
 /// The number of trees of a segment in which a point is active.
-fn references(life: TimeInterval, parts: usize, keys: usize) -> usize {
+fn trees_of(life: TimeInterval, slices: usize, keys: usize) -> usize {
     if keys > 2 {
-        return parts;
+        return slices;
     }
-    let at = |t: f32| ((t * parts as f32) as usize).min(parts - 1);
+    let at = |t: f32| ((t * slices as f32) as usize).min(slices - 1);
     at(life.end()) - at(life.begin()) + 1
 }
 
@@ -148,49 +148,51 @@ fn priced(visited: f64, references: usize) -> f64 {
     COLD * bytes / (bytes + HALF_COLD) + visited
 }
 
-/// The weighted work of searches during the part of the shutter that a sample represents, and its references.
+/// The weighted work of searches during the time slice that a sample represents, and its references.
 fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> (f64, usize) {
-    let Sample { movers, part, scale } = sample;
-    let Part { keys, segment, interval, .. } = part;
+    let Sample { references, slice, scale } = sample;
+    let TimeSlice { keys, segment, interval, .. } = slice;
     let group = |plan: Plan, keep: &dyn Fn(&MovingReference) -> bool| {
-        let count = plan.parts();
-        let answers = |part: &Part| part.interval.contains(interval.begin());
-        let part = parts_of(*segment, *keys, count).find(answers).unwrap_or(*part);
-        let inside = |m: &MovingReference| Some(MovingReference { alive: m.life.intersect(part.interval)?, ..*m });
+        let count = plan.time_slices();
+        let answers = |slice: &TimeSlice| slice.interval.contains(interval.begin());
+        let slice = time_slices_of(*segment, *keys, count).find(answers).unwrap_or(*slice);
+        let inside = |m: &MovingReference| Some(MovingReference { alive: m.life.intersect(slice.interval)?, ..*m });
         let layer = plan.layer(
-            &[part],
-            |_| movers.iter().filter(|m| keep(m)).filter_map(inside).collect(),
+            &[slice],
+            |_| references.iter().filter(|m| keep(m)).filter_map(inside).collect(),
             &Progress::new(None),
         );
-        let references: usize = movers.iter().filter(|m| keep(m)).map(|m| references(m.life, count, *keys)).sum();
-        (layer, references)
+        let kept = references.iter().filter(|m| keep(m));
+        let count: usize = kept.map(|m| trees_of(m.life, count, *keys)).sum();
+        (layer, count)
     };
     let groups = match fast {
         Some(fast) => vec![group(plan, &|m| !m.fast), group(fast, &|m| m.fast)],
         None => vec![group(plan, &|_| true)],
     };
     let layers: Vec<&Layer> = groups.iter().map(|(layer, _)| layer).collect();
-    let points: Vec<_> = central(movers, part, searches).into_iter().map(|m| [m.open, m.close]).collect();
-    let references: usize = groups.iter().map(|(_, references)| references).sum();
-    let all = (references as f64 * scale) as usize;
+    let points: Vec<_> = central(references, slice, searches).into_iter().map(|m| [m.open, m.close]).collect();
+    let count: usize = groups.iter().map(|(_, count)| count).sum();
+    let all = (count as f64 * scale) as usize;
     // The tree of the whole set is higher, and searches visit one more node on each further level.
-    let higher = [movers.len(), (movers.len() as f64 * scale) as usize].map(|count| Shape::with_leaf(count, 1).levels);
+    let whole = (references.len() as f64 * scale) as usize;
+    let higher = [references.len(), whole].map(|count| Shape::with_leaf(count, 1).levels);
     let higher = higher[1].saturating_sub(higher[0]) as f64;
-    (priced(visited(&layers, part, &points, simd) + higher, all), references)
+    (priced(visited(&layers, slice, &points, simd) + higher, all), count)
 }
 
 /// The weighted number of nodes and blocks that a search for eight neighbours visits in layers, averaged over searches
-/// at points between their keys, at times in a part of the shutter.
-fn visited(layers: &[&Layer], part: &Part, points: &[[[f32; 3]; 2]], simd: SimdLevel) -> f64 {
+/// at points between their keys, at times of a time slice.
+fn visited(layers: &[&Layer], slice: &TimeSlice, points: &[[[f32; 3]; 2]], simd: SimdLevel) -> f64 {
     let mut candidates = Candidates::default();
     let mut total = 0.0;
     for (i, ends) in points.iter().enumerate() {
         // Times in an order that is independent of the positions.
         let fraction = ((i * 89) % points.len()) as f32 / points.len() as f32;
-        let time = part.interval.begin() + part.interval.duration() * fraction;
+        let time = slice.interval.begin() + slice.interval.duration() * fraction;
         let layers: Vec<_> = layers.iter().map(|layer| (core::slice::from_ref(*layer), time)).collect();
         let [open, close] = ends.map(Vec3::from_array);
-        let point = KeyTime::new(time, part.keys).position(open, close);
+        let point = KeyTime::new(time, slice.keys).position(open, close);
         let all = |_: &Lanes<u32>, mask: Mask| mask;
         let search =
             CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
@@ -200,10 +202,10 @@ fn visited(layers: &[&Layer], part: &Part, points: &[[[f32; 3]; 2]], simd: SimdL
     total / points.len() as f64
 }
 
-/// The references nearest to the middle of a sample in the middle of its part of the shutter. Points that come among
+/// The references nearest to the middle of a sample in the middle of its time slice. Points that come among
 /// them at other times are in the sample as well, unless they come from far away.
-fn central<'a>(movers: &'a [MovingReference], part: &Part, count: usize) -> Vec<&'a MovingReference> {
-    let places = places(movers, part.middle_phase());
+fn central<'a>(references: &'a [MovingReference], slice: &TimeSlice, count: usize) -> Vec<&'a MovingReference> {
+    let places = places(references, slice.middle_phase());
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     places.iter().for_each(|item| include(&mut lo, &mut hi, item.at));
     let off = |axis: usize, x: f32| {
@@ -216,5 +218,5 @@ fn central<'a>(movers: &'a [MovingReference], part: &Part, count: usize) -> Vec<
         all.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         all.truncate(count);
     }
-    all.into_iter().map(|(_, index)| &movers[index as usize]).collect()
+    all.into_iter().map(|(_, index)| &references[index as usize]).collect()
 }

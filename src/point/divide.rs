@@ -118,8 +118,8 @@ fn bracket(keys: &[f32], count: usize) -> (f32, f32) {
 /// Evenly spread keys take four to six.
 const GUESSES: usize = 10;
 
-/// A bound that the `count` lowest keys are below, and the others not. `least` and `most` are the least and the greatest finite key. Where none
-/// is found soon, as it is where keys are equal: the greatest key tried that too few are below.
+/// A bound that exactly the `count` lowest keys are below. `least` and `most` are the least and the greatest finite key. If
+/// none is found within [`GUESSES`], as where keys are equal, the error is the greatest key tried that too few are below.
 #[inline(always)]
 pub(super) fn guess<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f32, f32)) -> Result<f32, f32> {
     // So many keys are below `lo`, and so many, or fewer, below `hi`.

@@ -1,15 +1,15 @@
 //! Detecting points that move far relative to their neighbours.
 
-use super::moving_reference::{MovingReference, Part, places};
+use super::moving_reference::{MovingReference, TimeSlice, places};
 use super::order::{Item, order};
 use super::spread::include;
 use crate::progress::Progress;
 use crate::simd::LANES;
 use crate::tuning::points::FAST;
 
-/// Marks the references that move far, during a part of the shutter, relative to their neighbours at a phase of it.
-pub(super) fn mark_fast(movers: &mut [MovingReference], part: &Part, phase: f64) {
-    let mut items = places(movers, phase);
+/// Marks the references that move far during a time slice, relative to their neighbours at a phase of it.
+pub(super) fn mark_fast(references: &mut [MovingReference], slice: &TimeSlice, phase: f64) {
+    let mut items = places(references, phase);
     order(&mut items, LANES, &Progress::new(None));
     let mut sizes: Vec<f32> = items.chunks(LANES).map(size).collect();
     let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else { return };
@@ -21,14 +21,14 @@ pub(super) fn mark_fast(movers: &mut [MovingReference], part: &Part, phase: f64)
         let usual: [f64; 3] = core::array::from_fn(|axis| {
             let mut row = [0.0; LANES];
             let row = &mut row[..leaf.len()];
-            row.iter_mut().zip(leaf).for_each(|(x, item)| *x = way(&movers[item.index as usize], axis));
+            row.iter_mut().zip(leaf).for_each(|(x, item)| *x = way(&references[item.index as usize], axis));
             row.sort_unstable_by(f64::total_cmp);
             row[row.len() / 2]
         });
         for item in leaf {
-            let m = &mut movers[item.index as usize];
+            let m = &mut references[item.index as usize];
             let far = (0..3).map(|a| (way(m, a) - usual[a]).abs()).fold(0.0, f64::max);
-            let [begin, end] = m.range(part);
+            let [begin, end] = m.range(slice);
             m.fast = far * (end - begin) > FAST * least;
         }
     }

@@ -1,8 +1,8 @@
 //! Point trees in files.
 
-use super::build::parts;
+use super::build::time_slices;
 use super::moving_file::MovingRecord;
-use super::moving_reference::Part;
+use super::moving_reference::TimeSlice;
 use super::moving_tree::MovingTree;
 use super::partition::Layer;
 use super::plane_file::PlaneRecord;
@@ -56,18 +56,18 @@ impl PointTree {
                         tree.encode(to)?;
                     }
                     Layer::Moving(trees) => {
-                        begin(to, MOVING, trees.first().map(|tree| tree.part()), trees.len(), statistics)?;
+                        begin(to, MOVING, trees.first().map(|tree| tree.slice()), trees.len(), statistics)?;
                         trees.iter().try_for_each(|tree| tree.encode(to))?;
                     }
                     Layer::Planes(trees) => {
-                        begin(to, PLANES, trees.first().map(|tree| tree.part()), trees.len(), statistics)?;
+                        begin(to, PLANES, trees.first().map(|tree| tree.slice()), trees.len(), statistics)?;
                         trees.iter().try_for_each(|tree| tree.encode(to))?;
                     }
                 }
             }
             for (layer, statistics) in self.precise.iter().zip(of_precise) {
-                begin(to, PRECISE, layer.parts.first().map(PreciseTree::part), layer.parts.len(), statistics)?;
-                layer.parts.iter().try_for_each(|tree| tree.encode(to))?;
+                begin(to, PRECISE, layer.trees.first().map(PreciseTree::slice), layer.trees.len(), statistics)?;
+                layer.trees.iter().try_for_each(|tree| tree.encode(to))?;
             }
             Ok(())
         })
@@ -158,7 +158,7 @@ impl PointTree {
 fn begin(
     to: &mut Encoder<'_>,
     number: u32,
-    part: Option<&Part>,
+    slice: Option<&TimeSlice>,
     trees: usize,
     statistics: &PointLayerStatistics,
 ) -> Result<(), FileError> {
@@ -166,7 +166,7 @@ fn begin(
         PointLayerKind::Linear { parts } => parts,
         PointLayerKind::Static | PointLayerKind::Mbkd => 1,
     };
-    to.put([number, part.map_or(1, |part| part.keys) as u32, per_segment as u32, trees as u32])?;
+    to.put([number, slice.map_or(1, |slice| slice.keys) as u32, per_segment as u32, trees as u32])?;
     to.put(statistics.points as u64)?;
     to.array(statistics.why.as_bytes())
 }
@@ -198,7 +198,7 @@ impl LayerRecord {
         let LayerRecord { keys, per_segment, points, why, trees } = self;
         let points = points as usize;
         let Ok(why) = String::from_utf8(why) else { return broken("the reason of a layer is not valid UTF-8") };
-        let parts = |trees: usize| parts_of(keys, per_segment, trees);
+        let slices = |trees: usize| time_slices_of(keys, per_segment, trees);
         // Each tree has at most all points, and all trees together have each point at least once.
         let enough = |counts: &[usize]| {
             let most = counts.iter().copied().max().unwrap_or(0);
@@ -211,15 +211,15 @@ impl LayerRecord {
                 tree.add(Layer::Still(still), PointLayerKind::Static, points, why);
             }
             Trees::Moving(records) => {
-                let parts = parts(records.len())?.into_iter();
-                let trees = records.into_iter().zip(parts).map(|(record, part)| record.checked(part));
+                let slices = slices(records.len())?.into_iter();
+                let trees = records.into_iter().zip(slices).map(|(record, slice)| record.checked(slice));
                 let trees: Vec<MovingTree> = trees.collect::<Result<_, _>>()?;
                 enough(&trees.iter().map(MovingTree::references).collect::<Vec<_>>())?;
                 tree.add(Layer::Moving(trees), PointLayerKind::Linear { parts: per_segment }, points, why);
             }
             Trees::Planes(records) => {
-                let parts = parts(records.len())?.into_iter();
-                let trees = records.into_iter().zip(parts).map(|(record, part)| record.checked(part));
+                let slices = slices(records.len())?.into_iter();
+                let trees = records.into_iter().zip(slices).map(|(record, slice)| record.checked(slice));
                 let trees: Vec<PlaneTree> = trees.collect::<Result<_, _>>()?;
                 let references: usize = trees.iter().map(PlaneTree::references).sum();
                 require(points <= references, "the number of points does not match its trees")?;
@@ -228,8 +228,8 @@ impl LayerRecord {
             Trees::Precise(records) => {
                 let moves = records.iter().any(PreciseRecord::moves);
                 let kind = if moves { PointLayerKind::Linear { parts: per_segment } } else { PointLayerKind::Static };
-                let (parts, origin) = (parts(records.len())?.into_iter(), tree.origin);
-                let trees = records.into_iter().zip(parts).map(|(record, part)| record.checked(part, origin));
+                let (slices, origin) = (slices(records.len())?.into_iter(), tree.origin);
+                let trees = records.into_iter().zip(slices).map(|(record, slice)| record.checked(slice, origin));
                 let trees: Vec<PreciseTree> = trees.collect::<Result<_, _>>()?;
                 enough(&trees.iter().map(PreciseTree::references).collect::<Vec<_>>())?;
                 tree.add_precise_layer(trees, kind, points, why);
@@ -239,12 +239,12 @@ impl LayerRecord {
     }
 }
 
-/// The parts of the shutter of a layer with this many trees.
-fn parts_of(keys: usize, per_segment: usize, trees: usize) -> Result<Vec<Part>, FileError> {
+/// The time slices of a layer with this many trees.
+fn time_slices_of(keys: usize, per_segment: usize, trees: usize) -> Result<Vec<TimeSlice>, FileError> {
     let known = (1..=MAX_KEYS).contains(&keys) && (1..=MAX_SLABS).contains(&per_segment);
-    // Some parts are so short that they contain no time.
+    // Some slices are so short that they contain no time.
     let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;
-    let parts = if few { parts(keys, per_segment) } else { Vec::new() };
-    require(few && parts.len() == trees, "the number of trees does not match the parts of the shutter")?;
-    Ok(parts)
+    let slices = if few { time_slices(keys, per_segment) } else { Vec::new() };
+    require(few && slices.len() == trees, "the number of trees does not match the parts of the shutter")?;
+    Ok(slices)
 }

@@ -2,7 +2,7 @@
 
 use super::linear_bounds::LinearBoxes;
 use super::moving_leaf::{Block, MovingLeaves, Times};
-use super::moving_reference::Part;
+use super::moving_reference::TimeSlice;
 use super::moving_tree::{MovingTree, first_children};
 use super::static_tree::Shape;
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
@@ -81,7 +81,7 @@ pub(super) struct MovingRecord {
 }
 
 impl MovingTree {
-    /// Writes everything except the part of the shutter.
+    /// Writes everything except the time slice.
     pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.put(self.references as u64)?;
         to.array(&self.nodes)?;
@@ -97,8 +97,8 @@ impl MovingRecord {
         Ok(MovingRecord { count, nodes, node_times, leaves: MovingLeaves::decode(from)? })
     }
 
-    /// The tree of a part of the shutter, or an error if searches cannot traverse it.
-    pub(super) fn checked(self, part: Part) -> Result<MovingTree, FileError> {
+    /// The tree of a time slice, or an error if searches cannot traverse it.
+    pub(super) fn checked(self, slice: TimeSlice) -> Result<MovingTree, FileError> {
         let MovingRecord { count, nodes, node_times, leaves } = self;
         let blocks = leaves.blocks.len();
         require(count.div_ceil(LANES as u64) == blocks as u64, "the number of leaves does not match its points")?;
@@ -115,7 +115,7 @@ impl MovingRecord {
         }
         let first = first_children(&shape);
         let levels = shape.levels;
-        Ok(MovingTree { part, nodes, first, leaves, node_times, levels, references: count })
+        Ok(MovingTree { slice, nodes, first, leaves, node_times, levels, references: count })
     }
 }
 

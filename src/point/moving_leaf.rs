@@ -57,12 +57,12 @@ impl Leaf {
     };
 
     /// Sets the point of a lane.
-    pub(super) fn set(&mut self, lane: usize, mover: &MovingReference) {
+    pub(super) fn set(&mut self, lane: usize, reference: &MovingReference) {
         for axis in 0..3 {
-            self.block.open[axis][lane] = mover.open[axis];
-            self.block.close[axis][lane] = mover.close[axis];
+            self.block.open[axis][lane] = reference.open[axis];
+            self.block.close[axis][lane] = reference.close[axis];
         }
-        self.block.id[lane] = mover.id;
+        self.block.id[lane] = reference.id;
     }
 
     /// Sets the active interval of a lane, and the whole interval of its point. Leaves whose points are active throughout

@@ -1,4 +1,4 @@
-//! Moving references: points between two keys, and the part of the shutter that a tree covers.
+//! Moving references: points between two keys, and the time slices that trees cover.
 
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{Item, huge_vec};
@@ -9,30 +9,29 @@ pub(super) struct MovingReference {
     pub(super) open: [f32; 3],
     pub(super) close: [f32; 3],
     pub(super) alive: TimeInterval,
-    /// The whole interval of the point, of which `alive` is the intersection with a part of the shutter.
+    /// The whole interval of the point, of which `alive` is the intersection with a time slice.
     pub(super) life: TimeInterval,
     pub(super) id: u32,
     /// Whether it moves far relative to its neighbours.
     pub(super) fast: bool,
 }
 
-/// The part of the shutter that a moving tree covers: within one segment between two keys.
+/// A time slice: the times that a moving tree covers, within one segment between two keys.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Part {
+pub(super) struct TimeSlice {
     /// Number of keys of the set.
     pub(super) keys: usize,
     /// Index of the earlier key.
     pub(super) segment: usize,
-    /// The times of the part.
+    /// The times of the slice.
     pub(super) interval: TimeInterval,
-    /// Its begin and end as phases between the keys, exact: parts that share an end have the same phase there.
+    /// Begin and end as exact phases between the keys. The end of a slice has the same phase as the begin of the next.
     pub(super) phases: [f64; 2],
 }
 
-impl Part {
-    /// The phase of time `t` between the keys, without rounding. (Times have 24 bits and there are at most
-    /// 2^16 keys.) At the ends of the part it is the phase of the part, which at a key differs from that of the nearest
-    /// float.
+impl TimeSlice {
+    /// The phase of time `t` between the keys, without rounding. (Times have 24 bits, and there are at most 2^16 keys.)
+    /// At the ends of the slice, it is the phase of that end: at a key, the phase of the nearest float differs from it.
     pub(super) fn exact_phase(&self, t: f32) -> f64 {
         if t <= self.interval.begin() {
             return self.phases[0];
@@ -55,7 +54,7 @@ impl Part {
         [begin.min(self.exact_phase(times[0])), end.max(self.exact_phase(times[1]))]
     }
 
-    /// The middle of the part.
+    /// The middle of the slice.
     pub(super) fn middle(&self) -> f32 {
         0.5 * (self.interval.begin() + self.interval.end())
     }
@@ -93,19 +92,19 @@ impl MovingReference {
         open + (close - open) * phase
     }
 
-    /// The phases of its active interval, as given by [`Part::range`].
-    pub(super) fn range(&self, part: &Part) -> [f64; 2] {
-        part.range([self.alive.begin(), self.alive.end_bound()])
+    /// The phases of its active interval, as given by [`TimeSlice::range`].
+    pub(super) fn range(&self, slice: &TimeSlice) -> [f64; 2] {
+        slice.range([self.alive.begin(), self.alive.end_bound()])
     }
 }
 
 /// Positions of references at a phase between their keys.
-pub(super) fn places(movers: &[MovingReference], phase: f64) -> Vec<Item> {
+pub(super) fn places(references: &[MovingReference], phase: f64) -> Vec<Item> {
     let place = |(index, m): (usize, &MovingReference)| Item {
         at: core::array::from_fn(|axis| m.at(axis, phase) as f32),
         index: index as u32,
     };
-    let mut places = huge_vec(movers.len());
-    places.extend(movers.iter().enumerate().map(place));
+    let mut places = huge_vec(references.len());
+    places.extend(references.iter().enumerate().map(place));
     places
 }

@@ -1,11 +1,11 @@
-//! The tree over points that move or exist for a while, for one part of the shutter.
+//! The tree over points that move or have an active interval, for one time slice.
 //!
 //! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
 //! from two keys, and if points exist for a while only, nodes and leaves have active intervals.
 
 use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
 use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
-use super::moving_reference::{MovingReference, Part, places};
+use super::moving_reference::{MovingReference, TimeSlice, places};
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{Item, ORDERING, order};
 use super::over_interval::{Boxed, Flight, FlightRows, InRows};
@@ -16,10 +16,10 @@ use crate::parallel;
 use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 
-/// Points that move or exist for a while, in a 16-ary tree for one part of the shutter.
+/// Points that move or have an active interval, in a 16-ary tree for one time slice.
 #[derive(Clone)]
 pub(super) struct MovingTree {
-    pub(super) part: Part,
+    pub(super) slice: TimeSlice,
     pub(super) nodes: Vec<LinearBoxes>,
     /// Index of each node's first child (node, or block on level 0).
     pub(super) first: Vec<u32>,
@@ -40,16 +40,16 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[LinearBox]) {
 
 impl MovingTree {
     /// Builds the complete tree: each reference is in one leaf.
-    pub(super) fn build(movers: &[MovingReference], part: Part, progress: &Progress) -> MovingTree {
-        let mut items = places(movers, part.middle_phase());
+    pub(super) fn build(references: &[MovingReference], slice: TimeSlice, progress: &Progress) -> MovingTree {
+        let mut items = places(references, slice.middle_phase());
         order(&mut items, LANES, &progress.part(ORDERING));
-        let timed = movers.iter().any(|m| m.alive != part.interval);
-        let mortal = movers.iter().any(|m| m.life != TimeInterval::FULL);
-        let shape = Shape::with_leaf(movers.len(), 1);
-        let count = movers.len().div_ceil(LANES);
+        let timed = references.iter().any(|m| m.alive != slice.interval);
+        let mortal = references.iter().any(|m| m.life != TimeInterval::FULL);
+        let shape = Shape::with_leaf(references.len(), 1);
+        let count = references.len().div_ceil(LANES);
         let mut leaves = MovingLeaves::empty(count, timed, mortal);
         let mut boxes: Vec<Option<LinearBox>> = vec![None; count];
-        Fill { movers, part: &part }.leaves(&items, leaves.rows(), &mut boxes);
+        Fill { references, slice: &slice }.leaves(&items, leaves.rows(), &mut boxes);
         drop(items);
         let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
         let mut node_times = vec![Times::NEVER; if timed { shape.nodes() } else { 0 }];
@@ -73,7 +73,7 @@ impl MovingTree {
         }
         let first = first_children(&shape);
         progress.finished(1.0 - ORDERING);
-        MovingTree { part, nodes, first, leaves, node_times, levels: shape.levels, references: movers.len() }
+        MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references: references.len() }
     }
 
     /// Bytes allocated.
@@ -109,15 +109,15 @@ impl MovingTree {
         !self.node_times.is_empty()
     }
 
-    /// The part of the shutter that the tree covers.
-    pub(super) fn part(&self) -> &Part {
-        &self.part
+    /// The time slice that the tree covers.
+    pub(super) fn slice(&self) -> &TimeSlice {
+        &self.slice
     }
 
-    /// The tree at a time, which lies in its part.
+    /// The tree at a time, which lies in its slice.
     #[inline(always)]
     pub(super) fn at<const TIMED: bool>(&self, time: f32) -> MovingView<'_, TIMED> {
-        AtTime::new(self, &self.part, time)
+        AtTime::new(self, &self.slice, time)
     }
 }
 
@@ -134,8 +134,8 @@ pub(super) fn first_children(shape: &Shape) -> Vec<u32> {
 /// The inputs of filling leaves.
 #[derive(Clone, Copy)]
 struct Fill<'a> {
-    movers: &'a [MovingReference],
-    part: &'a Part,
+    references: &'a [MovingReference],
+    slice: &'a TimeSlice,
 }
 
 impl Fill<'_> {
@@ -149,8 +149,8 @@ impl Fill<'_> {
             parallel::both(|| self.leaves(items, leaves, boxes), || self.leaves(more_items, more_leaves, more_boxes));
             return;
         }
-        let throughout = [self.part.interval.begin(), self.part.interval.end_bound()];
-        let whole = self.part.range(throughout);
+        let throughout = [self.slice.interval.begin(), self.slice.interval.end_bound()];
+        let whole = self.slice.range(throughout);
         let mut rows = TrajectoryRows {
             open: [[0.0; LANES]; 3],
             close: [[0.0; LANES]; 3],
@@ -163,27 +163,27 @@ impl Fill<'_> {
         for (i, of_leaf) in items.chunks(LANES).enumerate() {
             // The accesses are practically random, and each reference may span two cache lines.
             for item in items.iter().skip((i + 2) * LANES).take(LANES) {
-                let mover = &self.movers[item.index as usize];
-                prefetch(mover);
-                prefetch(&mover.id);
+                let reference = &self.references[item.index as usize];
+                prefetch(reference);
+                prefetch(&reference.id);
             }
             if of_leaf.len() < LANES {
                 leaf = Leaf::EMPTY;
             }
             for lane in 0..LANES {
                 let item = of_leaf.get(lane).or(of_leaf.last()).expect("a leaf has a point");
-                let mover = &self.movers[item.index as usize];
-                rows.set_ends(lane, [mover.open, mover.close]);
+                let reference = &self.references[item.index as usize];
+                rows.set_ends(lane, [reference.open, reference.close]);
                 if lane < of_leaf.len() {
-                    leaf.set(lane, mover);
+                    leaf.set(lane, reference);
                 }
                 if timed {
-                    let counts_throughout = mover.alive == self.part.interval;
-                    let range = if counts_throughout { whole } else { mover.range(self.part) };
-                    let times = [mover.alive.begin(), mover.alive.end_bound()];
+                    let counts_throughout = reference.alive == self.slice.interval;
+                    let range = if counts_throughout { whole } else { reference.range(self.slice) };
+                    let times = [reference.alive.begin(), reference.alive.end_bound()];
                     rows.set_times(lane, range, times);
                     if lane < of_leaf.len() {
-                        leaf.set_times(lane, times, mover.life);
+                        leaf.set_times(lane, times, reference.life);
                     }
                 }
             }
@@ -269,9 +269,9 @@ impl<const TIMED: bool> Placed for MovingView<'_, TIMED> {
 }
 
 impl Boxed for MovingTree {
-    fn part(&self) -> (usize, usize, [f64; 2]) {
-        let times = [self.part.interval.begin(), self.part.interval.end()];
-        (self.part.keys, self.part.segment, times.map(f64::from))
+    fn slice(&self) -> (usize, usize, [f64; 2]) {
+        let times = [self.slice.interval.begin(), self.slice.interval.end()];
+        (self.slice.keys, self.slice.segment, times.map(f64::from))
     }
     fn top(&self) -> (usize, usize) {
         (self.levels - 1, self.nodes.len() - 1)

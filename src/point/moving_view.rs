@@ -1,7 +1,7 @@
 //! A tree of moving points at a time: the view of its leaves, for boxes and planes alike.
 
 use super::moving_leaf::MovingLeaves;
-use super::moving_reference::{Part, phase};
+use super::moving_reference::{TimeSlice, phase};
 use super::snapshot::{Leaves, Target};
 use crate::geometry::KeyTime;
 use crate::simd::{Lanes, Simd};
@@ -30,11 +30,11 @@ impl<T, const TIMED: bool> Clone for AtTime<'_, T, TIMED> {
 impl<T, const TIMED: bool> Copy for AtTime<'_, T, TIMED> {}
 
 impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
-    /// A view of a tree whose part of the shutter contains the time.
+    /// A view of a tree whose time slice contains the time.
     #[inline(always)]
-    pub(super) fn new(tree: &'a T, part: &Part, time: f32) -> Self {
-        let at = KeyTime::new(time, part.keys);
-        AtTime { tree, at, phase: phase(at, part.segment), time }
+    pub(super) fn new(tree: &'a T, slice: &TimeSlice, time: f32) -> Self {
+        let at = KeyTime::new(time, slice.keys);
+        AtTime { tree, at, phase: phase(at, slice.segment), time }
     }
 
     /// Positions of the points of a block; the first coordinate is infinite if a point is not active at the time.

@@ -11,7 +11,7 @@ pub(super) struct Flight {
     pub(super) id: u32,
     pub(super) open: [f64; 3],
     pub(super) close: [f64; 3],
-    /// The whole interval of the point, not its intersection with a part of the shutter.
+    /// The whole interval of the point, not its intersection with a time slice.
     pub(super) life: TimeInterval,
 }
 
@@ -72,7 +72,7 @@ pub(super) trait Boxed {
     /// independent of segments.
     const SLACK: [f64; 2] = [1e-6, 1e-12];
     /// Number of keys, the segment between two of them, and the times that the tree covers.
-    fn part(&self) -> (usize, usize, [f64; 2]);
+    fn slice(&self) -> (usize, usize, [f64; 2]);
     /// Level and number of the root.
     fn top(&self) -> (usize, usize);
     /// The node, or block on level 0, of lane 0, and the stride from lane to lane.
@@ -87,11 +87,11 @@ pub(super) trait Boxed {
     fn flight(&self, block: usize, lane: usize) -> Option<Flight>;
     /// The position of a point at a time, as queries compute it.
     fn position(&self, flight: &Flight, time: f32) -> DVec3 {
-        flight.position(KeyTime::new(time, self.part().0)).as_dvec3()
+        flight.position(KeyTime::new(time, self.slice().0)).as_dvec3()
     }
     /// The phase of a time between the keys.
     fn phase(&self, time: f32) -> f64 {
-        let (keys, segment, _) = self.part();
+        let (keys, segment, _) = self.slice();
         phase(KeyTime::new(time, keys), segment).into()
     }
 }

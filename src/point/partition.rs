@@ -1,9 +1,9 @@
-//! Layers: a static tree, or moving trees for successive parts of the shutter.
+//! Layers: a static tree, or moving trees for successive time slices.
 //!
 //! A set may be divided among layers, static points separate from moving ones. A search goes through the layers one after
 //! the other with the same candidates and the same bound.
 
-use super::moving_reference::Part;
+use super::moving_reference::TimeSlice;
 use super::moving_tree::{MovingTree, MovingView};
 use super::plane_tree::{PlaneTree, PlaneView};
 use super::search::k_nearest::KNearest;
@@ -22,7 +22,7 @@ use glam::Vec3;
 pub(super) enum Layer {
     /// Static points that exist throughout the shutter.
     Still(StaticTree),
-    /// One tree for each part of the shutter, in order, without a gap.
+    /// One tree for each time slice, in the order of time, without a gap.
     Moving(Vec<MovingTree>),
     /// The same as k-d trees.
     Planes(Vec<PlaneTree>),
@@ -31,7 +31,7 @@ pub(super) enum Layer {
 /// A layer at a time.
 pub(super) enum LayerView<'a> {
     Still(&'a StaticTree),
-    /// All references are active throughout the part.
+    /// All references are active throughout the slice.
     Moving(MovingView<'a, false>),
     /// References have active intervals.
     Timed(MovingView<'a, true>),
@@ -45,21 +45,21 @@ impl Layer {
     pub(super) fn at(&self, time: f32) -> LayerView<'_> {
         match self {
             Layer::Still(tree) => LayerView::Still(tree),
-            Layer::Moving(parts) => {
-                let tree = &parts[self.part_at(time)];
+            Layer::Moving(trees) => {
+                let tree = &trees[self.slice_at(time)];
                 if tree.timed() { LayerView::Timed(tree.at(time)) } else { LayerView::Moving(tree.at(time)) }
             }
-            Layer::Planes(parts) => LayerView::Planes(parts[self.part_at(time)].at(time)),
+            Layer::Planes(trees) => LayerView::Planes(trees[self.slice_at(time)].at(time)),
         }
     }
 
     /// The index of the tree that is responsible for a time in [0, 1].
     #[inline(always)]
-    pub(super) fn part_at(&self, time: f32) -> usize {
+    pub(super) fn slice_at(&self, time: f32) -> usize {
         match self {
             Layer::Still(_) => 0,
-            Layer::Moving(parts) => at_time(parts, MovingTree::part, time),
-            Layer::Planes(parts) => at_time(parts, PlaneTree::part, time),
+            Layer::Moving(trees) => at_time(trees, MovingTree::slice, time),
+            Layer::Planes(trees) => at_time(trees, PlaneTree::slice, time),
         }
     }
 
@@ -67,16 +67,16 @@ impl Layer {
     pub(super) fn bytes(&self) -> usize {
         match self {
             Layer::Still(tree) => tree.bytes(),
-            Layer::Moving(parts) => parts.iter().map(MovingTree::bytes).sum(),
-            Layer::Planes(parts) => parts.iter().map(PlaneTree::bytes).sum(),
+            Layer::Moving(trees) => trees.iter().map(MovingTree::bytes).sum(),
+            Layer::Planes(trees) => trees.iter().map(PlaneTree::bytes).sum(),
         }
     }
 }
 
 /// The index of the tree that is responsible for a time.
 #[inline(always)]
-fn at_time<T>(trees: &[T], part: impl Fn(&T) -> &Part, time: f32) -> usize {
-    trees.partition_point(|tree| part(tree).interval.end_bound() <= time).min(trees.len() - 1)
+fn at_time<T>(trees: &[T], slice: impl Fn(&T) -> &TimeSlice, time: f32) -> usize {
+    trees.partition_point(|tree| slice(tree).interval.end_bound() <= time).min(trees.len() - 1)
 }
 
 /// Layers at the time of a query, seen from its point. (f64 points have kernels of their own, which are faster when separate.)

@@ -1,7 +1,7 @@
 //! The k-d layout over points in files.
 
 use super::moving_leaf::MovingLeaves;
-use super::moving_reference::Part;
+use super::moving_reference::TimeSlice;
 use super::plane_tree::PlaneTree;
 use crate::file::{Decoder, Encoder, FileError, broken, require};
 use crate::geometry::Box3;
@@ -16,7 +16,7 @@ pub(super) struct PlaneRecord {
 }
 
 impl PlaneTree {
-    /// Writes everything except the part of the shutter.
+    /// Writes everything except the time slice.
     pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.put(self.root)?;
         to.array(&self.nodes)?;
@@ -32,8 +32,8 @@ impl PlaneRecord {
         Ok(PlaneRecord { root, nodes, slack, leaves: MovingLeaves::decode(from)? })
     }
 
-    /// The tree of a part of the shutter, or an error if searches cannot traverse it.
-    pub(super) fn checked(self, part: Part) -> Result<PlaneTree, FileError> {
+    /// The tree of a time slice, or an error if searches cannot traverse it.
+    pub(super) fn checked(self, slice: TimeSlice) -> Result<PlaneTree, FileError> {
         let PlaneRecord { root, nodes, slack, leaves } = self;
         require(!root.min.is_nan() && !root.max.is_nan(), "its bounds are not a box")?;
         let fine = slack.len() == nodes.len() && slack.iter().all(|slack| (0.0..=f32::MAX).contains(slack));
@@ -43,6 +43,6 @@ impl PlaneRecord {
             return broken("a node is reached twice, never, or has a link outside the tree");
         };
         let references = leaves.count();
-        Ok(PlaneTree { part, root, nodes, slack, leaves, depth, references })
+        Ok(PlaneTree { slice, root, nodes, slack, leaves, depth, references })
     }
 }

@@ -1,4 +1,4 @@
-//! The k-d layout over points: the paper's tree for one part of the shutter.
+//! The k-d layout over points: the paper's tree for one time slice.
 //!
 //! Inner nodes are planes that may move, the same nodes as in the k-d tree for rays. A point that crosses a plane is in
 //! several leaves, in each for the time it spends there; at every time it is in exactly one of them, so no point is
@@ -19,7 +19,7 @@
 //! distant point affects only those searches that come near its own leaves. The last depends on the plane.
 
 use super::moving_leaf::{Leaf, MovingLeaves};
-use super::moving_reference::{MovingReference, Part};
+use super::moving_reference::{MovingReference, TimeSlice};
 use super::moving_tree::MovingTree;
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::Item;
@@ -34,7 +34,7 @@ use glam::Vec3;
 /// Points between two keys in the k-d layout.
 #[derive(Clone)]
 pub(super) struct PlaneTree {
-    pub(super) part: Part,
+    pub(super) slice: TimeSlice,
     /// The bounds of all points at all times, up to the slack.
     pub(super) root: Box3,
     /// A leaf has its first block and its number of blocks.
@@ -47,20 +47,20 @@ pub(super) struct PlaneTree {
 }
 
 impl PlaneTree {
-    /// Builds the tree of one part of the shutter with at most `references` per point.
-    pub(super) fn build(movers: &[MovingReference], part: Part, references: f32, progress: &Progress) -> PlaneTree {
+    /// Builds the tree of one time slice with at most `most` references per point.
+    pub(super) fn build(references: &[MovingReference], slice: TimeSlice, most: f32, progress: &Progress) -> PlaneTree {
         let reference = |(id, m): (usize, &MovingReference)| PointReference {
             id: id as u32,
             interval: m.alive,
             bounds: Trajectory { open: m.open, close: m.close },
             in_sah: true,
         };
-        let all: Vec<_> = movers.iter().enumerate().map(reference).collect();
-        let segments = part.keys.max(2) - 1;
-        let points = Trajectories { segments, segment: part.segment, middle: part.middle() };
-        let tree = build_kd_over_points(points, all, movers.len() as f64 * f64::from(references), progress);
-        let (mut nodes, references) = (tree.nodes, tree.references);
-        let mortal = movers.iter().any(|m| m.life != crate::TimeInterval::FULL);
+        let all: Vec<_> = references.iter().enumerate().map(reference).collect();
+        let segments = slice.keys.max(2) - 1;
+        let points = Trajectories { segments, segment: slice.segment, middle: slice.middle() };
+        let tree = build_kd_over_points(points, all, references.len() as f64 * f64::from(most), progress);
+        let (mut nodes, stored) = (tree.nodes, tree.references);
+        let mortal = references.iter().any(|m| m.life != crate::TimeInterval::FULL);
         let blocks = |node: &KdNode| match node.view() {
             KdView::Leaf { count, .. } => (count as usize).div_ceil(LANES),
             KdView::Inner { .. } => 0,
@@ -70,19 +70,19 @@ impl PlaneTree {
         let mut slack = vec![0.0; nodes.len()];
         for (node, slack) in nodes.iter_mut().zip(&mut slack) {
             let KdView::Leaf { first, count } = node.view() else { continue };
-            let own = &references[first as usize..][..count as usize];
+            let own = &stored[first as usize..][..count as usize];
             let begin = next;
             for lanes in own.chunks(LANES) {
                 let mut leaf = Leaf::EMPTY;
                 for (lane, r) in lanes.iter().enumerate() {
-                    let mover = &movers[r.id as usize];
-                    leaf.set(lane, mover);
-                    leaf.set_times(lane, [r.begin, r.end], mover.life);
+                    let reference = &references[r.id as usize];
+                    leaf.set(lane, reference);
+                    leaf.set_times(lane, [r.begin, r.end], reference.life);
                 }
                 rows.set(next, &leaf);
                 next += 1;
             }
-            *slack = own.iter().map(|r| error(&movers[r.id as usize], segments)).fold(0.0, f32::max);
+            *slack = own.iter().map(|r| error(&references[r.id as usize], segments)).fold(0.0, f32::max);
             *node = KdNode::leaf(begin as u32, (next - begin) as u32);
         }
         // Children follow their parents.
@@ -95,15 +95,7 @@ impl PlaneTree {
                 slack[right] = (slack[right] + own).next_up();
             }
         }
-        PlaneTree {
-            part,
-            root: tree.root,
-            nodes,
-            slack,
-            leaves,
-            depth: tree.depth as usize,
-            references: references.len(),
-        }
+        PlaneTree { slice, root: tree.root, nodes, slack, leaves, depth: tree.depth as usize, references: stored.len() }
     }
 
     /// Bytes allocated.
@@ -126,9 +118,9 @@ impl PlaneTree {
         self.depth
     }
 
-    /// The part of the shutter that the tree covers.
-    pub(super) fn part(&self) -> &Part {
-        &self.part
+    /// The time slice that the tree covers.
+    pub(super) fn slice(&self) -> &TimeSlice {
+        &self.slice
     }
 
     /// The bounds of all points at all times, up to the slack of the root.
@@ -163,10 +155,10 @@ impl PlaneTree {
         self.leaves.ids_in_order()
     }
 
-    /// A static tree over the points that are active at a time of its part, at their positions then.
+    /// A static tree over the points that are active at a time of the slice, at their positions then.
     pub(super) fn still_at(&self, time: f32) -> StaticTree {
         let (ids, places): (Vec<u32>, Vec<Vec3>) =
-            self.leaves.counting(KeyTime::new(time, self.part.keys), time).unzip();
+            self.leaves.counting(KeyTime::new(time, self.slice.keys), time).unzip();
         let item = |(index, place): (usize, &Vec3)| Item { at: place.to_array(), index: index as u32 };
         let rows = StaticTree::rows(places.len(), places.iter().enumerate().map(item));
         StaticTree::build(places.len(), rows, |index| ids[index as usize], &Progress::new(None))
@@ -175,21 +167,21 @@ impl PlaneTree {
     /// A tree of moving boxes over the same points.
     pub(super) fn boxed(&self) -> MovingTree {
         let lanes = (0..self.leaves.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
-        let movers = lanes.filter_map(|(block, lane)| {
+        let references = lanes.filter_map(|(block, lane)| {
             let flight = self.leaves.flight(block, lane)?;
             let (Flight { id, life, .. }, [open, close]) = (flight, flight.ends());
-            let alive = life.intersect(self.part.interval)?;
+            let alive = life.intersect(self.slice.interval)?;
             // A point has a reference in each leaf that it passes through; the first one begins when the point does.
             let first = self.leaves.times(block, lane)[0] == alive.begin();
             first.then_some(MovingReference { open, close, alive, life, id, fast: false })
         });
-        MovingTree::build(&movers.collect::<Vec<_>>(), self.part, &Progress::new(None))
+        MovingTree::build(&references.collect::<Vec<_>>(), self.slice, &Progress::new(None))
     }
 
-    /// The tree at a time, which lies in its part.
+    /// The tree at a time, which lies in its slice.
     #[inline(always)]
     pub(super) fn at(&self, time: f32) -> PlaneView<'_> {
-        AtTime::new(self, &self.part, time)
+        AtTime::new(self, &self.slice, time)
     }
 }
 
@@ -232,7 +224,7 @@ pub(super) type PlaneView<'a> = AtTime<'a, PlaneTree, true>;
 mod tests {
     use super::*;
     use crate::geometry::TimeInterval;
-    use crate::point::build::parts;
+    use crate::point::build::time_slices;
     use crate::random::Random;
 
     /// Calls `visit` with the planes above each leaf, the sides it lies on (-1 below) with their slack, and its blocks.
@@ -259,7 +251,7 @@ mod tests {
     fn worst(keys: usize, offset: f32, size: f32, speed: f32) -> f64 {
         let mut random = Random(11);
         let mut place = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random.signed() * by);
-        let movers: Vec<MovingReference> = (0..800)
+        let references: Vec<MovingReference> = (0..800)
             .map(|id| {
                 let open = place(size).map(|x| x + offset);
                 let way = place(speed * size);
@@ -268,10 +260,10 @@ mod tests {
                 MovingReference { open, close, alive, life: alive, id, fast: false }
             })
             .collect();
-        let part = parts(keys, 1)[(keys - 1) / 2];
+        let slice = time_slices(keys, 1)[(keys - 1) / 2];
         let inside: Vec<MovingReference> =
-            movers.iter().map(|m| MovingReference { alive: part.interval, ..*m }).collect();
-        let tree = PlaneTree::build(&inside, part, 16.0, &Progress::new(None));
+            references.iter().map(|m| MovingReference { alive: slice.interval, ..*m }).collect();
+        let tree = PlaneTree::build(&inside, slice, 16.0, &Progress::new(None));
         let mut worst: f64 = 0.0;
         leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {
             for lane in 0..LANES {

@@ -111,12 +111,12 @@ impl PointTree {
         for layer in &mut self.layers {
             match layer {
                 Layer::Still(tree) => tree.ids_in_order().for_each(&mut renumber),
-                Layer::Moving(parts) => parts.iter_mut().flat_map(|part| part.ids_in_order()).for_each(&mut renumber),
-                Layer::Planes(parts) => parts.iter_mut().flat_map(|part| part.ids_in_order()).for_each(&mut renumber),
+                Layer::Moving(trees) => trees.iter_mut().flat_map(|tree| tree.ids_in_order()).for_each(&mut renumber),
+                Layer::Planes(trees) => trees.iter_mut().flat_map(|tree| tree.ids_in_order()).for_each(&mut renumber),
             }
         }
-        let precise = self.precise.iter_mut().flat_map(|layer| &mut layer.parts);
-        precise.flat_map(|part| part.ids_in_order()).for_each(&mut renumber);
+        let precise = self.precise.iter_mut().flat_map(|layer| &mut layer.trees);
+        precise.flat_map(|tree| tree.ids_in_order()).for_each(&mut renumber);
         order
     }
 }

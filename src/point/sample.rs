@@ -1,15 +1,15 @@
 //! Compact samples that represent a whole set of points.
 //!
-//! A tree over a part of the shutter is ordered by the positions of points in the middle of the part. So a structure is
+//! A tree over a time slice is ordered by the positions of points in the middle of the slice. So a structure is
 //! tried on some thousand points that are close together at that time: their leaves are those of the whole set. There
-//! are a few such samples, in different places and parts of the shutter.
+//! are a few such samples, in different places and time slices.
 //!
 //! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
-use super::build::{middle_segment, parts, parts_of};
+use super::build::{middle_segment, time_slices, time_slices_of};
 use super::fast::mark_fast;
-use super::moving_reference::{MovingReference, Part};
+use super::moving_reference::{MovingReference, TimeSlice};
 use super::select::select;
 use super::source::Source;
 use super::spread::widest_axis;
@@ -26,10 +26,10 @@ pub(super) struct Sampler<'a> {
     wanted: f32,
 }
 
-/// Points that are close together in the middle of a part of the shutter.
+/// Points that are close together in the middle of a time slice.
 pub(super) struct Sample {
-    pub(super) movers: Vec<MovingReference>,
-    pub(super) part: Part,
+    pub(super) references: Vec<MovingReference>,
+    pub(super) slice: TimeSlice,
     /// Number of points of the set per point of the sample.
     pub(super) scale: f64,
 }
@@ -53,19 +53,19 @@ impl<'a> Sampler<'a> {
         let drawn: Vec<u32> = (0..count).map(|i| points[spread(i, points.len())]).collect();
         let lives: f32 = drawn.iter().map(|&i| source.alive(i as usize).duration()).sum();
         let [least, most] = SAMPLE;
-        // Only some of the short intervals intersect a part of the shutter.
+        // Only some of the short active intervals intersect a time slice.
         let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (lives / drawn.len() as f32).max(0.125);
         Sampler { source, points, drawn, wanted }
     }
 
-    /// Samples for trees over `per_segment` parts of a segment between two keys. Fast points are marked if `marked`.
+    /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`.
     pub(super) fn samples(&self, per_segment: usize, marked: bool) -> Vec<Sample> {
         let (source, points) = (self.source, self.points);
         let [segment, later] = self.segment();
-        let whole = parts(source.keys, 1)[segment];
-        let finer: Vec<Part> = parts_of(segment, source.keys, per_segment).collect();
-        let parts: [Part; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
-        let mut cells = Cells { phases: parts.map(|part| part.middle_phase() as f32), ..Cells::EVERYWHERE };
+        let whole = time_slices(source.keys, 1)[segment];
+        let finer: Vec<TimeSlice> = time_slices_of(segment, source.keys, per_segment).collect();
+        let slices: [TimeSlice; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
+        let mut cells = Cells { phases: slices.map(|slice| slice.middle_phase() as f32), ..Cells::EVERYWHERE };
         (0..SAMPLES).for_each(|i| self.narrow(&mut cells, i));
         let mut inside: [Vec<u32>; SAMPLES] = Default::default();
         for &point in points {
@@ -79,15 +79,15 @@ impl<'a> Sampler<'a> {
                 }
             }
         }
-        let sample = |(part, inside): (Part, Vec<u32>)| {
-            let mut movers = source.movers(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
+        let sample = |(slice, inside): (TimeSlice, Vec<u32>)| {
+            let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
             if marked {
-                mark_fast(&mut movers, &whole, part.middle_phase());
+                mark_fast(&mut references, &whole, slice.middle_phase());
             }
             let scale = points.len() as f64 / inside.len().max(1) as f64;
-            Sample { movers, part, scale }
+            Sample { references, slice, scale }
         };
-        parts.into_iter().zip(inside).map(sample).collect()
+        slices.into_iter().zip(inside).map(sample).collect()
     }
 
     /// The segment that represents all, and its later key.
@@ -172,17 +172,17 @@ mod tests {
             let source = Source::read(&points[..], false).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
             let sampler = Sampler::new(&source, &all);
-            for parts in [1, 8] {
-                for sample in sampler.samples(parts, false) {
-                    let count = sample.movers.len() as f32;
+            for slices in [1, 8] {
+                for sample in sampler.samples(slices, false) {
+                    let count = sample.references.len() as f32;
                     assert!(count >= (0.5 * sampler.wanted).min(n as f32), "{count} of {n}, not {}", sampler.wanted);
                     assert!(count <= 2.0 * sampler.wanted, "{count} of {n}, not {}", sampler.wanted);
                     assert!((sample.scale - n as f64 / f64::from(count)).abs() < 1e-6);
                     // As compact as a cube of as many, or nearly.
                     let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-                    let phase = sample.part.middle_phase();
-                    for mover in &sample.movers {
-                        let at = Vec3::from_array([0, 1, 2].map(|axis| mover.at(axis, phase) as f32));
+                    let phase = sample.slice.middle_phase();
+                    for reference in &sample.references {
+                        let at = Vec3::from_array([0, 1, 2].map(|axis| reference.at(axis, phase) as f32));
                         (lo, hi) = (lo.min(at), hi.max(at));
                     }
                     let wanted = (count / n as f32).cbrt() * 2.0;
@@ -198,6 +198,6 @@ mod tests {
         let source = Source::read(&points[..], false).unwrap();
         let all: Vec<u32> = (0..points.len() as u32).collect();
         let sampler = Sampler::new(&source, &all);
-        assert!(sampler.samples(2, true).iter().all(|s| s.movers.len() == 2 * sampler.wanted as usize));
+        assert!(sampler.samples(2, true).iter().all(|s| s.references.len() == 2 * sampler.wanted as usize));
     }
 }

@@ -1,7 +1,7 @@
 //! Reading a set of points: everything that can be wrong with it is checked here, and only here.
 
 use super::error::PointError;
-use super::moving_reference::{MovingReference, Part};
+use super::moving_reference::{MovingReference, TimeSlice};
 use super::order::Item;
 use super::rows::PointRows;
 use super::static_tree::StaticTree;
@@ -139,23 +139,23 @@ impl Source {
         StaticTree::build(count, StaticTree::rows(count, select.map(item)), |i| self.id(i as usize), progress)
     }
 
-    /// The movers of a part of the shutter among some of the points.
-    pub(super) fn movers(
+    /// The references to some of the points during a time slice.
+    pub(super) fn references(
         &self,
-        part: &Part,
+        slice: &TimeSlice,
         select: impl Iterator<Item = usize>,
         id: impl Fn(usize) -> u32,
     ) -> Vec<MovingReference> {
-        let later = (part.segment + 1).min(part.keys - 1);
+        let later = (slice.segment + 1).min(slice.keys - 1);
         // Room for all: what is not used is never touched.
-        let mut movers = huge_vec(select.size_hint().1.unwrap_or(0));
-        movers.extend(select.filter_map(|i| {
+        let mut references = huge_vec(select.size_hint().1.unwrap_or(0));
+        references.extend(select.filter_map(|i| {
             let life = self.alive(i);
-            let alive = life.intersect(part.interval)?;
-            let (open, close) = (self.at(i, part.segment), self.at(i, later));
+            let alive = life.intersect(slice.interval)?;
+            let (open, close) = (self.at(i, slice.segment), self.at(i, later));
             Some(MovingReference { open, close, alive, life, id: id(i), fast: false })
         }));
-        movers
+        references
     }
 }
 

@@ -103,7 +103,8 @@ impl StaticTree {
         blocks
     }
 
-    /// Builds the tree over the first `count` points of [`rows`](StaticTree::rows). `id_of` turns an index there into the id that answers carry.
+    /// Builds the tree over the first `count` points of [`rows`](StaticTree::rows). `id_of` turns an index there into the id
+    /// that answers carry.
     ///
     /// Points are put in order in rows, in the memory of the blocks that they end up in and as much besides.
     pub(super) fn build(
@@ -318,7 +319,7 @@ impl Placed for &StaticTree {
 }
 
 impl Boxed for StaticTree {
-    fn part(&self) -> (usize, usize, [f64; 2]) {
+    fn slice(&self) -> (usize, usize, [f64; 2]) {
         (1, 0, [0.0, 1.0])
     }
     fn top(&self) -> (usize, usize) {

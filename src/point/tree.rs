@@ -1,9 +1,9 @@
 //! The point tree as callers build and query it, and its parameters.
 
 use super::automatic::{moving_layers, plan_for_all};
-use super::build::{Plan, moving_layer, parts};
+use super::build::{Plan, moving_layer, time_slices};
 use super::error::PointError;
-use super::moving_reference::Part;
+use super::moving_reference::TimeSlice;
 use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneTree;
 use super::precise::{PreciseLayer, PreciseTree};
@@ -256,7 +256,7 @@ impl PointTree {
         };
         let separate = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
         if separate {
-            let whole = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+            let whole = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.part(count as f64 / len as f64);
             let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), false, &progress);
             let why = format!("{count} of {len} points are static; positions in f64");
@@ -264,52 +264,52 @@ impl PointTree {
         }
         if count < len {
             let moving = (0..len).filter(|&i| !(separate && still[i]));
-            let (count, parts) = (moving.clone().count(), parts(keys, plan.parts()));
-            let progress = progress.part(count as f64 / (len * parts.len()) as f64);
-            let tree = |part: Part| {
+            let (count, slices) = (moving.clone().count(), time_slices(keys, plan.time_slices()));
+            let progress = progress.part(count as f64 / (len * slices.len()) as f64);
+            let tree = |slice: TimeSlice| {
                 let count = if progress.cancelled() { 0 } else { len };
-                PreciseTree::build(source, part, moving.clone().take(count), true, &progress)
+                PreciseTree::build(source, slice, moving.clone().take(count), true, &progress)
             };
-            self.add_precise_layer(parts.into_iter().map(tree).collect(), kind(plan), count, why);
+            self.add_precise_layer(slices.into_iter().map(tree).collect(), kind(plan), count, why);
         }
         Ok(())
     }
 
     pub(super) fn add_precise_layer(
         &mut self,
-        parts: Vec<PreciseTree>,
+        trees: Vec<PreciseTree>,
         kind: PointLayerKind,
         points: usize,
         why: String,
     ) {
         let (references, nodes) =
-            (parts.iter().map(|p| p.references()).sum(), parts.iter().map(|p| p.node_count()).sum());
+            (trees.iter().map(|p| p.references()).sum(), trees.iter().map(|p| p.node_count()).sum());
         let (levels, bytes) =
-            (parts.iter().map(|p| p.levels()).max().unwrap_or(0), parts.iter().map(PreciseTree::bytes).sum());
-        let keys = parts.first().map_or(1, |tree| tree.part().keys);
+            (trees.iter().map(|p| p.levels()).max().unwrap_or(0), trees.iter().map(PreciseTree::bytes).sum());
+        let keys = trees.first().map_or(1, |tree| tree.slice().keys);
         self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, keys, bytes, why });
-        self.precise.push(PreciseLayer { parts });
+        self.precise.push(PreciseLayer { trees });
     }
 
     pub(super) fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {
         let bytes = layer.bytes();
         let (references, nodes, levels) = match &layer {
             Layer::Still(tree) => (points, tree.node_count(), tree.levels()),
-            Layer::Moving(parts) => (
-                parts.iter().map(|p| p.references()).sum(),
-                parts.iter().map(|p| p.node_count()).sum(),
-                parts.iter().map(|p| p.levels()).max().unwrap_or(0),
+            Layer::Moving(trees) => (
+                trees.iter().map(|p| p.references()).sum(),
+                trees.iter().map(|p| p.node_count()).sum(),
+                trees.iter().map(|p| p.levels()).max().unwrap_or(0),
             ),
-            Layer::Planes(parts) => (
-                parts.iter().map(|p| p.references()).sum(),
-                parts.iter().map(|p| p.node_count()).sum(),
-                parts.iter().map(|p| p.depth()).max().unwrap_or(0),
+            Layer::Planes(trees) => (
+                trees.iter().map(|p| p.references()).sum(),
+                trees.iter().map(|p| p.node_count()).sum(),
+                trees.iter().map(|p| p.depth()).max().unwrap_or(0),
             ),
         };
         let keys = match &layer {
             Layer::Still(_) => 1,
-            Layer::Moving(parts) => parts.first().map_or(1, |tree| tree.part().keys),
-            Layer::Planes(parts) => parts.first().map_or(1, |tree| tree.part().keys),
+            Layer::Moving(trees) => trees.first().map_or(1, |tree| tree.slice().keys),
+            Layer::Planes(trees) => trees.first().map_or(1, |tree| tree.slice().keys),
         };
         self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, keys, bytes, why });
         self.layers.push(layer);
@@ -318,11 +318,11 @@ impl PointTree {
     /// The tree with moving boxes in place of k-d trees between two times; `None` if it has no k-d trees.
     pub(super) fn boxed(&self, [begin, end]: [f32; 2]) -> Option<PointTree> {
         let between = |tree: &&PlaneTree| {
-            let interval = tree.part().interval;
+            let interval = tree.slice().interval;
             interval.begin() <= end && begin <= interval.end()
         };
         self.replaced(|layer| match layer {
-            Layer::Planes(parts) => Layer::Moving(parts.iter().filter(between).map(PlaneTree::boxed).collect()),
+            Layer::Planes(trees) => Layer::Moving(trees.iter().filter(between).map(PlaneTree::boxed).collect()),
             _ => layer.clone(),
         })
     }
@@ -399,7 +399,7 @@ fn forced(params: &PointParams) -> Option<Plan> {
     match params.structure {
         PointStructure::Automatic => None,
         PointStructure::Linear => Some(Plan::Boxes(1)),
-        PointStructure::Slabs(parts) => Some(Plan::Boxes(parts)),
+        PointStructure::Slabs(slices) => Some(Plan::Boxes(slices)),
         PointStructure::Mbkd => Some(Plan::Planes(params.max_references)),
     }
 }

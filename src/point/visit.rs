@@ -24,8 +24,8 @@ pub struct TreePoint {
 #[derive(Clone, Copy)]
 struct Entry {
     layer: usize,
-    /// Which of the trees of the layer, by part of the shutter.
-    part: usize,
+    /// The time slice: the index of the tree in its layer.
+    slice: usize,
     /// `None` for a leaf: then `at` is its first block, and `blocks` their number.
     level: Option<usize>,
     at: usize,
@@ -71,8 +71,8 @@ impl LayersAt<'_> {
         let [begin, end] = tree.times(entry.at);
         let [min, max] = tree.faces(entry.at, &[tree.phase(self.time); LANES]);
         // The time may be a float next to a key, and so just outside the exact interval of the tree.
-        let ((_, _, part), time) = (tree.part(), f64::from(self.time));
-        let (early, late) = (time.min(part[1]), time.max(part[0]));
+        let ((_, _, slice), time) = (tree.slice(), f64::from(self.time));
+        let (early, late) = (time.min(slice[1]), time.max(slice[0]));
         for lane in (0..LANES).filter(|&lane| begin[lane] <= late && early <= end[lane]) {
             let (level, blocks) = (level.checked_sub(1), if level == 0 { stride } else { 0 });
             let child = Entry { level, at: first + lane * stride, blocks, ..entry };
@@ -97,7 +97,7 @@ impl LayersAt<'_> {
     ) {
         match tree.node(entry.at as u32) {
             KdView::Leaf { first, count } => {
-                let at = KeyTime::new(self.time, tree.part().keys);
+                let at = KeyTime::new(self.time, tree.slice().keys);
                 for (block, lane) in lanes(first as usize..(first + count) as usize) {
                     if tree.counts(block, lane, self.time) {
                         items.extend(tree.flight(block, lane).map(|flight| self.point(&flight, at)));
@@ -129,22 +129,22 @@ impl Hierarchy for LayersAt<'_> {
 
     fn roots(&self, roots: &mut Vec<Entry>) {
         for (layer, of) in self.tree.layers.iter().enumerate() {
-            let part = of.part_at(self.time);
-            let entry = Entry { layer, part, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
+            let slice = of.slice_at(self.time);
+            let entry = Entry { layer, slice, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
             let top = |(level, at)| Entry { level: Some(level), at, ..entry };
             roots.push(match of {
                 Layer::Still(tree) => top(tree.top()),
-                Layer::Moving(parts) => top(parts[part].top()),
-                Layer::Planes(parts) => {
-                    let (root, slack) = (parts[part].root(), parts[part].slack(0));
+                Layer::Moving(trees) => top(trees[slice].top()),
+                Layer::Planes(trees) => {
+                    let (root, slack) = (trees[slice].root(), trees[slice].slack(0));
                     Entry { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..entry }
                 }
             });
         }
         for (number, of) in self.tree.precise.iter().enumerate() {
-            let (layer, part) = (self.tree.layers.len() + number, of.part_at(self.time));
-            let (level, at) = of.parts[part].top();
-            roots.push(Entry { layer, part, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
+            let (layer, slice) = (self.tree.layers.len() + number, of.slice_at(self.time));
+            let (level, at) = of.trees[slice].top();
+            roots.push(Entry { layer, slice, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
         }
     }
 
@@ -152,11 +152,11 @@ impl Hierarchy for LayersAt<'_> {
         let origin = self.tree.origin;
         match self.tree.layers.get(entry.layer) {
             Some(Layer::Still(tree)) => self.expand_in(tree, origin, entry, children, items),
-            Some(Layer::Moving(parts)) => self.expand_in(&parts[entry.part], origin, entry, children, items),
-            Some(Layer::Planes(parts)) => self.expand_planes(&parts[entry.part], entry, children, items),
+            Some(Layer::Moving(trees)) => self.expand_in(&trees[entry.slice], origin, entry, children, items),
+            Some(Layer::Planes(trees)) => self.expand_planes(&trees[entry.slice], entry, children, items),
             None => {
                 let layer = &self.tree.precise[entry.layer - self.tree.layers.len()];
-                self.expand_in(&layer.parts[entry.part], DVec3::ZERO, entry, children, items);
+                self.expand_in(&layer.trees[entry.slice], DVec3::ZERO, entry, children, items);
             }
         }
     }

@@ -13,8 +13,8 @@ const SKINS: [f32; 3] = [0.1, 0.2, 0.4];
 /// Steps after which guessed lists are made anew.
 const EVERY: [usize; 3] = [2, 4, 8];
 
-/// A way to keep lists, in a family.
-struct Way {
+/// A method of maintaining lists, in a family.
+struct Method {
     family: usize,
     name: String,
     maker: Maker,
@@ -31,46 +31,47 @@ const FAMILIES: [(&str, bool); 6] = [
     ("skin monitored in every step, linkcell's lists", false),
 ];
 
-fn ways() -> Vec<Way> {
-    let mut ways =
-        vec![Way { family: 1, name: "mbkd, every step".into(), maker: Maker::Mbkd, upkeep: Upkeep::EveryStep }];
+fn methods() -> Vec<Method> {
+    let mut methods =
+        vec![Method { family: 1, name: "mbkd, every step".into(), maker: Maker::Mbkd, upkeep: Upkeep::EveryStep }];
     for skin in SKINS {
         let name = format!("mbkd, certified, skin {skin}");
-        ways.push(Way { family: 0, name, maker: Maker::Mbkd, upkeep: Upkeep::Certified { skin } });
+        methods.push(Method { family: 0, name, maker: Maker::Mbkd, upkeep: Upkeep::Certified { skin } });
         for (maker, place) in [(Maker::Mbkd, 0), (Maker::Linkcell, 1)] {
             let name = format!("monitored, skin {skin}, {maker:?}");
-            ways.push(Way { family: 4 + place, name, maker, upkeep: Upkeep::Monitored { skin } });
+            methods.push(Method { family: 4 + place, name, maker, upkeep: Upkeep::Monitored { skin } });
             for every in EVERY {
                 let name = format!("guess, skin {skin}, {every} steps, {maker:?}");
-                ways.push(Way { family: 2 + place, name, maker, upkeep: Upkeep::Guessed { skin, every } });
+                methods.push(Method { family: 2 + place, name, maker, upkeep: Upkeep::Guessed { skin, every } });
             }
         }
     }
-    ways
+    methods
 }
 
 /// The section.
 pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     let (n, steps, rounds) = run.pick((5000, 25, 3), (30_000, 49, 3));
-    let ways = ways();
+    let methods = methods();
     run.begin("neighbor-lists", rounds + 1);
     run.step("particles");
     let walk = Walk::new(n, steps, run.seed)?;
-    let mut times = vec![Vec::new(); ways.len()];
-    let mut last = vec![Kept::default(); ways.len()];
+    let mut times = vec![Vec::new(); methods.len()];
+    let mut last = vec![Kept::default(); methods.len()];
     for round in 0..rounds {
         run.step(&format!("round {} of {rounds}", round + 1));
-        let kept =
-            on_one_thread(|| ways.iter().map(|way| keep(&walk, way.maker, way.upkeep)).collect::<Result<Vec<_>, _>>())?;
+        let kept = on_one_thread(|| {
+            methods.iter().map(|method| keep(&walk, method.maker, method.upkeep)).collect::<Result<Vec<_>, _>>()
+        })?;
         for ((times, last), kept) in times.iter_mut().zip(&mut last).zip(kept) {
             times.push(kept.seconds);
             *last = kept;
         }
     }
-    let measured: Vec<Measured> = (ways.iter().zip(times).zip(&last))
-        .map(|((way, times), kept)| {
+    let measured: Vec<Measured> = (methods.iter().zip(times).zip(&last))
+        .map(|((method, times), kept)| {
             let cost = Times::of(times).median * 1e9 / (n * steps) as f64;
-            Measured { name: way.name.clone(), cost, error: kept.missed }
+            Measured { name: method.name.clone(), cost, error: kept.missed }
         })
         .collect();
     let mean = walk.pairs.iter().sum::<usize>() as f64 / (n * steps) as f64;
@@ -82,14 +83,14 @@ pub fn run(run: &Run) -> Result<Section, Box<dyn Error>> {
     Ok(Section {
         id: "neighbor-lists",
         title: "6. Neighbour lists: missed pairs against time",
-        items: items(&about, &ways, &measured, &last),
+        items: items(&about, &methods, &measured, &last),
     })
 }
 
 /// What the section says.
-fn items(about: &str, ways: &[Way], measured: &[Measured], last: &[Kept]) -> Vec<Item> {
+fn items(about: &str, methods: &[Method], measured: &[Measured], last: &[Kept]) -> Vec<Item> {
     let family = |(i, (label, ours)): (usize, (&str, bool))| {
-        let own = ways.iter().zip(measured).filter(|(way, _)| way.family == i);
+        let own = methods.iter().zip(measured).filter(|(method, _)| method.family == i);
         Family { label: label.into(), ours, settings: own.map(|(_, m)| m.clone()).collect() }
     };
     let families: Vec<Family> = FAMILIES.into_iter().enumerate().map(family).collect();
@@ -116,7 +117,7 @@ fn items(about: &str, ways: &[Way], measured: &[Measured], last: &[Kept]) -> Vec
         Item::Plot(plot),
         against_foreign,
         claim("Against our own lists without certificate", "ns", &own),
-        Item::Text(what_certainty_costs(measured, ways)),
+        Item::Text(what_certainty_costs(measured, methods)),
         Item::Table(Table {
             name: "ways".into(),
             caption: "All ways to keep lists.".into(),
@@ -128,15 +129,15 @@ fn items(about: &str, ways: &[Way], measured: &[Measured], last: &[Kept]) -> Vec
     ]
 }
 
-/// The cheapest ways of each kind that miss nothing, beside new lists in every step.
-fn what_certainty_costs(measured: &[Measured], ways: &[Way]) -> String {
-    let least = |is_in: &dyn Fn(&Way) -> bool| {
-        let own = ways.iter().zip(measured).filter(|(way, m)| is_in(way) && m.error == 0.0);
+/// The cheapest methods of each kind that miss nothing, relative to new lists in every step.
+fn what_certainty_costs(measured: &[Measured], methods: &[Method]) -> String {
+    let least = |is_in: &dyn Fn(&Method) -> bool| {
+        let own = methods.iter().zip(measured).filter(|(method, m)| is_in(method) && m.error == 0.0);
         own.map(|(_, m)| m.cost).fold(f64::INFINITY, f64::min)
     };
-    let every = least(&|way| way.upkeep == Upkeep::EveryStep);
-    let certified = least(&|way| matches!(way.upkeep, Upkeep::Certified { .. }));
-    let monitored = least(&|way| matches!(way.upkeep, Upkeep::Monitored { .. }) && way.maker == Maker::Mbkd);
+    let every = least(&|method| method.upkeep == Upkeep::EveryStep);
+    let certified = least(&|method| matches!(method.upkeep, Upkeep::Certified { .. }));
+    let monitored = least(&|method| matches!(method.upkeep, Upkeep::Monitored { .. }) && method.maker == Maker::Mbkd);
     format!(
         "Methods that miss nothing, with our lists: relative to rebuilding in every step, the cheapest certified \
          lists cost {} times as much and the cheapest monitored ones {} times. A certificate computes, in f64, the \

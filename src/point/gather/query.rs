@@ -6,7 +6,8 @@ use crate::limits::MAX_POINT_COORDINATE;
 use core::fmt;
 use glam::Vec3;
 
-/// A gather in preparation: position, normal, time; number of photons, radius, filters, and kernels. Give it a number of photons ([`GatherQuery::nearest`]), a radius, or both.
+/// A gather in preparation: position, normal, time; number of photons, radius, filters, and kernels. Give it a number of
+/// photons ([`GatherQuery::nearest`]), a radius, or both.
 ///
 /// ```
 /// use mbkd::glam::Vec3;

@@ -1,4 +1,4 @@
-//! Radius queries in bulk: the places asked become a tree of their own, whose leaves walk through the other one.
+//! Radius queries in bulk: the query points are put into a tree of their own, whose leaves traverse the other tree.
 
 use super::csr::NeighborCsr;
 use super::error::ListError;
@@ -79,14 +79,14 @@ impl<Q: Position> BulkQuery<'_, Q> {
             return Err(ListError::Query { query });
         }
         let params = PointParams { simd: among.simd, ..PointParams::default() };
-        let mut asking = match PointTree::build(&places, &params) {
-            Ok(asking) => asking,
+        let mut of_queries = match PointTree::build(&places, &params) {
+            Ok(of_queries) => of_queries,
             Err(PointError::TooManyPoints { .. }) => return Err(ListError::TooManyQueries),
             Err(error) => unreachable!("the places have been checked: {error}"),
         };
         // The places are relative to this origin already.
-        asking.origin = among.origin;
-        let mut query = asking.neighbor_lists(self.time, self.radii).among(among);
+        of_queries.origin = among.origin;
+        let mut query = of_queries.neighbor_lists(self.time, self.radii).among(among);
         if self.distances {
             query = query.with_distances();
         }

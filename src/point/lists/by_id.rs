@@ -2,15 +2,15 @@
 
 use super::csr::NeighborCsr;
 use super::error::ListError;
-use super::question::Question;
+use super::list_request::ListRequest;
 use crate::parallel;
 
 /// Lists that one task copies.
 const SHARE: usize = 1024;
 
 /// Brings the lists into the order of ids.
-pub(super) fn arrange(query: &Question<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
-    let count = query.tree.len();
+pub(super) fn arrange(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
+    let count = request.tree.len();
     let from = &mut lists.rows;
     from.clear();
     from.resize(count, ABSENT);
@@ -36,13 +36,13 @@ pub(super) fn arrange(query: &Question<'_>, lists: &mut NeighborCsr) -> Result<(
         end += length(row);
         offsets.push(end);
     }
-    lists.spare.make_room(end, query.listing.columns());
+    lists.spare.make_room(end, request.listing.columns());
     let places = Places { rows: &lists.rows, old: &lists.offsets, new: offsets };
     places.copy(&lists.columns.ids, &mut lists.spare.ids[..end]);
-    for (asked, (to, from)) in
-        query.listing.columns().into_iter().zip(lists.spare.floats().into_iter().zip(lists.columns.floats()))
+    for (requested, (to, from)) in
+        request.listing.columns().into_iter().zip(lists.spare.floats().into_iter().zip(lists.columns.floats()))
     {
-        if asked {
+        if requested {
             places.copy(from, &mut to[..end]);
         }
     }

@@ -1,8 +1,9 @@
-//! What is known of each neighbour, in columns.
+//! The columns of neighbour lists: ids, distances and displacements.
 
 use crate::simd::{LANES, huge_vec};
 
-/// What is known of each neighbour, in columns; those not asked for hold anything.
+/// Ids, distances and displacements of neighbours, in columns. The content of columns that were not requested is
+/// unspecified.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Columns {
     pub(super) ids: Vec<u32>,
@@ -17,17 +18,17 @@ impl Columns {
         [&mut self.distances, x, y, z]
     }
 
-    /// What there is from a place on.
-    pub(super) fn room(&mut self, begin: usize, asked: [bool; 4]) -> Room<'_> {
+    /// The room in the columns from an index on.
+    pub(super) fn room(&mut self, begin: usize, requested: [bool; 4]) -> Room<'_> {
         let [x, y, z] = &mut self.displacements;
         let floats = [&mut self.distances, x, y, z];
-        let (mut floats, mut from) = (floats.into_iter(), asked.into_iter());
+        let (mut floats, mut from) = (floats.into_iter(), requested.into_iter());
         let mut next = || match (floats.next(), from.next()) {
             (Some(column), Some(true)) => column.get_mut(begin..).unwrap_or_default(),
             _ => Default::default(),
         };
         let floats = [next(), next(), next(), next()];
-        Room { ids: self.ids.get_mut(begin..).unwrap_or_default(), floats, asked }
+        Room { ids: self.ids.get_mut(begin..).unwrap_or_default(), floats, requested }
     }
 
     pub(super) fn bytes(&self) -> usize {
@@ -35,33 +36,34 @@ impl Columns {
         (self.ids.capacity() + floats) * 4
     }
 
-    /// Gives the columns that are asked for at least this length.
-    pub(super) fn make_room(&mut self, length: usize, asked: [bool; 4]) {
+    /// Gives the requested columns at least this length.
+    pub(super) fn make_room(&mut self, length: usize, requested: [bool; 4]) {
         grow(&mut self.ids, length);
-        for (asked, column) in asked.into_iter().zip(self.floats()) {
-            if asked {
+        for (requested, column) in requested.into_iter().zip(self.floats()) {
+            if requested {
                 grow(column, length);
             }
         }
     }
 }
 
-/// Places in columns, of which only those asked for have some.
+/// Room in columns. Columns that were not requested have none.
 pub(super) struct Room<'a> {
     ids: &'a mut [u32],
     floats: [&'a mut [f32]; 4],
-    asked: [bool; 4],
+    requested: [bool; 4],
 }
 
 impl<'a> Room<'a> {
     /// Takes the first `count` places, if there are so many.
     pub(super) fn take(&mut self, count: usize) -> Option<Room<'a>> {
-        let short = self.asked.iter().zip(&self.floats).any(|(asked, column)| *asked && column.len() < count);
+        let short =
+            self.requested.iter().zip(&self.floats).any(|(requested, column)| *requested && column.len() < count);
         if short || self.ids.len() < count {
             return None;
         }
-        let floats = core::array::from_fn(|i| first(&mut self.floats[i], if self.asked[i] { count } else { 0 }));
-        Some(Room { ids: first(&mut self.ids, count), floats, asked: self.asked })
+        let floats = core::array::from_fn(|i| first(&mut self.floats[i], if self.requested[i] { count } else { 0 }));
+        Some(Room { ids: first(&mut self.ids, count), floats, requested: self.requested })
     }
 
     /// Copies what columns begin with.

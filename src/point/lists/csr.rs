@@ -6,8 +6,8 @@ use super::worker::Worker;
 
 /// Neighbour lists of all points, in compressed sparse rows: the lists one behind the other, and where each begins.
 ///
-/// Memory of the caller: handed to one question after the other, it grows until it fits the largest and allocates
-/// nothing from then on.
+/// Memory of the caller. Used for one query after the other, it grows until it fits the largest, and allocates nothing
+/// from then on.
 ///
 /// ```
 /// use mbkd::{NeighborCsr, PointParams, PointTree};
@@ -25,9 +25,9 @@ use super::worker::Worker;
 pub struct NeighborCsr {
     pub(super) offsets: Vec<usize>,
     pub(super) points: Vec<u32>,
-    /// Longer than what is in use, so that nothing is cleared from question to question.
+    /// Longer than what is in use, so that nothing is cleared from query to query.
     pub(super) columns: Columns,
-    /// Which columns were asked for.
+    /// Which columns were requested.
     pub(super) distances: bool,
     pub(super) displacements: bool,
     /// Where lists are brought into the order of ids: columns, offsets, and the row of each id.
@@ -76,20 +76,20 @@ impl NeighborCsr {
         &self.columns.ids[..self.neighbors()]
     }
 
-    /// The squared distance of each neighbour, as [`Neighbor`](crate::Neighbor) has it; empty unless asked for with
+    /// The squared distance of each neighbour, as [`Neighbor`](crate::Neighbor) has it; empty unless requested with
     /// [`with_distances`](super::ListQuery::with_distances).
     pub fn distances_squared(&self) -> &[f32] {
         self.column(self.distances, &self.columns.distances)
     }
 
     /// The way from the point to each neighbour along the three axes, to the nearest image along periodic ones; empty
-    /// unless asked for with [`with_displacements`](super::ListQuery::with_displacements).
+    /// unless requested with [`with_displacements`](super::ListQuery::with_displacements).
     pub fn displacements(&self) -> [&[f32]; 3] {
         [0, 1, 2].map(|axis| self.column(self.displacements, &self.columns.displacements[axis]))
     }
 
-    fn column<'a>(&self, asked: bool, column: &'a [f32]) -> &'a [f32] {
-        if asked { &column[..self.neighbors()] } else { &[] }
+    fn column<'a>(&self, requested: bool, column: &'a [f32]) -> &'a [f32] {
+        if requested { &column[..self.neighbors()] } else { &[] }
     }
 
     /// The ids of list `row`. Panics where `row` is not less than [`NeighborCsr::len`].

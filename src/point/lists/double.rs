@@ -5,7 +5,7 @@
 
 use super::columns::Columns;
 use super::gather::write;
-use super::question::Listing;
+use super::list_request::Listing;
 use super::row::Lists;
 use super::worker::Share;
 use crate::point::search::radius::Sink;
@@ -20,17 +20,17 @@ impl Kernel for DoubleShare<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Share { query, prepared, worker } = self.0;
-        let (listing, lists) = (&query.listing, &mut worker.lists);
+        let Share { request, prepared, worker } = self.0;
+        let (listing, lists) = (&request.listing, &mut worker.lists);
         for &(layer, node) in &prepared.groups[worker.share.clone()] {
-            for (id, at) in query.tree.precise[layer].tree_at(query.time).points_behind(node, query.time) {
+            for (id, at) in request.tree.precise[layer].tree_at(request.time).points_behind(node, request.time) {
                 let bound = listing.radii.bound(id);
                 let begin = lists.len;
                 let own = if listing.other_set && !listing.once { u32::MAX } else { id };
                 let mut row = Row { listing, lists, own };
-                for among in &query.among.precise {
+                for among in &request.among.precise {
                     // A sink that never breaks.
-                    let _ = among.within(s, (at, query.time), bound, &mut row);
+                    let _ = among.within(s, (at, request.time), bound, &mut row);
                 }
                 lists.end_list(id, begin, lists.len, listing);
             }

@@ -1,4 +1,4 @@
-//! What can be wrong with a question for neighbour lists.
+//! Errors of requests for neighbour lists.
 
 use core::fmt;
 
@@ -34,8 +34,8 @@ pub enum ListError {
         /// The axis.
         axis: usize,
     },
-    /// A coordinate is more than a million periods from zero, where f32 does not tell places in a period apart; or a side of one of the
-    /// tree's boxes around points that move, which may reach up to three times as far as they do.
+    /// A coordinate is more than a million periods from zero, where f32 does not resolve positions in a period. The faces
+    /// of the tree's boxes around moving points count too: they may reach up to three times as far as the points.
     FarFromPeriod {
         /// The axis.
         axis: usize,
@@ -49,11 +49,11 @@ pub enum ListError {
     TooManyQueries,
     /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
     Origins,
-    /// A tree holds its positions in f64, and what was asked is for f32 ones only: periodic axes, displacements, the larger
+    /// A tree holds its positions in f64, and the request needs positions in f32: periodic axes, displacements, the larger
     /// of two radii, lists with a skin or over an interval, of many places at once, or points in f64 among others in f32.
     Double,
-    /// Lists were asked for in the order of ids, but of the points that exist at the time one has an id that is not less than the number
-    /// of all points, or two have the same.
+    /// Lists were requested in the order of ids, but among the points that exist at the time, one has an id that is not
+    /// less than the number of all points, or two have the same id.
     Ids {
         /// Such an id.
         id: u32,

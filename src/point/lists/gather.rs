@@ -1,9 +1,9 @@
 //! Candidates: the boxes that a group of leaves can reach, and the points in them.
 
-use super::group::{Group, Spots};
+use super::group::{BlockPoints, Group};
+use super::periodic_box::PeriodicBox;
 use super::radii::{Radii, bound_of};
 use super::reach::Reach;
-use super::torus::Torus;
 use crate::point::snapshot::{Placed, Target, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
 
@@ -12,7 +12,7 @@ use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
 pub(super) struct BoxRows {
     lo: [Vec<f32>; 3],
     hi: [Vec<f32>; 3],
-    /// Largest squared radius in it; zero where only the radius of the asking point counts.
+    /// Largest squared radius in it; zero where only the radius of the point counts whose list is made.
     reach: Vec<f32>,
     candidate: Vec<u32>,
     len: usize,
@@ -119,7 +119,7 @@ fn first_lanes(count: usize) -> Mask {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Candidates {
     pub(super) boxes: BoxRows,
-    pub(super) blocks: Vec<Spots>,
+    pub(super) blocks: Vec<BlockPoints>,
     /// Squared radii of the points in the blocks, where these count.
     pub(super) bounds: Vec<Lanes<f32>>,
     /// Whether any candidate has its nearest image elsewhere for any point of the group.
@@ -138,7 +138,7 @@ impl Candidates {
 
     pub(super) fn bytes(&self) -> usize {
         self.boxes.bytes()
-            + self.blocks.capacity() * size_of::<Spots>()
+            + self.blocks.capacity() * size_of::<BlockPoints>()
             + self.bounds.capacity() * size_of::<Lanes<f32>>()
             + self.open.capacity() * size_of::<(usize, usize)>()
     }
@@ -150,7 +150,7 @@ impl Candidates {
         s: S,
         (view, target): (&V, &Target<S>),
         group: &Group,
-        torus: &Torus,
+        periodic_box: &PeriodicBox,
         (radii, reach): (&Radii, Option<&Reach>),
     ) {
         self.open.clear();
@@ -163,8 +163,8 @@ impl Candidates {
                 boxes.reach = s.load(&reach.nodes[node]);
             }
             let mut near;
-            if torus.any {
-                let moved = torus.bring(s, (lo, hi), (group.lo, group.hi));
+            if periodic_box.any {
+                let moved = periodic_box.bring(s, (lo, hi), (group.lo, group.hi));
                 (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
                 near = boxes.near(s, group.lo, group.hi, group.bound) & present;
                 self.elsewhere |= level == 0 && near & moved.elsewhere != 0;
@@ -191,11 +191,11 @@ impl Candidates {
                     let lane = rest.trailing_zeros() as usize;
                     rest &= rest - 1;
                     number[lane] = self.blocks.len() as u32;
-                    let spots = Spots::of_block(s, view, target, first + lane * stride + part);
+                    let points = BlockPoints::of_block(s, view, target, first + lane * stride + part);
                     if let (Radii::Larger { others, .. }, Some(_)) = (radii, reach) {
-                        self.bounds.push(spots.id.map(|id| bound_of(others, id)));
+                        self.bounds.push(points.id.map(|id| bound_of(others, id)));
                     }
-                    self.blocks.push(spots);
+                    self.blocks.push(points);
                 }
                 debug_assert_eq!(self.blocks.len() as u32 - base, near.count_ones());
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);

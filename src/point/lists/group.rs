@@ -4,35 +4,35 @@ use super::radii::{Radii, bound_of, squared_radius};
 use crate::point::snapshot::{Placed, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
-/// Sixteen points at a time, in rows; where there is none, the first coordinate is infinite.
+/// The points of a block at a time, in rows. In lanes without a point, the first coordinate is infinite.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
-pub(super) struct Spots {
+pub(super) struct BlockPoints {
     pub(super) at: [Lanes<f32>; 3],
     pub(super) id: Lanes<u32>,
 }
 
-impl Spots {
-    pub(super) const NONE: Spots = Spots { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LANES] };
+impl BlockPoints {
+    pub(super) const NONE: BlockPoints = BlockPoints { at: [[f32::INFINITY; LANES]; 3], id: [u32::MAX; LANES] };
 
     /// The points of a block at the view's time.
     #[inline(always)]
-    pub(super) fn of_block<S: Simd, V: Placed>(s: S, view: &V, target: &Target<S>, block: usize) -> Spots {
+    pub(super) fn of_block<S: Simd, V: Placed>(s: S, view: &V, target: &Target<S>, block: usize) -> BlockPoints {
         let [x, y, z] = view.positions(s, target, block);
-        let mut spots = Spots::NONE;
+        let mut points = BlockPoints::NONE;
         let there = s.lt(x, s.splat(f32::MAX));
-        s.store(s.select(there, x, s.splat(f32::INFINITY)), &mut spots.at[0]);
-        s.store(y, &mut spots.at[1]);
-        s.store(z, &mut spots.at[2]);
-        spots.id = *view.ids(block);
-        spots
+        s.store(s.select(there, x, s.splat(f32::INFINITY)), &mut points.at[0]);
+        s.store(y, &mut points.at[1]);
+        s.store(z, &mut points.at[2]);
+        points.id = *view.ids(block);
+        points
     }
 }
 
 /// A block of points whose lists are wanted, the box around them, and how far they reach.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Member {
-    pub(super) spots: Spots,
+    pub(super) points: BlockPoints,
     pub(super) lo: [f32; 3],
     pub(super) hi: [f32; 3],
     /// The largest squared radius.
@@ -60,8 +60,8 @@ impl Group {
             lanes &= lanes - 1;
             let first = view.first_block(node) + lane * view.leaf_blocks();
             for block in first..first + view.leaf_blocks() {
-                let spots = Spots::of_block(s, view, target, block);
-                if let Some(member) = Member::around(spots, radii) {
+                let points = BlockPoints::of_block(s, view, target, block);
+                if let Some(member) = Member::around(points, radii) {
                     for axis in 0..3 {
                         self.lo[axis] = self.lo[axis].min(member.lo[axis]);
                         self.hi[axis] = self.hi[axis].max(member.hi[axis]);
@@ -77,7 +77,7 @@ impl Group {
 impl Member {
     /// Nothing where no point exists.
     #[inline(always)]
-    fn around(spots: Spots, radii: &Radii) -> Option<Member> {
+    fn around(points: BlockPoints, radii: &Radii) -> Option<Member> {
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         let mut bound = match radii {
             Radii::Equal(radius) => squared_radius(*radius),
@@ -85,7 +85,7 @@ impl Member {
         };
         let mut any = false;
         for lane in 0..LANES {
-            let at = spots.at.map(|row| row[lane]);
+            let at = points.at.map(|row| row[lane]);
             if at[0] == f32::INFINITY {
                 continue;
             }
@@ -95,9 +95,9 @@ impl Member {
                 hi[axis] = if at[axis] > hi[axis] { at[axis] } else { hi[axis] };
             }
             if let Radii::Own(own) | Radii::Larger { own, .. } = radii {
-                bound = bound.max(bound_of(own, spots.id[lane]));
+                bound = bound.max(bound_of(own, points.id[lane]));
             }
         }
-        any.then_some(Member { spots, lo, hi, bound })
+        any.then_some(Member { points, lo, hi, bound })
     }
 }

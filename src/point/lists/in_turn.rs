@@ -1,16 +1,17 @@
 //! Making lists on several threads that do not wait for each other, always in the same order.
 //!
-//! The picture to have in mind: a ring of slots. A thread takes the next group and makes its lists in the memory of the next
-//! slot, which is small enough for a near cache. Where they will end up is known when all groups before have been made: whoever
-//! finds that out next hands out the places of all groups for which it holds, and copies them there. The others make further groups
-//! meanwhile; nobody waits unless the whole ring is made and not copied. Places depend on nothing but the lists before.
+//! The slots form a ring. A thread takes the next group and makes its lists in the memory of the next slot, which is small
+//! enough for a near cache. The place of the lists in the result is known when all groups before have been made. The
+//! thread that completes them hands out the places of all groups for which this holds, and copies their lists there. The
+//! others make further groups meanwhile. A thread waits only if all slots are made and not copied. Places depend on
+//! nothing but the lists before.
 
 use crate::parallel;
 use core::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Slots for each thread: so many that none waits for another that is late by a group or two, and few enough to stay in a near
-/// cache together.
+/// Slots for each thread: enough that no thread waits for another that is late by a group or two, and few enough to stay
+/// in a near cache together.
 const SLOTS: usize = 4;
 
 /// The number of slots for this thread's pool.
@@ -18,7 +19,7 @@ pub(super) fn slots() -> usize {
     SLOTS * parallel::threads()
 }
 
-/// How far it is.
+/// The progress of all threads.
 struct State<P> {
     /// The next group to be made, and the next whose place is to be handed out.
     next: usize,
@@ -31,8 +32,8 @@ struct State<P> {
     place: P,
 }
 
-/// Makes groups of a range in slots, hands out the place of each in their order, and copies them there. Ends where no place is
-/// left; returns the first group that was not copied.
+/// Makes the groups of a range in slots, hands out their places in the order of the groups, and copies them there. Ends
+/// where no place is left, and returns the first group that was not copied.
 pub(super) fn in_turn<W: Send, J>(
     groups: Range<usize>,
     slots: &mut [W],

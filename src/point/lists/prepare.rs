@@ -1,10 +1,10 @@
-//! What is found out before lists are made: groups of leaves, how far points reach, whether all is within bounds.
+//! What is computed before lists are made: the groups of leaves, how far points reach, and whether all is within bounds.
 
 use super::error::ListError;
-use super::question::Question;
+use super::list_request::ListRequest;
+use super::periodic_box::MOST_PERIODS;
 use super::radii::Radii;
 use super::reach::{Measure, Reach};
-use super::torus::MOST_PERIODS;
 use crate::point::partition::{Layer, LayerView};
 use crate::point::snapshot::Placed;
 use crate::simd::{Kernel, LANES, Simd, dispatch};
@@ -42,26 +42,26 @@ macro_rules! at_time {
 
 pub(super) use at_time;
 
-/// Looks at the sets of a question.
-pub(super) fn prepare(query: &Question<'_>, prepared: &mut Prepared) -> Result<(), ListError> {
-    let (simd, time) = (query.tree.simd, query.time);
+/// Prepares a request: finds the groups, measures how far points reach, and validates coordinates and radii.
+pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Result<(), ListError> {
+    let (simd, time) = (request.tree.simd, request.time);
     prepared.groups.clear();
-    for (number, layer) in query.tree.layers.iter().enumerate() {
+    for (number, layer) in request.tree.layers.iter().enumerate() {
         let groups = &mut prepared.groups;
         at_time!(layer, time, view => dispatch(simd, Bottoms { view, number, groups }));
     }
-    for (number, layer) in query.tree.precise.iter().enumerate() {
+    for (number, layer) in request.tree.precise.iter().enumerate() {
         let tree = layer.tree_at(time);
         prepared.groups.extend((0..tree.bottom_nodes()).map(|node| (number, node)));
-        if let Radii::Own(own) = query.listing.radii
+        if let Radii::Own(own) = request.listing.radii
             && let Some(id) = tree.ids().find(|&id| id as usize >= own.len())
         {
             return Err(ListError::MissingRadius { id });
         }
     }
-    for layer in query.tree.layers.iter().chain(&query.among.layers) {
+    for layer in request.tree.layers.iter().chain(&request.among.layers) {
         let most = at_time!(layer, time, view => dispatch(simd, Extent { view }));
-        for (axis, length) in query.periods.iter().enumerate() {
+        for (axis, length) in request.periods.iter().enumerate() {
             if length.is_some_and(|length| most[axis] > MOST_PERIODS * length) {
                 return Err(ListError::FarFromPeriod { axis });
             }
@@ -77,12 +77,12 @@ pub(super) fn prepare(query: &Question<'_>, prepared: &mut Prepared) -> Result<(
         }
         Ok(())
     };
-    match query.listing.radii {
+    match request.listing.radii {
         Radii::Equal(_) => Ok(()),
-        Radii::Own(own) => measure(&query.tree.layers, own),
+        Radii::Own(own) => measure(&request.tree.layers, own),
         Radii::Larger { own, others } => {
-            measure(&query.tree.layers, own)?;
-            measure(&query.among.layers, others)
+            measure(&request.tree.layers, own)?;
+            measure(&request.among.layers, others)
         }
     }
 }

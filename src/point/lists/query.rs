@@ -1,18 +1,18 @@
-//! Neighbour lists as callers ask for them.
+//! The public interface of neighbour lists.
 
 use super::csr::NeighborCsr;
 use super::error::ListError;
-use super::question::{Listing, Question};
+use super::list_request::{ListRequest, Listing};
+use super::periodic_box::PeriodicBox;
 use super::radii::Radii;
 use super::run;
-use super::torus::Torus;
 use crate::point::tree::PointTree;
 
-/// A question for neighbour lists in preparation; made by [`PointTree::neighbor_lists`].
+/// A request for neighbour lists in preparation; made by [`PointTree::neighbor_lists`].
 #[derive(Clone, Copy)]
 #[must_use = "a query does nothing until `run` is called"]
 pub struct ListQuery<'a> {
-    question: Question<'a>,
+    request: ListRequest<'a>,
 }
 
 impl PointTree {
@@ -46,7 +46,7 @@ impl PointTree {
     pub fn neighbor_lists<'a>(&'a self, time: f32, radii: impl Into<Radii<'a>>) -> ListQuery<'a> {
         let listing = Listing {
             radii: radii.into(),
-            torus: Torus::default(),
+            periodic_box: PeriodicBox::default(),
             once: false,
             other_set: false,
             distinct: self.distinct,
@@ -54,21 +54,21 @@ impl PointTree {
             displacements: false,
             sorted: false,
         };
-        ListQuery { question: Question { tree: self, among: self, time, periods: [None; 3], listing, by_id: false } }
+        ListQuery { request: ListRequest { tree: self, among: self, time, periods: [None; 3], listing, by_id: false } }
     }
 }
 
 impl<'a> ListQuery<'a> {
     /// Each pair in one list only: that of the lower id. (Among another set, only neighbours with greater ids.)
     pub fn pairs_once(mut self) -> Self {
-        self.question.listing.once = true;
+        self.request.listing.once = true;
         self
     }
 
     /// Lists the points of another tree instead, all of them: fluid among boundary particles, say.
     pub fn among(mut self, other: &'a PointTree) -> Self {
-        self.question.among = other;
-        self.question.listing.other_set = true;
+        self.request.among = other;
+        self.request.listing.other_set = true;
         self
     }
 
@@ -77,35 +77,35 @@ impl<'a> ListQuery<'a> {
     /// Positions may lie anywhere, also several periods away. Each neighbour is listed once, at its nearest image; with
     /// a radius of more than half a period, further images would lie within it too, and are not listed.
     pub fn periodic(mut self, lengths: [Option<f32>; 3]) -> Self {
-        self.question.periods = lengths;
+        self.request.periods = lengths;
         self
     }
 
     /// Also gives squared distances.
     pub fn with_distances(mut self) -> Self {
-        self.question.listing.distances = true;
+        self.request.listing.distances = true;
         self
     }
 
     /// Also gives the way from the point to each neighbour.
     pub fn with_displacements(mut self) -> Self {
-        self.question.listing.displacements = true;
+        self.request.listing.displacements = true;
         self
     }
 
     /// Sorts each list by id.
     pub fn sorted(mut self) -> Self {
-        self.question.listing.sorted = true;
+        self.request.listing.sorted = true;
         self
     }
 
-    /// Puts the lists in the order of ids, which must be 0, 1, 2, … in any order, as they are unless given: list i is
-    /// that of point i, empty where it does not exist at the time. (Ids of points that do not exist then are not looked at.)
+    /// Puts the lists in the order of ids. These must be 0, 1, 2, … in any order, as they are unless given. List i is that
+    /// of point i, empty if it does not exist at the time. (Ids of points that do not exist then are not checked.)
     ///
     /// Otherwise lists are in the order of the tree, in which they are made. Costs a copy of all lists from one place
     /// in memory to another.
     pub fn rows_by_id(mut self) -> Self {
-        self.question.by_id = true;
+        self.request.by_id = true;
         self
     }
 
@@ -113,18 +113,18 @@ impl<'a> ListQuery<'a> {
     pub fn run(mut self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         lists.offsets.clear();
         lists.points.clear();
-        self.question.check()?;
-        self.question.listing.torus = Torus::new(self.question.periods);
-        let mut question = self.question;
-        let alone = core::ptr::eq(question.tree, question.among);
-        let tree = question.tree.boxed_at(question.time);
-        let among = if alone { None } else { question.among.boxed_at(question.time) };
+        self.request.check()?;
+        self.request.listing.periodic_box = PeriodicBox::new(self.request.periods);
+        let mut request = self.request;
+        let alone = core::ptr::eq(request.tree, request.among);
+        let tree = request.tree.boxed_at(request.time);
+        let among = if alone { None } else { request.among.boxed_at(request.time) };
         if let Some(tree) = &tree {
-            question.tree = tree;
+            request.tree = tree;
         }
         if let Some(among) = among.as_ref().or(tree.as_ref().filter(|_| alone)) {
-            question.among = among;
+            request.among = among;
         }
-        run::run(&question, lists)
+        run::run(&request, lists)
     }
 }

@@ -13,7 +13,7 @@ pub enum Radii<'a> {
     Larger {
         /// Radii by id of the points that lists are made for.
         own: &'a [f32],
-        /// Radii by id of the points that are listed: the same again where a set is asked for its own neighbours.
+        /// Radii by id of the points that are listed: the same again if a set is searched for its own neighbours.
         others: &'a [f32],
     },
 }

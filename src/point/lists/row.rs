@@ -3,7 +3,7 @@
 use super::columns::Columns;
 use super::gather::{BoxRows, Candidates, Picks, write};
 use super::group::Member;
-use super::question::{Listing, PassedOver};
+use super::list_request::{Excluded, Listing};
 use super::radii::Radii;
 use crate::point::snapshot::{rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd};
@@ -40,7 +40,7 @@ struct Gathered {
     own: (usize, Mask),
 }
 
-/// [`PassedOver`] as a constant.
+/// [`Excluded`] as a constant.
 const OWN: u8 = 0;
 const SAME_ID: u8 = 1;
 const NOT_GREATER: u8 = 2;
@@ -52,12 +52,12 @@ struct PointRows {
     id: Vec<u32>,
 }
 
-/// Room for so many masks.
+/// Room for `count` masks.
 ///
-/// What is near is found out in one loop and written in another: where each write goes depends on the hits before it, and loads
-/// behind a write whose place is not known yet wait for it.
+/// One loop computes which points are near, and another writes them. The place of each write depends on the hits before it,
+/// and loads that follow a write wait until its place is known.
 #[inline(always)]
-fn prepared(hits: &mut Vec<Mask>, count: usize) -> &mut [Mask] {
+fn room_for(hits: &mut Vec<Mask>, count: usize) -> &mut [Mask] {
     if hits.len() < count {
         hits.resize(2 * count, 0);
     }
@@ -83,15 +83,13 @@ impl Near {
         if !candidates.elsewhere && matches!(listing.radii, Radii::Equal(_)) {
             let gathered = self.gather_points(s, member, candidates);
             let plain = !listing.distances && !listing.displacements;
-            return match (listing.passed_over(), plain) {
-                (PassedOver::Own, true) => self.equal::<S, OWN, true>(s, listing, member, gathered, lists),
-                (PassedOver::Own, false) => self.equal::<S, OWN, false>(s, listing, member, gathered, lists),
-                (PassedOver::SameId, true) => self.equal::<S, SAME_ID, true>(s, listing, member, gathered, lists),
-                (PassedOver::SameId, false) => self.equal::<S, SAME_ID, false>(s, listing, member, gathered, lists),
-                (PassedOver::NotGreater, true) => {
-                    self.equal::<S, NOT_GREATER, true>(s, listing, member, gathered, lists)
-                }
-                (PassedOver::NotGreater, false) => {
+            return match (listing.excluded(), plain) {
+                (Excluded::Own, true) => self.equal::<S, OWN, true>(s, listing, member, gathered, lists),
+                (Excluded::Own, false) => self.equal::<S, OWN, false>(s, listing, member, gathered, lists),
+                (Excluded::SameId, true) => self.equal::<S, SAME_ID, true>(s, listing, member, gathered, lists),
+                (Excluded::SameId, false) => self.equal::<S, SAME_ID, false>(s, listing, member, gathered, lists),
+                (Excluded::NotGreater, true) => self.equal::<S, NOT_GREATER, true>(s, listing, member, gathered, lists),
+                (Excluded::NotGreater, false) => {
                     self.equal::<S, NOT_GREATER, false>(s, listing, member, gathered, lists)
                 }
             };
@@ -117,8 +115,8 @@ impl Near {
         }
     }
 
-    /// Where all points of a member reach equally far: the points that are near its box, in rows, and the number of
-    /// vectors that they fill. About as many as each of its points would look at, and they lie one behind the other.
+    /// Gathers the points that are near the box of a member, in rows, where all points of the member have the same radius.
+    /// They are about as many as each of its points would test by itself, and they lie one behind the other.
     #[inline(always)]
     fn gather_points<S: Simd>(&mut self, s: S, member: &Member, candidates: &Candidates) -> Gathered {
         let picks = self.picks.near(s, &candidates.boxes, (member.lo, member.hi), member.bound);
@@ -133,7 +131,7 @@ impl Near {
         // Slices, whose ends stay in registers.
         let (to_x, to_y, to_z, to_id) = (&mut to_x[..], &mut to_y[..], &mut to_z[..], &mut to_id[..]);
         let bound = s.splat(member.bound);
-        let hits = prepared(&mut self.hits, picks.len());
+        let hits = room_for(&mut self.hits, picks.len());
         for (hits, &pick) in hits.iter_mut().zip(picks) {
             let [x, y, z] = rows(s, &candidates.blocks[pick as usize].at);
             let gap_x = x - s.min(s.max(x, lo[0]), hi[0]);
@@ -144,7 +142,7 @@ impl Near {
         let (mut end, mut own) = (0, (usize::MAX, 0));
         for (&near, &pick) in hits.iter().zip(picks) {
             let block = &candidates.blocks[pick as usize];
-            own = if block.id[0] == member.spots.id[0] { (end, near) } else { own };
+            own = if block.id[0] == member.points.id[0] { (end, near) } else { own };
             let [x, y, z] = rows(s, &block.at);
             write(s, to_x, end, x, near);
             write(s, to_y, end, y, near);
@@ -159,7 +157,7 @@ impl Near {
 
     /// Lists from the points that were gathered; with `PLAIN` only ids.
     #[inline(always)]
-    fn equal<S: Simd, const PASSED_OVER: u8, const PLAIN: bool>(
+    fn equal<S: Simd, const EXCLUDED: u8, const PLAIN: bool>(
         &mut self,
         s: S,
         listing: &Listing,
@@ -172,26 +170,26 @@ impl Near {
         let (from_x, from_y) = (&from_x.as_chunks().0[..vectors], &from_y.as_chunks().0[..vectors]);
         let (from_z, from_id) = (&from_z.as_chunks().0[..vectors], &from_id.as_chunks().0[..vectors]);
         let bound = s.splat(member.bound);
-        let hits = prepared(&mut self.hits, vectors);
+        let hits = room_for(&mut self.hits, vectors);
         for lane in 0..LANES {
-            let at = member.spots.at.map(|row| row[lane]);
+            let at = member.points.at.map(|row| row[lane]);
             if at[0] == f32::INFINITY {
                 continue;
             }
-            let (id, begin) = (member.spots.id[lane], lists.len);
+            let (id, begin) = (member.points.id[lane], lists.len);
             lists.reserve(vectors * LANES, listing);
             let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
             let own = s.splat_u(id);
             let rows = [from_x, from_y, from_z];
             for (from, hits) in hits.iter_mut().enumerate() {
                 let near = s.le(seen(s, rows, from, point).3, bound);
-                *hits = match PASSED_OVER {
+                *hits = match EXCLUDED {
                     SAME_ID => near & !s.eq_u(own, s.load_u(&from_id[from])),
                     NOT_GREATER => near & s.lt_u(own, s.load_u(&from_id[from])),
                     _ => near,
                 };
             }
-            if PASSED_OVER == OWN && !listing.other_set {
+            if EXCLUDED == OWN && !listing.other_set {
                 // The points of the block itself are all near, so they lie where it begins, one behind the other.
                 let place = own_place.wrapping_add((own_lanes & ((1 << lane) - 1)).count_ones() as usize);
                 if let Some(hits) = hits.get_mut(place / LANES) {
@@ -221,9 +219,9 @@ impl Near {
         }
     }
 
-    /// Lists for one kind of question.
+    /// Lists for one kind of request.
     #[inline(always)]
-    fn rows<S: Simd, const TORUS: bool, const LARGER: bool, const ONCE: bool>(
+    fn rows<S: Simd, const PERIODIC: bool, const LARGER: bool, const ONCE: bool>(
         &mut self,
         s: S,
         listing: &Listing,
@@ -231,13 +229,13 @@ impl Near {
         candidates: &Candidates,
         lists: &mut Lists,
     ) {
-        let spots = &member.spots;
+        let points = &member.points;
         for lane in 0..LANES {
-            let at = spots.at.map(|row| row[lane]);
+            let at = points.at.map(|row| row[lane]);
             if at[0] == f32::INFINITY {
                 continue;
             }
-            let id = spots.id[lane];
+            let id = points.id[lane];
             let bound = listing.radii.bound(id);
             let picks = self.picks.near_point(s, &self.boxes, at, bound);
             let begin = lists.len;
@@ -252,10 +250,10 @@ impl Near {
                 let block = &candidates.blocks[pick as usize];
                 let [x, y, z] = rows(s, &block.at);
                 let (mut x, mut y, mut z) = (x - point[0], y - point[1], z - point[2]);
-                if TORUS {
-                    x = listing.torus.nearest(s, x, 0);
-                    y = listing.torus.nearest(s, y, 1);
-                    z = listing.torus.nearest(s, z, 2);
+                if PERIODIC {
+                    x = listing.periodic_box.nearest(s, x, 0);
+                    y = listing.periodic_box.nearest(s, y, 1);
+                    z = listing.periodic_box.nearest(s, z, 2);
                 }
                 let distance = squared::<S>(x, y, z);
                 let bounds = if LARGER { s.max(bounds, s.load(&candidates.bounds[pick as usize])) } else { bounds };
@@ -279,8 +277,8 @@ impl Near {
     }
 }
 
-/// Where a vector of points lies, seen from a point, and the squared distances. Not a closure: those may be compiled without the
-/// instruction set.
+/// The displacements from a point to a vector of points, and the squared distances. Not a closure: a closure may be
+/// compiled without the instruction set.
 #[inline(always)]
 fn seen<S: Simd>(s: S, [x, y, z]: [&[Lanes<f32>]; 3], i: usize, point: [S::F; 3]) -> (S::F, S::F, S::F, S::F) {
     let x = s.load(&x[i]) - point[0];
@@ -344,8 +342,8 @@ impl Lists {
         for (id, key) in self.columns.ids[list.clone()].iter_mut().zip(&self.keys) {
             *id = (key >> 32) as u32;
         }
-        for (asked, column) in listing.columns().into_iter().zip(self.columns.floats()) {
-            if asked {
+        for (requested, column) in listing.columns().into_iter().zip(self.columns.floats()) {
+            if requested {
                 self.column.clear();
                 self.column.extend_from_slice(&column[list.clone()]);
                 for (to, key) in column[list.clone()].iter_mut().zip(&self.keys) {

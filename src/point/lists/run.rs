@@ -1,7 +1,7 @@
 //! Making lists on several threads, always the same ones.
 //!
-//! On several threads groups of leaves are made in turn (`in_turn`), and copied one behind the other to where the caller will
-//! find them. Where each list ends up depends on nothing but the lists before it.
+//! On several threads, the lists of groups of leaves are made in turn (`in_turn`), and copied one behind the other to the
+//! memory of the caller. The place of each list depends on nothing but the lists before it.
 
 use super::by_id;
 use super::columns::{Columns, Room};
@@ -9,39 +9,39 @@ use super::csr::NeighborCsr;
 use super::double::DoubleShare;
 use super::error::ListError;
 use super::in_turn::{in_turn, slots};
+use super::list_request::ListRequest;
 use super::prepare::{Prepared, prepare};
-use super::question::Question;
 use super::worker::{Share, Worker};
 use crate::parallel;
 use crate::simd::dispatch;
 
-/// Makes the lists of a checked query.
-pub(super) fn run(query: &Question<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
+/// Makes the lists of a checked request.
+pub(super) fn run(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
     let mut prepared = core::mem::take(&mut lists.prepared);
-    let done = prepare(query, &mut prepared).map(|()| fill(query, &prepared, lists));
+    let done = prepare(request, &mut prepared).map(|()| fill(request, &prepared, lists));
     lists.prepared = prepared;
-    if done.is_err() || !query.by_id {
+    if done.is_err() || !request.by_id {
         return done;
     }
-    by_id::arrange(query, lists)
+    by_id::arrange(request, lists)
 }
 
-fn fill(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
+fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     let count = if parallel::threads() > 1 { slots() } else { 1 };
     if lists.workers.len() < count {
         lists.workers.resize(count, Worker::default());
     }
     lists.offsets.push(0);
-    (lists.distances, lists.displacements) = (query.listing.distances, query.listing.displacements);
+    (lists.distances, lists.displacements) = (request.listing.distances, request.listing.displacements);
     if count == 1 {
-        return alone(query, prepared, lists);
+        return alone(request, prepared, lists);
     }
-    let asked = query.listing.columns();
+    let requested = request.listing.columns();
     let (NeighborCsr { offsets, points, columns, workers, .. }, groups) = (lists, prepared.groups.len());
     let (workers, mut done) = (&mut workers[..count], 0);
     while done < groups {
         let begin = *offsets.last().expect("the first offset is there from the start");
-        let mut room = columns.room(begin, asked);
+        let mut room = columns.room(begin, requested);
         let place = |worker: &Worker| {
             let lists = &worker.lists;
             let room = room.take(lists.len)?;
@@ -53,23 +53,23 @@ fn fill(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
         let make = |group: usize, worker: &mut Worker| {
             worker.share = group..group + 1;
             worker.lists.clear();
-            work(Share { query, prepared, worker });
+            work(Share { request, prepared, worker });
         };
         let copy = |worker: &Worker, room: Room<'_>| room.fill(&worker.lists.columns);
         done = in_turn(done..groups, workers, make, place, copy);
         if done < groups {
-            // As many for each of the other groups as so far, and as the largest of those that there was no room for.
+            // Room for the mean so far for each of the other groups, and for the largest that there was no room for.
             let end = *offsets.last().expect("the first offset is there from the start");
             let most = workers.iter().map(|worker| worker.lists.len).max().unwrap_or(0);
             let usual = if done > 0 { end.div_ceil(done) } else { most };
-            columns.make_room(end + most + usual * (groups - done), asked);
+            columns.make_room(end + most + usual * (groups - done), requested);
         }
     }
 }
 
 /// Makes the lists of a worker's share.
 fn work(share: Share<'_>) {
-    let tree = share.query.tree;
+    let tree = share.request.tree;
     if tree.precise.is_empty() {
         dispatch(tree.simd, share);
     } else {
@@ -78,7 +78,7 @@ fn work(share: Share<'_>) {
 }
 
 /// The same on one thread, whose lists need not be copied: it makes them where the caller will find them.
-fn alone(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
+fn alone(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     let NeighborCsr { offsets, points, columns, workers, .. } = lists;
     let worker = &mut workers[0];
     worker.share = 0..prepared.groups.len();
@@ -89,6 +89,6 @@ fn alone(query: &Question<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     };
     swap(worker, columns, offsets, points);
     worker.lists.len = 0;
-    work(Share { query, prepared, worker });
+    work(Share { request, prepared, worker });
     swap(worker, columns, offsets, points);
 }

@@ -2,8 +2,8 @@
 
 use super::gather::Candidates;
 use super::group::Group;
+use super::list_request::ListRequest;
 use super::prepare::{Prepared, at_time};
-use super::question::Question;
 use super::radii::Radii;
 use super::row::{Lists, Near};
 use crate::point::partition::LayerView;
@@ -31,7 +31,7 @@ impl Worker {
 
 /// The lists of a worker's share of groups.
 pub(super) struct Share<'a> {
-    pub(super) query: &'a Question<'a>,
+    pub(super) request: &'a ListRequest<'a>,
     pub(super) prepared: &'a Prepared,
     pub(super) worker: &'a mut Worker,
 }
@@ -40,22 +40,22 @@ impl Kernel for Share<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Share { query, prepared, worker } = self;
-        let listing = &query.listing;
+        let Share { request, prepared, worker } = self;
+        let listing = &request.listing;
         for &(layer, node) in &prepared.groups[worker.share.clone()] {
             let group = &mut worker.group;
-            at_time!(query.tree.layers[layer], query.time, view => {
+            at_time!(request.tree.layers[layer], request.time, view => {
                 group.take(s, &view, &view.target(s, Vec3::ZERO), node, &listing.radii);
             });
             worker.candidates.clear();
-            for (number, layer) in query.among.layers.iter().enumerate() {
+            for (number, layer) in request.among.layers.iter().enumerate() {
                 let reach = match listing.radii {
                     Radii::Larger { .. } => prepared.reaches.get(number),
                     _ => None,
                 };
-                at_time!(layer, query.time, view => {
+                at_time!(layer, request.time, view => {
                     let target = view.target(s, Vec3::ZERO);
-                    worker.candidates.add(s, (&view, &target), &worker.group, &listing.torus, (&listing.radii, reach));
+                    worker.candidates.add(s, (&view, &target), &worker.group, &listing.periodic_box, (&listing.radii, reach));
                 });
             }
             for member in &worker.group.members {

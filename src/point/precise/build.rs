@@ -5,27 +5,27 @@ use super::order::{Place, order};
 use super::tree::{Block, PreciseTree, Rows, between};
 use crate::geometry::TimeInterval;
 use crate::point::moving_leaf::Times;
-use crate::point::moving_reference::Part;
+use crate::point::moving_reference::TimeSlice;
 use crate::point::order::ORDERING;
 use crate::point::source::Source;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 
 impl PreciseTree {
-    /// The tree over some points of a set for a part of the shutter. Unless it `moves`, all points must be static
+    /// The tree of a time slice over some points of a set. Unless it `moves`, all points must be static
     /// and exist throughout the shutter.
     pub(in crate::point) fn build(
         source: &Source,
-        part: Part,
+        slice: TimeSlice,
         points: impl Iterator<Item = usize>,
         moves: bool,
         progress: &Progress,
     ) -> PreciseTree {
-        let later = (part.segment + 1).min(part.keys - 1);
-        let keys = |point: usize| [source.exact(point, part.segment), source.exact(point, later)];
-        let middle = 0.5 * (part.phases[0] + part.phases[1]);
+        let later = (slice.segment + 1).min(slice.keys - 1);
+        let keys = |point: usize| [source.exact(point, slice.segment), source.exact(point, later)];
+        let middle = 0.5 * (slice.phases[0] + slice.phases[1]);
         let place = |point: usize| {
-            source.alive(point).intersect(part.interval)?;
+            source.alive(point).intersect(slice.interval)?;
             Some(Place { at: between(keys(point), middle), point: point as u32 })
         };
         let mut places: Vec<Place> = points.filter_map(place).collect();
@@ -35,9 +35,9 @@ impl PreciseTree {
         let blocks = leaves * shape.leaf_blocks;
         let life = |place: &Place| source.alive(place.point as usize);
         let mortal = places.iter().any(|place| life(place) != TimeInterval::FULL);
-        let timed = places.iter().any(|place| life(place).intersect(part.interval) != Some(part.interval));
+        let timed = places.iter().any(|place| life(place).intersect(slice.interval) != Some(slice.interval));
         let mut tree = PreciseTree {
-            part,
+            slice,
             shape,
             nodes: huge_vec_of(Node::NONE, shape.nodes()),
             slopes: huge_vec_of(Node::STILL, if moves { shape.nodes() } else { 0 }),
@@ -56,7 +56,7 @@ impl PreciseTree {
                 let point = place.point as usize;
                 let (keys, life) = (keys(point), life(place));
                 let [begin, end] = keys.map(|p| p.to_array());
-                let alive = life.intersect(part.interval).unwrap_or(part.interval);
+                let alive = life.intersect(slice.interval).unwrap_or(slice.interval);
                 for axis in 0..3 {
                     tree.blocks[block].begin.0[axis][lane] = begin[axis];
                     if moves {
@@ -71,7 +71,7 @@ impl PreciseTree {
                 };
                 set(&mut tree.block_times, alive);
                 set(&mut tree.lives, life);
-                let ends = part.phases.map(|phase| between(keys, phase));
+                let ends = slice.phases.map(|phase| between(keys, phase));
                 bounds = bounds.union(&LinearBox::of_point(ends, keys, [alive.begin(), alive.end_bound()]));
             }
             boxes_below.push(bounds);

@@ -6,7 +6,7 @@ use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::parallel;
 use crate::point::moving_file::never;
 use crate::point::moving_leaf::Times;
-use crate::point::moving_reference::Part;
+use crate::point::moving_reference::TimeSlice;
 use crate::point::snapshot::Boxes;
 use crate::point::static_file::{FARTHEST_FACE, are_fine};
 use crate::simd::{LANES, Lanes};
@@ -29,7 +29,7 @@ pub(in crate::point) struct PreciseRecord {
 }
 
 impl PreciseTree {
-    /// Writes everything except the part of the shutter.
+    /// Writes everything except the time slice.
     pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.put(self.references as u64)?;
         to.array(&self.nodes)?;
@@ -62,8 +62,8 @@ impl PreciseRecord {
         !self.slopes.is_empty()
     }
 
-    /// The tree of a part of the shutter around an origin, or an error if searches cannot traverse it.
-    pub(in crate::point) fn checked(self, part: Part, origin: DVec3) -> Result<PreciseTree, FileError> {
+    /// The tree of a time slice around an origin, or an error if searches cannot traverse it.
+    pub(in crate::point) fn checked(self, slice: TimeSlice, origin: DVec3) -> Result<PreciseTree, FileError> {
         let (moves, timed) = (self.moves(), !self.node_times.is_empty());
         let PreciseRecord { count, nodes, slopes, blocks, ends, node_times, block_times, lives } = self;
         require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;
@@ -83,7 +83,8 @@ impl PreciseRecord {
             of_blocks && (moves || !timed && lives.is_empty()),
             "the number of active intervals does not match its leaves",
         )?;
-        let tree = PreciseTree { part, shape, nodes, slopes, blocks, ends, node_times, block_times, lives, references };
+        let tree =
+            PreciseTree { slice, shape, nodes, slopes, blocks, ends, node_times, block_times, lives, references };
         let fine =
             parallel::chunks(tree.blocks.len(), |range| range.into_iter().all(|block| tree.block_is_fine(block)));
         require(fine.into_iter().all(|fine| fine), "a leaf holds invalid points")?;

@@ -14,7 +14,7 @@ use crate::point::snapshot::Boxes;
 use crate::simd::LANES;
 use glam::DVec3;
 
-/// A box at the begin and at the end of a part of the shutter, linear between, and its active interval.
+/// A box at the begin and at the end of a time slice, linear between, and its active interval.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LinearBox {
     lo: [DVec3; 2],
@@ -26,15 +26,15 @@ pub(super) struct LinearBox {
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Node {
-    /// The centre at the begin of the part.
+    /// The centre at the begin of the slice.
     pub(super) middle: [f64; 3],
-    /// The displacement of the centre until the end of the part.
+    /// The displacement of the centre until the end of the slice.
     pub(super) way: [f64; 3],
-    /// The boxes at the begin of the part.
+    /// The boxes at the begin of the slice.
     pub(super) boxes: Boxes,
 }
 
-/// A node, the displacements of its faces during the part, and the active intervals of its children.
+/// A node, the displacements of its faces during the slice, and the active intervals of its children.
 pub(super) struct NodeRows {
     pub(super) node: Node,
     pub(super) slopes: Boxes,
@@ -54,7 +54,7 @@ impl LinearBox {
     pub(super) const NONE: LinearBox =
         LinearBox { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2], times: [f32::INFINITY, f32::NEG_INFINITY] };
 
-    /// The box around a point at the begin and at the end of a part, given its positions at both keys.
+    /// The box around a point at the begin and at the end of a slice, given its positions at both keys.
     pub(super) fn of_point(ends: [DVec3; 2], keys: [DVec3; 2], times: [f32; 2]) -> LinearBox {
         let [a, b] = keys;
         let moves = if a == b { 0.0 } else { 1.0 };
@@ -106,7 +106,7 @@ impl Node {
         (made, hull)
     }
 
-    /// The centre at a fraction of the part.
+    /// The centre at a fraction of the slice.
     #[inline(always)]
     pub(super) fn place(&self, within: f64) -> [f64; 3] {
         let ([x, y, z], [by_x, by_y, by_z]) = (self.middle, self.way);
@@ -130,7 +130,7 @@ mod tests {
     use crate::random::Random;
 
     /// The number of points that are outside of the faces of their box, both computed as in a query at the point: relative
-    /// to the centre of the node, at times of the part.
+    /// to the centre of the node, at times of the slice.
     fn lost(padding: f64) -> usize {
         let (mut random, mut lost) = (Random(3), 0);
         for round in 0..400 {

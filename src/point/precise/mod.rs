@@ -30,10 +30,10 @@ use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// Trees for successive parts of the shutter, without a gap; a single one if all points are static.
+/// Trees for successive time slices, without a gap; a single one if all points are static.
 #[derive(Clone)]
 pub(super) struct PreciseLayer {
-    pub(super) parts: Vec<PreciseTree>,
+    pub(super) trees: Vec<PreciseTree>,
 }
 
 /// A layer at a time, seen from a query point.
@@ -44,13 +44,13 @@ enum AtTime<'a> {
 
 impl PreciseLayer {
     /// The index of the tree that is responsible for a time in [0, 1].
-    pub(super) fn part_at(&self, time: f32) -> usize {
-        self.parts.partition_point(|tree| tree.part().interval.end_bound() <= time).min(self.parts.len() - 1)
+    pub(super) fn slice_at(&self, time: f32) -> usize {
+        self.trees.partition_point(|tree| tree.slice().interval.end_bound() <= time).min(self.trees.len() - 1)
     }
 
     /// The tree that is responsible for a time in [0, 1].
     pub(super) fn tree_at(&self, time: f32) -> &PreciseTree {
-        &self.parts[self.part_at(time)]
+        &self.trees[self.slice_at(time)]
     }
 
     #[inline(always)]

@@ -1,4 +1,4 @@
-//! The tree over f64 points for a part of the shutter, and its view at a time.
+//! The tree over f64 points for a time slice, and its view at a time.
 //!
 //! **Why no search ever loses a neighbour.** Let `q` be the query and `m` the centre of a node at the query's time, both
 //! in f64. The boxes of the node are relative to `m`, and so is the query: `p = q − m`, rounded to f32, is off by u = 2^-24 of
@@ -13,7 +13,7 @@
 use super::linear_box::Node;
 use crate::geometry::TimeInterval;
 use crate::point::moving_leaf::Times;
-use crate::point::moving_reference::{Part, exact_phase};
+use crate::point::moving_reference::{TimeSlice, exact_phase};
 use crate::point::over_interval::{Boxed, Flight};
 use crate::point::snapshot::{Boxes, Leaves, Target, View, diagonal, outside, rows};
 use crate::point::static_tree::Shape;
@@ -49,13 +49,13 @@ pub(super) const ABSENT: f64 = 1e150;
 /// The factor on squared distances of boxes.
 const SHRINK: f32 = 1.0 - 1.0 / 1_048_576.0;
 
-/// Points given in f64, in a complete 16-ary tree for one part of the shutter.
+/// Points given in f64, in a complete 16-ary tree for one time slice.
 #[derive(Clone)]
 pub(in crate::point) struct PreciseTree {
-    pub(super) part: Part,
+    pub(super) slice: TimeSlice,
     pub(super) shape: Shape,
     pub(super) nodes: Vec<Node>,
-    /// Displacements of the faces until the end of the part; empty if all points are static.
+    /// Displacements of the faces until the end of the slice; empty if all points are static.
     pub(super) slopes: Vec<Boxes>,
     pub(super) blocks: Vec<Block>,
     /// Positions at the later key; empty if all points are static.
@@ -87,9 +87,9 @@ impl PreciseTree {
         if moves { Shape::with_leaf(count, 1) } else { Shape::flattest(count) }
     }
 
-    /// The part of the shutter that the tree covers.
-    pub(in crate::point) fn part(&self) -> &Part {
-        &self.part
+    /// The time slice that the tree covers.
+    pub(in crate::point) fn slice(&self) -> &TimeSlice {
+        &self.slice
     }
 
     /// Whether its points may move or exist for a while only.
@@ -149,18 +149,18 @@ impl PreciseTree {
     /// The phase of a time between the keys; exact.
     #[inline(always)]
     fn phase_at(&self, time: f32) -> f64 {
-        let Part { keys, segment, phases: [begin, end], .. } = self.part;
+        let TimeSlice { keys, segment, phases: [begin, end], .. } = self.slice;
         exact_phase(time, keys, segment).clamp(begin, end)
     }
 
-    /// The fraction of the part at a phase between the keys, in [0, 1].
+    /// The fraction of the slice at a phase between the keys, in [0, 1].
     #[inline(always)]
     fn within(&self, phase: f64) -> f64 {
-        let [begin, end] = self.part.phases;
+        let [begin, end] = self.slice.phases;
         if end > begin { ((phase - begin) / (end - begin)).clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// The tree at a time of its part, seen from a query point.
+    /// The tree at a time of its slice, seen from a query point.
     #[inline(always)]
     pub(in crate::point) fn at<const MOVING: bool>(&self, query: DVec3, time: f32) -> PreciseView<'_, MOVING> {
         let phase = if MOVING { self.phase_at(time) } else { 0.0 };
@@ -176,7 +176,7 @@ pub(in crate::point) struct PreciseView<'a, const MOVING: bool> {
     tree: &'a PreciseTree,
     query: [f64; 3],
     time: f32,
-    /// The fraction of the part at the time.
+    /// The fraction of the slice at the time.
     within: f64,
     /// Step from the nearer key.
     step: f64,
@@ -321,10 +321,10 @@ impl Boxed for PreciseTree {
     /// Times are off by at most 2^-53 of the shutter.
     const SLACK: [f64; 2] = [1e-14, 1e-14];
 
-    fn part(&self) -> (usize, usize, [f64; 2]) {
-        let segments = (self.part.keys.max(2) - 1) as f64;
-        let times = self.part.phases.map(|phase| (phase + self.part.segment as f64) / segments);
-        (self.part.keys, self.part.segment, times)
+    fn slice(&self) -> (usize, usize, [f64; 2]) {
+        let segments = (self.slice.keys.max(2) - 1) as f64;
+        let times = self.slice.phases.map(|phase| (phase + self.slice.segment as f64) / segments);
+        (self.slice.keys, self.slice.segment, times)
     }
     fn top(&self) -> (usize, usize) {
         (self.shape.levels - 1, self.nodes.len() - 1)
@@ -338,9 +338,9 @@ impl Boxed for PreciseTree {
         }
     }
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {
-        // An interval that begins with the part begins at its exact begin, and likewise at the end.
-        let (_, _, [first, last]) = Boxed::part(self);
-        let interval = self.part.interval;
+        // An interval that begins with the slice begins at its exact begin, and likewise at the end.
+        let (_, _, [first, last]) = Boxed::slice(self);
+        let interval = self.slice.interval;
         let Some(times) = self.node_times.get(node) else {
             return [
                 self.nodes[node].boxes.lo[0].map(|x| if x < f32::INFINITY { first } else { f64::INFINITY }),
@@ -432,11 +432,11 @@ mod tests {
                 |size: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * size;
             let points: Vec<DVec3> = (0..256).map(|_| place(size) + offset).collect();
             let source = Source::read(&points, false).expect("points are in order");
-            let part = Part { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+            let slice = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             if !source.is_precise() {
                 continue;
             }
-            let tree = PreciseTree::build(&source, part, 0..points.len(), false, &Progress::new(None));
+            let tree = PreciseTree::build(&source, slice, 0..points.len(), false, &Progress::new(None));
             let view = tree.at::<false>(points[0] + place(size * far), 0.0);
             for simd in SimdLevel::available() {
                 lost += dispatch(simd, Lost { view, less: SHRINK });

@@ -75,7 +75,7 @@ impl PointTree {
         };
         let boxed = self.boxed([time, until]);
         let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(at.segment))
-            .pass_over_lists_of(radius + skin)
+            .exclude_lists_of(radius + skin)
             .allow_for_rounding();
         let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
         let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
@@ -95,7 +95,7 @@ struct First<'a, F> {
 }
 
 impl<F: Fn(&Flight, &Flight) -> bool> Visitor for First<'_, F> {
-    const PASSES_OVER: bool = true;
+    const EXCLUDES_LISTED: bool = true;
 
     #[inline(always)]
     fn begin(&mut self, _own: &Flight) {}

@@ -36,17 +36,17 @@ impl Encounter {
 
 /// What is done with encounters.
 pub(super) trait Visitor {
-    /// Whether pairs are passed over that lists at the first time hold.
-    const PASSES_OVER: bool;
+    /// Whether pairs that lists at the first time contain are excluded.
+    const EXCLUDES_LISTED: bool;
     /// Comes to a point.
     fn begin(&mut self, own: &Flight);
     /// The encounters of that point with four others.
     fn meet(&mut self, own: &Flight, others: &Four, meetings: &Meetings);
 }
 
-/// What is asked of all points.
+/// The criteria of an encounter, the same for all points of a group.
 #[derive(Clone, Copy)]
-pub(super) struct Question {
+pub(super) struct Criteria {
     pub(super) radius: f64,
     /// The group's first time.
     pub(super) first_time: f32,
@@ -54,7 +54,7 @@ pub(super) struct Question {
     pub(super) mortal: bool,
 }
 
-/// The time that is looked at: a part of a segment between keys.
+/// The times during which points are compared: within a segment between keys.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Window {
     /// Number of keys, at least 2, and the earlier key of the segment.
@@ -62,26 +62,26 @@ pub(super) struct Window {
     segment: usize,
     /// First and last time.
     times: [f64; 2],
-    /// Encounters are told of that begin from the first of these times to before the second.
-    told: [f64; 2],
+    /// Encounters that begin from the first of these times to before the second are reported.
+    reported: [f64; 2],
 }
 
 /// Points that are looked at side by side.
 pub(super) const WIDE: usize = 4;
 
 impl Window {
-    /// The part of `[begin, end]` in a segment.
+    /// The times of `[begin, end]` that are in a segment.
     pub(super) fn of_segment(keys: usize, segment: usize, [begin, end]: [f64; 2]) -> Window {
         let segments = (keys.max(2) - 1) as f64;
         let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
         let times = [begin.max(ends[0]), end.min(ends[1])];
-        Window { keys, segment, times, told: [f64::NEG_INFINITY, f64::INFINITY] }
+        Window { keys, segment, times, reported: [f64::NEG_INFINITY, f64::INFINITY] }
     }
 
-    /// The same, but only what begins in the parts of the shutter of both points is told of. Parts hold their begin and
-    /// not their end.
+    /// The same times, but only encounters that begin in the time slices of both points are reported. A slice contains
+    /// its begin and not its end.
     pub(super) fn owned_by(self, [own, other]: [[f64; 2]; 2]) -> Window {
-        Window { told: [own[0].max(other[0]), own[1].min(other[1])], ..self }
+        Window { reported: [own[0].max(other[0]), own[1].min(other[1])], ..self }
     }
 
     /// Where in the segment a time lies, in [0, 1].
@@ -98,8 +98,8 @@ impl Window {
         s.min_d(s.max_d(phases, s.splat_d(0.0)), s.splat_d(1.0))
     }
 
-    /// Shows a visitor the encounters of a point with others, of which those at `hits` are looked at, `count` of them;
-    /// `hits` holds at least three more places.
+    /// Shows a visitor the encounters of a point with the `count` others whose numbers are in `hits`, which holds at least
+    /// three more numbers.
     ///
     /// Seen from the point, another is on a straight way `first + w·passing`, w in [0, 1]: its squared distance is a
     /// parabola. Every step is symmetric, so both points see the same. Times are where the parabola is at its lowest and
@@ -111,15 +111,15 @@ impl Window {
         own: &Flight,
         others: &Others,
         (hits, count): (&[u32], usize),
-        question: &Question,
+        criteria: &Criteria,
         visitor: &mut V,
     ) {
         let life = TimeInterval::FULL;
         let mut common = Common::of(s, self, own, [[life.begin(); WIDE], [life.end_bound(); WIDE]]);
-        let square = s.splat_d(question.radius * question.radius);
+        let square = s.splat_d(criteria.radius * criteria.radius);
         for at in (0..count).step_by(WIDE) {
             let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
-            if question.mortal {
+            if criteria.mortal {
                 common = Common::of(s, self, own, four.lives());
             }
             let mut meetings = common.meetings(s, &four, square);
@@ -141,8 +141,8 @@ struct Common<S: Simd> {
     phases: [S::D; 2],
     /// Where the point is at begin and end.
     own: [[S::D; 3]; 2],
-    /// Encounters are told of that begin from the first of these times to before the second.
-    told: [S::D; 2],
+    /// Encounters that begin from the first of these times to before the second are reported.
+    reported: [S::D; 2],
 }
 
 impl<S: Simd> Common<S> {
@@ -155,10 +155,10 @@ impl<S: Simd> Common<S> {
         let ends = s.widen_four(&ends);
         let times = [begin, s.min_d(s.splat_d(last), ends)];
         // Where a life ends, the point is no more.
-        let [from, until] = window.told;
-        let told = [s.splat_d(from), s.min_d(s.splat_d(lesser(until, own_end)), ends)];
+        let [from, until] = window.reported;
+        let reported = [s.splat_d(from), s.min_d(s.splat_d(lesser(until, own_end)), ends)];
         let phases = [window.phases(s, times[0]), window.phases(s, times[1])];
-        Common { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])], told }
+        Common { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])], reported }
     }
 
     /// Where others are seen from the point at begin or end.
@@ -201,14 +201,14 @@ impl<S: Simd> Common<S> {
         let [begin, end] = self.times;
         let duration = end - begin;
         let enter = begin + duration * enter;
-        let [from, until] = self.told;
-        let told = s.le_d(from, enter) & !s.le_d(until, enter);
+        let [from, until] = self.reported;
+        let reported = s.le_d(from, enter) & !s.le_d(until, enter);
         Meetings {
             enter: s.narrow(enter),
             leave: s.narrow(begin + duration * leave),
             closest: s.narrow(begin + duration * w),
             distance_squared: s.narrow(distance),
-            there: s.le_d(begin, end) & s.le_d(distance, square) & told,
+            there: s.le_d(begin, end) & s.le_d(distance, square) & reported,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Blocks of points on their ways, and the walk of a group of them through a tree.
 
-use super::encounter::{Others, Question, Window, greater, lesser};
+use super::encounter::{Criteria, Others, Window, greater, lesser};
 use crate::point::lists::gather::{BoxRows, BoxVector};
 use crate::point::over_interval::{Boxed, FlightRows, InRows};
 use crate::point::snapshot::rows;
@@ -15,7 +15,7 @@ const SLACK: f64 = 64.0 * ROUNDING;
 /// The phases of two times in a tree's segment. They are widened by what a time near a key, rounded to f32, may lie on
 /// the wrong side of it.
 pub(super) fn phases<T: Boxed>(tree: &T, times: [f32; 2]) -> [f64; 2] {
-    let (keys, segment, _) = tree.part();
+    let (keys, segment, _) = tree.slice();
     let [begin, end] = times.map(f64::from);
     let window = Window::of_segment(keys, segment, [begin, end]);
     [window.phase(begin - ROUNDING), window.phase(end + ROUNDING)]
@@ -177,7 +177,7 @@ pub(super) struct Partner {
     pub(super) ways: Ways,
     /// Squared distance up to which the test in f32 leaves a pair to that in f64.
     pub(super) bound: f32,
-    /// Squared distance at the first time up to which a pair is passed over; negative for none.
+    /// Squared distance at the first time up to which a pair is excluded; negative for none.
     pub(super) known: Lanes<f32>,
 }
 
@@ -188,7 +188,7 @@ pub(super) struct Partners {
     pub(super) blocks: Vec<Partner>,
     /// The points of the blocks, sixteen of each.
     pub(super) others: Others,
-    /// The windows in which blocks are looked at, each with the number of blocks up to its last.
+    /// The windows during which blocks are compared, each with the number of blocks up to its last.
     pub(super) windows: Vec<(Window, usize)>,
     open: Vec<(usize, usize)>,
 }
@@ -201,8 +201,8 @@ impl Partners {
         self.windows.clear();
     }
 
-    /// Adds the blocks of a tree that the group can come within `radius` of during `window`. Pairs nearer than `known` at the
-    /// group's first time, at which both exist, are passed over.
+    /// Adds the blocks of a tree that the group can come within the radius of during `window`. Pairs nearer than `known` at
+    /// the group's first time are excluded, if both points exist then.
     #[inline(always)]
     pub(super) fn add<S: Simd, T: InRows>(
         &mut self,
@@ -210,9 +210,9 @@ impl Partners {
         tree: &T,
         group: &Group,
         window: Window,
-        (question, known): (&Question, Option<f64>),
+        (criteria, known): (&Criteria, Option<f64>),
     ) {
-        let radius = question.radius;
+        let radius = criteria.radius;
         let phases = phases(tree, group.times);
         let bound = squared_up(radius);
         self.open.clear();
@@ -236,12 +236,12 @@ impl Partners {
                     let ways = Ways::new(&points, phases, group.drift);
                     let slack = SLACK * (magnitude[lane] + group.magnitude);
                     let bound = squared_up((radius + slack) * (1.0 + 1e-6) + 1e-18);
-                    // What is known has been lowered by more than f32 adds here: see `Sweep::pass_over_lists_of`.
+                    // What is known has been lowered by more than f32 adds here: see `Sweep::exclude_lists_of`.
                     let known = known.map_or(-1.0, squared_down);
                     let exists =
-                        |i: usize| points.begin[i] <= question.first_time && question.first_time < points.end[i];
+                        |i: usize| points.begin[i] <= criteria.first_time && criteria.first_time < points.end[i];
                     let known = core::array::from_fn(|i| if exists(i) { known } else { -1.0 });
-                    self.others.push(&points, question.mortal);
+                    self.others.push(&points, criteria.mortal);
                     self.blocks.push(Partner { ways, bound, known });
                 }
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);

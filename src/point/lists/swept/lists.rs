@@ -33,7 +33,7 @@ pub struct EncounterLists {
     /// Begin of each list, and the end of the last.
     pub(super) offsets: Vec<usize>,
     pub(super) points: Vec<u32>,
-    /// Longer than what is in use, so that nothing is cleared from question to question.
+    /// Longer than what is in use, so that nothing is cleared from query to query.
     pub(super) encounters: Vec<Encounter>,
     /// Lists on their way, of one group of points each.
     shares: Vec<EncounterLists>,
@@ -93,9 +93,11 @@ impl PointTree {
     /// active intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and
     /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. The same holds at keys: of a point
     /// that begins or ends to exist at a key, only the motion on that side of the key counts. (A
-    /// [`closest_approach`](PointTree::closest_approach) may also be at the end alone.) The lists do not depend on the structure, the number of threads or the instruction set, apart from the order of
-    /// lists and within them, which is that of the tree, or of ids where it consists of several. Points with the same id
-    /// are no neighbours of each other; where the tree consists of several, they have one list together.
+    /// [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
+    ///
+    /// The lists do not depend on the structure, the number of threads or the instruction set. The order of lists, and of
+    /// the encounters within them, is that of the tree, or that of ids where it consists of several. Points with the same
+    /// id are no neighbours of each other; where the tree consists of several, they have one list together.
     ///
     /// Cost: a little more than lists at a time while points move less than their spacing relative to their
     /// neighbours; motion that all have in common costs nothing.
@@ -154,7 +156,7 @@ impl PointTree {
 }
 
 impl Visitor for EncounterLists {
-    const PASSES_OVER: bool = false;
+    const EXCLUDES_LISTED: bool = false;
 
     #[inline(always)]
     fn begin(&mut self, own: &Flight) {
@@ -230,7 +232,7 @@ impl EncounterLists {
             };
             done = in_turn(done..groups, &mut workers, make, place, copy);
             if done < groups {
-                // As many for each of the other groups as so far, and as the largest of those that there was no room for.
+                // Room for the mean so far for each of the other groups, and for the largest that there was no room for.
                 let most = workers.iter().map(|worker| worker.visitor.end()).max().unwrap_or(0);
                 let usual = if done > 0 { self.end().div_ceil(done) } else { most };
                 self.make_room(self.end() + most + usual * (groups - done));

@@ -1,8 +1,8 @@
 //! Brings together the lists of points that come up more than once.
 //!
-//! Where the shutter is divided, a point has a list in each part, and a pair an encounter in each segment between keys. All lists of
-//! a point are copied to their final place, put in order of ids, and encounters of the same pair become one: each point by
-//! itself, so that what it takes beside the lists is small.
+//! Where the shutter is divided, a point has a list in each time slice, and a pair an encounter in each segment between
+//! keys. All lists of a point are copied to their final place and sorted by id. Encounters of the same pair become one.
+//! Each point is merged by itself, so little memory is needed beside the lists.
 
 use super::encounter::Encounter;
 use super::lists::EncounterLists;

@@ -2,9 +2,9 @@
 //!
 //! The same three sieves as for lists at a time, over boxes and points swept during the interval. What a group of leaves has
 //! in common of its motion is taken off everything first, so that points that move together sweep little. What passes a
-//! test of sixteen pairs in f32 is decided by [`encounter`], in f64, four pairs at a time. Where the shutter is divided, a pair may
-//! pass in several parts and is told of in one: [`parts`] says in which, and why none is lost by it. Then [`merge`] brings the
-//! lists of a point together.
+//! test of sixteen pairs in f32 is decided by [`encounter`], in f64, four pairs at a time. Where the
+//! shutter is divided, a pair may pass in several time slices and is reported in one: [`time_slices`] says in which, and
+//! why none is lost by it. Then [`merge`] merges the lists of a point.
 //!
 //! **Why no encounter is lost.** Let two points be within the radius at time t*. Each has one reference whose box holds it
 //! at t*; faces of boxes are lines between keys, so at t* the box lies within the hull of where its faces are at both ends
@@ -23,8 +23,8 @@ mod flights;
 mod lists;
 mod merge;
 mod near;
-mod parts;
 mod sweep;
+mod time_slices;
 
 pub use certify::certified_duration;
 pub use encounter::Encounter;

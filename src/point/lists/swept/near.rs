@@ -3,7 +3,7 @@
 //! As for lists at a time: the points that can come near any of a block's are gathered one behind the other, and each of
 //! the block's points is compared with these, sixteen at a time.
 
-use super::encounter::{Question, Visitor};
+use super::encounter::{Criteria, Visitor};
 use super::flights::{Block, Partner, Partners, Ways, squared_up};
 use crate::point::lists::gather::{Picks, write};
 use crate::point::snapshot::{rows, squared};
@@ -53,11 +53,11 @@ impl Near {
         &mut self,
         s: S,
         (block, partners): (&Block, &Partners),
-        question: &Question,
+        criteria: &Criteria,
         visitor: &mut V,
     ) {
         let Near { picks, rows, hits } = self;
-        let reach = squared_up(question.radius);
+        let reach = squared_up(criteria.radius);
         let all = picks.near(s, &partners.boxes, (block.lo, block.hi), reach);
         let (shared, rest) = rows.gather::<S, V>(s, &partners.blocks, all, (block.lo, block.hi));
         let shared = rest.is_empty().then_some(shared);
@@ -68,10 +68,10 @@ impl Near {
             let from = [first[0][lane], first[1][lane], first[2][lane]];
             let way = [passing[0][lane], passing[1][lane], passing[2][lane]];
             // What did not exist at the first time was not near anything then.
-            let pass_over = V::PASSES_OVER && own.life.contains(question.first_time);
+            let exclude = V::EXCLUDES_LISTED && own.life.contains(criteria.first_time);
             let mut count = 0;
             if let Some(points) = shared {
-                count = rows.passing::<S, V>(s, (from, way), pass_over, points, (hits, count));
+                count = rows.passing::<S, V>(s, (from, way), exclude, points, (hits, count));
             } else {
                 // Too many for all points of the block together: some go far, or the radius is large. Each for itself.
                 let to = [from[0] + way[0], from[1] + way[1], from[2] + way[2]];
@@ -81,13 +81,13 @@ impl Near {
                 while !rest.is_empty() {
                     let points;
                     (points, rest) = rows.gather::<S, V>(s, &partners.blocks, rest, (lo, hi));
-                    count = rows.passing::<S, V>(s, (from, way), pass_over, points, (hits, count));
+                    count = rows.passing::<S, V>(s, (from, way), exclude, points, (hits, count));
                 }
             }
             let mut begin = 0;
             for &(window, end) in &partners.windows {
                 let before = hits[begin..count].partition_point(|&place| (place as usize) < end * LANES);
-                window.encounters(s, &own, &partners.others, (&hits[begin..], before), question, visitor);
+                window.encounters(s, &own, &partners.others, (&hits[begin..], before), criteria, visitor);
                 begin += before;
             }
         }
@@ -125,7 +125,7 @@ impl Rows {
             write(s, to_v, end, v, near);
             write(s, to_w, end, w, near);
             write(s, to_bound, end, s.splat(*bound), Mask::MAX);
-            if V::PASSES_OVER {
+            if V::EXCLUDES_LISTED {
                 write(s, to_known, end, s.load(known), near);
             }
             let to: &mut Lanes<u32> = (&mut place[end..end + LANES]).try_into().expect("sixteen");
@@ -144,7 +144,7 @@ impl Rows {
         &self,
         s: S,
         (from, way): ([f32; 3], [f32; 3]),
-        pass_over: bool,
+        exclude: bool,
         points: usize,
         (hits, mut end): (&mut Vec<u32>, usize),
     ) -> usize {
@@ -156,7 +156,7 @@ impl Rows {
         let from = [s.splat(from[0]), s.splat(from[1]), s.splat(from[2])];
         let way = [s.splat(way[0]), s.splat(way[1]), s.splat(way[2])];
         let (zero, one, least) = (s.splat(0.0), s.splat(1.0), s.splat(f32::MIN_POSITIVE));
-        let nothing_known = if pass_over { 0 } else { Mask::MAX };
+        let nothing_known = if exclude { 0 } else { Mask::MAX };
         for at in (0..points.min(MOST + LANES)).step_by(LANES) {
             let x = s.load(lanes_at(xs, at)) - from[0];
             let y = s.load(lanes_at(ys, at)) - from[1];
@@ -169,7 +169,7 @@ impl Rows {
             let time = s.max(s.min(dot(s, [x, y, z], [u, v, w]) / speed, one), zero);
             let (a, b, c) = (x - u * time, y - v * time, z - w * time);
             let mut near = s.le(dot(s, [a, b, c], [a, b, c]), s.load(lanes_at(bound, at)));
-            if V::PASSES_OVER {
+            if V::EXCLUDES_LISTED {
                 let listed = s.le(squared::<S>(x, y, z), s.load(lanes_at(known, at)));
                 near &= !listed | nothing_known;
             }

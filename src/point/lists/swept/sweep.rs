@@ -1,9 +1,9 @@
 //! The search for all encounters of a set with itself during an interval.
 
-use super::encounter::{Question, Visitor, Window};
+use super::encounter::{Criteria, Visitor, Window};
 use super::flights::{Group, Partners};
 use super::near::Near;
-use super::parts::{Pairing, Part, Tree, begins_with_a_part, pairings, parts_of};
+use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
 use crate::parallel;
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Simd, dispatch};
@@ -11,13 +11,13 @@ use crate::simd::{Kernel, Simd, dispatch};
 /// A search for all encounters of a set with itself.
 pub(super) struct Sweep<'a> {
     tree: &'a PointTree,
-    parts: Vec<Part<'a>>,
+    slices: Vec<Slice<'a>>,
     pairings: Vec<Pairing>,
     /// Pairing and bottom node of each group.
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
     radius: f64,
-    /// Pairs that are nearer than this at the first time are passed over.
+    /// Pairs that are nearer than this at the first time are excluded.
     known: Option<f64>,
     /// Whether each point comes up once.
     pub(super) once: bool,
@@ -25,32 +25,32 @@ pub(super) struct Sweep<'a> {
     mortal: bool,
 }
 
-/// Groups that one thread does in a row.
+/// Groups that one task processes.
 const SHARE: usize = 8;
 
 impl<'a> Sweep<'a> {
     /// Between two times of the shutter; where a segment between keys is given, in that one only.
     pub(super) fn new(tree: &'a PointTree, times: [f32; 2], radius: f32, segment: Option<usize>) -> Sweep<'a> {
-        let (mut parts, mut layers) = (Vec::new(), Vec::new());
-        let begins = begins_with_a_part(&tree.layers, times[1]);
+        let (mut slices, mut layers) = (Vec::new(), Vec::new());
+        let begins = begins_with_a_slice(&tree.layers, times[1]);
         for layer in &tree.layers {
-            let begin = parts.len();
-            parts.extend(parts_of(layer, times, begins, segment));
-            layers.push(begin..parts.len());
+            let begin = slices.len();
+            slices.extend(time_slices_of(layer, times, begins, segment));
+            layers.push(begin..slices.len());
         }
-        let pairings = pairings(&parts, &layers, times);
+        let pairings = pairings(&slices, &layers, times);
         let nodes = |(number, pairing): (usize, &Pairing)| {
-            let nodes = parts[pairing.own].bottom_nodes();
+            let nodes = slices[pairing.own].bottom_nodes();
             nodes.into_iter().map(move |node| (number, node))
         };
         let groups = pairings.iter().enumerate().flat_map(nodes).collect();
         // Pieces of a life that have the same id are the same point.
-        let once = pairings.len() == parts.len()
+        let once = pairings.len() == slices.len()
             && layers.iter().all(|layer| layer.len() <= 1)
-            && !parts.iter().any(Part::timed);
-        let mortal = parts.iter().any(Part::mortal);
+            && !slices.iter().any(Slice::timed);
+        let mortal = slices.iter().any(Slice::mortal);
         let times = times.map(f64::from);
-        Sweep { tree, parts, pairings, groups, times, radius: radius.into(), known: None, once, mortal }
+        Sweep { tree, slices, pairings, groups, times, radius: radius.into(), known: None, once, mortal }
     }
 
     /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32,
@@ -65,10 +65,10 @@ impl<'a> Sweep<'a> {
         self
     }
 
-    /// Has visitors that pass over pairs pass over those that lists at the first time with this radius hold for certain.
-    /// Positions are rounded both there and here, so what is allowed for rounding counts twice: the second half covers that
-    /// here both places and their difference are rounded (3·1.8Mu) and the squares are (8ur).
-    pub(super) fn pass_over_lists_of(mut self, radius: f32) -> Sweep<'a> {
+    /// Excludes the pairs that lists at the first time with this radius contain for certain, where visitors want that.
+    /// Positions are rounded both there and here, so the allowance for rounding counts twice. The second half covers that
+    /// here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur).
+    pub(super) fn exclude_lists_of(mut self, radius: f32) -> Sweep<'a> {
         let radius = f64::from(radius);
         self.known = Some(radius - 2.0 * self.rounding(radius));
         self
@@ -76,8 +76,9 @@ impl<'a> Sweep<'a> {
 
     /// See [`Sweep::allow_for_rounding`].
     fn rounding(&self, radius: f64) -> f64 {
-        let segments = self.parts.iter().filter_map(Part::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
-        let magnitude = self.parts.iter().map(Part::magnitude).fold(0.0, f64::max);
+        let segments =
+            self.slices.iter().filter_map(Slice::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
+        let magnitude = self.slices.iter().map(Slice::magnitude).fold(0.0, f64::max);
         ((8 * segments + 20) as f64 * magnitude + 8.0 * radius) / 16_777_216.0 + 1e-18
     }
 
@@ -107,8 +108,8 @@ impl<'a> Sweep<'a> {
         dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups, worker });
     }
 
-    /// How points of two parts, which do not lie in different segments, are looked at.
-    fn window(&self, a: &Part, b: &Part) -> Window {
+    /// The times during which points of two slices are compared. The slices are not in different segments.
+    fn window(&self, a: &Slice, b: &Slice) -> Window {
         let (keys, segment) = a.segment().or(b.segment()).unwrap_or((1, 0));
         Window::of_segment(keys, segment, self.times).owned_by([a.owns, b.owns])
     }
@@ -142,26 +143,26 @@ impl<V: Visitor> Kernel for Share<'_, V> {
         let Share { sweep, groups, worker: Worker { visitor, group, partners, near } } = self;
         for &(number, node) in groups {
             let pairing = &sweep.pairings[number];
-            let part = &sweep.parts[pairing.own];
-            match part.tree {
+            let slice = &sweep.slices[pairing.own];
+            match slice.tree {
                 Tree::Still(tree) => group.take(tree, node, pairing.times),
                 Tree::Moving(tree) => group.take(tree, node, pairing.times),
             }
             let first_time = pairing.times[0];
-            // What is looked at from a later time on is not where it was at the first.
+            // `known` holds for positions at the first time only.
             let known = sweep.known.filter(|_| f64::from(first_time) == sweep.times[0]);
-            let question = Question { radius: sweep.radius, first_time, mortal: sweep.mortal };
+            let criteria = Criteria { radius: sweep.radius, first_time, mortal: sweep.mortal };
             partners.clear();
             for &other in &pairing.others {
-                let other = &sweep.parts[other];
-                let window = sweep.window(part, other);
+                let other = &sweep.slices[other];
+                let window = sweep.window(slice, other);
                 match other.tree {
-                    Tree::Still(tree) => partners.add(s, tree, group, window, (&question, known)),
-                    Tree::Moving(tree) => partners.add(s, tree, group, window, (&question, known)),
+                    Tree::Still(tree) => partners.add(s, tree, group, window, (&criteria, known)),
+                    Tree::Moving(tree) => partners.add(s, tree, group, window, (&criteria, known)),
                 }
             }
             for block in &group.blocks {
-                near.visit(s, (block, partners), &question, visitor);
+                near.visit(s, (block, partners), &criteria, visitor);
             }
         }
     }
@@ -179,21 +180,21 @@ mod tests {
     use crate::{PointParams, PointStructure};
     use glam::Vec3;
 
-    /// Counts the encounters that it is told of.
-    struct Told(usize);
+    /// Counts the encounters that are reported to it.
+    struct Reported(usize);
 
-    impl Visitor for Told {
-        const PASSES_OVER: bool = false;
+    impl Visitor for Reported {
+        const EXCLUDES_LISTED: bool = false;
         fn begin(&mut self, _own: &Flight) {}
         fn meet(&mut self, _own: &Flight, _others: &Four, meetings: &Meetings) {
             self.0 += meetings.entering().count();
         }
     }
 
-    /// Whatever the parts of the shutter, a pair comes up once in a segment between keys: what is gathered before lists
-    /// are brought together is what is in them.
+    /// Whatever the time slices, a pair is reported once in a segment between keys: visitors see as many encounters as
+    /// the merged lists have.
     #[test]
-    fn an_encounter_is_told_of_in_one_part_of_the_shutter() {
+    fn an_encounter_is_reported_in_one_time_slice() {
         let mut random = Random(3);
         let mut place = |by: f32| Vec3::from_array(core::array::from_fn(|_| random.signed() * by));
         let first: Vec<Vec3> = (0..600).map(|_| place(1.0)).collect();
@@ -233,12 +234,12 @@ mod tests {
                         tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
                         let boxed = tree.boxed([begin, end]);
                         let sweep = Sweep::new(boxed.as_ref().unwrap_or(&tree), [begin, end], radius, None);
-                        let told: usize = sweep.run(|| Told(0)).iter().map(|told| told.0).sum();
+                        let reported: usize = sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum();
                         let found = lists.encounters().len();
                         if keys.len() == 2 {
-                            assert_eq!(told, found, "{what}");
+                            assert_eq!(reported, found, "{what}");
                         }
-                        assert!(told <= found * (keys.len() - 1), "{what}: {told} for {found}");
+                        assert!(reported <= found * (keys.len() - 1), "{what}: {reported} for {found}");
                         divided += usize::from(sweep.pairings.len() > 1);
                         if radius < 1.0 {
                             assert_eq!(found, *of_linear.get_or_insert(found), "{what}");

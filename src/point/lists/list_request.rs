@@ -1,15 +1,15 @@
-//! What is asked of neighbour lists.
+//! A request for neighbour lists, and its validation.
 
 use super::error::ListError;
+use super::periodic_box::PeriodicBox;
 use super::radii::Radii;
-use super::torus::Torus;
 use crate::point::tree::PointTree;
 
-/// What is listed, and what is said about it.
+/// Which neighbours are listed, and which columns are requested.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Listing<'a> {
     pub(super) radii: Radii<'a>,
-    pub(super) torus: Torus,
+    pub(super) periodic_box: PeriodicBox,
     /// Only neighbours with greater ids: each pair once.
     pub(super) once: bool,
     /// Whether the candidates are another set; otherwise a point is no neighbour of itself.
@@ -21,10 +21,10 @@ pub(super) struct Listing<'a> {
     pub(super) sorted: bool,
 }
 
-/// Which points near another are not in its list.
+/// Which points within the radius of a point its list excludes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum PassedOver {
-    /// At most the point itself, which no other has the id of; in another set it is not there.
+pub(super) enum Excluded {
+    /// At most the point itself, whose id no other point has. Another set does not contain it.
     Own,
     /// Those with the same id.
     SameId,
@@ -33,24 +33,24 @@ pub(super) enum PassedOver {
 }
 
 impl Listing<'_> {
-    /// Which points near another are not in its list.
-    pub(super) fn passed_over(&self) -> PassedOver {
+    /// Which points within the radius of a point its list excludes.
+    pub(super) fn excluded(&self) -> Excluded {
         match (self.once, self.other_set || self.distinct) {
-            (true, _) => PassedOver::NotGreater,
-            (false, true) => PassedOver::Own,
-            (false, false) => PassedOver::SameId,
+            (true, _) => Excluded::NotGreater,
+            (false, true) => Excluded::Own,
+            (false, false) => Excluded::SameId,
         }
     }
 
-    /// Which columns of floats are asked for, in the order of [`Columns::floats`](super::columns::Columns::floats).
+    /// Which columns of floats are requested, in the order of [`Columns::floats`](super::columns::Columns::floats).
     pub(super) fn columns(&self) -> [bool; 4] {
         [self.distances, self.displacements, self.displacements, self.displacements]
     }
 }
 
-/// A question for neighbour lists.
+/// A request for neighbour lists.
 #[derive(Clone, Copy)]
-pub(super) struct Question<'a> {
+pub(super) struct ListRequest<'a> {
     pub(super) tree: &'a PointTree,
     pub(super) among: &'a PointTree,
     pub(super) time: f32,
@@ -60,8 +60,8 @@ pub(super) struct Question<'a> {
     pub(super) by_id: bool,
 }
 
-impl Question<'_> {
-    /// What can be said before looking at points.
+impl ListRequest<'_> {
+    /// Validates what does not depend on the points.
     pub(super) fn check(&self) -> Result<(), ListError> {
         if !(0.0..=1.0).contains(&self.time) {
             return Err(ListError::Time);

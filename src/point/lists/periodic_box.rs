@@ -1,26 +1,27 @@
-//! Periodic axes: places that a whole number of periods apart are the same.
+//! Periodic boundary conditions: positions a whole number of periods apart are the same.
 //!
-//! Two points are neighbours where their nearest images are. Along a periodic axis of length L the difference of two
-//! points is `d − L·k` with `d = p − q` and k the whole number nearest to `d · (1/L)`, every step rounded to f32. It has
-//! the same magnitude seen from either point, because every step gives the negative result for negative operands.
+//! Two points are neighbours if their nearest images are (the minimum image convention). Along a periodic axis of length L
+//! the difference of two points is `d − L·k`, with `d = p − q` and k the whole number nearest to `d · (1/L)`, every step
+//! rounded to f32. It has the same magnitude seen from either point, because every step gives the negative result for
+//! negative operands.
 //!
 //! Boxes are moved instead, to the image whose middle is nearest to that of the group's box. The distance to the nearest
 //! image changes by no more than the difference itself does, so the gap between the moved box and the group's bounds the
-//! distances between all points of both. For a part of the group that holds only where every point in the box has its
-//! nearest image there for every point of the group; otherwise that axis must not count any further, and the box is
+//! distances between all points of both. For a part of the group this holds only if, for every point of the group, every
+//! point in the box has its nearest image there. Otherwise that axis must not be used to cull any further, and the box is
 //! widened to infinity along it.
 //!
 //! **Rounding.** Let M bound the coordinates of both boxes and L, and u = 2^-24. Then `d`, `L·k` and their difference
 //! are wrong by at most 2Mu, (2M + L)u and (2M + L)u: below 8Mu together. A face that is moved is wrong by at most
 //! 2(2M + L)u, below 6Mu, before the difference with the group's face, which is rounded as `d` is. Moved boxes are
-//! widened by 32Mu, and the test whether an image is the nearest for all points asks for a margin of 32Mu to half a
+//! widened by 32Mu, and the test whether an image is the nearest for all points requires a margin of 32Mu to half a
 //! period, which covers `d · (1/L)` with its three roundings of at most (|d| + L)u each.
 
 use crate::simd::{Mask, Simd};
 
-/// Lengths of periodic axes; zero along those that are not periodic.
+/// The periodic box: lengths of the periodic axes, and zero along those that are not periodic.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Torus {
+pub(super) struct PeriodicBox {
     pub(super) period: [f32; 3],
     /// 1/L, or zero.
     pub(super) inverse: [f32; 3],
@@ -28,19 +29,20 @@ pub(super) struct Torus {
     pub(super) any: bool,
 }
 
-/// Most periods that a coordinate may be from zero: then rounding to whole numbers below is right, and M is at most
-/// a million periods.
+/// The greatest number of periods that a coordinate may be from zero. Up to there the rounding to whole numbers below is
+/// right, and M is at most a million periods.
 pub(super) const MOST_PERIODS: f32 = 1e6;
 
-/// How much moved boxes are widened, and what is asked for to half a period, relative to the magnitude of the coordinates: 32u.
+/// How much moved boxes are widened, and the required margin to half a period, relative to the magnitude of the
+/// coordinates: 32u.
 const SLACK: f32 = 32.0 / 16_777_216.0;
 
-impl Torus {
-    /// The torus with these periods.
-    pub(super) fn new(periods: [Option<f32>; 3]) -> Torus {
+impl PeriodicBox {
+    /// The box with these periods; `None` along axes that are not periodic.
+    pub(super) fn new(periods: [Option<f32>; 3]) -> PeriodicBox {
         let period = periods.map(|length| length.unwrap_or(0.0));
         let inverse = period.map(|length| if length > 0.0 { 1.0 / length } else { 0.0 });
-        Torus { period, inverse, any: periods.iter().any(Option::is_some) }
+        PeriodicBox { period, inverse, any: periods.iter().any(Option::is_some) }
     }
 
     /// The difference to the nearest image, for places that are at most [`MOST_PERIODS`] from zero.
@@ -90,7 +92,7 @@ impl Torus {
     }
 }
 
-/// Boxes brought to the images nearest to a group.
+/// Boxes moved to the images nearest to a group.
 pub(super) struct Moved<S: Simd> {
     pub(super) lo: [S::F; 3],
     pub(super) hi: [S::F; 3],
@@ -133,13 +135,14 @@ mod tests {
     use crate::random::Random;
     use crate::simd::{LANES, Lanes, Portable};
 
-    /// Boxes with a point at either end, brought to a group of one point with this slack: how many are farther away from it than the
-    /// nearest image of one of their points is, and how many are said to be where they are given of which a point is nearer elsewhere.
+    /// Boxes with a point at either end, moved to a group of one point with this slack. Returns how many are farther from
+    /// it than the nearest image of one of their points, and how many have a point that is nearer in another image though
+    /// `elsewhere` does not tell.
     fn wrong(slack: f32) -> [usize; 2] {
         let (s, mut random, mut wrong) = (Portable, Random(5), [0, 0]);
         for round in 0..20_000 {
             let length = 0.5 + random.unit();
-            let torus = Torus::new([Some(length), None, None]);
+            let periodic_box = PeriodicBox::new([Some(length), None, None]);
             let away = [0.0, 1.0, 30.0, 1e5][round % 4] * length;
             let q = random.signed() * (away + length);
             let pairs: Lanes<[f32; 2]> = core::array::from_fn(|lane| {
@@ -157,7 +160,7 @@ mod tests {
             let points = [0, 1].map(|end| pairs.map(|pair| pair[end]));
             let zero = s.splat(0.0);
             let boxes = ([s.load(&points[0]), zero, zero], [s.load(&points[1]), zero, zero]);
-            let moved = torus.bring_by(s, boxes, ([q, 0.0, 0.0], [q, 0.0, 0.0]), slack);
+            let moved = periodic_box.bring_by(s, boxes, ([q, 0.0, 0.0], [q, 0.0, 0.0]), slack);
             let elsewhere = moved.elsewhere;
             let (lo, hi) = moved.widened(s);
             let lanes = |x| {
@@ -168,7 +171,7 @@ mod tests {
             let gap = lanes(s.max_with_zero(lo[0] - s.splat(q), s.splat(q) - hi[0]));
             for point in points {
                 let apart = s.load(&point) - s.splat(q);
-                let (given, near) = (lanes(apart), lanes(torus.nearest(s, apart, 0)));
+                let (given, near) = (lanes(apart), lanes(periodic_box.nearest(s, apart, 0)));
                 for lane in 0..LANES {
                     wrong[0] += usize::from(gap[lane] > near[lane].abs());
                     wrong[1] += usize::from(elsewhere >> lane & 1 == 0 && near[lane] != given[lane]);

@@ -1,0 +1,207 @@
+//! Which trees are compared with which, and when.
+//!
+//! Where the shutter is divided, each time slice has a tree of its own. Points that are near each other for long are so
+//! in several slices. Two trees are compared during the times that both cover. An encounter is reported where it begins:
+//! in the slice of the one point and the slice of the other that contain this time. The begin is computed from the two
+//! points alone. So it is the same wherever the pair comes up, and exactly one comparison reports it.
+//!
+//! **Why none is lost.** Let an encounter begin at the computed time x, which is in the active intervals of both points.
+//! Each point has a reference in the slice of its layer that contains x, so these slices are compared at x.
+//!
+//! The slice that begins where the interval of the query ends is searched in two cases only: an active interval begins
+//! there, in any layer, or the time is a key whose exact time lies before it. All other points are in the slice before,
+//! too. If that slice is the last that is searched, it reports all later encounters.
+//!
+//! The exact begin differs from x by at most 2^-25 of the time that both points exist: it comes from the root of a
+//! difference of f64 products. So at x the distance of the two exceeds the radius by at most 2^-25 of their relative
+//! motion, one of the 64 units of slack in [`super`]. f32 rounds the times of keys. There the first and the last slice
+//! of a segment report all that is beyond them, and ranges of times are widened by more than that.
+
+use crate::point::moving_reference;
+use crate::point::moving_tree::MovingTree;
+use crate::point::over_interval::{Boxed, InRows};
+use crate::point::partition::Layer;
+use crate::point::static_tree::StaticTree;
+use crate::simd::{LANES, Lanes};
+use core::ops::Range;
+
+/// The tree of a time slice, or one for all times.
+#[derive(Clone, Copy)]
+pub(super) enum Tree<'a> {
+    Still(&'a StaticTree),
+    Moving(&'a MovingTree),
+}
+
+/// A tree and the times during which it is searched.
+#[derive(Clone, Copy)]
+pub(super) struct Slice<'a> {
+    pub(super) tree: Tree<'a>,
+    pub(super) times: [f32; 2],
+    /// The slice reports the encounters that begin from the first of these times to before the second.
+    pub(super) owns: [f64; 2],
+}
+
+/// Encounters that begin at any time.
+const ALWAYS: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
+/// A slice whose points are compared with those of others, all during the same times.
+pub(super) struct Pairing {
+    /// The index of the slice.
+    pub(super) own: usize,
+    /// The indices of the others.
+    pub(super) others: Vec<usize>,
+    pub(super) times: [f32; 2],
+}
+
+impl Slice<'_> {
+    /// Number of keys and segment where anything moves.
+    pub(super) fn segment(&self) -> Option<(usize, usize)> {
+        match self.tree {
+            Tree::Still(_) => None,
+            Tree::Moving(tree) => Some((tree.slice().keys, tree.slice().segment)),
+        }
+    }
+
+    /// The largest magnitude of a coordinate at either key of the segment, or somewhat more.
+    pub(super) fn magnitude(&self) -> f64 {
+        match self.tree {
+            Tree::Still(tree) => magnitude(tree),
+            Tree::Moving(tree) => magnitude(tree),
+        }
+    }
+
+    /// Whether some points do not live throughout.
+    pub(super) fn mortal(&self) -> bool {
+        match self.tree {
+            Tree::Still(tree) => tree.mortal(),
+            Tree::Moving(tree) => tree.mortal(),
+        }
+    }
+
+    /// Whether some points do not count throughout.
+    pub(super) fn timed(&self) -> bool {
+        matches!(self.tree, Tree::Moving(tree) if tree.timed())
+    }
+
+    /// Whether a time is in the slice, or in the segment between keys that ends with it.
+    fn holds(&self, time: f32) -> bool {
+        match self.tree {
+            Tree::Still(_) => true,
+            Tree::Moving(tree) => tree.slice().interval.contains(time) || beside_key(tree.slice(), time),
+        }
+    }
+
+    /// The bottom nodes.
+    pub(super) fn bottom_nodes(&self) -> Vec<usize> {
+        match self.tree {
+            Tree::Still(tree) => bottom_nodes(tree),
+            Tree::Moving(tree) => bottom_nodes(tree),
+        }
+    }
+}
+
+fn bottom_nodes<T: Boxed>(tree: &T) -> Vec<usize> {
+    let (top, root) = tree.top();
+    let mut nodes = vec![root];
+    for level in (1..=top).rev() {
+        let children = |&node: &usize| {
+            let first = tree.behind(level, node).0;
+            let begins = tree.times(node)[0];
+            (0..LANES).filter(move |&lane| begins[lane] < f64::INFINITY).map(move |lane| first + lane)
+        };
+        nodes = nodes.iter().flat_map(children).collect();
+    }
+    nodes
+}
+
+fn magnitude<T: Boxed>(tree: &T) -> f64 {
+    let root = tree.top().1;
+    let begins = tree.times(root)[0];
+    let keys = [0.0, 1.0].map(|phase| tree.faces(root, &[phase; LANES]));
+    let rows = keys.iter().flatten().flatten();
+    let there = |row: &Lanes<f64>| {
+        let lanes = (0..LANES).filter(|&lane| begins[lane] < f64::INFINITY);
+        lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
+    };
+    rows.map(there).fold(0.0, f64::max)
+}
+
+/// Whether an active interval begins exactly where a time slice does.
+pub(super) fn begins_with_a_slice(layers: &[Layer], time: f32) -> bool {
+    let begins = |tree: &MovingTree| tree.slice().interval.begin() == time && tree.leaves.begins_at(time);
+    layers.iter().any(|layer| matches!(layer, Layer::Moving(trees) if trees.iter().any(begins)))
+}
+
+/// Whether a time that is the begin or the end of a time slice, and a key rounded to f32, lies within the segment in
+/// exact arithmetic: the rounded time is after the key that the slice begins with, or before the key that it ends with.
+fn beside_key(slice: &moving_reference::TimeSlice, time: f32) -> bool {
+    let begins = slice.phases[0] == 0.0 && time == slice.interval.begin();
+    let ends = slice.phases[1] == 1.0 && time == slice.interval.end();
+    let along = f64::from(time) * (slice.keys.max(2) - 1) as f64 - slice.segment as f64;
+    (begins || ends) && 0.0 < along && along < 1.0
+}
+
+/// The time slices of a layer that are searched between two times, in one segment between keys where that is given.
+///
+/// A slice that begins at the last of the times is searched only where an active interval begins there too (see
+/// [`begins_with_a_slice`]), or the exact time of the key lies before it. A slice that ends at the first of the times is
+/// searched only where the exact time of the key lies behind it.
+pub(super) fn time_slices_of<'a>(
+    layer: &'a Layer,
+    times: [f32; 2],
+    begins: bool,
+    segment: Option<usize>,
+) -> Vec<Slice<'a>> {
+    let trees = match layer {
+        Layer::Still(tree) => return vec![Slice { tree: Tree::Still(tree), times, owns: ALWAYS }],
+        // See `PointTree::boxed`.
+        Layer::Planes(_) => return Vec::new(),
+        Layer::Moving(trees) => trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.slice().segment)),
+    };
+    let slice = |tree: &'a MovingTree| {
+        let interval = tree.slice().interval;
+        let owns = [interval.begin(), interval.end_bound()].map(f64::from);
+        let both = [times[0].max(interval.begin()), times[1].min(interval.end())];
+        let last = both[0] == times[1] && times[0] < times[1];
+        let more_than_an_end = times[0] < interval.end_bound() && (begins || !last);
+        let searched = both[0] <= both[1] && (more_than_an_end || beside_key(tree.slice(), both[0]));
+        searched.then_some(Slice { tree: Tree::Moving(tree), times: both, owns })
+    };
+    let mut slices: Vec<Slice> = trees.filter_map(slice).collect();
+    // The times of keys are rounded, and the slice beside the key may not be searched.
+    for of_segment in slices.chunk_by_mut(|a, b| a.segment() == b.segment()) {
+        let last = of_segment.len() - 1;
+        of_segment[0].owns[0] = ALWAYS[0];
+        of_segment[last].owns[1] = ALWAYS[1];
+    }
+    slices
+}
+
+/// Which slices are compared when. Each layer has a range of them, in the order of time.
+pub(super) fn pairings(slices: &[Slice], layers: &[Range<usize>], times: [f32; 2]) -> Vec<Pairing> {
+    let mut pairings: Vec<Pairing> = Vec::new();
+    for (own, slice) in slices.iter().enumerate() {
+        let begin = pairings.len();
+        for layer in layers {
+            let before = slices[layer.clone()].partition_point(|other| other.times[1] < slice.times[0]);
+            for (number, other) in slices.iter().enumerate().take(layer.end).skip(layer.start + before) {
+                let both = [slice.times[0].max(other.times[0]), slice.times[1].min(other.times[1])];
+                if both[0] > both[1] {
+                    break;
+                }
+                // A slice does not contain its end.
+                if both[0] == both[1] && both[0] < times[1] && !(slice.holds(both[0]) && other.holds(both[0])) {
+                    continue;
+                }
+                if matches!((slice.segment(), other.segment()), (Some(a), Some(b)) if a != b) {
+                    continue;
+                }
+                match pairings[begin..].iter_mut().find(|pairing| pairing.times == both) {
+                    Some(pairing) => pairing.others.push(number),
+                    None => pairings.push(Pairing { own, others: vec![number], times: both }),
+                }
+            }
+        }
+    }
+    pairings
+}
