@@ -5,9 +5,9 @@
 //! in time; if points cross each other's cells, splitting the shutter keeps the boxes tight. A static set
 //! has a tree without any of that. The alternative is the paper's k-d tree, in whose leaves points have time intervals.
 //!
-//! Data flows `primitive` (input) → `order` and `select` (assigning points to leaves) → `static_tree`
-//! or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at a time) → `search`
-//! (the searches) → `query` (the interface).
+//! Data flows `primitive` (input) → `source` (reading and checking) → `order` and `select` (assigning points to leaves)
+//! → `static_tree` or `moving_tree`, or `crate::mbkd` → `plane_tree` (layouts) → `snapshot`, `moving_view` (a layout at
+//! a time) → `search` (the searches) → `query` (the interface).
 //!
 //! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is new here and
 //! measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
