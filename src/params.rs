@@ -98,7 +98,7 @@ impl WideParams {
     pub(crate) fn validate(&self) -> Result<(), BuildError> {
         check((1.0..=8.0).contains(&self.max_references), "max_references", "in [1, 8]")?;
         check((128.0..=1e6).contains(&self.bytes_per_primitive), "bytes_per_primitive", "in [128, 1e6]")?;
-        check(self.division.is_valid(), "division", "of 2 to 16 parts")
+        check(self.division.is_valid(), "division", "of 2 to 16 time slices")
     }
 }
 

@@ -206,7 +206,7 @@ fn tree(source: &Source, points: &[u32], slice: &TimeSlice, progress: &Progress)
 fn name(plan: Plan) -> String {
     match plan {
         Plan::Boxes(1) => "one linear tree".to_string(),
-        Plan::Boxes(slices) => format!("{slices} parts"),
+        Plan::Boxes(slices) => format!("{slices} time slices"),
         Plan::Planes(_) => "one k-d tree".to_string(),
     }
 }

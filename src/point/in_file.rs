@@ -245,6 +245,6 @@ fn time_slices_of(keys: usize, per_segment: usize, trees: usize) -> Result<Vec<T
     // Some slices are so short that they contain no time.
     let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;
     let slices = if few { time_slices(keys, per_segment) } else { Vec::new() };
-    require(few && slices.len() == trees, "the number of trees does not match the parts of the shutter")?;
+    require(few && slices.len() == trees, "the number of trees does not match the time slices")?;
     Ok(slices)
 }

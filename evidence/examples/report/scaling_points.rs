@@ -169,7 +169,7 @@ fn over_displacement(run: &Run, size: &Size, spacings: &[f32]) -> Result<Vec<Cur
     let structures = [
         ("mbkd, automatic", PointStructure::Automatic),
         ("mbkd, linear boxes", PointStructure::Linear),
-        ("mbkd, linear boxes in 4 parts", PointStructure::Slabs(4)),
+        ("mbkd, linear boxes in 4 time slices", PointStructure::Slabs(4)),
         ("the paper's k-d tree", PointStructure::Mbkd),
     ];
     let mut curves: Vec<Curve> =
