@@ -88,6 +88,30 @@ fn tiny_points_are_met_where_squares_underflow() {
     }
 }
 
+/// A point that is nearer by just a little more than the factor 1 + ε, in a box of its own. The box around the others holds the query
+/// point and is visited first.
+#[test]
+fn the_factor_of_approximate_answers_is_rounded_up() {
+    const CROWD: usize = 16;
+    let mut rng = Rng(70);
+    for round in 0..2000 {
+        let (epsilon, far) = (0.05 + rng.unit(), 1.0 + rng.unit());
+        let allowed = |near: f32| {
+            let [near, far] = [near, far].map(|x| f64::from(x * x).sqrt());
+            far <= near * (1.0 + f64::from(epsilon))
+        };
+        let mut near = far / (1.0 + epsilon) * (1.0 + 1e-6);
+        while allowed(near) {
+            near = near.next_down();
+        }
+        let others = [Vec3::X, Vec3::Y, Vec3::Z].into_iter().cycle().take(CROWD).map(|axis| axis * far);
+        let points = others.chain([Vec3::X * -near; CROWD]).collect();
+        let tree = build(&Cloud::still(points), PointStructure::Automatic, SimdLevel::best());
+        let found = tree.query(Vec3::ZERO, 0.0).approximate(epsilon).nearest().unwrap();
+        assert_eq!(found.distance_squared, near * near, "round {round}: {far}, epsilon {epsilon}");
+    }
+}
+
 /// A slow pair far from zero, which queries at some times find within the radius before it is there in truth.
 #[test]
 fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
