@@ -64,7 +64,8 @@ impl PointTree {
         let keys = self.keys();
         let at = KeyTime::new(time, keys);
         let next_key = (at.segment + 1) as f64 / (keys.max(2) - 1) as f64;
-        // The f32 nearest to the key needs no rounding down: what is certain ends before it, and all f32 before it are before the key.
+        // The f32 nearest to the key needs no rounding down: what is certain ends before it, and all f32 before it are
+        // before the key.
         let until = until.min(next_key as f32).max(time);
         let bound = squared_radius(radius + skin);
         let listed = |a: &Flight, b: &Flight| {

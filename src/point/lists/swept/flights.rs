@@ -238,7 +238,8 @@ impl Partners {
                     let ways = Ways::new(&points, phases, group.drift);
                     let slack = SLACK * (magnitude[lane] + group.magnitude);
                     let bound = squared_up(radius + slack + UNDERFLOW);
-                    // What is known has been lowered by more than f32 adds here, its square's rounding included: see `Sweep::exclude_lists_of`.
+                    // What is known has been lowered by more than f32 adds here, its square's rounding included:
+                    // see `Sweep::exclude_lists_of`.
                     let known = known.map_or(-1.0, squared);
                     let exists =
                         |i: usize| points.begin[i] <= criteria.first_time && criteria.first_time < points.end[i];
