@@ -100,7 +100,9 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub fn approximate(self, epsilon: f32) -> Self {
         let shrink = if epsilon > 0.0 {
             let factor = 1.0 + f64::from(epsilon);
-            ((1.0 / (factor * factor)) as f32).next_up().next_up().min(1.0)
+            // The next f32 is above the exact factor. The product with d² needs no more: a box is culled if its distance is an f32
+            // above the product as rounded, and such an f32 is above the exact product too.
+            ((1.0 / (factor * factor)) as f32).next_up().min(1.0)
         } else {
             1.0
         };

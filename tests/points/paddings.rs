@@ -61,6 +61,57 @@ fn encounters_at_keys_that_are_no_floats_are_met() {
     }
 }
 
+/// Two crowds that stand still, so near each other that the squares of their distance and of the radius underflow. The terms of
+/// the one are rounded up to the least f32 each, their sum is not.
+#[test]
+fn still_crowds_meet_where_squares_underflow() {
+    const CROWD: usize = 32;
+    let a = 1.001 * 2f32.powi(-75);
+    let points = [Vec3::ZERO, Vec3::splat(a)].into_iter().flat_map(|p| [p; CROWD]).collect();
+    let tree = build(&Cloud::still(points), PointStructure::Automatic, SimdLevel::best());
+    let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 1.7321 * a).unwrap();
+    for (id, row) in lists.iter() {
+        assert_eq!(row.len(), 2 * CROWD - 1, "point {id}");
+    }
+}
+
+/// Two points that pass through each other, so slowly that the squares of their ways underflow.
+#[test]
+fn tiny_points_are_met_where_squares_underflow() {
+    for size in [1e-19, 1e-20, 1e-22] {
+        let keys = vec![vec![Vec3::ZERO, Vec3::X * size], vec![Vec3::X * size, Vec3::ZERO]];
+        let cloud = Cloud { keys, alive: vec![TimeInterval::FULL; 2] };
+        let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
+        let found = tree.neighbor_lists_swept(TimeInterval::FULL, 1e-3 * size).unwrap();
+        check(&found, &meet_all(&cloud, TimeInterval::FULL, 1e-3 * size), &format!("size {size}"));
+        assert_eq!(found.encounters().len(), 2);
+    }
+}
+
+/// A point that is nearer by just a little more than the factor 1 + ε, in a box of its own. The box around the others holds the query
+/// point and is visited first.
+#[test]
+fn the_factor_of_approximate_answers_is_rounded_up() {
+    const CROWD: usize = 16;
+    let mut rng = Rng(70);
+    for round in 0..2000 {
+        let (epsilon, far) = (0.05 + rng.unit(), 1.0 + rng.unit());
+        let allowed = |near: f32| {
+            let [near, far] = [near, far].map(|x| f64::from(x * x).sqrt());
+            far <= near * (1.0 + f64::from(epsilon))
+        };
+        let mut near = far / (1.0 + epsilon) * (1.0 + 1e-6);
+        while allowed(near) {
+            near = near.next_down();
+        }
+        let others = [Vec3::X, Vec3::Y, Vec3::Z].into_iter().cycle().take(CROWD).map(|axis| axis * far);
+        let points = others.chain([Vec3::X * -near; CROWD]).collect();
+        let tree = build(&Cloud::still(points), PointStructure::Automatic, SimdLevel::best());
+        let found = tree.query(Vec3::ZERO, 0.0).approximate(epsilon).nearest().unwrap();
+        assert_eq!(found.distance_squared, near * near, "round {round}: {far}, epsilon {epsilon}");
+    }
+}
+
 /// A slow pair far from zero, which queries at some times find within the radius before it is there in truth.
 #[test]
 fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {

@@ -64,7 +64,9 @@ impl PointTree {
         let keys = self.keys();
         let at = KeyTime::new(time, keys);
         let next_key = (at.segment + 1) as f64 / (keys.max(2) - 1) as f64;
-        let until = until.min(rounded_down(next_key)).max(time);
+        // The f32 nearest to the key needs no rounding down: what is certain ends before it, and all f32 before it are
+        // before the key.
+        let until = until.min(next_key as f32).max(time);
         let bound = squared_radius(radius + skin);
         let listed = |a: &Flight, b: &Flight| {
             let key = |p: [f64; 3]| Vec3::from_array(p.map(|x| x as f32));

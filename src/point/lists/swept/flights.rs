@@ -12,6 +12,10 @@ const ROUNDING: f64 = 1.0 / 16_777_216.0;
 /// How much wider than what is compared boxes are made, in units of the magnitude of coordinates: see [`super`].
 const SLACK: f64 = 64.0 * ROUNDING;
 
+/// What the radius of a pair is wider for squares that underflow: the nearest approach is not found where the square of a way
+/// is below the least normal f32, and is missed by up to the way then.
+const UNDERFLOW: f64 = 1e-18;
+
 /// The phases of two times in a tree's segment. They are widened by what a time near a key, rounded to f32, may lie on
 /// the wrong side of it.
 pub(super) fn phases<T: Boxed>(tree: &T, times: [f32; 2]) -> [f64; 2] {
@@ -145,16 +149,14 @@ impl Group {
     #[inline(always)]
     fn swept<S: Simd, T: Boxed>(&self, s: S, tree: &T, phases: [f64; 2], node: usize) -> (BoxVector<S>, Lanes<f64>) {
         let ends = phases.map(|phase| tree.faces(node, &[phase; LANES]));
-        let key = tree.faces(node, &[0.0; LANES]);
         let (mut lo, mut hi, mut magnitude) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
         for axis in 0..3 {
             for lane in 0..LANES {
                 let [first, last] = [0, 1].map(|end| [0, 1].map(|side| ends[end][side][axis][lane]));
                 let most = greater(greater(first[0].abs(), first[1].abs()), greater(last[0].abs(), last[1].abs()));
-                let at_key = greater(key[0][axis][lane].abs(), key[1][axis][lane].abs());
-                // The faces themselves are computed in f64, from what may be much larger than they are.
-                let slack = (most + self.magnitude) * SLACK + at_key * 1e-15;
-                magnitude[lane] = greater(magnitude[lane], most + at_key * 1e-9);
+                // Faces and positions may be much smaller than at a key; see `super` for why that needs nothing more.
+                let slack = (most + self.magnitude) * SLACK;
+                magnitude[lane] = greater(magnitude[lane], most);
                 lo[axis][lane] = (lesser(first[0], last[0] - self.drift[axis]) - slack) as f32;
                 hi[axis][lane] = (greater(first[1], last[1] - self.drift[axis]) + slack) as f32;
             }
@@ -235,9 +237,10 @@ impl Partners {
                     let points = tree.rows(first + lane * stride + part);
                     let ways = Ways::new(&points, phases, group.drift);
                     let slack = SLACK * (magnitude[lane] + group.magnitude);
-                    let bound = squared_up((radius + slack) * (1.0 + 1e-6) + 1e-18);
-                    // What is known has been lowered by more than f32 adds here: see `Sweep::exclude_lists_of`.
-                    let known = known.map_or(-1.0, squared_down);
+                    let bound = squared_up(radius + slack + UNDERFLOW);
+                    // What is known has been lowered by more than f32 adds here, its square's rounding included:
+                    // see `Sweep::exclude_lists_of`.
+                    let known = known.map_or(-1.0, squared);
                     let exists =
                         |i: usize| points.begin[i] <= criteria.first_time && criteria.first_time < points.end[i];
                     let known = core::array::from_fn(|i| if exists(i) { known } else { -1.0 });
@@ -251,12 +254,13 @@ impl Partners {
     }
 }
 
-/// The square of a radius, rounded up to a finite f32.
+/// The square of a radius, rounded up to a finite f32. (That counts where squares underflow: three terms of a squared gap may
+/// be rounded up by half the least f32 each.)
 pub(super) fn squared_up(radius: f64) -> f32 {
     ((radius * radius).min(f32::MAX.into()) as f32).next_up().min(f32::MAX)
 }
 
-/// The square of a distance, rounded down; negative where it is.
-fn squared_down(distance: f64) -> f32 {
-    if distance < 0.0 { -1.0 } else { ((distance * distance).min(f32::MAX.into()) as f32).next_down() }
+/// The square of a distance as a finite f32; negative where it is.
+fn squared(distance: f64) -> f32 {
+    if distance < 0.0 { -1.0 } else { (distance * distance).min(f32::MAX.into()) as f32 }
 }
