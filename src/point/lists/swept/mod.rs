@@ -20,7 +20,7 @@
 //! **Why squares need no margin of their own.** With S = M + M' the places of two points at the same time differ by at most
 //! √3·S, so where the radius r is above 2S all pairs pass. Otherwise let the exact distance be at most r. The computed one is
 //! wrong by 14Su along an axis, 24Su altogether, and the time adds (8u)²(|d| + |v|)² ≤ (56Su)² to its square. So the square
-//! is below (r + 24Su)² + (56Su)², which is less than the bound (r + 64Su)² by at least 80rSu ≥ 40r²u and by a tenth of (64Su)².
+//! is below (r + 24Su)² + (56Su)², which is less than the bound (r + 64Su)² by at least 80rSu ≥ 40r²u and by a twelfth of (64Su)².
 //! The squares, their sum, and the rounding of the bound are 6u of the square. Hulls have more to spare. What underflows is
 //! covered by `UNDERFLOW` for pairs, and for hulls by `squared_up`.
 //!
