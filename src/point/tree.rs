@@ -130,7 +130,7 @@ impl PointTree {
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
     ///
     /// The time is O(n log n). The tree takes 17 or 18 bytes per static point and 32 or more per moving point (in f64: 30
-    /// and 55); the build needs about three times as much. The set is read once, at the beginning. If its answers change
+    /// and 55); the build needs two to three times as much. The set is read once, at the beginning. If its answers change
     /// from call to call, the tree has the answers of that time. The tree of an empty set finds nothing.
     ///
     /// # Errors
