@@ -24,7 +24,7 @@ impl<'a> Progress<'a> {
     }
 
     /// Progress of a part that is this fraction of the whole.
-    pub fn part(&'a self, fraction: f64) -> Progress<'a> {
+    pub fn subtask(&'a self, fraction: f64) -> Progress<'a> {
         Progress { whole: Some((self, fraction)), ..Progress::new(None) }
     }
 

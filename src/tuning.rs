@@ -119,7 +119,7 @@ pub(crate) mod slices {
 
 /// Trees over points: the choice of a structure, and the sizes from which on memory latency matters.
 ///
-/// `cargo bench --bench neighbor_tables`; prices are the least squares of `cargo bench --bench neighbor_tables -- prices`
+/// `cargo bench --bench neighbor_tables`; costs are the least squares of `cargo bench --bench neighbor_tables -- prices`
 pub(crate) mod points {
     /// Number of samples; the smallest and the largest number of points of each; points of the set per sampled point.
     pub const SAMPLES: usize = 4;
@@ -129,27 +129,27 @@ pub(crate) mod points {
     pub const SEARCHES: [usize; 2] = [96, 384];
     pub const SEARCHED: usize = 256;
     /// Cost of a block in nodes: a node has twelve rows and children to be processed, a block has six rows.
-    pub const BLOCK_PRICE: f64 = 0.4;
+    pub const BLOCK_COST: f64 = 0.4;
     /// The additional cost of a search if all its data come from memory, in nodes. The data are adjacent and prefetched, so
     /// this does not grow with the work.
-    pub const COLD: f64 = 26.0;
+    pub const UNCACHED_COST: f64 = 26.0;
     /// Bytes of a structure half of which misses the caches: the more trees searches are spread over, the less one finds of
     /// the data that the one before has fetched. The fit is nearly as good anywhere from half to five times that, with other
     /// costs.
-    pub const HALF_COLD: f64 = 100e6;
+    pub const HALF_UNCACHED_BYTES: f64 = 100e6;
     /// Bytes of a reference with its share of nodes.
     pub const REFERENCE_BYTES: f64 = 32.0;
     /// A structure must cost less than this fraction of a smaller one to be chosen.
-    pub const GAIN: f64 = 0.93;
+    pub const MAX_COST: f64 = 0.93;
     /// The cost of a structure in samples, relative to another one in the whole set, below which a tree of it is built and
     /// measured. Samples underestimate costs by a few percent.
-    pub const PROMISE: f64 = 0.87;
+    pub const MAX_PREDICTED_COST: f64 = 0.87;
     /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of
-    /// a leaf: the one that they share at mid-part, or the median of all leaves if that is smaller. (A point that has left the
+    /// a leaf: the one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that has left the
     /// others by then shares a large leaf with few points.)
     pub const FAST: f64 = 2.0;
     /// A set is divided into static and moving points if at least this fraction is static.
-    pub const APART: f64 = 0.5;
+    pub const MIN_STATIC_SHARE: f64 = 0.5;
     /// Bytes of leaves above which most of them miss all caches.
     pub const FAR: usize = 32 << 20;
     /// Bytes of leaves up to which most of them hit a near cache.

@@ -8,9 +8,9 @@
 //! point in a structure without keys; so the answer does not depend on the structure. Bounds are lowered by more than all
 //! rounding before they cull.
 
-use super::over_interval::{Boxed, Flight};
+use super::layers::Layer;
+use super::over_interval::{BoxTree, PointPath};
 use super::pair_approach::{Overlap, QueryPath};
-use super::partition::Layer;
 use super::plane_tree::PlaneTree;
 use super::tree::PointTree;
 use crate::geometry::TimeInterval;
@@ -45,7 +45,7 @@ impl Approach {
 struct Pending {
     /// A lower bound of its distance.
     least: f64,
-    flight: Flight,
+    point: PointPath,
     overlap: Overlap,
 }
 
@@ -63,11 +63,11 @@ const MAX_PENDING: usize = 64;
 
 impl Search {
     /// Adds a point whose distance is known up to the slack.
-    fn add(&mut self, path: &QueryPath, (about, slack): (f64, f64), flight: Flight, overlap: Overlap) {
+    fn add(&mut self, path: &QueryPath, (about, slack): (f64, f64), point: PointPath, overlap: Overlap) {
         // A point that is farther by less than an f32 ulp may be equally near when rounded, and have the lower id.
         self.most =
             self.most.min((about + slack) * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1)));
-        self.pending.push(Pending { least: about - slack, flight, overlap });
+        self.pending.push(Pending { least: about - slack, point, overlap });
         if self.pending.len() == MAX_PENDING {
             self.resolve(path);
         }
@@ -75,10 +75,10 @@ impl Search {
 
     /// Computes exact distances for the pending points that may still be the answer.
     fn resolve(&mut self, path: &QueryPath) {
-        for Pending { least, flight, overlap } in self.pending.drain(..) {
+        for Pending { least, point, overlap } in self.pending.drain(..) {
             if least <= self.most {
-                let (time, distance) = overlap.closest(path, &flight);
-                let found = Approach { id: flight.id, time, distance };
+                let (time, distance) = overlap.closest(path, &point);
+                let found = Approach { id: point.id, time, distance };
                 if self.best.is_none_or(|best| found.key() < best.key()) {
                     self.best = Some(found);
                 }
@@ -94,7 +94,7 @@ struct Bounds<'a, T> {
     node: usize,
 }
 
-impl<T: Boxed> Kernel for Bounds<'_, T> {
+impl<T: BoxTree> Kernel for Bounds<'_, T> {
     type Output = Lanes<f64>;
     #[inline(always)]
     fn run<S: Simd>(self, _: S) -> Lanes<f64> {
@@ -138,7 +138,7 @@ impl QueryPath {
     /// end of the step. The slack covers f64 rounding and that of f32 phases (2^-23 of all segments).
     /// (Plain loops over lanes, which the compiler vectorizes, with the same bits on every instruction set.)
     #[inline(always)]
-    fn bounds<T: Boxed>(&self, tree: &T, node: usize) -> Lanes<f64> {
+    fn bounds<T: BoxTree>(&self, tree: &T, node: usize) -> Lanes<f64> {
         let (keys, segment, slice) = tree.slice();
         let [of_segment, of_size] = T::SLACK;
         let segments = (keys.max(2) - 1) as f64;
@@ -151,7 +151,7 @@ impl QueryPath {
         }
         let length = self.times[1] - self.times[0];
         let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
-        let (from, way) = (self.from.to_array(), (self.to - self.from).to_array());
+        let (from, displacement) = (self.from.to_array(), (self.to - self.from).to_array());
         let most = self.from.abs().max(self.to.abs()).max_element();
         let mut least = [f64::INFINITY; LANES];
         let (mut low_before, mut high_before) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
@@ -167,7 +167,7 @@ impl QueryPath {
             let (mut at, mut size) = ([[0.0; LANES]; 3], [0.0; LANES]);
             for axis in 0..3 {
                 for lane in 0..LANES {
-                    at[axis][lane] = from[axis] + way[axis] * passed[lane];
+                    at[axis][lane] = from[axis] + displacement[axis] * passed[lane];
                     let faces = max(lo[axis][lane].abs(), hi[axis][lane].abs());
                     size[lane] = max(size[lane], max(faces, at[axis][lane].abs()));
                 }
@@ -195,16 +195,16 @@ impl QueryPath {
     }
 
     /// Searches a tree of boxes.
-    fn search_boxes<T: Boxed>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
+    fn search_boxes<T: BoxTree>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let (keys, segment, _) = tree.slice();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
-        let (top, root) = tree.top();
+        let (top, root) = tree.root_node();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
         while let Some(Reverse((bits, level, node))) = open.pop() {
             if is_beyond(f64::from_bits(bits), search) {
                 return;
             }
-            let (first, stride) = tree.behind(level, node);
+            let (first, stride) = tree.children(level, node);
             let bounds = dispatch(simd, Bounds { path: self, tree, node });
             // Nearest leaves first: the others are then seldom visited.
             let mut lanes: [usize; LANES] = core::array::from_fn(|lane| lane);
@@ -221,9 +221,9 @@ impl QueryPath {
                     open.push(Reverse((bound.to_bits(), level - 1, child)));
                     continue;
                 }
-                for flight in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
-                    let Some(flight) = tree.flight(flight.0, flight.1) else { continue };
-                    self.visit_point(flight, segments.clone(), keep, search);
+                for point in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
+                    let Some(point) = tree.point_path(point.0, point.1) else { continue };
+                    self.visit_point(point, segments.clone(), keep, search);
                 }
             }
         }
@@ -255,8 +255,8 @@ impl QueryPath {
                 KdView::Leaf { first, count } => {
                     let blocks = first as usize..(first + count) as usize;
                     for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
-                        let Some(flight) = tree.flight(block, lane) else { continue };
-                        self.visit_point(flight, slice.segment..slice.segment + 1, keep, search);
+                        let Some(point) = tree.point_path(block, lane) else { continue };
+                        self.visit_point(point, slice.segment..slice.segment + 1, keep, search);
                     }
                 }
                 KdView::Inner { plane, right } => {
@@ -284,12 +284,12 @@ impl QueryPath {
     }
 
     /// Evaluates a point in some segments between keys.
-    fn visit_point(&self, flight: Flight, segments: Range<usize>, keep: &impl Fn(u32) -> bool, search: &mut Search) {
+    fn visit_point(&self, point: PointPath, segments: Range<usize>, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         for segment in segments {
-            let Some(overlap) = Overlap::new(self, &flight, segment) else { continue };
-            let (about, slack) = overlap.estimate(self, &flight);
-            if about - slack <= search.most && keep(flight.id) {
-                search.add(self, (about, slack), flight, overlap);
+            let Some(overlap) = Overlap::new(self, &point, segment) else { continue };
+            let (about, slack) = overlap.estimate(self, &point);
+            if about - slack <= search.most && keep(point.id) {
+                search.add(self, (about, slack), point, overlap);
             }
         }
     }
@@ -353,7 +353,7 @@ impl PointTree {
         let mut search = Search { most: f64::INFINITY, pending: Vec::new(), best: None };
         for layer in &self.layers {
             match layer {
-                Layer::Still(tree) => path.search_boxes(self.simd, tree, &keep, &mut search),
+                Layer::Static(tree) => path.search_boxes(self.simd, tree, &keep, &mut search),
                 Layer::Moving(trees) => {
                     trees.iter().for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search))
                 }

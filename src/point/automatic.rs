@@ -1,20 +1,20 @@
 //! The automatic choice of a structure, and its build.
 //!
-//! Samples give a first choice ([`super::choose`]). They hardly contain points that come from far away, so a structure
+//! Samples give a first choice ([`super::trials`]). They hardly contain points that come from far away, so a structure
 //! may turn out to cost more. Therefore the tree of one time slice is built over the whole set, and the work of searches
 //! in it is counted. If slices half as long promise to cost less, the tree of one of those is built as well. The trees of
 //! the structure that is finally chosen are reused.
 
 use super::build::{Plan, middle_segment, time_slices};
-use super::choose::{Trial, Trials, references_of};
-use super::fast::mark_fast;
+use super::fast_points::mark_fast;
+use super::layers::Layer;
 use super::moving_reference::TimeSlice;
 use super::moving_tree::MovingTree;
-use super::partition::Layer;
 use super::source::Source;
+use super::trials::{Trial, Trials, references_of};
 use crate::progress::Progress;
 use crate::simd::SimdLevel;
-use crate::tuning::points::{GAIN, PROMISE};
+use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST};
 
 /// A layer, and the reason for its plan.
 pub(super) struct Chosen {
@@ -39,14 +39,14 @@ pub(super) fn moving_layers(
     let (fast, slow) = if best.fast.is_some() { split_fast(source, points) } else { (Vec::new(), Vec::new()) };
     let separated = best.fast.map(|plan| Separated::new(source, (&slow, best.plan), (&fast, plan), &trials, progress));
     let separated = match separated {
-        Some(separated) if separated.cost * PROMISE <= trials.best(false).cost => {
+        Some(separated) if separated.cost * MAX_PREDICTED_COST <= trials.best(false).cost => {
             return separated.finish(why, progress);
         }
         other => other,
     };
     let (whole, cost, measured) = one_layer(source, points, &mut trials, progress);
     match separated {
-        Some(separated) if separated.cost * GAIN <= cost => separated.finish(why, progress),
+        Some(separated) if separated.cost * MAX_COST <= cost => separated.finish(why, progress),
         Some(separated) => {
             let why =
                 format!("{why}; {measured}, fast points apart in {} {:.1}", name(separated.fast.plan), separated.cost);
@@ -80,11 +80,11 @@ fn one_layer<'a>(
     let mut layer = PartialLayer::new(source, points, trials.best(false).plan, progress);
     let mut cost = layer.cost(trials);
     let mut measured = vec![format!("in the set itself {} {cost:.1}", name(layer.plan))];
-    while !progress.cancelled() && trials.finer(layer.plan).is_some_and(|finer| finer < cost * PROMISE) {
+    while !progress.cancelled() && trials.finer(layer.plan).is_some_and(|finer| finer < cost * MAX_PREDICTED_COST) {
         let next = PartialLayer::new(source, points, Plan::Boxes(2 * layer.plan.time_slices()), progress);
         let of_next = next.cost(trials);
         measured.push(format!("{} {of_next:.1}", name(next.plan)));
-        if of_next >= cost * GAIN {
+        if of_next >= cost * MAX_COST {
             break;
         }
         (layer, cost) = (next, of_next);
@@ -128,7 +128,7 @@ impl<'a> Separated<'a> {
         // Trees over a few points are built quickly.
         while !progress.cancelled() && trials.affordable(2 * fast.plan.time_slices()) {
             let finer = begin(Plan::Boxes(2 * fast.plan.time_slices()));
-            if finer.1 >= cost * GAIN {
+            if finer.1 >= cost * MAX_COST {
                 break;
             }
             (fast, cost) = finer;
@@ -139,7 +139,7 @@ impl<'a> Separated<'a> {
     fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {
         let Separated { slow, fast, cost } = self;
         let all = (slow.points.len() + fast.points.len()) as f64;
-        let share = |of: &PartialLayer| progress.part(of.points.len() as f64 / all);
+        let share = |of: &PartialLayer| progress.subtask(of.points.len() as f64 / all);
         let (of_slow, of_fast) = (share(&slow), share(&fast));
         let why = format!("{why}; in the set itself fast points apart in {} {cost:.1}", name(fast.plan));
         let slow = slow.finish(why, &of_slow);
@@ -164,7 +164,7 @@ impl<'a> PartialLayer<'a> {
         let slices = time_slices(source.keys, plan.time_slices());
         let at = slices.len() / 2;
         // Counted as progress once it is known whether it is used.
-        let tree = Layer::Moving(vec![tree(source, points, &slices[at], &progress.part(0.0))]);
+        let tree = Layer::Moving(vec![tree(source, points, &slices[at], &progress.subtask(0.0))]);
         PartialLayer { source, points, plan, slices, at, tree }
     }
 
@@ -182,7 +182,7 @@ impl<'a> PartialLayer<'a> {
 
     /// Builds the other trees.
     fn finish(self, why: String, progress: &Progress) -> Chosen {
-        let share = progress.part(1.0 / self.slices.len() as f64);
+        let share = progress.subtask(1.0 / self.slices.len() as f64);
         let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
         let tree = |(i, slice): (usize, &TimeSlice)| match ready.pop_if(|_| i == self.at) {
             Some(tree) => {

@@ -81,7 +81,7 @@ impl PointTree {
         queries: &[(Q, f32)],
         accept: impl Fn(usize, u32) -> bool + Sync,
     ) -> Vec<Option<Neighbor>> {
-        self.each(queries, |place, query| query.filter(|id| accept(place, id)).nearest())
+        self.each(queries, |index, query| query.filter(|id| accept(index, id)).nearest())
     }
 
     /// The `k` nearest points of each query, as [`PointTree::nearest_n`] gives them.
@@ -97,8 +97,8 @@ impl PointTree {
         k: usize,
         accept: impl Fn(usize, u32) -> bool + Sync,
     ) -> NeighborLists {
-        self.lists(queries, |place, query, buffer, out| {
-            out.extend_from_slice(query.filter(|id| accept(place, id)).nearest_n_into(k, buffer));
+        self.lists(queries, |index, query, buffer, out| {
+            out.extend_from_slice(query.filter(|id| accept(index, id)).nearest_n_into(k, buffer));
         })
     }
 
@@ -117,8 +117,8 @@ impl PointTree {
         radius: f32,
         accept: impl Fn(usize, u32) -> bool + Sync,
     ) -> NeighborLists {
-        self.lists(queries, |place, query, buffer, out| {
-            let query = query.radius(radius).filter(|id| accept(place, id));
+        self.lists(queries, |index, query, buffer, out| {
+            let query = query.radius(radius).filter(|id| accept(index, id));
             out.extend_from_slice(query.collect_sorted_into(buffer));
         })
     }
@@ -130,28 +130,28 @@ impl PointTree {
         answer: impl Fn(usize, NeighborQuery<'_>) -> T + Sync,
     ) -> Vec<T> {
         let order = self.order(queries);
-        let runs = in_runs(&order, |places| {
-            let one = |&place: &usize| {
-                let (point, time) = queries[place];
-                answer(place, self.query(point, time))
+        let runs = in_runs(&order, |indices| {
+            let one = |&index: &usize| {
+                let (point, time) = queries[index];
+                answer(index, self.query(point, time))
             };
-            places.iter().map(one).collect::<Vec<_>>()
+            indices.iter().map(one).collect::<Vec<_>>()
         });
         let mut answers = vec![T::default(); queries.len()];
-        for (&place, found) in order.iter().zip(runs.into_iter().flatten()) {
-            answers[place] = found;
+        for (&index, found) in order.iter().zip(runs.into_iter().flatten()) {
+            answers[index] = found;
         }
         answers
     }
 
     fn lists<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> NeighborLists {
         let order = self.order(queries);
-        let runs = in_runs(&order, |places| {
+        let runs = in_runs(&order, |indices| {
             let mut buffer = NeighborBuffer::new();
-            let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(places.len()) };
-            for &place in places {
-                let (point, time) = queries[place];
-                answer(place, self.query(point, time), &mut buffer, &mut run.found);
+            let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(indices.len()) };
+            for &index in indices {
+                let (point, time) = queries[index];
+                answer(index, self.query(point, time), &mut buffer, &mut run.found);
                 run.ends.push(run.found.len());
             }
             run
@@ -159,9 +159,9 @@ impl PointTree {
         // Where each query's list is: its run, and its offset in it.
         let mut begin = vec![0; queries.len() + 1];
         let mut source = vec![(0u32, 0usize); queries.len()];
-        for (number, (places, run)) in order.chunks(RUN).zip(&runs).enumerate() {
+        for (number, (indices, run)) in order.chunks(RUN).zip(&runs).enumerate() {
             let mut next = 0;
-            for (&query, &end) in places.iter().zip(&run.ends) {
+            for (&query, &end) in indices.iter().zip(&run.ends) {
                 source[query] = (number as u32, next);
                 begin[query + 1] = end - next;
                 next = end;
@@ -182,8 +182,8 @@ impl PointTree {
         if self.statistics().bytes() <= NEAR {
             return (0..queries.len()).collect();
         }
-        let places: Vec<Vec3> = queries.iter().map(|(point, _)| point.relative(self.origin)).collect();
-        morton_order(&places)
+        let positions: Vec<Vec3> = queries.iter().map(|(point, _)| point.relative(self.origin)).collect();
+        morton_order(&positions)
     }
 }
 
@@ -210,8 +210,8 @@ struct Run {
 }
 
 /// The indices of positions in the order of a Morton curve.
-pub(super) fn morton_order(places: &[Vec3]) -> Vec<usize> {
-    let finite = places.iter().copied().filter(|p| p.is_finite());
+pub(super) fn morton_order(positions: &[Vec3]) -> Vec<usize> {
+    let finite = positions.iter().copied().filter(|p| p.is_finite());
     let (lo, hi) = finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
     let cells = (1u32 << 21) as f32;
     let scale = (cells - 1.0) / (hi - lo).max(Vec3::splat(f32::MIN_POSITIVE));
@@ -222,8 +222,8 @@ pub(super) fn morton_order(places: &[Vec3]) -> Vec<usize> {
     };
     // Index and code in one integer, which sorts in a third of the time of a pair: the index replaces as many of the
     // lowest bits of the code as it needs.
-    let low = (1u64 << (usize::BITS - places.len().leading_zeros())) - 1;
-    let mut order: Vec<u64> = (0..).zip(places).map(|(index, &p)| (code(p) & !low) | index).collect();
+    let low = (1u64 << (usize::BITS - positions.len().leading_zeros())) - 1;
+    let mut order: Vec<u64> = (0..).zip(positions).map(|(index, &p)| (code(p) & !low) | index).collect();
     order.sort_unstable();
     order.into_iter().map(|key| (key & low) as usize).collect()
 }

@@ -1,8 +1,8 @@
 //! From moving points to layers: the shutter is divided into time slices, each with a tree of its own.
 
+use super::layers::Layer;
 use super::moving_reference::{MovingReference, TimeSlice, exact_phase};
 use super::moving_tree::MovingTree;
-use super::partition::Layer;
 use super::plane_tree::PlaneTree;
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
@@ -34,7 +34,7 @@ impl Plan {
         progress: &Progress,
     ) -> Layer {
         let references = |slice: &TimeSlice| if progress.cancelled() { Vec::new() } else { references(slice) };
-        let progress = progress.part(1.0 / slices.len() as f64);
+        let progress = progress.subtask(1.0 / slices.len() as f64);
         let boxes = |slice: &TimeSlice| MovingTree::build(&references(slice), *slice, &progress);
         match self {
             Plan::Boxes(_) => Layer::Moving(slices.iter().map(boxes).collect()),

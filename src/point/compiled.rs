@@ -5,9 +5,9 @@
 //! `dyn`, once for each block with a point that is near enough, and each query is compiled in two forms: without and with
 //! a filter. For SSE2 only the latter is compiled; queries without a filter pass one that accepts everything.
 
-use super::counted::{CountedSearch, search_counted};
+use super::counted_search::{CountedSearch, search_counted};
+use super::layers::QueriedLayers;
 use super::neighbor::Neighbor;
-use super::partition::QueriedLayers;
 use super::precise::{Allowed, PreciseQuery};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
@@ -93,43 +93,43 @@ const ALL: KeepLanes<'static> = KeepLanes(&|_, mask| mask);
 
 /// A query without or with a filter.
 #[derive(Clone, Copy)]
-pub(super) enum Either<'q, 'a> {
-    All(&'q Query<'a, KeepAll>),
-    Some(&'q Query<'a, KeepLanes<'q>>),
+pub(super) enum MaybeFiltered<'q, 'a> {
+    Unfiltered(&'q Query<'a, KeepAll>),
+    Filtered(&'q Query<'a, KeepLanes<'q>>),
 }
 
-impl Either<'_, '_> {
+impl MaybeFiltered<'_, '_> {
     /// [`Query::precise`], if the points are kept in f64.
     #[inline(always)]
     fn precise<R>(self, run: impl FnOnce(&PreciseQuery<'_>) -> R) -> Option<R> {
         match self {
-            Either::All(query) => query.is_precise().then(|| query.precise(run)),
-            Either::Some(query) => query.is_precise().then(|| query.precise(run)),
+            MaybeFiltered::Unfiltered(query) => query.is_precise().then(|| query.precise(run)),
+            MaybeFiltered::Filtered(query) => query.is_precise().then(|| query.precise(run)),
         }
     }
 
     #[inline(always)]
     fn simd(self) -> SimdLevel {
         match self {
-            Either::All(query) => query.tree.simd,
-            Either::Some(query) => query.tree.simd,
+            MaybeFiltered::Unfiltered(query) => query.tree.simd,
+            MaybeFiltered::Filtered(query) => query.tree.simd,
         }
     }
 }
 
 /// The nearest point.
-pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
+pub(super) fn nearest(query: MaybeFiltered<'_, '_>) -> Option<Neighbor> {
     let simd = query.simd();
     let precise = query.precise(|query| query.nearest());
     let found = match (precise, query) {
         (Some(found), _) => found,
-        (None, Either::All(query)) => {
+        (None, MaybeFiltered::Unfiltered(query)) => {
             let search = Nearest { layers: query.layers(), limits: query.limits(), keep: KeepAll };
             dispatch_or(simd, search, |Nearest { layers, limits, .. }| {
                 dispatch(simd, Nearest { layers, limits, keep: ALL })
             })
         }
-        (None, Either::Some(query)) => {
+        (None, MaybeFiltered::Filtered(query)) => {
             dispatch(simd, Nearest { layers: query.layers(), limits: query.limits(), keep: query.keep })
         }
     };
@@ -137,12 +137,17 @@ pub(super) fn nearest(query: Either<'_, '_>) -> Option<Neighbor> {
 }
 
 /// The `k` nearest points in order, into an empty list.
-pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+pub(super) fn nearest_n(
+    query: MaybeFiltered<'_, '_>,
+    k: usize,
+    candidates: &mut Candidates,
+    found: &mut Vec<Neighbor>,
+) {
     let (simd, work) = (query.simd(), &mut NeighborWork::default());
     let precise = query.precise(|query| query.nearest_n(k, candidates, found, work));
     let in_order = match (precise, query) {
         (Some(in_order), _) => in_order,
-        (None, Either::All(query)) => {
+        (None, MaybeFiltered::Unfiltered(query)) => {
             let (layers, limits, observe) = (query.layers(), query.limits(), &mut ());
             let search = NearestN { layers, limits, keep: KeepAll, k, candidates: &mut *candidates, found, observe };
             dispatch_or(simd, search, |search| {
@@ -150,7 +155,7 @@ pub(super) fn nearest_n(query: Either<'_, '_>, k: usize, candidates: &mut Candid
                 false
             })
         }
-        (None, Either::Some(query)) => {
+        (None, MaybeFiltered::Filtered(query)) => {
             filtered(query, k, candidates);
             false
         }
@@ -168,31 +173,31 @@ fn filtered(query: &Query<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candida
 }
 
 /// The work of finding the `k` nearest.
-pub(super) fn work(query: Either<'_, '_>, k: usize) -> NeighborWork {
+pub(super) fn work(query: MaybeFiltered<'_, '_>, k: usize) -> NeighborWork {
     let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
     let precise = query.precise(|query| query.nearest_n(k, &mut candidates, &mut found, &mut work));
     if precise.is_some() {
         return work;
     }
     let query = match query {
-        Either::All(query) => query.keeping(ALL),
-        Either::Some(query) => *query,
+        MaybeFiltered::Unfiltered(query) => query.keeping(ALL),
+        MaybeFiltered::Filtered(query) => *query,
     };
     filtered(&query, k, &mut candidates)
 }
 
 /// Gathers all points within the radius.
-pub(super) fn gather(query: Either<'_, '_>, candidates: &mut Candidates) {
+pub(super) fn gather(query: MaybeFiltered<'_, '_>, candidates: &mut Candidates) {
     candidates.count = 0;
     let simd = query.simd();
     let precise = query.precise(|query| query.collect(candidates));
     match (precise, query) {
         (Some(()), _) => {}
-        (None, Either::All(query)) => {
+        (None, MaybeFiltered::Unfiltered(query)) => {
             let search = Collecting { layers: query.layers(), bound: query.bound, keep: KeepAll, candidates };
             dispatch_or(simd, search, |search| append(&query.keeping(ALL), search.candidates));
         }
-        (None, Either::Some(query)) => append(query, candidates),
+        (None, MaybeFiltered::Filtered(query)) => append(query, candidates),
     }
 }
 
@@ -203,20 +208,20 @@ pub(super) fn append(query: &Query<'_, KeepLanes<'_>>, candidates: &mut Candidat
 }
 
 /// All points within the radius in any order, into an empty list.
-pub(super) fn collect(query: Either<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+pub(super) fn collect(query: MaybeFiltered<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     gather(query, candidates);
     let pairs = candidates.ids[..candidates.count].iter().zip(&candidates.distances);
     found.extend(pairs.map(|(&id, &distance_squared)| Neighbor { id, distance_squared }));
 }
 
 /// All points within the radius in order, into an empty list.
-pub(super) fn collect_sorted(query: Either<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+pub(super) fn collect_sorted(query: MaybeFiltered<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     gather(query, candidates);
     all_in_order(query.simd(), candidates, found);
 }
 
 /// The number of points within the radius.
-pub(super) fn count(query: Either<'_, '_>) -> usize {
+pub(super) fn count(query: MaybeFiltered<'_, '_>) -> usize {
     let simd = query.simd();
     let precise = query.precise(|query| {
         let mut candidates = Candidates::default();
@@ -225,13 +230,13 @@ pub(super) fn count(query: Either<'_, '_>) -> usize {
     });
     match (precise, query) {
         (Some(count), _) => count,
-        (None, Either::All(query)) => {
+        (None, MaybeFiltered::Unfiltered(query)) => {
             let search = Counting { layers: query.layers(), bound: query.bound, keep: KeepAll };
             dispatch_or(simd, search, |Counting { layers, bound, .. }| {
                 dispatch(simd, Counting { layers, bound, keep: ALL })
             })
         }
-        (None, Either::Some(query)) => {
+        (None, MaybeFiltered::Filtered(query)) => {
             dispatch(simd, Counting { layers: query.layers(), bound: query.bound, keep: query.keep })
         }
     }

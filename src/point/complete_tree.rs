@@ -22,7 +22,7 @@ pub(super) fn subtrees_of(count: usize, mut block: usize, leaf: usize) -> Option
     Some(block)
 }
 
-/// Points in the left part of a range that consists of subtrees of `block` points.
+/// Points in the left half of a range that consists of subtrees of `block` points.
 pub(super) fn left_part(count: usize, block: usize) -> usize {
     count.div_ceil(block).div_ceil(2) * block
 }

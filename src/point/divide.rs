@@ -2,12 +2,12 @@
 //!
 //! The coordinate is found first. Among few points it is guessed, and what is below a guess is counted. Among many, the two
 //! between which it must be are taken from a sample, the keys between them are set apart while the others are counted, and only
-//! among those few it is looked for. Then each vector of points is compressed twice, into the part before and the part behind
-//! it. The places of both parts are known, points stay in the order in which they were, so the result is the same however many
+//! among those few it is looked for. Then each vector of points is compressed twice, into the side before and the side behind
+//! it. The positions of both sides are known, points stay in the order in which they were, so the result is the same however many
 //! threads do it. Points are read from one set of rows and written to another.
 
-use super::rows::PointRows;
-use super::spread::widest_axis;
+use super::point_rows::PointRows;
+use super::widest_axis::widest_axis;
 use crate::parallel;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, lanes_at, lanes_at_mut};
 
@@ -25,7 +25,7 @@ const KEYS_PER: usize = 32;
 
 /// Writes the points of `from` to `to` so that no coordinate of the first `count` along the widest axis is above one of the others.
 ///
-/// Both have whole vectors, and `count` is a part of that. There may be infinite coordinates behind, on all axes at once.
+/// Both consist of whole vectors, and `count` is less than their length. There may be infinite coordinates behind, on all axes at once.
 pub(super) fn divide(from: &PointRows, count: usize, to: &mut PointRows) {
     let level = SimdLevel::best();
     let axis = widest_axis(from.len(), |i| from.get(i).at);
@@ -34,22 +34,30 @@ pub(super) fn divide(from: &PointRows, count: usize, to: &mut PointRows) {
     let (mut low, mut high) = to.borrow().split_at(count);
     if parallel::threads() == 1 || keys.len() <= SHARE {
         let (low, high) = (low.borrow(), high.borrow());
-        return dispatch(level, Part { from, range: [0, keys.len()], axis, bound, equal, low, high });
+        return dispatch(level, DivideRange { from, range: [0, keys.len()], axis, bound, equal, low, high });
     }
     let counts = parallel::map(keys.len().div_ceil(SHARE), |share| {
         let keys = &keys[share * SHARE..keys.len().min((share + 1) * SHARE)];
         dispatch(level, Count { keys, bound })
     });
-    let (mut parts, mut equal, mut begin) = (Vec::with_capacity(counts.len()), equal, 0);
+    let (mut shares, mut equal, mut begin) = (Vec::with_capacity(counts.len()), equal, 0);
     for (below, with_equal) in counts {
         let end = keys.len().min(begin + SHARE);
         let own = equal.min(with_equal - below);
         let (own_low, more_low) = low.split_at(below + own);
         let (own_high, more_high) = high.split_at(end - begin - below - own);
-        parts.push(Some(Part { from, range: [begin, end], axis, bound, equal: own, low: own_low, high: own_high }));
+        shares.push(Some(DivideRange {
+            from,
+            range: [begin, end],
+            axis,
+            bound,
+            equal: own,
+            low: own_low,
+            high: own_high,
+        }));
         (low, high, equal, begin) = (more_low, more_high, equal - own, end);
     }
-    parallel::each(&mut parts, |part| part.take().map(|part| dispatch(level, part)));
+    parallel::each(&mut shares, |share| share.take().map(|share| dispatch(level, share)));
 }
 
 /// What divides the `count` lowest keys from the others: those below a bound, and so many of those equal to it.
@@ -216,7 +224,7 @@ pub(super) fn counted<S: Simd>(s: S, keys: &[Lanes<f32>], bound: f32) -> (usize,
 }
 
 /// Divides a range of the points.
-struct Part<'a, 'b> {
+struct DivideRange<'a, 'b> {
     from: &'a PointRows<'a>,
     range: [usize; 2],
     axis: usize,
@@ -227,11 +235,11 @@ struct Part<'a, 'b> {
     high: PointRows<'b>,
 }
 
-impl Kernel for Part<'_, '_> {
+impl Kernel for DivideRange<'_, '_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Part { from, range: [begin, end], axis, bound, mut equal, mut low, mut high } = self;
+        let DivideRange { from, range: [begin, end], axis, bound, mut equal, mut low, mut high } = self;
         let bound = s.splat(bound);
         let (mut left, mut right) = (0, 0);
         let mut masks = [0; AHEAD];
@@ -287,9 +295,9 @@ mod tests {
         let key = |item: &Item| item.at[axis];
         let most = low.iter().map(key).fold(f32::NEG_INFINITY, f32::max);
         assert!(high.iter().all(|item| key(item) >= most));
-        for part in [low, &high[..items.len() - count]] {
-            assert!(part.windows(2).all(|two| two[0].index < two[1].index));
-            assert!(part.iter().all(|item| item.at == items[item.index as usize].at));
+        for half in [low, &high[..items.len() - count]] {
+            assert!(half.windows(2).all(|two| two[0].index < two[1].index));
+            assert!(half.iter().all(|item| item.at == items[item.index as usize].at));
         }
         for level in SimdLevel::available() {
             let mut scratch = vec![f32::NAN; from.len()];
@@ -300,7 +308,7 @@ mod tests {
             let mut other = PointRows::in_blocks(&mut memory, items.len());
             let range = [0, from.len()];
             let (low, high) = other.borrow().split_at(count);
-            dispatch(level, Part { from: &from, range, axis, bound, equal, low, high });
+            dispatch(level, DivideRange { from: &from, range, axis, bound, equal, low, high });
             assert!((0..other.len()).all(|i| other.get(i).index == divided[i].index));
         }
     }

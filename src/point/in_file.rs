@@ -1,10 +1,10 @@
 //! Point trees in files.
 
 use super::build::time_slices;
+use super::layers::Layer;
 use super::moving_file::MovingRecord;
 use super::moving_reference::TimeSlice;
 use super::moving_tree::MovingTree;
-use super::partition::Layer;
 use super::plane_file::PlaneRecord;
 use super::plane_tree::PlaneTree;
 use super::precise::{PreciseRecord, PreciseTree};
@@ -19,14 +19,14 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 /// The numbers of layer kinds in files.
-const STILL: u32 = 0;
+const STATIC: u32 = 0;
 const MOVING: u32 = 1;
 const PLANES: u32 = 2;
 const PRECISE: u32 = 3;
 
 /// The contents of a file for the trees of a layer.
 enum Trees {
-    Still(StaticRecord),
+    Static(StaticRecord),
     Moving(Vec<MovingRecord>),
     Planes(Vec<PlaneRecord>),
     Precise(Vec<PreciseRecord>),
@@ -51,8 +51,8 @@ impl PointTree {
             let (of_layers, of_precise) = self.statistics.layers.split_at(self.layers.len());
             for (layer, statistics) in self.layers.iter().zip(of_layers) {
                 match layer {
-                    Layer::Still(tree) => {
-                        begin(to, STILL, None, 1, statistics)?;
+                    Layer::Static(tree) => {
+                        begin(to, STATIC, None, 1, statistics)?;
                         tree.encode(to)?;
                     }
                     Layer::Moving(trees) => {
@@ -163,7 +163,7 @@ fn begin(
     statistics: &PointLayerStatistics,
 ) -> Result<(), FileError> {
     let per_segment = match statistics.kind {
-        PointLayerKind::Linear { parts } => parts,
+        PointLayerKind::Linear { time_slices } => time_slices,
         PointLayerKind::Static | PointLayerKind::Mbkd => 1,
     };
     to.put([number, slice.map_or(1, |slice| slice.keys) as u32, per_segment as u32, trees as u32])?;
@@ -184,7 +184,7 @@ impl LayerRecord {
             (0..trees).map(|_| decode(from)).collect()
         }
         let trees = match number {
-            STILL => Trees::Still(StaticRecord::decode(from)?),
+            STATIC => Trees::Static(StaticRecord::decode(from)?),
             MOVING => Trees::Moving(all(from, trees, MovingRecord::decode)?),
             PLANES => Trees::Planes(all(from, trees, PlaneRecord::decode)?),
             PRECISE => Trees::Precise(all(from, trees, PreciseRecord::decode)?),
@@ -205,17 +205,17 @@ impl LayerRecord {
             require((most..=counts.iter().sum()).contains(&points), "the number of points does not match its trees")
         };
         match trees {
-            Trees::Still(record) => {
-                let (still, count) = record.checked()?;
+            Trees::Static(record) => {
+                let (static_tree, count) = record.checked()?;
                 enough(&[count])?;
-                tree.add(Layer::Still(still), PointLayerKind::Static, points, why);
+                tree.add(Layer::Static(static_tree), PointLayerKind::Static, points, why);
             }
             Trees::Moving(records) => {
                 let slices = slices(records.len())?.into_iter();
                 let trees = records.into_iter().zip(slices).map(|(record, slice)| record.checked(slice));
                 let trees: Vec<MovingTree> = trees.collect::<Result<_, _>>()?;
                 enough(&trees.iter().map(MovingTree::references).collect::<Vec<_>>())?;
-                tree.add(Layer::Moving(trees), PointLayerKind::Linear { parts: per_segment }, points, why);
+                tree.add(Layer::Moving(trees), PointLayerKind::Linear { time_slices: per_segment }, points, why);
             }
             Trees::Planes(records) => {
                 let slices = slices(records.len())?.into_iter();
@@ -227,7 +227,8 @@ impl LayerRecord {
             }
             Trees::Precise(records) => {
                 let moves = records.iter().any(PreciseRecord::moves);
-                let kind = if moves { PointLayerKind::Linear { parts: per_segment } } else { PointLayerKind::Static };
+                let kind =
+                    if moves { PointLayerKind::Linear { time_slices: per_segment } } else { PointLayerKind::Static };
                 let (slices, origin) = (slices(records.len())?.into_iter(), tree.origin);
                 let trees = records.into_iter().zip(slices).map(|(record, slice)| record.checked(slice, origin));
                 let trees: Vec<PreciseTree> = trees.collect::<Result<_, _>>()?;

@@ -1,8 +1,8 @@
 //! Points within a radius as an iterator that searches a few bottom nodes at a time.
 
-use super::compiled::{self, Either, Query};
+use super::compiled::{self, MaybeFiltered, Query};
+use super::layers::{Layer, LayerView};
 use super::neighbor::Neighbor;
-use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneView;
 use super::query::NeighborQuery;
 use super::search::candidates::Candidates;
@@ -56,7 +56,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         let mut candidates = Candidates::default();
         candidates.reserve(BATCH);
         if query.bound >= 0.0 && query.is_precise() {
-            compiled::gather(Either::All(&query), &mut candidates);
+            compiled::gather(MaybeFiltered::Unfiltered(&query), &mut candidates);
         }
         let search = Search { query, layer, front: None, candidates, next: 0 };
         WithinIter { search, keep: self.query.keep }
@@ -110,7 +110,7 @@ impl Kernel for Step<'_, '_, '_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
         match self.layer.at(self.search.query.time) {
-            LayerView::Still(view) => steps(s, self.search, &view),
+            LayerView::Static(view) => steps(s, self.search, &view),
             LayerView::Moving(view) => steps(s, self.search, &view),
             LayerView::Timed(view) => steps(s, self.search, &view),
             LayerView::Planes(view) => step_planes(s, self.search, &view),

@@ -8,7 +8,7 @@
 //!
 //! **Padding.** Let u = 2^-24. A point that moves from a to b is computed as `base + (b − a)·s` with |s| ≤ 1/2: the
 //! difference is rounded by at most |b − a|u and then halved at least, the product by |b − a|u/2, the sum, which lies
-//! between a and b, by max(|a|, |b|)u: together e = (|b − a| + max(|a|, |b|))u ([`AroundPoints`]). A face is computed
+//! between a and b, by max(|a|, |b|)u: together e = (|b − a| + max(|a|, |b|))u ([`BoundPoints`]). A face is computed
 //! as `a + b·s` with s in [0, 1]: the product is rounded by |b|u, the sum by (|a| + |b|)u: together f = (|a| + 2|b|)u.
 //! A lower face stays below its points by e of each and below that by its own f; around other faces, by its own f
 //! only: it is below their exact lines. Both bounds are raised by 2^-10 of themselves, which covers the f64 rounding of
@@ -135,7 +135,7 @@ const FULL: Padding = Padding { point: 1.0, face: 1.0 };
 impl LinearBox {
     /// The box around points.
     pub(super) fn of_points(trajectories: &TrajectoryRows) -> LinearBox {
-        dispatch(SimdLevel::best(), AroundPoints { trajectories, padding: FULL })
+        dispatch(SimdLevel::best(), BoundPoints { trajectories, padding: FULL })
     }
 
     /// The box around one to sixteen boxes.
@@ -153,7 +153,7 @@ impl LinearBox {
                 }
             }
         }
-        dispatch(SimdLevel::best(), Around { spans: &spans })
+        dispatch(SimdLevel::best(), BoundBoxes { spans: &spans })
     }
 }
 
@@ -168,12 +168,12 @@ struct Spans {
 }
 
 /// Computes a box around points.
-struct AroundPoints<'a> {
+struct BoundPoints<'a> {
     trajectories: &'a TrajectoryRows,
     padding: Padding,
 }
 
-impl Kernel for AroundPoints<'_> {
+impl Kernel for BoundPoints<'_> {
     type Output = LinearBox;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> LinearBox {
@@ -198,11 +198,11 @@ impl Kernel for AroundPoints<'_> {
 }
 
 /// Computes a box around other boxes.
-struct Around<'a> {
+struct BoundBoxes<'a> {
     spans: &'a Spans,
 }
 
-impl Kernel for Around<'_> {
+impl Kernel for BoundBoxes<'_> {
     type Output = LinearBox;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> LinearBox {
@@ -342,20 +342,20 @@ mod tests {
         let offset = [0.0, 1000.0, -3.0e7, 1e-20, 1e-42][round % 5];
         let size = [1.0, 1e-3, 1e3, 1e-22, 1e-43][round % 5];
         let speed = [0.0, 1e-4, 1.0, 50.0][round / 5 % 4] * size;
-        let mut place = |by: f32| random.vec() * by;
+        let mut random_vec = |by: f32| random.vec() * by;
         let mut trajectories: Vec<[Vec3; 2]> = (0..64)
             .map(|_| {
-                let a = place(size) + offset;
-                [a, a + place(speed)]
+                let a = random_vec(size) + offset;
+                [a, a + random_vec(speed)]
             })
             .collect();
         if round.is_multiple_of(7) {
-            trajectories[13] = [place(1e9 * size), place(1e9 * size)];
+            trajectories[13] = [random_vec(1e9 * size), random_vec(1e9 * size)];
         }
         trajectories
     }
 
-    /// A trajectory from place to place, and its phases.
+    /// A trajectory from point to point, and its phases.
     type Trajectory = ([[f32; 3]; 2], [f64; 2]);
 
     /// One to sixteen trajectories in rows.
@@ -384,7 +384,7 @@ mod tests {
             let trajectories =
                 in_rows(&trajectories.iter().enumerate().map(trajectory).take(1 + round % LANES).collect::<Vec<_>>());
             let faces = SimdLevel::available().into_iter().map(|level| {
-                let linear_box = dispatch(level, AroundPoints { trajectories: &trajectories, padding: FULL });
+                let linear_box = dispatch(level, BoundPoints { trajectories: &trajectories, padding: FULL });
                 [linear_box.lo, linear_box.hi].map(|faces| faces.map(|f| [f.at_zero.to_bits(), f.slope.to_bits()]))
             });
             let faces: Vec<_> = faces.collect();
@@ -437,7 +437,7 @@ mod tests {
             let span = |trajectory: [f32; 2], range: [f32; 2]| (trajectory.map(|x| [x; 3]), range.map(f64::from));
             let mut spans = [span(other, [0.0, 1.0]); LANES];
             spans[0] = span(trajectory, range);
-            let face = dispatch(SimdLevel::best(), AroundPoints { trajectories: &in_rows(&spans), padding }).lo[0];
+            let face = dispatch(SimdLevel::best(), BoundPoints { trajectories: &in_rows(&spans), padding }).lo[0];
             let [a, b] = trajectory;
             let p = if r < 0.5 { a + (b - a) * r } else { b + (b - a) * (r - 1.0) };
             lost += usize::from(face.at_zero + face.slope * r > p);
@@ -457,8 +457,8 @@ mod tests {
     #[test]
     fn padding_follows_what_is_in_the_box() {
         let mut random = Random(5);
-        let mut place = || [random.signed(), random.signed(), random.signed()];
-        let mut spans: Vec<Trajectory> = (0..16).map(|_| ([place(), place()], [0.0, 1.0])).collect();
+        let mut random_vec = || [random.signed(), random.signed(), random.signed()];
+        let mut spans: Vec<Trajectory> = (0..16).map(|_| ([random_vec(), random_vec()], [0.0, 1.0])).collect();
         let width = |linear_box: &LinearBox, axis: usize| linear_box.hi[axis].at(0.5) - linear_box.lo[axis].at(0.5);
         let before = linear_box(&spans);
         spans[3].0 = [[1e6, 0.1, 0.2], [-1e6, 0.2, 0.1]];

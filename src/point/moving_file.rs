@@ -1,7 +1,7 @@
 //! Moving point trees in files.
 
 use super::linear_bounds::LinearBoxes;
-use super::moving_leaf::{Block, MovingLeaves, Times};
+use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
 use super::moving_reference::TimeSlice;
 use super::moving_tree::{MovingTree, first_children};
 use super::static_tree::Shape;
@@ -11,7 +11,7 @@ use crate::parallel;
 use crate::simd::{LANES, Lanes};
 
 record_fields!(Block { open: [Lanes<f32>; 3], close: [Lanes<f32>; 3], id: Lanes<u32> });
-record_fields!(Times { begin: Lanes<f32>, end: Lanes<f32> });
+record_fields!(LaneIntervals { begin: Lanes<f32>, end: Lanes<f32> });
 record_fields!(LinearBoxes {
     lo: [Lanes<f32>; 3],
     lo_slope: [Lanes<f32>; 3],
@@ -29,12 +29,12 @@ impl MovingLeaves {
     pub(super) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.array(&self.blocks)?;
         to.array(&self.times)?;
-        to.array(&self.lives)
+        to.array(&self.active)
     }
 
     /// Reads leaves that [`MovingLeaves::encode`] wrote, without validating them.
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<MovingLeaves, FileError> {
-        Ok(MovingLeaves { blocks: from.array()?, times: from.array()?, lives: from.array()? })
+        Ok(MovingLeaves { blocks: from.array()?, times: from.array()?, active: from.array()? })
     }
 
     /// Validates that points have valid positions and other lanes are absent, and that there are times for all or for
@@ -43,7 +43,7 @@ impl MovingLeaves {
         let blocks = self.blocks.len();
         let fits = self.times.len() == if timed { blocks } else { 0 };
         require(
-            fits && (self.lives.is_empty() || self.lives.len() == blocks),
+            fits && (self.active.is_empty() || self.active.len() == blocks),
             "the number of active intervals does not match its leaves",
         )?;
         let fine = parallel::chunks(blocks, |range| {
@@ -60,15 +60,15 @@ impl MovingLeaves {
 /// row, without branches: there are many blocks.
 fn is_fine(block: &Block, count: Option<usize>) -> bool {
     const MOST: f32 = MAX_POINT_COORDINATE as f32;
-    let there = block.id.map(|id| id != u32::MAX);
+    let exists = block.id.map(|id| id != u32::MAX);
     let mut fine = [true; LANES];
     for row in block.open.iter().chain(&block.close) {
         for (lane, fine) in fine.iter_mut().enumerate() {
             let x = row[lane];
-            *fine &= (there[lane] & (x.abs() <= MOST)) | (!there[lane] & (x == f32::MAX));
+            *fine &= (exists[lane] & (x.abs() <= MOST)) | (!exists[lane] & (x == f32::MAX));
         }
     }
-    let counted = count.is_none_or(|count| (0..LANES).all(|lane| there[lane] == (lane < count)));
+    let counted = count.is_none_or(|count| (0..LANES).all(|lane| exists[lane] == (lane < count)));
     counted && fine == [true; LANES]
 }
 
@@ -76,7 +76,7 @@ fn is_fine(block: &Block, count: Option<usize>) -> bool {
 pub(super) struct MovingRecord {
     count: u64,
     nodes: Vec<LinearBoxes>,
-    node_times: Vec<Times>,
+    node_times: Vec<LaneIntervals>,
     leaves: MovingLeaves,
 }
 
@@ -120,16 +120,16 @@ impl MovingRecord {
 }
 
 /// Whether a lane of a node is a box with a child, or absent.
-fn is_child(boxes: &LinearBoxes, times: Option<&Times>, lane: usize, there: bool) -> bool {
+fn is_child(boxes: &LinearBoxes, times: Option<&LaneIntervals>, lane: usize, exists: bool) -> bool {
     let at = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);
     let (lo, hi) = (at(&boxes.lo), at(&boxes.hi));
     let slopes = [at(&boxes.lo_slope), at(&boxes.hi_slope)];
     let absent = lo == [f32::INFINITY; 3] && hi == [f32::NEG_INFINITY; 3] && slopes == [[0.0; 3]; 2];
     let numbers = [lo, hi].iter().chain(&slopes).flatten().all(|face| face.is_finite());
-    numbers && there || absent && times.is_none_or(|times| never(times, lane))
+    numbers && exists || absent && times.is_none_or(|times| never(times, lane))
 }
 
 /// Whether a lane is never active.
-pub(super) fn never(times: &Times, lane: usize) -> bool {
+pub(super) fn never(times: &LaneIntervals, lane: usize) -> bool {
     times.begin[lane] == f32::INFINITY && times.end[lane] == f32::NEG_INFINITY
 }

@@ -1,7 +1,7 @@
 //! Leaves of moving points: blocks of sixteen in rows, with active intervals.
 
 use super::moving_reference::MovingReference;
-use super::over_interval::{Flight, FlightRows};
+use super::over_interval::{PathRows, PointPath};
 use super::snapshot::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
@@ -19,14 +19,15 @@ pub(super) struct Block {
 /// The active intervals of sixteen lanes: `begin <= t < end`.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub(super) struct Times {
+pub(super) struct LaneIntervals {
     pub(super) begin: Lanes<f32>,
     pub(super) end: Lanes<f32>,
 }
 
-impl Times {
+impl LaneIntervals {
     /// Sixteen lanes that are never active.
-    pub(super) const NEVER: Times = Times { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
+    pub(super) const NEVER: LaneIntervals =
+        LaneIntervals { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
 
     /// Sets one lane.
     pub(super) fn set(&mut self, lane: usize, [begin, end]: [f32; 2]) {
@@ -35,7 +36,7 @@ impl Times {
 
     /// The lanes that are active at a time.
     #[inline(always)]
-    pub(super) fn counting<S: Simd>(&self, s: S, time: S::F) -> Mask {
+    pub(super) fn active_at<S: Simd>(&self, s: S, time: S::F) -> Mask {
         s.le(s.load(&self.begin), time) & s.lt(time, s.load(&self.end))
     }
 }
@@ -44,16 +45,16 @@ impl Times {
 #[derive(Clone, Copy)]
 pub(super) struct Leaf {
     block: Block,
-    times: Times,
-    lives: Times,
+    times: LaneIntervals,
+    active: LaneIntervals,
 }
 
 impl Leaf {
     /// A block without points.
     pub(super) const EMPTY: Leaf = Leaf {
         block: Block { open: [[f32::MAX; LANES]; 3], close: [[f32::MAX; LANES]; 3], id: [u32::MAX; LANES] },
-        times: Times::NEVER,
-        lives: Times::NEVER,
+        times: LaneIntervals::NEVER,
+        active: LaneIntervals::NEVER,
     };
 
     /// Sets the point of a lane.
@@ -67,9 +68,9 @@ impl Leaf {
 
     /// Sets the active interval of a lane, and the whole interval of its point. Leaves whose points are active throughout
     /// have neither.
-    pub(super) fn set_times(&mut self, lane: usize, times: [f32; 2], life: TimeInterval) {
+    pub(super) fn set_times(&mut self, lane: usize, times: [f32; 2], active: TimeInterval) {
         self.times.set(lane, times);
-        self.lives.set(lane, [life.begin(), life.end_bound()]);
+        self.active.set(lane, [active.begin(), active.end_bound()]);
     }
 }
 
@@ -78,31 +79,31 @@ impl Leaf {
 pub(super) struct MovingLeaves {
     pub(super) blocks: Vec<Block>,
     /// Active intervals of the lanes; empty if all are active throughout.
-    pub(super) times: Vec<Times>,
+    pub(super) times: Vec<LaneIntervals>,
     /// Whole intervals of the points; empty if all points exist throughout the shutter.
-    pub(super) lives: Vec<Times>,
+    pub(super) active: Vec<LaneIntervals>,
 }
 
 impl MovingLeaves {
-    /// `count` empty leaves; `timed` if not all lanes are active throughout, `mortal` if not all points exist
+    /// `count` empty leaves; `timed` if not all lanes are active throughout, `has_active_intervals` if not all points exist
     /// throughout the shutter.
-    pub(super) fn empty(count: usize, timed: bool, mortal: bool) -> MovingLeaves {
+    pub(super) fn empty(count: usize, timed: bool, has_active_intervals: bool) -> MovingLeaves {
         MovingLeaves {
             blocks: huge_vec_of(Leaf::EMPTY.block, count),
-            times: vec![Times::NEVER; if timed { count } else { 0 }],
-            lives: vec![Times::NEVER; if mortal { count } else { 0 }],
+            times: vec![LaneIntervals::NEVER; if timed { count } else { 0 }],
+            active: vec![LaneIntervals::NEVER; if has_active_intervals { count } else { 0 }],
         }
     }
 
     /// All leaves, to be filled.
     pub(super) fn rows(&mut self) -> LeafRows<'_> {
-        LeafRows { blocks: &mut self.blocks, times: &mut self.times, lives: &mut self.lives }
+        LeafRows { blocks: &mut self.blocks, times: &mut self.times, active: &mut self.active }
     }
 
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
         self.blocks.capacity() * size_of::<Block>()
-            + (self.times.capacity() + self.lives.capacity()) * size_of::<Times>()
+            + (self.times.capacity() + self.active.capacity()) * size_of::<LaneIntervals>()
     }
 
     /// Bytes of the blocks.
@@ -148,26 +149,26 @@ impl MovingLeaves {
         target: &Target<S>,
         block: usize,
     ) -> [S::F; 3] {
-        let mut places = self.interpolated(s, at, target, block);
+        let mut positions = self.interpolated(s, at, target, block);
         if TIMED {
-            let counting = self.times[block].counting(s, target.time);
-            places[0] = s.select(counting, places[0], s.splat(f32::INFINITY));
+            let active = self.times[block].active_at(s, target.time);
+            positions[0] = s.select(active, positions[0], s.splat(f32::INFINITY));
         }
-        places
+        positions
     }
 
     /// Whether a lane of a block is active at a time.
-    pub(super) fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+    pub(super) fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
         self.times.get(block).is_none_or(|t| t.begin[lane] <= time && time < t.end[lane])
     }
 
     /// The points that are active at a time, with their ids.
-    pub(super) fn counting(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
+    pub(super) fn active_points(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
         let lanes = (0..self.blocks.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
         lanes.filter_map(move |(block, lane)| {
             let Block { open, close, id } = &self.blocks[block];
             let [open, close] = [open, close].map(|rows| Vec3::from_array(rows.map(|row| row[lane])));
-            (self.counts(block, lane, time) && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))
+            (self.is_active(block, lane, time) && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))
         })
     }
 
@@ -185,8 +186,8 @@ impl MovingLeaves {
         if !TIMED {
             return distances;
         }
-        let counting = self.times[block].counting(s, target.time);
-        s.select(counting, distances, s.splat(f32::INFINITY))
+        let active = self.times[block].active_at(s, target.time);
+        s.select(active, distances, s.splat(f32::INFINITY))
     }
 
     /// Number of blocks.
@@ -202,35 +203,35 @@ impl MovingLeaves {
 
     /// Whether the interval of any point begins at a time.
     pub(super) fn begins_at(&self, time: f32) -> bool {
-        self.lives.iter().any(|life| life.begin.contains(&time))
+        self.active.iter().any(|active| active.begin.contains(&time))
     }
 
     /// The points of a block between its keys.
     #[inline(always)]
-    pub(super) fn flights(&self, block: usize) -> FlightRows {
+    pub(super) fn path_rows(&self, block: usize) -> PathRows {
         let Block { open, close, id } = &self.blocks[block];
-        let rows = FlightRows::everlasting(open, close, id);
-        match self.lives.get(block) {
-            Some(lives) => FlightRows { begin: lives.begin, end: lives.end, ..rows },
+        let rows = PathRows::always_active(open, close, id);
+        match self.active.get(block) {
+            Some(active) => PathRows { begin: active.begin, end: active.end, ..rows },
             None => rows,
         }
     }
 
     /// A point of a block between its keys.
-    pub(super) fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
+    pub(super) fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
         let rows = &self.blocks[block];
-        let life = self.lives.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
-        let life = life.unwrap_or(Some(TimeInterval::FULL))?;
+        let active = self.active.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
+        let active = active.unwrap_or(Some(TimeInterval::FULL))?;
         let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| f64::from(row[lane])));
-        (rows.id[lane] != u32::MAX).then_some(Flight { id: rows.id[lane], open, close, life })
+        (rows.id[lane] != u32::MAX).then_some(PointPath { id: rows.id[lane], open, close, active })
     }
 }
 
 /// Some of the leaves of a tree, to be filled.
 pub(super) struct LeafRows<'a> {
     blocks: &'a mut [Block],
-    times: &'a mut [Times],
-    lives: &'a mut [Times],
+    times: &'a mut [LaneIntervals],
+    active: &'a mut [LaneIntervals],
 }
 
 impl<'a> LeafRows<'a> {
@@ -241,15 +242,15 @@ impl<'a> LeafRows<'a> {
 
     /// Whether they have intervals of lanes or of points.
     pub(super) fn timed(&self) -> bool {
-        !(self.times.is_empty() && self.lives.is_empty())
+        !(self.times.is_empty() && self.active.is_empty())
     }
 
     /// The first `count` leaves and the rest.
     pub(super) fn split_at(self, count: usize) -> [LeafRows<'a>; 2] {
         let (blocks, more_blocks) = self.blocks.split_at_mut(count);
         let (times, more_times) = self.times.split_at_mut(count.min(self.times.len()));
-        let (lives, more_lives) = self.lives.split_at_mut(count.min(self.lives.len()));
-        [LeafRows { blocks, times, lives }, LeafRows { blocks: more_blocks, times: more_times, lives: more_lives }]
+        let (active, more_lives) = self.active.split_at_mut(count.min(self.active.len()));
+        [LeafRows { blocks, times, active }, LeafRows { blocks: more_blocks, times: more_times, active: more_lives }]
     }
 
     /// Fills a leaf.
@@ -258,8 +259,8 @@ impl<'a> LeafRows<'a> {
         if let Some(times) = self.times.get_mut(i) {
             *times = leaf.times;
         }
-        if let Some(lives) = self.lives.get_mut(i) {
-            *lives = leaf.lives;
+        if let Some(active) = self.active.get_mut(i) {
+            *active = leaf.active;
         }
     }
 }

@@ -3,14 +3,14 @@
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{Item, huge_vec};
 
-/// A reference to a point that moves linearly between two keys, active during `alive`.
+/// A reference to a point that moves linearly between two keys, active during `interval`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MovingReference {
     pub(super) open: [f32; 3],
     pub(super) close: [f32; 3],
-    pub(super) alive: TimeInterval,
-    /// The whole interval of the point, of which `alive` is the intersection with a time slice.
-    pub(super) life: TimeInterval,
+    pub(super) interval: TimeInterval,
+    /// The active interval of the point; `interval` is its intersection with a time slice.
+    pub(super) active: TimeInterval,
     pub(super) id: u32,
     /// Whether it moves far relative to its neighbours.
     pub(super) fast: bool,
@@ -94,17 +94,17 @@ impl MovingReference {
 
     /// The phases of its active interval, as given by [`TimeSlice::range`].
     pub(super) fn range(&self, slice: &TimeSlice) -> [f64; 2] {
-        slice.range([self.alive.begin(), self.alive.end_bound()])
+        slice.range([self.interval.begin(), self.interval.end_bound()])
     }
 }
 
 /// Positions of references at a phase between their keys.
-pub(super) fn places(references: &[MovingReference], phase: f64) -> Vec<Item> {
-    let place = |(index, m): (usize, &MovingReference)| Item {
+pub(super) fn positions_at(references: &[MovingReference], phase: f64) -> Vec<Item> {
+    let item = |(index, m): (usize, &MovingReference)| Item {
         at: core::array::from_fn(|axis| m.at(axis, phase) as f32),
         index: index as u32,
     };
-    let mut places = huge_vec(references.len());
-    places.extend(references.iter().enumerate().map(place));
-    places
+    let mut items = huge_vec(references.len());
+    items.extend(references.iter().enumerate().map(item));
+    items
 }

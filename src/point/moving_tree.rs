@@ -4,12 +4,12 @@
 //! from two keys, and if points exist for a while only, nodes and leaves have active intervals.
 
 use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
-use super::moving_leaf::{Leaf, LeafRows, MovingLeaves, Times};
-use super::moving_reference::{MovingReference, TimeSlice, places};
+use super::moving_leaf::{LaneIntervals, Leaf, LeafRows, MovingLeaves};
+use super::moving_reference::{MovingReference, TimeSlice, positions_at};
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{Item, ORDERING, order};
-use super::over_interval::{Boxed, Flight, FlightRows, InRows};
-use super::snapshot::{Placed, Target, View, diagonal, outside, rows};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
 use crate::geometry::TimeInterval;
 use crate::parallel;
@@ -25,13 +25,13 @@ pub(super) struct MovingTree {
     pub(super) first: Vec<u32>,
     pub(super) leaves: MovingLeaves,
     /// Active intervals of the children of nodes; empty if all are active throughout.
-    pub(super) node_times: Vec<Times>,
+    pub(super) node_times: Vec<LaneIntervals>,
     pub(super) levels: usize,
     pub(super) references: usize,
 }
 
 /// Writes the rows of a node.
-fn set(node: &mut LinearBoxes, times: &mut Times, children: &[LinearBox]) {
+fn set(node: &mut LinearBoxes, times: &mut LaneIntervals, children: &[LinearBox]) {
     for (lane, child) in children.iter().enumerate() {
         node.set(lane, child);
         times.set(lane, child.times);
@@ -41,18 +41,18 @@ fn set(node: &mut LinearBoxes, times: &mut Times, children: &[LinearBox]) {
 impl MovingTree {
     /// Builds the complete tree: each reference is in one leaf.
     pub(super) fn build(references: &[MovingReference], slice: TimeSlice, progress: &Progress) -> MovingTree {
-        let mut items = places(references, slice.middle_phase());
-        order(&mut items, LANES, &progress.part(ORDERING));
-        let timed = references.iter().any(|m| m.alive != slice.interval);
-        let mortal = references.iter().any(|m| m.life != TimeInterval::FULL);
+        let mut items = positions_at(references, slice.middle_phase());
+        order(&mut items, LANES, &progress.subtask(ORDERING));
+        let timed = references.iter().any(|m| m.interval != slice.interval);
+        let has_active_intervals = references.iter().any(|m| m.active != TimeInterval::FULL);
         let shape = Shape::with_leaf(references.len(), 1);
         let count = references.len().div_ceil(LANES);
-        let mut leaves = MovingLeaves::empty(count, timed, mortal);
+        let mut leaves = MovingLeaves::empty(count, timed, has_active_intervals);
         let mut boxes: Vec<Option<LinearBox>> = vec![None; count];
         Fill { references, slice: &slice }.leaves(&items, leaves.rows(), &mut boxes);
         drop(items);
         let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
-        let mut node_times = vec![Times::NEVER; if timed { shape.nodes() } else { 0 }];
+        let mut node_times = vec![LaneIntervals::NEVER; if timed { shape.nodes() } else { 0 }];
         let mut boxes: Vec<LinearBox> = boxes.into_iter().flatten().collect();
         for level in 0..shape.levels {
             let begin = shape.begin[level];
@@ -60,7 +60,7 @@ impl MovingTree {
             // Even a tree without references has a root.
             for i in 0..shape.begin[level + 1] - begin {
                 let children = &boxes[(i * LANES).min(boxes.len())..((i + 1) * LANES).min(boxes.len())];
-                let mut times = Times::NEVER;
+                let mut times = LaneIntervals::NEVER;
                 set(&mut nodes[begin + i], &mut times, children);
                 if timed {
                     node_times[begin + i] = times;
@@ -80,7 +80,7 @@ impl MovingTree {
     pub(super) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<LinearBoxes>()
             + self.leaves.bytes()
-            + self.node_times.capacity() * size_of::<Times>()
+            + self.node_times.capacity() * size_of::<LaneIntervals>()
             + self.first.capacity() * size_of::<u32>()
     }
 
@@ -178,12 +178,12 @@ impl Fill<'_> {
                     leaf.set(lane, reference);
                 }
                 if timed {
-                    let counts_throughout = reference.alive == self.slice.interval;
-                    let range = if counts_throughout { whole } else { reference.range(self.slice) };
-                    let times = [reference.alive.begin(), reference.alive.end_bound()];
+                    let active_throughout = reference.interval == self.slice.interval;
+                    let range = if active_throughout { whole } else { reference.range(self.slice) };
+                    let times = [reference.interval.begin(), reference.interval.end_bound()];
                     rows.set_times(lane, range, times);
                     if lane < of_leaf.len() {
-                        leaf.set_times(lane, times, reference.life);
+                        leaf.set_times(lane, times, reference.active);
                     }
                 }
             }
@@ -235,8 +235,8 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
         if !TIMED {
             return (distances, holding);
         }
-        let counting = self.tree.node_times[node].counting(s, target.time);
-        (s.select(counting, distances, s.splat(f32::INFINITY)), holding & counting)
+        let active = self.tree.node_times[node].active_at(s, target.time);
+        (s.select(active, distances, s.splat(f32::INFINITY)), holding & active)
     }
     #[inline(always)]
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
@@ -250,33 +250,33 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     }
 }
 
-impl<const TIMED: bool> Placed for MovingView<'_, TIMED> {
+impl<const TIMED: bool> CoordinateView for MovingView<'_, TIMED> {
     #[inline(always)]
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
         let boxes = &self.tree.nodes[node];
         let mut lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
         let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
         if TIMED {
-            let counting = self.tree.node_times[node].counting(s, target.time);
-            lo[0] = s.select(counting, lo[0], s.splat(f32::INFINITY));
+            let active = self.tree.node_times[node].active_at(s, target.time);
+            lo[0] = s.select(active, lo[0], s.splat(f32::INFINITY));
         }
         (lo, hi)
     }
     #[inline(always)]
     fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
-        self.places(s, target, block)
+        self.point_positions(s, target, block)
     }
 }
 
-impl Boxed for MovingTree {
+impl BoxTree for MovingTree {
     fn slice(&self) -> (usize, usize, [f64; 2]) {
         let times = [self.slice.interval.begin(), self.slice.interval.end()];
         (self.slice.keys, self.slice.segment, times.map(f64::from))
     }
-    fn top(&self) -> (usize, usize) {
+    fn root_node(&self) -> (usize, usize) {
         (self.levels - 1, self.nodes.len() - 1)
     }
-    fn behind(&self, _level: usize, node: usize) -> (usize, usize) {
+    fn children(&self, _level: usize, node: usize) -> (usize, usize) {
         (self.first[node] as usize, 1)
     }
     #[inline(always)]
@@ -290,20 +290,20 @@ impl Boxed for MovingTree {
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         self.nodes[node].faces(phase)
     }
-    fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
-        self.leaves.counts(block, lane, time)
+    fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.leaves.is_active(block, lane, time)
     }
-    fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
-        self.leaves.flight(block, lane)
+    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
+        self.leaves.point_path(block, lane)
     }
 }
 
-impl InRows for MovingTree {
+impl BlockTree for MovingTree {
     #[inline(always)]
-    fn rows(&self, block: usize) -> FlightRows {
-        self.leaves.flights(block)
+    fn rows(&self, block: usize) -> PathRows {
+        self.leaves.path_rows(block)
     }
-    fn mortal(&self) -> bool {
-        !self.leaves.lives.is_empty()
+    fn has_active_intervals(&self) -> bool {
+        !self.leaves.active.is_empty()
     }
 }

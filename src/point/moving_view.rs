@@ -39,7 +39,7 @@ impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
 
     /// Positions of the points of a block; the first coordinate is infinite if a point is not active at the time.
     #[inline(always)]
-    pub(super) fn places<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+    pub(super) fn point_positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
         self.tree.leaves().positions::<S, TIMED>(s, self.at, target, block)
     }
 }

@@ -1,15 +1,15 @@
 //! Bringing points into the order of a complete tree.
 //!
 //! The tree needs no pointers because all its subtrees are full except the last on each level. So
-//! ordering is all there is to building: cut the range across its widest axis, the left part as large
-//! as whole subtrees allow, and go on in both parts. A selection finds the cut, nothing is sorted. `divide` does that for
+//! ordering is all there is to building: divide the range across its widest axis, the left half as large
+//! as whole subtrees allow, and continue in both halves. A selection finds the border, nothing is sorted. `divide` does that for
 //! thousands of points, `bottom` for the last few hundred.
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
-use super::bottom::Bottom;
+use super::bottom_order::Bottom;
 use super::complete_tree::{left_part, subtree, subtrees_of};
 use super::divide::divide;
-use super::rows::PointRows;
+use super::point_rows::PointRows;
 use crate::progress::Progress;
 pub(super) use crate::simd::Item;
 use crate::simd::{LANES, SimdLevel, dispatch};
@@ -53,7 +53,7 @@ fn finish(items: &mut [Item], from: &mut PointRows, leaf: usize) {
 /// Writes the points of `from` to `to`, which is as long, so that bottom node i holds the i-th run of sixteen leaves. What is in
 /// `from` then is of no use.
 pub(super) fn order_rows(from: PointRows, to: &mut PointRows, leaf: usize, progress: &Progress) {
-    let progress = progress.part(1.0 / from.len() as f64);
+    let progress = progress.subtask(1.0 / from.len() as f64);
     let block = subtree(from.len(), leaf);
     order_blocks((from, to.borrow()), block, leaf, true, &progress);
 }

@@ -7,15 +7,15 @@ use glam::{DVec3, Vec3};
 
 /// The trajectory of a point between two keys, for searches over a range of times.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Flight {
+pub(super) struct PointPath {
     pub(super) id: u32,
     pub(super) open: [f64; 3],
     pub(super) close: [f64; 3],
     /// The whole interval of the point, not its intersection with a time slice.
-    pub(super) life: TimeInterval,
+    pub(super) active: TimeInterval,
 }
 
-impl Flight {
+impl PointPath {
     /// Positions at both keys, of a point that is kept in f32.
     pub(super) fn ends(&self) -> [[f32; 3]; 2] {
         [self.open, self.close].map(|p| p.map(|x| x as f32))
@@ -31,7 +31,7 @@ impl Flight {
 /// Trajectories of sixteen points between two keys, in f32, in rows; absent lanes have the id `u32::MAX`.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(super) struct FlightRows {
+pub(super) struct PathRows {
     pub(super) open: [Lanes<f32>; 3],
     pub(super) close: [Lanes<f32>; 3],
     /// Whole intervals, with the end bound.
@@ -40,54 +40,54 @@ pub(super) struct FlightRows {
     pub(super) id: Lanes<u32>,
 }
 
-impl FlightRows {
+impl PathRows {
     /// Points that exist throughout the shutter.
     #[inline(always)]
-    pub(super) fn everlasting(open: &[Lanes<f32>; 3], close: &[Lanes<f32>; 3], id: &Lanes<u32>) -> FlightRows {
-        let life = TimeInterval::FULL;
-        let (begin, end) = ([life.begin(); LANES], [life.end_bound(); LANES]);
-        FlightRows { open: *open, close: *close, begin, end, id: *id }
+    pub(super) fn always_active(open: &[Lanes<f32>; 3], close: &[Lanes<f32>; 3], id: &Lanes<u32>) -> PathRows {
+        let active = TimeInterval::FULL;
+        let (begin, end) = ([active.begin(); LANES], [active.end_bound(); LANES]);
+        PathRows { open: *open, close: *close, begin, end, id: *id }
     }
 
     /// One of the points.
     #[inline(always)]
-    pub(super) fn flight(&self, lane: usize) -> Option<Flight> {
-        let life = TimeInterval::half_open(self.begin[lane], self.end[lane])?;
+    pub(super) fn point_path(&self, lane: usize) -> Option<PointPath> {
+        let active = TimeInterval::half_open(self.begin[lane], self.end[lane])?;
         let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| f64::from(row[lane])));
-        (self.id[lane] != u32::MAX).then_some(Flight { id: self.id[lane], open, close, life })
+        (self.id[lane] != u32::MAX).then_some(PointPath { id: self.id[lane], open, close, active })
     }
 }
 
 /// A tree whose points are kept in f32, sixteen in a block.
-pub(super) trait InRows: Boxed {
+pub(super) trait BlockTree: BoxTree {
     /// The points of a block.
-    fn rows(&self, block: usize) -> FlightRows;
+    fn rows(&self, block: usize) -> PathRows;
     /// Whether some points do not exist throughout the shutter.
-    fn mortal(&self) -> bool;
+    fn has_active_intervals(&self) -> bool;
 }
 
 /// A tree whose boxes can be evaluated over a range of times. Times are f64 within the shutter.
-pub(super) trait Boxed {
+pub(super) trait BoxTree {
     /// Bounds of the rounding of faces, relative to their size: per segment between keys, because of rounded times, and
     /// independent of segments.
     const SLACK: [f64; 2] = [1e-6, 1e-12];
     /// Number of keys, the segment between two of them, and the times that the tree covers.
     fn slice(&self) -> (usize, usize, [f64; 2]);
     /// Level and number of the root.
-    fn top(&self) -> (usize, usize);
+    fn root_node(&self) -> (usize, usize);
     /// The node, or block on level 0, of lane 0, and the stride from lane to lane.
-    fn behind(&self, level: usize, node: usize) -> (usize, usize);
+    fn children(&self, level: usize, node: usize) -> (usize, usize);
     /// Begin and end of the active interval of each lane; absent lanes have an infinite begin.
     fn times(&self, node: usize) -> [Lanes<f64>; 2];
     /// Lower and upper faces, each lane at a phase of its own.
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2];
     /// Whether a lane of a block is active at a time.
-    fn counts(&self, block: usize, lane: usize, time: f32) -> bool;
+    fn is_active(&self, block: usize, lane: usize, time: f32) -> bool;
     /// A point of a block.
-    fn flight(&self, block: usize, lane: usize) -> Option<Flight>;
+    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath>;
     /// The position of a point at a time, as queries compute it.
-    fn position(&self, flight: &Flight, time: f32) -> DVec3 {
-        flight.position(KeyTime::new(time, self.slice().0)).as_dvec3()
+    fn position(&self, point: &PointPath, time: f32) -> DVec3 {
+        point.position(KeyTime::new(time, self.slice().0)).as_dvec3()
     }
     /// The phase of a time between the keys.
     fn phase(&self, time: f32) -> f64 {

@@ -12,7 +12,7 @@
 //! positions by the length of the query's interval, so that equal times and parallel paths are recognized without rounding.
 //! The distance is rounded to f32 once at the end: it is within half an ulp, and 2^-95 M, of the exact one.
 
-use super::over_interval::Flight;
+use super::over_interval::PointPath;
 use crate::geometry::Double;
 use glam::DVec3;
 
@@ -42,17 +42,17 @@ pub(super) struct Overlap {
 
 impl Overlap {
     /// The overlap of the query's interval, the point's interval, and a segment; `None` if they do not overlap.
-    pub(super) fn new(path: &QueryPath, flight: &Flight, segment: usize) -> Option<Overlap> {
+    pub(super) fn new(path: &QueryPath, point: &PointPath, segment: usize) -> Option<Overlap> {
         let (segment, segments) = (segment as f64, (path.keys.max(2) - 1) as f64);
         // Exact: times have 24 bits and there are at most 2^16 keys.
-        let begin = (path.times[0].max(flight.life.begin().into()) * segments).max(segment);
-        let end = (path.times[1].min(flight.life.end().into()) * segments).min(segment + 1.0);
+        let begin = (path.times[0].max(point.active.begin().into()) * segments).max(segment);
+        let end = (path.times[1].min(point.active.end().into()) * segments).min(segment + 1.0);
         (begin <= end).then_some(Overlap { begin, end, segment, segments })
     }
 
     /// The least distance as computed in f64, and a bound of its excess.
-    pub(super) fn estimate(&self, path: &QueryPath, flight: &Flight) -> (f64, f64) {
-        let [open, close] = [flight.open, flight.close].map(DVec3::from_array);
+    pub(super) fn estimate(&self, path: &QueryPath, point: &PointPath) -> (f64, f64) {
+        let [open, close] = [point.open, point.close].map(DVec3::from_array);
         let length = (path.times[1] - path.times[0]) * self.segments;
         let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
         let offset = |at: f64| {
@@ -60,15 +60,15 @@ impl Overlap {
             open + (close - open) * (at - self.segment) - query
         };
         let (first, last) = (offset(self.begin), offset(self.end));
-        let passing = last - first;
-        let square = passing.length_squared();
-        let w = if square > 0.0 { (-first.dot(passing) / square).clamp(0.0, 1.0) } else { 0.0 };
+        let displacement = last - first;
+        let square = displacement.length_squared();
+        let w = if square > 0.0 { (-first.dot(displacement) / square).clamp(0.0, 1.0) } else { 0.0 };
         let sizes = open.abs().max(close.abs()).max(path.from.abs()).max(path.to.abs());
-        ((first + passing * w).length(), sizes.max_element() * 1.5e-14)
+        ((first + displacement * w).length(), sizes.max_element() * 1.5e-14)
     }
 
     /// Time and distance of the closest approach.
-    pub(super) fn closest(&self, path: &QueryPath, flight: &Flight) -> (f32, f32) {
+    pub(super) fn closest(&self, path: &QueryPath, point: &PointPath) -> (f32, f32) {
         let number = |x: f64| Double::from(x);
         let start = number(path.times[0] * self.segments);
         let duration = number(path.times[1] * self.segments) - start;
@@ -76,22 +76,22 @@ impl Overlap {
         let length = if duration.to_f64() > 0.0 { duration } else { number(1.0) };
         let offset = |at: f64| -> Vector {
             core::array::from_fn(|axis| {
-                let (open, close) = (number(flight.open[axis]), number(flight.close[axis]));
+                let (open, close) = (number(point.open[axis]), number(point.close[axis]));
                 let (from, to) = (number(path.from[axis]), number(path.to[axis]));
                 let point = open + (close - open) * (number(at) - number(self.segment));
                 (point - from) * length - (to - from) * (number(at) - start)
             })
         };
         let (first, last) = (offset(self.begin), offset(self.end));
-        let passing: Vector = core::array::from_fn(|axis| first[axis] - last[axis]);
-        let (along, square) = (dot(&first, &passing), dot(&passing, &passing));
+        let displacement: Vector = core::array::from_fn(|axis| first[axis] - last[axis]);
+        let (along, square) = (dot(&first, &displacement), dot(&displacement, &displacement));
         let (at, nearest) = if along.to_f64() <= 0.0 || square.to_f64() <= 0.0 {
             (self.begin, first)
         } else if (square - along).to_f64() <= 0.0 {
             (self.end, last)
         } else {
             let w = along.over(square);
-            let foot = core::array::from_fn(|axis| first[axis] - passing[axis] * w);
+            let foot = core::array::from_fn(|axis| first[axis] - displacement[axis] * w);
             (self.begin + (self.end - self.begin) * w.to_f64(), foot)
         };
         let distance = dot(&nearest, &nearest).to_f64().sqrt() / length.to_f64();

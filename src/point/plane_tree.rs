@@ -23,7 +23,7 @@ use super::moving_reference::{MovingReference, TimeSlice};
 use super::moving_tree::MovingTree;
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::Item;
-use super::over_interval::Flight;
+use super::over_interval::PointPath;
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
@@ -51,7 +51,7 @@ impl PlaneTree {
     pub(super) fn build(references: &[MovingReference], slice: TimeSlice, most: f32, progress: &Progress) -> PlaneTree {
         let reference = |(id, m): (usize, &MovingReference)| PointReference {
             id: id as u32,
-            interval: m.alive,
+            interval: m.interval,
             bounds: Trajectory { open: m.open, close: m.close },
             in_sah: true,
         };
@@ -60,12 +60,12 @@ impl PlaneTree {
         let points = Trajectories { segments, segment: slice.segment, middle: slice.middle() };
         let tree = build_kd_over_points(points, all, references.len() as f64 * f64::from(most), progress);
         let (mut nodes, stored) = (tree.nodes, tree.references);
-        let mortal = references.iter().any(|m| m.life != crate::TimeInterval::FULL);
+        let has_active_intervals = references.iter().any(|m| m.active != crate::TimeInterval::FULL);
         let blocks = |node: &KdNode| match node.view() {
             KdView::Leaf { count, .. } => (count as usize).div_ceil(LANES),
             KdView::Inner { .. } => 0,
         };
-        let mut leaves = MovingLeaves::empty(nodes.iter().map(blocks).sum(), true, mortal);
+        let mut leaves = MovingLeaves::empty(nodes.iter().map(blocks).sum(), true, has_active_intervals);
         let (mut rows, mut next) = (leaves.rows(), 0);
         let mut slack = vec![0.0; nodes.len()];
         for (node, slack) in nodes.iter_mut().zip(&mut slack) {
@@ -77,7 +77,7 @@ impl PlaneTree {
                 for (lane, r) in lanes.iter().enumerate() {
                     let reference = &references[r.id as usize];
                     leaf.set(lane, reference);
-                    leaf.set_times(lane, [r.begin, r.end], reference.life);
+                    leaf.set_times(lane, [r.begin, r.end], reference.active);
                 }
                 rows.set(next, &leaf);
                 next += 1;
@@ -141,13 +141,13 @@ impl PlaneTree {
     }
 
     /// Whether a lane of a block is active at a time.
-    pub(super) fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
-        self.leaves.counts(block, lane, time)
+    pub(super) fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.leaves.is_active(block, lane, time)
     }
 
     /// A point of a block.
-    pub(super) fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
-        self.leaves.flight(block, lane)
+    pub(super) fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
+        self.leaves.point_path(block, lane)
     }
 
     /// The ids of all references, in the order of the tree.
@@ -156,24 +156,24 @@ impl PlaneTree {
     }
 
     /// A static tree over the points that are active at a time of the slice, at their positions then.
-    pub(super) fn still_at(&self, time: f32) -> StaticTree {
-        let (ids, places): (Vec<u32>, Vec<Vec3>) =
-            self.leaves.counting(KeyTime::new(time, self.slice.keys), time).unzip();
-        let item = |(index, place): (usize, &Vec3)| Item { at: place.to_array(), index: index as u32 };
-        let rows = StaticTree::rows(places.len(), places.iter().enumerate().map(item));
-        StaticTree::build(places.len(), rows, |index| ids[index as usize], &Progress::new(None))
+    pub(super) fn static_tree_at(&self, time: f32) -> StaticTree {
+        let (ids, positions): (Vec<u32>, Vec<Vec3>) =
+            self.leaves.active_points(KeyTime::new(time, self.slice.keys), time).unzip();
+        let item = |(index, position): (usize, &Vec3)| Item { at: position.to_array(), index: index as u32 };
+        let rows = StaticTree::rows(positions.len(), positions.iter().enumerate().map(item));
+        StaticTree::build(positions.len(), rows, |index| ids[index as usize], &Progress::new(None))
     }
 
     /// A tree of moving boxes over the same points.
-    pub(super) fn boxed(&self) -> MovingTree {
+    pub(super) fn box_tree(&self) -> MovingTree {
         let lanes = (0..self.leaves.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
         let references = lanes.filter_map(|(block, lane)| {
-            let flight = self.leaves.flight(block, lane)?;
-            let (Flight { id, life, .. }, [open, close]) = (flight, flight.ends());
-            let alive = life.intersect(self.slice.interval)?;
+            let point = self.leaves.point_path(block, lane)?;
+            let (PointPath { id, active, .. }, [open, close]) = (point, point.ends());
+            let interval = active.intersect(self.slice.interval)?;
             // A point has a reference in each leaf that it passes through; the first one begins when the point does.
-            let first = self.leaves.times(block, lane)[0] == alive.begin();
-            first.then_some(MovingReference { open, close, alive, life, id, fast: false })
+            let first = self.leaves.times(block, lane)[0] == interval.begin();
+            first.then_some(MovingReference { open, close, interval, active, id, fast: false })
         });
         MovingTree::build(&references.collect::<Vec<_>>(), self.slice, &Progress::new(None))
     }
@@ -250,27 +250,27 @@ mod tests {
     /// there: the maximum, as a fraction of the slack.
     fn worst(keys: usize, offset: f32, size: f32, speed: f32) -> f64 {
         let mut random = Random(11);
-        let mut place = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random.signed() * by);
+        let mut random_vec = |by: f32| core::array::from_fn::<f32, 3, _>(|_| random.signed() * by);
         let references: Vec<MovingReference> = (0..800)
             .map(|id| {
-                let open = place(size).map(|x| x + offset);
-                let way = place(speed * size);
-                let close = core::array::from_fn(|i| open[i] + way[i]);
-                let alive = TimeInterval::FULL;
-                MovingReference { open, close, alive, life: alive, id, fast: false }
+                let open = random_vec(size).map(|x| x + offset);
+                let motion = random_vec(speed * size);
+                let close = core::array::from_fn(|i| open[i] + motion[i]);
+                let interval = TimeInterval::FULL;
+                MovingReference { open, close, interval, active: interval, id, fast: false }
             })
             .collect();
         let slice = time_slices(keys, 1)[(keys - 1) / 2];
         let inside: Vec<MovingReference> =
-            references.iter().map(|m| MovingReference { alive: slice.interval, ..*m }).collect();
+            references.iter().map(|m| MovingReference { interval: slice.interval, ..*m }).collect();
         let tree = PlaneTree::build(&inside, slice, 16.0, &Progress::new(None));
         let mut worst: f64 = 0.0;
         leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {
             for lane in 0..LANES {
-                let Some(flight) = tree.flight(block, lane) else { continue };
+                let Some(point) = tree.point_path(block, lane) else { continue };
                 let [begin, end] = tree.leaves.times(block, lane);
                 for time in [begin, end.next_down().min(1.0)] {
-                    let at = flight.position(KeyTime::new(time, keys));
+                    let at = point.position(KeyTime::new(time, keys));
                     for &(plane, side, slack) in planes {
                         let outside = -side * (f64::from(at[plane.axis]) - plane.at(time));
                         worst = worst.max(outside / slack);

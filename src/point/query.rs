@@ -1,6 +1,6 @@
 //! The interface of neighbour queries: point, time, radius and filter, and then one of several runs.
 
-use super::compiled::{self, Either, Query};
+use super::compiled::{self, MaybeFiltered, Query};
 use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
@@ -116,12 +116,12 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
 
     /// Runs the query by one of the functions that are compiled in this crate.
     #[inline(always)]
-    fn run<R>(&self, run: impl FnOnce(Either<'_, 'a>) -> R) -> R {
+    fn run<R>(&self, run: impl FnOnce(MaybeFiltered<'_, 'a>) -> R) -> R {
         if K::FILTERS {
             let kept = |ids: &Lanes<u32>, mask: Mask| self.query.keep.kept(ids, mask);
-            run(Either::Some(&self.query.keeping(KeepLanes(&kept))))
+            run(MaybeFiltered::Filtered(&self.query.keeping(KeepLanes(&kept))))
         } else {
-            run(Either::All(&self.query.keeping(KeepAll)))
+            run(MaybeFiltered::Unfiltered(&self.query.keeping(KeepAll)))
         }
     }
 

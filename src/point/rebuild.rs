@@ -1,7 +1,7 @@
 //! From step to step of a simulation: a tree that begins with the order of the last one, and points in its order.
 
 use super::error::PointError;
-use super::partition::Layer;
+use super::layers::Layer;
 use super::source::Source;
 use super::statistics::PointLayerKind;
 use super::tree::{PointParams, PointTree};
@@ -24,7 +24,7 @@ impl PointTree {
     ///
     /// Points stay in the part of the tree where they were, and are put in order only among the few hundred around
     /// them. That is checked: where larger boxes of leaves have cost as much since all points were last put in order as
-    /// doing so again costs, the tree is built afresh. So it is if the set has another size, moves during the shutter, lives for a
+    /// doing so again costs, the tree is built afresh. So it is if the set has another size, moves during the shutter, exists for a
     /// part of it, is kept in f64 or has ids of its own.
     /// Returns whether the order was kept. After an error the tree is as it was.
     ///
@@ -38,7 +38,7 @@ impl PointTree {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
-        let fits = points.len() == self.len() && points.keys() == 1 && matches!(self.layers[..], [Layer::Still(_)]);
+        let fits = points.len() == self.len() && points.keys() == 1 && matches!(self.layers[..], [Layer::Static(_)]);
         if !fits {
             *self = PointTree::build(points, params)?;
             return Ok(false);
@@ -49,24 +49,24 @@ impl PointTree {
             *self = PointTree::build(points, params)?;
             return Ok(false);
         }
-        let Some(Layer::Still(tree)) = self.layers.pop() else { unreachable!("the layer was looked at") };
+        let Some(Layer::Static(tree)) = self.layers.pop() else { unreachable!("the layer was looked at") };
         let mut tree = tree.moved(source.first_positions());
         let kept = tree.excess() <= MOST_EXCESS;
         if !kept {
-            tree = source.still_tree(source.len, 0..source.len, &Progress::new(None));
+            tree = source.static_tree(source.len, 0..source.len, &Progress::new(None));
         }
         let (len, origin) = (source.len, source.origin);
         self.renew(origin, params.simd);
         self.distinct = true;
         let why = if kept { "nothing moves; the order of the last step" } else { "nothing moves" };
-        self.add(Layer::Still(tree), PointLayerKind::Static, len, why.into());
+        self.add(Layer::Static(tree), PointLayerKind::Static, len, why.into());
         Ok(kept)
     }
 
     /// Whether the ids are 0, 1, 2, … `len`, in any order.
     fn has_ids_of(&mut self, len: usize) -> bool {
         let mut seen = vec![0u64; len.div_ceil(64)];
-        let Some(Layer::Still(tree)) = self.layers.first_mut() else { return false };
+        let Some(Layer::Static(tree)) = self.layers.first_mut() else { return false };
         tree.ids_in_order().all(|id| {
             let (word, bit) = (*id as usize / 64, 1 << (*id % 64));
             if *id as usize >= len || seen[word] & bit != 0 {
@@ -78,7 +78,7 @@ impl PointTree {
     }
 
     /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the
-    /// points by it: place `i` of what is returned holds the id that point `i` had so far.
+    /// points by it: element `i` of what is returned is the id that point `i` had so far.
     ///
     /// A simulation that brings its arrays into this order finds neighbours close in memory, and may
     /// [`rebuild`](PointTree::rebuild) this tree from them.
@@ -94,8 +94,8 @@ impl PointTree {
     /// ```
     pub fn take_order(&mut self) -> Vec<u32> {
         let mut order = Vec::with_capacity(self.len());
-        if let [Layer::Still(tree)] = &mut self.layers[..] {
-            // Each point has one place.
+        if let [Layer::Static(tree)] = &mut self.layers[..] {
+            // Each point is in the tree once.
             for id in tree.ids_in_order() {
                 order.push(core::mem::replace(id, order.len() as u32));
             }
@@ -110,7 +110,7 @@ impl PointTree {
         };
         for layer in &mut self.layers {
             match layer {
-                Layer::Still(tree) => tree.ids_in_order().for_each(&mut renumber),
+                Layer::Static(tree) => tree.ids_in_order().for_each(&mut renumber),
                 Layer::Moving(trees) => trees.iter_mut().flat_map(|tree| tree.ids_in_order()).for_each(&mut renumber),
                 Layer::Planes(trees) => trees.iter_mut().flat_map(|tree| tree.ids_in_order()).for_each(&mut renumber),
             }

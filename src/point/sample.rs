@@ -2,17 +2,17 @@
 //!
 //! A tree over a time slice is ordered by the positions of points in the middle of the slice. So a structure is
 //! tried on some thousand points that are close together at that time: their leaves are those of the whole set. There
-//! are a few such samples, in different places and time slices.
+//! are a few such samples, in different regions and time slices.
 //!
 //! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
 use super::build::{middle_segment, time_slices, time_slices_of};
-use super::fast::mark_fast;
+use super::fast_points::mark_fast;
 use super::moving_reference::{MovingReference, TimeSlice};
 use super::select::select;
 use super::source::Source;
-use super::spread::widest_axis;
+use super::widest_axis::widest_axis;
 use crate::simd::Item;
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
 
@@ -51,10 +51,10 @@ impl<'a> Sampler<'a> {
     pub(super) fn new(source: &'a Source, points: &'a [u32]) -> Sampler<'a> {
         let count = (points.len() / 16).clamp(1, DRAWN);
         let drawn: Vec<u32> = (0..count).map(|i| points[spread(i, points.len())]).collect();
-        let lives: f32 = drawn.iter().map(|&i| source.alive(i as usize).duration()).sum();
+        let durations: f32 = drawn.iter().map(|&i| source.active(i as usize).duration()).sum();
         let [least, most] = SAMPLE;
         // Only some of the short active intervals intersect a time slice.
-        let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (lives / drawn.len() as f32).max(0.125);
+        let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (durations / drawn.len() as f32).max(0.125);
         Sampler { source, points, drawn, wanted }
     }
 
@@ -99,11 +99,11 @@ impl<'a> Sampler<'a> {
     /// Shrinks a cell to one of those that result from dividing space into cells with the wanted number of points.
     fn narrow(&self, cells: &mut Cells, cell: usize) {
         let [segment, later] = self.segment();
-        let place = |&index: &u32| {
+        let item = |&index: &u32| {
             let [open, close] = [segment, later].map(|key| self.source.at(index as usize, key));
-            Item { at: core::array::from_fn(|axis| cells.places(axis, open, close)[cell]), index }
+            Item { at: core::array::from_fn(|axis| cells.coordinates(axis, open, close)[cell]), index }
         };
-        let mut items: Vec<Item> = self.drawn.iter().map(place).collect();
+        let mut items: Vec<Item> = self.drawn.iter().map(item).collect();
         let mut runs = (self.points.len() as f32 / self.wanted).round().max(1.0) as usize;
         let (mut items, mut wanted) = (&mut items[..], (2 * cell + 1) * runs / (2 * SAMPLES));
         while runs > 1 && items.len() > 1 {
@@ -136,7 +136,7 @@ impl Cells {
 
     /// The approximate coordinates of a point at the phases.
     #[inline(always)]
-    fn places(&self, axis: usize, open: [f32; 3], close: [f32; 3]) -> [f32; SAMPLES] {
+    fn coordinates(&self, axis: usize, open: [f32; 3], close: [f32; 3]) -> [f32; SAMPLES] {
         self.phases.map(|phase| open[axis] + (close[axis] - open[axis]) * phase)
     }
 
@@ -145,7 +145,7 @@ impl Cells {
     fn holding(&self, open: [f32; 3], close: [f32; 3]) -> [bool; SAMPLES] {
         let mut holding = [true; SAMPLES];
         for axis in 0..3 {
-            let at = self.places(axis, open, close);
+            let at = self.coordinates(axis, open, close);
             for (cell, holds) in holding.iter_mut().enumerate() {
                 *holds &= (self.lo[axis][cell] <= at[cell]) & (at[cell] <= self.hi[axis][cell]);
             }
@@ -165,10 +165,10 @@ mod tests {
     #[test]
     fn samples_are_compact_and_of_the_wanted_size() {
         let mut random = Random(11);
-        let lives = [TimeInterval::FULL, TimeInterval::new(0.25, 0.5).unwrap()];
-        for (n, life) in [(1, 0), (300, 0), (5000, 0), (200_000, 0), (50_000, 1)] {
+        let intervals = [TimeInterval::FULL, TimeInterval::new(0.25, 0.5).unwrap()];
+        for (n, active) in [(1, 0), (300, 0), (5000, 0), (200_000, 0), (50_000, 1)] {
             let points: Vec<MovingPoint> =
-                (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).alive(lives[life])).collect();
+                (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).alive(intervals[active])).collect();
             let source = Source::read(&points[..], false).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
             let sampler = Sampler::new(&source, &all);

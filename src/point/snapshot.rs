@@ -29,7 +29,7 @@ pub(super) struct Target<S: Simd> {
 impl<S: Simd> Target<S> {
     /// A target for static trees.
     #[inline(always)]
-    pub(super) fn still(s: S, q: Vec3) -> Target<S> {
+    pub(super) fn static_point(s: S, q: Vec3) -> Target<S> {
         let zero = s.splat(0.0);
         Target { point: [s.splat(q.x), s.splat(q.y), s.splat(q.z)], step: zero, phase: zero, time: zero }
     }
@@ -81,7 +81,7 @@ pub(super) trait View: Leaves {
 }
 
 /// A tree at a time, all of whose positions are f32 numbers relative to one origin: what neighbour lists need.
-pub(super) trait Placed: View {
+pub(super) trait CoordinateView: View {
     /// Lower and upper faces of the child boxes; the lower ones are above the upper if there is no child at this
     /// time.
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]);

@@ -3,7 +3,7 @@
 use super::error::PointError;
 use super::moving_reference::{MovingReference, TimeSlice};
 use super::order::Item;
-use super::rows::PointRows;
+use super::point_rows::PointRows;
 use super::static_tree::StaticTree;
 use crate::geometry::TimeInterval;
 use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
@@ -14,7 +14,7 @@ use crate::simd::{PointBlock, huge_vec};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 
-/// A set as it was read: each position, life and id once, so that a set which contradicts itself can not make the build
+/// A set as it was read: each position, active interval and id once, so that a set which contradicts itself can not make the build
 /// contradict itself.
 pub(super) struct Source {
     /// Number of points.
@@ -27,8 +27,8 @@ pub(super) struct Source {
     positions: Vec<[f32; 3]>,
     /// The same in f64, as they were given; empty where f32 is enough.
     exact: Vec<DVec3>,
-    /// Lives; empty where all points live throughout.
-    alive: Vec<TimeInterval>,
+    /// Active intervals; empty if all points exist throughout the shutter.
+    active: Vec<TimeInterval>,
     /// Ids; empty where they are the indices.
     ids: Vec<u32>,
 }
@@ -44,18 +44,18 @@ impl Source {
             exact = Vec::new();
         }
         let keys = if exact.is_empty() { merge_keys(&mut positions, len, keys) } else { keys };
-        let mut alive = Vec::new();
+        let mut active = Vec::new();
         let mut ids = Vec::new();
         for point in 0..if is_plain(points, len) { 0 } else { len } {
-            let (life, id) = (points.alive(point), points.id(point));
+            let (own, id) = (points.alive(point), points.id(point));
             if id == u32::MAX {
                 return Err(PointError::ReservedId { point });
             }
-            if alive.is_empty() && life != TimeInterval::FULL {
-                alive = vec![TimeInterval::FULL; len];
+            if active.is_empty() && own != TimeInterval::FULL {
+                active = vec![TimeInterval::FULL; len];
             }
-            if let Some(to) = alive.get_mut(point) {
-                *to = life;
+            if let Some(to) = active.get_mut(point) {
+                *to = own;
             }
             if ids.is_empty() && id != point as u32 {
                 ids = (0..len as u32).collect();
@@ -64,7 +64,7 @@ impl Source {
                 *to = id;
             }
         }
-        Ok(Source { len, keys, origin, positions, exact, alive, ids })
+        Ok(Source { len, keys, origin, positions, exact, active, ids })
     }
 
     /// Position of a point at a key as the trees hold it.
@@ -78,9 +78,9 @@ impl Source {
         &self.positions[..self.len]
     }
 
-    /// Whether all live throughout, and ids are indices.
+    /// Whether all points exist throughout the shutter, and ids are indices.
     pub(super) fn is_plain(&self) -> bool {
-        self.alive.is_empty() && self.ids.is_empty()
+        self.active.is_empty() && self.ids.is_empty()
     }
 
     /// Whether the ids are the indices.
@@ -99,9 +99,9 @@ impl Source {
         !self.exact.is_empty()
     }
 
-    /// When a point is alive.
-    pub(super) fn alive(&self, point: usize) -> TimeInterval {
-        self.alive.get(point).copied().unwrap_or(TimeInterval::FULL)
+    /// The active interval of a point.
+    pub(super) fn active(&self, point: usize) -> TimeInterval {
+        self.active.get(point).copied().unwrap_or(TimeInterval::FULL)
     }
 
     /// The id that answers carry for a point.
@@ -110,14 +110,14 @@ impl Source {
         self.ids.get(point).copied().unwrap_or(point as u32)
     }
 
-    /// Whether it is known without looking at any point that none moves or lives for a part of the shutter only.
-    pub(super) fn is_still(&self) -> bool {
-        self.keys <= 1 && self.alive.is_empty()
+    /// Whether it is known without looking at any point that none moves or has an active interval.
+    pub(super) fn all_static(&self) -> bool {
+        self.keys <= 1 && self.active.is_empty()
     }
 
-    /// Whether a point neither moves nor lives for a part of the shutter only.
-    pub(super) fn stands_still(&self, point: usize) -> bool {
-        if self.alive(point) != TimeInterval::FULL {
+    /// Whether a point neither moves nor has an active interval.
+    pub(super) fn is_static(&self, point: usize) -> bool {
+        if self.active(point) != TimeInterval::FULL {
             return false;
         }
         if self.is_precise() {
@@ -129,7 +129,7 @@ impl Source {
     }
 
     /// A static tree of `count` of the points.
-    pub(super) fn still_tree(
+    pub(super) fn static_tree(
         &self,
         count: usize,
         select: impl Iterator<Item = usize>,
@@ -150,16 +150,16 @@ impl Source {
         // Room for all: what is not used is never touched.
         let mut references = huge_vec(select.size_hint().1.unwrap_or(0));
         references.extend(select.filter_map(|i| {
-            let life = self.alive(i);
-            let alive = life.intersect(slice.interval)?;
+            let active = self.active(i);
+            let interval = active.intersect(slice.interval)?;
             let (open, close) = (self.at(i, slice.segment), self.at(i, later));
-            Some(MovingReference { open, close, alive, life, id: id(i), fast: false })
+            Some(MovingReference { open, close, interval, active, id: id(i), fast: false })
         }));
         references
     }
 }
 
-/// The number of points of a set of f32 positions with one key, without lives and ids of its own, and the points in rows for
+/// The number of points of a set of f32 positions with one key, without active intervals and ids of its own, and the points in rows for
 /// [`StaticTree::build`]; `None` for other sets.
 pub(super) fn read_static<P: PointSet + ?Sized>(points: &P) -> Result<Option<(usize, Vec<PointBlock>)>, PointError> {
     let (len, keys) = sizes(points)?;
@@ -271,12 +271,12 @@ fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result
         return narrow_of(&wide, len);
     }
     let origin = lo * 0.5 + hi * 0.5;
-    let place = |(i, at): (usize, &DVec3)| Ok(checked(*at - origin, i % len, i / len)?.as_vec3().to_array());
-    let positions = wide.iter().enumerate().map(place).collect::<Result<_, PointError>>()?;
+    let position = |(i, at): (usize, &DVec3)| Ok(checked(*at - origin, i % len, i / len)?.as_vec3().to_array());
+    let positions = wide.iter().enumerate().map(position).collect::<Result<_, PointError>>()?;
     Ok((origin, positions, wide))
 }
 
-/// Drops keys on the straight lines between others; returns how many are kept. What stands still is told apart point by point.
+/// Drops keys on the straight lines between others; returns how many are kept. (Static points are found later, one by one.)
 fn merge_keys(positions: &mut Vec<[f32; 3]>, len: usize, keys: usize) -> usize {
     if keys <= 2 || len == 0 {
         return keys;
@@ -296,8 +296,8 @@ fn merge_keys(positions: &mut Vec<[f32; 3]>, len: usize, keys: usize) -> usize {
 
 /// f64 positions that are f32 numbers.
 fn narrow_of(wide: &[DVec3], len: usize) -> Result<Read, PointError> {
-    let place = |(i, at): (usize, &DVec3)| Ok(checked(*at, i % len, i / len)?.as_vec3().to_array());
-    let positions = wide.iter().enumerate().map(place).collect::<Result<_, PointError>>()?;
+    let position = |(i, at): (usize, &DVec3)| Ok(checked(*at, i % len, i / len)?.as_vec3().to_array());
+    let positions = wide.iter().enumerate().map(position).collect::<Result<_, PointError>>()?;
     Ok((DVec3::ZERO, positions, Vec::new()))
 }
 

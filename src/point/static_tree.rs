@@ -1,23 +1,23 @@
-//! The complete tree over points that stand still.
+//! The complete tree over static points.
 //!
 //! The picture to have in mind: leaves of 16 or 32 points in a row, nodes of sixteen boxes above
 //! them, and nothing else, no pointers and no time. Children of the j-th node of a level are the
 //! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
 //! fills the levels better.
 
-use super::bottom::{MOST, Rows};
-use super::fill::{Bottoms, Points, fill};
+use super::bottom_order::{MOST, Rows};
+use super::fill_leaves::{BottomNodes, Points, fill};
 use super::order::{Item, ORDERING, order_rows};
-use super::over_interval::{Boxed, Flight, FlightRows, InRows};
-use super::rows::PointRows;
-use super::snapshot::{Boxes, Leaves, Placed, Target, View, diagonal, outside, rows, squared};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::point_rows::PointRows;
+use super::snapshot::{Boxes, CoordinateView, Leaves, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 
-/// Points that stand still, in a complete 16-ary tree.
+/// Static points, in a complete 16-ary tree.
 #[derive(Clone)]
 pub(super) struct StaticTree {
     /// The boxes of all nodes, level by level from the bottom.
@@ -116,7 +116,7 @@ impl StaticTree {
         let shape = Shape::flattest(count);
         let mut more = PointRows::memory(count);
         let mut rows = PointRows::in_blocks(&mut more, count);
-        order_rows(PointRows::in_blocks(&mut blocks, count), &mut rows, shape.leaf(), &progress.part(ORDERING));
+        order_rows(PointRows::in_blocks(&mut blocks, count), &mut rows, shape.leaf(), &progress.subtask(ORDERING));
         let tree = StaticTree::around(count, blocks, shape, &Sorted { rows: &rows, id_of });
         progress.finished(1.0 - ORDERING);
         tree
@@ -127,7 +127,7 @@ impl StaticTree {
         let nodes = huge_vec_of(Boxes::NONE, shape.nodes());
         let mut tree = StaticTree { nodes, blocks, shape, ordered: None };
         let (nodes, blocks) = (&mut tree.nodes[..shape.begin[1]], &mut tree.blocks[..]);
-        fill(Bottoms { first: 0, count, nodes, blocks, leaf_blocks: shape.leaf_blocks }, points);
+        fill(BottomNodes { first: 0, count, nodes, blocks, leaf_blocks: shape.leaf_blocks }, points);
         for level in 1..shape.levels {
             for node in shape.begin[level]..shape.begin[level + 1] {
                 let first = View::first_child(&&tree, level, node);
@@ -143,7 +143,7 @@ impl StaticTree {
     }
 
     /// The tree over the same points elsewhere, in almost the same order: only the points of a bottom node are put in
-    /// order again. `at` has the place of each id.
+    /// order again. `at` has the position of each id.
     pub(super) fn moved(self, at: &[[f32; 3]]) -> StaticTree {
         let mut ordered = self.ordered.unwrap_or_else(|| Ordered { spread: self.spread(), excess: 0.0 });
         let mut tree = StaticTree::around(at.len(), self.blocks, self.shape, &Moved { at });
@@ -164,7 +164,7 @@ impl StaticTree {
     /// The sides of all leaves' boxes.
     fn spread(&self) -> f64 {
         let of_node = |node: usize| {
-            let [lo, hi] = Boxed::faces(self, node, &[0.0; LANES]);
+            let [lo, hi] = BoxTree::faces(self, node, &[0.0; LANES]);
             let mut sides = 0.0;
             for lane in (0..LANES).filter(|&lane| lo[0][lane] <= hi[0][lane] && hi[0][lane] < f64::INFINITY) {
                 sides += (0..3).map(|axis| hi[axis][lane] - lo[axis][lane]).sum::<f64>();
@@ -218,7 +218,7 @@ impl<F: Fn(u32) -> u32 + Sync> Points for Sorted<'_, F> {
 
 /// The points that are in the blocks already, elsewhere.
 struct Moved<'a> {
-    /// The place of each id.
+    /// The position of each id.
     at: &'a [[f32; 3]],
 }
 
@@ -252,7 +252,7 @@ impl Leaves for &StaticTree {
     }
     #[inline(always)]
     fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        Target::still(s, q)
+        Target::static_point(s, q)
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
@@ -306,7 +306,7 @@ impl View for &StaticTree {
     }
 }
 
-impl Placed for &StaticTree {
+impl CoordinateView for &StaticTree {
     #[inline(always)]
     fn faces<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
         let Boxes { lo, hi } = &self.nodes[node];
@@ -318,14 +318,14 @@ impl Placed for &StaticTree {
     }
 }
 
-impl Boxed for StaticTree {
+impl BoxTree for StaticTree {
     fn slice(&self) -> (usize, usize, [f64; 2]) {
         (1, 0, [0.0, 1.0])
     }
-    fn top(&self) -> (usize, usize) {
+    fn root_node(&self) -> (usize, usize) {
         View::root(&self)
     }
-    fn behind(&self, level: usize, node: usize) -> (usize, usize) {
+    fn children(&self, level: usize, node: usize) -> (usize, usize) {
         if level == 0 { (self.first_block(node), self.shape.leaf_blocks) } else { (self.first_child(level, node), 1) }
     }
     #[inline(always)]
@@ -337,24 +337,24 @@ impl Boxed for StaticTree {
         let Boxes { lo, hi } = &self.nodes[node];
         [lo, hi].map(|face| face.map(|row| row.map(f64::from)))
     }
-    fn counts(&self, _block: usize, _lane: usize, _time: f32) -> bool {
+    fn is_active(&self, _block: usize, _lane: usize, _time: f32) -> bool {
         true
     }
-    fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
+    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
         let block = &self.blocks[block];
         let at = block.at.map(|row| f64::from(row[lane]));
         let id = block.id[lane];
-        (id != u32::MAX).then_some(Flight { id, open: at, close: at, life: TimeInterval::FULL })
+        (id != u32::MAX).then_some(PointPath { id, open: at, close: at, active: TimeInterval::FULL })
     }
 }
 
-impl InRows for StaticTree {
+impl BlockTree for StaticTree {
     #[inline(always)]
-    fn rows(&self, block: usize) -> FlightRows {
+    fn rows(&self, block: usize) -> PathRows {
         let block = &self.blocks[block];
-        FlightRows::everlasting(&block.at, &block.at, &block.id)
+        PathRows::always_active(&block.at, &block.at, &block.id)
     }
-    fn mortal(&self) -> bool {
+    fn has_active_intervals(&self) -> bool {
         false
     }
 }

@@ -8,10 +8,10 @@ use core::fmt;
 pub enum PointLayerKind {
     /// The complete static tree.
     Static,
-    /// Moving trees with linear boxes, `parts` of them for each segment between keys.
+    /// Moving trees with linear boxes, one for each time slice.
     Linear {
-        /// Number of trees per segment, one for each part of it.
-        parts: usize,
+        /// Number of time slices of each segment between keys.
+        time_slices: usize,
     },
     /// The paper's k-d tree, one for each segment between keys: points that cross a plane are on both sides of it.
     Mbkd,

@@ -3,8 +3,8 @@
 use super::automatic::{moving_layers, plan_for_all};
 use super::build::{Plan, moving_layer, time_slices};
 use super::error::PointError;
+use super::layers::{Layer, LayerView};
 use super::moving_reference::TimeSlice;
-use super::partition::{Layer, LayerView};
 use super::plane_tree::PlaneTree;
 use super::precise::{PreciseLayer, PreciseTree};
 use super::source::{Source, read_static};
@@ -15,7 +15,7 @@ use crate::limits::MAX_SLABS;
 use crate::primitive::PointSet;
 use crate::progress::{Callback, Progress};
 use crate::simd::{PointBlock, SimdLevel};
-use crate::tuning::points::APART;
+use crate::tuning::points::MIN_STATIC_SHARE;
 use glam::DVec3;
 
 /// The structure of the tree for moving points. Answers do not depend on it.
@@ -166,7 +166,7 @@ impl PointTree {
         params.validate()?;
         let read = || {
             progress.finished(READING);
-            if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(progress.part(1.0 - READING)) }
+            if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(progress.subtask(1.0 - READING)) }
         };
         // A cancelled build ends early, with an incomplete tree.
         let tree = if let Some((len, rows)) = read_static(points)? {
@@ -187,7 +187,7 @@ impl PointTree {
     /// Builds the tree of a static set that was read into rows.
     fn of_static(len: usize, rows: Vec<PointBlock>, params: &PointParams, progress: &Progress) -> PointTree {
         let mut tree = PointTree::without_layers(len, DVec3::ZERO, params.simd, true);
-        let layer = Layer::Still(StaticTree::build(len, rows, |index| index, progress));
+        let layer = Layer::Static(StaticTree::build(len, rows, |index| index, progress));
         tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
         tree
     }
@@ -200,28 +200,28 @@ impl PointTree {
             tree.add_precise(source, params, progress)?;
             return Ok(tree);
         }
-        let share = |points: usize| progress.part(points as f64 / len as f64);
-        let still: Vec<bool> = match source.is_still() {
+        let share = |points: usize| progress.subtask(points as f64 / len as f64);
+        let is_static: Vec<bool> = match source.all_static() {
             true => Vec::new(),
-            false => (0..len).map(|i| source.stands_still(i)).collect(),
+            false => (0..len).map(|i| source.is_static(i)).collect(),
         };
-        let count = if source.is_still() { len } else { still.iter().filter(|&&s| s).count() };
+        let count = if source.all_static() { len } else { is_static.iter().filter(|&&s| s).count() };
         if count == len {
-            let layer = Layer::Still(source.still_tree(len, 0..len, progress));
+            let layer = Layer::Static(source.static_tree(len, 0..len, progress));
             tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
             return Ok(tree);
         }
-        let separate = count as f64 >= APART * len as f64 && params.structure == PointStructure::Automatic;
+        let separate = count as f64 >= MIN_STATIC_SHARE * len as f64 && params.structure == PointStructure::Automatic;
         if separate {
             let why = format!("{count} of {len} points are static");
-            let layer = Layer::Still(source.still_tree(count, (0..len).filter(|&i| still[i]), &share(count)));
+            let layer = Layer::Static(source.static_tree(count, (0..len).filter(|&i| is_static[i]), &share(count)));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         if let Some(plan) = forced(params) {
             tree.add(moving_layer(source, 0..len, plan, progress), kind(plan), len, "as requested".into());
             return Ok(tree);
         }
-        let moving: Vec<u32> = (0..len as u32).filter(|&i| !(separate && still[i as usize])).collect();
+        let moving: Vec<u32> = (0..len as u32).filter(|&i| !(separate && is_static[i as usize])).collect();
         for chosen in moving_layers(source, &moving, params.max_references, params.simd, &share(moving.len())) {
             tree.add(chosen.layer, kind(chosen.plan), chosen.points, chosen.why);
         }
@@ -239,8 +239,8 @@ impl PointTree {
     /// Adds layers of points in f64: static ones, and moving ones.
     fn add_precise(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
         let (len, keys) = (source.len, source.keys);
-        let still: Vec<bool> = (0..len).map(|i| source.stands_still(i)).collect();
-        let count = still.iter().filter(|&&s| s).count();
+        let is_static: Vec<bool> = (0..len).map(|i| source.is_static(i)).collect();
+        let count = is_static.iter().filter(|&&s| s).count();
         let (plan, why) = match forced(params) {
             Some(Plan::Planes(_)) => {
                 let expected = "one without planes where positions are kept in f64 (or set `round_to_f32`)";
@@ -249,23 +249,23 @@ impl PointTree {
             Some(plan) => (plan, "as requested; positions in f64".to_string()),
             None if count == len => (SIMPLE, String::new()),
             None => {
-                let points: Vec<u32> = (0..len as u32).filter(|&i| !still[i as usize]).collect();
+                let points: Vec<u32> = (0..len as u32).filter(|&i| !is_static[i as usize]).collect();
                 let (plan, why) = plan_for_all(source, &points, params.max_references, params.simd, progress);
                 (plan, format!("{why}; trials used positions rounded to f32"))
             }
         };
-        let separate = count == len || count as f64 >= APART * len as f64 && forced(params).is_none();
+        let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && forced(params).is_none();
         if separate {
             let whole = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
-            let progress = progress.part(count as f64 / len as f64);
-            let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| still[i]), false, &progress);
+            let progress = progress.subtask(count as f64 / len as f64);
+            let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| is_static[i]), false, &progress);
             let why = format!("{count} of {len} points are static; positions in f64");
             self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
         }
         if count < len {
-            let moving = (0..len).filter(|&i| !(separate && still[i]));
+            let moving = (0..len).filter(|&i| !(separate && is_static[i]));
             let (count, slices) = (moving.clone().count(), time_slices(keys, plan.time_slices()));
-            let progress = progress.part(count as f64 / (len * slices.len()) as f64);
+            let progress = progress.subtask(count as f64 / (len * slices.len()) as f64);
             let tree = |slice: TimeSlice| {
                 let count = if progress.cancelled() { 0 } else { len };
                 PreciseTree::build(source, slice, moving.clone().take(count), true, &progress)
@@ -294,7 +294,7 @@ impl PointTree {
     pub(super) fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {
         let bytes = layer.bytes();
         let (references, nodes, levels) = match &layer {
-            Layer::Still(tree) => (points, tree.node_count(), tree.levels()),
+            Layer::Static(tree) => (points, tree.node_count(), tree.levels()),
             Layer::Moving(trees) => (
                 trees.iter().map(|p| p.references()).sum(),
                 trees.iter().map(|p| p.node_count()).sum(),
@@ -307,7 +307,7 @@ impl PointTree {
             ),
         };
         let keys = match &layer {
-            Layer::Still(_) => 1,
+            Layer::Static(_) => 1,
             Layer::Moving(trees) => trees.first().map_or(1, |tree| tree.slice().keys),
             Layer::Planes(trees) => trees.first().map_or(1, |tree| tree.slice().keys),
         };
@@ -316,31 +316,31 @@ impl PointTree {
     }
 
     /// The tree with moving boxes in place of k-d trees between two times; `None` if it has no k-d trees.
-    pub(super) fn boxed(&self, [begin, end]: [f32; 2]) -> Option<PointTree> {
+    pub(super) fn box_tree(&self, [begin, end]: [f32; 2]) -> Option<PointTree> {
         let between = |tree: &&PlaneTree| {
             let interval = tree.slice().interval;
             interval.begin() <= end && begin <= interval.end()
         };
         self.replaced(|layer| match layer {
-            Layer::Planes(trees) => Layer::Moving(trees.iter().filter(between).map(PlaneTree::boxed).collect()),
+            Layer::Planes(trees) => Layer::Moving(trees.iter().filter(between).map(PlaneTree::box_tree).collect()),
             _ => layer.clone(),
         })
     }
 
     /// The tree with static boxes in place of k-d trees at a time; `None` if it has no k-d trees.
-    pub(super) fn boxed_at(&self, time: f32) -> Option<PointTree> {
+    pub(super) fn box_tree_at(&self, time: f32) -> Option<PointTree> {
         self.replaced(|layer| match layer.at(time) {
-            LayerView::Planes(view) => Layer::Still(view.tree.still_at(time)),
+            LayerView::Planes(view) => Layer::Static(view.tree.static_tree_at(time)),
             _ => layer.clone(),
         })
     }
 
     /// The tree with its k-d trees replaced; `None` if it has none.
-    fn replaced(&self, boxed: impl Fn(&Layer) -> Layer) -> Option<PointTree> {
+    fn replaced(&self, replacement: impl Fn(&Layer) -> Layer) -> Option<PointTree> {
         if !self.layers.iter().any(|layer| matches!(layer, Layer::Planes(_))) {
             return None;
         }
-        let layers = self.layers.iter().map(boxed).collect();
+        let layers = self.layers.iter().map(replacement).collect();
         Some(PointTree {
             layers,
             precise: self.precise.clone(),
@@ -389,7 +389,7 @@ impl core::fmt::Debug for PointTree {
 /// The kind of layer that a plan makes.
 fn kind(plan: Plan) -> PointLayerKind {
     match plan {
-        Plan::Boxes(parts) => PointLayerKind::Linear { parts },
+        Plan::Boxes(time_slices) => PointLayerKind::Linear { time_slices },
         Plan::Planes(_) => PointLayerKind::Mbkd,
     }
 }

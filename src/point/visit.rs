@@ -1,7 +1,7 @@
 //! Custom traversals of a [`PointTree`].
 
-use super::over_interval::{Boxed, Flight};
-use super::partition::Layer;
+use super::layers::Layer;
+use super::over_interval::{BoxTree, PointPath};
 use super::plane_tree::PlaneTree;
 use super::tree::PointTree;
 use crate::geometry::{Aabb, KeyTime};
@@ -52,7 +52,7 @@ impl LayersAt<'_> {
     /// Children or points of a entry in a tree whose positions are relative to `origin`.
     fn expand_in(
         &self,
-        tree: &impl Boxed,
+        tree: &impl BoxTree,
         origin: DVec3,
         entry: Entry,
         children: &mut Vec<(Aabb, Entry)>,
@@ -60,14 +60,14 @@ impl LayersAt<'_> {
     ) {
         let Some(level) = entry.level else {
             for (block, lane) in lanes(entry.at..entry.at + entry.blocks) {
-                if tree.counts(block, lane, self.time) {
-                    let at = |flight: &Flight| tree.position(flight, self.time) + origin;
-                    items.extend(tree.flight(block, lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
+                if tree.is_active(block, lane, self.time) {
+                    let at = |point: &PointPath| tree.position(point, self.time) + origin;
+                    items.extend(tree.point_path(block, lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
                 }
             }
             return;
         };
-        let (first, stride) = tree.behind(level, entry.at);
+        let (first, stride) = tree.children(level, entry.at);
         let [begin, end] = tree.times(entry.at);
         let [min, max] = tree.faces(entry.at, &[tree.phase(self.time); LANES]);
         // The time may be a float next to a key, and so just outside the exact interval of the tree.
@@ -83,8 +83,8 @@ impl LayersAt<'_> {
 }
 
 impl LayersAt<'_> {
-    fn point(&self, flight: &Flight, at: KeyTime) -> TreePoint {
-        TreePoint { id: flight.id, position: self.to_world(flight.position(at).to_array()) }
+    fn point(&self, point: &PointPath, at: KeyTime) -> TreePoint {
+        TreePoint { id: point.id, position: self.to_world(point.position(at).to_array()) }
     }
 
     /// The same in a k-d tree: cells of its planes at the time, grown by their slack.
@@ -99,8 +99,8 @@ impl LayersAt<'_> {
             KdView::Leaf { first, count } => {
                 let at = KeyTime::new(self.time, tree.slice().keys);
                 for (block, lane) in lanes(first as usize..(first + count) as usize) {
-                    if tree.counts(block, lane, self.time) {
-                        items.extend(tree.flight(block, lane).map(|flight| self.point(&flight, at)));
+                    if tree.is_active(block, lane, self.time) {
+                        items.extend(tree.point_path(block, lane).map(|point| self.point(&point, at)));
                     }
                 }
             }
@@ -133,8 +133,8 @@ impl Hierarchy for LayersAt<'_> {
             let entry = Entry { layer, slice, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
             let top = |(level, at)| Entry { level: Some(level), at, ..entry };
             roots.push(match of {
-                Layer::Still(tree) => top(tree.top()),
-                Layer::Moving(trees) => top(trees[slice].top()),
+                Layer::Static(tree) => top(tree.root_node()),
+                Layer::Moving(trees) => top(trees[slice].root_node()),
                 Layer::Planes(trees) => {
                     let (root, slack) = (trees[slice].root(), trees[slice].slack(0));
                     Entry { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..entry }
@@ -143,7 +143,7 @@ impl Hierarchy for LayersAt<'_> {
         }
         for (number, of) in self.tree.precise.iter().enumerate() {
             let (layer, slice) = (self.tree.layers.len() + number, of.slice_at(self.time));
-            let (level, at) = of.trees[slice].top();
+            let (level, at) = of.trees[slice].root_node();
             roots.push(Entry { layer, slice, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
         }
     }
@@ -151,7 +151,7 @@ impl Hierarchy for LayersAt<'_> {
     fn expand(&self, entry: Entry, children: &mut Vec<(Aabb, Entry)>, items: &mut Vec<TreePoint>) {
         let origin = self.tree.origin;
         match self.tree.layers.get(entry.layer) {
-            Some(Layer::Still(tree)) => self.expand_in(tree, origin, entry, children, items),
+            Some(Layer::Static(tree)) => self.expand_in(tree, origin, entry, children, items),
             Some(Layer::Moving(trees)) => self.expand_in(&trees[entry.slice], origin, entry, children, items),
             Some(Layer::Planes(trees)) => self.expand_planes(&trees[entry.slice], entry, children, items),
             None => {

@@ -411,7 +411,7 @@ fn automatic_reports_its_choice_and_the_reason() {
         tree.statistics().clone()
     };
     let coherent = kinds("coherent");
-    assert_eq!(coherent.layers[0].kind, PointLayerKind::Linear { parts: 1 });
+    assert_eq!(coherent.layers[0].kind, PointLayerKind::Linear { time_slices: 1 });
     assert!(coherent.layers[0].why.contains("costs least"));
     let fast = kinds("fast few");
     assert!(fast.layers[0].why.contains("fast points apart"), "not tried: {fast}");

@@ -2,8 +2,8 @@
 //!
 //! Photons with a time stamp are in a tree over space and time, the others in a [`PointTree`]: those that exist for a
 //! while, and those that move with their surface, which are active in it for as long as a window can reach them. Each
-//! photon has a *place*: its index in the order of the first tree, or, after all photons of that one, its index among the
-//! others. Photon data are stored by place, so that photons that are near in space and time are near in memory.
+//! photon has a *slot*: its index in the order of the first tree, or, after all photons of that one, its index among the
+//! others. Photon data are stored by slot, so that photons that are near in space and time are near in memory.
 
 use super::error::GatherError;
 use super::params::GatherParams;
@@ -103,10 +103,10 @@ impl Index {
                     items.push(Item { at: [at.x, at.y, at.z, time, 0.0], index: number as u32 });
                     continue;
                 }
-                PhotonTime::During(life) => {
-                    alive.push(life);
+                PhotonTime::During(active) => {
+                    alive.push(active);
                     // Intervals may be so short that 1 / duration overflows in f32.
-                    let even = 1.0 / life.duration().max(f32::MIN_POSITIVE);
+                    let even = 1.0 / active.duration().max(f32::MIN_POSITIVE);
                     UnstampedPhoton { open: at, close: at, time_weight: TimeWeight::Even(even) }
                 }
                 PhotonTime::Carried { time, velocity } => {
@@ -124,9 +124,9 @@ impl Index {
         }
         let first = items.len() as u32;
         let queries = Queries { window: params.window.min(1.0), neighbors: Some(params.neighbors as f32) };
-        let stamped = StampedTree::build(&mut items, &queries, |block: &mut StampedBlock, lane, item, place| {
+        let stamped = StampedTree::build(&mut items, &queries, |block: &mut StampedBlock, lane, item, slot| {
             let [x, y, z, time, _] = item.at;
-            block.set(lane, Vec3::new(x, y, z), time, place);
+            block.set(lane, Vec3::new(x, y, z), time, slot);
         });
         let ids: Vec<u32> = items.iter().map(|item| item.index).chain(unstamped_ids).collect();
         let others = if unstamped.is_empty() {
@@ -147,37 +147,37 @@ impl Index {
         })
     }
 
-    /// How the photon at a place is weighted in time.
+    /// How the photon at a slot is weighted in time.
     #[inline(always)]
-    pub(super) fn time_weight(&self, place: u32) -> TimeWeight {
-        match (place as usize).checked_sub(self.stamped.len()) {
-            None => TimeWeight::Stamp(self.stamped.stamp(place)),
+    pub(super) fn time_weight(&self, slot: u32) -> TimeWeight {
+        match (slot as usize).checked_sub(self.stamped.len()) {
+            None => TimeWeight::Stamp(self.stamped.stamp(slot)),
             Some(photon_at) => self.unstamped[photon_at].time_weight,
         }
     }
 
-    /// Whether a window reaches the time of the photon at a place. The search of the tree of stamps has tested that
+    /// Whether a window reaches the time of the photon at a slot. The search of the tree of stamps has tested that
     /// already, and photons that exist for a while do not depend on it.
     #[inline(always)]
-    pub(super) fn in_window(&self, place: u32, time: f32, window: f32) -> bool {
-        match (place as usize).checked_sub(self.stamped.len()).map(|photon_at| self.unstamped[photon_at].time_weight) {
+    pub(super) fn in_window(&self, slot: u32, time: f32, window: f32) -> bool {
+        match (slot as usize).checked_sub(self.stamped.len()).map(|photon_at| self.unstamped[photon_at].time_weight) {
             Some(TimeWeight::Stamp(stamp)) => (stamp - time).abs() <= window,
             _ => true,
         }
     }
 
-    /// The position of the photon at a place, at a time.
-    pub(super) fn position(&self, place: u32, at: KeyTime) -> Vec3 {
-        match (place as usize).checked_sub(self.stamped.len()) {
-            None => self.stamped.position(place),
+    /// The position of the photon at a slot, at a time.
+    pub(super) fn position(&self, slot: u32, at: KeyTime) -> Vec3 {
+        match (slot as usize).checked_sub(self.stamped.len()) {
+            None => self.stamped.position(slot),
             Some(photon_at) => at.position(self.unstamped[photon_at].open, self.unstamped[photon_at].close),
         }
     }
 
-    /// The normal of the photon at a place.
+    /// The normal of the photon at a slot.
     #[inline(always)]
-    pub(super) fn normal(&self, place: u32) -> Vec3 {
-        self.normals[place as usize]
+    pub(super) fn normal(&self, slot: u32) -> Vec3 {
+        self.normals[slot as usize]
     }
 
     /// Bytes allocated.

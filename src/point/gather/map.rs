@@ -1,10 +1,10 @@
-//! The photon map: flux by place, and the density estimate.
+//! The photon map: flux by slot, and the density estimate.
 
 use super::error::GatherError;
 use super::index::{Index, TimeWeight};
 use super::params::GatherParams;
 use super::photon::{Flux, Photon};
-use super::query::{GatherQuery, check_place};
+use super::query::{GatherQuery, check_position};
 use super::scratch::GatherScratch;
 use super::search::{PhotonSearch, nearest_in_metric};
 use crate::geometry::KeyTime;
@@ -37,7 +37,7 @@ pub struct Gathered<F> {
 /// The density at (x, t) is estimated as in Cammarano and Jensen, "Time Dependent Photon Mapping" (2002), section 4:
 /// Σ flux · k_s(|p − x| / r) · k_t(|s − t| / w) / (A · D), where A is the integral of the space kernel over the disc of
 /// radius r, and D that of the time kernel over the part of the window that is inside the shutter. A photon that exists
-/// for a while has the weight 1 / duration in place of k_t / D.
+/// for a while has the weight 1 / duration instead of k_t / D.
 ///
 /// With a number k of photons, r is the distance of the (k+1)-th nearest, which is not counted itself: for a locally
 /// constant density the estimate is then unbiased (Loftsgaarden and Quesenberry, 1965). If a radius is given and
@@ -67,7 +67,7 @@ pub struct Gathered<F> {
 #[derive(Clone)]
 pub struct PhotonMap<F> {
     pub(super) index: Index,
-    /// Flux by place.
+    /// Flux by slot.
     flux: Vec<F>,
 }
 
@@ -81,13 +81,13 @@ struct Accept<'a> {
 impl Keep for Accept<'_> {
     const FILTERS: bool = true;
     #[inline]
-    fn keep(&self, place: u32) -> bool {
+    fn keep(&self, slot: u32) -> bool {
         let Accept { index, query, at } = *self;
-        if !index.in_window(place, query.time, query.window) {
+        if !index.in_window(slot, query.time, query.window) {
             return false;
         }
-        query.accepts(|| index.normal(place), || index.position(place, at))
-            && query.filter.is_none_or(|filter| filter(index.ids[place as usize]))
+        query.accepts(|| index.normal(slot), || index.position(slot, at))
+            && query.filter.is_none_or(|filter| filter(index.ids[slot as usize]))
     }
 }
 
@@ -128,13 +128,13 @@ impl<F: Flux> PhotonMap<F> {
         self.index.bytes() + self.flux.capacity() * size_of::<F>()
     }
 
-    /// The density of light at a place and time.
+    /// The density of light at a position and time.
     ///
     /// Errors: see [`GatherError`]; it is no error if a query finds no photons.
     pub fn gather(&self, query: &GatherQuery, scratch: &mut GatherScratch) -> Result<Gathered<F>, GatherError> {
         let mut density = F::default();
-        let gathered = self.weigh(query, scratch, |place, weight| {
-            density = density + self.flux[place as usize] * weight;
+        let gathered = self.weigh(query, scratch, |slot, weight| {
+            density = density + self.flux[slot as usize] * weight;
         })?;
         Ok(Gathered { density, ..gathered })
     }
@@ -149,7 +149,7 @@ impl<F: Flux> PhotonMap<F> {
         scratch: &mut GatherScratch,
         mut visit: impl FnMut(u32, f32),
     ) -> Result<Gathered<F>, GatherError> {
-        self.weigh(query, scratch, |place, weight| visit(self.index.ids[place as usize], weight))
+        self.weigh(query, scratch, |slot, weight| visit(self.index.ids[slot as usize], weight))
     }
 
     /// A batch of gathers, on several threads: the answers of [`PhotonMap::gather`], in the order of the queries.
@@ -157,15 +157,15 @@ impl<F: Flux> PhotonMap<F> {
     /// Allocates the answers and a scratch for each 512 of them. The error is that of the first query with an error.
     pub fn gather_batch(&self, queries: &[GatherQuery]) -> Result<Vec<Gathered<F>>, GatherError> {
         queries.iter().try_for_each(|query| query.check())?;
-        let places: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
-        let order = morton_order(&places);
-        let runs = in_runs(&order, |places| {
+        let positions: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
+        let order = morton_order(&positions);
+        let runs = in_runs(&order, |indices| {
             let mut scratch = GatherScratch::new();
-            places.iter().map(|&place| self.gather(&queries[place], &mut scratch)).collect::<Vec<_>>()
+            indices.iter().map(|&index| self.gather(&queries[index], &mut scratch)).collect::<Vec<_>>()
         });
         let mut answers = vec![None; queries.len()];
-        for (&place, answer) in order.iter().zip(runs.into_iter().flatten()) {
-            answers[place] = Some(answer);
+        for (&index, answer) in order.iter().zip(runs.into_iter().flatten()) {
+            answers[index] = Some(answer);
         }
         answers.into_iter().flatten().collect()
     }
@@ -196,7 +196,7 @@ impl<F: Flux> PhotonMap<F> {
         k: usize,
         scratch: &'s mut GatherScratch,
     ) -> Result<&'s [Neighbor], GatherError> {
-        check_place(position, time)?;
+        check_position(position, time)?;
         if !(0.0..=MAX_POINT_COORDINATE as f32).contains(&speed) {
             return Err(GatherError::Speed);
         }
@@ -213,7 +213,7 @@ impl<F: Flux> PhotonMap<F> {
         Ok(&scratch.buffer.found)
     }
 
-    /// Finds the photons of a query and visits their places and weights.
+    /// Finds the photons of a query and visits their slots and weights.
     fn weigh(
         &self,
         query: &GatherQuery,

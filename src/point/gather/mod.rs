@@ -1,6 +1,6 @@
 //! Gathering photons at a time: density estimates over photons that have a time of their own.
 //!
-//! A photon map estimates how much light arrives at a place *at a time*: photons are weighted by their distance in space
+//! A photon map estimates how much light arrives at a position *at a time*: photons are weighted by their distance in space
 //! and by the difference of their time to the query's ([`PhotonMap`]). The inverse, for progressive photon
 //! mapping, finds the visible points that each photon contributes to ([`VisiblePoints`]).
 //!

@@ -38,7 +38,7 @@ pub struct GatherQuery<'f> {
 }
 
 impl<'f> GatherQuery<'f> {
-    /// A gather at a place with a unit normal, at a time of the shutter. By default it takes photons of all times and
+    /// A gather at a position with a unit normal, at a time of the shutter. By default it takes photons of all times and
     /// all normals, and weights them equally.
     pub fn new(position: Vec3, normal: Vec3, time: f32) -> GatherQuery<'f> {
         GatherQuery {
@@ -97,7 +97,7 @@ impl<'f> GatherQuery<'f> {
     /// An error for the first parameter that is out of range.
     pub(super) fn check(&self) -> Result<(), GatherError> {
         let fine = |fine: bool, error| if fine { Ok(()) } else { Err(error) };
-        check_place(self.position, self.time)?;
+        check_position(self.position, self.time)?;
         fine(self.window > 0.0, GatherError::Window)?;
         fine(valid_radius(self.radius), GatherError::Radius)?;
         fine(self.neighbors != Some(0), GatherError::NoNeighbors)?;
@@ -127,7 +127,7 @@ pub(super) fn valid_radius(radius: f32) -> bool {
 }
 
 /// An error if a position is too far away or a time outside the shutter.
-pub(super) fn check_place(position: Vec3, time: f32) -> Result<(), GatherError> {
+pub(super) fn check_position(position: Vec3, time: f32) -> Result<(), GatherError> {
     if !position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all() {
         return Err(GatherError::Position);
     }

@@ -1,6 +1,6 @@
 //! Finding the photons of a gather: the searches of [`crate::point::search`] over both trees of an index.
 //!
-//! Searches identify photons by place, and places depend on the tree. Answers must not: among photons at the
+//! Searches identify photons by slot, and slots depend on the tree. Answers must not: among photons at the
 //! same distance the one with the lower index comes first. Ties are rare, so they are resolved afterwards: inside the
 //! answer by sorting runs of equal distances, and beyond its end by a search for all photons at that distance.
 
@@ -8,9 +8,9 @@ use super::index::Index;
 use super::span_view::SpanView;
 use super::stamped::{Scale, StampedView};
 use crate::point::compiled::{Query, append};
-use crate::point::counted::walk_counted;
+use crate::point::counted_search::walk_counted;
+use crate::point::layers::QueriedLayers;
 use crate::point::neighbor::Neighbor;
-use crate::point::partition::QueriedLayers;
 use crate::point::query::NeighborBuffer;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::k_nearest::KNearest;
@@ -34,7 +34,7 @@ pub(super) struct PhotonSearch<'a, K, const METRIC: bool> {
 }
 
 impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
-    /// The `k` nearest within the bound, in order of (distance, index), as places.
+    /// The `k` nearest within the bound, in order of (distance, index), as slots.
     pub(super) fn nearest(&self, k: usize, bound: f32, buffer: &mut NeighborBuffer) {
         let more = k.saturating_add(1);
         let NeighborBuffer { candidates, found } = &mut *buffer;
@@ -51,14 +51,14 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         self.resolve_ties(&mut buffer.found);
     }
 
-    /// All within the bound, in order of (distance, index), as places.
+    /// All within the bound, in order of (distance, index), as slots.
     pub(super) fn within(&self, bound: f32, buffer: &mut NeighborBuffer) {
         let NeighborBuffer { candidates, found } = &mut *buffer;
         candidates.count = 0;
         dispatch(self.index.simd, Within { search: self, bound, candidates });
         if let Some(tree) = self.others() {
             let (point, exact, time) = (self.point, self.point.as_dvec3(), self.time);
-            let kept = |places: &_, mask| self.keep.kept(places, mask);
+            let kept = |slots: &_, mask| self.keep.kept(slots, mask);
             append(&Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
         }
         all_in_order(self.index.simd, candidates, found);
@@ -108,7 +108,7 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
             }
             if let Some(tree) = of.others() {
                 // Compiled for searches with any filter.
-                let kept = |places: &_, mask| of.keep.kept(places, mask);
+                let kept = |slots: &_, mask| of.keep.kept(slots, mask);
                 search.with_filter(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
                     let layers = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
                     walk_counted(of.index.simd, layers, search);
@@ -139,7 +139,7 @@ impl<K: Keep, const METRIC: bool> Kernel for Within<'_, '_, K, METRIC> {
     }
 }
 
-/// The `k` nearest in a metric of space and time, in order of (distance, index), as places. Compiled here, whatever photons
+/// The `k` nearest in a metric of space and time, in order of (distance, index), as slots. Compiled here, whatever photons
 /// carry.
 pub(super) fn nearest_in_metric(
     index: &Index,

@@ -98,7 +98,7 @@ const SHARE: usize = 32;
 
 impl<B: SpanBlock> SpanTree<B> {
     /// Orders items and builds the tree. `put` writes an item into a lane of a block; items get
-    /// places in the order of the tree: sixteen times the index of the block, plus the lane.
+    /// slots in the order of the tree: sixteen times the index of the block, plus the lane.
     pub(super) fn build(items: &mut [Item], queries: &Queries, put: impl Fn(&mut B, usize, &Item, u32) + Sync) -> Self {
         order(items, queries);
         let shape = Shape::with_leaf(items.len(), 1);
@@ -108,8 +108,8 @@ impl<B: SpanBlock> SpanTree<B> {
             let items = &items[*share * SHARE * LANES * LANES..];
             for (i, (block, items)) in blocks.iter_mut().zip(items.chunks(LANES)).enumerate() {
                 for (lane, item) in items.iter().enumerate() {
-                    let place = ((*share * SHARE * LANES + i) * LANES + lane) as u32;
-                    put(block, lane, item, place);
+                    let slot = ((*share * SHARE * LANES + i) * LANES + lane) as u32;
+                    put(block, lane, item, slot);
                 }
             }
         });

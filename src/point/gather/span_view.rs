@@ -32,7 +32,7 @@ impl<B: SpanBlock, L: Measure<B>> Leaves for SpanView<'_, B, L> {
     }
     #[inline(always)]
     fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
-        Target { time: s.splat(self.time), ..Target::still(s, q) }
+        Target { time: s.splat(self.time), ..Target::static_point(s, q) }
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {

@@ -17,25 +17,25 @@ use glam::Vec3;
 pub(super) struct StampedBlock {
     at: [Lanes<f32>; 3],
     time: Lanes<f32>,
-    place: Lanes<u32>,
+    slot: Lanes<u32>,
 }
 
 impl StampedBlock {
     /// Writes a lane.
-    pub(super) fn set(&mut self, lane: usize, at: Vec3, time: f32, place: u32) {
+    pub(super) fn set(&mut self, lane: usize, at: Vec3, time: f32, slot: u32) {
         for axis in 0..3 {
             self.at[axis][lane] = at[axis];
         }
-        (self.time[lane], self.place[lane]) = (time, place);
+        (self.time[lane], self.slot[lane]) = (time, slot);
     }
 }
 
 impl SpanBlock for StampedBlock {
     const EMPTY: StampedBlock =
-        StampedBlock { at: [[f32::INFINITY; LANES]; 3], time: [f32::MAX; LANES], place: [u32::MAX; LANES] };
+        StampedBlock { at: [[f32::INFINITY; LANES]; 3], time: [f32::MAX; LANES], slot: [u32::MAX; LANES] };
 
     fn span(&self) -> Span {
-        around((0..LANES).filter(|&lane| self.place[lane] != u32::MAX).map(|lane| {
+        around((0..LANES).filter(|&lane| self.slot[lane] != u32::MAX).map(|lane| {
             let at = [self.at[0][lane], self.at[1][lane], self.at[2][lane], self.time[lane]];
             [at, at]
         }))
@@ -43,7 +43,7 @@ impl SpanBlock for StampedBlock {
 
     #[inline(always)]
     fn ids(&self) -> &Lanes<u32> {
-        &self.place
+        &self.slot
     }
 }
 
@@ -51,16 +51,16 @@ impl SpanBlock for StampedBlock {
 pub(super) type StampedTree = SpanTree<StampedBlock>;
 
 impl StampedTree {
-    /// The position of the photon at a place.
-    pub(super) fn position(&self, place: u32) -> Vec3 {
-        let (block, lane) = (&self.blocks()[place as usize / LANES], place as usize % LANES);
+    /// The position of the photon at a slot.
+    pub(super) fn position(&self, slot: u32) -> Vec3 {
+        let (block, lane) = (&self.blocks()[slot as usize / LANES], slot as usize % LANES);
         Vec3::new(block.at[0][lane], block.at[1][lane], block.at[2][lane])
     }
 
-    /// The time stamp of the photon at a place.
+    /// The time stamp of the photon at a slot.
     #[inline(always)]
-    pub(super) fn stamp(&self, place: u32) -> f32 {
-        self.blocks()[place as usize / LANES].time[place as usize % LANES]
+    pub(super) fn stamp(&self, slot: u32) -> f32 {
+        self.blocks()[slot as usize / LANES].time[slot as usize % LANES]
     }
 }
 
@@ -78,8 +78,8 @@ impl<const METRIC: bool> Scale<METRIC> {
     fn far<S: Simd>(&self, s: S, in_space: S::F, in_time: S::F) -> S::F {
         let scale = s.splat(self.0);
         if METRIC {
-            let way = in_time * scale;
-            in_space + way * way
+            let time_distance = in_time * scale;
+            in_space + time_distance * time_distance
         } else {
             s.select(s.le(in_time, scale), in_space, s.splat(f32::INFINITY))
         }
@@ -111,8 +111,8 @@ impl<const METRIC: bool> Measure<StampedBlock> for Scale<METRIC> {
         let (lo, hi) = node.in_time(s);
         let (length, scale) = (hi - lo, s.splat(self.0));
         if METRIC {
-            let way = length * scale;
-            return in_space + way * way;
+            let time_distance = length * scale;
+            return in_space + time_distance * time_distance;
         }
         let seen = s.min(hi, target.time + scale) - s.max(lo, target.time - scale);
         let least = length * s.splat(1.0 / LANES as f32) + s.splat(f32::MIN_POSITIVE);

@@ -15,7 +15,7 @@
 use super::error::GatherError;
 use super::index::checked;
 use super::params::GatherParams;
-use super::query::check_place;
+use super::query::check_position;
 use super::scratch::GatherScratch;
 use super::span_order::{Item, Queries, RADIUS, TIME};
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
@@ -126,7 +126,7 @@ impl VisiblePoints {
         let mut items = Vec::with_capacity(points.len());
         for (number, point) in points.iter().enumerate() {
             let at = checked(point.position, number, 0)?;
-            check_place(at, point.time)?;
+            check_position(at, point.time)?;
             check_radius(point.radius)?;
             items.push(Item { at: [at.x, at.y, at.z, point.time, point.radius], index: number as u32 });
         }
@@ -184,7 +184,7 @@ impl VisiblePoints {
         scratch: &mut GatherScratch,
         mut visit: impl FnMut(u32, f32),
     ) -> Result<(), GatherError> {
-        check_place(position, time)?;
+        check_position(position, time)?;
         check_window(window)?;
         let NeighborBuffer { candidates, .. } = &mut scratch.buffer;
         self.find(position, time, window, candidates);
@@ -211,14 +211,14 @@ impl VisiblePoints {
         if states.len() != self.len() {
             return Err(GatherError::Length { expected: self.len(), found: states.len() });
         }
-        let mut places = Vec::with_capacity(photons.len());
+        let mut positions = Vec::with_capacity(photons.len());
         for photon in photons {
             let (position, time) = at(photon);
-            check_place(position, time)?;
-            places.push(position);
+            check_position(position, time)?;
+            positions.push(position);
         }
-        let order = morton_order(&places);
-        drop(places);
+        let order = morton_order(&positions);
+        drop(positions);
         let threads = parallel::threads();
         if threads == 1 {
             let candidates = &mut Candidates::default();

@@ -22,7 +22,7 @@ pub struct BulkQuery<'a, Q> {
 }
 
 impl PointTree {
-    /// The points within a radius of each of many places at `time`, or within [`Radii`] of their own, one for each
+    /// The points within a radius of each of many positions at `time`, or within [`Radii`] of their own, one for each
     /// query: what [`PointTree::within`] finds for each of them, as compressed rows in memory of the caller.
     ///
     /// Unless refined, the lists hold ids only, in no particular order, and come in the order in which they are made, where
@@ -73,18 +73,18 @@ impl<Q: Position> BulkQuery<'_, Q> {
         if !among.precise.is_empty() {
             return Err(ListError::Double);
         }
-        let places: Vec<Vec3> = queries.iter().map(|query| query.relative(among.origin)).collect();
-        let fine = |place: &Vec3| place.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all();
-        if let Some(query) = places.iter().position(|place| !fine(place)) {
+        let positions: Vec<Vec3> = queries.iter().map(|query| query.relative(among.origin)).collect();
+        let fine = |position: &Vec3| position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all();
+        if let Some(query) = positions.iter().position(|position| !fine(position)) {
             return Err(ListError::Query { query });
         }
         let params = PointParams { simd: among.simd, ..PointParams::default() };
-        let mut of_queries = match PointTree::build(&places, &params) {
+        let mut of_queries = match PointTree::build(&positions, &params) {
             Ok(of_queries) => of_queries,
             Err(PointError::TooManyPoints { .. }) => return Err(ListError::TooManyQueries),
-            Err(error) => unreachable!("the places have been checked: {error}"),
+            Err(error) => unreachable!("the positions have been checked: {error}"),
         };
-        // The places are relative to this origin already.
+        // The positions are relative to this origin already.
         of_queries.origin = among.origin;
         let mut query = of_queries.neighbor_lists(self.time, self.radii).among(among);
         if self.distances {

@@ -9,14 +9,14 @@ use crate::parallel;
 const SHARE: usize = 1024;
 
 /// Brings the lists into the order of ids.
-pub(super) fn arrange(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
+pub(super) fn reorder(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
     let count = request.tree.len();
     let from = &mut lists.rows;
     from.clear();
     from.resize(count, ABSENT);
     for (row, &id) in lists.points.iter().enumerate() {
         match from.get_mut(id as usize) {
-            Some(place) if *place == ABSENT => *place = row as u32,
+            Some(to) if *to == ABSENT => *to = row as u32,
             _ => {
                 lists.points.clear();
                 lists.offsets.clear();
@@ -37,13 +37,13 @@ pub(super) fn arrange(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Res
         offsets.push(end);
     }
     lists.spare.make_room(end, request.listing.columns());
-    let places = Places { rows: &lists.rows, old: &lists.offsets, new: offsets };
-    places.copy(&lists.columns.ids, &mut lists.spare.ids[..end]);
+    let moves = RowMoves { rows: &lists.rows, old: &lists.offsets, new: offsets };
+    moves.copy(&lists.columns.ids, &mut lists.spare.ids[..end]);
     for (requested, (to, from)) in
         request.listing.columns().into_iter().zip(lists.spare.floats().into_iter().zip(lists.columns.floats()))
     {
         if requested {
-            places.copy(from, &mut to[..end]);
+            moves.copy(from, &mut to[..end]);
         }
     }
     core::mem::swap(&mut lists.columns, &mut lists.spare);
@@ -57,14 +57,14 @@ pub(super) fn arrange(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Res
 const ABSENT: u32 = u32::MAX;
 
 /// Which list comes from where.
-struct Places<'a> {
+struct RowMoves<'a> {
     /// By new row.
     rows: &'a [u32],
     old: &'a [usize],
     new: &'a [usize],
 }
 
-impl Places<'_> {
+impl RowMoves<'_> {
     /// Copies a column, halves at the same time.
     fn copy<T: Copy + Send + Sync>(&self, from: &[T], to: &mut [T]) {
         if self.rows.len() > SHARE {
@@ -73,8 +73,8 @@ impl Places<'_> {
             let (to_left, to_right) = to.split_at_mut(self.new[half] - self.new[0]);
             let (old, new) = (self.old, self.new);
             parallel::both(
-                || Places { rows: left, old, new: &new[..=half] }.copy(from, to_left),
-                || Places { rows: right, old, new: &new[half..] }.copy(from, to_right),
+                || RowMoves { rows: left, old, new: &new[..=half] }.copy(from, to_left),
+                || RowMoves { rows: right, old, new: &new[half..] }.copy(from, to_right),
             );
             return;
         }

@@ -55,7 +55,7 @@ pub(super) struct Room<'a> {
 }
 
 impl<'a> Room<'a> {
-    /// Takes the first `count` places, if there are so many.
+    /// Takes the first `count` elements, if there are so many.
     pub(super) fn take(&mut self, count: usize) -> Option<Room<'a>> {
         let short =
             self.requested.iter().zip(&self.floats).any(|(requested, column)| *requested && column.len() < count);

@@ -82,7 +82,7 @@ impl NeighborCsr {
         self.column(self.distances, &self.columns.distances)
     }
 
-    /// The way from the point to each neighbour along the three axes, to the nearest image along periodic ones; empty
+    /// The displacement from the point to each neighbour along the three axes, to the nearest image along periodic ones; empty
     /// unless requested with [`with_displacements`](super::ListQuery::with_displacements).
     pub fn displacements(&self) -> [&[f32]; 3] {
         [0, 1, 2].map(|axis| self.column(self.displacements, &self.columns.displacements[axis]))

@@ -1,10 +1,10 @@
 //! Lists of points in f64: for each of them a search of its own.
 //!
-//! Groups of leaves walk together where all positions are f32 ones around one place. Here each point asks the tree as any
+//! Groups of leaves are searched together where all positions are f32 ones relative to one origin. Here each point is a query of the tree as any
 //! query does, with the same arithmetic, and what it finds goes to the same columns.
 
+use super::candidates::write;
 use super::columns::Columns;
-use super::gather::write;
 use super::list_request::Listing;
 use super::row::Lists;
 use super::worker::Share;

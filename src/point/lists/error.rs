@@ -50,7 +50,7 @@ pub enum ListError {
     /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
     Origins,
     /// A tree holds its positions in f64, and the request needs positions in f32: periodic axes, displacements, the larger
-    /// of two radii, lists with a skin or over an interval, of many places at once, or points in f64 among others in f32.
+    /// of two radii, lists with a skin or over an interval, of many positions at once, or points in f64 among others in f32.
     Double,
     /// Lists were requested in the order of ids, but among the points that exist at the time, one has an id that is not
     /// less than the number of all points, or two have the same id.
@@ -73,7 +73,9 @@ impl fmt::Display for ListError {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
             }
             ListError::Query { query } => write!(f, "query {query} is not finite or its coordinates are too large"),
-            ListError::TooManyQueries => f.write_str("there are more queries than ids; ask in several parts"),
+            ListError::TooManyQueries => {
+                f.write_str("there are more queries than ids; divide them into several requests")
+            }
             ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
             ListError::Double => f.write_str(
                 "such lists need positions in f32; build the trees with `round_to_f32` or from f32 positions",

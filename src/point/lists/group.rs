@@ -1,7 +1,7 @@
 //! The points of a group of leaves, whose lists are made together.
 
 use super::radii::{Radii, bound_of, squared_radius};
-use crate::point::snapshot::{Placed, Target};
+use crate::point::snapshot::{CoordinateView, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
 /// The points of a block at a time, in rows. In lanes without a point, the first coordinate is infinite.
@@ -17,11 +17,16 @@ impl BlockPoints {
 
     /// The points of a block at the view's time.
     #[inline(always)]
-    pub(super) fn of_block<S: Simd, V: Placed>(s: S, view: &V, target: &Target<S>, block: usize) -> BlockPoints {
+    pub(super) fn of_block<S: Simd, V: CoordinateView>(
+        s: S,
+        view: &V,
+        target: &Target<S>,
+        block: usize,
+    ) -> BlockPoints {
         let [x, y, z] = view.positions(s, target, block);
         let mut points = BlockPoints::NONE;
-        let there = s.lt(x, s.splat(f32::MAX));
-        s.store(s.select(there, x, s.splat(f32::INFINITY)), &mut points.at[0]);
+        let exists = s.lt(x, s.splat(f32::MAX));
+        s.store(s.select(exists, x, s.splat(f32::INFINITY)), &mut points.at[0]);
         s.store(y, &mut points.at[1]);
         s.store(z, &mut points.at[2]);
         points.id = *view.ids(block);
@@ -39,7 +44,7 @@ pub(super) struct Member {
     pub(super) bound: f32,
 }
 
-/// The blocks behind a bottom node.
+/// The blocks below a bottom node.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Group {
     pub(super) members: Vec<Member>,
@@ -49,9 +54,16 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// Takes the points behind bottom node `node`.
+    /// Takes the points below bottom node `node`.
     #[inline(always)]
-    pub(super) fn take<S: Simd, V: Placed>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, radii: &Radii) {
+    pub(super) fn take<S: Simd, V: CoordinateView>(
+        &mut self,
+        s: S,
+        view: &V,
+        target: &Target<S>,
+        node: usize,
+        radii: &Radii,
+    ) {
         self.members.clear();
         (self.lo, self.hi, self.bound) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
         let mut lanes = view.present(s, target, node);

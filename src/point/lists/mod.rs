@@ -1,31 +1,31 @@
 //! Neighbour lists: for every point of a tree all others within a radius. Particle methods need them in every step.
 //!
 //! Candidates are culled in three steps, from coarse to fine. Sixteen neighbouring leaves, the lanes of a bottom node,
-//! traverse the tree together and [`gather`] the leaves that any of their points can reach. Of these, each of the sixteen
+//! traverse the tree together and collect the leaves that any of their points can reach ([`candidates`]). Of these, each of the sixteen
 //! keeps the leaves that its own points can reach. Each point tests the boxes of those, and then the points of the few
 //! blocks that are left ([`row`]). So boxes are compared with boxes, a point with boxes, and a point with points, always
 //! sixteen at a time.
 //!
-//! Data flows `query` (the request) → `prepare` (groups of leaves) → `gather` (candidates of a group) → `row` (the list
-//! of a point) → `worker` (a share of the groups) → `in_turn` and `run` (all threads) → `csr` (all lists in one array).
+//! Data flows `query` (the request) → `prepare` (groups of leaves) → `candidates` (the leaves that a group can reach) → `row` (the list
+//! of a point) → `worker` (a share of the groups) → `in_order` and `run` (all threads) → `csr` (all lists in one array).
 //!
-//! [`bulk`] makes lists for places that are not points of a tree. [`swept`] makes lists over an interval of time.
+//! [`bulk`] makes lists for positions that are not points of a tree. [`swept`] makes lists over an interval of time.
 //! [`double`] makes the lists of points in f64, with one search for each.
 //!
-//! **Why no neighbour is lost.** The proof is that of [`super::snapshot`], with a box in the place of the query point:
+//! **Why no neighbour is lost.** The proof is that of [`super::snapshot`], with a box instead of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']`, consider the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded
 //! once. Along every axis it is at most the computed `|p − q|`, because rounding is monotone; so are squares and sums.
 //! Only what is *strictly* farther than the bound is excluded. [`periodic_box`] treats periodic axes.
 
 mod bulk;
 mod by_id;
+mod candidates;
 mod columns;
 mod csr;
 mod double;
 mod error;
-mod gather;
 mod group;
-mod in_turn;
+mod in_order;
 mod list_request;
 mod periodic_box;
 mod prepare;

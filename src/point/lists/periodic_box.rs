@@ -5,15 +5,15 @@
 //! rounded to f32. It has the same magnitude seen from either point, because every step gives the negative result for
 //! negative operands.
 //!
-//! Boxes are moved instead, to the image whose middle is nearest to that of the group's box. The distance to the nearest
-//! image changes by no more than the difference itself does, so the gap between the moved box and the group's bounds the
+//! Boxes are wrapped instead: moved to the image whose middle is nearest to that of the group's box. The distance to the nearest
+//! image changes by no more than the difference itself does, so the gap between the wrapped box and the group's bounds the
 //! distances between all points of both. For a part of the group this holds only if, for every point of the group, every
 //! point in the box has its nearest image there. Otherwise that axis must not be used to cull any further, and the box is
 //! widened to infinity along it.
 //!
 //! **Rounding.** Let M bound the coordinates of both boxes and L, and u = 2^-24. Then `d`, `L·k` and their difference
-//! are wrong by at most 2Mu, (2M + L)u and (2M + L)u: below 8Mu together. A face that is moved is wrong by at most
-//! 2(2M + L)u, below 6Mu, before the difference with the group's face, which is rounded as `d` is. Moved boxes are
+//! are wrong by at most 2Mu, (2M + L)u and (2M + L)u: below 8Mu together. A face of a wrapped box is wrong by at most
+//! 2(2M + L)u, below 6Mu, before the difference with the group's face, which is rounded as `d` is. Wrapped boxes are
 //! widened by 32Mu, and the test whether an image is the nearest for all points requires a margin of 32Mu to half a
 //! period, which covers `d · (1/L)` with its three roundings of at most (|d| + L)u each.
 
@@ -33,7 +33,7 @@ pub(super) struct PeriodicBox {
 /// right, and M is at most a million periods.
 pub(super) const MOST_PERIODS: f32 = 1e6;
 
-/// How much moved boxes are widened, and the required margin to half a period, relative to the magnitude of the
+/// How much wrapped boxes are widened, and the required margin to half a period, relative to the magnitude of the
 /// coordinates: 32u.
 const SLACK: f32 = 32.0 / 16_777_216.0;
 
@@ -45,29 +45,34 @@ impl PeriodicBox {
         PeriodicBox { period, inverse, any: periods.iter().any(Option::is_some) }
     }
 
-    /// The difference to the nearest image, for places that are at most [`MOST_PERIODS`] from zero.
+    /// The difference to the nearest image, for positions that are at most [`MOST_PERIODS`] from zero.
     #[inline(always)]
     pub(super) fn nearest<S: Simd>(&self, s: S, d: S::F, axis: usize) -> S::F {
         let k = round(s, d * s.splat(self.inverse[axis]));
         d - k * s.splat(self.period[axis])
     }
 
-    /// Moves boxes along the periodic axes to where they bound the differences to the group's box `[lo, hi]`.
+    /// Wraps boxes along the periodic axes to where they bound the differences to the group's box `[lo, hi]`.
     #[inline(always)]
-    pub(super) fn bring<S: Simd>(&self, s: S, boxes: ([S::F; 3], [S::F; 3]), group: ([f32; 3], [f32; 3])) -> Moved<S> {
-        self.bring_by(s, boxes, group, SLACK)
+    pub(super) fn wrap<S: Simd>(
+        &self,
+        s: S,
+        boxes: ([S::F; 3], [S::F; 3]),
+        group: ([f32; 3], [f32; 3]),
+    ) -> WrappedBoxes<S> {
+        self.wrap_with_slack(s, boxes, group, SLACK)
     }
 
     /// The same with another slack, relative to the magnitude of the coordinates.
     #[inline(always)]
-    fn bring_by<S: Simd>(
+    fn wrap_with_slack<S: Simd>(
         &self,
         s: S,
         (mut lo, mut hi): ([S::F; 3], [S::F; 3]),
         (group_lo, group_hi): ([f32; 3], [f32; 3]),
         slack: f32,
-    ) -> Moved<S> {
-        let (mut several, mut elsewhere) = ([0; 3], 0);
+    ) -> WrappedBoxes<S> {
+        let (mut ambiguous, mut wrapped) = ([0; 3], 0);
         for axis in 0..3 {
             let length = self.period[axis];
             if length <= 0.0 {
@@ -78,38 +83,38 @@ impl PeriodicBox {
             let group_size = (group_hi[axis] - group_lo[axis]) * 0.5;
             let most = group_lo[axis].abs().max(group_hi[axis].abs()) + length;
             let slack = (magnitude(s, lo[axis], hi[axis]) + s.splat(most)) * s.splat(slack);
-            let apart = (lo[axis] * half + hi[axis] * half) - s.splat(middle);
-            let k = round(s, apart * s.splat(self.inverse[axis]));
-            let way = k * s.splat(length);
-            let off = apart - way;
-            let farthest = magnitude(s, off, off) + (hi[axis] - lo[axis]) * half + s.splat(group_size) + slack;
-            several[axis] = !s.lt(farthest, s.splat(0.5 * length));
-            elsewhere |= several[axis] | !s.eq(k, s.splat(0.0));
-            lo[axis] = lo[axis] - way - slack;
-            hi[axis] = hi[axis] - way + slack;
+            let offset = (lo[axis] * half + hi[axis] * half) - s.splat(middle);
+            let k = round(s, offset * s.splat(self.inverse[axis]));
+            let shift = k * s.splat(length);
+            let rest = offset - shift;
+            let farthest = magnitude(s, rest, rest) + (hi[axis] - lo[axis]) * half + s.splat(group_size) + slack;
+            ambiguous[axis] = !s.lt(farthest, s.splat(0.5 * length));
+            wrapped |= ambiguous[axis] | !s.eq(k, s.splat(0.0));
+            lo[axis] = lo[axis] - shift - slack;
+            hi[axis] = hi[axis] - shift + slack;
         }
-        Moved { lo, hi, several, elsewhere }
+        WrappedBoxes { lo, hi, ambiguous, wrapped }
     }
 }
 
-/// Boxes moved to the images nearest to a group.
-pub(super) struct Moved<S: Simd> {
+/// Boxes at their images nearest to a group.
+pub(super) struct WrappedBoxes<S: Simd> {
     pub(super) lo: [S::F; 3],
     pub(super) hi: [S::F; 3],
     /// Along each axis, boxes of which points may be nearer in another image.
-    several: [Mask; 3],
+    ambiguous: [Mask; 3],
     /// Boxes of which any point may be nearest in another image than the one it is given in.
-    pub(super) elsewhere: Mask,
+    pub(super) wrapped: Mask,
 }
 
-impl<S: Simd> Moved<S> {
+impl<S: Simd> WrappedBoxes<S> {
     /// Boxes that hold for every part of the group.
     #[inline(always)]
     pub(super) fn widened(self, s: S) -> ([S::F; 3], [S::F; 3]) {
         let (mut lo, mut hi) = (self.lo, self.hi);
         for axis in 0..3 {
-            lo[axis] = s.select(self.several[axis], s.splat(f32::NEG_INFINITY), lo[axis]);
-            hi[axis] = s.select(self.several[axis], s.splat(f32::INFINITY), hi[axis]);
+            lo[axis] = s.select(self.ambiguous[axis], s.splat(f32::NEG_INFINITY), lo[axis]);
+            hi[axis] = s.select(self.ambiguous[axis], s.splat(f32::INFINITY), hi[axis]);
         }
         (lo, hi)
     }
@@ -137,7 +142,7 @@ mod tests {
 
     /// Boxes with a point at either end, moved to a group of one point with this slack. Returns how many are farther from
     /// it than the nearest image of one of their points, and how many have a point that is nearer in another image though
-    /// `elsewhere` does not tell.
+    /// `wrapped` does not tell.
     fn wrong(slack: f32) -> [usize; 2] {
         let (s, mut random, mut wrong) = (Portable, Random(5), [0, 0]);
         for round in 0..20_000 {
@@ -148,20 +153,20 @@ mod tests {
             let pairs: Lanes<[f32; 2]> = core::array::from_fn(|lane| {
                 // Anywhere, or about half a period or any number of them away.
                 let periods = (random.signed() * away / length).round();
-                let apart = match lane % 4 {
+                let offset = match lane % 4 {
                     0 => 0.5 * length * (1.0 + random.signed() * 1e-6),
                     1 => -0.5 * length * (1.0 + random.signed() * 1e-6),
                     _ => random.signed() * length,
                 };
-                let p = q + periods * length + apart;
-                let other = if lane % 3 == 0 { p } else { p - apart.signum() * random.unit() * 0.2 * length };
+                let p = q + periods * length + offset;
+                let other = if lane % 3 == 0 { p } else { p - offset.signum() * random.unit() * 0.2 * length };
                 [p.min(other), p.max(other)]
             });
             let points = [0, 1].map(|end| pairs.map(|pair| pair[end]));
             let zero = s.splat(0.0);
             let boxes = ([s.load(&points[0]), zero, zero], [s.load(&points[1]), zero, zero]);
-            let moved = periodic_box.bring_by(s, boxes, ([q, 0.0, 0.0], [q, 0.0, 0.0]), slack);
-            let elsewhere = moved.elsewhere;
+            let moved = periodic_box.wrap_with_slack(s, boxes, ([q, 0.0, 0.0], [q, 0.0, 0.0]), slack);
+            let wrapped = moved.wrapped;
             let (lo, hi) = moved.widened(s);
             let lanes = |x| {
                 let mut lanes: Lanes<f32> = [0.0; LANES];
@@ -170,11 +175,11 @@ mod tests {
             };
             let gap = lanes(s.max_with_zero(lo[0] - s.splat(q), s.splat(q) - hi[0]));
             for point in points {
-                let apart = s.load(&point) - s.splat(q);
-                let (given, near) = (lanes(apart), lanes(periodic_box.nearest(s, apart, 0)));
+                let offset = s.load(&point) - s.splat(q);
+                let (given, near) = (lanes(offset), lanes(periodic_box.nearest(s, offset, 0)));
                 for lane in 0..LANES {
                     wrong[0] += usize::from(gap[lane] > near[lane].abs());
-                    wrong[1] += usize::from(elsewhere >> lane & 1 == 0 && near[lane] != given[lane]);
+                    wrong[1] += usize::from(wrapped >> lane & 1 == 0 && near[lane] != given[lane]);
                 }
             }
         }

@@ -5,18 +5,18 @@ use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
 use super::radii::Radii;
 use super::reach::{Measure, Reach};
-use crate::point::partition::{Layer, LayerView};
-use crate::point::snapshot::Placed;
+use crate::point::layers::{Layer, LayerView};
+use crate::point::snapshot::CoordinateView;
 use crate::simd::{Kernel, LANES, Simd, dispatch};
 use glam::Vec3;
 
-/// A group: number of the layer and of the bottom node.
-pub(super) type Place = (usize, usize);
+/// A bottom node, whose sixteen leaves are a group: the index of the layer, and of the node in it.
+pub(super) type BottomNode = (usize, usize);
 
 /// What is prepared before lists are made.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Prepared {
-    pub(super) groups: Vec<Place>,
+    pub(super) groups: Vec<BottomNode>,
     /// By layer of the listed set, where radii of the listed points count.
     pub(super) reaches: Vec<Reach>,
 }
@@ -24,15 +24,15 @@ pub(super) struct Prepared {
 impl Prepared {
     pub(super) fn bytes(&self) -> usize {
         let reaches: usize = self.reaches.iter().map(Reach::bytes).sum();
-        self.groups.capacity() * size_of::<Place>() + reaches
+        self.groups.capacity() * size_of::<BottomNode>() + reaches
     }
 }
 
-/// Runs a kernel on each layer of a tree at a time. Lists are made over boxes only: see `PointTree::boxed_at`.
+/// Runs a kernel on each layer of a tree at a time. Lists are made over boxes only: see `PointTree::box_tree_at`.
 macro_rules! at_time {
     ($layer:expr, $time:expr, $view:ident => $do:expr) => {
         match $layer.at($time) {
-            LayerView::Still($view) => $do,
+            LayerView::Static($view) => $do,
             LayerView::Moving($view) => $do,
             LayerView::Timed($view) => $do,
             LayerView::Planes(_) => unreachable!("put into boxes before lists are made"),
@@ -48,7 +48,7 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
     prepared.groups.clear();
     for (number, layer) in request.tree.layers.iter().enumerate() {
         let groups = &mut prepared.groups;
-        at_time!(layer, time, view => dispatch(simd, Bottoms { view, number, groups }));
+        at_time!(layer, time, view => dispatch(simd, FindBottomNodes { view, number, groups }));
     }
     for (number, layer) in request.tree.precise.iter().enumerate() {
         let tree = layer.tree_at(time);
@@ -88,22 +88,22 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
 }
 
 /// Finds the bottom nodes of a view, in the order of the tree.
-struct Bottoms<'a, V> {
+struct FindBottomNodes<'a, V> {
     view: V,
     number: usize,
-    groups: &'a mut Vec<Place>,
+    groups: &'a mut Vec<BottomNode>,
 }
 
-impl<V: Placed> Kernel for Bottoms<'_, V> {
+impl<V: CoordinateView> Kernel for FindBottomNodes<'_, V> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Bottoms { view, number, groups } = self;
+        let FindBottomNodes { view, number, groups } = self;
         let target = view.target(s, Vec3::ZERO);
         let begin = groups.len();
         let (top, root) = view.root();
         groups.push((top, root));
-        // One level after the other: each node makes place for its children.
+        // One level after the other: each node is replaced by its children.
         for level in (1..=top).rev() {
             let end = groups.len();
             for i in begin..end {
@@ -127,7 +127,7 @@ struct Extent<V> {
     view: V,
 }
 
-impl<V: Placed> Kernel for Extent<V> {
+impl<V: CoordinateView> Kernel for Extent<V> {
     type Output = [f32; 3];
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> [f32; 3] {

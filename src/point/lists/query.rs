@@ -38,7 +38,7 @@ impl PointTree {
     /// assert_eq!(lists.neighbors(), 0);
     /// tree.neighbor_lists(0.75, 1.5).with_distances().run(&mut lists)?;
     /// assert_eq!(lists.distances_squared(), [1.5625; 2]);
-    /// // In a box of length 2 along x, the second point is at the first one's place when the shutter opens.
+    /// // In a box of length 2 along x, the second point is where the first one is when the shutter opens.
     /// tree.neighbor_lists(0.0, 1.5).periodic([Some(2.0), None, None]).pairs_once().run(&mut lists)?;
     /// assert_eq!(lists.neighbors(), 1);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -87,7 +87,7 @@ impl<'a> ListQuery<'a> {
         self
     }
 
-    /// Also gives the way from the point to each neighbour.
+    /// Also gives the displacement from the point to each neighbour.
     pub fn with_displacements(mut self) -> Self {
         self.request.listing.displacements = true;
         self
@@ -102,8 +102,7 @@ impl<'a> ListQuery<'a> {
     /// Puts the lists in the order of ids. These must be 0, 1, 2, … in any order, as they are unless given. List i is that
     /// of point i, empty if it does not exist at the time. (Ids of points that do not exist then are not checked.)
     ///
-    /// Otherwise lists are in the order of the tree, in which they are made. Costs a copy of all lists from one place
-    /// in memory to another.
+    /// Otherwise lists are in the order of the tree, in which they are made. Costs a copy of all lists.
     pub fn rows_by_id(mut self) -> Self {
         self.request.by_id = true;
         self
@@ -117,8 +116,8 @@ impl<'a> ListQuery<'a> {
         self.request.listing.periodic_box = PeriodicBox::new(self.request.periods);
         let mut request = self.request;
         let alone = core::ptr::eq(request.tree, request.among);
-        let tree = request.tree.boxed_at(request.time);
-        let among = if alone { None } else { request.among.boxed_at(request.time) };
+        let tree = request.tree.box_tree_at(request.time);
+        let among = if alone { None } else { request.among.box_tree_at(request.time) };
         if let Some(tree) = &tree {
             request.tree = tree;
         }

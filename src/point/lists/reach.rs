@@ -1,7 +1,7 @@
 //! How far points of one set reach: the largest radius behind each lane of each node.
 
 use super::radii::bound_of;
-use crate::point::snapshot::{Placed, Target};
+use crate::point::snapshot::{CoordinateView, Target};
 use crate::simd::{Kernel, LANES, Lanes, Simd};
 use glam::Vec3;
 
@@ -27,7 +27,7 @@ pub(super) struct Measure<'a, V> {
     pub(super) reach: &'a mut Reach,
 }
 
-impl<V: Placed> Kernel for Measure<'_, V> {
+impl<V: CoordinateView> Kernel for Measure<'_, V> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
@@ -41,7 +41,7 @@ impl<V: Placed> Kernel for Measure<'_, V> {
 }
 
 /// The largest squared radius below a node. As deep as the tree, at most nine levels.
-fn measure<S: Simd, V: Placed>(
+fn measure<S: Simd, V: CoordinateView>(
     s: S,
     view: &V,
     target: &Target<S>,

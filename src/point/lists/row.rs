@@ -1,7 +1,7 @@
 //! The lists of the points of a block, from the candidates of its group.
 
+use super::candidates::{BoxRows, Candidates, Selection, write};
 use super::columns::Columns;
-use super::gather::{BoxRows, Candidates, Picks, write};
 use super::group::Member;
 use super::list_request::{Excluded, Listing};
 use super::radii::Radii;
@@ -24,9 +24,9 @@ pub(super) struct Lists {
 
 /// Memory for the lists of a block.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Near {
+pub(super) struct RowBuilder {
     boxes: BoxRows,
-    picks: Picks,
+    selected: Selection,
     points: PointRows,
     /// Hits among each vector of candidates of a point.
     hits: Vec<Mask>,
@@ -54,8 +54,8 @@ struct PointRows {
 
 /// Room for `count` masks.
 ///
-/// One loop computes which points are near, and another writes them. The place of each write depends on the hits before it,
-/// and loads that follow a write wait until its place is known.
+/// One loop computes which points are near, and another writes them. The address of each write depends on the hits before
+/// it, and loads that follow a write wait until its address is known.
 #[inline(always)]
 fn room_for(hits: &mut Vec<Mask>, count: usize) -> &mut [Mask] {
     if hits.len() < count {
@@ -64,10 +64,10 @@ fn room_for(hits: &mut Vec<Mask>, count: usize) -> &mut [Mask] {
     &mut hits[..count]
 }
 
-impl Near {
+impl RowBuilder {
     pub(super) fn bytes(&self) -> usize {
         let points = self.points.at.iter().map(Vec::capacity).sum::<usize>() + self.points.id.capacity();
-        self.boxes.bytes() + self.picks.bytes() + 4 * points + size_of::<Mask>() * self.hits.capacity()
+        self.boxes.bytes() + self.selected.bytes() + 4 * points + size_of::<Mask>() * self.hits.capacity()
     }
 
     /// Appends the lists of a member of a group.
@@ -80,7 +80,7 @@ impl Near {
         candidates: &Candidates,
         lists: &mut Lists,
     ) {
-        if !candidates.elsewhere && matches!(listing.radii, Radii::Equal(_)) {
+        if !candidates.wrapped && matches!(listing.radii, Radii::Equal(_)) {
             let gathered = self.gather_points(s, member, candidates);
             let plain = !listing.distances && !listing.displacements;
             return match (listing.excluded(), plain) {
@@ -96,14 +96,14 @@ impl Near {
         }
         self.boxes.clear();
         for i in 0..candidates.boxes.vectors() {
-            let (boxes, there) = candidates.boxes.vector(s, i);
-            let near = boxes.near(s, member.lo, member.hi, member.bound) & there;
+            let (boxes, valid) = candidates.boxes.vector(s, i);
+            let near = boxes.near(s, member.lo, member.hi, member.bound) & valid;
             if near != 0 {
                 self.boxes.push(s, &boxes, near);
             }
         }
         let larger = matches!(listing.radii, Radii::Larger { .. });
-        match (candidates.elsewhere, larger, listing.once) {
+        match (candidates.wrapped, larger, listing.once) {
             (false, false, false) => self.rows::<S, false, false, false>(s, listing, member, candidates, lists),
             (false, false, true) => self.rows::<S, false, false, true>(s, listing, member, candidates, lists),
             (false, true, false) => self.rows::<S, false, true, false>(s, listing, member, candidates, lists),
@@ -119,8 +119,8 @@ impl Near {
     /// They are about as many as each of its points would test by itself, and they lie one behind the other.
     #[inline(always)]
     fn gather_points<S: Simd>(&mut self, s: S, member: &Member, candidates: &Candidates) -> Gathered {
-        let picks = self.picks.near(s, &candidates.boxes, (member.lo, member.hi), member.bound);
-        let room = (picks.len() + 1) * LANES;
+        let selected = self.selected.near(s, &candidates.boxes, (member.lo, member.hi), member.bound);
+        let room = (selected.len() + 1) * LANES;
         let PointRows { at: [to_x, to_y, to_z], id: to_id } = &mut self.points;
         if to_id.len() < room {
             [&mut *to_x, to_y, to_z].into_iter().for_each(|row| row.resize(2 * room, 0.0));
@@ -131,17 +131,17 @@ impl Near {
         // Slices, whose ends stay in registers.
         let (to_x, to_y, to_z, to_id) = (&mut to_x[..], &mut to_y[..], &mut to_z[..], &mut to_id[..]);
         let bound = s.splat(member.bound);
-        let hits = room_for(&mut self.hits, picks.len());
-        for (hits, &pick) in hits.iter_mut().zip(picks) {
-            let [x, y, z] = rows(s, &candidates.blocks[pick as usize].at);
+        let hits = room_for(&mut self.hits, selected.len());
+        for (hits, &index) in hits.iter_mut().zip(selected) {
+            let [x, y, z] = rows(s, &candidates.blocks[index as usize].at);
             let gap_x = x - s.min(s.max(x, lo[0]), hi[0]);
             let gap_y = y - s.min(s.max(y, lo[1]), hi[1]);
             let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
             *hits = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
         }
         let (mut end, mut own) = (0, (usize::MAX, 0));
-        for (&near, &pick) in hits.iter().zip(picks) {
-            let block = &candidates.blocks[pick as usize];
+        for (&near, &index) in hits.iter().zip(selected) {
+            let block = &candidates.blocks[index as usize];
             own = if block.id[0] == member.points.id[0] { (end, near) } else { own };
             let [x, y, z] = rows(s, &block.at);
             write(s, to_x, end, x, near);
@@ -162,7 +162,7 @@ impl Near {
         s: S,
         listing: &Listing,
         member: &Member,
-        Gathered { vectors, own: (own_place, own_lanes) }: Gathered,
+        Gathered { vectors, own: (own_begin, own_lanes) }: Gathered,
         lists: &mut Lists,
     ) {
         let PointRows { at: [from_x, from_y, from_z], id: from_id } = &self.points;
@@ -182,7 +182,7 @@ impl Near {
             let own = s.splat_u(id);
             let rows = [from_x, from_y, from_z];
             for (from, hits) in hits.iter_mut().enumerate() {
-                let near = s.le(seen(s, rows, from, point).3, bound);
+                let near = s.le(relative(s, rows, from, point).3, bound);
                 *hits = match EXCLUDED {
                     SAME_ID => near & !s.eq_u(own, s.load_u(&from_id[from])),
                     NOT_GREATER => near & s.lt_u(own, s.load_u(&from_id[from])),
@@ -191,26 +191,27 @@ impl Near {
             }
             if EXCLUDED == OWN && !listing.other_set {
                 // The points of the block itself are all near, so they lie where it begins, one behind the other.
-                let place = own_place.wrapping_add((own_lanes & ((1 << lane) - 1)).count_ones() as usize);
-                if let Some(hits) = hits.get_mut(place / LANES) {
-                    *hits &= !(1 << (place % LANES));
+                let index = own_begin.wrapping_add((own_lanes & ((1 << lane) - 1)).count_ones() as usize);
+                if let Some(hits) = hits.get_mut(index / LANES) {
+                    *hits &= !(1 << (index % LANES));
                 }
             }
             // Apart from the lists, the end stays in a register.
-            let Columns { ids: listed, distances, displacements: [ways_x, ways_y, ways_z] } = &mut lists.columns;
+            let Columns { ids: listed, distances, displacements: [displacements_x, displacements_y, displacements_z] } =
+                &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
             for (from, &hits) in hits.iter().enumerate() {
                 let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
                 s.store_compressed_u(s.load_u(&from_id[from]), hits, to);
                 if !PLAIN {
-                    let (x, y, z, distance) = seen(s, rows, from, point);
+                    let (x, y, z, distance) = relative(s, rows, from, point);
                     if listing.distances {
                         write(s, distances, end, distance, hits);
                     }
                     if listing.displacements {
-                        write(s, ways_x, end, x, hits);
-                        write(s, ways_y, end, y, hits);
-                        write(s, ways_z, end, z, hits);
+                        write(s, displacements_x, end, x, hits);
+                        write(s, displacements_y, end, y, hits);
+                        write(s, displacements_z, end, z, hits);
                     }
                 }
                 end += hits.count_ones() as usize;
@@ -237,17 +238,18 @@ impl Near {
             }
             let id = points.id[lane];
             let bound = listing.radii.bound(id);
-            let picks = self.picks.near_point(s, &self.boxes, at, bound);
+            let selected = self.selected.near_point(s, &self.boxes, at, bound);
             let begin = lists.len;
-            lists.reserve(picks.len() * LANES, listing);
+            lists.reserve(selected.len() * LANES, listing);
             let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
             let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
             let bounds = s.splat(bound);
             // Apart from the lists, the end stays in a register.
-            let Columns { ids: listed, distances, displacements: [ways_x, ways_y, ways_z] } = &mut lists.columns;
+            let Columns { ids: listed, distances, displacements: [displacements_x, displacements_y, displacements_z] } =
+                &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
-            for &pick in picks {
-                let block = &candidates.blocks[pick as usize];
+            for &index in selected {
+                let block = &candidates.blocks[index as usize];
                 let [x, y, z] = rows(s, &block.at);
                 let (mut x, mut y, mut z) = (x - point[0], y - point[1], z - point[2]);
                 if PERIODIC {
@@ -256,7 +258,7 @@ impl Near {
                     z = listing.periodic_box.nearest(s, z, 2);
                 }
                 let distance = squared::<S>(x, y, z);
-                let bounds = if LARGER { s.max(bounds, s.load(&candidates.bounds[pick as usize])) } else { bounds };
+                let bounds = if LARGER { s.max(bounds, s.load(&candidates.bounds[index as usize])) } else { bounds };
                 let ids = s.load_u(&block.id);
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
                 let hits = s.le(distance, bounds) & others;
@@ -266,9 +268,9 @@ impl Near {
                     write(s, distances, end, distance, hits);
                 }
                 if listing.displacements {
-                    write(s, ways_x, end, x, hits);
-                    write(s, ways_y, end, y, hits);
-                    write(s, ways_z, end, z, hits);
+                    write(s, displacements_x, end, x, hits);
+                    write(s, displacements_y, end, y, hits);
+                    write(s, displacements_z, end, z, hits);
                 }
                 end += hits.count_ones() as usize;
             }
@@ -280,7 +282,7 @@ impl Near {
 /// The displacements from a point to a vector of points, and the squared distances. Not a closure: a closure may be
 /// compiled without the instruction set.
 #[inline(always)]
-fn seen<S: Simd>(s: S, [x, y, z]: [&[Lanes<f32>]; 3], i: usize, point: [S::F; 3]) -> (S::F, S::F, S::F, S::F) {
+fn relative<S: Simd>(s: S, [x, y, z]: [&[Lanes<f32>]; 3], i: usize, point: [S::F; 3]) -> (S::F, S::F, S::F, S::F) {
     let x = s.load(&x[i]) - point[0];
     let y = s.load(&y[i]) - point[1];
     let z = s.load(&z[i]) - point[2];
@@ -337,7 +339,7 @@ impl Lists {
         }
         self.keys.clear();
         let ids = self.columns.ids[list.clone()].iter();
-        self.keys.extend((0..).zip(ids).map(|(place, &id)| u64::from(id) << 32 | place));
+        self.keys.extend((0..).zip(ids).map(|(index, &id)| u64::from(id) << 32 | index));
         self.keys.sort_unstable();
         for (id, key) in self.columns.ids[list.clone()].iter_mut().zip(&self.keys) {
             *id = (key >> 32) as u32;

@@ -1,14 +1,14 @@
 //! Making lists on several threads, always the same ones.
 //!
-//! On several threads, the lists of groups of leaves are made in turn (`in_turn`), and copied one behind the other to the
-//! memory of the caller. The place of each list depends on nothing but the lists before it.
+//! On several threads, the lists of groups of leaves are made in parallel (`in_order`), and copied one behind the other to the
+//! memory of the caller. The position of each list depends on nothing but the lists before it.
 
 use super::by_id;
 use super::columns::{Columns, Room};
 use super::csr::NeighborCsr;
 use super::double::DoubleShare;
 use super::error::ListError;
-use super::in_turn::{in_turn, slots};
+use super::in_order::{in_order, slots};
 use super::list_request::ListRequest;
 use super::prepare::{Prepared, prepare};
 use super::worker::{Share, Worker};
@@ -23,7 +23,7 @@ pub(super) fn run(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<
     if done.is_err() || !request.by_id {
         return done;
     }
-    by_id::arrange(request, lists)
+    by_id::reorder(request, lists)
 }
 
 fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
@@ -34,7 +34,7 @@ fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr)
     lists.offsets.push(0);
     (lists.distances, lists.displacements) = (request.listing.distances, request.listing.displacements);
     if count == 1 {
-        return alone(request, prepared, lists);
+        return on_one_thread(request, prepared, lists);
     }
     let requested = request.listing.columns();
     let (NeighborCsr { offsets, points, columns, workers, .. }, groups) = (lists, prepared.groups.len());
@@ -42,7 +42,7 @@ fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr)
     while done < groups {
         let begin = *offsets.last().expect("the first offset is there from the start");
         let mut room = columns.room(begin, requested);
-        let place = |worker: &Worker| {
+        let assign = |worker: &Worker| {
             let lists = &worker.lists;
             let room = room.take(lists.len)?;
             let begin = *offsets.last().expect("the first offset is there from the start");
@@ -56,7 +56,7 @@ fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr)
             work(Share { request, prepared, worker });
         };
         let copy = |worker: &Worker, room: Room<'_>| room.fill(&worker.lists.columns);
-        done = in_turn(done..groups, workers, make, place, copy);
+        done = in_order(done..groups, workers, make, assign, copy);
         if done < groups {
             // Room for the mean so far for each of the other groups, and for the largest that there was no room for.
             let end = *offsets.last().expect("the first offset is there from the start");
@@ -78,7 +78,7 @@ fn work(share: Share<'_>) {
 }
 
 /// The same on one thread, whose lists need not be copied: it makes them where the caller will find them.
-fn alone(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
+fn on_one_thread(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     let NeighborCsr { offsets, points, columns, workers, .. } = lists;
     let worker = &mut workers[0];
     worker.share = 0..prepared.groups.len();

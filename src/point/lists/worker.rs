@@ -1,12 +1,12 @@
 //! What one thread does: the lists of a share of the groups.
 
-use super::gather::Candidates;
+use super::candidates::Candidates;
 use super::group::Group;
 use super::list_request::ListRequest;
 use super::prepare::{Prepared, at_time};
 use super::radii::Radii;
-use super::row::{Lists, Near};
-use crate::point::partition::LayerView;
+use super::row::{Lists, RowBuilder};
+use crate::point::layers::LayerView;
 use crate::point::snapshot::Leaves;
 use crate::simd::{Kernel, Simd};
 use core::ops::Range;
@@ -19,7 +19,7 @@ pub(super) struct Worker {
     pub(super) share: Range<usize>,
     group: Group,
     candidates: Candidates,
-    near: Near,
+    near: RowBuilder,
     pub(super) lists: Lists,
 }
 

@@ -5,14 +5,14 @@ use super::tree::{ABSENT, Block, PreciseTree, Rows};
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::parallel;
 use crate::point::moving_file::never;
-use crate::point::moving_leaf::Times;
+use crate::point::moving_leaf::LaneIntervals;
 use crate::point::moving_reference::TimeSlice;
 use crate::point::snapshot::Boxes;
 use crate::point::static_file::{FARTHEST_FACE, are_fine};
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 
-record_fields!(Node { middle: [f64; 3], way: [f64; 3], boxes: Boxes });
+record_fields!(Node { middle: [f64; 3], displacement: [f64; 3], boxes: Boxes });
 record_fields!(Rows { 0: [Lanes<f64>; 3] });
 record_fields!(Block { begin: Rows, id: Lanes<u32> });
 
@@ -23,9 +23,9 @@ pub(in crate::point) struct PreciseRecord {
     slopes: Vec<Boxes>,
     blocks: Vec<Block>,
     ends: Vec<Rows>,
-    node_times: Vec<Times>,
-    block_times: Vec<Times>,
-    lives: Vec<Times>,
+    node_times: Vec<LaneIntervals>,
+    block_times: Vec<LaneIntervals>,
+    active: Vec<LaneIntervals>,
 }
 
 impl PreciseTree {
@@ -38,7 +38,7 @@ impl PreciseTree {
         to.array(&self.ends)?;
         to.array(&self.node_times)?;
         to.array(&self.block_times)?;
-        to.array(&self.lives)
+        to.array(&self.active)
     }
 }
 
@@ -53,7 +53,7 @@ impl PreciseRecord {
             ends: from.array()?,
             node_times: from.array()?,
             block_times: from.array()?,
-            lives: from.array()?,
+            active: from.array()?,
         })
     }
 
@@ -65,7 +65,7 @@ impl PreciseRecord {
     /// The tree of a time slice around an origin, or an error if searches cannot traverse it.
     pub(in crate::point) fn checked(self, slice: TimeSlice, origin: DVec3) -> Result<PreciseTree, FileError> {
         let (moves, timed) = (self.moves(), !self.node_times.is_empty());
-        let PreciseRecord { count, nodes, slopes, blocks, ends, node_times, block_times, lives } = self;
+        let PreciseRecord { count, nodes, slopes, blocks, ends, node_times, block_times, active } = self;
         require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;
         let references = count as usize;
         let shape = PreciseTree::shape(references, moves);
@@ -78,13 +78,13 @@ impl PreciseRecord {
         require(of_nodes, "the number of nodes does not match its points")?;
         let of_blocks = ends.len() == all(moves, blocks.len())
             && block_times.len() == all(timed, blocks.len())
-            && lives.len() == all(!lives.is_empty(), blocks.len());
+            && active.len() == all(!active.is_empty(), blocks.len());
         require(
-            of_blocks && (moves || !timed && lives.is_empty()),
+            of_blocks && (moves || !timed && active.is_empty()),
             "the number of active intervals does not match its leaves",
         )?;
         let tree =
-            PreciseTree { slice, shape, nodes, slopes, blocks, ends, node_times, block_times, lives, references };
+            PreciseTree { slice, shape, nodes, slopes, blocks, ends, node_times, block_times, active, references };
         let fine =
             parallel::chunks(tree.blocks.len(), |range| range.into_iter().all(|block| tree.block_is_fine(block)));
         require(fine.into_iter().all(|fine| fine), "a leaf holds invalid points")?;
@@ -101,32 +101,32 @@ impl PreciseTree {
         let end = self.ends.get(block).unwrap_or(begin);
         let count = self.references.saturating_sub(block * LANES);
         (0..LANES).all(|lane| {
-            let there = id[lane] != u32::MAX;
+            let exists = id[lane] != u32::MAX;
             let fine = (0..3).all(|axis| {
                 let (a, b) = (begin.0[axis][lane], end.0[axis][lane]);
                 // Their difference must be finite as well.
-                if there { (b - a).is_finite() && a.is_finite() } else { a == ABSENT && b == ABSENT }
+                if exists { (b - a).is_finite() && a.is_finite() } else { a == ABSENT && b == ABSENT }
             });
-            fine && there == (lane < count)
+            fine && exists == (lane < count)
         })
     }
 
-    /// Whether boxes and their centre are finite and in range, and absent if there is no child.
+    /// Whether boxes and their centre are finite and in range, and absent if exists is no child.
     fn node_is_fine(&self, node: usize, lanes: usize, origin: DVec3) -> bool {
-        let Node { middle, way, boxes } = &self.nodes[node];
+        let Node { middle, displacement, boxes } = &self.nodes[node];
         let near = |x: f64| x.abs() <= f64::from(FARTHEST_FACE);
         let has_children = lanes > 0;
         let placed = (0..3).all(|axis| near(middle[axis] - origin[axis]) || !has_children && middle[axis] == 0.0);
-        let fine = placed && way.iter().all(|&x| near(x));
+        let fine = placed && displacement.iter().all(|&x| near(x));
         let absent = |lane: usize| boxes.lo[0][lane] == f32::INFINITY;
         fine && are_fine(boxes, lanes)
             && (0..LANES).all(|lane| {
                 let slopes =
                     self.slopes.get(node).map(|boxes| [boxes.lo, boxes.hi].map(|rows| rows.map(|row| row[lane])));
-                let still = slopes.is_none_or(|slopes| slopes == [[0.0; 3]; 2]);
+                let unmoved = slopes.is_none_or(|slopes| slopes == [[0.0; 3]; 2]);
                 let moving = slopes.is_none_or(|slopes| slopes.iter().flatten().all(|x| x.abs() <= FARTHEST_FACE));
                 let times = self.node_times.get(node);
-                if absent(lane) { still && times.is_none_or(|times| never(times, lane)) } else { moving }
+                if absent(lane) { unmoved && times.is_none_or(|times| never(times, lane)) } else { moving }
             })
     }
 }

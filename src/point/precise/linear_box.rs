@@ -9,7 +9,7 @@
 //! (3 |at| + 6 |slope|)u; the difference covers the f64 rounding of the build. The centre moves along a line; computed in
 //! f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
 
-use crate::point::moving_leaf::Times;
+use crate::point::moving_leaf::LaneIntervals;
 use crate::point::snapshot::Boxes;
 use crate::simd::LANES;
 use glam::DVec3;
@@ -29,7 +29,7 @@ pub(super) struct Node {
     /// The centre at the begin of the slice.
     pub(super) middle: [f64; 3],
     /// The displacement of the centre until the end of the slice.
-    pub(super) way: [f64; 3],
+    pub(super) displacement: [f64; 3],
     /// The boxes at the begin of the slice.
     pub(super) boxes: Boxes,
 }
@@ -38,7 +38,7 @@ pub(super) struct Node {
 pub(super) struct NodeRows {
     pub(super) node: Node,
     pub(super) slopes: Boxes,
-    pub(super) times: Times,
+    pub(super) times: LaneIntervals,
 }
 
 /// Relative rounding of one f32 operation, with room for f64 rounding in the build.
@@ -73,24 +73,24 @@ impl LinearBox {
 
 impl Node {
     /// A node without children.
-    pub(super) const NONE: Node = Node { middle: [0.0; 3], way: [0.0; 3], boxes: Boxes::NONE };
+    pub(super) const NONE: Node = Node { middle: [0.0; 3], displacement: [0.0; 3], boxes: Boxes::NONE };
 
     /// The displacements of static boxes.
-    pub(super) const STILL: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
+    pub(super) const STATIC: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
 
     /// The node over at most sixteen children, and the box around it.
     pub(super) fn over(children: &[LinearBox], moves: bool, padding: f64) -> (NodeRows, LinearBox) {
         let hull = children.iter().fold(LinearBox::NONE, LinearBox::union);
-        let mut made = NodeRows { node: Node::NONE, slopes: Node::STILL, times: Times::NEVER };
+        let mut made = NodeRows { node: Node::NONE, slopes: Node::STATIC, times: LaneIntervals::NEVER };
         if children.is_empty() {
             return (made, hull);
         }
         let middle = |i: usize| hull.lo[i] * 0.5 + hull.hi[i] * 0.5;
-        let way = if moves { middle(1) - middle(0) } else { DVec3::ZERO };
-        let (begin, end) = (middle(0), middle(0) + way);
+        let displacement = if moves { middle(1) - middle(0) } else { DVec3::ZERO };
+        let (begin, end) = (middle(0), middle(0) + displacement);
         let largest = begin.abs().max(end.abs()).max_element();
         let slack = padding * if moves { TINY + largest * 2f64.powi(-49) } else { TINY };
-        (made.node.middle, made.node.way) = (begin.to_array(), way.to_array());
+        (made.node.middle, made.node.displacement) = (begin.to_array(), displacement.to_array());
         let (boxes, slopes) = (&mut made.node.boxes, &mut made.slopes);
         for (lane, child) in children.iter().enumerate() {
             [made.times.begin[lane], made.times.end[lane]] = child.times;
@@ -108,8 +108,8 @@ impl Node {
 
     /// The centre at a fraction of the slice.
     #[inline(always)]
-    pub(super) fn place(&self, within: f64) -> [f64; 3] {
-        let ([x, y, z], [by_x, by_y, by_z]) = (self.middle, self.way);
+    pub(super) fn middle_at(&self, within: f64) -> [f64; 3] {
+        let ([x, y, z], [by_x, by_y, by_z]) = (self.middle, self.displacement);
         [x + by_x * within, y + by_y * within, z + by_z * within]
     }
 }
@@ -137,11 +137,12 @@ mod tests {
             let offset = [0.0, 1e9, -3e3][round % 3];
             let speed = [0.0, 1e-3, 5.0][round / 3 % 3];
             let moves = speed > 0.0;
-            let mut place = |by: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * by;
+            let mut random_vec =
+                |by: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * by;
             let points: Vec<[DVec3; 2]> = (0..16)
                 .map(|_| {
-                    let a = place(1.0) + offset;
-                    [a, a + place(speed)]
+                    let a = random_vec(1.0) + offset;
+                    [a, a + random_vec(speed)]
                 })
                 .collect();
             let boxes_below: Vec<LinearBox> =
@@ -151,7 +152,7 @@ mod tests {
                 let w = f64::from(step) / 8.0;
                 for (lane, [a, b]) in points.iter().enumerate() {
                     for axis in 0..3 {
-                        let p = (a[axis] + (b[axis] - a[axis]) * w - node.place(w)[axis]) as f32;
+                        let p = (a[axis] + (b[axis] - a[axis]) * w - node.middle_at(w)[axis]) as f32;
                         let face = |at: f32, slope: f32| at + slope * w as f32;
                         let lo = face(node.boxes.lo[axis][lane], slopes.lo[axis][lane]);
                         let hi = face(node.boxes.hi[axis][lane], slopes.hi[axis][lane]);

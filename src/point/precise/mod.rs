@@ -38,7 +38,7 @@ pub(super) struct PreciseLayer {
 
 /// A layer at a time, seen from a query point.
 enum AtTime<'a> {
-    Still(PreciseView<'a, false>),
+    Static(PreciseView<'a, false>),
     Moving(PreciseView<'a, true>),
 }
 
@@ -56,7 +56,7 @@ impl PreciseLayer {
     #[inline(always)]
     fn at(&self, point: DVec3, time: f32) -> AtTime<'_> {
         let tree = self.tree_at(time);
-        if tree.moves() { AtTime::Moving(tree.at(point, time)) } else { AtTime::Still(tree.at(point, time)) }
+        if tree.moves() { AtTime::Moving(tree.at(point, time)) } else { AtTime::Static(tree.at(point, time)) }
     }
 
     /// Passes every point within the bound of a query point to the sink.
@@ -69,7 +69,7 @@ impl PreciseLayer {
         sink: &mut impl Sink<S>,
     ) -> ControlFlow<()> {
         match self.at(point, time) {
-            AtTime::Still(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink),
+            AtTime::Static(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink),
             AtTime::Moving(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink),
         }
     }
@@ -112,7 +112,7 @@ macro_rules! for_each_layer {
     ($query:expr, $view:ident => $do:expr) => {
         for layer in $query.layers {
             match layer.at($query.point, $query.time) {
-                AtTime::Still($view) => $do,
+                AtTime::Static($view) => $do,
                 AtTime::Moving($view) => $do,
             }
         }

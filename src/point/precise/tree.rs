@@ -12,9 +12,9 @@
 
 use super::linear_box::Node;
 use crate::geometry::TimeInterval;
-use crate::point::moving_leaf::Times;
+use crate::point::moving_leaf::LaneIntervals;
 use crate::point::moving_reference::{TimeSlice, exact_phase};
-use crate::point::over_interval::{Boxed, Flight};
+use crate::point::over_interval::{BoxTree, PointPath};
 use crate::point::snapshot::{Boxes, Leaves, Target, View, diagonal, outside, rows};
 use crate::point::static_tree::Shape;
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
@@ -61,10 +61,10 @@ pub(in crate::point) struct PreciseTree {
     /// Positions at the later key; empty if all points are static.
     pub(super) ends: Vec<Rows>,
     /// Active intervals of nodes and points; empty if all are active throughout.
-    pub(super) node_times: Vec<Times>,
-    pub(super) block_times: Vec<Times>,
+    pub(super) node_times: Vec<LaneIntervals>,
+    pub(super) block_times: Vec<LaneIntervals>,
     /// Whole intervals of the points; empty if all exist throughout the shutter.
-    pub(super) lives: Vec<Times>,
+    pub(super) active: Vec<LaneIntervals>,
     pub(super) references: usize,
 }
 
@@ -103,7 +103,8 @@ impl PreciseTree {
             + self.slopes.capacity() * size_of::<Boxes>()
             + self.blocks.capacity() * size_of::<Block>()
             + self.ends.capacity() * size_of::<Rows>()
-            + (self.node_times.capacity() + self.block_times.capacity() + self.lives.capacity()) * size_of::<Times>()
+            + (self.node_times.capacity() + self.block_times.capacity() + self.active.capacity())
+                * size_of::<LaneIntervals>()
     }
 
     /// Number of points in it.
@@ -131,8 +132,8 @@ impl PreciseTree {
         let (first, blocks) = (node * LANES * self.shape.leaf_blocks, LANES * self.shape.leaf_blocks);
         let lanes = (first..first + blocks).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
         lanes.filter_map(move |(block, lane)| {
-            let flight = self.flight(block, lane)?;
-            self.counts(block, lane, time).then(|| (flight.id, self.position(&flight, time)))
+            let point = self.point_path(block, lane)?;
+            self.is_active(block, lane, time).then(|| (point.id, self.position(&point, time)))
         })
     }
 
@@ -201,15 +202,15 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
     #[inline(always)]
     fn relative_query<S: Simd>(&self, s: S, node: usize) -> [S::F; 3] {
         let node = &self.tree.nodes[node];
-        let [x, y, z] = if MOVING { node.place(self.within) } else { node.middle };
+        let [x, y, z] = if MOVING { node.middle_at(self.within) } else { node.middle };
         let [qx, qy, qz] = self.query;
         [s.splat((qx - x) as f32), s.splat((qy - y) as f32), s.splat((qz - z) as f32)]
     }
 
     /// The lanes that are active at the time.
     #[inline(always)]
-    fn counting<S: Simd>(&self, s: S, times: &[Times], at: usize) -> Mask {
-        if times.is_empty() { Mask::MAX } else { times[at].counting(s, s.splat(self.time)) }
+    fn active_at<S: Simd>(&self, s: S, times: &[LaneIntervals], at: usize) -> Mask {
+        if times.is_empty() { Mask::MAX } else { times[at].active_at(s, s.splat(self.time)) }
     }
 
     /// Offsets of four moving points of a block from the query along an axis.
@@ -239,7 +240,7 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     /// The view holds the query point, in f64.
     #[inline(always)]
     fn target<S: Simd>(&self, s: S, _: Vec3) -> Target<S> {
-        Target::still(s, Vec3::ZERO)
+        Target::static_point(s, Vec3::ZERO)
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> S::F {
@@ -255,7 +256,7 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
         if self.tree.block_times.is_empty() {
             return distances;
         }
-        s.select(self.counting(s, &self.tree.block_times, block), distances, s.splat(f32::INFINITY))
+        s.select(self.active_at(s, &self.tree.block_times, block), distances, s.splat(f32::INFINITY))
     }
     #[inline(always)]
     fn prefetch_leaf(&self, block: usize) {
@@ -300,8 +301,8 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
         if !MOVING || self.tree.node_times.is_empty() {
             return (distances, holding);
         }
-        let counting = self.counting(s, &self.tree.node_times, node);
-        (s.select(counting, distances, s.splat(f32::INFINITY)), holding & counting)
+        let active = self.active_at(s, &self.tree.node_times, node);
+        (s.select(active, distances, s.splat(f32::INFINITY)), holding & active)
     }
     #[inline(always)]
     fn box_sizes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> S::F {
@@ -317,7 +318,7 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     }
 }
 
-impl Boxed for PreciseTree {
+impl BoxTree for PreciseTree {
     /// Times are off by at most 2^-53 of the shutter.
     const SLACK: [f64; 2] = [1e-14, 1e-14];
 
@@ -326,10 +327,10 @@ impl Boxed for PreciseTree {
         let times = self.slice.phases.map(|phase| (phase + self.slice.segment as f64) / segments);
         (self.slice.keys, self.slice.segment, times)
     }
-    fn top(&self) -> (usize, usize) {
+    fn root_node(&self) -> (usize, usize) {
         (self.shape.levels - 1, self.nodes.len() - 1)
     }
-    fn behind(&self, level: usize, node: usize) -> (usize, usize) {
+    fn children(&self, level: usize, node: usize) -> (usize, usize) {
         let Shape { begin, leaf_blocks, .. } = &self.shape;
         if level == 0 {
             (node * LANES * leaf_blocks, *leaf_blocks)
@@ -339,7 +340,7 @@ impl Boxed for PreciseTree {
     }
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {
         // An interval that begins with the slice begins at its exact begin, and likewise at the end.
-        let (_, _, [first, last]) = Boxed::slice(self);
+        let (_, _, [first, last]) = BoxTree::slice(self);
         let interval = self.slice.interval;
         let Some(times) = self.node_times.get(node) else {
             return [
@@ -354,36 +355,36 @@ impl Boxed for PreciseTree {
     }
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let (Node { middle, way, boxes }, slopes) = (&self.nodes[node], self.slopes.get(node));
+        let (Node { middle, displacement, boxes }, slopes) = (&self.nodes[node], self.slopes.get(node));
         let w = phase.map(|phase| self.within(phase));
         let mut faces = [[[0.0; LANES]; 3]; 2];
         for (number, (faces, boxes)) in faces.iter_mut().zip([&boxes.lo, &boxes.hi]).enumerate() {
             for axis in 0..3 {
                 for lane in 0..LANES {
                     let slope = slopes.map_or(0.0, |slopes| [&slopes.lo, &slopes.hi][number][axis][lane]);
-                    let place = middle[axis] + way[axis] * w[lane];
-                    faces[axis][lane] = place + (f64::from(boxes[axis][lane]) + f64::from(slope) * w[lane]);
+                    let middle = middle[axis] + displacement[axis] * w[lane];
+                    faces[axis][lane] = middle + (f64::from(boxes[axis][lane]) + f64::from(slope) * w[lane]);
                 }
             }
         }
         faces
     }
-    fn counts(&self, block: usize, lane: usize, time: f32) -> bool {
+    fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
         self.block_times.get(block).is_none_or(|times| times.begin[lane] <= time && time < times.end[lane])
     }
-    fn flight(&self, block: usize, lane: usize) -> Option<Flight> {
+    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
         let Block { begin, id } = self.blocks.get(block)?;
-        let life = self.lives.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
-        let life = life.unwrap_or(Some(TimeInterval::FULL))?;
+        let active = self.active.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
+        let active = active.unwrap_or(Some(TimeInterval::FULL))?;
         let open = begin.0.map(|row| row[lane]);
         let close = self.ends.get(block).map_or(open, |rows| rows.0.map(|row| row[lane]));
-        (id[lane] != u32::MAX).then_some(Flight { id: id[lane], open, close, life })
+        (id[lane] != u32::MAX).then_some(PointPath { id: id[lane], open, close, active })
     }
     fn phase(&self, time: f32) -> f64 {
         self.phase_at(time)
     }
-    fn position(&self, flight: &Flight, time: f32) -> DVec3 {
-        between([flight.open, flight.close].map(DVec3::from_array), self.phase_at(time))
+    fn position(&self, point: &PointPath, time: f32) -> DVec3 {
+        between([point.open, point.close].map(DVec3::from_array), self.phase_at(time))
     }
 }
 
@@ -428,16 +429,16 @@ mod tests {
             // Of the size of the set, or so small that squares underflow.
             let size = [1.0, 1e-3, 1e-20][round % 3];
             let far = 10f64.powi(round as i32 % 9);
-            let mut place =
+            let mut random_vec =
                 |size: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * size;
-            let points: Vec<DVec3> = (0..256).map(|_| place(size) + offset).collect();
+            let points: Vec<DVec3> = (0..256).map(|_| random_vec(size) + offset).collect();
             let source = Source::read(&points, false).expect("points are in order");
             let slice = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             if !source.is_precise() {
                 continue;
             }
             let tree = PreciseTree::build(&source, slice, 0..points.len(), false, &Progress::new(None));
-            let view = tree.at::<false>(points[0] + place(size * far), 0.0);
+            let view = tree.at::<false>(points[0] + random_vec(size * far), 0.0);
             for simd in SimdLevel::available() {
                 lost += dispatch(simd, Lost { view, less: SHRINK });
                 lost_without += dispatch(simd, Lost { view, less: 1.0 });

@@ -13,7 +13,7 @@ use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch, lanes_at, merge_lane
 const MOST: usize = 16 * LANES;
 
 /// The bits of a key that hold the index of the candidate.
-const PLACE: u32 = MOST as u32 - 1;
+const INDEX: u32 = MOST as u32 - 1;
 
 /// The number of insertion moves above which ordinary sorting takes over.
 const MOST_MOVES: usize = 4 * MOST;
@@ -86,12 +86,12 @@ pub(in crate::point) fn few_in_order<S: Simd>(
         return false;
     }
     let (distance, id) = (s.load(lanes_at(&candidates.distances, 0)), s.load_u(lanes_at(&candidates.ids, 0)));
-    let place = s.load_u(&PLACES[0]);
+    let index = s.load_u(&INDICES[0]);
     let bits = s.splat_u(!(LANES as u32 - 1));
-    let key = s.select_u(first_lanes(count), (s.to_bits(distance) & bits) | place, s.splat_u(u32::MAX));
+    let key = s.select_u(first_lanes(count), (s.to_bits(distance) & bits) | index, s.splat_u(u32::MAX));
     let key = s.sort_u(key);
     // Each compared with the next one; lanes beyond the last are NaN, which equals nothing.
-    let next = s.permute(s.from_bits(key), s.add_u(place, s.splat_u(1)));
+    let next = s.permute(s.from_bits(key), s.add_u(index, s.splat_u(1)));
     let (this, next) = (s.from_bits(key & bits), s.from_bits(s.to_bits(next) & bits));
     if s.eq(this, next) & !(1 << (LANES - 1)) != 0 {
         return false;
@@ -111,12 +111,12 @@ pub(in crate::point) fn few_in_order<S: Simd>(
 fn in_place(k: usize, keys: &[u32], distances: &[f32], ids: &[u32], found: &mut Vec<Neighbor>) -> bool {
     // Those that the keys can not tell from the last one belong to the choice.
     let mut chosen = k;
-    while chosen > 0 && chosen < keys.len() && (keys[chosen] ^ keys[chosen - 1]) <= PLACE {
+    while chosen > 0 && chosen < keys.len() && (keys[chosen] ^ keys[chosen - 1]) <= INDEX {
         chosen += 1;
     }
     let neighbor = |key: &u32| {
-        let place = (key & PLACE) as usize;
-        Neighbor { id: ids[place], distance_squared: distances[place] }
+        let index = (key & INDEX) as usize;
+        Neighbor { id: ids[index], distance_squared: distances[index] }
     };
     found.extend(keys[..chosen].iter().map(neighbor));
     let key = |n: &Neighbor| pack(n.distance_squared, n.id);
@@ -155,7 +155,7 @@ fn sorted<S: Simd, const N: usize>(
     let mut lanes = [last; N];
     for (i, lanes) in lanes.iter_mut().enumerate() {
         if i * LANES < count {
-            let key = (s.to_bits(s.load(lanes_at(distances, i * LANES))) & s.splat_u(!PLACE)) | s.load_u(&PLACES[i]);
+            let key = (s.to_bits(s.load(lanes_at(distances, i * LANES))) & s.splat_u(!INDEX)) | s.load_u(&INDICES[i]);
             *lanes = s.select_u(first_lanes(count - i * LANES), key, last);
         }
     }
@@ -202,14 +202,14 @@ fn sorted<S: Simd, const N: usize>(
 }
 
 /// The index of each lane of each vector in the buffer.
-static PLACES: [[u32; LANES]; MOST / LANES] = {
-    let mut places = [[0; LANES]; MOST / LANES];
+static INDICES: [[u32; LANES]; MOST / LANES] = {
+    let mut indices = [[0; LANES]; MOST / LANES];
     let mut i = 0;
     while i < MOST {
-        places[i / LANES][i % LANES] = i as u32;
+        indices[i / LANES][i % LANES] = i as u32;
         i += 1;
     }
-    places
+    indices
 };
 
 /// Ordinary selection and sorting. Not inlined: it is rare or long.

@@ -1,16 +1,16 @@
-//! Lists with a skin, and how long they are good for.
+//! Lists with a skin (Verlet lists), and how long they are valid.
 //!
 //! A list of all neighbours within a radius and a skin serves several steps of a simulation, until a pair that is not
 //! in it comes within the radius. When that is, is usually guessed. Linear motion lets it be found out: it is the first
 //! encounter of a pair that was left out.
 
-use super::encounter::{Four, Meetings, Visitor};
+use super::encounter::{EncounterLanes, FourPoints, Visitor};
 use super::sweep::Sweep;
 use crate::geometry::KeyTime;
 use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
 use crate::point::lists::radii::squared_radius;
-use crate::point::over_interval::Flight;
+use crate::point::over_interval::PointPath;
 use crate::point::tree::PointTree;
 use glam::Vec3;
 
@@ -34,8 +34,8 @@ impl PointTree {
     /// let tree = PointTree::build(&points, &PointParams::default())?;
     /// let mut lists = NeighborCsr::new();
     /// // Four apart, not in the lists; one apart after three quarters of the time.
-    /// let good_until = tree.neighbor_lists_with_skin(0.0, 1.0, 0.5, 1.0, &mut lists)?;
-    /// assert!(lists.neighbors() == 0 && (good_until - 0.75).abs() < 1e-5 && good_until <= 0.75);
+    /// let valid_until = tree.neighbor_lists_with_skin(0.0, 1.0, 0.5, 1.0, &mut lists)?;
+    /// assert!(lists.neighbors() == 0 && (valid_until - 0.75).abs() < 1e-5 && valid_until <= 0.75);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn neighbor_lists_with_skin(
@@ -68,14 +68,14 @@ impl PointTree {
         // before the key.
         let until = until.min(next_key as f32).max(time);
         let bound = squared_radius(radius + skin);
-        let listed = |a: &Flight, b: &Flight| {
+        let listed = |a: &PointPath, b: &PointPath| {
             let key = |p: [f64; 3]| Vec3::from_array(p.map(|x| x as f32));
-            let place = |flight: &Flight| at.position(key(flight.open), key(flight.close));
-            let d = place(b) - place(a);
-            let both = a.life.contains(time) && b.life.contains(time);
+            let position = |point: &PointPath| at.position(key(point.open), key(point.close));
+            let d = position(b) - position(a);
+            let both = a.active.contains(time) && b.active.contains(time);
             both && (d.x * d.x + d.y * d.y) + d.z * d.z <= bound
         };
-        let boxed = self.boxed([time, until]);
+        let boxed = self.box_tree([time, until]);
         let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(at.segment))
             .exclude_lists_of(radius + skin)
             .allow_for_rounding();
@@ -96,16 +96,16 @@ struct First<'a, F> {
     listed: &'a F,
 }
 
-impl<F: Fn(&Flight, &Flight) -> bool> Visitor for First<'_, F> {
+impl<F: Fn(&PointPath, &PointPath) -> bool> Visitor for First<'_, F> {
     const EXCLUDES_LISTED: bool = true;
 
     #[inline(always)]
-    fn begin(&mut self, _own: &Flight) {}
+    fn begin(&mut self, _own: &PointPath) {}
 
     #[inline(always)]
-    fn meet(&mut self, own: &Flight, others: &Four, meetings: &Meetings) {
-        for (lane, time) in meetings.entering() {
-            if time < self.time && !(self.listed)(own, &others.flight(lane)) {
+    fn visit(&mut self, own: &PointPath, others: &FourPoints, encounters: &EncounterLanes) {
+        for (lane, time) in encounters.entering() {
+            if time < self.time && !(self.listed)(own, &others.point_path(lane)) {
                 self.time = time;
             }
         }

@@ -1,7 +1,7 @@
-//! Two points passing each other.
+//! Encounters: pairs of moving points that come within a radius of each other, evaluated four at a time.
 
 use crate::geometry::TimeInterval;
-use crate::point::over_interval::{Flight, FlightRows};
+use crate::point::over_interval::{PathRows, PointPath};
 use crate::simd::{LANES, Mask, Simd};
 
 /// A time at which two points are as close as they come, and when they are within the radius.
@@ -15,7 +15,7 @@ pub struct Encounter {
     /// several keys, or if one of them does not exist for a while, they may part in between.
     pub leave: f32,
     /// When they are nearest; the first such time. The end of an active interval if they are still approaching each other
-    /// there.
+    /// valid.
     pub closest: f32,
     /// The squared distance then.
     pub distance_squared: f32,
@@ -39,9 +39,9 @@ pub(super) trait Visitor {
     /// Whether pairs that lists at the first time contain are excluded.
     const EXCLUDES_LISTED: bool;
     /// Comes to a point.
-    fn begin(&mut self, own: &Flight);
+    fn begin(&mut self, own: &PointPath);
     /// The encounters of that point with four others.
-    fn meet(&mut self, own: &Flight, others: &Four, meetings: &Meetings);
+    fn visit(&mut self, own: &PointPath, others: &FourPoints, encounters: &EncounterLanes);
 }
 
 /// The criteria of an encounter, the same for all points of a group.
@@ -50,8 +50,8 @@ pub(super) struct Criteria {
     pub(super) radius: f64,
     /// The group's first time.
     pub(super) first_time: f32,
-    /// Whether some points do not live throughout.
-    pub(super) mortal: bool,
+    /// Whether some points do not exist throughout the shutter.
+    pub(super) has_active_intervals: bool,
 }
 
 /// The times during which points are compared: within a segment between keys.
@@ -66,8 +66,8 @@ pub(super) struct Window {
     reported: [f64; 2],
 }
 
-/// Points that are looked at side by side.
-pub(super) const WIDE: usize = 4;
+/// Points that are evaluated side by side.
+pub(super) const WIDTH: usize = 4;
 
 impl Window {
     /// The times of `[begin, end]` that are in a segment.
@@ -80,7 +80,7 @@ impl Window {
 
     /// The same times, but only encounters that begin in the time slices of both points are reported. A slice contains
     /// its begin and not its end.
-    pub(super) fn owned_by(self, [own, other]: [[f64; 2]; 2]) -> Window {
+    pub(super) fn reported_by(self, [own, other]: [[f64; 2]; 2]) -> Window {
         Window { reported: [own[0].max(other[0]), own[1].min(other[1])], ..self }
     }
 
@@ -101,41 +101,41 @@ impl Window {
     /// Shows a visitor the encounters of a point with the `count` others whose numbers are in `hits`, which holds at least
     /// three more numbers.
     ///
-    /// Seen from the point, another is on a straight way `first + w·passing`, w in [0, 1]: its squared distance is a
+    /// Relative to the point, another moves along `first + w·displacement`, w in [0, 1]: its squared distance is a
     /// parabola. Every step is symmetric, so both points see the same. Times are where the parabola is at its lowest and
     /// where it crosses the squared radius.
     #[inline(always)]
     pub(super) fn encounters<S: Simd, V: Visitor>(
         &self,
         s: S,
-        own: &Flight,
-        others: &Others,
+        own: &PointPath,
+        others: &CandidatePoints,
         (hits, count): (&[u32], usize),
         criteria: &Criteria,
         visitor: &mut V,
     ) {
-        let life = TimeInterval::FULL;
-        let mut common = Common::of(s, self, own, [[life.begin(); WIDE], [life.end_bound(); WIDE]]);
+        let active = TimeInterval::FULL;
+        let mut overlap = Overlap::of(s, self, own, [[active.begin(); WIDTH], [active.end_bound(); WIDTH]]);
         let square = s.splat_d(criteria.radius * criteria.radius);
-        for at in (0..count).step_by(WIDE) {
+        for at in (0..count).step_by(WIDTH) {
             let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
-            if criteria.mortal {
-                common = Common::of(s, self, own, four.lives());
+            if criteria.has_active_intervals {
+                overlap = Overlap::of(s, self, own, four.active());
             }
-            let mut meetings = common.meetings(s, &four, square);
-            if count - at < WIDE {
-                meetings.there &= (1 << (count - at)) - 1;
+            let mut encounters = overlap.encounters_with(s, &four, square);
+            if count - at < WIDTH {
+                encounters.valid &= (1 << (count - at)) - 1;
             }
-            for lane in 0..WIDE {
-                meetings.there &= !(Mask::from(four.points[lane].id == own.id) << lane);
+            for lane in 0..WIDTH {
+                encounters.valid &= !(Mask::from(four.points[lane].id == own.id) << lane);
             }
-            visitor.meet(own, &four, &meetings);
+            visitor.visit(own, &four, &encounters);
         }
     }
 }
 
-/// When a point and four others can meet, and where the point is then.
-struct Common<S: Simd> {
+/// The times during which a point and four others all exist, and the positions of the point then.
+struct Overlap<S: Simd> {
     /// Begin, and end, which may lie before it.
     times: [S::D; 2],
     phases: [S::D; 2],
@@ -145,25 +145,25 @@ struct Common<S: Simd> {
     reported: [S::D; 2],
 }
 
-impl<S: Simd> Common<S> {
+impl<S: Simd> Overlap<S> {
     #[inline(always)]
-    fn of(s: S, window: &Window, own: &Flight, [begins, ends]: [[f32; WIDE]; 2]) -> Common<S> {
-        let [own_begin, own_end] = [own.life.begin(), own.life.end_bound()].map(f64::from);
+    fn of(s: S, window: &Window, own: &PointPath, [begins, ends]: [[f32; WIDTH]; 2]) -> Overlap<S> {
+        let [own_begin, own_end] = [own.active.begin(), own.active.end_bound()].map(f64::from);
         let begin = s.max_d(s.splat_d(greater(window.times[0], own_begin)), s.widen_four(&begins));
         // Lives that reach the end of the shutter have an end beyond it.
         let last = lesser(lesser(window.times[1], 1.0), own_end);
         let ends = s.widen_four(&ends);
         let times = [begin, s.min_d(s.splat_d(last), ends)];
-        // Where a life ends, the point is no more.
+        // At the end of its active interval, a point does not exist any more.
         let [from, until] = window.reported;
         let reported = [s.splat_d(from), s.min_d(s.splat_d(lesser(until, own_end)), ends)];
         let phases = [window.phases(s, times[0]), window.phases(s, times[1])];
-        Common { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])], reported }
+        Overlap { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])], reported }
     }
 
-    /// Where others are seen from the point at begin or end.
+    /// Positions of others relative to the point at begin or end.
     #[inline(always)]
-    fn seen(&self, end: usize, open: [S::D; 3], close: [S::D; 3]) -> [S::D; 3] {
+    fn relative(&self, end: usize, open: [S::D; 3], close: [S::D; 3]) -> [S::D; 3] {
         let (phase, own) = (self.phases[end], self.own[end]);
         [
             (open[0] + (close[0] - open[0]) * phase) - own[0],
@@ -174,25 +174,25 @@ impl<S: Simd> Common<S> {
 
     /// The encounters with four others.
     #[inline(always)]
-    fn meetings(&self, s: S, others: &Four, square: S::D) -> Meetings {
+    fn encounters_with(&self, s: S, others: &FourPoints, square: S::D) -> EncounterLanes {
         let [open, close] = others.ends(s);
-        let first = self.seen(0, open, close);
-        let last = self.seen(1, open, close);
-        let passing = [last[0] - first[0], last[1] - first[1], last[2] - first[2]];
+        let first = self.relative(0, open, close);
+        let last = self.relative(1, open, close);
+        let displacement = [last[0] - first[0], last[1] - first[1], last[2] - first[2]];
         let (zero, one) = (s.splat_d(0.0), s.splat_d(1.0));
-        let (speed, approach) = (dot::<S>(passing, passing), zero - dot::<S>(first, passing));
-        // Where nothing passes it is 0 / 0, of which the greater of it and 0 makes 0.
+        let (speed, approach) = (dot::<S>(displacement, displacement), zero - dot::<S>(first, displacement));
+        // Without relative motion it is 0 / 0, of which the greater of it and 0 makes 0.
         let w = s.min_d(s.max_d(approach / speed, zero), one);
-        let nearest = [first[0] + passing[0] * w, first[1] + passing[1] * w, first[2] + passing[2] * w];
+        let nearest = [first[0] + displacement[0] * w, first[1] + displacement[1] * w, first[2] + displacement[2] * w];
         let outside = dot::<S>(first, first) - square;
         let root = s.sqrt_d(s.max_d(approach * approach - speed * outside, zero));
-        // The smaller root without cancellation; `approach` is above zero where the way begins outside. Few ways both begin
+        // The smaller root without cancellation; `approach` is above zero where the pair begins outside. Few pairs both begin
         // and end outside, so one division serves for entering or leaving.
         let sum = approach + root;
         let quotient = s.select_le(outside, zero, sum, outside) / s.select_le(outside, zero, speed, sum);
         let last_square = dot::<S>(last, last);
         let inside = s.le_d(outside, zero) | s.le_d(last_square, square);
-        let to_leave = if inside == (1 << WIDE) - 1 { quotient } else { sum / speed };
+        let to_leave = if inside == (1 << WIDTH) - 1 { quotient } else { sum / speed };
         let entering = s.min_d(s.max_d(quotient, zero), w);
         let leaving = s.min_d(s.max_d(to_leave, w), one);
         let enter = s.select_le(outside, zero, zero, entering);
@@ -203,52 +203,52 @@ impl<S: Simd> Common<S> {
         let enter = begin + duration * enter;
         let [from, until] = self.reported;
         let reported = s.le_d(from, enter) & !s.le_d(until, enter);
-        Meetings {
+        EncounterLanes {
             enter: s.narrow(enter),
             leave: s.narrow(begin + duration * leave),
             closest: s.narrow(begin + duration * w),
             distance_squared: s.narrow(distance),
-            there: s.le_d(begin, end) & s.le_d(distance, square) & reported,
+            valid: s.le_d(begin, end) & s.le_d(distance, square) & reported,
         }
     }
 }
 
 /// Where a point is at each of four phases.
 #[inline(always)]
-fn own_at<S: Simd>(s: S, own: &Flight, phases: S::D) -> [S::D; 3] {
-    let way = [own.close[0] - own.open[0], own.close[1] - own.open[1], own.close[2] - own.open[2]];
+fn own_at<S: Simd>(s: S, own: &PointPath, phases: S::D) -> [S::D; 3] {
+    let displacement = [own.close[0] - own.open[0], own.close[1] - own.open[1], own.close[2] - own.open[2]];
     [
-        s.splat_d(own.open[0]) + s.splat_d(way[0]) * phases,
-        s.splat_d(own.open[1]) + s.splat_d(way[1]) * phases,
-        s.splat_d(own.open[2]) + s.splat_d(way[2]) * phases,
+        s.splat_d(own.open[0]) + s.splat_d(displacement[0]) * phases,
+        s.splat_d(own.open[1]) + s.splat_d(displacement[1]) * phases,
+        s.splat_d(own.open[2]) + s.splat_d(displacement[2]) * phases,
     ]
 }
 
 /// The encounters of a point with four others.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Meetings {
-    enter: [f32; WIDE],
-    leave: [f32; WIDE],
-    closest: [f32; WIDE],
-    distance_squared: [f32; WIDE],
-    /// Where there is an encounter.
-    there: Mask,
+pub(super) struct EncounterLanes {
+    enter: [f32; WIDTH],
+    leave: [f32; WIDTH],
+    closest: [f32; WIDTH],
+    distance_squared: [f32; WIDTH],
+    /// Lanes with an encounter.
+    valid: Mask,
 }
 
-impl Meetings {
+impl EncounterLanes {
     /// Writes the encounters one behind the other; their number.
     #[inline(always)]
-    pub(super) fn write(&self, others: &Four, to: &mut [Encounter; WIDE]) -> usize {
+    pub(super) fn write(&self, others: &FourPoints, to: &mut [Encounter; WIDTH]) -> usize {
         let mut count = 0;
-        for lane in 0..WIDE {
-            to[count % WIDE] = Encounter {
+        for lane in 0..WIDTH {
+            to[count % WIDTH] = Encounter {
                 id: others.points[lane].id,
                 enter: self.enter[lane],
                 leave: self.leave[lane],
                 closest: self.closest[lane],
                 distance_squared: self.distance_squared[lane],
             };
-            count += usize::from(self.there >> lane & 1);
+            count += usize::from(self.valid >> lane & 1);
         }
         count
     }
@@ -256,14 +256,14 @@ impl Meetings {
     /// When each of the others that is met comes within the radius: lanes and times.
     #[inline(always)]
     pub(super) fn entering(&self) -> impl Iterator<Item = (usize, f32)> + '_ {
-        (0..WIDE).filter(|&lane| self.there >> lane & 1 != 0).map(|lane| (lane, self.enter[lane]))
+        (0..WIDTH).filter(|&lane| self.valid >> lane & 1 != 0).map(|lane| (lane, self.enter[lane]))
     }
 }
 
 /// A point that may be met, between two keys.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
-struct Place {
+struct PointKeys {
     /// Where it is at both keys.
     keys: [f32; 6],
     id: u32,
@@ -271,47 +271,47 @@ struct Place {
 
 /// Points that may be met.
 #[derive(Default)]
-pub(super) struct Others {
-    points: Vec<Place>,
-    /// Their whole lives, up to where they are not over yet; empty where all live throughout.
-    lives: Vec<[f32; 2]>,
+pub(super) struct CandidatePoints {
+    points: Vec<PointKeys>,
+    /// Begin and end bound of their active intervals; empty if all points exist throughout.
+    active: Vec<[f32; 2]>,
 }
 
-impl Others {
+impl CandidatePoints {
     pub(super) fn clear(&mut self) {
         self.points.clear();
-        self.lives.clear();
+        self.active.clear();
     }
 
-    /// Appends sixteen points; where not `mortal`, they live throughout.
+    /// Appends sixteen points; unless `has_active_intervals`, they exist throughout.
     #[inline(always)]
-    pub(super) fn push(&mut self, points: &FlightRows, mortal: bool) {
-        let FlightRows { open: [x, y, z], close: [u, v, w], begin, end, id } = points;
-        let place = |i: usize| Place { keys: [x[i], y[i], z[i], u[i], v[i], w[i]], id: id[i] };
-        let places: [Place; LANES] = core::array::from_fn(place);
-        self.points.extend_from_slice(&places);
-        if mortal {
-            self.lives.extend((0..LANES).map(|i| [begin[i], end[i]]));
+    pub(super) fn push(&mut self, points: &PathRows, has_active_intervals: bool) {
+        let PathRows { open: [x, y, z], close: [u, v, w], begin, end, id } = points;
+        let keys = |i: usize| PointKeys { keys: [x[i], y[i], z[i], u[i], v[i], w[i]], id: id[i] };
+        let all: [PointKeys; LANES] = core::array::from_fn(keys);
+        self.points.extend_from_slice(&all);
+        if has_active_intervals {
+            self.active.extend((0..LANES).map(|i| [begin[i], end[i]]));
         }
     }
 
     /// Four of them.
     #[inline(always)]
-    fn four(&self, at: [u32; WIDE]) -> Four<'_> {
+    fn four(&self, at: [u32; WIDTH]) -> FourPoints<'_> {
         let [a, b, c, d] = at;
         let point = |i: u32| &self.points[i as usize];
-        Four { points: [point(a), point(b), point(c), point(d)], others: self, at }
+        FourPoints { points: [point(a), point(b), point(c), point(d)], others: self, at }
     }
 }
 
-/// Four points that may be met.
-pub(super) struct Four<'a> {
-    points: [&'a Place; WIDE],
-    others: &'a Others,
-    at: [u32; WIDE],
+/// Four candidate points.
+pub(super) struct FourPoints<'a> {
+    points: [&'a PointKeys; WIDTH],
+    others: &'a CandidatePoints,
+    at: [u32; WIDTH],
 }
 
-impl Four<'_> {
+impl FourPoints<'_> {
     /// Where they are at both keys.
     #[inline(always)]
     fn ends<S: Simd>(&self, s: S) -> [[S::D; 3]; 2] {
@@ -331,18 +331,18 @@ impl Four<'_> {
         [[x, y, z], [u, v, w]]
     }
 
-    /// Begins and ends of their lives.
+    /// Begins and end bounds of their active intervals.
     #[inline(always)]
-    fn lives(&self) -> [[f32; WIDE]; 2] {
-        [0, 1].map(|end| self.at.map(|i| self.others.lives[i as usize][end]))
+    fn active(&self) -> [[f32; WIDTH]; 2] {
+        [0, 1].map(|end| self.at.map(|i| self.others.active[i as usize][end]))
     }
 
     /// One of the points.
-    pub(super) fn flight(&self, lane: usize) -> Flight {
-        let Place { keys: [x, y, z, u, v, w], id } = *self.points[lane];
-        let life = self.others.lives.get(self.at[lane] as usize);
-        let life = life.and_then(|&[begin, end]| TimeInterval::half_open(begin, end)).unwrap_or(TimeInterval::FULL);
-        Flight { id, open: [x, y, z].map(f64::from), close: [u, v, w].map(f64::from), life }
+    pub(super) fn point_path(&self, lane: usize) -> PointPath {
+        let PointKeys { keys: [x, y, z, u, v, w], id } = *self.points[lane];
+        let active = self.others.active.get(self.at[lane] as usize);
+        let active = active.and_then(|&[begin, end]| TimeInterval::half_open(begin, end)).unwrap_or(TimeInterval::FULL);
+        PointPath { id, open: [x, y, z].map(f64::from), close: [u, v, w].map(f64::from), active }
     }
 }
 

@@ -1,12 +1,12 @@
 //! Lists of encounters, one for each point, in memory of the caller.
 
-use super::encounter::{Encounter, Four, Meetings, Visitor, WIDE};
+use super::encounter::{Encounter, EncounterLanes, FourPoints, Visitor, WIDTH};
 use super::sweep::{Sweep, Worker};
 use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::lists::error::ListError;
-use crate::point::lists::in_turn::in_turn;
-use crate::point::over_interval::Flight;
+use crate::point::lists::in_order::in_order;
+use crate::point::over_interval::PointPath;
 use crate::point::tree::PointTree;
 use crate::simd::huge_vec;
 
@@ -88,7 +88,7 @@ impl PointTree {
     /// For every point all others that come within `radius` at some time of the interval, both ends included, with
     /// the times: what a step of a simulation needs in which nothing may pass unseen.
     ///
-    /// Decided in f64 for exact linear motion between the f32 positions at the keys. Points meet while both are alive: not
+    /// Decided in f64 for exact linear motion between the f32 positions at the keys. Points meet while both exist: not
     /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. So an encounter begins before both
     /// active intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and
     /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. The same holds at keys: of a point
@@ -140,16 +140,16 @@ impl PointTree {
             return Err(ListError::Radius { id: None });
         }
         let times = [interval.begin(), interval.end()];
-        let boxed = self.boxed(times);
+        let boxed = self.box_tree(times);
         let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), times, radius, None);
         if !sweep.once {
             lists.merge(&sweep.run(EncounterLists::new));
         } else if parallel::threads() == 1 {
             let mut worker = Worker::new(core::mem::take(lists));
-            sweep.run_alone(&mut worker);
+            sweep.run_on_one_thread(&mut worker);
             *lists = worker.visitor;
         } else {
-            lists.make_in_turn(&sweep);
+            lists.make_in_parallel(&sweep);
         }
         Ok(())
     }
@@ -159,26 +159,26 @@ impl Visitor for EncounterLists {
     const EXCLUDES_LISTED: bool = false;
 
     #[inline(always)]
-    fn begin(&mut self, own: &Flight) {
+    fn begin(&mut self, own: &PointPath) {
         self.points.push(own.id);
         self.offsets.push(self.end());
     }
 
     #[inline(always)]
-    fn meet(&mut self, _own: &Flight, others: &Four, meetings: &Meetings) {
+    fn visit(&mut self, _own: &PointPath, others: &FourPoints, encounters: &EncounterLanes) {
         let Some(end) = self.offsets.last_mut() else { return };
-        if self.encounters.len() < *end + WIDE {
-            grow(&mut self.encounters, *end + WIDE);
+        if self.encounters.len() < *end + WIDTH {
+            grow(&mut self.encounters, *end + WIDTH);
         }
-        let to: &mut [Encounter; WIDE] = (&mut self.encounters[*end..*end + WIDE]).try_into().expect("four");
-        *end += meetings.write(others, to);
+        let to: &mut [Encounter; WIDTH] = (&mut self.encounters[*end..*end + WIDTH]).try_into().expect("four");
+        *end += encounters.write(others, to);
     }
 }
 
 /// At least this length, with room to grow; on huge pages.
 #[cold]
 fn grow(encounters: &mut Vec<Encounter>, length: usize) {
-    let mut larger = huge_vec(length + length / 2 + 64 * WIDE);
+    let mut larger = huge_vec(length + length / 2 + 64 * WIDTH);
     larger.extend_from_slice(encounters);
     larger.resize(larger.capacity(), Encounter::NONE);
     *encounters = larger;
@@ -205,7 +205,7 @@ impl EncounterLists {
     }
 
     /// Makes the lists on several threads.
-    fn make_in_turn(&mut self, sweep: &Sweep<'_>) {
+    fn make_in_parallel(&mut self, sweep: &Sweep<'_>) {
         let mut shares = core::mem::take(&mut self.shares);
         shares.resize(SHARES * parallel::threads(), EncounterLists::new());
         let mut workers: Vec<_> = shares.into_iter().map(Worker::new).collect();
@@ -214,7 +214,7 @@ impl EncounterLists {
             let EncounterLists { offsets, points, encounters, .. } = &mut *self;
             let begin = offsets.last().map_or(0, |end| *end);
             let mut room = encounters.get_mut(begin..).unwrap_or_default();
-            let place = |worker: &Worker<EncounterLists>| {
+            let assign = |worker: &Worker<EncounterLists>| {
                 let share = &worker.visitor;
                 let (own, rest) = core::mem::take(&mut room).split_at_mut_checked(share.end())?;
                 room = rest;
@@ -230,7 +230,7 @@ impl EncounterLists {
             let copy = |worker: &Worker<EncounterLists>, room: &mut [Encounter]| {
                 room.copy_from_slice(worker.visitor.encounters());
             };
-            done = in_turn(done..groups, &mut workers, make, place, copy);
+            done = in_order(done..groups, &mut workers, make, assign, copy);
             if done < groups {
                 // Room for the mean so far for each of the other groups, and for the largest that there was no room for.
                 let most = workers.iter().map(|worker| worker.visitor.end()).max().unwrap_or(0);

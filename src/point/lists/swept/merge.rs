@@ -1,7 +1,7 @@
 //! Brings together the lists of points that come up more than once.
 //!
 //! Where the shutter is divided, a point has a list in each time slice, and a pair an encounter in each segment between
-//! keys. All lists of a point are copied to their final place and sorted by id. Encounters of the same pair become one.
+//! keys. All lists of a point are copied to their final position and sorted by id. Encounters of the same pair become one.
 //! Each point is merged by itself, so little memory is needed beside the lists.
 
 use super::encounter::Encounter;
@@ -75,7 +75,7 @@ struct Points<'a> {
 }
 
 impl Points<'_> {
-    /// Writes the encounters of each point to its place, and how many there are.
+    /// Writes the encounters of each point to their final position, and how many there are.
     fn merge(&self, to: &mut [Encounter], lengths: &mut [usize]) {
         if self.rows.len() > SHARE {
             let half = self.rows.len() / 2;

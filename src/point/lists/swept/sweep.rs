@@ -1,8 +1,8 @@
 //! The search for all encounters of a set with itself during an interval.
 
+use super::candidates::{Candidates, Group};
 use super::encounter::{Criteria, Visitor, Window};
-use super::flights::{Group, Partners};
-use super::near::Near;
+use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
 use crate::parallel;
 use crate::point::tree::PointTree;
@@ -18,11 +18,11 @@ pub(super) struct Sweep<'a> {
     times: [f64; 2],
     radius: f64,
     /// Pairs that are nearer than this at the first time are excluded.
-    known: Option<f64>,
+    excluded_within: Option<f64>,
     /// Whether each point comes up once.
     pub(super) once: bool,
-    /// Whether some points do not live throughout.
-    mortal: bool,
+    /// Whether some points do not exist throughout the shutter.
+    has_active_intervals: bool,
 }
 
 /// Groups that one task processes.
@@ -44,19 +44,29 @@ impl<'a> Sweep<'a> {
             nodes.into_iter().map(move |node| (number, node))
         };
         let groups = pairings.iter().enumerate().flat_map(nodes).collect();
-        // Pieces of a life that have the same id are the same point.
+        // Several references with the same id and disjoint active intervals are the same point.
         let once = pairings.len() == slices.len()
             && layers.iter().all(|layer| layer.len() <= 1)
             && !slices.iter().any(Slice::timed);
-        let mortal = slices.iter().any(Slice::mortal);
+        let has_active_intervals = slices.iter().any(Slice::has_active_intervals);
         let times = times.map(f64::from);
-        Sweep { tree, slices, pairings, groups, times, radius: radius.into(), known: None, once, mortal }
+        Sweep {
+            tree,
+            slices,
+            pairings,
+            groups,
+            times,
+            radius: radius.into(),
+            excluded_within: None,
+            once,
+            has_active_intervals,
+        }
     }
 
     /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32,
     /// may differ from exact ones.
     ///
-    /// With u = 2^-24, M the largest coordinate and n segments between keys, the place between the keys is rounded by
+    /// With u = 2^-24, M the largest coordinate and n segments between keys, the phase between the keys is rounded by
     /// nu, which moves a point by 2Mnu; interpolation adds 4Mu, the difference of two points 2Mu; the square and its
     /// comparison with the rounded square of the radius are wrong by 4u of themselves. Along three axes, and for both
     /// points, that is below (4n + 10)·1.8Mu + 4ur.
@@ -70,7 +80,7 @@ impl<'a> Sweep<'a> {
     /// here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur).
     pub(super) fn exclude_lists_of(mut self, radius: f32) -> Sweep<'a> {
         let radius = f64::from(radius);
-        self.known = Some(radius - 2.0 * self.rounding(radius));
+        self.excluded_within = Some(radius - 2.0 * self.rounding(radius));
         self
     }
 
@@ -104,14 +114,14 @@ impl<'a> Sweep<'a> {
     }
 
     /// Shows them all to one visitor, in the same order.
-    pub(super) fn run_alone<V: Visitor>(&self, worker: &mut Worker<V>) {
+    pub(super) fn run_on_one_thread<V: Visitor>(&self, worker: &mut Worker<V>) {
         dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups, worker });
     }
 
     /// The times during which points of two slices are compared. The slices are not in different segments.
     fn window(&self, a: &Slice, b: &Slice) -> Window {
         let (keys, segment) = a.segment().or(b.segment()).unwrap_or((1, 0));
-        Window::of_segment(keys, segment, self.times).owned_by([a.owns, b.owns])
+        Window::of_segment(keys, segment, self.times).reported_by([a.reports, b.reports])
     }
 }
 
@@ -119,13 +129,13 @@ impl<'a> Sweep<'a> {
 pub(super) struct Worker<V> {
     pub(super) visitor: V,
     group: Group,
-    partners: Partners,
-    near: Near,
+    candidates: Candidates,
+    filter: PairFilter,
 }
 
 impl<V> Worker<V> {
     pub(super) fn new(visitor: V) -> Worker<V> {
-        Worker { visitor, group: Group::default(), partners: Partners::default(), near: Near::default() }
+        Worker { visitor, group: Group::default(), candidates: Candidates::default(), filter: PairFilter::default() }
     }
 }
 
@@ -140,29 +150,30 @@ impl<V: Visitor> Kernel for Share<'_, V> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Share { sweep, groups, worker: Worker { visitor, group, partners, near } } = self;
+        let Share { sweep, groups, worker: Worker { visitor, group, candidates, filter } } = self;
         for &(number, node) in groups {
             let pairing = &sweep.pairings[number];
             let slice = &sweep.slices[pairing.own];
             match slice.tree {
-                Tree::Still(tree) => group.take(tree, node, pairing.times),
+                Tree::Static(tree) => group.take(tree, node, pairing.times),
                 Tree::Moving(tree) => group.take(tree, node, pairing.times),
             }
             let first_time = pairing.times[0];
-            // `known` holds for positions at the first time only.
-            let known = sweep.known.filter(|_| f64::from(first_time) == sweep.times[0]);
-            let criteria = Criteria { radius: sweep.radius, first_time, mortal: sweep.mortal };
-            partners.clear();
+            // `excluded_within` holds for positions at the first time only.
+            let excluded_within = sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]);
+            let criteria =
+                Criteria { radius: sweep.radius, first_time, has_active_intervals: sweep.has_active_intervals };
+            candidates.clear();
             for &other in &pairing.others {
                 let other = &sweep.slices[other];
                 let window = sweep.window(slice, other);
                 match other.tree {
-                    Tree::Still(tree) => partners.add(s, tree, group, window, (&criteria, known)),
-                    Tree::Moving(tree) => partners.add(s, tree, group, window, (&criteria, known)),
+                    Tree::Static(tree) => candidates.add(s, tree, group, window, (&criteria, excluded_within)),
+                    Tree::Moving(tree) => candidates.add(s, tree, group, window, (&criteria, excluded_within)),
                 }
             }
             for block in &group.blocks {
-                near.visit(s, (block, partners), &criteria, visitor);
+                filter.visit(s, (block, candidates), &criteria, visitor);
             }
         }
     }
@@ -170,11 +181,11 @@ impl<V: Visitor> Kernel for Share<'_, V> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::encounter::{Four, Meetings};
+    use super::super::encounter::{EncounterLanes, FourPoints};
     use super::super::lists::EncounterLists;
     use super::*;
     use crate::geometry::TimeInterval;
-    use crate::point::over_interval::Flight;
+    use crate::point::over_interval::PointPath;
     use crate::primitive::PointArrays;
     use crate::random::Random;
     use crate::{PointParams, PointStructure};
@@ -185,9 +196,9 @@ mod tests {
 
     impl Visitor for Reported {
         const EXCLUDES_LISTED: bool = false;
-        fn begin(&mut self, _own: &Flight) {}
-        fn meet(&mut self, _own: &Flight, _others: &Four, meetings: &Meetings) {
-            self.0 += meetings.entering().count();
+        fn begin(&mut self, _own: &PointPath) {}
+        fn visit(&mut self, _own: &PointPath, _others: &FourPoints, encounters: &EncounterLanes) {
+            self.0 += encounters.entering().count();
         }
     }
 
@@ -196,24 +207,25 @@ mod tests {
     #[test]
     fn an_encounter_is_reported_in_one_time_slice() {
         let mut random = Random(3);
-        let mut place = |by: f32| Vec3::from_array(core::array::from_fn(|_| random.signed() * by));
-        let first: Vec<Vec3> = (0..600).map(|_| place(1.0)).collect();
+        let mut random_vec = |by: f32| Vec3::from_array(core::array::from_fn(|_| random.signed() * by));
+        let first: Vec<Vec3> = (0..600).map(|_| random_vec(1.0)).collect();
         // Some stand still, a few are fast.
         let speed = |i: usize| [0.0, 0.3, 0.3, if i.is_multiple_of(16) { 3.0 } else { 0.3 }][i % 4];
-        let mut way = |from: &[Vec3]| from.iter().enumerate().map(|(i, p)| *p + place(speed(i))).collect::<Vec<_>>();
-        let second = way(&first);
-        let third = way(&second);
-        let lives = (0..600u16).map(|i| {
+        let mut moved =
+            |from: &[Vec3]| from.iter().enumerate().map(|(i, p)| *p + random_vec(speed(i))).collect::<Vec<_>>();
+        let second = moved(&first);
+        let third = moved(&second);
+        let active = (0..600u16).map(|i| {
             let (begin, end) = [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.25, 0.75)][usize::from(i % 7 % 4)];
             TimeInterval::new(begin, end).unwrap()
         });
-        let lives: Vec<_> = lives.collect();
+        let active: Vec<_> = active.collect();
         let mut divided = 0;
         for (keys, alive) in [
             (&[&first[..], &second][..], &[][..]),
-            (&[&first, &second], &lives),
+            (&[&first, &second], &active),
             (&[&first, &second, &third], &[]),
-            (&[&first, &second, &third], &lives),
+            (&[&first, &second, &third], &active),
         ] {
             for (begin, end) in [(0.0, 1.0), (0.25, 0.5), (0.3, 0.8)] {
                 let interval = TimeInterval::new(begin, end).unwrap();
@@ -229,10 +241,10 @@ mod tests {
                     let tree = PointTree::build(&PointArrays { keys, alive, ids: &[] }, &params).unwrap();
                     for radius in [0.2, 9.0] {
                         let what =
-                            format!("{} keys, {} lives, {structure:?}, radius {radius}", keys.len(), alive.len());
+                            format!("{} keys, {} intervals, {structure:?}, radius {radius}", keys.len(), alive.len());
                         let mut lists = EncounterLists::new();
                         tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
-                        let boxed = tree.boxed([begin, end]);
+                        let boxed = tree.box_tree([begin, end]);
                         let sweep = Sweep::new(boxed.as_ref().unwrap_or(&tree), [begin, end], radius, None);
                         let reported: usize = sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum();
                         let found = lists.encounters().len();

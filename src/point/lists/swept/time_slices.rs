@@ -17,10 +17,10 @@
 //! motion, one of the 64 units of slack in [`super`]. f32 rounds the times of keys. There the first and the last slice
 //! of a segment report all that is beyond them, and ranges of times are widened by more than that.
 
+use crate::point::layers::Layer;
 use crate::point::moving_reference;
 use crate::point::moving_tree::MovingTree;
-use crate::point::over_interval::{Boxed, InRows};
-use crate::point::partition::Layer;
+use crate::point::over_interval::{BlockTree, BoxTree};
 use crate::point::static_tree::StaticTree;
 use crate::simd::{LANES, Lanes};
 use core::ops::Range;
@@ -28,7 +28,7 @@ use core::ops::Range;
 /// The tree of a time slice, or one for all times.
 #[derive(Clone, Copy)]
 pub(super) enum Tree<'a> {
-    Still(&'a StaticTree),
+    Static(&'a StaticTree),
     Moving(&'a MovingTree),
 }
 
@@ -38,7 +38,7 @@ pub(super) struct Slice<'a> {
     pub(super) tree: Tree<'a>,
     pub(super) times: [f32; 2],
     /// The slice reports the encounters that begin from the first of these times to before the second.
-    pub(super) owns: [f64; 2],
+    pub(super) reports: [f64; 2],
 }
 
 /// Encounters that begin at any time.
@@ -57,7 +57,7 @@ impl Slice<'_> {
     /// Number of keys and segment where anything moves.
     pub(super) fn segment(&self) -> Option<(usize, usize)> {
         match self.tree {
-            Tree::Still(_) => None,
+            Tree::Static(_) => None,
             Tree::Moving(tree) => Some((tree.slice().keys, tree.slice().segment)),
         }
     }
@@ -65,16 +65,16 @@ impl Slice<'_> {
     /// The largest magnitude of a coordinate at either key of the segment, or somewhat more.
     pub(super) fn magnitude(&self) -> f64 {
         match self.tree {
-            Tree::Still(tree) => magnitude(tree),
+            Tree::Static(tree) => magnitude(tree),
             Tree::Moving(tree) => magnitude(tree),
         }
     }
 
-    /// Whether some points do not live throughout.
-    pub(super) fn mortal(&self) -> bool {
+    /// Whether some points do not exist throughout the shutter.
+    pub(super) fn has_active_intervals(&self) -> bool {
         match self.tree {
-            Tree::Still(tree) => tree.mortal(),
-            Tree::Moving(tree) => tree.mortal(),
+            Tree::Static(tree) => tree.has_active_intervals(),
+            Tree::Moving(tree) => tree.has_active_intervals(),
         }
     }
 
@@ -86,7 +86,7 @@ impl Slice<'_> {
     /// Whether a time is in the slice, or in the segment between keys that ends with it.
     fn holds(&self, time: f32) -> bool {
         match self.tree {
-            Tree::Still(_) => true,
+            Tree::Static(_) => true,
             Tree::Moving(tree) => tree.slice().interval.contains(time) || beside_key(tree.slice(), time),
         }
     }
@@ -94,18 +94,18 @@ impl Slice<'_> {
     /// The bottom nodes.
     pub(super) fn bottom_nodes(&self) -> Vec<usize> {
         match self.tree {
-            Tree::Still(tree) => bottom_nodes(tree),
+            Tree::Static(tree) => bottom_nodes(tree),
             Tree::Moving(tree) => bottom_nodes(tree),
         }
     }
 }
 
-fn bottom_nodes<T: Boxed>(tree: &T) -> Vec<usize> {
-    let (top, root) = tree.top();
+fn bottom_nodes<T: BoxTree>(tree: &T) -> Vec<usize> {
+    let (top, root) = tree.root_node();
     let mut nodes = vec![root];
     for level in (1..=top).rev() {
         let children = |&node: &usize| {
-            let first = tree.behind(level, node).0;
+            let first = tree.children(level, node).0;
             let begins = tree.times(node)[0];
             (0..LANES).filter(move |&lane| begins[lane] < f64::INFINITY).map(move |lane| first + lane)
         };
@@ -114,16 +114,16 @@ fn bottom_nodes<T: Boxed>(tree: &T) -> Vec<usize> {
     nodes
 }
 
-fn magnitude<T: Boxed>(tree: &T) -> f64 {
-    let root = tree.top().1;
+fn magnitude<T: BoxTree>(tree: &T) -> f64 {
+    let root = tree.root_node().1;
     let begins = tree.times(root)[0];
     let keys = [0.0, 1.0].map(|phase| tree.faces(root, &[phase; LANES]));
     let rows = keys.iter().flatten().flatten();
-    let there = |row: &Lanes<f64>| {
+    let largest = |row: &Lanes<f64>| {
         let lanes = (0..LANES).filter(|&lane| begins[lane] < f64::INFINITY);
         lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
     };
-    rows.map(there).fold(0.0, f64::max)
+    rows.map(largest).fold(0.0, f64::max)
 }
 
 /// Whether an active interval begins exactly where a time slice does.
@@ -153,26 +153,26 @@ pub(super) fn time_slices_of<'a>(
     segment: Option<usize>,
 ) -> Vec<Slice<'a>> {
     let trees = match layer {
-        Layer::Still(tree) => return vec![Slice { tree: Tree::Still(tree), times, owns: ALWAYS }],
-        // See `PointTree::boxed`.
+        Layer::Static(tree) => return vec![Slice { tree: Tree::Static(tree), times, reports: ALWAYS }],
+        // See `PointTree::box_tree`.
         Layer::Planes(_) => return Vec::new(),
         Layer::Moving(trees) => trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.slice().segment)),
     };
     let slice = |tree: &'a MovingTree| {
         let interval = tree.slice().interval;
-        let owns = [interval.begin(), interval.end_bound()].map(f64::from);
+        let reports = [interval.begin(), interval.end_bound()].map(f64::from);
         let both = [times[0].max(interval.begin()), times[1].min(interval.end())];
         let last = both[0] == times[1] && times[0] < times[1];
         let more_than_an_end = times[0] < interval.end_bound() && (begins || !last);
         let searched = both[0] <= both[1] && (more_than_an_end || beside_key(tree.slice(), both[0]));
-        searched.then_some(Slice { tree: Tree::Moving(tree), times: both, owns })
+        searched.then_some(Slice { tree: Tree::Moving(tree), times: both, reports })
     };
     let mut slices: Vec<Slice> = trees.filter_map(slice).collect();
     // The times of keys are rounded, and the slice beside the key may not be searched.
     for of_segment in slices.chunk_by_mut(|a, b| a.segment() == b.segment()) {
         let last = of_segment.len() - 1;
-        of_segment[0].owns[0] = ALWAYS[0];
-        of_segment[last].owns[1] = ALWAYS[1];
+        of_segment[0].reports[0] = ALWAYS[0];
+        of_segment[last].reports[1] = ALWAYS[1];
     }
     slices
 }

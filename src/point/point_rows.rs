@@ -103,7 +103,7 @@ impl<'a> PointRows<'a> {
         }
     }
 
-    /// Writes the lanes of a mask to place `at` and on, and anything to the rest of a vector there.
+    /// Writes the lanes of a mask to index `at` and on, and anything to the rest of a vector there.
     #[inline(always)]
     pub(super) fn store_compressed<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>, mask: Mask) {
         let [x, y, z] = &mut self.at;

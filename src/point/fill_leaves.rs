@@ -1,6 +1,6 @@
 //! From points below bottom nodes to leaf blocks and boxes.
 
-use super::bottom::{MOST, Rows, SPARE};
+use super::bottom_order::{MOST, Rows, SPARE};
 use super::order::join;
 use super::snapshot::Boxes;
 use crate::simd::{Kernel, LANES, PointBlock, Simd, SimdLevel, dispatch};
@@ -17,7 +17,7 @@ pub(super) trait Points: Sync {
 }
 
 /// Bottom nodes and the blocks below them, to be filled.
-pub(super) struct Bottoms<'a> {
+pub(super) struct BottomNodes<'a> {
     /// Number of the first point.
     pub(super) first: usize,
     /// Number of points; not all nodes may have some.
@@ -32,27 +32,27 @@ pub(super) struct Bottoms<'a> {
 const SHARE: usize = 64;
 
 /// Takes the points of each bottom node, puts them in order, and writes its blocks and boxes.
-pub(super) fn fill(bottoms: Bottoms<'_>, points: &impl Points) {
-    let Bottoms { first, count, nodes, blocks, leaf_blocks } = bottoms;
+pub(super) fn fill(bottoms: BottomNodes<'_>, points: &impl Points) {
+    let BottomNodes { first, count, nodes, blocks, leaf_blocks } = bottoms;
     if nodes.len() > SHARE {
         let half = nodes.len() / 2;
         let (nodes, more_nodes) = nodes.split_at_mut(half);
         let (blocks, more_blocks) = blocks.split_at_mut(half * LANES * leaf_blocks);
         let left = (half * LANES * LANES * leaf_blocks).min(count);
         return join(
-            || fill(Bottoms { first, count: left, nodes, blocks, leaf_blocks }, points),
+            || fill(BottomNodes { first, count: left, nodes, blocks, leaf_blocks }, points),
             || {
                 let (first, count) = (first + left, count - left);
-                fill(Bottoms { first, count, nodes: more_nodes, blocks: more_blocks, leaf_blocks }, points)
+                fill(BottomNodes { first, count, nodes: more_nodes, blocks: more_blocks, leaf_blocks }, points)
             },
         );
     }
     // What is written does not depend on the instruction set.
-    dispatch(SimdLevel::best(), Fill { bottoms: Bottoms { first, count, nodes, blocks, leaf_blocks }, points });
+    dispatch(SimdLevel::best(), Fill { bottoms: BottomNodes { first, count, nodes, blocks, leaf_blocks }, points });
 }
 
 struct Fill<'a, P> {
-    bottoms: Bottoms<'a>,
+    bottoms: BottomNodes<'a>,
     points: &'a P,
 }
 
@@ -60,7 +60,7 @@ impl<P: Points> Kernel for Fill<'_, P> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Fill { bottoms: Bottoms { first, count, nodes, blocks, leaf_blocks }, points } = self;
+        let Fill { bottoms: BottomNodes { first, count, nodes, blocks, leaf_blocks }, points } = self;
         let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
         let share = LANES * leaf_blocks;
         for (number, node) in nodes.iter_mut().enumerate() {

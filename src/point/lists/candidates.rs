@@ -4,7 +4,7 @@ use super::group::{BlockPoints, Group};
 use super::periodic_box::PeriodicBox;
 use super::radii::{Radii, bound_of};
 use super::reach::Reach;
-use crate::point::snapshot::{Placed, Target, squared};
+use crate::point::snapshot::{CoordinateView, Target, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
 
 /// Boxes in rows, each with the candidate it is around and how far the points in it reach.
@@ -102,7 +102,7 @@ fn read<S: Simd>(s: S, rows: &[Vec<f32>; 3], at: usize) -> [S::F; 3] {
     [s.load(lanes_at(&rows[0], at)), s.load(lanes_at(&rows[1], at)), s.load(lanes_at(&rows[2], at))]
 }
 
-/// Writes the lanes of a mask to place `at` and on, and anything to the rest of a vector there.
+/// Writes the lanes of a mask to index `at` and on, and anything to the rest of a vector there.
 #[inline(always)]
 pub(super) fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F, mask: Mask) {
     let to: &mut Lanes<f32> = (&mut column[at..at + LANES]).try_into().expect("sixteen");
@@ -122,8 +122,8 @@ pub(super) struct Candidates {
     pub(super) blocks: Vec<BlockPoints>,
     /// Squared radii of the points in the blocks, where these count.
     pub(super) bounds: Vec<Lanes<f32>>,
-    /// Whether any candidate has its nearest image elsewhere for any point of the group.
-    pub(super) elsewhere: bool,
+    /// Whether the nearest image of any candidate is a wrapped one for any point of the group.
+    pub(super) wrapped: bool,
     /// Nodes still to be visited: level and number.
     open: Vec<(usize, usize)>,
 }
@@ -133,7 +133,7 @@ impl Candidates {
         self.boxes.clear();
         self.blocks.clear();
         self.bounds.clear();
-        self.elsewhere = false;
+        self.wrapped = false;
     }
 
     pub(super) fn bytes(&self) -> usize {
@@ -145,7 +145,7 @@ impl Candidates {
 
     /// Adds what the group can reach in a view, or what can reach the group.
     #[inline(always)]
-    pub(super) fn add<S: Simd, V: Placed>(
+    pub(super) fn add<S: Simd, V: CoordinateView>(
         &mut self,
         s: S,
         (view, target): (&V, &Target<S>),
@@ -164,10 +164,10 @@ impl Candidates {
             }
             let mut near;
             if periodic_box.any {
-                let moved = periodic_box.bring(s, (lo, hi), (group.lo, group.hi));
+                let moved = periodic_box.wrap(s, (lo, hi), (group.lo, group.hi));
                 (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
                 near = boxes.near(s, group.lo, group.hi, group.bound) & present;
-                self.elsewhere |= level == 0 && near & moved.elsewhere != 0;
+                self.wrapped |= level == 0 && near & moved.wrapped != 0;
                 (boxes.lo, boxes.hi) = moved.widened(s);
             } else {
                 near = boxes.near(s, group.lo, group.hi, group.bound) & present;
@@ -204,13 +204,13 @@ impl Candidates {
     }
 }
 
-/// Which candidates are near enough, as a list that is filled without a branch.
+/// The indices of the candidates that are near enough, filled without a branch.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Picks {
+pub(super) struct Selection {
     list: Vec<u32>,
 }
 
-impl Picks {
+impl Selection {
     /// The candidates whose boxes are near a point.
     #[inline(always)]
     pub(super) fn near_point<S: Simd>(&mut self, s: S, boxes: &BoxRows, at: [f32; 3], bound: f32) -> &[u32] {
@@ -232,8 +232,8 @@ impl Picks {
         }
         let (list, mut len) = (&mut self.list[..], 0);
         for i in 0..vectors {
-            let (vector, there) = boxes.vector(s, i);
-            let near = vector.near(s, lo, hi, bound) & there;
+            let (vector, valid) = boxes.vector(s, i);
+            let near = vector.near(s, lo, hi, bound) & valid;
             let to: &mut Lanes<u32> = (&mut list[len..len + LANES]).try_into().expect("sixteen");
             s.store_compressed_u(vector.candidate, near, to);
             len += near.count_ones() as usize;

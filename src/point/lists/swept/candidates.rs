@@ -1,8 +1,8 @@
-//! Blocks of points on their ways, and the walk of a group of them through a tree.
+//! Candidates: the blocks of points that a group can come near during a window of time.
 
-use super::encounter::{Criteria, Others, Window, greater, lesser};
-use crate::point::lists::gather::{BoxRows, BoxVector};
-use crate::point::over_interval::{Boxed, FlightRows, InRows};
+use super::encounter::{CandidatePoints, Criteria, Window, greater, lesser};
+use crate::point::lists::candidates::{BoxRows, BoxVector};
+use crate::point::over_interval::{BlockTree, BoxTree, PathRows};
 use crate::point::snapshot::rows;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
@@ -12,54 +12,54 @@ const ROUNDING: f64 = 1.0 / 16_777_216.0;
 /// How much wider than what is compared boxes are made, in units of the magnitude of coordinates: see [`super`].
 const SLACK: f64 = 64.0 * ROUNDING;
 
-/// What the radius of a pair is wider for squares that underflow: the nearest approach is not found where the square of a way
-/// is below the least normal f32, and is missed by up to the way then.
+/// What the radius of a pair is wider for squares that underflow: the nearest approach is not found where the square of a displacement
+/// is below the least normal f32, and is missed by up to the displacement then.
 const UNDERFLOW: f64 = 1e-18;
 
 /// The phases of two times in a tree's segment. They are widened by what a time near a key, rounded to f32, may lie on
 /// the wrong side of it.
-pub(super) fn phases<T: Boxed>(tree: &T, times: [f32; 2]) -> [f64; 2] {
+pub(super) fn phases<T: BoxTree>(tree: &T, times: [f32; 2]) -> [f64; 2] {
     let (keys, segment, _) = tree.slice();
     let [begin, end] = times.map(f64::from);
     let window = Window::of_segment(keys, segment, [begin, end]);
     [window.phase(begin - ROUNDING), window.phase(end + ROUNDING)]
 }
 
-/// Sixteen ways, in rows: where points are at the begin of a range of times, and how far they come, drift taken off.
-/// Where there is none, the place is infinite.
+/// The motion of sixteen points during a range of times relative to the group's mean displacement, in rows. Without a
+/// point, the start is infinite.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(super) struct Ways {
-    pub(super) first: [Lanes<f32>; 3],
-    pub(super) passing: [Lanes<f32>; 3],
+pub(super) struct RelativePaths {
+    pub(super) start: [Lanes<f32>; 3],
+    pub(super) displacement: [Lanes<f32>; 3],
 }
 
-impl Ways {
-    /// The ways of points between two phases of their segment.
+impl RelativePaths {
+    /// The motion of points between two phases of their segment.
     #[inline(always)]
-    fn new(points: &FlightRows, phases: [f64; 2], drift: [f64; 3]) -> Ways {
-        let mut ways = Ways { first: [[f32::INFINITY; LANES]; 3], passing: [[0.0; LANES]; 3] };
+    fn new(points: &PathRows, phases: [f64; 2], drift: [f64; 3]) -> RelativePaths {
+        let mut paths = RelativePaths { start: [[f32::INFINITY; LANES]; 3], displacement: [[0.0; LANES]; 3] };
         for (axis, drift) in drift.into_iter().enumerate() {
             for lane in 0..LANES {
                 let open = f64::from(points.open[axis][lane]);
-                let way = f64::from(points.close[axis][lane]) - open;
-                let (first, last) = (open + way * phases[0], open + way * phases[1]);
+                let displacement = f64::from(points.close[axis][lane]) - open;
+                let (first, last) = (open + displacement * phases[0], open + displacement * phases[1]);
                 let (from, to) = (first as f32, (last - drift) as f32);
-                let there = points.id[lane] != u32::MAX;
-                ways.first[axis][lane] = if there { from } else { f32::INFINITY };
-                ways.passing[axis][lane] = if there { to - from } else { 0.0 };
+                let exists = points.id[lane] != u32::MAX;
+                paths.start[axis][lane] = if exists { from } else { f32::INFINITY };
+                paths.displacement[axis][lane] = if exists { to - from } else { 0.0 };
             }
         }
-        ways
+        paths
     }
 }
 
 /// Sixteen points whose encounters are looked for.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
-    pub(super) points: FlightRows,
-    pub(super) ways: Ways,
-    /// The box around their ways.
+    pub(super) points: PathRows,
+    pub(super) paths: RelativePaths,
+    /// The box around their paths.
     pub(super) lo: [f32; 3],
     pub(super) hi: [f32; 3],
     magnitude: f64,
@@ -67,21 +67,21 @@ pub(super) struct Block {
 
 impl Block {
     #[inline(always)]
-    fn new(points: FlightRows, phases: [f64; 2], drift: [f64; 3]) -> Block {
-        let ways = Ways::new(&points, phases, drift);
+    fn new(points: PathRows, phases: [f64; 2], drift: [f64; 3]) -> Block {
+        let paths = RelativePaths::new(&points, phases, drift);
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         let mut magnitude = drift.iter().fold(0.0f64, |most, x| greater(most, x.abs()));
         for axis in 0..3 {
             for lane in (0..LANES).filter(|&lane| points.id[lane] != u32::MAX) {
-                let from = ways.first[axis][lane];
-                for x in [from, from + ways.passing[axis][lane]] {
+                let from = paths.start[axis][lane];
+                for x in [from, from + paths.displacement[axis][lane]] {
                     (lo[axis], hi[axis]) = (lo[axis].min(x), hi[axis].max(x));
                     // Drift and rounding come on top of what it is.
                     magnitude = greater(magnitude, f64::from(x.abs()) + drift[axis].abs());
                 }
             }
         }
-        Block { points, ways, lo, hi, magnitude }
+        Block { points, paths, lo, hi, magnitude }
     }
 }
 
@@ -96,11 +96,11 @@ fn halved<T: Copy>(mut lanes: Lanes<T>, f: impl Fn(T, T) -> T) -> T {
     lanes[0]
 }
 
-/// The blocks behind a bottom node, and what is common to their motion.
+/// The blocks below a bottom node, and their mean displacement (`drift`), which is subtracted from all positions.
 #[derive(Default)]
 pub(super) struct Group {
     pub(super) blocks: Vec<Block>,
-    /// Times between which boxes are swept.
+    /// The times between which boxes are swept.
     times: [f32; 2],
     drift: [f64; 3],
     lo: [f32; 3],
@@ -109,23 +109,23 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// Takes the points behind bottom node `node` that count during a range of times within the tree's own.
+    /// Takes the points below bottom node `node` that are active during a range of times within the tree's own.
     #[inline(always)]
-    pub(super) fn take<T: InRows>(&mut self, tree: &T, node: usize, times: [f32; 2]) {
+    pub(super) fn take<T: BlockTree>(&mut self, tree: &T, node: usize, times: [f32; 2]) {
         let phases = phases(tree, times);
-        let (first, stride) = tree.behind(0, node);
-        let counting = counting(tree, node, times);
-        let lanes = (0..LANES).filter(|lane| counting >> lane & 1 != 0);
+        let (first, stride) = tree.children(0, node);
+        let active = active_lanes(tree, node, times);
+        let lanes = (0..LANES).filter(|lane| active >> lane & 1 != 0);
         let numbers = lanes.flat_map(|lane| first + lane * stride..first + (lane + 1) * stride);
         let (mut sum, mut count) = ([[0.0; LANES]; 3], [0.0; LANES]);
         for block in numbers.clone() {
             let points = tree.rows(block);
             for lane in 0..LANES {
-                let there = points.id[lane] != u32::MAX;
-                count[lane] += if there { 1.0 } else { 0.0 };
+                let exists = points.id[lane] != u32::MAX;
+                count[lane] += if exists { 1.0 } else { 0.0 };
                 for (axis, sum) in sum.iter_mut().enumerate() {
-                    let way = f64::from(points.close[axis][lane] - points.open[axis][lane]);
-                    sum[lane] += if there { way } else { 0.0 };
+                    let displacement = f64::from(points.close[axis][lane] - points.open[axis][lane]);
+                    sum[lane] += if exists { displacement } else { 0.0 };
                 }
             }
         }
@@ -147,7 +147,7 @@ impl Group {
     /// The boxes of a node, swept between two phases, with the group's drift taken off, and the magnitudes of what is in
     /// them.
     #[inline(always)]
-    fn swept<S: Simd, T: Boxed>(&self, s: S, tree: &T, phases: [f64; 2], node: usize) -> (BoxVector<S>, Lanes<f64>) {
+    fn swept<S: Simd, T: BoxTree>(&self, s: S, tree: &T, phases: [f64; 2], node: usize) -> (BoxVector<S>, Lanes<f64>) {
         let ends = phases.map(|phase| tree.faces(node, &[phase; LANES]));
         let (mut lo, mut hi, mut magnitude) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
         for axis in 0..3 {
@@ -166,36 +166,36 @@ impl Group {
     }
 }
 
-/// Lanes of a node in which something counts at some time of a range, both ends included.
+/// Lanes of a node that are active at some time of a range, both ends included.
 #[inline(always)]
-fn counting<T: Boxed>(tree: &T, node: usize, times: [f32; 2]) -> Mask {
+fn active_lanes<T: BoxTree>(tree: &T, node: usize, times: [f32; 2]) -> Mask {
     let [begin, end] = tree.times(node);
     let [first, last] = times.map(f64::from);
     (0..LANES).fold(0, |mask, lane| mask | Mask::from(begin[lane] <= last && first <= end[lane]) << lane)
 }
 
-/// A block that a group can meet.
-pub(super) struct Partner {
-    pub(super) ways: Ways,
+/// A block whose points may come near those of a group.
+pub(super) struct CandidateBlock {
+    pub(super) paths: RelativePaths,
     /// Squared distance up to which the test in f32 leaves a pair to that in f64.
     pub(super) bound: f32,
     /// Squared distance at the first time up to which a pair is excluded; negative for none.
-    pub(super) known: Lanes<f32>,
+    pub(super) excluded_within: Lanes<f32>,
 }
 
-/// What a group can meet.
+/// All blocks whose points may come near those of a group.
 #[derive(Default)]
-pub(super) struct Partners {
+pub(super) struct Candidates {
     pub(super) boxes: BoxRows,
-    pub(super) blocks: Vec<Partner>,
+    pub(super) blocks: Vec<CandidateBlock>,
     /// The points of the blocks, sixteen of each.
-    pub(super) others: Others,
+    pub(super) others: CandidatePoints,
     /// The windows during which blocks are compared, each with the number of blocks up to its last.
     pub(super) windows: Vec<(Window, usize)>,
     open: Vec<(usize, usize)>,
 }
 
-impl Partners {
+impl Candidates {
     pub(super) fn clear(&mut self) {
         self.boxes.clear();
         self.blocks.clear();
@@ -203,26 +203,26 @@ impl Partners {
         self.windows.clear();
     }
 
-    /// Adds the blocks of a tree that the group can come within the radius of during `window`. Pairs nearer than `known` at
+    /// Adds the blocks of a tree that the group can come within the radius of during `window`. Pairs nearer than `excluded_within` at
     /// the group's first time are excluded, if both points exist then.
     #[inline(always)]
-    pub(super) fn add<S: Simd, T: InRows>(
+    pub(super) fn add<S: Simd, T: BlockTree>(
         &mut self,
         s: S,
         tree: &T,
         group: &Group,
         window: Window,
-        (criteria, known): (&Criteria, Option<f64>),
+        (criteria, excluded_within): (&Criteria, Option<f64>),
     ) {
         let radius = criteria.radius;
         let phases = phases(tree, group.times);
         let bound = squared_up(radius);
         self.open.clear();
-        self.open.push(tree.top());
+        self.open.push(tree.root_node());
         while let Some((level, node)) = self.open.pop() {
             let (boxes, magnitude) = group.swept(s, tree, phases, node);
-            let mut near = boxes.near(s, group.lo, group.hi, bound) & counting(tree, node, group.times);
-            let (first, stride) = tree.behind(level, node);
+            let mut near = boxes.near(s, group.lo, group.hi, bound) & active_lanes(tree, node, group.times);
+            let (first, stride) = tree.children(level, node);
             if level > 0 {
                 while near != 0 {
                     self.open.push((level - 1, first + near.trailing_zeros() as usize));
@@ -235,17 +235,17 @@ impl Partners {
                 for lane in (0..LANES).filter(|lane| near >> lane & 1 != 0) {
                     number[lane] = self.blocks.len() as u32;
                     let points = tree.rows(first + lane * stride + part);
-                    let ways = Ways::new(&points, phases, group.drift);
+                    let paths = RelativePaths::new(&points, phases, group.drift);
                     let slack = SLACK * (magnitude[lane] + group.magnitude);
                     let bound = squared_up(radius + slack + UNDERFLOW);
-                    // What is known has been lowered by more than f32 adds here, its square's rounding included:
+                    // The radius has been lowered by more than f32 adds here, rounding of its square included:
                     // see `Sweep::exclude_lists_of`.
-                    let known = known.map_or(-1.0, squared);
+                    let excluded_within = excluded_within.map_or(-1.0, squared);
                     let exists =
                         |i: usize| points.begin[i] <= criteria.first_time && criteria.first_time < points.end[i];
-                    let known = core::array::from_fn(|i| if exists(i) { known } else { -1.0 });
-                    self.others.push(&points, criteria.mortal);
-                    self.blocks.push(Partner { ways, bound, known });
+                    let excluded_within = core::array::from_fn(|i| if exists(i) { excluded_within } else { -1.0 });
+                    self.others.push(&points, criteria.has_active_intervals);
+                    self.blocks.push(CandidateBlock { paths, bound, excluded_within });
                 }
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }

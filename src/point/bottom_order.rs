@@ -1,14 +1,14 @@
 //! Ordering the few hundred points below a bottom node, a vector of them at a time.
 //!
-//! Points lie in rows. Of a range the widest axis is found, then a threshold below which the left part's coordinates are,
+//! Points lie in rows. Of a range the widest axis is found, then a threshold below which the coordinates of the left half are,
 //! by counting what is below a guess and guessing again, and then every vector is compressed twice: what is on the left
 //! to the front of the same rows, the rest to spare ones that are copied behind it. Nothing is overwritten before it is read, because no
-//! more is written to the front than was read. A range has whole vectors, and so have its parts.
+//! more is written to the front than was read. A range has whole vectors, and so have its halves.
 
 use super::complete_tree::left_part;
 use super::divide::{counted, extremes, first_lanes, guess, least_lane};
-use super::rows::{NO_POINT, PointVector};
-use super::spread::longest;
+use super::point_rows::{NO_POINT, PointVector};
+use super::widest_axis::longest;
 use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Most points that are ordered here: those below a bottom node whose leaves have two vectors.
@@ -36,7 +36,7 @@ impl Kernel for Bottom<'_> {
     }
 }
 
-/// Room for the right part of a range, which is not the larger one, and to the end of a vector behind it.
+/// Room for the right half of a range, which is not the larger one, and to the end of a vector behind it.
 pub(super) const SPARE: usize = MOST / 2 + LANES;
 
 /// Points in rows.
@@ -70,7 +70,7 @@ impl<const N: usize> Rows<N> {
         }
     }
 
-    /// Writes sixteen points to place `at` and on.
+    /// Writes sixteen points to index `at` and on.
     #[inline(always)]
     pub(super) fn store<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>) {
         for (row, &lanes) in self.at.iter_mut().zip(&points.at) {
@@ -122,7 +122,7 @@ impl<const N: usize> Rows<N> {
         (axis, least[axis], most[axis])
     }
 
-    /// Writes the lanes of a mask to place `at` and on, and anything to the rest of a vector there.
+    /// Writes the lanes of a mask to index `at` and on, and anything to the rest of a vector there.
     #[inline(always)]
     fn write<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>, mask: Mask) {
         let [to_x, to_y, to_z] = &mut self.at;
@@ -141,7 +141,7 @@ impl Rows<MOST> {
         for i in count..whole {
             self.set(i, &NO_POINT);
         }
-        // Ranges whose turn has not come: at most one for each halving, of which there are four.
+        // Ranges that are not processed yet: at most one for each halving, of which there are four.
         let mut open = [(0, whole); LANES];
         let mut ranges = 1;
         while ranges > 0 {

@@ -1,10 +1,10 @@
 //! Making lists on several threads that do not wait for each other, always in the same order.
 //!
 //! The slots form a ring. A thread takes the next group and makes its lists in the memory of the next slot, which is small
-//! enough for a near cache. The place of the lists in the result is known when all groups before have been made. The
-//! thread that completes them hands out the places of all groups for which this holds, and copies their lists there. The
-//! others make further groups meanwhile. A thread waits only if all slots are made and not copied. Places depend on
-//! nothing but the lists before.
+//! enough for a near cache. The output range of the lists is known when all groups before have been made. The thread that
+//! completes them assigns the ranges of all groups for which this holds, and copies their lists there. The others make
+//! further groups meanwhile. A thread waits only if all slots are made and not copied. Ranges depend on nothing but the
+//! lists before.
 
 use crate::parallel;
 use core::ops::Range;
@@ -21,36 +21,36 @@ pub(super) fn slots() -> usize {
 
 /// The progress of all threads.
 struct State<P> {
-    /// The next group to be made, and the next whose place is to be handed out.
+    /// The next group to be made, and the next whose output range is to be assigned.
     next: usize,
     front: usize,
-    /// By slot: whether its group is made and has no place yet, and whether there is nothing in it.
+    /// By slot: whether its group is made and has no output range yet, and whether the slot is empty.
     made: Vec<bool>,
     free: Vec<bool>,
     /// Whether no more groups are to be taken.
     stop: bool,
-    place: P,
+    assign: P,
 }
 
-/// Makes the groups of a range in slots, hands out their places in the order of the groups, and copies them there. Ends
-/// where no place is left, and returns the first group that was not copied.
-pub(super) fn in_turn<W: Send, J>(
+/// Makes the groups of a range in slots, assigns output ranges in the order of the groups, and copies them there. Ends
+/// when there is no room left, and returns the first group that was not copied.
+pub(super) fn in_order<W: Send, J>(
     groups: Range<usize>,
     slots: &mut [W],
     make: impl Fn(usize, &mut W) + Sync,
-    place: impl FnMut(&W) -> Option<J> + Send,
+    assign: impl FnMut(&W) -> Option<J> + Send,
     copy: impl Fn(&W, J) + Sync,
 ) -> usize {
     let count = slots.len();
     let slots: Vec<Mutex<&mut W>> = slots.iter_mut().map(Mutex::new).collect();
     let (next, front) = (groups.start, groups.start);
     let state =
-        Mutex::new(State { next, front, made: vec![false; count], free: vec![true; count], stop: false, place });
+        Mutex::new(State { next, front, made: vec![false; count], free: vec![true; count], stop: false, assign });
     parallel::map(parallel::threads(), |_| {
         let _stop = StopAfterPanic(&state);
         while let Some(group) = take(&state, groups.end) {
             make(group, &mut lock(&slots[group % count]));
-            let placed = hand_out(&state, group, &slots);
+            let placed = assign_outputs(&state, group, &slots);
             for (group, job) in placed {
                 copy(&lock(&slots[group % count]), job);
                 lock(&state).free[group % count] = true;
@@ -78,8 +78,8 @@ fn take<P>(state: &Mutex<State<P>>, end: usize) -> Option<usize> {
     }
 }
 
-/// A group has been made: the places of all groups up to the first that has not.
-fn hand_out<W, J, P: FnMut(&W) -> Option<J>>(
+/// Called when a group has been made: the output ranges of all groups up to the first that is not made yet.
+fn assign_outputs<W, J, P: FnMut(&W) -> Option<J>>(
     state: &Mutex<State<P>>,
     group: usize,
     slots: &[Mutex<&mut W>],
@@ -89,8 +89,8 @@ fn hand_out<W, J, P: FnMut(&W) -> Option<J>>(
     now.made[group % count] = true;
     let mut placed = Vec::new();
     while now.made[now.front % count] && !now.stop {
-        // Made and not placed: nobody holds it.
-        match (now.place)(&lock(&slots[now.front % count])) {
+        // Made and without an output range: nobody holds it.
+        match (now.assign)(&lock(&slots[now.front % count])) {
             Some(job) => placed.push((now.front, job)),
             None => {
                 now.stop = true;
@@ -123,22 +123,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_handed_out_in_order() {
+    fn outputs_are_assigned_in_order() {
         for room in [1000, 37, 0] {
             let mut slots = vec![0; 3];
             let mut order = Vec::new();
             let copied = Mutex::new(vec![0; 1000]);
-            let place = |slot: &usize| {
+            let assign = |slot: &usize| {
                 order.push(*slot);
                 (order.len() <= room).then_some(order.len() - 1)
             };
-            let done = in_turn(
+            let done = in_order(
                 5..200,
                 &mut slots,
                 |group, slot| *slot = group,
-                place,
-                |&slot, place| {
-                    lock(&copied)[place] = slot;
+                assign,
+                |&slot, assign| {
+                    lock(&copied)[assign] = slot;
                 },
             );
             let count = room.min(195);

@@ -3,7 +3,7 @@
 //! The cost of counting is negligible compared with a filter that is called for each block. So this one form serves queries with a
 //! filter and those for the work alone; queries without a filter have a form that does not count ([`super::compiled`]).
 
-use super::partition::{Layer, QueriedLayers};
+use super::layers::{Layer, QueriedLayers};
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::{KeepLanes, NeighborWork};

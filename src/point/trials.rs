@@ -6,19 +6,21 @@
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
 
 use super::build::{Plan, time_slices_of};
-use super::counted::{CountedSearch, search_counted};
-use super::moving_reference::{MovingReference, TimeSlice, places};
-use super::partition::Layer;
+use super::counted_search::{CountedSearch, search_counted};
+use super::layers::Layer;
+use super::moving_reference::{MovingReference, TimeSlice, positions_at};
 use super::sample::{Sample, Sampler, spread};
 use super::search::KeepLanes;
 use super::search::candidates::Candidates;
 use super::source::Source;
-use super::spread::include;
 use super::static_tree::Shape;
+use super::widest_axis::include;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::progress::Progress;
 use crate::simd::{Item, Lanes, Mask, SimdLevel};
-use crate::tuning::points::{BLOCK_PRICE, COLD, GAIN, HALF_COLD, REFERENCE_BYTES, SEARCHED, SEARCHES};
+use crate::tuning::points::{
+    BLOCK_COST, HALF_UNCACHED_BYTES, MAX_COST, REFERENCE_BYTES, SEARCHED, SEARCHES, UNCACHED_COST,
+};
 use glam::Vec3;
 
 /// A structure that was tried, and its cost per search, in node visits of a small tree.
@@ -73,11 +75,11 @@ impl<'a> Trials<'a> {
     }
 
     /// The smallest structure among those of about the least cost; of equally small ones the first, which is the
-    /// simplest. Unless `apart`, only structures with one layer for all points are considered.
-    pub(super) fn best(&self, apart: bool) -> Trial {
-        let all = || self.all.iter().filter(|trial| apart || trial.fast.is_none());
+    /// simplest. Unless `separate_fast`, only structures with one layer for all points are considered.
+    pub(super) fn best(&self, separate_fast: bool) -> Trial {
+        let all = || self.all.iter().filter(|trial| separate_fast || trial.fast.is_none());
         let least = all().map(|trial| trial.cost).fold(f64::INFINITY, f64::min);
-        let cheap = all().filter(|trial| trial.cost * GAIN <= least);
+        let cheap = all().filter(|trial| trial.cost * MAX_COST <= least);
         *cheap.min_by_key(|trial| trial.references).unwrap_or(&self.all[0])
     }
 
@@ -99,7 +101,7 @@ impl<'a> Trials<'a> {
             [slice.segment, later].map(|key| self.source.at(point, key))
         };
         let points: Vec<_> = (0..self.searches()).map(ends).collect();
-        priced(visited(layers, slice, &points, self.simd), references)
+        search_cost(visited(layers, slice, &points, self.simd), references)
     }
 
     /// Tries a structure and returns its cost. Samples without active points in their time slice are skipped.
@@ -130,22 +132,22 @@ impl<'a> Trials<'a> {
 
 /// The number of references to points, with this many time slices for each segment.
 pub(super) fn references_of(source: &Source, points: &[u32], slices: usize) -> usize {
-    points.iter().map(|&i| trees_of(source.alive(i as usize), slices, source.keys)).sum()
+    points.iter().map(|&i| trees_of(source.active(i as usize), slices, source.keys)).sum()
 }
 
 /// The number of trees of a segment in which a point is active.
-fn trees_of(life: TimeInterval, slices: usize, keys: usize) -> usize {
+fn trees_of(active: TimeInterval, slices: usize, keys: usize) -> usize {
     if keys > 2 {
         return slices;
     }
     let at = |t: f32| ((t * slices as f32) as usize).min(slices - 1);
-    at(life.end()) - at(life.begin()) + 1
+    at(active.end()) - at(active.begin()) + 1
 }
 
 /// The cost of a search from the weighted number of visited nodes and blocks, and the number of references.
-fn priced(visited: f64, references: usize) -> f64 {
+fn search_cost(visited: f64, references: usize) -> f64 {
     let bytes = references as f64 * REFERENCE_BYTES;
-    COLD * bytes / (bytes + HALF_COLD) + visited
+    UNCACHED_COST * bytes / (bytes + HALF_UNCACHED_BYTES) + visited
 }
 
 /// The weighted work of searches during the time slice that a sample represents, and its references.
@@ -156,14 +158,15 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
         let count = plan.time_slices();
         let answers = |slice: &TimeSlice| slice.interval.contains(interval.begin());
         let slice = time_slices_of(*segment, *keys, count).find(answers).unwrap_or(*slice);
-        let inside = |m: &MovingReference| Some(MovingReference { alive: m.life.intersect(slice.interval)?, ..*m });
+        let inside =
+            |m: &MovingReference| Some(MovingReference { interval: m.active.intersect(slice.interval)?, ..*m });
         let layer = plan.layer(
             &[slice],
             |_| references.iter().filter(|m| keep(m)).filter_map(inside).collect(),
             &Progress::new(None),
         );
         let kept = references.iter().filter(|m| keep(m));
-        let count: usize = kept.map(|m| trees_of(m.life, count, *keys)).sum();
+        let count: usize = kept.map(|m| trees_of(m.active, count, *keys)).sum();
         (layer, count)
     };
     let groups = match fast {
@@ -178,7 +181,7 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
     let whole = (references.len() as f64 * scale) as usize;
     let higher = [references.len(), whole].map(|count| Shape::with_leaf(count, 1).levels);
     let higher = higher[1].saturating_sub(higher[0]) as f64;
-    (priced(visited(&layers, slice, &points, simd) + higher, all), count)
+    (search_cost(visited(&layers, slice, &points, simd) + higher, all), count)
 }
 
 /// The weighted number of nodes and blocks that a search for eight neighbours visits in layers, averaged over searches
@@ -197,7 +200,7 @@ fn visited(layers: &[&Layer], slice: &TimeSlice, points: &[[[f32; 3]; 2]], simd:
         let search =
             CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
         let work = search_counted(simd, &search, &mut candidates);
-        total += work.nodes as f64 + BLOCK_PRICE * work.blocks as f64;
+        total += work.nodes as f64 + BLOCK_COST * work.blocks as f64;
     }
     total / points.len() as f64
 }
@@ -205,15 +208,15 @@ fn visited(layers: &[&Layer], slice: &TimeSlice, points: &[[[f32; 3]; 2]], simd:
 /// The references nearest to the middle of a sample in the middle of its time slice. Points that come among
 /// them at other times are in the sample as well, unless they come from far away.
 fn central<'a>(references: &'a [MovingReference], slice: &TimeSlice, count: usize) -> Vec<&'a MovingReference> {
-    let places = places(references, slice.middle_phase());
+    let items = positions_at(references, slice.middle_phase());
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    places.iter().for_each(|item| include(&mut lo, &mut hi, item.at));
+    items.iter().for_each(|item| include(&mut lo, &mut hi, item.at));
     let off = |axis: usize, x: f32| {
         let size = hi[axis] - lo[axis];
         if size > 0.0 { ((x - lo[axis]) / size - 0.5).abs() } else { 0.0 }
     };
     let off = |item: &Item| (0..3).map(|axis| off(axis, item.at[axis])).fold(0.0, f32::max);
-    let mut all: Vec<(f32, u32)> = places.iter().map(|item| (off(item), item.index)).collect();
+    let mut all: Vec<(f32, u32)> = items.iter().map(|item| (off(item), item.index)).collect();
     if count < all.len() {
         all.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         all.truncate(count);

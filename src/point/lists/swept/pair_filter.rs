@@ -1,11 +1,11 @@
-//! Who passes the points of a block near enough to be looked at in f64.
+//! The filter in f32: which pairs of points may come within the radius, and so are evaluated in f64.
 //!
 //! As for lists at a time: the points that can come near any of a block's are gathered one behind the other, and each of
 //! the block's points is compared with these, sixteen at a time.
 
+use super::candidates::{Block, CandidateBlock, Candidates, RelativePaths, squared_up};
 use super::encounter::{Criteria, Visitor};
-use super::flights::{Block, Partner, Partners, Ways, squared_up};
-use crate::point::lists::gather::{Picks, write};
+use crate::point::lists::candidates::{Selection, write};
 use crate::point::snapshot::{rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
 
@@ -18,104 +18,115 @@ type Row = [f32; MOST + 2 * LANES];
 /// Points that can come near any of a block, in rows. (Of fixed length, so that they are all found from one address.)
 #[derive(Clone)]
 #[repr(align(64))]
-struct Rows {
-    first: [Row; 3],
-    passing: [Row; 3],
+struct CandidateRows {
+    start: [Row; 3],
+    displacement: [Row; 3],
     bound: Row,
-    known: Row,
-    /// Which of the partners' points.
-    place: [u32; MOST + 2 * LANES],
+    excluded_within: Row,
+    /// The index of each point among the candidates' points.
+    index: [u32; MOST + 2 * LANES],
 }
 
 /// Memory for the encounters of a block.
-pub(super) struct Near {
-    picks: Picks,
-    rows: Box<Rows>,
-    /// Which of the partners' points pass a point.
+pub(super) struct PairFilter {
+    selected: Selection,
+    rows: Box<CandidateRows>,
+    /// Indices of the candidates' points that come near a point.
     hits: Vec<u32>,
 }
 
-impl Default for Near {
-    fn default() -> Near {
+impl Default for PairFilter {
+    fn default() -> PairFilter {
         let row = [0.0; MOST + 2 * LANES];
-        let rows = Rows { first: [row; 3], passing: [row; 3], bound: row, known: row, place: [0; MOST + 2 * LANES] };
-        Near { picks: Picks::default(), rows: Box::new(rows), hits: Vec::new() }
+        let rows = CandidateRows {
+            start: [row; 3],
+            displacement: [row; 3],
+            bound: row,
+            excluded_within: row,
+            index: [0; MOST + 2 * LANES],
+        };
+        PairFilter { selected: Selection::default(), rows: Box::new(rows), hits: Vec::new() }
     }
 }
 
 /// Lane numbers.
 const LANE: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-impl Near {
-    /// Tells a visitor all encounters of the points of a block.
+impl PairFilter {
+    /// Passes all encounters of the points of a block to a visitor.
     #[inline(always)]
     pub(super) fn visit<S: Simd, V: Visitor>(
         &mut self,
         s: S,
-        (block, partners): (&Block, &Partners),
+        (block, candidates): (&Block, &Candidates),
         criteria: &Criteria,
         visitor: &mut V,
     ) {
-        let Near { picks, rows, hits } = self;
+        let PairFilter { selected, rows, hits } = self;
         let reach = squared_up(criteria.radius);
-        let all = picks.near(s, &partners.boxes, (block.lo, block.hi), reach);
-        let (shared, rest) = rows.gather::<S, V>(s, &partners.blocks, all, (block.lo, block.hi));
+        let all = selected.near(s, &candidates.boxes, (block.lo, block.hi), reach);
+        let (shared, rest) = rows.gather::<S, V>(s, &candidates.blocks, all, (block.lo, block.hi));
         let shared = rest.is_empty().then_some(shared);
         for lane in 0..LANES {
-            let Some(own) = block.points.flight(lane) else { continue };
+            let Some(own) = block.points.point_path(lane) else { continue };
             visitor.begin(&own);
-            let Ways { first, passing } = &block.ways;
-            let from = [first[0][lane], first[1][lane], first[2][lane]];
-            let way = [passing[0][lane], passing[1][lane], passing[2][lane]];
+            let RelativePaths { start, displacement } = &block.paths;
+            let from = [start[0][lane], start[1][lane], start[2][lane]];
+            let displacement = [displacement[0][lane], displacement[1][lane], displacement[2][lane]];
             // What did not exist at the first time was not near anything then.
-            let exclude = V::EXCLUDES_LISTED && own.life.contains(criteria.first_time);
+            let exclude = V::EXCLUDES_LISTED && own.active.contains(criteria.first_time);
             let mut count = 0;
             if let Some(points) = shared {
-                count = rows.passing::<S, V>(s, (from, way), exclude, points, (hits, count));
+                count = rows.pairs_within::<S, V>(s, (from, displacement), exclude, points, (hits, count));
             } else {
                 // Too many for all points of the block together: some go far, or the radius is large. Each for itself.
-                let to = [from[0] + way[0], from[1] + way[1], from[2] + way[2]];
+                let to = [from[0] + displacement[0], from[1] + displacement[1], from[2] + displacement[2]];
                 let lo = [from[0].min(to[0]), from[1].min(to[1]), from[2].min(to[2])];
                 let hi = [from[0].max(to[0]), from[1].max(to[1]), from[2].max(to[2])];
-                let mut rest = picks.near(s, &partners.boxes, (lo, hi), reach);
+                let mut rest = selected.near(s, &candidates.boxes, (lo, hi), reach);
                 while !rest.is_empty() {
                     let points;
-                    (points, rest) = rows.gather::<S, V>(s, &partners.blocks, rest, (lo, hi));
-                    count = rows.passing::<S, V>(s, (from, way), exclude, points, (hits, count));
+                    (points, rest) = rows.gather::<S, V>(s, &candidates.blocks, rest, (lo, hi));
+                    count = rows.pairs_within::<S, V>(s, (from, displacement), exclude, points, (hits, count));
                 }
             }
             let mut begin = 0;
-            for &(window, end) in &partners.windows {
-                let before = hits[begin..count].partition_point(|&place| (place as usize) < end * LANES);
-                window.encounters(s, &own, &partners.others, (&hits[begin..], before), criteria, visitor);
+            for &(window, end) in &candidates.windows {
+                let before = hits[begin..count].partition_point(|&index| (index as usize) < end * LANES);
+                window.encounters(s, &own, &candidates.others, (&hits[begin..], before), criteria, visitor);
                 begin += before;
             }
         }
     }
 }
 
-impl Rows {
-    /// Gathers the points of picked blocks whose ways come near a box, as many as there is room for; their number, and the
-    /// picks that are left.
+impl CandidateRows {
+    /// Gathers the points of selected blocks that come near a box, as many as there is room for; returns their number, and
+    /// the blocks that are left.
     #[inline(always)]
     fn gather<'a, S: Simd, V: Visitor>(
         &mut self,
         s: S,
-        partners: &[Partner],
-        picks: &'a [u32],
+        candidates: &[CandidateBlock],
+        selected: &'a [u32],
         (lo, hi): ([f32; 3], [f32; 3]),
     ) -> (usize, &'a [u32]) {
-        let Rows { first: [to_x, to_y, to_z], passing: [to_u, to_v, to_w], bound: to_bound, known: to_known, place } =
-            self;
+        let CandidateRows {
+            start: [to_x, to_y, to_z],
+            displacement: [to_u, to_v, to_w],
+            bound: to_bound,
+            excluded_within: to_known,
+            index: to_index,
+        } = self;
         let lo = [s.splat(lo[0]), s.splat(lo[1]), s.splat(lo[2])];
         let hi = [s.splat(hi[0]), s.splat(hi[1]), s.splat(hi[2])];
         let (mut end, mut done) = (0, 0);
-        while let Some(&pick) = picks.get(done)
+        while let Some(&block) = selected.get(done)
             && end < MOST
         {
             done += 1;
-            let Partner { ways, bound, known } = &partners[pick as usize];
-            let ([x, y, z], [u, v, w]) = (rows(s, &ways.first), rows(s, &ways.passing));
+            let CandidateBlock { paths, bound, excluded_within } = &candidates[block as usize];
+            let ([x, y, z], [u, v, w]) = (rows(s, &paths.start), rows(s, &paths.displacement));
             let (a, b, c) = (gap(s, x, u, lo[0], hi[0]), gap(s, y, v, lo[1], hi[1]), gap(s, z, w, lo[2], hi[2]));
             let near = s.le(squared::<S>(a, b, c), s.splat(*bound));
             write(s, to_x, end, x, near);
@@ -126,35 +137,35 @@ impl Rows {
             write(s, to_w, end, w, near);
             write(s, to_bound, end, s.splat(*bound), Mask::MAX);
             if V::EXCLUDES_LISTED {
-                write(s, to_known, end, s.load(known), near);
+                write(s, to_known, end, s.load(excluded_within), near);
             }
-            let to: &mut Lanes<u32> = (&mut place[end..end + LANES]).try_into().expect("sixteen");
-            let places = s.add_u(s.load_u(&LANE), s.splat_u(pick * LANES as u32));
-            s.store_compressed_u(places, near, to);
+            let to: &mut Lanes<u32> = (&mut to_index[end..end + LANES]).try_into().expect("sixteen");
+            let indices = s.add_u(s.load_u(&LANE), s.splat_u(block * LANES as u32));
+            s.store_compressed_u(indices, near, to);
             end += near.count_ones() as usize;
         }
         to_x[end..end + LANES].fill(f32::INFINITY);
-        (end, &picks[done..])
+        (end, &selected[done..])
     }
 
     /// Appends to the first `end` hits which of the gathered points come as near as their bounds to one that goes from a
-    /// place by a way, all but known ones; the new number of hits, behind which there is room for more.
+    /// index by a displacement, all but excluded_within ones; the new number of hits, behind which there is room for more.
     #[inline(always)]
-    fn passing<S: Simd, V: Visitor>(
+    fn pairs_within<S: Simd, V: Visitor>(
         &self,
         s: S,
-        (from, way): ([f32; 3], [f32; 3]),
+        (from, displacement): ([f32; 3], [f32; 3]),
         exclude: bool,
         points: usize,
         (hits, mut end): (&mut Vec<u32>, usize),
     ) -> usize {
-        let Rows { first: [xs, ys, zs], passing: [us, vs, ws], bound, known, place } = self;
+        let CandidateRows { start: [xs, ys, zs], displacement: [us, vs, ws], bound, excluded_within, index } = self;
         if hits.len() < end + points + 2 * LANES {
             hits.resize(2 * (end + points) + 2 * LANES, 0);
         }
         let hits = &mut hits[..];
         let from = [s.splat(from[0]), s.splat(from[1]), s.splat(from[2])];
-        let way = [s.splat(way[0]), s.splat(way[1]), s.splat(way[2])];
+        let displacement = [s.splat(displacement[0]), s.splat(displacement[1]), s.splat(displacement[2])];
         let (zero, one, least) = (s.splat(0.0), s.splat(1.0), s.splat(f32::MIN_POSITIVE));
         let nothing_known = if exclude { 0 } else { Mask::MAX };
         for at in (0..points.min(MOST + LANES)).step_by(LANES) {
@@ -162,19 +173,19 @@ impl Rows {
             let y = s.load(lanes_at(ys, at)) - from[1];
             let z = s.load(lanes_at(zs, at)) - from[2];
             // The other way round, so that the nearest approach is at `d·w / w·w`.
-            let u = way[0] - s.load(lanes_at(us, at));
-            let v = way[1] - s.load(lanes_at(vs, at));
-            let w = way[2] - s.load(lanes_at(ws, at));
+            let u = displacement[0] - s.load(lanes_at(us, at));
+            let v = displacement[1] - s.load(lanes_at(vs, at));
+            let w = displacement[2] - s.load(lanes_at(ws, at));
             let speed = s.max(dot(s, [u, v, w], [u, v, w]), least);
             let time = s.max(s.min(dot(s, [x, y, z], [u, v, w]) / speed, one), zero);
             let (a, b, c) = (x - u * time, y - v * time, z - w * time);
             let mut near = s.le(dot(s, [a, b, c], [a, b, c]), s.load(lanes_at(bound, at)));
             if V::EXCLUDES_LISTED {
-                let listed = s.le(squared::<S>(x, y, z), s.load(lanes_at(known, at)));
+                let listed = s.le(squared::<S>(x, y, z), s.load(lanes_at(excluded_within, at)));
                 near &= !listed | nothing_known;
             }
             let to: &mut Lanes<u32> = (&mut hits[end..end + LANES]).try_into().expect("sixteen");
-            s.store_compressed_u(s.load_u(lanes_at(place, at)), near, to);
+            s.store_compressed_u(s.load_u(lanes_at(index, at)), near, to);
             end += near.count_ones() as usize;
         }
         // What is behind them is read too.
@@ -184,10 +195,10 @@ impl Rows {
     }
 }
 
-/// How far ways are from `[lo, hi]` along an axis.
+/// How far linear motion stays from `[lo, hi]` along an axis.
 #[inline(always)]
-fn gap<S: Simd>(s: S, from: S::F, way: S::F, lo: S::F, hi: S::F) -> S::F {
-    let to = from + way;
+fn gap<S: Simd>(s: S, from: S::F, displacement: S::F, lo: S::F, hi: S::F) -> S::F {
+    let to = from + displacement;
     s.max_with_zero(s.min(from, to) - hi, lo - s.max(from, to))
 }
 

@@ -21,7 +21,7 @@ use glam::Vec3;
 #[derive(Clone)]
 pub(super) enum Layer {
     /// Static points that exist throughout the shutter.
-    Still(StaticTree),
+    Static(StaticTree),
     /// One tree for each time slice, in the order of time, without a gap.
     Moving(Vec<MovingTree>),
     /// The same as k-d trees.
@@ -30,7 +30,7 @@ pub(super) enum Layer {
 
 /// A layer at a time.
 pub(super) enum LayerView<'a> {
-    Still(&'a StaticTree),
+    Static(&'a StaticTree),
     /// All references are active throughout the slice.
     Moving(MovingView<'a, false>),
     /// References have active intervals.
@@ -44,7 +44,7 @@ impl Layer {
     #[inline(always)]
     pub(super) fn at(&self, time: f32) -> LayerView<'_> {
         match self {
-            Layer::Still(tree) => LayerView::Still(tree),
+            Layer::Static(tree) => LayerView::Static(tree),
             Layer::Moving(trees) => {
                 let tree = &trees[self.slice_at(time)];
                 if tree.timed() { LayerView::Timed(tree.at(time)) } else { LayerView::Moving(tree.at(time)) }
@@ -57,7 +57,7 @@ impl Layer {
     #[inline(always)]
     pub(super) fn slice_at(&self, time: f32) -> usize {
         match self {
-            Layer::Still(_) => 0,
+            Layer::Static(_) => 0,
             Layer::Moving(trees) => at_time(trees, MovingTree::slice, time),
             Layer::Planes(trees) => at_time(trees, PlaneTree::slice, time),
         }
@@ -66,7 +66,7 @@ impl Layer {
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
         match self {
-            Layer::Still(tree) => tree.bytes(),
+            Layer::Static(tree) => tree.bytes(),
             Layer::Moving(trees) => trees.iter().map(MovingTree::bytes).sum(),
             Layer::Planes(trees) => trees.iter().map(PlaneTree::bytes).sum(),
         }
@@ -93,7 +93,7 @@ impl QueriedLayers<'_> {
     pub(super) fn walk<S: Simd, K: Keep, O: Observe>(self, s: S, search: &mut KNearest<'_, K, O>) {
         for layer in self.layers {
             match layer.at(self.time) {
-                LayerView::Still(view) => walk(s, &view, &view.target(s, self.point), search),
+                LayerView::Static(view) => walk(s, &view, &view.target(s, self.point), search),
                 LayerView::Moving(view) => walk(s, &view, &view.target(s, self.point), search),
                 LayerView::Timed(view) => walk(s, &view, &view.target(s, self.point), search),
                 LayerView::Planes(view) => planes::walk(s, &view, self.point, search),
@@ -106,7 +106,7 @@ impl QueriedLayers<'_> {
     pub(super) fn nearest<S: Simd, K: Keep>(self, s: S, best: &mut Best<'_, S, K>) {
         for layer in self.layers {
             match layer.at(self.time) {
-                LayerView::Still(view) => best.search(s, &view, &view.target(s, self.point)),
+                LayerView::Static(view) => best.search(s, &view, &view.target(s, self.point)),
                 LayerView::Moving(view) => best.search(s, &view, &view.target(s, self.point)),
                 LayerView::Timed(view) => best.search(s, &view, &view.target(s, self.point)),
                 LayerView::Planes(view) => best.search_planes(s, &view, self.point),
@@ -119,7 +119,7 @@ impl QueriedLayers<'_> {
     pub(super) fn within<S: Simd>(self, s: S, bound: f32, sink: &mut impl Sink<S>) -> ControlFlow<()> {
         for layer in self.layers {
             match layer.at(self.time) {
-                LayerView::Still(view) => within(s, &view, &view.target(s, self.point), bound, sink)?,
+                LayerView::Static(view) => within(s, &view, &view.target(s, self.point), bound, sink)?,
                 LayerView::Moving(view) => within(s, &view, &view.target(s, self.point), bound, sink)?,
                 LayerView::Timed(view) => within(s, &view, &view.target(s, self.point), bound, sink)?,
                 LayerView::Planes(view) => planes::within(s, &view, self.point, bound, sink)?,

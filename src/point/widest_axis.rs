@@ -1,6 +1,6 @@
 //! How far points spread along the axes.
 
-/// Most points that are looked at to find the widest axis.
+/// Most points that are examined to find the widest axis.
 pub(super) const SAMPLE: usize = 128;
 
 /// Grows a box to hold a point. Comparisons, because `min` and `max` take care of NaN, which is not here.
